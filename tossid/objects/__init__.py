@@ -1,0 +1,18 @@
+"""Objects: from MJCF or URDF to a kinematic tree with corners and tags, and back."""
+
+from tossid.objects.kinematics import body_poses, center_positions, corner_positions
+from tossid.objects.mjcf import load_object, object_from_mjcf, to_mjcf
+from tossid.objects.model import GRAVITY, JointType, ObjectModel, Tag
+
+__all__ = [
+    "GRAVITY",
+    "JointType",
+    "ObjectModel",
+    "Tag",
+    "body_poses",
+    "center_positions",
+    "corner_positions",
+    "load_object",
+    "object_from_mjcf",
+    "to_mjcf",
+]

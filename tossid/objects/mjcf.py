@@ -1,0 +1,232 @@
+"""Objects from MJCF or URDF, through MuJoCo's parser, and back to MJCF."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.errors import FileError, ObjectError
+from tossid.objects.model import GRAVITY, JointType, ObjectModel, Tag
+from tossid.rotations import quat_to_matrix
+
+Array = NDArray[np.float64]
+
+_JOINTS = {mujoco.mjtJoint.mjJNT_HINGE: JointType.HINGE, mujoco.mjtJoint.mjJNT_SLIDE: JointType.SLIDE}
+
+
+def load_object(
+    path: str | Path,
+    *,
+    name: str | None = None,
+    friction: float = 0.18,
+    restitution: float = 0.0,
+    width: float | None = None,
+    tags: Sequence[Tag] = (),
+) -> ObjectModel:
+    """Read an object from an MJCF or URDF file.
+
+    Args:
+        path: the file. A base without a joint gets a free joint.
+        name: the object's name; the model's own if None.
+        friction, restitution: what the file cannot say about object and ground.
+        width: reference length [m]; the longest edge of the base's corners if None.
+        tags: AprilTags on the bodies.
+
+    Raises:
+        FileError: the file is missing or MuJoCo cannot parse it.
+        ObjectError: it is no tree of one free base with hinges and slides.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileError(path, "no such object file; expected MJCF or URDF")
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except (ValueError, mujoco.FatalError) as error:
+        raise FileError(path, f"MuJoCo cannot parse it: {_first_line(error)}") from error
+    return _from_spec(spec, name=name, friction=friction, restitution=restitution, width=width, tags=tags)
+
+
+def object_from_mjcf(
+    text: str,
+    *,
+    name: str | None = None,
+    friction: float = 0.18,
+    restitution: float = 0.0,
+    width: float | None = None,
+    tags: Sequence[Tag] = (),
+) -> ObjectModel:
+    """The same from MJCF text (as a dataset carries it)."""
+    try:
+        spec = mujoco.MjSpec.from_string(text)
+    except (ValueError, mujoco.FatalError) as error:
+        raise ObjectError(f"MuJoCo cannot parse the object's MJCF: {_first_line(error)}") from error
+    return _from_spec(spec, name=name, friction=friction, restitution=restitution, width=width, tags=tags)
+
+
+def _from_spec(
+    spec: mujoco.MjSpec,
+    *,
+    name: str | None,
+    friction: float,
+    restitution: float,
+    width: float | None,
+    tags: Sequence[Tag],
+) -> ObjectModel:
+    roots = [body for body in spec.worldbody.bodies]
+    if len(roots) != 1:
+        raise ObjectError(f"the object has {len(roots)} root bodies, expected exactly one free base")
+    if not list(roots[0].joints):
+        roots[0].add_freejoint()
+    try:
+        m = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ObjectError(f"MuJoCo cannot compile the object: {_first_line(error)}") from error
+
+    n = m.nbody - 1
+    joint_type = np.zeros(n, dtype=np.int64)
+    joint_pos, joint_axis = np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1))
+    for body in range(n):
+        body_name = m.body(body + 1).name
+        count, first = int(m.body_jntnum[body + 1]), int(m.body_jntadr[body + 1])
+        if body == 0:
+            if count != 1 or m.jnt_type[first] != mujoco.mjtJoint.mjJNT_FREE:
+                raise ObjectError(f"the base '{body_name}' needs one free joint")
+            continue
+        if count != 1 or mujoco.mjtJoint(m.jnt_type[first]) not in _JOINTS:
+            raise ObjectError(f"body '{body_name}' needs exactly one hinge or slide joint to its parent")
+        joint_type[body] = _JOINTS[mujoco.mjtJoint(m.jnt_type[first])]
+        joint_pos[body], joint_axis[body] = m.jnt_pos[first], m.jnt_axis[first]
+    if (m.body_mass[1:] <= 0).any():
+        light = m.body(1 + int(np.argmax(m.body_mass[1:] <= 0))).name
+        raise ObjectError(f"body '{light}' has no mass")
+
+    R = quat_to_matrix(m.body_iquat[1:])
+    inertia = R @ (m.body_inertia[1:, :, None] * np.swapaxes(R, -1, -2))
+    corner_body, corner_pos = _corners(m)
+    if not len(corner_body):
+        raise ObjectError("the object has no box or convex mesh that could touch the ground")
+    if width is None:
+        base = corner_pos[corner_body == corner_body[0]]
+        width = float(np.ptp(base, axis=0).max())
+    return ObjectModel(
+        name=name or spec.modelname,
+        body_names=tuple(m.body(b + 1).name or f"body_{b}" for b in range(n)),
+        parent=np.asarray(m.body_parentid[1:], dtype=np.int64) - 1,
+        joint_type=joint_type,
+        joint_pos=joint_pos,
+        joint_axis=joint_axis,
+        body_pos=np.array(m.body_pos[1:]),
+        body_quat=np.array(m.body_quat[1:]),
+        mass=np.array(m.body_mass[1:]),
+        com=np.array(m.body_ipos[1:]),
+        inertia=inertia,
+        corner_body=corner_body,
+        corner_pos=corner_pos,
+        friction=float(friction),
+        restitution=float(restitution),
+        width=float(width),
+        tags=tuple(tags),
+        mjcf=spec.to_xml(),
+    )
+
+
+def _corners(m: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
+    """Corners of boxes and hull vertices of meshes, in their bodies' frames."""
+    bodies: list[int] = []
+    corners: list[Array] = []
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+    for geom in range(m.ngeom):
+        kind = mujoco.mjtGeom(m.geom_type[geom])
+        if m.geom_bodyid[geom] == 0 or (m.geom_contype[geom] == 0 and m.geom_conaffinity[geom] == 0):
+            continue
+        if kind == mujoco.mjtGeom.mjGEOM_BOX:
+            local = signs * m.geom_size[geom]
+        elif kind == mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = int(m.geom_dataid[geom])
+            first, count = int(m.mesh_vertadr[mesh]), int(m.mesh_vertnum[mesh])
+            from scipy.spatial import ConvexHull
+
+            vertices = np.asarray(m.mesh_vert[first : first + count], dtype=float)
+            local = vertices[ConvexHull(vertices).vertices]
+        else:
+            raise ObjectError(f"a geom of type {kind.name} has no corners; use boxes or convex meshes")
+        R = quat_to_matrix(m.geom_quat[geom])
+        corners.append(local @ R.T + m.geom_pos[geom])
+        bodies += [int(m.geom_bodyid[geom]) - 1] * len(local)
+    return np.asarray(bodies, dtype=np.int64), np.concatenate(corners) if corners else np.zeros((0, 3))
+
+
+def to_mjcf(
+    model: ObjectModel,
+    *,
+    gravity: float = GRAVITY,
+    timestep: float = 0.001,
+    ground: bool = True,
+    solref: tuple[float, float] = (0.002, 1.0),
+    solimp: tuple[float, ...] = (0.98, 0.9999, 0.0001, 0.5, 2.0),
+) -> str:
+    """A runnable MuJoCo scene of the object over the ground plane z = 0.
+
+    The corners become small spheres-free contact geometry: one convex mesh a
+    body, so that learned (non-box) geometry survives. Contact between the
+    object's own bodies is off. `solref`, `solimp`: MuJoCo's contact softness;
+    the defaults are near rigid.
+
+    Args:
+        gravity: downward acceleration [m/s²]. timestep: [s].
+        ground: add the ground plane.
+
+    Returns:
+        MJCF text.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = model.name
+    spec.option.gravity = [0.0, 0.0, -gravity]
+    spec.option.timestep = timestep
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    contact = {"solref": list(solref), "solimp": list(solimp), "friction": [model.friction, 0.0, 0.0], "condim": 3}
+    if ground:
+        spec.worldbody.add_geom(
+            name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], contype=1, conaffinity=2, **contact
+        )
+    bodies: list[mujoco.MjsBody] = []
+    for b in range(model.n_bodies):
+        up = spec.worldbody if model.parent[b] < 0 else bodies[model.parent[b]]
+        body = up.add_body(
+            name=model.body_names[b],
+            pos=model.body_pos[b] if b else [0, 0, 0],
+            quat=model.body_quat[b] if b else [1, 0, 0, 0],
+        )
+        I = model.inertia[b]
+        body.explicitinertial = True
+        body.mass, body.ipos = float(model.mass[b]), model.com[b]
+        body.fullinertia = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
+        if b == 0:
+            body.add_freejoint()
+        else:
+            kind = mujoco.mjtJoint.mjJNT_HINGE if model.joint_type[b] == JointType.HINGE else mujoco.mjtJoint.mjJNT_SLIDE
+            body.add_joint(
+                name=f"joint_{b}", type=kind, pos=model.joint_pos[b], axis=model.joint_axis[b], limited=False
+            )
+        own = model.corner_pos[model.corner_body == b]
+        if len(own):
+            spec.add_mesh(name=f"hull_{b}", uservert=own.ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
+            body.add_geom(
+                name=f"hull_{b}",
+                type=mujoco.mjtGeom.mjGEOM_MESH,
+                meshname=f"hull_{b}",
+                contype=2,
+                conaffinity=0,
+                **contact,
+            )
+        bodies.append(body)
+    spec.compile()
+    return spec.to_xml()
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__

@@ -1,0 +1,111 @@
+"""An object: a kinematic tree with a free base, its inertia, contact corners and tags."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+GRAVITY = 9.81
+"""Standard gravity of every stated simulator here [m/s²] (CONTRACT: nominal)."""
+
+
+class JointType(IntEnum):
+    """Joint between a body and its parent. Only the base is FREE."""
+
+    FREE = 0
+    HINGE = 1
+    SLIDE = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Tag:
+    """An AprilTag (36h11) on a body.
+
+    size: outer edge of the black border [m]. T_body_tag: (4, 4), tag frame x
+    right, y up, z out toward the viewer.
+    """
+
+    id: int
+    size: float
+    body: int
+    T_body_tag: Array
+
+
+@dataclass(frozen=True)
+class ObjectModel:
+    """A kinematic tree; body 0 is the free base, parents come before children.
+
+    Attributes:
+        name: the object's name.
+        body_names: (n_b) names.
+        parent: (n_b,) index of the parent, -1 for the base.
+        joint_type: (n_b,) of `JointType`.
+        joint_pos: (n_b, 3) joint anchor in the body's frame [m].
+        joint_axis: (n_b, 3) joint axis in the body's frame, unit.
+        body_pos, body_quat: (n_b, 3), (n_b, 4) T_parent_body at joint zero.
+        mass: (n_b,) [kg].
+        com: (n_b, 3) centre of mass in the body's frame [m].
+        inertia: (n_b, 3, 3) about the centre of mass, in the body's axes [kg m²].
+        corner_body: (n_c,) body of each contact corner.
+        corner_pos: (n_c, 3) corner in its body's frame [m].
+        friction: Coulomb coefficient of object and ground.
+        restitution: Newton's coefficient, 0 for none.
+        width: the length that relative position errors refer to [m].
+        tags: AprilTags on the bodies.
+        mjcf: the model as MJCF text, as loaded.
+    """
+
+    name: str
+    body_names: tuple[str, ...]
+    parent: NDArray[np.int64]
+    joint_type: NDArray[np.int64]
+    joint_pos: Array
+    joint_axis: Array
+    body_pos: Array
+    body_quat: Array
+    mass: Array
+    com: Array
+    inertia: Array
+    corner_body: NDArray[np.int64]
+    corner_pos: Array
+    friction: float
+    restitution: float
+    width: float
+    tags: tuple[Tag, ...]
+    mjcf: str
+
+    @property
+    def n_bodies(self) -> int:
+        return len(self.parent)
+
+    @property
+    def n_joints(self) -> int:
+        return self.n_bodies - 1
+
+    @property
+    def nq(self) -> int:
+        return 7 + self.n_joints
+
+    @property
+    def nv(self) -> int:
+        return 6 + self.n_joints
+
+    @property
+    def n_corners(self) -> int:
+        return len(self.corner_body)
+
+    @property
+    def center(self) -> Array:
+        """Geometric centre of the base body's corners, in the base frame [m]. (3,)."""
+        own = self.corner_pos[self.corner_body == 0]
+        return 0.5 * (own.min(axis=0) + own.max(axis=0))
+
+    def with_changes(self, **changes: Any) -> ObjectModel:
+        """A copy with fields replaced (`mjcf` is then out of date: write it with `to_mjcf`)."""
+        return replace(self, **changes)

@@ -1,0 +1,180 @@
+"""Frozen types that pass between rooms. They check themselves: a `Toss` that exists is a motion.
+
+Units are SI. Configuration q = (position of the base frame [m, world],
+quaternion wxyz, joints [rad or m]); velocity v = (linear [m/s, world, of the
+base frame's origin], angular [rad/s, body frame], joint rates): MuJoCo's order.
+A covariance of q lives in the tangent space: position [m², world], rotation
+[rad², body frame, perturbation on the right], joints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.errors import MotionError
+
+Array = NDArray[np.float64]
+
+QUAT_NORM_TOLERANCE = 1e-3
+SPLITS = ("train", "validation", "test")
+
+
+class Phase(IntEnum):
+    """What the object does during a frame."""
+
+    UNKNOWN = 0
+    FLIGHT = 1
+    IMPACT = 2
+    SLIDE = 3
+    ROLL = 4
+    REST = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One image of one camera. image: (height, width) uint8, t [s]."""
+
+    camera: str
+    t: float
+    image: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """One AprilTag seen in one frame.
+
+    corners: (4, 2) [px], pixel centres at integers (OpenCV), in the order
+    bottom-left, bottom-right, top-right, top-left of the tag. corner_cov: (2, 2)
+    [px²] of each corner. hamming: corrected bits. margin: decision margin.
+    """
+
+    camera: str
+    t: float
+    tag_id: int
+    corners: Array
+    corner_cov: Array
+    hamming: int = 0
+    margin: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class PoseTrack:
+    """Tracked configurations. t (n,), q (n, nq), q_cov (n, nv, nv) or None if unknown.
+
+    v: (n, nv) recorded velocities, None where the source carries none.
+    Frames may be missing: t is increasing, not uniform.
+    """
+
+    name: str
+    t: Array
+    q: Array
+    q_cov: Array | None = None
+    v: Array | None = None
+
+    def __post_init__(self) -> None:
+        check_motion(self.t, self.q, self.v)
+        if self.q_cov is not None:
+            _check_cov("q_cov", self.q_cov, len(self.t), self.q.shape[1] - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Toss:
+    """One toss: t (n,), q (n, nq), v (n, nv), covariances (n, nv, nv), phase (n,) of `Phase`.
+
+    split: one of "train", "validation", "test", or "" where none was drawn.
+    """
+
+    name: str
+    t: Array
+    q: Array
+    v: Array
+    q_cov: Array
+    v_cov: Array
+    phase: NDArray[np.uint8]
+    split: str = ""
+
+    def __post_init__(self) -> None:
+        check_motion(self.t, self.q, self.v)
+        n, nv = self.v.shape
+        _check_cov("q_cov", self.q_cov, n, nv)
+        _check_cov("v_cov", self.v_cov, n, nv)
+        if self.phase.shape != (n,):
+            raise MotionError(f"phase has shape {self.phase.shape}, expected ({n},)")
+        if self.split not in ("", *SPLITS):
+            raise MotionError(f"split is {self.split!r}, expected one of {', '.join(SPLITS)}")
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True, slots=True)
+class Rollout:
+    """A predicted motion. t (n,), q (n, nq), v (n, nv), lam_n (n, n_c) [N s] normal impulses of the
+    step that ended at each frame, unsolved: how many of its contact problems met no tolerance."""
+
+    t: Array
+    q: Array
+    v: Array
+    lam_n: Array
+    unsolved: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Dataset:
+    """Tosses of one object.
+
+    object: an `tossid.objects.ObjectModel` (typed `Any` here: objects build on types).
+    source: which importer or simulator made it. provenance: flat str -> str | int | float | bool.
+    """
+
+    object: Any
+    tosses: tuple[Toss, ...]
+    rate_hz: float
+    source: str
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def of_split(self, *splits: str) -> tuple[Toss, ...]:
+        """The tosses of the named splits, in order."""
+        return tuple(toss for toss in self.tosses if toss.split in splits)
+
+
+def check_motion(t: Array, q: Array, v: Array | None = None) -> None:
+    """Raise `MotionError` (with the row) unless the arrays are a motion.
+
+    Checks shape, finiteness, increasing time and unit quaternions (within 1e-3).
+
+    Args:
+        t: (n,) [s]. q: (n, 7 + n_joints). v: (n, 6 + n_joints) or None.
+    """
+    if t.ndim != 1 or len(t) < 2:
+        raise MotionError(f"time has shape {t.shape}, expected (n,) with n >= 2")
+    if q.ndim != 2 or q.shape[0] != len(t) or q.shape[1] < 7:
+        raise MotionError(f"q has shape {q.shape}, expected ({len(t)}, 7 + joints)")
+    if v is not None and v.shape != (len(t), q.shape[1] - 1):
+        raise MotionError(f"v has shape {v.shape}, expected ({len(t)}, {q.shape[1] - 1})")
+    for name, values in (("time", t[:, None]), ("q", q), *((("v", v),) if v is not None else ())):
+        bad = ~np.isfinite(values).all(axis=1)
+        if bad.any():
+            raise MotionError(f"{name} is not finite (NaN or infinity)", row=int(np.argmax(bad)))
+    steps = np.diff(t)
+    if (steps <= 0).any():
+        row = int(np.argmax(steps <= 0)) + 1
+        raise MotionError(f"time does not increase ({t[row - 1]:.9g} s, then {t[row]:.9g} s)", row=row)
+    norms = np.linalg.norm(q[:, 3:7], axis=1)
+    bad = np.abs(norms - 1) > QUAT_NORM_TOLERANCE
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise MotionError(f"quaternion has norm {norms[row]:.4f}, expected 1", row=row)
+
+
+def _check_cov(name: str, cov: Array, n: int, nv: int) -> None:
+    if cov.shape != (n, nv, nv):
+        raise MotionError(f"{name} has shape {cov.shape}, expected ({n}, {nv}, {nv})")
+    bad = ~np.isfinite(cov).all(axis=(1, 2)) | (np.diagonal(cov, axis1=1, axis2=2) < 0).any(axis=1)
+    if bad.any():
+        raise MotionError(f"{name} is not finite or has a negative variance", row=int(np.argmax(bad)))
