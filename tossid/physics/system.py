@@ -1,0 +1,116 @@
+"""The simulator's parameters as arrays that the kernels read."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tossid.objects import GRAVITY, ObjectModel
+
+Array = NDArray[np.float64]
+
+
+class Residual(NamedTuple):
+    """A learned residual acceleration a_res(q, v) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1).
+
+    f are the features of `tree.features`, in the base's frame, where the world's
+    symmetries (translation, turning about the vertical) are exact; the output is
+    an acceleration in the same frame. The force is k_res = M a_res. Empty arrays
+    (zero rows of `linear`) mean no residual.
+
+    linear (nv, n_f), W0 (h, n_f), b0 (h,), W1 (h, h), b1 (h,), W2 (nv, h).
+    """
+
+    linear: Array
+    W0: Array
+    b0: Array
+    W1: Array
+    b1: Array
+    W2: Array
+
+
+class System(NamedTuple):
+    """A kinematic tree over the ground plane z = 0, in SI units. Shapes as in `ObjectModel`.
+
+    gravity: (3,) acceleration of the given continuous dynamics k_hat [m/s², world].
+    mu: (n_c,) friction of each corner. restitution: Newton's coefficient.
+    """
+
+    parent: NDArray[np.int64]
+    joint_type: NDArray[np.int64]
+    joint_pos: Array
+    joint_axis: Array
+    body_pos: Array
+    body_quat: Array
+    mass: Array
+    com: Array
+    inertia: Array
+    corner_body: NDArray[np.int64]
+    corner_pos: Array
+    mu: Array
+    restitution: float
+    gravity: Array
+    residual: Residual
+
+    @property
+    def nv(self) -> int:
+        return 5 + len(self.parent)
+
+    @property
+    def nq(self) -> int:
+        return 6 + len(self.parent)
+
+    @property
+    def n_corners(self) -> int:
+        return len(self.corner_body)
+
+
+def n_features(n_joints: int) -> int:
+    """Length of the residual's feature vector: vertical (3), velocity (3), spin (3), and sin, cos, rate of joints."""
+    return 9 + 3 * n_joints
+
+
+def no_residual(n_joints: int) -> Residual:
+    """A residual that is absent."""
+    nv, nf = 6 + n_joints, n_features(n_joints)
+    return Residual(
+        np.zeros((0, nf)), np.zeros((0, nf)), np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros((nv, 0))
+    )
+
+
+def make_system(
+    model: ObjectModel,
+    *,
+    gravity: float | ArrayLike = GRAVITY,
+    friction: float | ArrayLike | None = None,
+    residual: Residual | None = None,
+) -> System:
+    """The nominal simulator of an object.
+
+    Args:
+        gravity: downward acceleration [m/s²], or a world vector (3,).
+        friction: one coefficient, or one a corner (n_c,); the object's own if None.
+        residual: a learned residual acceleration.
+    """
+    g = np.asarray(gravity, dtype=float)
+    mu = model.friction if friction is None else friction
+    contiguous = np.ascontiguousarray
+    return System(
+        parent=contiguous(model.parent),
+        joint_type=contiguous(model.joint_type),
+        joint_pos=contiguous(model.joint_pos),
+        joint_axis=contiguous(model.joint_axis),
+        body_pos=contiguous(model.body_pos),
+        body_quat=contiguous(model.body_quat),
+        mass=contiguous(model.mass),
+        com=contiguous(model.com),
+        inertia=contiguous(model.inertia),
+        corner_body=contiguous(model.corner_body),
+        corner_pos=contiguous(model.corner_pos),
+        mu=np.broadcast_to(np.asarray(mu, dtype=float), (model.n_corners,)).copy(),
+        restitution=float(model.restitution),
+        gravity=g.copy() if g.ndim else np.array([0.0, 0.0, -float(g)]),
+        residual=residual or no_residual(model.n_joints),
+    )
