@@ -1,0 +1,49 @@
+"""What the batch functions share: checked, contiguous arrays, and a batch split over threads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.errors import InputError
+from tossid.physics.solvers.problem import Array
+
+
+def check_batch(
+    A: Array, b: Array, mu: Array, active: NDArray[np.bool_] | None, warm: Array | None
+) -> tuple[Array, Array, Array, NDArray[np.bool_], Array]:
+    """Contiguous A (B, 3 n, 3 n), b (B, 3 n), mu (B, n), active (B, n) and a copy of the warm start (B, 3 n).
+
+    Raises:
+        InputError: shapes that do not fit, or a negative mu.
+    """
+    A, b = np.ascontiguousarray(A, dtype=float), np.ascontiguousarray(b, dtype=float)
+    if b.ndim != 2 or b.shape[1] % 3 or A.shape != (*b.shape, b.shape[1]):
+        raise InputError(f"contact problems of shapes A {A.shape} and b {b.shape}; expected (B, 3 n, 3 n) and (B, 3 n)")
+    count, n = b.shape[0], b.shape[1] // 3
+    mu = np.asarray(mu, dtype=float)
+    if mu.shape not in ((), (n,), (count, n)):
+        raise InputError(f"friction of shape {mu.shape}, expected ({n},) or ({count}, {n})")
+    if (mu < 0).any():
+        raise InputError(f"friction coefficient {mu.min():g} is negative")
+    mu = np.ascontiguousarray(np.broadcast_to(mu, (count, n)))
+    if active is not None and np.shape(active) != (count, n):
+        raise InputError(f"active contacts of shape {np.shape(active)}, expected ({count}, {n})")
+    if warm is not None and np.shape(warm) != b.shape:
+        raise InputError(f"warm start of shape {np.shape(warm)}, expected {b.shape}")
+    chosen = np.ones((count, n), dtype=bool) if active is None else np.ascontiguousarray(active, dtype=bool)
+    lam = np.zeros(b.shape) if warm is None else np.array(warm, dtype=float, order="C")
+    return A, b, mu, chosen, lam
+
+
+def over_threads(part: Callable[[int, int], None], count: int, n_threads: int) -> None:
+    """Call part(first, last) over 0..count in slices, on `n_threads` threads (a share each, four slices a thread)."""
+    if n_threads <= 1 or count < 2 * n_threads:
+        part(0, count)
+        return
+    edges = np.linspace(0, count, 4 * n_threads + 1).astype(int)
+    with ThreadPoolExecutor(n_threads) as pool:
+        list(pool.map(part, edges[:-1].tolist(), edges[1:].tolist()))

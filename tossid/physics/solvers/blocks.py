@@ -1,0 +1,129 @@
+"""Kernels that the solvers share: one contact solved exactly, and small dense factorisations.
+
+Inside the solvers a problem is contact-major (normal, t1, t2 of contact 0, then of
+contact 1, ..). Scalars go in and out of the block kernels, so that nothing is allocated.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+
+OPEN, STICK, SLIP = 0, 1, 2
+
+jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+
+_TURNS = 30
+
+
+@jit
+def solve_3x3(B, i, g0, g1, g2):  # type: ignore[no-untyped-def]
+    """x = -B_ii^-1 g of the 3x3 diagonal block at row i (LDL^T, pivots floored at 1e-14 of the trace)."""
+    b00, b10, b20 = B[i, i], B[i + 1, i], B[i + 2, i]
+    b11, b21, b22 = B[i + 1, i + 1], B[i + 2, i + 1], B[i + 2, i + 2]
+    floor = 1e-14 * (b00 + b11 + b22) + 1e-300
+    d0 = max(b00, floor)
+    l10, l20 = b10 / d0, b20 / d0
+    d1 = max(b11 - l10 * b10, floor)
+    l21 = (b21 - l20 * b10) / d1
+    d2 = max(b22 - l20 * b20 - l21 * l21 * d1, floor)
+    y1 = g1 - l10 * g0
+    y2 = g2 - l20 * g0 - l21 * y1
+    x2 = -y2 / d2
+    x1 = -y1 / d1 - l21 * x2
+    return -g0 / d0 - l10 * x1 - l20 * x2, x1, x2
+
+
+@jit
+def block_qp(B, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
+    """Minimise 1/2 x^T B_ii x + g^T x over the cone |x_t| <= mu x_n. Returns (kind, x_n, x_t1, x_t2).
+
+    On the cone's surface x = s d, d = (1, mu u): s = -g.d / d.B d, and the angle of u is
+    found by Newton's method on the angular derivative, from the direction (u1, u2),
+    with a decrease of the objective asked of every turn.
+    """
+    if g0 >= mu * math.sqrt(g1 * g1 + g2 * g2):
+        return OPEN, 0.0, 0.0, 0.0
+    b00 = B[i, i]
+    if mu == 0.0:
+        return SLIP, -g0 / max(b00, 1e-300), 0.0, 0.0
+    x0, x1, x2 = solve_3x3(B, i, g0, g1, g2)
+    if x0 > 0.0 and x1 * x1 + x2 * x2 <= mu * mu * x0 * x0:
+        return STICK, x0, x1, x2
+    b10, b20 = B[i + 1, i], B[i + 2, i]
+    b11, b21, b22 = B[i + 1, i + 1], B[i + 2, i + 1], B[i + 2, i + 2]
+    length = math.sqrt(u1 * u1 + u2 * u2)
+    if length > 0.0:
+        u1, u2 = u1 / length, u2 / length
+    if length == 0.0 or g0 + mu * (u1 * g1 + u2 * g2) >= 0.0:
+        length = math.sqrt(g1 * g1 + g2 * g2)
+        if length == 0.0:
+            length = math.sqrt(x1 * x1 + x2 * x2)
+            u1, u2 = x1 / length, x2 / length
+        else:
+            u1, u2 = -g1 / length, -g2 / length
+    best = math.inf
+    s = 0.0
+    v1, v2, turn = u1, u2, 0.0
+    for _ in range(_TURNS):
+        bd0 = b00 + mu * (b10 * v1 + b20 * v2)
+        bd1 = b10 + mu * (b11 * v1 + b21 * v2)
+        bd2 = b20 + mu * (b21 * v1 + b22 * v2)
+        q = bd0 + mu * (v1 * bd1 + v2 * bd2)
+        h = g0 + mu * (v1 * g1 + v2 * g2)
+        value = -0.5 * h * h / q
+        if h >= 0.0 or value > best + 1e-15 * abs(best):
+            turn *= 0.25
+            if abs(turn) < 1e-12:
+                break
+        else:
+            best = min(best, value)
+            u1, u2, s = v1, v2, -h / q
+            w1, w2 = g1 + s * bd1, g2 + s * bd2
+            slope = u1 * w2 - u2 * w1
+            cross = u1 * bd2 - u2 * bd1
+            ebe = u2 * u2 * b11 - 2.0 * u1 * u2 * b21 + u1 * u1 * b22
+            curve = max(-(u1 * w1 + u2 * w2), 0.0) + s * mu * max(ebe - cross * cross / q, 0.0)
+            if abs(slope) <= 1e-15 * (abs(w1) + abs(w2) + s * ebe):
+                break
+            turn = -slope / max(curve, 1e-3 * s * mu * ebe)
+            turn = min(max(turn, -1.0), 1.0)
+            if abs(turn) < 1e-14:
+                break
+        scale = 1.0 / math.sqrt(1.0 + turn * turn)
+        v1, v2 = scale * (u1 - turn * u2), scale * (u2 + turn * u1)
+    return SLIP, s, s * mu * u1, s * mu * u2
+
+
+@jit
+def cholesky_solve(H, m, x):  # type: ignore[no-untyped-def]
+    """Solve H x = x in place by Cholesky (lower triangle of the leading m rows; H is overwritten).
+
+    Pivots that vanish against their row's own diagonal (a redundant direction) are given weight,
+    so that a singular, consistent system yields a solution: the redundant unknowns stay put.
+    """
+    for j in range(m):
+        own = H[j, j]
+        for k in range(j):
+            ljk = H[j, k]
+            for i in range(j, m):
+                H[i, j] -= H[i, k] * ljk
+        pivot = H[j, j]
+        if not pivot > 1e-11 * own:
+            pivot = 1e6 * own + 1e-300
+        root = math.sqrt(pivot)
+        inverse = 1.0 / root
+        H[j, j] = root
+        for i in range(j + 1, m):
+            H[i, j] *= inverse
+    for j in range(m):
+        value = x[j]
+        for k in range(j):
+            value -= H[j, k] * x[k]
+        x[j] = value / H[j, j]
+    for j in range(m - 1, -1, -1):
+        value = x[j]
+        for k in range(j + 1, m):
+            value -= H[k, j] * x[k]
+        x[j] = value / H[j, j]
