@@ -15,6 +15,7 @@ OPEN, STICK, SLIP = 0, 1, 2
 jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 
 _TURNS = 30
+_DESCENTS = 10
 
 
 @jit
@@ -63,8 +64,54 @@ def block_qp(B, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
             u1, u2 = x1 / length, x2 / length
         else:
             u1, u2 = -g1 / length, -g2 / length
-    best = math.inf
     s = 0.0
+    for _ in range(_DESCENTS):
+        s, u1, u2, outward = slide_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, u1, u2)
+        if outward >= -1e-12 * (abs(g0) + abs(g1) + abs(g2)):
+            break
+        # Lowest on the surface only: one gradient step into the cone, then on towards the free
+        # minimum x, which lies outside, to another and lower place on the surface.
+        step = 1.0 / (b00 + b11 + b22)
+        y0, y1, y2 = s, s * mu * u1, s * mu * u2
+        d0 = -step * (g0 + b00 * y0 + b10 * y1 + b20 * y2)
+        d1 = -step * (g1 + b10 * y0 + b11 * y1 + b21 * y2)
+        d2 = -step * (g2 + b20 * y0 + b21 * y1 + b22 * y2)
+        part = cone_exit(y0, y1, y2, d0, d1, d2, mu)
+        y0, y1, y2 = y0 + part * d0, y1 + part * d1, y2 + part * d2
+        if part == 1.0:
+            part = cone_exit(y0, y1, y2, x0 - y0, x1 - y1, x2 - y2, mu)
+            y1, y2 = y1 + part * (x1 - y1), y2 + part * (x2 - y2)
+        length = math.sqrt(y1 * y1 + y2 * y2)
+        if length > 0.0:
+            u1, u2 = y1 / length, y2 / length
+    return SLIP, s, s * mu * u1, s * mu * u2
+
+
+@jit
+def cone_exit(y0, y1, y2, d0, d1, d2, mu):  # type: ignore[no-untyped-def]
+    """The largest part (at most 1) of the step d that keeps y inside the cone |y_t| <= mu y_n, which it is in."""
+    part = 1.0
+    if y0 + d0 < 0.0:
+        part = y0 / -d0
+    squared = mu * mu
+    a = d1 * d1 + d2 * d2 - squared * d0 * d0
+    b = y1 * d1 + y2 * d2 - squared * y0 * d0
+    c = min(y1 * y1 + y2 * y2 - squared * y0 * y0, 0.0)
+    if a * part * part + 2.0 * b * part + c > 0.0:
+        root = b + math.sqrt(max(b * b - a * c, 0.0))
+        if root > 0.0:
+            part = min(part, -c / root)
+    return part
+
+
+@jit
+def slide_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
+    """A minimum of 1/2 x^T B x + g^T x over the cone's surface x = s (1, mu u), from the direction u.
+
+    Returns (s, u1, u2, outward): outward = -u . w_t is negative if the inside of the cone is lower still.
+    """
+    best = math.inf
+    s, outward = 0.0, 0.0
     v1, v2, turn = u1, u2, 0.0
     for _ in range(_TURNS):
         bd0 = b00 + mu * (b10 * v1 + b20 * v2)
@@ -81,10 +128,11 @@ def block_qp(B, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
             best = min(best, value)
             u1, u2, s = v1, v2, -h / q
             w1, w2 = g1 + s * bd1, g2 + s * bd2
+            outward = -(u1 * w1 + u2 * w2)
             slope = u1 * w2 - u2 * w1
             cross = u1 * bd2 - u2 * bd1
             ebe = u2 * u2 * b11 - 2.0 * u1 * u2 * b21 + u1 * u1 * b22
-            curve = max(-(u1 * w1 + u2 * w2), 0.0) + s * mu * max(ebe - cross * cross / q, 0.0)
+            curve = max(outward, 0.0) + s * mu * max(ebe - cross * cross / q, 0.0)
             if abs(slope) <= 1e-15 * (abs(w1) + abs(w2) + s * ebe):
                 break
             turn = -slope / max(curve, 1e-3 * s * mu * ebe)
@@ -93,7 +141,7 @@ def block_qp(B, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
                 break
         scale = 1.0 / math.sqrt(1.0 + turn * turn)
         v1, v2 = scale * (u1 - turn * u2), scale * (u2 + turn * u1)
-    return SLIP, s, s * mu * u1, s * mu * u2
+    return s, u1, u2, outward
 
 
 @jit

@@ -17,18 +17,17 @@ from __future__ import annotations
 
 import math
 
-
 import numpy as np
 from numpy.typing import NDArray
 
-
 from tossid.physics.solvers.batches import check_batch, over_threads
-from tossid.physics.solvers.blocks import OPEN, SLIP, STICK, block_qp, cholesky_solve, jit
+from tossid.physics.solvers.blocks import OPEN, SLIP, STICK, block_qp, cholesky_solve, cone_exit, jit
 from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution
 
 SOLVED, MAX_ITERATIONS, INFEASIBLE, NOT_FINITE = 0, 1, 2, 3
 
 WORK_ROWS = 11
+_PROXIMAL = 1e-10
 
 
 def qp_work(n: int) -> tuple[Array, NDArray[np.int64]]:
@@ -121,7 +120,7 @@ def qp_newton(A, lam, w, mu, kind, m, H, x, basis, row):  # type: ignore[no-unty
                 + e1 * (A[k + 1, r] * f0 + A[k + 1, r + 1] * f1 + A[k + 1, r + 2] * f2)
                 + e2 * (A[k + 2, r] * f0 + A[k + 2, r + 1] * f1 + A[k + 2, r + 2] * f2)
             )
-        H[v, v] += curvature
+        H[v, v] = (1.0 + _PROXIMAL) * H[v, v] + curvature
     cholesky_solve(H, size, x)
     return size
 
@@ -148,6 +147,27 @@ def manifold_step(lam, mu, kind, m, x, basis, row, size, length, trial):  # type
         elif tangent > limit or (kind[i] == SLIP and tangent > 0.0):
             trial[k + 1] *= limit / tangent
             trial[k + 2] *= limit / tangent
+
+
+@jit
+def free_length(lam, mu, kind, m, x, basis, row, size, step):  # type: ignore[no-untyped-def]
+    """The largest part (at most 1) of the Newton step at which no contact opens or leaves its cone."""
+    for j in range(3 * m):
+        step[j] = 0.0
+    for v in range(size):
+        for t in range(3):
+            step[row[v] + t] += basis[t, v] * x[v]
+    length = 1.0
+    for i in range(m):
+        k = 3 * i
+        if kind[i] == OPEN:
+            continue
+        if kind[i] == STICK:
+            y0, y1, y2 = length * step[k], length * step[k + 1], length * step[k + 2]
+            length *= cone_exit(lam[k], lam[k + 1], lam[k + 2], y0, y1, y2, mu[i])
+        elif lam[k] + length * step[k] < 0.0:
+            length = lam[k] / -step[k]
+    return length
 
 
 @jit
@@ -202,7 +222,9 @@ def qp_core(A, c, mu, lam, m, tolerance, max_iterations, H, vectors, kind, row):
         for j in range(3 * m):
             value += lam[j] * (w[j] + c[j])
         length = 1.0
-        for _ in range(6):
+        for attempt in range(10):
+            if attempt == 1:
+                length = free_length(lam, mu, kind, m, x, basis, row, size, trial)
             manifold_step(lam, mu, kind, m, x, basis, row, size, length, trial)
             multiply(A, trial, c, m, trial_w)
             trial_value = 0.0
@@ -215,7 +237,8 @@ def qp_core(A, c, mu, lam, m, tolerance, max_iterations, H, vectors, kind, row):
                     w[j] = trial_w[j]
                 residual = trial_residual
                 break
-            length *= 0.4
+            if attempt > 0:
+                length *= 0.3
         if residual <= tolerance:
             return SOLVED, residual, iteration
     if residual < math.inf:
@@ -307,7 +330,7 @@ def solve_cone_qp(
     warm: Array | None = None,
     regularization: float = 0.0,
     tolerance: float = DEFAULT_TOLERANCE,
-    max_iterations: int = 200,
+    max_iterations: int = 2000,
     n_threads: int = 1,
 ) -> ContactSolution:
     """Minimise 1/2 lam^T A lam + c^T lam over the friction cones, for a batch.
