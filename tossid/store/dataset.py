@@ -1,0 +1,299 @@
+"""Datasets in HDF5: written whole or not at all, checked on writing and on reading."""
+
+from __future__ import annotations
+
+import io
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from tossid.errors import FileError, InputError, MotionError, ObjectError
+from tossid.objects import ObjectModel
+from tossid.store.atomic import write_whole
+from tossid.store.hashing import file_sha256
+from tossid.store.object_text import model_of_text, text_of_model
+from tossid.store.schema import (
+    FRAMES,
+    KNOWN_SCHEMAS,
+    MAX_ATTRIBUTE_TEXT,
+    MAX_TEXT,
+    MEMBERS,
+    SCHEMA,
+    TAG_DTYPE,
+    attribute,
+    check_stored,
+    child,
+    plain,
+    refuse_strangers,
+)
+from tossid.types import Dataset, Phase, Toss
+
+_ROOT = {"object", "provenance", "tosses"}
+_UNKNOWN_SOURCE = "not stated"
+
+
+def write_dataset(dataset: Dataset, path: Path) -> None:
+    """Write a dataset as one HDF5 file (schema: `tossid.store.schema`).
+
+    The file appears whole or not at all: what was there before stays until the
+    new one is complete on the disk. Equal datasets give equal bytes. Where the
+    covariances come from is the provenance's `covariance_source`.
+
+    Raises:
+        InputError: the dataset breaks the schema (names, joints, provenance).
+        ObjectError: the object cannot be said in MJCF.
+        OutputError: the disk is full or the place cannot be written.
+    """
+    _check(dataset)
+    text = text_of_model(dataset.object)
+    # built in memory: HDF5 does not survive a full disk, a plain write does
+    image = io.BytesIO()
+    with h5py.File(image, "w", libver=("v110", "v110")) as file:
+        _fill(file, dataset, text)
+    write_whole(path, image.getbuffer())
+
+
+def read_dataset(path: Path) -> Dataset:
+    """Read a dataset that `write_dataset` or another program wrote in its schema.
+
+    Raises:
+        FileError: missing, damaged, of an unknown schema, or holding what is no
+            motion; the error names the file and the group.
+    """
+    path = Path(path)
+    with _opened(path) as file:
+        _check_root(path, file)
+        model = _read_object(path, child(path, file, "object", h5py.Group))
+        provenance = _read_provenance(path, child(path, file, "provenance", h5py.Group))
+        tosses = []
+        for group in _toss_groups(path, file):
+            arrays = {}
+            refuse_strangers(path, group, {member.name for member in MEMBERS})
+            for member, data in _checked_members(path, group, model.nq, model.nv):
+                arrays[member] = data[()]
+            split = attribute(path, group, "split", str)
+            name = group.name.rsplit("/", 1)[1]
+            try:
+                toss = Toss(name=name, split=split, **arrays)
+            except MotionError as error:
+                row = None if error.row is None else f"{group.name}, frame {error.row}"
+                raise FileError(path, error.problem, row=row or group.name) from error
+            if toss.phase.max() > max(Phase):
+                raise FileError(path, f"{group.name}/phase holds {toss.phase.max()}, expected at most {max(Phase)}")
+            tosses.append(toss)
+        return Dataset(
+            object=model,
+            tosses=tuple(tosses),
+            rate_hz=_positive(path, file, "rate_hz"),
+            source=attribute(path, file, "source", str),
+            provenance=provenance,
+        )
+
+
+def dataset_info(path: Path) -> dict[str, Any]:
+    """What is in a dataset, without reading its motions.
+
+    Returns:
+        schema, object, n_joints, n_tosses, n_frames, rate_hz, duration_s, source,
+        covariance_source, splits (tosses a split), phases (frames a phase),
+        provenance, sha256 (of the file).
+
+    Raises:
+        FileError: as `read_dataset`, for what is looked at.
+    """
+    path = Path(path)
+    with _opened(path) as file:
+        _check_root(path, file)
+        model = child(path, file, "object", h5py.Group)
+        nq, nv = attribute(path, model, "nq", int), attribute(path, model, "nv", int)
+        splits: Counter[str] = Counter()
+        phases = np.zeros(max(Phase) + 1, dtype=int)
+        n_tosses, n_frames, duration = 0, 0, 0.0
+        for group in _toss_groups(path, file):
+            data = dict(_checked_members(path, group, nq, nv))
+            phase = data["phase"][()]
+            if phase.max() > max(Phase):
+                raise FileError(path, f"{group.name}/phase holds {phase.max()}, expected at most {max(Phase)}")
+            phases += np.bincount(phase, minlength=len(phases))
+            splits[attribute(path, group, "split", str)] += 1
+            n_tosses += 1
+            n_frames += len(phase)
+            duration += float(data["t"][-1] - data["t"][0])
+        return {
+            "schema": attribute(path, file, "schema", str),
+            "object": attribute(path, model, "name", str),
+            "n_joints": nv - 6,
+            "n_tosses": n_tosses,
+            "n_frames": n_frames,
+            "rate_hz": _positive(path, file, "rate_hz"),
+            "duration_s": duration,
+            "source": attribute(path, file, "source", str),
+            "covariance_source": attribute(path, file, "covariance_source", str),
+            "splits": {name or "none": count for name, count in sorted(splits.items())},
+            "phases": {phase.name.lower(): int(phases[phase]) for phase in Phase if phases[phase]},
+            "provenance": _read_provenance(path, child(path, file, "provenance", h5py.Group)),
+            "sha256": file_sha256(path),
+        }
+
+
+def _check(dataset: Dataset) -> None:
+    if not isinstance(dataset.object, ObjectModel):
+        raise InputError(f"the dataset's object is a {type(dataset.object).__name__}, expected an ObjectModel")
+    if not dataset.tosses:
+        raise InputError("the dataset has no tosses")
+    if not (np.isfinite(dataset.rate_hz) and dataset.rate_hz > 0):
+        raise InputError(f"the dataset's rate is {dataset.rate_hz} Hz, expected a positive number")
+    names: set[str] = set()
+    for toss in dataset.tosses:
+        if not toss.name or "/" in toss.name or "\x00" in toss.name or toss.name in (".", ".."):
+            raise InputError(f"a toss cannot be named {toss.name!r} (empty, a dot, or with '/')")
+        if toss.name in names:
+            raise InputError(f"two tosses are named {toss.name!r}")
+        names.add(toss.name)
+        if toss.q.shape[1] != dataset.object.nq:
+            raise InputError(
+                f"toss {toss.name} has {toss.q.shape[1] - 7} joints, object '{dataset.object.name}' has "
+                f"{dataset.object.n_joints}"
+            )
+        if toss.phase.max() > max(Phase):
+            raise InputError(f"toss {toss.name} has phase {toss.phase.max()}, expected at most {max(Phase)}")
+    for key, value in dataset.provenance.items():
+        if not isinstance(key, str) or not key or not isinstance(value, (str, int, float, bool, np.generic)):
+            raise InputError(f"provenance {key!r} is a {type(value).__name__}, expected str, int, float or bool")
+        if isinstance(value, str) and (len(value.encode()) > MAX_ATTRIBUTE_TEXT or "\x00" in value):
+            raise InputError(f"provenance {key!r} is text that an attribute cannot hold ({len(value)} characters)")
+
+
+def _fill(file: h5py.File, dataset: Dataset, text: str) -> None:
+    model = dataset.object
+    file.attrs["schema"] = SCHEMA
+    file.attrs["source"] = dataset.source
+    file.attrs["rate_hz"] = float(dataset.rate_hz)
+    file.attrs["frames"] = FRAMES
+    file.attrs["covariance_source"] = str(dataset.provenance.get("covariance_source", _UNKNOWN_SOURCE))
+    file.attrs["n_tosses"] = len(dataset.tosses)
+    file.attrs["n_frames"] = sum(len(toss) for toss in dataset.tosses)
+
+    group = file.create_group("object")
+    group.attrs["name"] = model.name
+    group.attrs["friction"], group.attrs["restitution"] = float(model.friction), float(model.restitution)
+    group.attrs["width_m"] = float(model.width)
+    group.attrs["nq"], group.attrs["nv"] = model.nq, model.nv
+    group.create_dataset("mjcf", data=np.frombuffer(text.encode(), dtype="|u1")).attrs["encoding"] = "UTF-8 text"
+    if model.tags:
+        rows = [(tag.id, tag.body, tag.size, tag.T_body_tag) for tag in model.tags]
+        group.create_dataset("tags", data=np.array(rows, dtype=TAG_DTYPE))
+
+    group = file.create_group("provenance")
+    for key, value in sorted(dataset.provenance.items()):
+        group.attrs[key] = plain(value)
+
+    group = file.create_group("tosses")
+    for index, toss in enumerate(dataset.tosses):
+        into = group.create_group(toss.name)
+        into.attrs["index"], into.attrs["split"] = index, toss.split
+        for member in MEMBERS:
+            data = np.ascontiguousarray(getattr(toss, member.name), dtype=member.dtype)
+            made = into.create_dataset(
+                member.name, data=data, compression="gzip", compression_opts=4, shuffle=True, fletcher32=True
+            )
+            made.attrs["unit"], made.attrs["meaning"] = member.unit, member.meaning
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    """The file, for reading; whatever HDF5 finds wrong with it becomes one `FileError`."""
+    if not path.is_file():
+        raise FileError(path, "no such dataset file")
+    try:
+        with h5py.File(path, "r", locking="best-effort") as file:
+            yield file
+    except FileError:
+        raise
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError, UnicodeError) as error:
+        first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        raise FileError(path, f"damaged, or not an HDF5 file ({first})") from error
+
+
+def _check_root(path: Path, file: h5py.File) -> None:
+    known = ", ".join(KNOWN_SCHEMAS)
+    if "schema" not in file.attrs:
+        raise FileError(path, f"an HDF5 file without a schema, expected {known}")
+    schema = attribute(path, file, "schema", str)
+    if schema not in KNOWN_SCHEMAS:
+        raise FileError(path, f"schema {schema!r} is unknown; this version of tossid reads {known}")
+    refuse_strangers(path, file, _ROOT)
+
+
+def _toss_groups(path: Path, file: h5py.File) -> list[h5py.Group]:
+    tosses = child(path, file, "tosses", h5py.Group)
+    groups = [child(path, tosses, name, h5py.Group) for name in tosses]
+    places = [attribute(path, group, "index", int) for group in groups]
+    if sorted(places) != list(range(len(groups))):
+        raise FileError(path, "the tosses' index attributes are not 0, 1, 2, …")
+    if len(groups) != attribute(path, file, "n_tosses", int) or not groups:
+        raise FileError(path, f"/tosses holds {len(groups)} tosses, n_tosses says {plain(file.attrs['n_tosses'])}")
+    return [group for _, group in sorted(zip(places, groups, strict=True), key=lambda pair: pair[0])]
+
+
+def _checked_members(path: Path, group: h5py.Group, nq: int, nv: int) -> Iterator[tuple[str, h5py.Dataset]]:
+    sizes: dict[str, int | None] = {"n": None, "nq": nq, "nv": nv}
+    for member in MEMBERS:
+        data = child(path, group, member.name, h5py.Dataset)
+        check_stored(path, data, np.dtype(member.dtype), tuple(sizes[name] for name in member.shape))
+        if sizes["n"] is None:
+            sizes["n"] = data.shape[0]
+            if data.shape[0] < 2:
+                raise FileError(path, f"{group.name} has {data.shape[0]} frames, expected at least 2")
+        yield member.name, data
+
+
+def _read_object(path: Path, group: h5py.Group) -> ObjectModel:
+    refuse_strangers(path, group, {"mjcf", "tags"})
+    stored = child(path, group, "mjcf", h5py.Dataset)
+    check_stored(path, stored, np.dtype("|u1"), (None,))
+    if stored.shape[0] > MAX_TEXT:
+        raise FileError(path, f"/object/mjcf holds {stored.shape[0]} bytes, expected at most {MAX_TEXT}")
+    text = stored[()].tobytes().decode()
+    tags = None
+    if "tags" in group:
+        data = child(path, group, "tags", h5py.Dataset)
+        check_stored(path, data, TAG_DTYPE, (None,))
+        tags = data[()]
+    try:
+        model = model_of_text(
+            text,
+            name=attribute(path, group, "name", str),
+            friction=attribute(path, group, "friction", float),
+            restitution=attribute(path, group, "restitution", float),
+            width=attribute(path, group, "width_m", float),
+            tags=tags,
+        )
+    except ObjectError as error:
+        raise FileError(path, f"/object: {error}") from error
+    if (model.nq, model.nv) != (attribute(path, group, "nq", int), attribute(path, group, "nv", int)):
+        raise FileError(path, f"/object/mjcf has {model.n_joints} joints, the attributes nq and nv say otherwise")
+    return model
+
+
+def _read_provenance(path: Path, group: h5py.Group) -> dict[str, Any]:
+    refuse_strangers(path, group, set())
+    out = {}
+    for key in sorted(group.attrs):
+        value = plain(group.attrs[key])
+        if not isinstance(value, (str, int, float, bool)):
+            raise FileError(path, f"provenance {key!r} is {type(value).__name__}, expected str, int, float or bool")
+        out[key] = value
+    return out
+
+
+def _positive(path: Path, file: h5py.File, name: str) -> float:
+    value: float = attribute(path, file, name, float)
+    if value <= 0:
+        raise FileError(path, f"attribute {name!r} is {value}, expected a positive number")
+    return value

@@ -1,0 +1,113 @@
+"""Trajectories in the TUM format: `timestamp tx ty tz qx qy qz qw`, one text file a toss."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.errors import FileError, InputError
+from tossid.rotations import wxyz_to_xyzw, xyzw_to_wxyz
+from tossid.store.atomic import write_whole
+from tossid.store.importers.checks import checked_track, files_of
+from tossid.types import PoseTrack, Toss
+
+Array = NDArray[np.float64]
+
+_JOINTS = ".joints.txt"
+_SAME_TIME = 1e-6
+"""[s] by which the times of poses and joints may differ (they are printed with some digits)."""
+_MAX_FILE = 1 << 28
+
+
+def read_tum(folder: Path, *, n_joints: int) -> tuple[PoseTrack, ...]:
+    """Read a folder of `NAME.txt`, and for an articulated object `NAME.joints.txt` beside each.
+
+    A pose is that of the object's first link in a world with z up and ground
+    z = 0; times [s] increase, but need not be uniform; `#` starts a comment.
+    `NAME.joints.txt` holds `timestamp angle…` [rad] at the same times.
+
+    Raises:
+        FileError: a file is missing or is not what it should be; names file and line.
+    """
+    folder = Path(folder)
+    tracks = []
+    for path in files_of(folder, ".txt", but_not=_JOINTS):
+        rows, lines = _read_rows(path, 8, "timestamp tx ty tz qx qy qz qw")
+        t = rows[:, 0].copy()
+        q = np.concatenate([rows[:, 1:4], xyzw_to_wxyz(rows[:, 4:8])], axis=1)
+        beside = path.with_name(path.name.removesuffix(".txt") + _JOINTS)
+        if n_joints:
+            if not beside.is_file():
+                raise FileError(beside, f"is missing; the object has {n_joints} joints")
+            q = np.concatenate([q, _read_joints(beside, t, n_joints)], axis=1)
+        elif beside.exists():
+            raise FileError(beside, "gives joint angles, but the object has no joints")
+        tracks.append(checked_track(path, t, q, None, row_of=lambda row, lines=lines: f"line {lines[row]}"))
+    return tuple(tracks)
+
+
+def write_tum(folder: Path, tracks: Sequence[PoseTrack | Toss]) -> None:
+    """Write `NAME.txt` (and `NAME.joints.txt` where there are joints) for each track, to the last digit.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    folder = Path(folder)
+    for track in tracks:
+        if not track.name or "/" in track.name or track.name.endswith(".joints"):
+            raise InputError(f"a TUM file cannot be named after track {track.name!r} (empty, with '/', or '.joints')")
+        poses = np.column_stack([track.t, track.q[:, :3], wxyz_to_xyzw(track.q[:, 3:7])])
+        write_whole(folder / f"{track.name}.txt", _text("timestamp tx ty tz qx qy qz qw", poses))
+        if track.q.shape[1] > 7:
+            joints = np.column_stack([track.t, track.q[:, 7:]])
+            write_whole(folder / f"{track.name}{_JOINTS}", _text("timestamp angle", joints))
+
+
+def _text(header: str, rows: Array) -> bytes:
+    lines = [f"# {header}", *(" ".join(repr(float(x)) for x in row) for row in rows)]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _read_joints(path: Path, t: Array, n_joints: int) -> Array:
+    rows, lines = _read_rows(path, 1 + n_joints, "timestamp" + " angle" * n_joints)
+    if len(rows) != len(t):
+        raise FileError(path, f"has {len(rows)} rows, the poses beside it have {len(t)}")
+    off = ~(np.abs(rows[:, 0] - t) <= _SAME_TIME)
+    if off.any():
+        row = int(np.argmax(off))
+        raise FileError(path, f"time {rows[row, 0]:.9g} s, the pose has {t[row]:.9g} s", row=f"line {lines[row]}")
+    bad = ~np.isfinite(rows).all(axis=1)
+    if bad.any():
+        raise FileError(path, "is not finite (NaN or infinity)", row=f"line {lines[int(np.argmax(bad))]}")
+    return np.unwrap(rows[:, 1:], axis=0)
+
+
+def _read_rows(path: Path, columns: int, form: str) -> tuple[Array, list[int]]:
+    """Numbers of a text file (n, columns), and the line of each row, counted from 1."""
+    try:
+        if path.stat().st_size > _MAX_FILE:
+            raise FileError(path, f"is larger than {_MAX_FILE >> 20} MiB, expected one toss as text")
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise FileError(path, f"cannot be read ({error.strerror or error})") from error
+    except UnicodeDecodeError as error:
+        raise FileError(path, f"is not text, expected rows of '{form}'") from error
+    rows: list[list[float]] = []
+    lines: list[int] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split("#", 1)[0].replace(",", " ").split()
+        if not words:
+            continue
+        if len(words) != columns:
+            raise FileError(path, f"{len(words)} columns, expected {columns}: '{form}'", row=f"line {number}")
+        try:
+            rows.append([float(word.replace("_", "?")) for word in words])
+        except ValueError as error:
+            raise FileError(path, f"{error}, expected numbers: '{form}'", row=f"line {number}") from error
+        lines.append(number)
+    if len(rows) < 2:
+        raise FileError(path, f"has {len(rows)} rows of numbers, expected at least 2: '{form}'")
+    return np.array(rows), lines

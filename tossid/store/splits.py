@@ -1,0 +1,48 @@
+"""Which tosses train a model, which stop its training, which judge it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tossid.errors import InputError
+from tossid.store.hashing import natural_key
+from tossid.types import SPLITS, Toss
+
+
+def draw_splits(tosses: Sequence[Toss], *, fractions: Sequence[float] = (0.5, 0.3, 0.2), seed: int) -> tuple[Toss, ...]:
+    """Draw train, validation and test by toss; the tosses come back in their order, labelled.
+
+    The draw depends on the tosses' names and the seed only, not on their
+    order. Counts are the fractions' by largest remainder; with three tosses or
+    more no split of a positive fraction is empty.
+
+    Args:
+        fractions: of train, validation and test; not negative, with sum 1.
+    """
+    share = np.asarray(fractions, dtype=float)
+    if share.shape != (3,) or not np.isfinite(share).all() or (share < 0).any() or abs(share.sum() - 1) > 1e-6:
+        raise InputError(f"split fractions are {list(fractions)}, expected three that are not negative, with sum 1")
+    names = sorted((toss.name for toss in tosses), key=natural_key)
+    if len(set(names)) < len(names):
+        twice = next(a for a, b in zip(names, names[1:], strict=False) if a == b)
+        raise InputError(f"two tosses are named {twice!r}; names must differ to draw splits")
+    count = _counts(share, len(names))
+    drawn = np.random.default_rng(seed).permutation(len(names))
+    label = np.repeat(SPLITS, count)
+    split = {names[index]: str(label[place]) for place, index in enumerate(drawn)}
+    return tuple(replace(toss, split=split[toss.name]) for toss in tosses)
+
+
+def _counts(share: np.ndarray, n: int) -> np.ndarray:
+    exact = share * n
+    count = np.floor(exact).astype(int)
+    for place in np.argsort(-(exact - count), kind="stable")[: n - count.sum()]:
+        count[place] += 1
+    if n >= 3:
+        for place in np.flatnonzero((count == 0) & (share > 0)):
+            count[np.argmax(count)] -= 1
+            count[place] += 1
+    return count
