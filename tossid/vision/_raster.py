@@ -1,0 +1,108 @@
+"""The renderer's inner loop: distributed ray casting of flat faces (Numba)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True)
+def cast(
+    canvas: NDArray[np.float32],
+    x0: int,
+    y0: int,
+    rays: Array,
+    samples: Array,
+    seed: int,
+    planes: Array,
+    front: NDArray[np.bool_],
+    edges: Array,
+    n_edges: NDArray[np.int64],
+    shade: Array,
+    face_tags: NDArray[np.int64],
+    tag_map: Array,
+    bitmaps: NDArray[np.uint8],
+    white: float,
+    black: float,
+) -> None:
+    """Blend the faces over a canvas in place.
+
+    Each pixel averages rays over its area and the exposure: a fixed lattice in
+    (x, y, time), shifted for each pixel by a hash so that no edge direction is
+    favoured (Cook, Porter, Carpenter 1984: distributed ray tracing).
+
+    Args:
+        canvas: (h, w) grey levels of the region whose first pixel is (x0, y0).
+        rays: (H + 1, W + 1, 2) normalised coordinates at pixel corners (`Camera.rays`).
+        samples: (s, 3) lattice in [0, 1).
+        planes: (t, f, 12) at each sub-exposure, camera frame: normal and n·P, then the two in-plane axes,
+            each with its dot product with the face's centre P.
+        front: (t, f) whether the face looks at the camera.
+        edges: (f, k, 3) in-plane half planes a u + b v <= c, the first `n_edges[f]` of them.
+        shade: (f,) brightness factor.
+        face_tags: (f, 2) first tag and number of tags of each face.
+        tag_map: (m, 2, 3) from (u, v, 1) to cells (column, row from the top).
+        bitmaps: (m, 8, 8) of 0 black, 1 white.
+        white, black: grey levels of white paper and black ink at shade 1.
+    """
+    height, width = canvas.shape
+    n_samples, n_times, n_faces = samples.shape[0], planes.shape[0], planes.shape[1]
+    cells = bitmaps.shape[1]
+    for row in range(height):
+        for column in range(width):
+            gx, gy = x0 + column, y0 + row
+            h = np.uint32(gx) * np.uint32(73856093) ^ np.uint32(gy) * np.uint32(19349663) ^ np.uint32(seed)
+            h = (h ^ (h >> np.uint32(16))) * np.uint32(0x45D9F3B)
+            h = (h ^ (h >> np.uint32(16))) * np.uint32(0x45D9F3B)
+            h = h ^ (h >> np.uint32(16))
+            shift_x = (h & np.uint32(1023)) / 1024.0
+            shift_y = ((h >> np.uint32(10)) & np.uint32(1023)) / 1024.0
+            shift_t = ((h >> np.uint32(20)) & np.uint32(1023)) / 1024.0
+            r00, r01 = rays[gy, gx], rays[gy, gx + 1]
+            r10, r11 = rays[gy + 1, gx], rays[gy + 1, gx + 1]
+            total = 0.0
+            for s in range(n_samples):
+                fx = samples[s, 0] + shift_x
+                fx -= np.floor(fx)
+                fy = samples[s, 1] + shift_y
+                fy -= np.floor(fy)
+                ft = samples[s, 2] + shift_t
+                ft -= np.floor(ft)
+                time = min(int(ft * n_times), n_times - 1)
+                x = (1 - fy) * ((1 - fx) * r00[0] + fx * r01[0]) + fy * ((1 - fx) * r10[0] + fx * r11[0])
+                y = (1 - fy) * ((1 - fx) * r00[1] + fx * r01[1]) + fy * ((1 - fx) * r10[1] + fx * r11[1])
+                nearest = np.inf
+                level = float(canvas[row, column])
+                for f in range(n_faces):
+                    if not front[time, f]:
+                        continue
+                    p = planes[time, f]
+                    slope = p[0] * x + p[1] * y + p[2]
+                    if slope >= 0:
+                        continue
+                    z = p[3] / slope
+                    if z <= 0 or z >= nearest:
+                        continue
+                    u = z * (p[4] * x + p[5] * y + p[6]) - p[7]
+                    v = z * (p[8] * x + p[9] * y + p[10]) - p[11]
+                    inside = True
+                    for k in range(n_edges[f]):
+                        if edges[f, k, 0] * u + edges[f, k, 1] * v > edges[f, k, 2]:
+                            inside = False
+                            break
+                    if not inside:
+                        continue
+                    nearest = z
+                    level = white * shade[f]
+                    for m in range(face_tags[f, 0], face_tags[f, 0] + face_tags[f, 1]):
+                        i = tag_map[m, 0, 0] * u + tag_map[m, 0, 1] * v + tag_map[m, 0, 2]
+                        j = tag_map[m, 1, 0] * u + tag_map[m, 1, 1] * v + tag_map[m, 1, 2]
+                        if 0 <= i < cells and 0 <= j < cells:
+                            if bitmaps[m, int(j), int(i)] == 0:
+                                level = black * shade[f]
+                            break
+                total += level
+            canvas[row, column] = total / n_samples

@@ -1,0 +1,135 @@
+"""Camera calibration files: Kalibr/TagSLAM `cameras.yaml` and TagSLAM's `camera_poses.yaml`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from tossid.errors import FileError, InputError
+from tossid.rotations import transform_inv
+from tossid.vision.camera import Camera
+from tossid.vision.tagslam import TagLayout, number, numbers, pose_mapping, read_pose, read_tagslam, read_yaml
+
+Array = NDArray[np.float64]
+
+
+def read_cameras(folder: str | Path, *, layout: TagLayout | None = None) -> tuple[Camera, ...]:
+    """Read the cameras of a folder, in the file's order.
+
+    `cameras.yaml` is Kalibr's form; poses on the rig come from
+    `camera_poses.yaml` (T_rig_cam), or from Kalibr's chain `T_cn_cnm1`, the
+    first camera being the rig. The rig's own pose comes from `layout`, by
+    default the folder's `tagslam.yaml` if there is one; without either, the
+    rig is the world. A moving rig leaves `T_world_rig` None.
+
+    Raises:
+        FileError: a file is missing, damaged, or says what no camera can be.
+    """
+    folder = Path(folder)
+    path = folder / "cameras.yaml"
+    content = read_yaml(path)
+    if layout is None and (folder / "tagslam.yaml").is_file():
+        layout = read_tagslam(folder / "tagslam.yaml")
+    poses_path = folder / "camera_poses.yaml"
+    poses = read_yaml(poses_path) if poses_path.is_file() else None
+    cameras = []
+    T_rig_previous: Array | None = None
+    for name, entry in content.items():
+        if not isinstance(entry, dict):
+            raise FileError(path, f"'{name}' is no camera")
+        if poses is not None:
+            T_rig_cam = _rig_pose(poses_path, str(name), poses)
+        else:
+            T_rig_cam = _kalibr_pose(path, str(name), entry, T_rig_previous)
+        T_rig_previous = T_rig_cam
+        rig = str(entry.get("rig_body", "rig"))
+        T_world_rig: Array | None = np.eye(4)
+        if layout is not None:
+            body = layout.body(rig)
+            if body is None:
+                raise FileError(path, f"{name}.rig_body '{rig}' is no body of tagslam.yaml")
+            T_world_rig = body.T_map_body
+        cameras.append(_read_camera(path, str(name), entry, rig, T_rig_cam, T_world_rig))
+    if not cameras:
+        raise FileError(path, "holds no camera")
+    return tuple(cameras)
+
+
+def _read_camera(
+    path: Path, name: str, entry: dict[str, Any], rig: str, T_rig_cam: Array | None, T_world_rig: Array | None
+) -> Camera:
+    missing = [key for key in ("intrinsics", "resolution") if key not in entry]
+    if missing:
+        raise FileError(path, f"{name} has no {', '.join(missing)}")
+    if entry.get("camera_model", "pinhole") != "pinhole":
+        raise FileError(path, f"{name}.camera_model is {entry['camera_model']!r}, expected pinhole")
+    width, height = numbers(path, f"{name}.resolution", entry["resolution"], 2)
+    coefficients = entry.get("distortion_coeffs") or []
+    try:
+        return Camera(
+            name=name,
+            resolution=(int(width), int(height)),
+            intrinsics=numbers(path, f"{name}.intrinsics", entry["intrinsics"], 4),
+            distortion_model=str(entry.get("distortion_model", "none")),
+            distortion=numbers(path, f"{name}.distortion_coeffs", coefficients, (0, 4, 5)),
+            T_rig_cam=T_rig_cam,
+            T_world_rig=T_world_rig,
+            rig_body=rig,
+            rate_hz=number(path, f"{name}.rate_hz", entry["rate_hz"]) if entry.get("rate_hz") is not None else None,
+        )
+    except InputError as error:
+        raise error if isinstance(error, FileError) else FileError(path, str(error)) from error
+
+
+def _rig_pose(path: Path, name: str, poses: dict[str, Any]) -> Array | None:
+    entry = poses.get(name)
+    if entry is None:
+        return None
+    if not isinstance(entry, dict) or "pose" not in entry:
+        raise FileError(path, f"{name} has no pose")
+    return read_pose(path, f"{name}.pose", entry["pose"])
+
+
+def _kalibr_pose(path: Path, name: str, entry: dict[str, Any], T_rig_previous: Array | None) -> Array | None:
+    if "T_cn_cnm1" not in entry:
+        return np.eye(4) if T_rig_previous is None else None
+    rows = entry["T_cn_cnm1"]
+    if T_rig_previous is None:
+        raise FileError(path, f"{name}.T_cn_cnm1 refers to a camera before it that has no pose")
+    if not isinstance(rows, list) or len(rows) != 4:
+        raise FileError(path, f"{name}.T_cn_cnm1 is not a 4 by 4 matrix")
+    T = np.stack([numbers(path, f"{name}.T_cn_cnm1", row, 4) for row in rows])
+    if np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max() > 1e-3 or np.abs(T[3] - [0, 0, 0, 1]).max() > 1e-9:
+        raise FileError(path, f"{name}.T_cn_cnm1 is no rigid transform")
+    return T_rig_previous @ transform_inv(T)
+
+
+def write_cameras(cameras: Sequence[Camera], folder: str | Path) -> None:
+    """Write `cameras.yaml` and `camera_poses.yaml` into an existing folder."""
+    folder = Path(folder)
+    entries: dict[str, Any] = {}
+    poses: dict[str, Any] = {}
+    for camera in cameras:
+        entries[camera.name] = {
+            "camera_model": "pinhole",
+            "intrinsics": camera.intrinsics.tolist(),
+            "distortion_model": camera.distortion_model,
+            "distortion_coeffs": camera.distortion.tolist(),
+            "resolution": [int(n) for n in camera.resolution],
+            "rostopic": f"/{camera.name}/image_raw",
+            "tagtopic": f"/{camera.name}/tags",
+            "rig_body": camera.rig_body,
+        }
+        if camera.rate_hz is not None:
+            entries[camera.name]["rate_hz"] = float(camera.rate_hz)
+        if camera.T_rig_cam is not None:
+            pose: dict[str, Any] = dict(pose_mapping(camera.T_rig_cam))
+            pose["R"] = (1e6 * np.eye(6)).ravel().tolist()  # TagSLAM's information matrix
+            poses[camera.name] = {"pose": pose}
+    (folder / "cameras.yaml").write_text(yaml.safe_dump(entries, sort_keys=False), encoding="utf-8")
+    (folder / "camera_poses.yaml").write_text(yaml.safe_dump(poses, sort_keys=False), encoding="utf-8")
