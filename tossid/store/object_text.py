@@ -58,11 +58,12 @@ def model_of_text(
         raise ObjectError("its MJCF names other files or plugins; a dataset's object stands alone")
     if friction < 0 or restitution < 0 or width <= 0:
         raise ObjectError(f"friction {friction}, restitution {restitution} or width {width} m cannot be")
-    rows = [] if tags is None else tags
-    found = tuple(
-        Tag(id=int(row["id"]), size=float(row["size_m"]), body=int(row["body"]), T_body_tag=row["T_body_tag"].copy())
-        for row in rows
-    )
+    found: tuple[Tag, ...] = ()
+    if tags is not None:
+        found = tuple(
+            Tag(id=int(row["id"]), size=float(row["size_m"]), body=int(row["body"]), T_body_tag=row["T_body_tag"] + 0)
+            for row in tags
+        )
     model = object_from_mjcf(text, name=name, friction=friction, restitution=restitution, width=width, tags=found)
     for tag in found:
         if not 0 <= tag.body < model.n_bodies or not np.isfinite(tag.T_body_tag).all() or not tag.size > 0:

@@ -14,6 +14,7 @@ docs/adr/0003-dataset-schema.md.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -110,7 +111,7 @@ def check_stored(path: Path, data: h5py.Dataset, dtype: np.dtype[Any], shape: tu
     filters = {plist.get_filter(k)[0] for k in range(plist.get_nfilters())}
     if not filters <= _FILTERS:
         raise FileError(path, f"{where} uses filter {min(filters - _FILTERS)}, which {SCHEMA} does not know")
-    declared = int(np.prod(data.shape, dtype=object)) * data.dtype.itemsize
+    declared = math.prod(data.shape) * data.dtype.itemsize
     stored = data.id.get_storage_size()
     if declared > MAX_BYTES or declared > stored * MAX_COMPRESSION:
         raise FileError(path, f"{where} declares {declared} bytes, more than its {stored} stored bytes can hold")

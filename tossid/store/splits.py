@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -27,7 +28,7 @@ def draw_splits(tosses: Sequence[Toss], *, fractions: Sequence[float] = (0.5, 0.
         raise InputError(f"split fractions are {list(fractions)}, expected three that are not negative, with sum 1")
     names = sorted((toss.name for toss in tosses), key=natural_key)
     if len(set(names)) < len(names):
-        twice = next(a for a, b in zip(names, names[1:], strict=False) if a == b)
+        twice = next(a for a, b in pairwise(names) if a == b)
         raise InputError(f"two tosses are named {twice!r}; names must differ to draw splits")
     count = _counts(share, len(names))
     drawn = np.random.default_rng(seed).permutation(len(names))

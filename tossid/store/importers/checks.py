@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -77,13 +77,17 @@ def read_tensor(path: Path, columns: Sequence[int]) -> Array:
 
 
 def checked_track(
-    path: Path, t: Array, q: Array, v: Array | None, *, row_of: Callable[[int], int | str] = lambda row: row
+    path: Path, t: Array, q: Array, v: Array | None, *, row_names: Sequence[str] | None = None
 ) -> PoseTrack:
     """A `PoseTrack` named after the file, its quaternions (unit within 1e-3) normalised; errors name file and row.
 
     Args:
-        row_of: the row or line in the file of a frame.
+        row_names: what to call the frames in errors; their index if None.
     """
+
+    def row_of(row: int) -> int | str:
+        return row if row_names is None else row_names[row]
+
     try:
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             track = PoseTrack(name=path.stem, t=t, q=q, v=v)

@@ -45,7 +45,7 @@ def read_tum(folder: Path, *, n_joints: int) -> tuple[PoseTrack, ...]:
             q = np.concatenate([q, _read_joints(beside, t, n_joints)], axis=1)
         elif beside.exists():
             raise FileError(beside, "gives joint angles, but the object has no joints")
-        tracks.append(checked_track(path, t, q, None, row_of=lambda row, lines=lines: f"line {lines[row]}"))
+        tracks.append(checked_track(path, t, q, None, row_names=[f"line {line}" for line in lines]))
     return tuple(tracks)
 
 
