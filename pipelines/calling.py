@@ -1,0 +1,80 @@
+"""Between the command line and a command's `run`: standard output guarded, the result as JSON."""
+
+from __future__ import annotations
+
+import importlib
+import json as jsonlib
+import math
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from pipelines.console import Console
+from pipelines.failures import Interrupted
+
+
+def call_with_keys(command: str, keys: Sequence[str], *, json: bool, quiet: bool) -> None:
+    """Compose the config of `command` from `conf/` and `keys`, then `call` it."""
+    from pipelines.config import load
+    from pipelines.schemas import COMMANDS
+
+    with _uninterrupted():
+        config: object = load(command, COMMANDS[command], keys)
+    call(command, config, json=json, quiet=quiet)
+
+
+def call(command: str, argument: Any, *, json: bool, quiet: bool) -> None:
+    """Run `pipelines.COMMAND.run(argument, console)` and print its result if `json`."""
+    with _uninterrupted(), guarded_stdout():
+        module = importlib.import_module(f"pipelines.{command}")
+        result = module.run(argument, Console(quiet=quiet))
+    if json:
+        print(jsonlib.dumps(jsonable(result), indent=2, allow_nan=False), flush=True)  # noqa: T201
+
+
+@contextmanager
+def guarded_stdout() -> Iterator[None]:
+    """Send everything printed on standard output, by C libraries too, to standard error."""
+    sys.stdout.flush()
+    before = sys.stdout
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    sys.stdout = sys.stderr
+    try:
+        yield
+    finally:
+        sys.stdout = before
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Carry Ctrl-C past Typer, which would turn it into a bare exit code."""
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        raise Interrupted from error
+
+
+def jsonable(value: Any) -> Any:
+    """A result as plain JSON: paths as text, arrays as lists, NaN and infinity as null."""
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, Mapping):
+        return {str(name): jsonable(item) for name, item in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [jsonable(item) for item in value]
+    if is_dataclass(value) and not isinstance(value, type):
+        return jsonable(asdict(value))
+    if hasattr(value, "tolist"):  # NumPy and torch
+        return jsonable(value.tolist())
+    raise TypeError(f"{type(value).__name__} has no JSON form")

@@ -1,0 +1,129 @@
+"""How a command ends when it does not succeed: one line, the right exit code, a log for bugs."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import FrameType
+
+import typer
+
+from tossid.errors import TossidError
+
+LOGS = Path("outputs/logs")
+"""Where tracebacks of unexpected errors go."""
+
+INTERRUPTED = 130
+
+
+class Interrupted(Exception):
+    """The user (or the system) asked the command to stop.
+
+    Raised in place of KeyboardInterrupt once the command has cleaned up.
+    """
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Let SIGTERM and a closed terminal stop a command as Ctrl-C does, so that it cleans up."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    signals = [signal.SIGTERM] + ([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in signals:
+            if signal.getsignal(number) == signal.SIG_DFL:
+                before[number] = signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def report(error: BaseException, args: list[str]) -> int:
+    """Print the one line for an error on standard error; returns the exit code."""
+    command = args[0] if args and not args[0].startswith("-") else ""
+    if "--debug" in args and not isinstance(error, typer.TyperException):
+        traceback.print_exception(error, file=sys.stderr)
+    line, code = _explain(error, args)
+    if line:
+        who = f"tossid {command}" if command.isalpha() and not isinstance(error, typer.TyperException) else "tossid"
+        _print(f"{who}: {line}")
+    return code
+
+
+def _explain(error: BaseException, args: list[str]) -> tuple[str, int]:
+    from pipelines.outputs import disk_problem
+
+    if isinstance(error, TossidError):
+        return _one_line(error), error.exit_code
+    if isinstance(error, typer.TyperException):
+        return _usage(error, args), error.exit_code
+    if isinstance(error, (KeyboardInterrupt, Interrupted, typer.Abort)):
+        return "interrupted; what was there before is unchanged, and the command can be run again", INTERRUPTED
+    if isinstance(error, BrokenPipeError):
+        return "", 1
+    problem = disk_problem(error)
+    if problem is not None:
+        name = getattr(error, "filename", None)
+        return f"{name}: {problem}" if name else problem, 1
+    if isinstance(error, MemoryError):
+        return "out of memory", 1
+    what = f"{type(error).__name__}: {_one_line(error)}".rstrip(": ")
+    return f"this is a bug in tossid ({what[:200]}); {_log(error, args)}", 1
+
+
+def _usage(error: typer.TyperException, args: list[str]) -> str:
+    """Typer's own errors, with a suggestion."""
+    from pipelines.help import command_keys, command_names
+    from pipelines.keys import nearest
+
+    message = error.format_message().rstrip(".")
+    option = getattr(error, "option_name", "")
+    if message.startswith("No such command"):
+        near = nearest(args[0], command_names())
+        hint = f"Did you mean '{near}'?" if near else f"There are {', '.join(command_names())}."
+        return f"{args[0]}: no such command. {hint}"
+    if option:
+        word = str(option).lstrip("-").partition("=")[0]
+        keys = command_keys(args[0])
+        if word in keys:
+            return f"{option}: no such option. Keys are given without dashes: {word}=…"
+        near = nearest(str(option), ["--json", "--quiet", "--debug", "--help"])
+        key = nearest(word, keys)
+        hint = f" Did you mean '{near}'?" if near else f" Did you mean the key {key}=…?" if key else ""
+        return f"{option}: no such option.{hint}"
+    return _one_line(message)
+
+
+def _log(error: BaseException, args: list[str]) -> str:
+    """Write the traceback to a log; returns where it lies."""
+    from pipelines.version import version_line
+
+    name = f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}.log"
+    lines = [version_line(), f"arguments: {args}", f"folder: {os.getcwd()}", "", *traceback.format_exception(error)]
+    try:
+        LOGS.mkdir(parents=True, exist_ok=True)
+        (LOGS / name).write_text("\n".join(lines))
+    except OSError:
+        return "--debug shows the traceback"
+    return f"the traceback is in {LOGS / name}"
+
+
+def _print(line: str) -> None:
+    with suppress(OSError):
+        print(line, file=sys.stderr, flush=True)  # noqa: T201
+
+
+def _one_line(what: object) -> str:
+    return " ".join(str(what).split())

@@ -1,0 +1,292 @@
+"""Schemas read as keys: their names, types, units and texts; and plain values turned into them."""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import inspect
+import math
+import sys
+import types
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from pipelines.schemas import Bounds
+from tossid.errors import ConfigError
+
+CONF = Path(__file__).resolve().parent.parent / "conf"
+"""The project's values."""
+
+MISSING = "???"
+"""Hydra's mark of a value that the caller has to give."""
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """One settable key. `fixed`: the `name` of a group's member, set by choosing it."""
+
+    name: str
+    type: Any
+    doc: str
+    fixed: bool = False
+
+    @property
+    def is_text(self) -> bool:
+        """Its values are text or paths, taken as typed."""
+        return {part for part in parts_of(self.type) if part is not type(None)} <= {str, Path}
+
+    @property
+    def expected(self) -> str:
+        """Its type in words."""
+        return describe(self.type)
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """A key that chooses one of the files in `conf/NAME/`. `optional`: none may be chosen."""
+
+    name: str
+    doc: str
+    optional: bool
+
+
+def nearest(word: str, candidates: Iterable[str]) -> str | None:
+    """The nearest valid spelling, or a key whose last part is the word."""
+    candidates = list(candidates)
+    head, _, tail = word.rpartition(".")
+    beside = {name.rpartition(".")[2]: name for name in candidates if head and name.rpartition(".")[0] == head}
+    tails = {name.rpartition(".")[2]: name for name in reversed(candidates)}
+    for cutoff in (0.8, 0.6):
+        for spoken, names in ((tail, beside), (word, {name: name for name in candidates}), (tail, tails)):
+            near = difflib.get_close_matches(spoken, names, n=1, cutoff=cutoff)
+            if near and (names is beside or not beside or cutoff > 0.7):
+                return names[near[0]]
+    return None
+
+
+def shorten(text: str, limit: int = 60) -> str:
+    """Text for an error line: printable, and not longer than a line."""
+    text = "".join(c if c.isprintable() else "?" for c in text)
+    return text if len(text) <= limit else text[: limit - 1] + "…"
+
+
+@cache
+def group_members(group: str, conf: Path = CONF) -> tuple[str, ...]:
+    """The members of a group: the YAML files in its folder."""
+    return tuple(sorted(path.stem for path in (conf / group).glob("*.yaml")))
+
+
+def keys_of(
+    schema: type, chosen: Mapping[str, str | None], *, prefix: str = "", conf: Path = CONF
+) -> list[Key | Group]:
+    """All keys of a schema, in its order.
+
+    Args:
+        schema: a config dataclass.
+        chosen: the chosen member of each group; keys of others are left out.
+        prefix: what stands before each name.
+    """
+    found: list[Key | Group] = []
+    docs, hints = field_docs(schema), get_type_hints(schema, include_extras=True)
+    for field in fields(schema):
+        name, hint = prefix + field.name, hints[field.name]
+        classes: list[type] = [part for part in parts_of(hint) if is_dataclass(part)]
+        if not classes:
+            found.append(Key(name, hint, docs[field.name], fixed=field.name == "name" and get_origin(hint) is Literal))
+            continue
+        if not (conf / field.name).is_dir():
+            found += keys_of(classes[0], chosen, prefix=name + ".", conf=conf)
+            continue
+        found.append(Group(name, docs[field.name], optional=type(None) in parts_of(hint)))
+        member = chosen.get(name)
+        if member is not None:
+            own = class_of(classes, member)
+            if own is not None:
+                found += keys_of(own, chosen, prefix=name + ".", conf=conf)
+    return found
+
+
+@cache
+def field_docs(schema: type) -> dict[str, str]:
+    """The text under each field of a dataclass (its own and inherited)."""
+    docs: dict[str, str] = {}
+    for cls in reversed(schema.__mro__):
+        if not is_dataclass(cls):
+            continue
+        body = ast.parse(inspect.cleandoc(inspect.getsource(cls))).body[0]
+        assert isinstance(body, ast.ClassDef)
+        for statement, text in zip(body.body, body.body[1:], strict=False):
+            if (
+                isinstance(statement, ast.AnnAssign)
+                and isinstance(statement.target, ast.Name)
+                and isinstance(text, ast.Expr)
+                and isinstance(text.value, ast.Constant)
+                and isinstance(text.value.value, str)
+            ):
+                docs[statement.target.id] = " ".join(text.value.value.split())
+    return {field.name: docs.get(field.name, "") for field in fields(schema)}
+
+
+def describe(hint: Any) -> str:
+    """A type in words: "a whole number of at least 1"."""
+    origin = get_origin(hint)
+    if origin is Annotated:
+        base, *extras = get_args(hint)
+        limits = [_limits(extra) for extra in extras if isinstance(extra, Bounds)]
+        return describe(base) + "".join(limits)
+    if origin in (Union, types.UnionType):
+        parts = [part for part in get_args(hint) if part is not type(None)]
+        words = " or ".join(describe(part) for part in parts)
+        return f"{words} or null" if type(None) in get_args(hint) else words
+    if origin is Literal:
+        return "one of " + ", ".join(str(value) for value in get_args(hint))
+    if origin is tuple:
+        args = get_args(hint)
+        if len(args) == 2 and args[1] is Ellipsis:
+            return f"a list [a,b,…], each {describe(args[0])}"
+        return f"a list of {len(args)} values, each {describe(args[0])}"
+    if origin is dict:
+        return f"{{name: value}}, each {describe(get_args(hint)[1])}"
+    names = {bool: "true or false", int: "a whole number", float: "a number", str: "text", Path: "a path"}
+    return names.get(hint, getattr(hint, "__name__", str(hint)))
+
+
+def convert(hint: Any, value: Any, *, key: str) -> Any:
+    """A plain value as the type that the schema wants.
+
+    Raises:
+        ConfigError: it is of another type, out of bounds or missing.
+    """
+    if isinstance(value, str) and value == MISSING:
+        raise ConfigError(key, f"is needed; expected {describe(hint)}.")
+    origin = get_origin(hint)
+    if origin is Annotated:
+        base, *extras = get_args(hint)
+        converted = convert(base, value, key=key)
+        for extra in extras:
+            if isinstance(extra, Bounds) and not _within(extra, converted):
+                raise ConfigError(key, f"{value} is out of range; expected {describe(hint)}.")
+        return converted
+    if origin in (Union, types.UnionType):
+        return _convert_union(hint, value, key)
+    if is_dataclass(hint) and isinstance(hint, type):
+        return _convert_dataclass(hint, value, key)
+    if origin is Literal:
+        if value in get_args(hint) and not (isinstance(value, bool) and True not in get_args(hint)):
+            return value
+    elif origin is tuple and isinstance(value, (list, tuple)):
+        return _convert_tuple(hint, value, key)
+    elif origin is dict and isinstance(value, dict):
+        return {str(name): convert(get_args(hint)[1], item, key=f"{key}.{name}") for name, item in value.items()}
+    elif hint is Any:
+        return value
+    else:
+        scalar = _scalar(hint, value)
+        if scalar is not None:
+            return scalar
+    near = nearest(str(value), [str(choice) for choice in get_args(hint)]) if origin is Literal else None
+    raise ConfigError(key, f"{shorten(repr(value))} will not do; expected {describe(hint)}.", suggestion=near)
+
+
+def _scalar(hint: Any, value: Any) -> Any:
+    """The value as bool, int, float, str or Path; None where it is none."""
+    if hint is bool:
+        return value if isinstance(value, bool) else None
+    if isinstance(value, bool):
+        return None
+    if hint is int:
+        return value if isinstance(value, int) else None
+    if hint is float:
+        return float(value) if isinstance(value, (int, float)) and math.isfinite(value) else None
+    if hint is str:
+        return str(value) if isinstance(value, (str, int, float)) else None
+    if hint is Path:
+        return Path(value).expanduser() if isinstance(value, str) and value else None
+    return None
+
+
+def _convert_union(hint: Any, value: Any, key: str) -> Any:
+    parts = get_args(hint)
+    if value is None and type(None) in parts:
+        return None
+    rest = [part for part in parts if part is not type(None)]
+    classes = [part for part in rest if is_dataclass(part)]
+    if classes and isinstance(value, dict):
+        own = class_of(classes, value.get("name")) or classes[0]
+        return convert(own, value, key=key)
+    errors = []
+    for part in rest:
+        try:
+            return convert(part, value, key=key)
+        except ConfigError as error:
+            errors.append(error)
+    if len(errors) == 1 and get_origin(rest[0]) is Annotated:
+        raise errors[0]
+    raise ConfigError(key, f"{shorten(repr(value))} will not do; expected {describe(hint)}.")
+
+
+def _convert_dataclass(schema: type, value: Any, key: str) -> Any:
+    if not isinstance(value, dict):
+        raise ConfigError(key or schema.__name__, f"{shorten(repr(value))} is no part with keys of its own.")
+    hints = get_type_hints(schema, include_extras=True)
+    dot = f"{key}." if key else ""
+    names = [field.name for field in fields(schema)]
+    for name in value:
+        if name not in names:
+            raise ConfigError(f"{dot}{name}", "there is no such key.", suggestion=nearest(str(name), names))
+    converted = {}
+    for name in names:
+        if name in value:
+            converted[name] = convert(hints[name], value[name], key=f"{dot}{name}")
+        elif type(None) in parts_of(hints[name]):
+            converted[name] = None
+        else:
+            raise ConfigError(f"{dot}{name}", f"is needed; expected {describe(hints[name])}.")
+    return schema(**converted)
+
+
+def _convert_tuple(hint: Any, value: Sequence[Any], key: str) -> tuple[Any, ...]:
+    args = get_args(hint)
+    if len(args) == 2 and args[1] is Ellipsis:
+        return tuple(convert(args[0], item, key=f"{key}[{i}]") for i, item in enumerate(value))
+    if len(value) != len(args):
+        raise ConfigError(key, f"has {len(value)} values; expected {describe(hint)}.")
+    return tuple(convert(arg, item, key=f"{key}[{i}]") for i, (arg, item) in enumerate(zip(args, value, strict=True)))
+
+
+def parts_of(hint: Any) -> tuple[Any, ...]:
+    """The types of a union (or the type itself), without their annotations."""
+    if get_origin(hint) is Annotated:
+        return parts_of(get_args(hint)[0])
+    if get_origin(hint) in (Union, types.UnionType):
+        return tuple(part for arg in get_args(hint) for part in parts_of(arg))
+    return (hint,)
+
+
+def class_of(classes: Sequence[Any], member: Any) -> Any:
+    """The dataclass for a group's member: the one whose `name` is that literal, else the one with any name."""
+    for cls in classes:
+        hint = get_type_hints(cls, localns=vars(sys.modules[cls.__module__])).get("name")
+        if (get_origin(hint) is Literal and member in get_args(hint)) or hint is str:
+            return cls
+    return None
+
+
+def _within(bounds: Bounds, value: float) -> bool:
+    return not (
+        (bounds.low is not None and value < bounds.low)
+        or (bounds.high is not None and value > bounds.high)
+        or (bounds.above is not None and value <= bounds.above)
+    )
+
+
+def _limits(bounds: Bounds) -> str:
+    if bounds.above is not None:
+        text = f" above {bounds.above:g}"
+        return text if bounds.high is None else f"{text} and at most {bounds.high:g}"
+    if bounds.low is not None and bounds.high is not None:
+        return f" from {bounds.low:.10g} to {bounds.high:.10g}"
+    return f" of at least {bounds.low:g}" if bounds.low is not None else f" of at most {bounds.high:g}"

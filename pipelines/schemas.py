@@ -1,0 +1,129 @@
+"""What every command can be told: the type and the meaning of each key.
+
+Values live in `conf/`: none has a default here. The text under a field is its
+documentation; `tossid COMMAND --help` prints it. A field whose type is a
+dataclass with a `name`, and that has a folder in `conf/`, is a group:
+`source=tum` takes `conf/source/tum.yaml`. Where members differ in their keys,
+the field is a union, and the member's `name` picks the class.
+
+Nothing heavy is imported here: help pages read this module.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Limits of a number, inclusive; `above`: exclusive lower limit."""
+
+    low: float | None = None
+    high: float | None = None
+    above: float | None = None
+
+
+Positive = Annotated[float, Bounds(above=0)]
+NonNegative = Annotated[float, Bounds(low=0)]
+Count = Annotated[int, Bounds(low=1)]
+Fraction = Annotated[float, Bounds(low=0, high=1)]
+Seed = Annotated[int, Bounds(low=0, high=2**32 - 1)]
+
+
+# ---------------------------------------------------------------- the object
+
+
+@dataclass(frozen=True)
+class ObjectConfig:
+    """The object that is tossed."""
+
+    name: str
+    """what it is called"""
+    path: Path
+    """its MJCF or URDF file; a relative path is sought in the working folder, then in conf/object"""
+    friction: NonNegative
+    """Coulomb friction of object and ground"""
+    restitution: Annotated[float, Bounds(low=0, high=1)]
+    """Newton's restitution, 0 for none"""
+    width: Positive | None
+    """length that position errors refer to [m]; null: the longest edge of the base"""
+    tags: Path | None
+    """its AprilTags, in TagSLAM's tagslam.yaml form; null: none"""
+
+
+# ---------------------------------------------------------------- ingest
+
+
+@dataclass(frozen=True)
+class FramesSource:
+    """Camera frames of the tagged object, with the cameras' calibration and the tags' layout."""
+
+    name: Literal["frames"]
+    """camera frames"""
+    path: Path | None
+    """recording folder; null: the newest in data/raw"""
+
+
+@dataclass(frozen=True)
+class ContactNetsSource:
+    """Tosses of the ContactNets cube as published: N.pt files in half widths."""
+
+    name: Literal["contactnets"]
+    """ContactNets' tensors"""
+    path: Path
+    """folder of N.pt files"""
+    half_width: Positive
+    """half of the cube's width, the file's unit of length [m]"""
+    rate_hz: Positive
+    """frames a second"""
+
+
+@dataclass(frozen=True)
+class PllSource:
+    """Tosses as published with dair_pll: N.pt files in metres."""
+
+    name: Literal["pll"]
+    """dair_pll's tensors"""
+    path: Path
+    """folder of N.pt files"""
+    rate_hz: Positive
+    """frames a second"""
+
+
+@dataclass(frozen=True)
+class TumSource:
+    """Tracked poses, one TUM trajectory file a toss."""
+
+    name: Literal["tum"]
+    """TUM trajectories"""
+    path: Path
+    """folder of NAME.txt files (NAME.joints.txt beside, for joints)"""
+
+
+Source = FramesSource | ContactNetsSource | PllSource | TumSource
+
+
+@dataclass(frozen=True)
+class IngestConfig:
+    """Keys of `tossid ingest`."""
+
+    source: Source
+    """what is read:"""
+    object: ObjectConfig | None
+    """what was tossed; none: what the recording says, else the elbow for pll and the cube for the rest:"""
+    out: Path | None
+    """the dataset to write (.h5); null: data/datasets/NAME.h5"""
+    gravity: Positive
+    """gravity where it was recorded [m/s²]"""
+    seed: Seed
+    """seed of the draw of splits"""
+    splits: tuple[Fraction, Fraction, Fraction]
+    """shares of tosses for train, validation and test"""
+
+
+COMMANDS: dict[str, type] = {
+    "ingest": IngestConfig,
+}
+"""The schema of each command that takes keys."""
