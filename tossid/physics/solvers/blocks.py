@@ -16,6 +16,7 @@ jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contrac
 
 _TURNS = 30
 _DESCENTS = 10
+_ANGLES = 16
 
 
 @jit
@@ -146,32 +147,133 @@ def slide_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, u1, u2):  # type: 
 
 @jit
 def cholesky_solve(H, m, x):  # type: ignore[no-untyped-def]
-    """Solve H x = x in place by Cholesky (lower triangle of the leading m rows; H is overwritten).
+    """Solve H x = x in place by Cholesky (upper triangle of the leading m rows; H is overwritten).
 
-    Pivots that vanish against their row's own diagonal (a redundant direction) are given weight,
-    so that a singular, consistent system yields a solution: the redundant unknowns stay put.
+    A pivot that vanishes against its own diagonal (a redundant direction) is given weight, so that a
+    singular, consistent system yields a solution: the redundant unknown stays put.
     """
     for j in range(m):
         own = H[j, j]
         for k in range(j):
-            ljk = H[j, k]
+            factor = H[k, j]
             for i in range(j, m):
-                H[i, j] -= H[i, k] * ljk
+                H[j, i] -= H[k, i] * factor
+            x[j] -= factor * x[k]
         pivot = H[j, j]
         if not pivot > 1e-11 * own:
             pivot = 1e6 * own + 1e-300
-        root = math.sqrt(pivot)
-        inverse = 1.0 / root
-        H[j, j] = root
+        inverse = 1.0 / math.sqrt(pivot)
+        H[j, j] = inverse
         for i in range(j + 1, m):
-            H[i, j] *= inverse
-    for j in range(m):
-        value = x[j]
-        for k in range(j):
-            value -= H[j, k] * x[k]
-        x[j] = value / H[j, j]
+            H[j, i] *= inverse
+        x[j] *= inverse
     for j in range(m - 1, -1, -1):
         value = x[j]
         for k in range(j + 1, m):
-            value -= H[k, j] * x[k]
+            value -= H[j, k] * x[k]
+        x[j] = value * H[j, j]
+
+
+@jit
+def lu_solve(H, m, x):  # type: ignore[no-untyped-def]
+    """Solve H x = x in place by elimination with row exchanges (leading m rows; H is overwritten).
+
+    A column without a pivot (below 1e-13 of the largest entry) leaves its unknown at zero.
+    """
+    largest = 0.0
+    for j in range(m):
+        for i in range(m):
+            largest = max(largest, abs(H[j, i]))
+    for j in range(m):
+        best, found = abs(H[j, j]), j
+        for i in range(j + 1, m):
+            if abs(H[i, j]) > best:
+                best, found = abs(H[i, j]), i
+        if found != j:
+            for k in range(j, m):
+                H[j, k], H[found, k] = H[found, k], H[j, k]
+            x[j], x[found] = x[found], x[j]
+        if best <= 1e-13 * largest:
+            H[j, j] = math.inf
+            continue
+        inverse = 1.0 / H[j, j]
+        for i in range(j + 1, m):
+            factor = H[i, j] * inverse
+            if factor != 0.0:
+                for k in range(j + 1, m):
+                    H[i, k] -= factor * H[j, k]
+                x[i] -= factor * x[j]
+    for j in range(m - 1, -1, -1):
+        value = x[j]
+        for k in range(j + 1, m):
+            value -= H[j, k] * x[k]
         x[j] = value / H[j, j]
+
+
+@jit
+def block_cone(B, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
+    """One contact with maximum dissipation: w = B_ii x + g, 0 <= x_n _|_ w_n >= 0, x_t against w_t in the disk.
+
+    Returns (kind, x_n, x_t1, x_t2). Slipping, x = s (1, mu u) with s = -g_n / (B_nn + mu B_nt.u), and
+    the angle of u, which must oppose w_t, is the root of u x w_t: Newton's method from the direction
+    (u1, u2) or, without one, against the velocity of the frictionless contact.
+    """
+    if g0 >= 0.0:
+        return OPEN, 0.0, 0.0, 0.0
+    b00 = max(B[i, i], 1e-300)
+    if mu == 0.0:
+        return SLIP, -g0 / b00, 0.0, 0.0
+    x0, x1, x2 = solve_3x3(B, i, g0, g1, g2)
+    if x0 > 0.0 and x1 * x1 + x2 * x2 <= mu * mu * x0 * x0:
+        return STICK, x0, x1, x2
+    b10, b20 = B[i + 1, i], B[i + 2, i]
+    b11, b21, b22 = B[i + 1, i + 1], B[i + 2, i + 1], B[i + 2, i + 2]
+    v1, v2 = g1 - b10 * g0 / b00, g2 - b20 * g0 / b00
+    length = math.sqrt(u1 * u1 + u2 * u2)
+    if length > 0.0:
+        u1, u2 = u1 / length, u2 / length
+    else:
+        length = math.sqrt(v1 * v1 + v2 * v2)
+        if length == 0.0:
+            return SLIP, -g0 / b00, 0.0, 0.0
+        u1, u2 = -v1 / length, -v2 / length
+    s, u1, u2, solved = slip_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, u1, u2)
+    if not solved:
+        for k in range(_ANGLES):
+            angle = 2.0 * math.pi * k / _ANGLES
+            v1, v2 = math.cos(angle), math.sin(angle)
+            t, v1, v2, solved = slip_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, v1, v2)
+            if solved:
+                s, u1, u2 = t, v1, v2
+                break
+    return SLIP, s, s * mu * u1, s * mu * u2
+
+
+@jit
+def slip_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
+    """The slip direction u of `block_cone`, from a guess. Returns (s, u1, u2, solved)."""
+    s = 0.0
+    for _ in range(_TURNS):
+        down = b00 + mu * (b10 * u1 + b20 * u2)
+        if down <= 0.0:
+            return 0.0, u1, u2, False
+        s = -g0 / down
+        p1, p2 = b10 + mu * (b11 * u1 + b21 * u2), b20 + mu * (b21 * u1 + b22 * u2)
+        w1, w2 = g1 + s * p1, g2 + s * p2
+        outward = -(u1 * w1 + u2 * w2)
+        slope = u1 * w2 - u2 * w1
+        size = abs(g1) + abs(g2) + s * (abs(p1) + abs(p2))
+        if abs(slope) <= 4e-16 * size and outward >= -1e-14 * size:
+            return s, u1, u2, True
+        ds = -s * mu * (u1 * b20 - u2 * b10) / down
+        ebe = u2 * u2 * b11 - 2.0 * u1 * u2 * b21 + u1 * u1 * b22
+        curve = outward + ds * (u1 * p2 - u2 * p1) + s * mu * ebe
+        if curve > 0.0 and abs(slope) < curve:
+            turn = -slope / curve
+        else:
+            turn = math.copysign(0.7, -slope)
+        if abs(turn) < 1e-15 and outward >= 0.0:
+            return s, u1, u2, True
+        scale = 1.0 / math.sqrt(1.0 + turn * turn)
+        u1, u2 = scale * (u1 - turn * u2), scale * (u2 + turn * u1)
+    return s, u1, u2, False

@@ -75,7 +75,7 @@ def qp_sweep(A, lam, w, mu, kind, m):  # type: ignore[no-untyped-def]
 
 
 @jit
-def qp_newton(A, lam, w, mu, kind, m, H, x, basis, row):  # type: ignore[no-untyped-def]
+def qp_newton(A, lam, w, mu, kind, m, H, x, basis, row, product):  # type: ignore[no-untyped-def]
     """Newton step on the manifold named by `kind`. Returns its dimension; the step is left in x[:dimension].
 
     basis[:, v] of shape (3, 3 m) holds unknown v's direction in its contact's coordinates, row[v] its contact's row.
@@ -111,15 +111,12 @@ def qp_newton(A, lam, w, mu, kind, m, H, x, basis, row):  # type: ignore[no-unty
             size += 1
     for v in range(size):
         k, e0, e1, e2 = row[v], basis[0, v], basis[1, v], basis[2, v]
+        for j in range(3 * m):
+            product[j] = e0 * A[k, j] + e1 * A[k + 1, j] + e2 * A[k + 2, j]
         curvature = H[v, v]
-        for u in range(v + 1):
+        for u in range(v, size):
             r = row[u]
-            f0, f1, f2 = basis[0, u], basis[1, u], basis[2, u]
-            H[v, u] = (
-                e0 * (A[k, r] * f0 + A[k, r + 1] * f1 + A[k, r + 2] * f2)
-                + e1 * (A[k + 1, r] * f0 + A[k + 1, r + 1] * f1 + A[k + 1, r + 2] * f2)
-                + e2 * (A[k + 2, r] * f0 + A[k + 2, r + 1] * f1 + A[k + 2, r + 2] * f2)
-            )
+            H[v, u] = basis[0, u] * product[r] + basis[1, u] * product[r + 1] + basis[2, u] * product[r + 2]
         H[v, v] = (1.0 + _PROXIMAL) * H[v, v] + curvature
     cholesky_solve(H, size, x)
     return size
@@ -217,7 +214,7 @@ def qp_core(A, c, mu, lam, m, tolerance, max_iterations, H, vectors, kind, row):
                 return SOLVED, residual, iteration
         if not residual < math.inf:
             break
-        size = qp_newton(A, lam, w, mu, kind, m, H, x, basis, row)
+        size = qp_newton(A, lam, w, mu, kind, m, H, x, basis, row, trial)
         value = 0.0
         for j in range(3 * m):
             value += lam[j] * (w[j] + c[j])
