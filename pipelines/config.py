@@ -14,7 +14,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pipelines.keys import CONF, Group, Key, convert, group_members, keys_of, nearest, shorten
+from pipelines.keys import CONF, Group, Key, all_keys, convert, group_members, keys_of, nearest, shorten
 from tossid.errors import ConfigError
 
 C = TypeVar("C")
@@ -174,7 +174,7 @@ def _unknown(
     inner = [name for name in names if name.startswith(key + ".")]
     if inner:
         return ConfigError(key, f"is a part with keys of its own: {', '.join(inner)}.")
-    return ConfigError(key, "there is no such key.", suggestion=nearest(key, names))
+    return ConfigError(key, "there is no such key.", suggestion=nearest(key, all_keys(schema, conf=conf)))
 
 
 def _quote(value: str) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from typer.core import TyperCommand
 
-from pipelines.keys import CONF, MISSING, Group, Key, class_of, parts_of, group_members, keys_of
+from pipelines.keys import CONF, MISSING, Group, Key, all_keys, class_of, group_members, keys_of, parts_of
 from pipelines.schemas import COMMANDS
 
 if TYPE_CHECKING:
@@ -31,14 +31,7 @@ def command_names() -> list[str]:
 
 def command_keys(command: str) -> list[str]:
     """The keys of a command, with every group's members' keys."""
-    if command not in COMMANDS:
-        return []
-    schema = COMMANDS[command]
-    names = {key.name for key in keys_of(schema, {})}
-    for group in [key for key in keys_of(schema, {}) if isinstance(key, Group)]:
-        for member in group_members(group.name):
-            names |= {key.name for key in keys_of(schema, {group.name: member})}
-    return sorted(names)
+    return all_keys(COMMANDS[command]) if command in COMMANDS else []
 
 
 def print_keys(command: str) -> None:

@@ -93,7 +93,7 @@ def keys_of(
     docs, hints = field_docs(schema), get_type_hints(schema, include_extras=True)
     for field in fields(schema):
         name, hint = prefix + field.name, hints[field.name]
-        classes: list[type] = [part for part in parts_of(hint) if is_dataclass(part)]
+        classes = [part for part in parts_of(hint) if isinstance(part, type) and is_dataclass(part)]
         if not classes:
             found.append(Key(name, hint, docs[field.name], fixed=field.name == "name" and get_origin(hint) is Literal))
             continue
@@ -107,6 +107,15 @@ def keys_of(
             if own is not None:
                 found += keys_of(own, chosen, prefix=name + ".", conf=conf)
     return found
+
+
+def all_keys(schema: type, *, conf: Path = CONF) -> list[str]:
+    """The names of all keys of a schema, with those of every member of every group."""
+    names = [key.name for key in keys_of(schema, {}, conf=conf)]
+    for group in [key for key in keys_of(schema, {}, conf=conf) if isinstance(key, Group)]:
+        for member in group_members(group.name, conf):
+            names += [key.name for key in keys_of(schema, {group.name: member}, conf=conf)]
+    return list(dict.fromkeys(names))
 
 
 @cache

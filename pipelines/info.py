@@ -1,0 +1,89 @@
+"""`tossid info FILE`: what is in a dataset, a pose file or a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pipelines.console import Console
+from tossid.errors import FileError
+
+
+def run(path: Path, console: Console) -> dict[str, Any]:
+    """Describe `path`; returns what `--json` prints."""
+    if not path.exists():
+        raise FileError(path, "no such file or folder")
+    if path.is_dir():
+        facts = _folder(path)
+    elif path.suffix in (".h5", ".hdf5"):
+        from tossid.store import dataset_info
+
+        facts = dataset_info(path)
+    elif path.suffix == ".txt":
+        facts = _poses(path)
+    else:
+        raise FileError(path, "expected a dataset (.h5), a TUM pose file (.txt) or a recording folder")
+    show(facts, console, title=str(path))
+    return facts
+
+
+def show(facts: dict[str, Any], console: Console, *, title: str) -> None:
+    """The facts for a person."""
+    plain = {name: value for name, value in facts.items() if name != "provenance"}
+    console.facts({name: _brief(value) for name, value in plain.items()}, title=title)
+    provenance = facts.get("provenance")
+    if provenance:
+        console.facts({name: _first_line(value) for name, value in provenance.items()}, title="made from")
+
+
+def _folder(path: Path) -> dict[str, Any]:
+    datasets = sorted(path.glob("*.h5"))
+    if len(datasets) == 1:
+        from tossid.store import dataset_info
+
+        return dataset_info(datasets[0])
+    tensors, texts = len(list(path.glob("*.pt"))), len(list(path.glob("*.txt")))
+    if datasets or tensors or texts:
+        return {"kind": "folder", "datasets": [d.name for d in datasets], "pt_files": tensors, "txt_files": texts}
+    raise FileError(path, "a folder without cameras.yaml, datasets (.h5) or tosses (.pt, .txt)")
+
+
+def _poses(path: Path) -> dict[str, Any]:
+    """One TUM trajectory."""
+    import numpy as np
+
+    from tossid.errors import MotionError
+    from tossid.types import check_motion
+
+    form = "rows of 'timestamp tx ty tz qx qy qz qw'"
+    try:
+        rows = np.loadtxt(path, comments="#", ndmin=2)
+    except (ValueError, UnicodeDecodeError) as error:
+        raise FileError(path, f"expected {form} ({' '.join(str(error).split())})") from error
+    if rows.shape[1] != 8:
+        raise FileError(path, f"has {rows.shape[1]} columns, expected {form}")
+    try:
+        check_motion(rows[:, 0], rows[:, [1, 2, 3, 7, 4, 5, 6]])
+    except MotionError as error:
+        raise FileError(path, error.problem, row=error.row) from error
+    return {
+        "kind": "poses",
+        "n_frames": len(rows),
+        "rate_hz": float(1 / np.median(np.diff(rows[:, 0]))),
+        "duration_s": float(rows[-1, 0] - rows[0, 0]),
+        "position_min_m": rows[:, 1:4].min(axis=0).tolist(),
+        "position_max_m": rows[:, 1:4].max(axis=0).tolist(),
+    }
+
+
+def _brief(value: Any) -> Any:
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {count}" for name, count in value.items()) or None
+    if isinstance(value, (list, tuple)):
+        return ", ".join(str(item) for item in value) or None
+    return value
+
+
+def _first_line(value: Any) -> Any:
+    lines = str(value).splitlines()
+    return f"{lines[0]} … ({len(lines)} lines)" if len(lines) > 1 else value

@@ -1,0 +1,75 @@
+"""`tossid ingest`: raw recordings, tracked poses or published tosses to a dataset."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from pipelines.console import Console
+from pipelines.outputs import output_file
+from pipelines.project import DATASETS, check_dataset_name, load_object, object_named
+from pipelines.schemas import ContactNetsSource, FramesSource, IngestConfig, PllSource, TumSource
+from tossid.errors import FileError
+
+if TYPE_CHECKING:
+    from tossid.objects import ObjectModel
+    from tossid.types import PoseTrack
+
+
+def run(config: IngestConfig, console: Console) -> dict[str, Any]:
+    """Read the source, write the dataset; returns what `info` says of it, and `out`."""
+    if isinstance(config.source, FramesSource):
+        from pipelines.frames import ingest_frames
+
+        return ingest_frames(config, config.source, console)
+    return _import(config, config.source, console)
+
+
+def _import(
+    config: IngestConfig, source: ContactNetsSource | PllSource | TumSource, console: Console
+) -> dict[str, Any]:
+    """Published tosses or tracked poses."""
+    path = source.path
+    if not path.is_dir():
+        raise FileError(path, "no such folder; source.path names the folder of tosses")
+    out = check_dataset_name("out", config.out or DATASETS / f"{path.resolve().name}.h5")
+    model = load_object(config.object or object_named("elbow" if isinstance(source, PllSource) else "cube"))
+
+    from pipelines.datasets import described, save
+    from tossid.motion import tosses_from_tracks
+    from tossid.store import draw_splits, source_sha256
+
+    with output_file(out) as temporary:
+        console.say(f"{path}: reading tosses of '{model.name}'")
+        tracks, rate_hz = _read(source, model)
+        console.say(f"{path}: {len(tracks)} tosses, {sum(len(track.t) for track in tracks)} frames")
+        tosses = tosses_from_tracks(tracks, model, gravity=config.gravity)
+        save(
+            draw_splits(tosses, fractions=config.splits, seed=config.seed),
+            model,
+            temporary,
+            rate_hz=rate_hz,
+            source=source.name,
+            command="ingest",
+            config=config,
+            lineage={"source_path": str(path), "source_sha256": source_sha256(path)},
+        )
+    return described(out, console)
+
+
+def _read(source: ContactNetsSource | PllSource | TumSource, model: ObjectModel) -> tuple[tuple[PoseTrack, ...], float]:
+    """The source's tracks, and their rate [Hz]."""
+    from tossid import store
+
+    if isinstance(source, ContactNetsSource):
+        return store.read_contactnets(source.path, half_width=source.half_width, rate_hz=source.rate_hz), source.rate_hz
+    if isinstance(source, PllSource):
+        return store.read_pll(source.path, n_joints=model.n_joints, rate_hz=source.rate_hz), source.rate_hz
+    tracks = store.read_tum(source.path, n_joints=model.n_joints)
+    return tracks, rate_of(tracks)
+
+
+def rate_of(tracks: tuple[PoseTrack, ...]) -> float:
+    """Frames a second: one over the median time step."""
+    import numpy as np
+
+    return float(1 / np.median(np.concatenate([np.diff(track.t) for track in tracks])))
