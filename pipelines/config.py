@@ -43,8 +43,17 @@ def load(command: str, schema: type[C], overrides: Sequence[str] = (), *, conf: 
         if group is not None:
             chosen[key] = _member(group, value, conf)
     known = keys_of(schema, chosen, conf=conf)
-    lines = [_override(key, value, known, schema, chosen, conf) for key, value in given]
+    lines: list[str] = []
+    tables: dict[str, Any] = {}
+    for key, value in given:
+        line = _override(key, value, known, schema, chosen, conf)
+        if _is_table(key, known):  # Hydra would merge it into the default, or refuse its names
+            tables[key] = _parse(key, value)
+        else:
+            lines.append(line)
     values = _compose(command, lines, conf)
+    for key, table in tables.items():
+        _put(values, key, table)
     config = convert(schema, values, key="")
     if not isinstance(config, schema):
         raise TypeError(f"{schema.__name__} is no dataclass")
@@ -184,6 +193,23 @@ def _quote(value: str) -> str:
     escaped = re.sub(r"(\\*)'", lambda m: m.group(1) * 2 + r"\'", value)
     trailing = len(escaped) - len(escaped.rstrip("\\"))
     return f"'{escaped}{chr(92) * trailing}'"
+
+
+def _is_table(key: str, known: Sequence[Key | Group]) -> bool:
+    return any(isinstance(item, Key) and item.name == key and item.is_table for item in known)
+
+
+def _parse(key: str, value: str) -> Any:
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+
+    return OverridesParser.create().parse_override(f"{key}={value}").value()
+
+
+def _put(values: dict[str, Any], key: str, value: Any) -> None:
+    *path, last = key.split(".")
+    for part in path:
+        values = values[part]
+    values[last] = value
 
 
 def _check_syntax(key: str, value: str, match: Key) -> None:

@@ -39,6 +39,11 @@ class Key:
         return {part for part in parts_of(self.type) if part is not type(None)} <= {str, Path}
 
     @property
+    def is_table(self) -> bool:
+        """Its values are names with values, replaced as a whole."""
+        return any(get_origin(part) is dict for part in parts_of(self.type))
+
+    @property
     def expected(self) -> str:
         """Its type in words."""
         return describe(self.type)
