@@ -31,12 +31,12 @@ from tossid.physics.solvers.cone_qp import (
     free_length,
     manifold_step,
     multiply,
-    qp_core,
+    solve_cone_qp,
 )
 from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution
+from tossid.physics.solvers.rescue import rescue_cone
 
 WORK_ROWS = 16
-_STALLED = 40
 _PROXIMAL = 1e-10
 
 
@@ -155,7 +155,10 @@ def cone_core(A, b, mu, lam, m, tolerance, max_iterations, work, index):  # type
         cone_sweep(A, lam, w, mu, kind, m)
         residual = cone_natural_map(lam, w, mu, scale, m)
         if residual <= tolerance:
-            return SOLVED, residual, iteration
+            multiply(A, lam, b, m, w)
+            residual = cone_natural_map(lam, w, mu, scale, m)
+            if residual <= tolerance:
+                return SOLVED, residual, iteration
         if not residual < math.inf:
             return NOT_FINITE, math.inf, iteration
         if m == 1:
@@ -256,7 +259,7 @@ def solve_cone(
     active: NDArray[np.bool_] | None = None,
     warm: Array | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
-    max_iterations: int = 200,
+    max_iterations: int = 60,
     n_threads: int = 1,
 ) -> ContactSolution:
     """Solve a batch of contact problems with the exact friction cone.
@@ -267,6 +270,8 @@ def solve_cone(
         active: (B, n); contacts that are not active get lam = 0. All if None.
         warm: (B, 3 n) [N s] impulses to start from; zero if None.
         tolerance: [m/s] on the natural map (`problem.cone_residual`).
+        max_iterations: of the quick kernel; problems that reach it are solved again as a sequence
+            of cone programmes.
         n_threads: the batch is split over this many threads (the kernels release the GIL).
 
     Returns:
@@ -283,4 +288,17 @@ def solve_cone(
         cone_batch(A, b, mu, chosen, lam, status, residual, iterations, tolerance, max_iterations, first, last)
 
     over_threads(part, len(b), n_threads)
+    work, index = cone_work(mu.shape[1])
+    for k in np.flatnonzero(status == MAX_ITERATIONS):
+
+        def programme(c: Array, warm: Array, k: int = k) -> None:
+            found = solve_cone_qp(A[k : k + 1], c[None], mu[k : k + 1], active=chosen[k : k + 1], warm=warm[None])
+            warm[:] = found.lam[0]
+
+        def attempt(warm: Array, limit: int, k: int = k) -> tuple[int, float, int]:
+            return cone_kernel(A[k], b[k], mu[k], chosen[k], warm, tolerance, limit, work, index)
+
+        status[k], residual[k] = rescue_cone(
+            A[k], b[k], mu[k], lam[k], float(residual[k]), programme=programme, attempt=attempt
+        )
     return ContactSolution(lam, status, residual, iterations)

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from tossid.physics.solvers.batches import check_batch, over_threads
 from tossid.physics.solvers.blocks import OPEN, SLIP, STICK, block_qp, cholesky_solve, cone_exit, jit
 from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution
+from tossid.physics.solvers.rescue import interior_start, rescue_programme
 
 SOLVED, MAX_ITERATIONS, INFEASIBLE, NOT_FINITE = 0, 1, 2, 3
 
@@ -44,10 +45,10 @@ def qp_residual(lam, w, mu, scale, m):  # type: ignore[no-untyped-def]
         a = scale[i]
         x0, x1, x2 = lam[k] - w[k] / a, lam[k + 1] - w[k + 1] / a, lam[k + 2] - w[k + 2] / a
         tangent = math.sqrt(x1 * x1 + x2 * x2)
-        if tangent > mu[i] * x0:
+        if tangent > mu[i] * x0 or x0 < 0.0:
             s = (x0 + mu[i] * tangent) / (1.0 + mu[i] * mu[i])
-            if s <= 0.0:
-                x0, x1, x2 = 0.0, 0.0, 0.0
+            if s <= 0.0 or tangent == 0.0:
+                x0, x1, x2 = max(s, 0.0), 0.0, 0.0
             else:
                 x0, x1, x2 = s, mu[i] * s * x1 / tangent, mu[i] * s * x2 / tangent
         d0, d1, d2 = lam[k] - x0, lam[k + 1] - x1, lam[k + 2] - x2
@@ -327,7 +328,7 @@ def solve_cone_qp(
     warm: Array | None = None,
     regularization: float = 0.0,
     tolerance: float = DEFAULT_TOLERANCE,
-    max_iterations: int = 2000,
+    max_iterations: int = 60,
     n_threads: int = 1,
 ) -> ContactSolution:
     """Minimise 1/2 lam^T A lam + c^T lam over the friction cones, for a batch.
@@ -339,6 +340,8 @@ def solve_cone_qp(
         warm: (B, 3 n) impulses to start from; zero if None.
         regularization: added to A's diagonal (makes lam unique where A is singular).
         tolerance: on the natural map (`problem.cone_qp_residual`), in the unit of c.
+        max_iterations: of the quick kernel; problems that reach it are tried again from an
+            interior-point answer.
         n_threads: the batch is split over this many threads (the kernels release the GIL).
 
     Returns:
@@ -358,4 +361,12 @@ def solve_cone_qp(
         )  # fmt: skip
 
     over_threads(part, len(c), n_threads)
+    work, index = qp_work(mu.shape[1])
+    for k in np.flatnonzero(status == MAX_ITERATIONS):
+        start = interior_start(A[k], c[k], mu[k], chosen[k], regularization)
+
+        def attempt(warm: Array, limit: int, k: int = k) -> tuple[int, float, int]:
+            return cone_qp_kernel(A[k], c[k], mu[k], chosen[k], warm, tolerance, limit, regularization, work, index)
+
+        status[k], residual[k] = rescue_programme(start, attempt, lam[k], float(residual[k]))
     return ContactSolution(lam, status, residual, iterations)

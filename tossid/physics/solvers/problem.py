@@ -84,7 +84,7 @@ def contact_scale(A: Array) -> Array:
 def project_cone(x: Array, mu: float) -> Array:
     """Nearest point of the cone |x_t| <= mu x_n to x = (x_n, x_t1, x_t2), Euclidean."""
     normal, tangent = x[0], float(np.hypot(x[1], x[2]))
-    if tangent <= mu * normal:
+    if normal >= 0 and tangent <= mu * normal:
         return x.copy()
     if normal + mu * tangent <= 0 or tangent == 0:
         return np.array([max(normal, 0.0), 0.0, 0.0])

@@ -1,0 +1,77 @@
+"""Second tries for the few problems that the quick kernels leave unsolved (slow, thorough, rarely reached).
+
+They run one problem at a time from Python. Their kernels are compiled when first needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.physics.solvers.interior import interior_point
+from tossid.physics.solvers.problem import Array, contact_rows
+
+Attempt = Callable[[Array, int], tuple[int, float, int]]
+"""(warm start and answer lam (3 n,), iteration limit) -> (status, residual, iterations)."""
+
+_SOLVED, _NOT_FINITE = 0, 3
+
+
+def interior_start(A: Array, c: Array, mu: Array, active: NDArray[np.bool_], regularization: float) -> Array:
+    """The interior-point method's answer to one cone programme, as a warm start. (3 n,)."""
+    n = len(mu)
+    rows = np.array([contact_rows(int(i), n) for i in np.flatnonzero(active)], dtype=int).ravel()
+    local = np.ascontiguousarray(A[np.ix_(rows, rows)]) + regularization * np.eye(len(rows))
+    answer = np.zeros(len(rows))
+    interior_point(local, c[rows], mu[active], int(active.sum()), answer)
+    lam = np.zeros(3 * n)
+    if np.isfinite(answer).all():
+        lam[rows] = answer
+    return lam
+
+
+def rescue_programme(start: Array, attempt: Attempt, lam: Array, residual: float) -> tuple[int, float]:
+    """Try a cone programme again from `start`; lam is replaced if that is better. Returns (status, residual)."""
+    trial = start.copy()
+    status, found, _ = attempt(trial, 500)
+    if found < residual:
+        lam[:] = trial
+        return status, found
+    return 1, residual
+
+
+def rescue_cone(
+    A: Array,
+    b: Array,
+    mu: Array,
+    lam: Array,
+    residual: float,
+    *,
+    programme: Callable[[Array, Array], None],
+    attempt: Attempt,
+    turns: int = 60,
+) -> tuple[int, float]:
+    """Solve an exact-cone problem as a sequence of cone programmes (Cadoux 2009); lam is replaced if that is better.
+
+    Each turn holds c_n = b_n + mu |w_t|, solves the programme (`programme(c, lam)`, warm from the turn
+    before) and starts `attempt` from its answer. Returns (status, residual).
+    """
+    n = len(mu)
+    guess = lam.copy()
+    slip = np.zeros(n)
+    for turn in range(turns):
+        c = b.copy()
+        c[:n] += mu * slip
+        programme(c, guess)
+        trial = guess.copy()
+        status, found, _ = attempt(trial, 25)
+        if found < residual:
+            lam[:], residual = trial, found
+        if status == _SOLVED:
+            return status, residual
+        w = A @ guess + b
+        new = np.hypot(w[n::2], w[n + 1 :: 2])
+        slip = new if turn < turns // 3 else 0.5 * (slip + new)
+    return 1, residual
