@@ -101,11 +101,13 @@ def _split(text: str, schema: type, conf: Path) -> tuple[str, str]:
     if bare != key:
         sign = key[: len(key) - len(bare)]
         does = "removed" if sign.startswith("~") else "added"
-        raise ConfigError(text, f"keys cannot be {does} ('{sign}'); they are only set, as {bare or 'KEY'}=VALUE.")
+        raise ConfigError(
+            shorten(text), f"keys cannot be {does} ('{sign}'); they are only set, as {shorten(bare) or 'KEY'}=VALUE."
+        )
     if not equals:
-        raise ConfigError(text, "is no KEY=VALUE.", suggestion=_suggest_assignment(text, schema, conf))
+        raise ConfigError(shorten(text), "is no KEY=VALUE.", suggestion=_suggest_assignment(text, schema, conf))
     if not _KEY.fullmatch(key):
-        raise ConfigError(key or text, "is no name of a key; expected KEY=VALUE.")
+        raise ConfigError(shorten(key or text), "is no name of a key; expected KEY=VALUE.")
     return key, value.strip()
 
 

@@ -88,6 +88,14 @@ def conf(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def part_conf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of values for `Part`."""
+    folder = tmp_path_factory.mktemp("conf")
+    (folder / "part.yaml").write_text("speed: 1.0\nlabel: x\n")
+    return folder
+
+
 def read(conf: Path, *overrides: str) -> Everything:
     return load("everything", Everything, overrides, conf=conf)
 
@@ -213,22 +221,18 @@ def test_text_is_taken_as_typed(conf: Path, text: str) -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.text(st.characters(exclude_categories=["C", "Z"], exclude_characters="$'\""), min_size=1, max_size=20))
-def test_any_text_survives(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
-    folder = tmp_path_factory.mktemp("conf")
-    (folder / "part.yaml").write_text("speed: 1.0\nlabel: x\n")
+def test_any_text_survives(part_conf: Path, text: str) -> None:
     if text in ("null", "None"):
         return
-    assert load("part", Part, [f"label={text}"], conf=folder).label == text
+    assert load("part", Part, [f"label={text}"], conf=part_conf).label == text
 
 
 @given(st.text(max_size=30))
 @settings(max_examples=150, deadline=None)
-def test_no_override_escapes_as_another_error(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
-    folder = tmp_path_factory.mktemp("conf")
-    (folder / "part.yaml").write_text("speed: 1.0\nlabel: x\n")
+def test_no_override_escapes_as_another_error(part_conf: Path, text: str) -> None:
     for override in (text, f"speed={text}", f"{text}=1"):
         try:
-            config = load("part", Part, [override], conf=folder)
+            config = load("part", Part, [override], conf=part_conf)
         except ConfigError as error:
             assert "\n" not in str(error)
         else:
@@ -267,7 +271,7 @@ def test_every_command_composes_and_documents_its_keys(command: str) -> None:
     for key in keys_of(schema, {}):
         assert key.doc, f"{command}: {key.name} has no text"
     try:
-        config = load(command, schema)
+        config: object = load(command, schema)
     except ConfigError as error:  # a value that only the caller can know
         assert "is needed" in str(error)
     else:
