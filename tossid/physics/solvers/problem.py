@@ -29,6 +29,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.errors import InputError
+
 Array = NDArray[np.float64]
 
 DEFAULT_TOLERANCE = 1e-9
@@ -122,3 +124,34 @@ def cone_residual(A: Array, b: Array, mu: Array, lam: Array) -> float:
             reach = reach * (radius / length)
         worst = max(worst, abs(min(scale[i] * normal, w[rows[0]])), scale[i] * float(np.linalg.norm(tangent - reach)))
     return worst
+
+
+def tangent_directions(k: int) -> Array:
+    """k unit vectors evenly around the tangent plane, the first along t1. (k, 2).
+
+    Raises:
+        InputError: k is odd or below 4.
+    """
+    if k < 4 or k % 2:
+        raise InputError(f"{k} friction directions; expected an even number of at least 4")
+    angle = 2 * np.pi * np.arange(k) / k
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def lcp_residual(A: Array, b: Array, mu: Array, beta: Array, gamma: Array, lam_n: Array) -> float:
+    """The polyhedral problem's complementarity residual [m/s]: the largest over contacts and directions of
+
+    |min(a lam_n, w_n)|, |min(a beta_j, d_j . w_t + gamma)| and |min(gamma, a (mu lam_n - sum beta))|.
+
+    Args:
+        A (3 n, 3 n), b (3 n,), mu (n,), beta (n, k), gamma (n,), lam_n (n,).
+    """
+    n, k = beta.shape
+    directions = tangent_directions(k)
+    lam = np.concatenate([lam_n, (beta @ directions).ravel()])
+    w, scale = A @ lam + b, contact_scale(A)
+    speed = w[n:].reshape(n, 2) @ directions.T + gamma[:, None]
+    normal = np.minimum(scale * lam_n, w[:n])
+    tangent = np.minimum(scale[:, None] * beta, speed)
+    cone = np.minimum(gamma, scale * (mu * lam_n - beta.sum(axis=1)))
+    return float(max(np.abs(normal).max(initial=0), np.abs(tangent).max(initial=0), np.abs(cone).max(initial=0)))
