@@ -32,15 +32,21 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No tables and no pro
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
 
 
-@app.callback()
-def _tossid(
-    version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True)] = False,
-) -> None:
-    if version:
+def _print_version(asked: bool) -> None:
+    if asked:
         from pipelines.version import version_line
 
         typer.echo(version_line())
         raise typer.Exit()
+
+
+@app.callback()
+def _tossid(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=_print_version)
+    ] = False,
+) -> None:
+    pass
 
 
 @app.command(cls=KeyedCommand)

@@ -7,7 +7,7 @@ import json as jsonlib
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
@@ -30,10 +30,15 @@ def call_with_keys(command: str, keys: Sequence[str], *, json: bool, quiet: bool
 def call(command: str, argument: Any, *, json: bool, quiet: bool) -> None:
     """Run `pipelines.COMMAND.run(argument, console)` and print its result if `json`."""
     with _uninterrupted(), guarded_stdout():
-        module = importlib.import_module(f"pipelines.{command}")
-        result = module.run(argument, Console(quiet=quiet))
+        result = _runner(command)(argument, Console(quiet=quiet))
     if json:
         print(jsonlib.dumps(jsonable(result), indent=2, allow_nan=False), flush=True)  # noqa: T201
+
+
+def _runner(command: str) -> Callable[[Any, Console], Any]:
+    """`run` of the command's module, imported only now."""
+    run: Callable[[Any, Console], Any] = importlib.import_module(f"pipelines.{command}").run
+    return run
 
 
 @contextmanager

@@ -1,0 +1,74 @@
+"""`tossid synthesize`: tosses from a simulator, as camera frames or as states, with their truth beside."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipelines.console import Console
+from pipelines.datasets import save
+from pipelines.outputs import output_folder
+from pipelines.project import RECORDINGS, load_object, write_object
+from pipelines.schemas import SynthesizeConfig
+from pipelines.tossing import add_noise, make_tosses
+from tossid.store import draw_splits, file_sha256
+
+if TYPE_CHECKING:
+    from tossid.objects import ObjectModel
+    from tossid.types import Toss
+
+TRUTH = "truth.h5"
+TOSSES = "tosses.h5"
+
+
+def run(config: SynthesizeConfig, console: Console) -> dict[str, Any]:
+    """Simulate, then write frames or states; returns what was made."""
+    model = load_object(config.object)
+    out = config.out or RECORDINGS / f"{config.object.name}-{config.engine.name}-{config.seed}"
+    motion, noise, images = np.random.default_rng(config.seed).spawn(3)
+    with output_folder(out, made_by="tossid synthesize") as folder:
+        console.say(f"tossing '{model.name}' {config.tosses} times with engine {config.engine.name}")
+        tosses = make_tosses(config, model, motion)
+        write_object(config.object, folder)
+        if config.frames:
+            from pipelines.filming import film
+
+            made = film(config, model, tosses, folder, images, console)
+            tosses = made.tosses
+            facts = {"frames": made.n_images, "cameras": made.cameras}
+        else:
+            seen = draw_splits(add_noise(tosses, model, config.noise, noise), fractions=config.splits, seed=config.seed)
+            _save(config, seen, model, folder / TOSSES)
+            facts = {"dataset": str(out / TOSSES), "frames": 0}
+        _save(config, tosses, model, folder / TRUTH)
+    result = {
+        "out": str(out),
+        "object": model.name,
+        "engine": config.engine.name,
+        "n_tosses": len(tosses),
+        "n_frames": sum(len(toss) for toss in tosses),
+        "rate_hz": config.rate_hz,
+        "seed": config.seed,
+        "truth": str(out / TRUTH),
+        "truth_sha256": file_sha256(out / TRUTH),
+        **facts,
+    }
+    console.facts(result, title=f"wrote {out}")
+    then = "tossid ingest" if config.out is None else f"tossid ingest source.path={out}"
+    console.say(f"next: {then}" if config.frames else f"next: tossid train data={out / TOSSES}")
+    return result
+
+
+def _save(config: SynthesizeConfig, tosses: tuple[Toss, ...], model: ObjectModel, path: Path) -> None:
+    save(
+        tosses,
+        model,
+        path,
+        rate_hz=config.rate_hz,
+        source=f"synthetic ({config.engine.name})",
+        command="synthesize",
+        config=config,
+        lineage={"covariance_source": "stated by the noise keys" if path.name == TOSSES else "exact states"},
+    )
