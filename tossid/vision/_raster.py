@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def cast(
     canvas: NDArray[np.float32],
     x0: int,
@@ -41,7 +41,7 @@ def cast(
         planes: (t, f, 12) at each sub-exposure, camera frame: normal and n·P, then the two in-plane axes,
             each with its dot product with the face's centre P.
         front: (t, f) whether the face looks at the camera.
-        edges: (f, k, 3) in-plane half planes a u + b v <= c, the first `n_edges[f]` of them.
+        edges: (t, f, k, 3) planes through the eye and each of the first `n_edges[f]` edges, positive outside.
         shade: (f,) brightness factor.
         face_tags: (f, 2) first tag and number of tags of each face.
         tag_map: (m, 2, 3) from (u, v, 1) to cells (column, row from the top).
@@ -61,42 +61,49 @@ def cast(
             shift_x = (h & np.uint32(1023)) / 1024.0
             shift_y = ((h >> np.uint32(10)) & np.uint32(1023)) / 1024.0
             shift_t = ((h >> np.uint32(20)) & np.uint32(1023)) / 1024.0
-            r00, r01 = rays[gy, gx], rays[gy, gx + 1]
-            r10, r11 = rays[gy + 1, gx], rays[gy + 1, gx + 1]
+            ax, ay = rays[gy, gx, 0], rays[gy, gx, 1]
+            bx, by = rays[gy, gx + 1, 0] - ax, rays[gy, gx + 1, 1] - ay
+            cx, cy = rays[gy + 1, gx, 0] - ax, rays[gy + 1, gx, 1] - ay
+            dx, dy = rays[gy + 1, gx + 1, 0] - ax - bx - cx, rays[gy + 1, gx + 1, 1] - ay - by - cy
+            behind = float(canvas[row, column])
             total = 0.0
             for s in range(n_samples):
                 fx = samples[s, 0] + shift_x
-                fx -= np.floor(fx)
+                if fx >= 1.0:
+                    fx -= 1.0
                 fy = samples[s, 1] + shift_y
-                fy -= np.floor(fy)
+                if fy >= 1.0:
+                    fy -= 1.0
                 ft = samples[s, 2] + shift_t
-                ft -= np.floor(ft)
-                time = min(int(ft * n_times), n_times - 1)
-                x = (1 - fy) * ((1 - fx) * r00[0] + fx * r01[0]) + fy * ((1 - fx) * r10[0] + fx * r11[0])
-                y = (1 - fy) * ((1 - fx) * r00[1] + fx * r01[1]) + fy * ((1 - fx) * r10[1] + fx * r11[1])
+                if ft >= 1.0:
+                    ft -= 1.0
+                time = int(ft * n_times)
+                x = ax + fx * bx + fy * (cx + fx * dx)
+                y = ay + fx * by + fy * (cy + fx * dy)
                 nearest = np.inf
-                level = float(canvas[row, column])
+                level = behind
                 for f in range(n_faces):
                     if not front[time, f]:
                         continue
-                    p = planes[time, f]
-                    slope = p[0] * x + p[1] * y + p[2]
-                    if slope >= 0:
-                        continue
-                    z = p[3] / slope
-                    if z <= 0 or z >= nearest:
-                        continue
-                    u = z * (p[4] * x + p[5] * y + p[6]) - p[7]
-                    v = z * (p[8] * x + p[9] * y + p[10]) - p[11]
                     inside = True
                     for k in range(n_edges[f]):
-                        if edges[f, k, 0] * u + edges[f, k, 1] * v > edges[f, k, 2]:
+                        if edges[time, f, k, 0] * x + edges[time, f, k, 1] * y + edges[time, f, k, 2] > 0:
                             inside = False
                             break
                     if not inside:
                         continue
+                    slope = planes[time, f, 0] * x + planes[time, f, 1] * y + planes[time, f, 2]
+                    if slope >= 0:
+                        continue
+                    z = planes[time, f, 3] / slope
+                    if z >= nearest:
+                        continue
                     nearest = z
                     level = white * shade[f]
+                    if face_tags[f, 1] == 0:
+                        continue
+                    u = z * (planes[time, f, 4] * x + planes[time, f, 5] * y + planes[time, f, 6]) - planes[time, f, 7]
+                    v = z * (planes[time, f, 8] * x + planes[time, f, 9] * y + planes[time, f, 10]) - planes[time, f, 11]
                     for m in range(face_tags[f, 0], face_tags[f, 0] + face_tags[f, 1]):
                         i = tag_map[m, 0, 0] * u + tag_map[m, 0, 1] * v + tag_map[m, 0, 2]
                         j = tag_map[m, 1, 0] * u + tag_map[m, 1, 1] * v + tag_map[m, 1, 2]

@@ -91,18 +91,21 @@ class Renderer:
         g = 1.32471795724474602596
         self._samples = np.stack([(steps * count / g) % 1, (steps * count / g**2) % 1, steps], axis=-1)
         self._still = np.column_stack([self._samples[:, :2], np.zeros(count)])
+        # drawn once, as drawing it anew for each frame would cost more than all the rest;
+        # a frame takes its own stretch of it
+        longest = max(camera.resolution[0] * camera.resolution[1] for camera in cameras)
+        bank = np.random.default_rng(0).standard_normal(8 * longest, dtype=np.float32)
+        self._noise = np.float32(settings.noise) * bank
         self._background = {name: _background(camera, settings) for name, camera in self.cameras.items()}
 
     def _outline(self) -> None:
         most = max(len(face.polygon) for face in self._faces)
-        self._edges = np.zeros((len(self._faces), most, 3))
         self._n_edges = np.array([len(face.polygon) for face in self._faces], dtype=np.int64)
-        for f, (face, (right, up)) in enumerate(zip(self._faces, self._axes, strict=True)):
-            flat = np.stack([(face.polygon - face.center) @ right, (face.polygon - face.center) @ up], axis=-1)
-            edge = np.roll(flat, -1, axis=0) - flat
-            outward = np.stack([edge[:, 1], -edge[:, 0]], axis=-1)
-            self._edges[f, : len(flat), :2] = outward
-            self._edges[f, : len(flat), 2] = np.sum(outward * flat, axis=1)
+        # polygons padded with their first corner
+        self._polygons = np.stack(
+            [np.concatenate([face.polygon, np.repeat(face.polygon[:1], most - len(face.polygon), 0)])
+             for face in self._faces]
+        )
 
     def _place_tags(self) -> None:
         by_face: list[list[int]] = [[] for _ in self._faces]
@@ -154,7 +157,8 @@ class Renderer:
                 canvas = cv2.GaussianBlur(canvas, (0, 0), settings.blur, borderType=cv2.BORDER_REPLICATE)
             image[y0:y1, x0:x1] = canvas
         if rng is not None and settings.noise > 0:
-            image += np.float32(settings.noise) * rng.standard_normal(image.shape, dtype=np.float32)
+            first = int(rng.integers(len(self._noise) - image.size))
+            image += self._noise[first : first + image.size].reshape(image.shape)
         return np.asarray(cv2.convertScaleAbs(np.clip(image, 0, 255)), dtype=np.uint8)
 
     def _cast(
@@ -170,6 +174,9 @@ class Renderer:
         R_cam = cam.T_cam_world[:3, :3] @ quat_to_matrix(quat[:, body])
         p_cam = position[:, body] @ cam.T_cam_world[:3, :3].T + cam.T_cam_world[:3, 3]
         center = np.squeeze(R_cam @ np.stack([face.center for face in self._faces])[:, :, None], -1) + p_cam
+        polygons = self._polygons @ np.swapaxes(R_cam, -1, -2) + p_cam[..., None, :]
+        edges = _cross(polygons, np.roll(polygons, -1, axis=-2))
+        edges *= -np.sign(np.sum(edges * center[..., None, :], axis=-1, keepdims=True))  # the middle is inside
         planes = np.empty((n, len(self._faces), 12))
         axes = (np.stack([face.normal for face in self._faces]), *np.stack(self._axes, axis=1))
         for k, axis in enumerate(axes):
@@ -186,7 +193,7 @@ class Renderer:
             seed,
             planes,
             planes[..., 3] < 0,
-            self._edges,
+            edges,
             self._n_edges,
             self._shade(quat[n // 2]),
             self._face_tags,
@@ -218,6 +225,14 @@ class Renderer:
         x0, y0 = np.maximum(np.floor(pixels.min(axis=0) - margin), 0).astype(int)
         x1, y1 = np.minimum(np.ceil(pixels.max(axis=0) + margin), [width, height]).astype(int)
         return (int(x0), int(y0), int(x1), int(y1)) if x0 < x1 and y0 < y1 else None
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross product over the last axis, without numpy's overhead."""
+    x = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    y = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    z = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return np.stack([x, y, z], axis=-1)
 
 
 def _background(cam: Camera, settings: RenderSettings) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

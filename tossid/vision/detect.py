@@ -1,0 +1,262 @@
+"""AprilTag detection in a recording: where to look, which tags to believe, corners and their covariance."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pupil_apriltags import Detector
+
+from tossid.errors import InputError, ObjectError
+from tossid.objects import ObjectModel
+from tossid.types import Detection, Frame
+from tossid.vision.camera import Camera
+from tossid.vision.corners import refine_corners
+from tossid.vision.faces import tag_spread
+from tossid.vision.recording import FrameFile, Recording
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+UNREFINED_SIGMA = 0.4
+"""Standard deviation of a corner as the AprilTag library gives it [px]; measured on rendered tags."""
+BATCH = 96
+"""Frames of one camera that are searched in one go."""
+
+
+@dataclass(frozen=True, slots=True)
+class DetectSettings:
+    """How tags are looked for.
+
+    quad_decimate: the library's reduction of the image near where the object was last seen.
+    search_decimate: the same when the object must be looked for in the whole image.
+    predict: look near the last place first; False searches every image whole.
+    refine: measure corners in the image (`corners.refine_corners`).
+    max_hamming: most corrected bits. min_margin: least decision margin.
+    """
+
+    quad_decimate: float = 1.0
+    search_decimate: float = 2.0
+    predict: bool = True
+    refine: bool = True
+    max_hamming: int = 1
+    min_margin: float = 12.0
+
+    def __post_init__(self) -> None:
+        if self.quad_decimate < 1 or self.search_decimate < 1:
+            raise InputError("quad_decimate and search_decimate must be at least 1")
+        if not 0 <= self.max_hamming <= 2:
+            raise InputError(f"max_hamming is {self.max_hamming}, expected 0, 1 or 2")
+
+
+class TagFinder:
+    """Finds an object's tags in the images of one camera, one after another.
+
+    After a frame in which tags were seen, the next is searched only around
+    where they must be if they moved on as before; where that finds nothing, and
+    at first, the whole image is searched.
+
+    Args:
+        camera: whose images they are. model: the object, with its tags.
+        tally: counts, by reason, what was rejected, and how often was searched where.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        model: ObjectModel,
+        settings: DetectSettings = DetectSettings(),
+        tally: Counter[str] | None = None,
+    ) -> None:
+        self.camera = camera
+        self.tag_ids = frozenset(tag.id for tag in model.tags)
+        self._spread = tag_spread(model)
+        self.settings = settings
+        self.tally: Counter[str] = Counter() if tally is None else tally
+        self._box: Array | None = None  # (2, 2): low and high corner of the tags last seen
+        self._move = np.zeros(2)  # of their middle, a frame
+        self._reach = 0.0  # longest tag edge last seen
+
+    def find(self, frame: Frame) -> list[Detection]:
+        """Detections in the next frame."""
+        found: list[Detection] = []
+        if self.settings.predict:
+            if self._box is not None:
+                found = self._near(frame)
+            if not found:
+                self.tally["searched the whole image"] += 1
+                seen = self._search(frame, (0, 0), frame.image, self.settings.search_decimate, count=False)
+                if seen:
+                    self._remember(seen, moved=False)
+                    found = self._near(frame) or seen
+        else:
+            self.tally["searched the whole image"] += 1
+            found = self._search(frame, (0, 0), frame.image, self.settings.quad_decimate, count=True)
+        if found:
+            self._remember(found, moved=self._box is not None)
+        else:
+            self._box = None
+            self.tally["frames without a tag"] += 1
+        return found
+
+    def _near(self, frame: Frame) -> list[Detection]:
+        assert self._box is not None
+        margin = self._spread * self._reach + 8 + np.abs(self._move)
+        low = np.maximum(np.floor(self._box[0] + self._move - margin), 0).astype(int)
+        high = np.minimum(np.ceil(self._box[1] + self._move + margin) + 1, self.camera.resolution).astype(int)
+        if (high - low < 16).any():
+            return []
+        self.tally["searched near the last place"] += 1
+        part = np.ascontiguousarray(frame.image[low[1] : high[1], low[0] : high[0]])
+        return self._search(frame, (int(low[0]), int(low[1])), part, self.settings.quad_decimate, count=True)
+
+    def _remember(self, found: Sequence[Detection], *, moved: bool) -> None:
+        corners = np.concatenate([detection.corners for detection in found])
+        box = np.stack([corners.min(axis=0), corners.max(axis=0)])
+        edges = [np.roll(detection.corners, -1, axis=0) - detection.corners for detection in found]
+        self._move = box.mean(axis=0) - self._box.mean(axis=0) if moved and self._box is not None else np.zeros(2)
+        self._box, self._reach = box, float(np.linalg.norm(np.concatenate(edges), axis=1).max())
+
+    def _search(
+        self, frame: Frame, origin: tuple[int, int], image: Image, decimate: float, *, count: bool
+    ) -> list[Detection]:
+        rejected: Counter[str] = Counter()
+        believed: dict[int, list[Any]] = {}
+        for raw in _detector(decimate).detect(image):
+            if raw.tag_id not in self.tag_ids:
+                rejected["rejected: id not on the object"] += 1
+            elif raw.hamming > self.settings.max_hamming:
+                rejected["rejected: too many corrected bits"] += 1
+            elif raw.decision_margin < self.settings.min_margin:
+                rejected["rejected: weak decision margin"] += 1
+            else:
+                believed.setdefault(raw.tag_id, []).append(raw)
+        found = []
+        for tag_id in sorted(believed):
+            if len(believed[tag_id]) > 1:  # at most one can be right, and nothing says which
+                rejected["rejected: id seen twice in a frame"] += len(believed[tag_id])
+                continue
+            found.append(self._detection(frame, origin, believed[tag_id][0], rejected))
+        if count:
+            self.tally.update(rejected)
+            self.tally["tags"] += len(found)
+        return found
+
+    def _detection(self, frame: Frame, origin: tuple[int, int], raw: Any, notes: Counter[str]) -> Detection:
+        # the library counts pixels from the first one's corner, we from its middle
+        corners = np.asarray(raw.corners, dtype=float) - 0.5 + np.asarray(origin, dtype=float)
+        covs = np.zeros((4, 2, 2))
+        refined = False
+        if self.settings.refine:
+            corners, covs, refined = refine_corners(frame.image, self.camera, corners)
+            notes["corners not refined"] += not refined
+        cov = covs.mean(axis=0) if refined else UNREFINED_SIGMA**2 * np.eye(2)
+        return Detection(
+            camera=frame.camera,
+            t=frame.t,
+            tag_id=int(raw.tag_id),
+            corners=corners,
+            corner_cov=cov,
+            hamming=int(raw.hamming),
+            margin=float(raw.decision_margin),
+        )
+
+
+_local = threading.local()
+
+
+def _detector(decimate: float) -> Detector:
+    """This thread's detector; the library's are not safe to share."""
+    detectors: dict[float, Detector] = _local.__dict__.setdefault("detectors", {})
+    if decimate not in detectors:
+        detectors[decimate] = Detector(families="tag36h11", nthreads=1, quad_decimate=decimate)
+    return detectors[decimate]
+
+
+def detect_frames(
+    recording: Recording,
+    model: ObjectModel,
+    *,
+    settings: DetectSettings = DetectSettings(),
+    threads: int = 2,
+    tally: Counter[str] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Iterator[Detection]:
+    """Detect an object's tags in all frames of a recording.
+
+    Args:
+        recording: as read. model: the object; tags that are not on it are rejected.
+        threads: images searched at the same time.
+        tally: filled with counts by reason.
+        progress: called with the number of frames done since the last call.
+
+    Yields:
+        Detections in order of time (between cameras: within a batch of frames), in
+        memory that does not grow with the recording.
+
+    Raises:
+        FileError: a frame that is no image.
+    """
+    if threads < 1:
+        raise InputError(f"threads is {threads}, expected at least 1")
+    if not model.tags:
+        raise ObjectError(f"object '{model.name}' has no tags to look for")
+    tally = Counter() if tally is None else tally
+    batches = _batches(recording)
+    pool = ThreadPoolExecutor(max_workers=threads, thread_name_prefix="detect")
+    running: deque[list[Future[tuple[list[Detection], Counter[str], int]]]] = deque()
+
+    def start() -> None:
+        with contextlib.suppress(StopIteration):
+            work = next(batches)
+            running.append([pool.submit(_detect_batch, recording, files, model, settings) for files in work])
+
+    try:
+        start()
+        while running:
+            start()  # one batch ahead
+            together: list[Detection] = []
+            for future in running.popleft():
+                found, counts, n_frames = future.result()
+                together += found
+                tally.update(counts)
+                if progress is not None:
+                    progress(n_frames)
+            yield from sorted(together, key=lambda detection: detection.t)
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _batches(recording: Recording) -> Iterator[list[tuple[FrameFile, ...]]]:
+    """For each stretch of time, one run of frames a camera."""
+    first = min(files[0].t_ns for files in recording.frames.values())
+    last = max(files[-1].t_ns for files in recording.frames.values())
+    span = BATCH * 1e9 / recording.rate_hz if np.isfinite(recording.rate_hz) else float("inf")
+    at = dict.fromkeys(recording.frames, 0)
+    until = first + span
+    while any(at[name] < len(files) for name, files in recording.frames.items()):
+        work = []
+        for name, files in recording.frames.items():
+            begin = at[name]
+            while at[name] < len(files) and (files[at[name]].t_ns < until or until > last):
+                at[name] += 1
+            if at[name] > begin:
+                work.append(files[begin : at[name]])
+        until += span
+        if work:
+            yield work
+
+
+def _detect_batch(
+    recording: Recording, files: Sequence[FrameFile], model: ObjectModel, settings: DetectSettings
+) -> tuple[list[Detection], Counter[str], int]:
+    finder = TagFinder(recording.camera(files[0].camera), model, settings)
+    found = [detection for file in files for detection in finder.find(recording.read(file))]
+    return found, finder.tally, len(files)
