@@ -31,7 +31,6 @@ def run(config: SynthesizeConfig, console: Console) -> dict[str, Any]:
     with output_folder(out, made_by="tossid synthesize") as folder:
         console.say(f"tossing '{model.name}' {config.tosses} times with engine {config.engine.name}")
         tosses = make_tosses(config, model, motion)
-        write_object(config.object, folder)
         if config.frames:
             from pipelines.filming import film
 
@@ -42,6 +41,7 @@ def run(config: SynthesizeConfig, console: Console) -> dict[str, Any]:
             seen = draw_splits(add_noise(tosses, model, config.noise, noise), fractions=config.splits, seed=config.seed)
             _save(config, seen, model, folder / TOSSES)
             facts = {"dataset": str(out / TOSSES), "frames": 0}
+        write_object(config.object, folder)
         _save(config, tosses, model, folder / TRUTH)
     result = {
         "out": str(out),
