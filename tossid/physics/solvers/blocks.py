@@ -263,7 +263,7 @@ def slip_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, u1, u2):  # type: i
         outward = -(u1 * w1 + u2 * w2)
         slope = u1 * w2 - u2 * w1
         size = abs(g1) + abs(g2) + s * (abs(p1) + abs(p2))
-        if abs(slope) <= 4e-16 * size and outward >= -1e-14 * size:
+        if abs(slope) <= 1e-14 * size and outward >= -1e-14 * size:
             return s, u1, u2, True
         ds = -s * mu * (u1 * b20 - u2 * b10) / down
         ebe = u2 * u2 * b11 - 2.0 * u1 * u2 * b21 + u1 * u1 * b22

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.physics.solvers.batches import check_batch, over_threads
-from tossid.physics.solvers.blocks import OPEN, SLIP, STICK, block_cone, cholesky_solve, jit, lu_solve
+from tossid.physics.solvers.blocks import OPEN, STICK, block_cone, cholesky_solve, jit, lu_solve
 from tossid.physics.solvers.cone_qp import (
     MAX_ITERATIONS,
     NOT_FINITE,
@@ -33,6 +33,7 @@ from tossid.physics.solvers.cone_qp import (
     multiply,
     solve_cone_qp,
 )
+from tossid.physics.solvers.lcp import solve_lcp
 from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution
 from tossid.physics.solvers.rescue import rescue_cone
 
@@ -289,7 +290,7 @@ def solve_cone(
 
     over_threads(part, len(b), n_threads)
     work, index = cone_work(mu.shape[1])
-    for k in np.flatnonzero(status == MAX_ITERATIONS):
+    for k in np.flatnonzero(status == MAX_ITERATIONS).tolist():
 
         def programme(c: Array, warm: Array, k: int = k) -> None:
             found = solve_cone_qp(A[k : k + 1], c[None], mu[k : k + 1], active=chosen[k : k + 1], warm=warm[None])
@@ -298,7 +299,8 @@ def solve_cone(
         def attempt(warm: Array, limit: int, k: int = k) -> tuple[int, float, int]:
             return cone_kernel(A[k], b[k], mu[k], chosen[k], warm, tolerance, limit, work, index)
 
+        near = solve_lcp(A[k : k + 1], b[k : k + 1], mu[k : k + 1], active=chosen[k : k + 1], n_directions=16).lam[0]
         status[k], residual[k] = rescue_cone(
-            A[k], b[k], mu[k], lam[k], float(residual[k]), programme=programme, attempt=attempt
+            A[k], b[k], mu[k], lam[k], float(residual[k]), polyhedral=near, programme=programme, attempt=attempt
         )
     return ContactSolution(lam, status, residual, iterations)

@@ -362,7 +362,7 @@ def solve_cone_qp(
 
     over_threads(part, len(c), n_threads)
     work, index = qp_work(mu.shape[1])
-    for k in np.flatnonzero(status == MAX_ITERATIONS):
+    for k in np.flatnonzero(status == MAX_ITERATIONS).tolist():
         start = interior_start(A[k], c[k], mu[k], chosen[k], regularization)
 
         def attempt(warm: Array, limit: int, k: int = k) -> tuple[int, float, int]:

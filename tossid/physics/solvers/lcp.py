@@ -24,7 +24,7 @@ from tossid.physics.solvers.batches import check_batch, over_threads
 from tossid.physics.solvers.blocks import jit, lu_solve
 from tossid.physics.solvers.problem import ACCEPTED_RESIDUAL, Array, tangent_directions
 
-_SOLVED, _MAX_ITERATIONS, _INFEASIBLE, _NOT_FINITE = 0, 1, 2, 3
+_SOLVED, _MAX_ITERATIONS, _INFEASIBLE, _NOT_FINITE, _INACCURATE = 0, 1, 2, 3, 4
 _PIVOT = 1e-10
 _TIE = 1e-11
 
@@ -294,7 +294,7 @@ def lcp_kernel(  # type: ignore[no-untyped-def]
         again = lcp_residual_kernel(A, b, mu, directions, active, lam, beta, gamma)
         residual = again
     if status == _SOLVED and not residual <= tolerance:
-        status = _MAX_ITERATIONS
+        status = _INACCURATE
     return status, residual, iterations
 
 

@@ -52,6 +52,9 @@ class SolverStatus(IntEnum):
     NOT_FINITE = 3
     """The problem holds NaN or infinity; the impulses are returned as zero."""
 
+    INACCURATE = 4
+    """The method came to its end, but rounding keeps the residual above the tolerance."""
+
 
 class ContactSolution(NamedTuple):
     """Solved contact problems; `status` holds `SolverStatus` values.
@@ -76,54 +79,74 @@ def contact_rows(i: int, n: int) -> list[int]:
 
 
 def contact_scale(A: Array) -> Array:
-    """a_i = trace(A_ii) / 3 [1/kg] of each contact. A: (3 n, 3 n) -> (n,), at least 1e-12 of the largest."""
-    n = len(A) // 3
-    scale = np.array([sum(A[k, k] for k in contact_rows(i, n)) / 3 for i in range(n)])
-    floor = 1e-12 * scale.max(initial=0.0)
-    return np.maximum(scale, floor if floor > 0 else 1.0)
+    """a_i = trace(A_ii) / 3 [1/kg] of each contact. A: (*b, 3 n, 3 n) -> (*b, n), at least 1e-12 of the largest."""
+    diagonal = np.diagonal(A, axis1=-2, axis2=-1)
+    n = diagonal.shape[-1] // 3
+    scale = (diagonal[..., :n] + diagonal[..., n::2] + diagonal[..., n + 1 :: 2]) / 3
+    floor = 1e-12 * scale.max(axis=-1, keepdims=True, initial=0.0)
+    return np.maximum(scale, np.where(floor > 0, floor, 1.0))
 
 
-def project_cone(x: Array, mu: float) -> Array:
-    """Nearest point of the cone |x_t| <= mu x_n to x = (x_n, x_t1, x_t2), Euclidean."""
-    normal, tangent = x[0], float(np.hypot(x[1], x[2]))
-    if normal >= 0 and tangent <= mu * normal:
-        return x.copy()
-    if normal + mu * tangent <= 0 or tangent == 0:
-        return np.array([max(normal, 0.0), 0.0, 0.0])
-    s = (normal + mu * tangent) / (1 + mu * mu)
-    return np.array([s, mu * s * x[1] / tangent, mu * s * x[2] / tangent])
+def by_contact(x: Array) -> Array:
+    """(*b, 3 n) in the order [n.., t1 t2 ..] -> (*b, n, 3)."""
+    n = x.shape[-1] // 3
+    return np.stack([x[..., :n], x[..., n::2], x[..., n + 1 :: 2]], axis=-1)
 
 
-def cone_qp_residual(A: Array, c: Array, mu: Array, lam: Array) -> float:
-    """max_i a_i |lam_i - P_i(lam_i - g_i / a_i)|, g = A lam + c, P_i the projection on contact i's cone."""
-    n = len(mu)
-    g, scale = A @ lam + c, contact_scale(A)
-    worst = 0.0
-    for i in range(n):
-        rows = contact_rows(i, n)
-        step = lam[rows] - project_cone(lam[rows] - g[rows] / scale[i], float(mu[i]))
-        worst = max(worst, float(scale[i] * np.linalg.norm(step)))
-    return worst
+def project_cone(x: Array, mu: Array) -> Array:
+    """Nearest point of the cone |x_t| <= mu x_n to x, Euclidean. x: (*b, 3) normal first, mu: (*b) -> (*b, 3)."""
+    normal, tangent = x[..., 0], np.hypot(x[..., 1], x[..., 2])
+    surface = np.maximum((normal + mu * tangent) / (1 + mu * mu), 0.0)
+    inside = (normal >= 0) & (tangent <= mu * normal)
+    part = mu * surface / np.where(tangent > 0, tangent, 1.0)
+    on_surface = np.stack([surface, part * x[..., 1], part * x[..., 2]], axis=-1)
+    return np.where(inside[..., None], x, on_surface)
 
 
-def cone_residual(A: Array, b: Array, mu: Array, lam: Array) -> float:
+def cone_qp_residual(A: Array, c: Array, mu: Array, lam: Array) -> Array:
+    """max_i a_i |lam_i - P_i(lam_i - g_i / a_i)|, g = A lam + c, P_i the projection on contact i's cone.
+
+    A (*b, 3 n, 3 n), c and lam (*b, 3 n), mu (*b, n) -> (*b).
+    """
+    g, scale, impulse = by_contact(_velocity(A, c, lam)), contact_scale(A)[..., None], by_contact(lam)
+    step = scale * (impulse - project_cone(impulse - g / scale, mu))
+    return np.linalg.norm(step, axis=-1).max(axis=-1, initial=0.0)
+
+
+def cone_residual(A: Array, b: Array, mu: Array, lam: Array) -> Array:
     """The exact cone's natural map [m/s]: the largest over contacts of
 
     |a lam_n - max(0, a lam_n - w_n)| and a |lam_t - P(lam_t - w_t / a)|,
     P the projection on the disk of radius mu max(lam_n, 0).
+    A (*b, 3 n, 3 n), b and lam (*b, 3 n), mu (*b, n) -> (*b).
     """
-    n = len(mu)
-    w, scale = A @ lam + b, contact_scale(A)
-    worst = 0.0
-    for i in range(n):
-        rows = contact_rows(i, n)
-        normal, tangent = lam[rows[0]], lam[rows[1:]]
-        reach = tangent - w[rows[1:]] / scale[i]
-        radius, length = mu[i] * max(normal, 0.0), float(np.linalg.norm(reach))
-        if length > radius:
-            reach = reach * (radius / length)
-        worst = max(worst, abs(min(scale[i] * normal, w[rows[0]])), scale[i] * float(np.linalg.norm(tangent - reach)))
-    return worst
+    w, scale, impulse = by_contact(_velocity(A, b, lam)), contact_scale(A), by_contact(lam)
+    reach = scale[..., None] * impulse[..., 1:] - w[..., 1:]
+    radius, length = mu * scale * np.maximum(impulse[..., 0], 0.0), np.linalg.norm(reach, axis=-1)
+    part = np.where(length > radius, radius / np.where(length > 0, length, 1.0), 1.0)
+    tangent = np.linalg.norm(scale[..., None] * impulse[..., 1:] - part[..., None] * reach, axis=-1)
+    normal = np.abs(np.minimum(scale * impulse[..., 0], w[..., 0]))
+    return np.maximum(normal, tangent).max(axis=-1, initial=0.0)
+
+
+def lcp_residual(A: Array, b: Array, mu: Array, beta: Array, gamma: Array, lam_n: Array) -> Array:
+    """The polyhedral problem's complementarity residual [m/s]: the largest over contacts and directions of
+
+    |min(a lam_n, w_n)|, |min(a beta_j, d_j . w_t + gamma)| and |min(gamma, a (mu lam_n - sum beta))|.
+    A (*b, 3 n, 3 n), b (*b, 3 n), mu, gamma and lam_n (*b, n), beta (*b, n, k) -> (*b).
+    """
+    directions = tangent_directions(beta.shape[-1])
+    tangent = beta @ directions
+    lam = np.concatenate([lam_n, tangent.reshape(*tangent.shape[:-2], -1)], axis=-1)
+    w, scale = by_contact(_velocity(A, b, lam)), contact_scale(A)
+    slip = np.abs(np.minimum(scale[..., None] * beta, w[..., 1:] @ directions.T + gamma[..., None])).max(axis=-1)
+    normal = np.abs(np.minimum(scale * lam_n, w[..., 0]))
+    cone = np.abs(np.minimum(gamma, scale * (mu * lam_n - beta.sum(axis=-1))))
+    return np.maximum(np.maximum(normal, slip), cone).max(axis=-1, initial=0.0)
+
+
+def _velocity(A: Array, b: Array, lam: Array) -> Array:
+    return np.einsum("...ij,...j->...i", A, lam) + b
 
 
 def tangent_directions(k: int) -> Array:
@@ -136,22 +159,3 @@ def tangent_directions(k: int) -> Array:
         raise InputError(f"{k} friction directions; expected an even number of at least 4")
     angle = 2 * np.pi * np.arange(k) / k
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-
-def lcp_residual(A: Array, b: Array, mu: Array, beta: Array, gamma: Array, lam_n: Array) -> float:
-    """The polyhedral problem's complementarity residual [m/s]: the largest over contacts and directions of
-
-    |min(a lam_n, w_n)|, |min(a beta_j, d_j . w_t + gamma)| and |min(gamma, a (mu lam_n - sum beta))|.
-
-    Args:
-        A (3 n, 3 n), b (3 n,), mu (n,), beta (n, k), gamma (n,), lam_n (n,).
-    """
-    n, k = beta.shape
-    directions = tangent_directions(k)
-    lam = np.concatenate([lam_n, (beta @ directions).ravel()])
-    w, scale = A @ lam + b, contact_scale(A)
-    speed = w[n:].reshape(n, 2) @ directions.T + gamma[:, None]
-    normal = np.minimum(scale * lam_n, w[:n])
-    tangent = np.minimum(scale[:, None] * beta, speed)
-    cone = np.minimum(gamma, scale * (mu * lam_n - beta.sum(axis=1)))
-    return float(max(np.abs(normal).max(initial=0), np.abs(tangent).max(initial=0), np.abs(cone).max(initial=0)))

@@ -49,16 +49,27 @@ def rescue_cone(
     lam: Array,
     residual: float,
     *,
+    polyhedral: Array,
     programme: Callable[[Array, Array], None],
     attempt: Attempt,
     turns: int = 60,
 ) -> tuple[int, float]:
-    """Solve an exact-cone problem as a sequence of cone programmes (Cadoux 2009); lam is replaced if that is better.
+    """Second tries of an exact-cone problem; lam is replaced if that is better.
 
-    Each turn holds c_n = b_n + mu |w_t|, solves the programme (`programme(c, lam)`, warm from the turn
-    before) and starts `attempt` from its answer. Returns (status, residual).
+    First from `polyhedral` (3 n,), the answer of the same problem with a polyhedral cone. Then as a
+    sequence of cone programmes (Cadoux 2009): each turn holds c_n = b_n + mu |w_t|, solves the
+    programme (`programme(c, lam)`, warm from the turn before) and starts `attempt` from its answer.
+
+    Returns:
+        (status, residual).
     """
     n = len(mu)
+    trial = polyhedral.copy()
+    status, found, _ = attempt(trial, 60)
+    if found < residual:
+        lam[:], residual = trial, found
+    if status == _SOLVED:
+        return status, residual
     guess = lam.copy()
     slip = np.zeros(n)
     for turn in range(turns):

@@ -1,0 +1,95 @@
+"""The polyhedral cone by Lemke's algorithm: 10,000 problems, known answers, and a plain reference."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.physics.contact_problems import INERTIA, MASS, delassus, draw, draw_many
+from tossid.errors import InputError
+from tossid.physics.solvers import SolverStatus, solve_cone, solve_lcp, tangent_directions
+from tossid.physics.solvers.problem import ACCEPTED_RESIDUAL, lcp_residual
+from tossid.physics.solvers.reference import lcp_matrices, lemke_reference
+
+
+@pytest.mark.parametrize("k", [4, 8])
+def test_ten_thousand_problems_satisfy_complementarity_or_say_otherwise(k: int) -> None:
+    total, unsolved = 0, 0
+    for n, (A, b, mu) in draw_many(10_000, np.random.default_rng(0)).items():
+        solution = solve_lcp(A, b, mu, n_directions=k)
+        solved = solution.status == SolverStatus.SOLVED
+        residual = lcp_residual(A, b, mu, solution.beta, solution.gamma, solution.lam[:, :n])
+        assert residual[solved].max() <= ACCEPTED_RESIDUAL
+        tangential = solution.beta @ tangent_directions(k)
+        np.testing.assert_allclose(solution.lam[:, n:], tangential.reshape(len(b), 2 * n), rtol=1e-12, atol=1e-12)
+        unsolved += solution.unsolved
+        total += len(b)
+    assert total == 10_000
+    assert unsolved / total <= 0.001
+
+
+def test_agrees_with_the_reference() -> None:
+    rng = np.random.default_rng(1)
+    for family in ("rest", "slide", "flat", "edge", "point", "vee", "frictionless"):
+        for _ in range(5):
+            A, b, mu = draw(family, rng)
+            n = len(mu)
+            M, q = lcp_matrices(A, b, mu, 4)
+            z = lemke_reference(M, q)
+            fast = solve_lcp(A[None], b[None], mu, n_directions=4)
+            assert z is not None
+            assert fast.unsolved == 0
+            assert lcp_residual(A, b, mu, z[n : 5 * n].reshape(n, 4), z[5 * n :], z[:n]) <= 1e-8
+            if mu[0] <= 0.2:
+                w, w_fast = (
+                    A @ np.r_[z[:n], (z[n : 5 * n].reshape(n, 4) @ tangent_directions(4)).ravel()],
+                    A @ fast.lam[0],
+                )
+                np.testing.assert_allclose(w_fast[:n], w[:n], atol=1e-7)
+
+
+def test_without_friction_it_is_the_exact_answer() -> None:
+    A, b, mu = draw_many(300, np.random.default_rng(2), ("frictionless",))[4]
+    polyhedral, exact = solve_lcp(A, b, mu), solve_cone(A, b, mu)
+    w = [np.einsum("bij,bj->bi", A, lam) for lam in (polyhedral.lam, exact.lam)]
+    np.testing.assert_allclose(w[0], w[1], atol=1e-7)
+
+
+def test_many_directions_come_close_to_the_exact_cone() -> None:
+    """One particle, A = I / m: the cone of k directions misses the friction by at most 1 - cos(pi / k) of it."""
+    rng = np.random.default_rng(3)
+    b, mu, k = rng.normal(size=(300, 3)), rng.uniform(0, 1, size=(300, 1)), 64
+    A = np.tile(np.eye(3) / MASS, (300, 1, 1))
+    polyhedral, exact = solve_lcp(A, b, mu, n_directions=k).lam, solve_cone(A, b, mu).lam
+    np.testing.assert_allclose(polyhedral[:, 0], exact[:, 0], atol=1e-10)
+    friction = mu[:, 0] * exact[:, 0]
+    # Slipping, the impulse is the vertex (or edge) that faces the slip: at most half a sector away.
+    gap = np.linalg.norm(polyhedral[:, 1:] - exact[:, 1:], axis=1)
+    assert (gap <= 2 * np.sin(np.pi / k / 2) * friction + 1e-10).all()
+    assert (
+        np.linalg.norm(polyhedral[:, 1:], axis=1) >= np.cos(np.pi / k) * np.linalg.norm(exact[:, 1:], axis=1) - 1e-10
+    ).all()
+
+
+def test_an_impossible_problem_ends_on_a_ray_and_bad_numbers_get_a_status() -> None:
+    _, A = delassus(np.zeros((2, 3)), np.array([[1.0, 0, 0], [-1.0, 0, 0]]), MASS, np.full(3, INERTIA))
+    b = np.array([[-1.0, -1.0, 0, 0, 0, 0], [np.nan, 0, 0, 0, 0, 0], [-1.0, 1.0, 0.3, 0, 0, 0]])
+    solution = solve_lcp(np.stack([A, A, A]), b, np.array([0.3, 0.3]))
+    assert solution.status.tolist() == [SolverStatus.INFEASIBLE, SolverStatus.NOT_FINITE, SolverStatus.SOLVED]
+    assert solution.unsolved == 2
+    with pytest.raises(InputError, match="directions"):
+        solve_lcp(np.stack([A, A, A]), b, np.array([0.3, 0.3]), n_directions=5)
+
+
+def test_too_few_pivots_and_masks_and_threads() -> None:
+    A, b, mu = draw_many(200, np.random.default_rng(4), ("flat",))[4]
+    short = solve_lcp(A, b, mu, max_iterations=2)
+    assert (short.status == SolverStatus.MAX_ITERATIONS).any()
+    assert (short.residual[short.status != SolverStatus.SOLVED] > 0).all()
+    whole = solve_lcp(A, b, mu)
+    np.testing.assert_array_equal(solve_lcp(A, b, mu, n_threads=2).lam, whole.lam)
+    active = np.tile([True, False, True, False], (len(b), 1))
+    masked = solve_lcp(A, b, mu, active=active)
+    keep = [0, 2, 4, 5, 8, 9]
+    part = solve_lcp(np.ascontiguousarray(A[:, keep][:, :, keep]), b[:, keep], mu[:, ::2])
+    np.testing.assert_allclose(masked.lam[:, keep], part.lam, atol=1e-12)
