@@ -35,14 +35,15 @@ def _import(
     model = load_object(config.object or object_named("elbow" if isinstance(source, PllSource) else "cube"))
 
     from pipelines.datasets import described, save
-    from tossid.motion import tosses_from_tracks
+    from tossid.motion import covariance_source, tosses_from_tracks
     from tossid.store import draw_splits, source_sha256
 
     with output_file(out) as temporary:
         console.say(f"{path}: reading tosses of '{model.name}'")
         tracks, rate_hz = _read(source, model)
         console.say(f"{path}: {len(tracks)} tosses, {sum(len(track.t) for track in tracks)} frames")
-        tosses = tosses_from_tracks(tracks, model, gravity=config.gravity)
+        with console.progress("velocities and phases", len(tracks), unit="tosses"):
+            tosses = tosses_from_tracks(tracks, model, gravity=config.gravity, end_at_rest=source.name == "tum")
         save(
             draw_splits(tosses, fractions=config.splits, seed=config.seed),
             model,
@@ -51,7 +52,11 @@ def _import(
             source=source.name,
             command="ingest",
             config=config,
-            lineage={"source_path": str(path), "source_sha256": source_sha256(path)},
+            lineage={
+                "source_path": str(path),
+                "source_sha256": source_sha256(path),
+                "covariance_source": covariance_source(tracks),
+            },
         )
     return described(out, console)
 
@@ -59,17 +64,11 @@ def _import(
 def _read(source: ContactNetsSource | PllSource | TumSource, model: ObjectModel) -> tuple[tuple[PoseTrack, ...], float]:
     """The source's tracks, and their rate [Hz]."""
     from tossid import store
+    from tossid.motion import median_rate
 
     if isinstance(source, ContactNetsSource):
         return store.read_contactnets(source.path, half_width=source.half_width, rate_hz=source.rate_hz), source.rate_hz
     if isinstance(source, PllSource):
         return store.read_pll(source.path, n_joints=model.n_joints, rate_hz=source.rate_hz), source.rate_hz
     tracks = store.read_tum(source.path, n_joints=model.n_joints)
-    return tracks, rate_of(tracks)
-
-
-def rate_of(tracks: tuple[PoseTrack, ...]) -> float:
-    """Frames a second: one over the median time step."""
-    import numpy as np
-
-    return float(1 / np.median(np.concatenate([np.diff(track.t) for track in tracks])))
+    return tracks, median_rate(tracks)

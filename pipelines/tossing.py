@@ -110,7 +110,7 @@ def make_tosses(config: SynthesizeConfig, model: ObjectModel, rng: np.random.Gen
                 v=v[i, :n],
                 q_cov=_constant_cov(np.full(model.nv, _Q_FLOOR), n),
                 v_cov=_constant_cov(np.full(model.nv, _V_FLOOR), n),
-                phase=label_phases(model, t, q[i, :n], v[i, :n]),
+                phase=label_phases(model, t, q[i, :n], v[i, :n], gravity=config.gravity),
             )
         )
     return tuple(tosses)
