@@ -19,6 +19,8 @@ IMPACT_WEIGHTS = 3.0
 """An impact is a mean contact force beyond so many times the object's weight over an interval."""
 IMPACT_SIGMAS = 5.0
 """And a change of velocity beyond so many of its standard errors."""
+PASSING_SPEED = 0.1
+"""[m/s] of a corner up or down: faster, it is on its way to the ground or from it and not in lasting contact."""
 SLIDE_SPEED = 0.05
 """[m/s] of the slowest touching corner, above which the object slides."""
 REST_SPIN_REL = 0.05
@@ -36,9 +38,10 @@ def label_phases(
 ) -> NDArray[np.uint8]:
     """Phase of every frame; an impact is labelled on the frame that follows it.
 
-    flight: every corner is clear of the ground. impact: the velocity jumped
-    since the frame before, by more than `IMPACT_WEIGHTS` weights explain, where
-    the object may touch the ground. slide: every touching corner moves along
+    flight: every corner is clear of the ground, or on its way to it or from it.
+    impact: the velocity jumped since the frame before, by more than
+    `IMPACT_WEIGHTS` weights explain, where the object may touch the ground; or
+    a corner sinks into it. slide: every touching corner moves along
     the ground. roll: one does not, but the object turns (rolls, tips, pivots).
     rest: neither.
 
@@ -53,8 +56,10 @@ def label_phases(
     check_motion(t, q, v)
     h = np.diff(t)
     height = corner_positions(model, q)[..., 2]
-    touching = height < TOUCH_REL * model.width
-    speed = np.linalg.norm(corner_velocities(model, q, v)[..., :2], axis=-1)
+    velocity = corner_velocities(model, q, v)
+    touching = (height < TOUCH_REL * model.width) & (np.abs(velocity[..., 2]) < PASSING_SPEED)
+    sinking = (height < 0) & (velocity[..., 2] <= -PASSING_SPEED)
+    speed = np.linalg.norm(velocity[..., :2], axis=-1)
     slowest = np.where(touching, speed, np.inf).min(axis=1)
     spin = np.abs(v[:, 3:]).max(axis=1) if model.n_joints else np.linalg.norm(v[:, 3:6], axis=1)
 
@@ -62,6 +67,7 @@ def label_phases(
     phase[0.5 * model.width * spin > REST_SPIN_REL] = Phase.ROLL
     phase[slowest > SLIDE_SPEED] = Phase.SLIDE
     phase[~touching.any(axis=1)] = Phase.FLIGHT
+    phase[sinking.any(axis=1)] = Phase.IMPACT
 
     jump = jump_speed(model, q[1:], v[:-1], v[1:], gravity * h)
     least = np.maximum(IMPACT_WEIGHTS * gravity * h, IMPACT_SIGMAS * np.sqrt(2.0) * v_sigma)

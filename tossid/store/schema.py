@@ -132,7 +132,7 @@ def attribute(path: Path, holder: h5py.Group, name: str, kind: type) -> Any:
         raise FileError(
             path, f"attribute {name!r} of {holder.name} is {type(value).__name__}, expected {kind.__name__}"
         )
-    if kind is float and not np.isfinite(value):
+    if isinstance(value, float) and not math.isfinite(value):
         raise FileError(path, f"attribute {name!r} of {holder.name} is not finite")
     return value
 
