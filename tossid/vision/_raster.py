@@ -102,8 +102,9 @@ def cast(
                     level = white * shade[f]
                     if face_tags[f, 1] == 0:
                         continue
-                    u = z * (planes[time, f, 4] * x + planes[time, f, 5] * y + planes[time, f, 6]) - planes[time, f, 7]
-                    v = z * (planes[time, f, 8] * x + planes[time, f, 9] * y + planes[time, f, 10]) - planes[time, f, 11]
+                    p = planes[time, f]
+                    u = z * (p[4] * x + p[5] * y + p[6]) - p[7]
+                    v = z * (p[8] * x + p[9] * y + p[10]) - p[11]
                     for m in range(face_tags[f, 0], face_tags[f, 0] + face_tags[f, 1]):
                         i = tag_map[m, 0, 0] * u + tag_map[m, 0, 1] * v + tag_map[m, 0, 2]
                         j = tag_map[m, 1, 0] * u + tag_map[m, 1, 1] * v + tag_map[m, 1, 2]

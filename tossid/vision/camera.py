@@ -155,7 +155,7 @@ class Camera:
         t2 = theta * theta
         theta_d = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
         slope = 1 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))  # d θ_d / d θ
-        axis = R < 1e-9 * np.abs(Z)
+        axis = 1e-9 * np.abs(Z) > R
         safe = np.where(axis, 1.0, R)
         scale = np.where(axis, 1.0 / Z, theta_d / safe)
         norm2 = R * R + Z * Z

@@ -1,11 +1,12 @@
 """A recording: a folder of camera frames with their calibration and tag layout.
 
-    NAME/cameras.yaml, camera_poses.yaml, tagslam.yaml
-    NAME/frames/CAMERA/T_NS.jpg (or .png): grey images, named by their time stamp [ns]
+NAME/cameras.yaml, camera_poses.yaml, tagslam.yaml
+NAME/frames/CAMERA/T_NS.jpg (or .png): grey images, named by their time stamp [ns]
 """
 
 from __future__ import annotations
 
+import itertools
 import os
 import shutil
 import tempfile
@@ -141,7 +142,7 @@ def _list_frames(folder: Path, camera: str) -> tuple[FrameFile, ...]:
     if not files:
         raise FileError(folder, f"has no frames of camera '{camera}'")
     files.sort(key=lambda file: file.t_ns)
-    for one, next_one in zip(files, files[1:], strict=False):
+    for one, next_one in itertools.pairwise(files):
         if one.t_ns == next_one.t_ns:
             raise FileError(next_one.path, f"has the same time stamp as {one.path.name}")
     return tuple(files)
@@ -180,7 +181,8 @@ class RecordingWriter:
         self.cameras = tuple(cameras)
         self.layout = layout
         self._suffix = f".{image_format}"
-        self._options = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1] if image_format == "jpg" else []
+        jpeg = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
+        self._options = jpeg if image_format == "jpg" else []
         self.folder = self.target  # until the context starts
 
     def __enter__(self) -> RecordingWriter:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -103,8 +104,10 @@ class Renderer:
         self._n_edges = np.array([len(face.polygon) for face in self._faces], dtype=np.int64)
         # polygons padded with their first corner
         self._polygons = np.stack(
-            [np.concatenate([face.polygon, np.repeat(face.polygon[:1], most - len(face.polygon), 0)])
-             for face in self._faces]
+            [
+                np.concatenate([face.polygon, np.repeat(face.polygon[:1], most - len(face.polygon), 0)])
+                for face in self._faces
+            ]
         )
 
     def _place_tags(self) -> None:
@@ -112,7 +115,8 @@ class Renderer:
         for index, tag in enumerate(self.model.tags):
             by_face[face_of_tag(tag, self._faces)].append(index)
         self._face_tags = np.zeros((len(self._faces), 2), dtype=np.int64)
-        maps, bitmaps = [], []
+        maps: list[Any] = []
+        bitmaps: list[NDArray[np.uint8]] = []
         for f, indices in enumerate(by_face):
             self._face_tags[f] = len(maps), len(indices)
             right, up = self._axes[f]
@@ -154,8 +158,9 @@ class Renderer:
             canvas = np.ascontiguousarray(sharp[y0:y1, x0:x1])
             self._cast(canvas, x0, y0, cam, q0, q1, rng)
             if settings.blur > 0:
-                canvas = cv2.GaussianBlur(canvas, (0, 0), settings.blur, borderType=cv2.BORDER_REPLICATE)
-            image[y0:y1, x0:x1] = canvas
+                image[y0:y1, x0:x1] = cv2.GaussianBlur(canvas, (0, 0), settings.blur, borderType=cv2.BORDER_REPLICATE)
+            else:
+                image[y0:y1, x0:x1] = canvas
         if rng is not None and settings.noise > 0:
             first = int(rng.integers(len(self._noise) - image.size))
             image += self._noise[first : first + image.size].reshape(image.shape)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -74,10 +75,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
 def number(path: Path, where: str, value: Any) -> float:
     """A finite number, or `FileError`."""
     if isinstance(value, str):  # YAML 1.1 reads '1e-05' as text
-        try:
+        with contextlib.suppress(ValueError):
             value = float(value)
-        except ValueError:
-            pass
     if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
         raise FileError(path, f"{where} is {value!r}, expected a finite number")
     return float(value)

@@ -1,0 +1,139 @@
+"""Files between the stages: detections and tracks as `.npz`, written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import zipfile
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tossid.errors import FileError, MotionError, OutputError
+from tossid.types import Detection, PoseTrack
+
+DETECTIONS = "tossid.detections/1"
+TRACKS = "tossid.tracks/1"
+
+
+def write_detections(detections: Iterable[Detection], path: str | Path) -> None:
+    """Write detections: arrays camera (index into `cameras`), t, tag_id, corners, corner_cov, hamming, margin."""
+    rows = list(detections)
+    names = sorted({row.camera for row in rows})
+    index = {name: i for i, name in enumerate(names)}
+    _write(
+        Path(path),
+        schema=np.array(DETECTIONS),
+        cameras=np.array(names, dtype=str),
+        camera=np.array([index[row.camera] for row in rows], dtype=np.int32),
+        t=np.array([row.t for row in rows], dtype=float),
+        tag_id=np.array([row.tag_id for row in rows], dtype=np.int32),
+        corners=np.array([row.corners for row in rows], dtype=float).reshape(-1, 4, 2),
+        corner_cov=np.array([row.corner_cov for row in rows], dtype=float).reshape(-1, 2, 2),
+        hamming=np.array([row.hamming for row in rows], dtype=np.int32),
+        margin=np.array([row.margin for row in rows], dtype=float),
+    )
+
+
+def read_detections(path: str | Path) -> tuple[Detection, ...]:
+    """Read what `write_detections` wrote. `FileError` on anything else."""
+    path = Path(path)
+    data = _read(path, DETECTIONS)
+    keys = ("cameras", "camera", "t", "tag_id", "corners", "corner_cov", "hamming", "margin")
+    missing = [key for key in keys if key not in data]
+    if missing:
+        raise FileError(path, f"has no {', '.join(missing)}")
+    n = len(data["t"])
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("camera", "tag_id", "hamming", "margin"), (n,))
+    shapes |= {"corners": (n, 4, 2), "corner_cov": (n, 2, 2)}
+    for key, shape in shapes.items():
+        if data[key].shape != shape:
+            raise FileError(path, f"{key} has shape {data[key].shape}, expected {shape}")
+    names = [str(name) for name in data["cameras"]]
+    if n and not (data["camera"].min() >= 0 and data["camera"].max() < len(names)):
+        raise FileError(path, "camera indices do not fit the list of cameras")
+    for key in ("t", "corners", "corner_cov"):
+        bad = ~np.isfinite(data[key].reshape(n, -1)).all(axis=1)
+        if bad.any():
+            raise FileError(path, f"{key} is not finite", row=int(np.argmax(bad)))
+    return tuple(
+        Detection(
+            names[int(data["camera"][i])],
+            float(data["t"][i]),
+            int(data["tag_id"][i]),
+            data["corners"][i],
+            data["corner_cov"][i],
+            int(data["hamming"][i]),
+            float(data["margin"][i]),
+        )
+        for i in range(n)
+    )
+
+
+def write_tracks(tracks: Sequence[PoseTrack], path: str | Path) -> None:
+    """Write tracks one after another: arrays names, lengths, t, q, q_cov (NaN where there is none)."""
+    nq = tracks[0].q.shape[1] if tracks else 7
+    covs = [np.full((len(track.t), nq - 1, nq - 1), np.nan) if track.q_cov is None else track.q_cov for track in tracks]
+    _write(
+        Path(path),
+        schema=np.array(TRACKS),
+        names=np.array([track.name for track in tracks], dtype=str),
+        lengths=np.array([len(track.t) for track in tracks], dtype=np.int64),
+        t=np.concatenate([track.t for track in tracks] or [np.zeros(0)]),
+        q=np.concatenate([track.q for track in tracks] or [np.zeros((0, nq))]),
+        q_cov=np.concatenate([*covs] or [np.zeros((0, nq - 1, nq - 1))]),
+    )
+
+
+def read_tracks(path: str | Path) -> tuple[PoseTrack, ...]:
+    """Read what `write_tracks` wrote. `FileError` on anything else."""
+    path = Path(path)
+    data = _read(path, TRACKS)
+    missing = [key for key in ("names", "lengths", "t", "q", "q_cov") if key not in data]
+    if missing:
+        raise FileError(path, f"has no {', '.join(missing)}")
+    lengths, n = data["lengths"], len(data["t"])
+    if lengths.sum() != n or len(data["names"]) != len(lengths) or len(data["q"]) != n or len(data["q_cov"]) != n:
+        raise FileError(path, "the lengths of its arrays do not fit together")
+    tracks = []
+    for name, end, length in zip(data["names"], np.cumsum(lengths), lengths, strict=True):
+        own = slice(int(end - length), int(end))
+        cov = data["q_cov"][own]
+        try:
+            tracks.append(PoseTrack(str(name), data["t"][own], data["q"][own], None if np.isnan(cov).all() else cov))
+        except MotionError as error:
+            raise FileError(path, f"track '{name}': {error}") from error
+    return tuple(tracks)
+
+
+def _write(path: Path, **arrays: Any) -> None:
+    made: str | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, made = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "wb") as stream:
+            np.savez_compressed(stream, **arrays)
+        os.chmod(made, 0o644)
+        os.replace(made, path)
+        made = None
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror}") from error
+    finally:
+        if made is not None:
+            Path(made).unlink(missing_ok=True)
+
+
+def _read(path: Path, schema: str) -> dict[str, Any]:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            data = {key: archive[key] for key in archive.files}
+    except FileNotFoundError as error:
+        raise FileError(path, "no such file") from error
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as error:
+        raise FileError(path, f"is not a whole {schema} file") from error
+    found = str(data.get("schema", "nothing"))
+    if found != schema:
+        raise FileError(path, f"holds {found}, expected {schema}")
+    return data

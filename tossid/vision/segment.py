@@ -1,0 +1,371 @@
+"""Find the tosses in one long track: from the release to rest, with a reason for everything else.
+
+Free flight is recognised by its acceleration, -g, and by its end on the ground;
+rest by the pose that no longer changes; the hand by flights that end in the
+air, and by the energy it brings in, for an object left to itself can only lose it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.errors import InputError
+from tossid.objects import GRAVITY, ObjectModel, body_poses, corner_positions
+from tossid.rotations import geodesic_angle, quat_boxminus, quat_continuous, quat_normalize, quat_rotate
+from tossid.types import PoseTrack
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentSettings:
+    """What counts as flight and as rest.
+
+    rest_distance [m], rest_angle [rad]: of the final pose, within which the object rests; more if the track's
+    noise is more.
+    min_rest, min_flight: shortest rest and free flight [s].
+    flight_acceleration: deviation from -g that is still free flight [m/s²].
+    energy: rise of energy over weight [m] that only a hand can cause.
+    ground: height of the lowest corner [m] at which a flight can have ended on the ground.
+    max_gap: longest gap [s] in a toss.
+    """
+
+    rest_distance: float = 0.0004
+    rest_angle: float = 0.006
+    min_rest: float = 0.08
+    min_flight: float = 0.04
+    flight_acceleration: float = 3.5
+    energy: float = 0.03
+    ground: float = 0.025
+    max_gap: float = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Frames [first, last] of a track, from t0 to t1 [s], that are no toss, and why."""
+
+    first: int
+    last: int
+    t0: float
+    t1: float
+    reason: str
+
+
+def segment(
+    track: PoseTrack,
+    model: ObjectModel,
+    *,
+    gravity: float = GRAVITY,
+    settings: SegmentSettings = SegmentSettings(),
+) -> tuple[tuple[PoseTrack, ...], tuple[Stretch, ...]]:
+    """Cut a track into tosses.
+
+    A toss starts with the first frame of free flight after the release (or with
+    the track, where that starts in flight) and ends with the first frame from
+    which the object stays at rest (or with the track).
+
+    Args:
+        track: at a mostly even rate, in a world whose z points up, ground at z = 0.
+        gravity: [m/s²].
+
+    Returns:
+        the tosses, named after the track and numbered, and every other stretch with its reason.
+    """
+    n = len(track.t)
+    dt = float(np.median(np.diff(track.t)))
+    if n < 8:
+        raise InputError(f"a track of {n} poses is too short to hold a toss")
+    com = center_of_mass(model, track.q)
+    low = corner_positions(model, track.q)[..., 2].min(axis=1)
+    # of the body whose moments are largest for its mass: an upper bound for the energy of spin
+    gyration = float((np.linalg.eigvalsh(model.inertia).max(axis=1) / model.mass).max())
+    tosses: list[PoseTrack] = []
+    rejected: list[Stretch] = []
+
+    def reject(first: int, last: int, reason: str) -> None:
+        if last >= first:
+            rejected.append(Stretch(first, last, float(track.t[first]), float(track.t[last]), reason))
+
+    # frames missing for longer than a toss can do without split the track
+    breaks = np.flatnonzero(np.diff(track.t) > max(settings.max_gap, 2.5 * dt)) + 1
+    edges = [0, *breaks.tolist(), n]
+    for number, (a, b) in enumerate(itertools.pairwise(edges)):
+        open_end = number < len(edges) - 2
+        part = _Part(track.t[a:b], com[a:b], track.q[a:b], low[a:b], dt, gravity, gyration, settings)
+        if b - a < 8:
+            reject(a, b - 1, "too short")
+            continue
+        for first, last, reason in part.stretches(open_end=open_end):
+            if reason:
+                reject(a + first, a + last, reason)
+            else:
+                own = slice(a + first, a + last + 1)
+                cov = None if track.q_cov is None else track.q_cov[own]
+                tosses.append(PoseTrack(f"{track.name}_{len(tosses):03d}", track.t[own], track.q[own], cov))
+    return tuple(tosses), tuple(rejected)
+
+
+def center_of_mass(model: ObjectModel, q: Array) -> Array:
+    """World position of the whole object's centre of mass [m]. (n, nq) -> (n, 3)."""
+    position, quat = body_poses(model, q)
+    com = position + quat_rotate(quat, model.com)
+    return np.asarray(np.einsum("b,nbi->ni", model.mass, com) / model.mass.sum())
+
+
+def rest_frame(q: Array, *, settings: SegmentSettings = SegmentSettings()) -> int:
+    """First frame from which the configuration stays within the rest tolerance of its last five frames' mean.
+
+    q: (n, nq). A single frame beyond the tolerance does not count as motion.
+    """
+    moving = ~_still(q, _mean_pose(q[-5:]), settings.rest_distance, settings.rest_angle)
+    index = np.flatnonzero(moving & ~_alone(moving))
+    return int(min(index[-1] + 1, len(q) - 1)) if len(index) else 0
+
+
+def _mean_pose(q: Array) -> Array:
+    """Medians of positions and joints, mean of orientations (all near each other). (n, nq) -> (nq,)."""
+    pose = np.median(q, axis=0)
+    pose[3:7] = quat_normalize(quat_continuous(q[:, 3:7]).mean(axis=0))
+    return np.asarray(pose)
+
+
+def _still(q: Array, pose: Array, distance: float, angle: float) -> Bools:
+    near = np.linalg.norm(q[:, :3] - pose[:3], axis=1) < distance
+    turned = geodesic_angle(q[:, 3:7], pose[3:7]) < angle
+    joints = (np.abs(q[:, 7:] - pose[7:]) < angle).all(axis=1)
+    return np.asarray(near & turned & joints)
+
+
+def _alone(flags: Bools) -> Bools:
+    """Which of the flags stand with none beside them."""
+    padded = np.concatenate([[False], flags, [False]])
+    return np.asarray(flags & ~padded[:-2] & ~padded[2:])
+
+
+def _runs(flags: Bools) -> Iterator[tuple[int, int]]:
+    """First and last index of each run of true flags."""
+    steps = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    yield from zip(steps[::2].tolist(), (steps[1::2] - 1).tolist(), strict=True)
+
+
+def _scatter(third: Array) -> float:
+    """Standard deviation of a quantity from its third differences, robustly."""
+    return float(1.4826 * np.median(np.abs(third)) / np.sqrt(20.0))
+
+
+class _Part:
+    """A stretch of track without long gaps."""
+
+    def __init__(
+        self,
+        t: Array,
+        com: Array,
+        q: Array,
+        low: Array,
+        dt: float,
+        gravity: float,
+        gyration: float,
+        settings: SegmentSettings,
+    ) -> None:
+        self.t, self.com, self.q, self.low = t, com, q, low
+        self.dt, self.gravity, self.gyration, self.settings = dt, gravity, gyration, settings
+        # third differences: of smooth motion they are far smaller than of noise
+        self.noise = _scatter(np.diff(com, n=3, axis=0))
+        turn = quat_boxminus(q[1:, 3:7], q[:-1, 3:7])
+        self.turn_noise = _scatter(np.diff(turn, n=2, axis=0))
+        self.window = max(round(0.5 * settings.min_flight / dt), 3)  # half width of local fits
+        self.velocity, self.acceleration = self._local_fits()
+        self.spin = self._spin()
+
+    def _local_fits(self) -> tuple[Array, Array]:
+        """Velocity and acceleration of a parabola through each frame's neighbours. (n, 3) each."""
+        n, w = len(self.t), self.window
+        velocity, acceleration = np.zeros((n, 3)), np.full((n, 3), np.inf)
+        first = np.clip(np.arange(n) - w, 0, max(n - 2 * w - 1, 0))
+        index = np.minimum(first[:, None] + np.arange(2 * w + 1), n - 1)
+        s = self.t[index] - self.t[:, None]
+        basis = np.stack([np.ones_like(s), s, 0.5 * s**2], axis=-1)
+        coefficients = np.linalg.pinv(basis) @ self.com[index]
+        velocity, acceleration = coefficients[:, 1], coefficients[:, 2]
+        return velocity, acceleration
+
+    def _spin(self) -> Array:
+        """Angular speed over a few frames [rad/s]. (n,)."""
+        k = min(self.window, len(self.t) // 2)
+        rate = np.linalg.norm(quat_boxminus(self.q[2 * k :, 3:7], self.q[: -2 * k, 3:7]), axis=1)
+        rate = rate / (self.t[2 * k :] - self.t[: -2 * k])
+        return np.concatenate([np.repeat(rate[:1], k), rate, np.repeat(rate[-1:], k)])
+
+    def rests(self) -> list[tuple[int, int]]:
+        """Runs of frames at rest: the first within the tolerance of the run's own pose, to the last."""
+        n = len(self.t)
+        span = max(round(self.settings.min_rest / self.dt), 4)
+        if n <= span:
+            return []
+        distance = max(self.settings.rest_distance, 5 * self.noise)
+        angle = max(self.settings.rest_angle, 5 * self.turn_noise)
+        # candidates: the same pose at both ends and in the middle of the shortest rest
+        p, quat, joints = self.q[:, :3], self.q[:, 3:7], self.q[:, 7:]
+        quiet = np.ones(n - span, dtype=bool)
+        for step in (span // 2, span):
+            to = slice(step, n - span + step)
+            quiet &= np.linalg.norm(p[to] - p[: n - span], axis=1) < 1.5 * distance
+            quiet &= geodesic_angle(quat[to], quat[: n - span]) < 1.5 * angle
+            quiet &= (np.abs(joints[to] - joints[: n - span]) < 1.5 * angle).all(axis=1)
+        found: list[tuple[int, int]] = []
+        for a, b in _runs(quiet):
+            # what comes last is nearest to the final pose
+            still = _still(self.q, _mean_pose(self.q[(a + b + span) // 2 : b + span + 1]), distance, angle)
+            still |= _alone(~still)
+            runs = [run for run in _runs(still) if run[1] >= a and run[0] <= b + span]
+            if not runs:
+                continue
+            first, last = max(runs, key=lambda run: run[1] - run[0])
+            if found and first <= found[-1][1] + 1:
+                first = min(first, found.pop()[0])
+            if (last - first) * self.dt >= 0.9 * self.settings.min_rest:
+                found.append((first, last))
+        return self._merge(found)
+
+    def _merge(self, rests: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        """Join rests between which the object only settled further by itself."""
+        merged: list[tuple[int, int]] = []
+        for first, last in rests:
+            if merged:
+                between = slice(merged[-1][1], first + 1)
+                rise = self.com[between, 2].max() - self.com[merged[-1][1], 2]
+                speed = np.linalg.norm(self.velocity[between], axis=1).max()
+                if rise < 0.004 and speed < 0.15 and (first - merged[-1][1]) * self.dt < 1.0:
+                    # it had not come to rest before
+                    merged[-1] = (first, last)
+                    continue
+            merged.append((first, last))
+        return merged
+
+    def stretches(self, *, open_end: bool) -> Iterator[tuple[int, int, str]]:
+        """(first, last, reason) of all frames in order; an empty reason is a toss."""
+        n = len(self.t)
+        rests = self.rests()
+        at = 0
+        for first_rest, last_rest in [*rests, (n, n)]:
+            end = min(first_rest, n - 1)
+            if end > at or (first_rest == n and at < n - 1):
+                at_end = first_rest == n
+                yield from self._motion(at, end, at_end=at_end, open_end=open_end)
+            if first_rest < n:
+                yield min(first_rest + 1, last_rest), last_rest, "resting"
+                at = last_rest + 1
+            if at >= n:
+                break
+
+    def _motion(self, a: int, b: int, *, at_end: bool, open_end: bool) -> Iterator[tuple[int, int, str]]:
+        """One motion between rests, frames a to b; b is the first of rest unless `at_end`."""
+        flights = self._flights(a, b)
+        landed = [flight for flight in flights if self._lands(flight[1], b)]
+        release = next((flight for flight in landed if self._left_alone(*flight, b)), None)
+        if release is None:
+            if landed:
+                reason = "taken up again before it rested"
+            else:
+                reason = "carried: no free flight" if not flights else "carried: no free flight to the ground"
+            yield a, b - (not at_end), reason
+            return
+        first = release[0]
+        if first > a:
+            yield a, first - 1, "carried" if release == landed[0] else "taken up again before it rested"
+        if at_end and open_end:
+            yield first, b, "the track has a gap before the object rests"
+        elif at_end and release[1] >= b - 1:
+            yield first, b, "too short: the track ends in its first flight"
+        else:
+            yield first, b, ""
+
+    def _lands(self, last: int, b: int) -> bool:
+        """Whether a flight ends near the ground, or with the track."""
+        if last >= len(self.t) - 2:
+            return True
+        return bool(self.low[max(last - 1, 0) : min(last + 2, b) + 1].min() < self.settings.ground)
+
+    def _flights(self, a: int, b: int) -> list[tuple[int, int]]:
+        """Runs of free flight in frames a to b, grown to their last frames of free motion."""
+        settings = self.settings
+        down = np.array([0.0, 0.0, -self.gravity])
+        w = self.window
+        # noise of a local acceleration: 720 / N⁵ of a quadratic fit (N frames), doubled
+        spread = 2 * np.sqrt(720.0 / (2 * w + 1) ** 5) * self.noise / self.dt**2
+        free = np.linalg.norm(self.acceleration - down, axis=1) < settings.flight_acceleration + spread
+        flights: list[tuple[int, int]] = []
+        for first, last in _runs(free[a : b + 1]):
+            core = (a + first, a + last)
+            if flights and core[0] <= flights[-1][1]:
+                core = (flights[-1][1] + 1, core[1])
+            if core[1] - core[0] < 1:
+                continue
+            grown = self._grow(*core, a, b)
+            if (self.t[grown[1]] - self.t[grown[0]]) >= settings.min_flight:
+                flights.append(grown)
+        return flights
+
+    def _grow(self, first: int, last: int, a: int, b: int) -> tuple[int, int]:
+        """Extend a flight frame by frame while the parabola of its nearest frames predicts the next.
+
+        One frame beside the parabola is passed over if the frame behind it is on it again.
+        """
+        mean = self.acceleration[first : last + 1].mean(axis=0)
+        limit = max(5 * self.noise, 2.5e-4)
+        # the local fits at the core's ends may already lean on frames outside the flight
+        first, last = self._shrink(first, last, mean, limit)
+        near = max(self.window + 1, 5)
+        for step in (-1, 1):
+            while True:
+                edge = first if step < 0 else last
+                if step < 0:
+                    own = slice(first, min(first + near, last + 1))
+                else:
+                    own = slice(max(last + 1 - near, first), last + 1)
+                for ahead in (edge + step, edge + 2 * step):
+                    if a <= ahead <= b and self._off(own, ahead, mean) <= 1.6 * limit:
+                        first, last = min(first, ahead), max(last, ahead)
+                        break
+                else:
+                    break
+        return first, last
+
+    def _off(self, own: slice, frame: int, acceleration: Array) -> float:
+        """Distance [m] of a frame from the parabola through others."""
+        return float(np.linalg.norm(self._predict(own, self.t[frame], acceleration) - self.com[frame]))
+
+    def _shrink(self, first: int, last: int, mean: Array, limit: float) -> tuple[int, int]:
+        while last - first >= 4:
+            own = slice(first, last + 1)
+            fitted = np.stack([self._predict(own, time, mean) for time in (self.t[first], self.t[last])])
+            off = np.linalg.norm(fitted - self.com[[first, last]], axis=1)
+            if (off <= limit).all():
+                break
+            first, last = (first + 1, last) if off[0] >= off[1] else (first, last - 1)
+        return first, last
+
+    def _predict(self, own: slice, time: float, acceleration: Array) -> Array:
+        """Position at a time on the parabola of given acceleration through frames of the flight."""
+        s = self.t[own] - time
+        rest = self.com[own] - 0.5 * acceleration * s[:, None] ** 2
+        basis = np.stack([np.ones_like(s), s], axis=1)
+        return np.asarray(np.linalg.lstsq(basis, rest, rcond=None)[0][0])
+
+    def _left_alone(self, first: int, last: int, b: int) -> bool:
+        """Whether nothing brought in energy from a flight to the end of the motion.
+
+        Energy over mass: g z + |v|²/2 [J/kg], at the start with that of the spin, which an impact can turn into it.
+        """
+        energy = self.gravity * self.com[:, 2] + 0.5 * np.sum(self.velocity**2, axis=1)
+        flight = slice(first, last + 1)
+        start = np.median(energy[flight] + 0.5 * self.gyration * self.spin[flight] ** 2)
+        later = np.sort(energy[last + 1 : b + 1])
+        # three frames, for one alone may be the track's fault
+        return not len(later) or bool(later[-min(3, len(later))] < start + self.settings.energy * self.gravity)

@@ -1,0 +1,197 @@
+"""The motion of a whole synthetic recording: toss, rest, a hand that carries the object to the next release."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.errors import InputError
+from tossid.objects import ObjectModel, corner_positions
+from tossid.rotations import quat_boxminus, quat_exp, quat_mul, right_jacobian_inv
+from tossid.types import Frame, Toss
+from tossid.vision.camera import Camera
+from tossid.vision.recording import RecordingWriter
+from tossid.vision.render import Renderer, RenderSettings, interpolate
+from tossid.vision.segment import SegmentSettings, rest_frame
+
+Array = NDArray[np.float64]
+
+DEFAULT_SEGMENTS = SegmentSettings()
+DEFAULT_IMAGES = RenderSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """A continuous motion at an even rate.
+
+    t (n,) [s], q (n, nq). tosses: the true tosses on this clock, each from its release to its first
+    frame of rest (as `segment` defines it). release, rest: (m,) frames at which they start and end.
+    """
+
+    t: Array
+    q: Array
+    tosses: tuple[Toss, ...]
+    release: NDArray[np.int64]
+    rest: NDArray[np.int64]
+
+
+def make_timeline(
+    tosses: Sequence[Toss],
+    model: ObjectModel,
+    rng: np.random.Generator,
+    *,
+    start: float = 0.0,
+    carry: tuple[float, float] = (0.35, 0.5),
+    rest: tuple[float, float] = (0.15, 0.25),
+    settings: SegmentSettings = DEFAULT_SEGMENTS,
+) -> Timeline:
+    """Join tosses into one motion.
+
+    Before each toss a hand lifts the object from where it rests (before the
+    first: where the last toss ends) and throws it: position and attitude are
+    fifth-degree polynomials that end with the release's pose and velocity and
+    an upward acceleration of 5 to 12 m/s², so that free flight starts there.
+
+    Args:
+        tosses: each at the same even rate, from its release to rest.
+        model: the object.
+        start: time of the first frame [s].
+        carry, rest: bounds of the durations [s].
+
+    Raises:
+        InputError: no tosses, or tosses of different or uneven rates.
+    """
+    if not tosses:
+        raise InputError("no tosses to make a recording of")
+    steps = np.concatenate([np.diff(toss.t) for toss in tosses])
+    dt = float(np.median(steps))
+    if np.abs(steps - dt).max() > 1e-3 * dt:
+        raise InputError("tosses of a recording must all have one even rate")
+    pieces: list[Array] = []
+    count = 0
+    release, at_rest, retimed = [], [], []
+    previous = tosses[-1].q[-1]
+    for toss in tosses:
+        n_before = max(round(rng.uniform(*rest) / dt), 1) if pieces else max(round(0.1 / dt), 1)
+        pieces.append(np.repeat(previous[None], n_before, axis=0))
+        path = _carry(previous, toss, model, dt, rng, carry)
+        pieces.append(path)
+        count += n_before + len(path)
+        end = rest_frame(toss.q, settings=settings)
+        own = slice(0, max(end, 1) + 1)
+        release.append(count)
+        at_rest.append(count + own.stop - 1)
+        t: Array = start + dt * (count + np.arange(len(toss.t), dtype=float))
+        retimed.append(
+            replace(
+                toss,
+                t=t[own],
+                q=toss.q[own],
+                v=toss.v[own],
+                q_cov=toss.q_cov[own],
+                v_cov=toss.v_cov[own],
+                phase=toss.phase[own],
+            )
+        )
+        pieces.append(toss.q)
+        count += len(toss.q)
+        previous = toss.q[-1]
+    tail = max(round(rest[1] / dt), 1)
+    pieces.append(np.repeat(previous[None], tail, axis=0))
+    q = np.concatenate(pieces)
+    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+    clock: Array = start + dt * np.arange(len(q), dtype=float)
+    return Timeline(clock, q, tuple(retimed), np.array(release, dtype=np.int64), np.array(at_rest, dtype=np.int64))
+
+
+def _carry(
+    before: Array, toss: Toss, model: ObjectModel, dt: float, rng: np.random.Generator, bounds: tuple[float, float]
+) -> Array:
+    """Configurations from rest to just before the release, one frame apart. (n, nq)."""
+    q1, v1 = toss.q[0], toss.v[0]
+    way = float(np.linalg.norm(q1[:3] - before[:3]))
+    # a hand takes longer for a longer way: about 2.5 m/s on average at most
+    n = max(round(max(rng.uniform(*bounds), way / 2.5) / dt), 4)
+    T = n * dt
+    s = np.arange(n) / n
+    push = np.array([0.0, 0.0, 1.0]) * rng.uniform(5.0, 12.0) + rng.uniform(-3.0, 3.0, 3) * [1, 1, 0]
+    p = before[:3] + _quintic(s, q1[:3] - before[:3], v1[:3] * T, push * T**2)
+    turn = quat_boxminus(q1[3:7], before[3:7])
+    rate = right_jacobian_inv(turn) @ v1[3:6]
+    rotvec = _quintic(s, turn, rate * T, np.zeros(3))
+    joints = before[7:] + _quintic(s, q1[7:] - before[7:], v1[6:] * T, np.zeros(model.n_joints))
+    q = np.concatenate([p, quat_mul(before[3:7], quat_exp(rotvec)), joints], axis=1)
+    # the hand lifts the object off the ground first; the bump ends with no velocity and no acceleration
+    bump = 64 * (s * (1 - s)) ** 3
+    clear = min(0.01 + 0.03 * float(rng.random()), 0.9 * float(corner_positions(model, q1)[:, 2].min()))
+    low = corner_positions(model, q)[..., 2].min(axis=1) - clear * np.minimum(1, 6 * s)
+    lift = float(np.max(np.where(low < 0, -low, 0.0) / np.maximum(bump, 0.02)))
+    q[:, 2] += min(lift, 0.5) * bump
+    return q
+
+
+def _quintic(s: Array, end: Array, velocity: Array, acceleration: Array) -> Array:
+    """Fifth-degree polynomial in s from rest at 0 to the given end, velocity and acceleration at s = 1. (n, k)."""
+    x, v, a = end, velocity, acceleration
+    c3 = 10 * x - 4 * v + 0.5 * a
+    c4 = -15 * x + 7 * v - a
+    c5 = 6 * x - 3 * v + 0.5 * a
+    power = s[:, None]
+    return np.asarray(power**3 * (c3 + power * (c4 + power * c5)))
+
+
+def render_timeline(
+    timeline: Timeline,
+    model: ObjectModel,
+    cameras: Sequence[Camera],
+    writer: RecordingWriter,
+    rng: np.random.Generator,
+    *,
+    settings: RenderSettings = DEFAULT_IMAGES,
+    exposure: float = 0.001,
+    threads: int = 2,
+    progress: Callable[[int], None] | None = None,
+) -> int:
+    """Render every frame of every camera into an open recording.
+
+    A frame's time stamp is the middle of its exposure. The images depend on
+    `rng` only, not on the number of threads.
+
+    Args:
+        writer: an entered `RecordingWriter`.
+        exposure: how long the shutter is open [s], shorter than the time between frames.
+        progress: called with the number of frames done since the last call.
+
+    Returns:
+        the number of frames written.
+    """
+    dt = float(timeline.t[1] - timeline.t[0])
+    if not 0 <= exposure <= dt:
+        raise InputError(f"exposure is {exposure} s, expected 0 to the time between frames ({dt:.6g} s)")
+    renderer = Renderer(model, cameras, settings)
+    q = timeline.q
+    share = 0.5 * exposure / dt
+    opened, closed = q.copy(), q.copy()
+    opened[1:] = interpolate(q[1:], q[:-1], np.full(len(q) - 1, share))
+    closed[:-1] = interpolate(q[:-1], q[1:], np.full(len(q) - 1, share))
+    seeds = np.random.SeedSequence(int(rng.integers(2**63)))
+    jobs = [(i, camera.name) for i in range(len(q)) for camera in cameras]
+
+    def draw(job: tuple[int, str], seed: np.random.SeedSequence) -> None:
+        i, name = job
+        image = renderer.render(opened[i], closed[i], name, np.random.default_rng(seed))
+        writer.write(Frame(name, float(timeline.t[i]), image))
+
+    block = 32 * len(cameras)
+    with ThreadPoolExecutor(max_workers=threads, thread_name_prefix="render") as pool:
+        for first in range(0, len(jobs), block):
+            part = jobs[first : first + block]
+            for _ in pool.map(draw, part, seeds.spawn(len(part))):
+                pass
+            if progress is not None:
+                progress(len(part))
+    return len(jobs)
