@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence, Sized
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol, TextIO, TypeVar
 
@@ -86,7 +86,7 @@ class Console:
             table.add_row(*(Text(_cell(value)) for value in row))
         self.rich.print(table, soft_wrap=False)
 
-    def facts(self, facts: dict[str, object], *, title: str = "") -> None:
+    def facts(self, facts: Mapping[str, object], *, title: str = "") -> None:
         """Names and values, one a line."""
         if self.quiet:
             return

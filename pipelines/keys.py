@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from pipelines.schemas import Bounds
+from pipelines.schemas import Bounds, Ordered
 from tossid.errors import ConfigError
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
@@ -149,6 +149,8 @@ def describe(hint: Any) -> str:
     origin = get_origin(hint)
     if origin is Annotated:
         base, *extras = get_args(hint)
+        if any(isinstance(extra, Ordered) for extra in extras):
+            return f"two limits [low,high], each {describe(get_args(base)[0])}"
         limits = [_limits(extra) for extra in extras if isinstance(extra, Bounds)]
         return describe(base) + "".join(limits)
     if origin in (Union, types.UnionType):
@@ -183,6 +185,8 @@ def convert(hint: Any, value: Any, *, key: str) -> Any:
         for extra in extras:
             if isinstance(extra, Bounds) and not _within(extra, converted):
                 raise ConfigError(key, f"{value} is out of range; expected {describe(hint)}.")
+            if isinstance(extra, Ordered) and converted[0] > converted[1]:
+                raise ConfigError(key, f"{value} has its limits in the wrong order; expected {describe(hint)}.")
         return converted
     if origin in (Union, types.UnionType):
         return _convert_union(hint, value, key)
@@ -281,10 +285,12 @@ def parts_of(hint: Any) -> tuple[Any, ...]:
 
 
 def class_of(classes: Sequence[Any], member: Any) -> Any:
-    """The dataclass for a group's member: the one whose `name` is that literal, else the one with any name."""
+    """The dataclass of a group's member: the only one, or the one whose `name` is that literal."""
+    if len(classes) == 1:
+        return classes[0]
     for cls in classes:
         hint = get_type_hints(cls, localns=vars(sys.modules[cls.__module__])).get("name")
-        if (get_origin(hint) is Literal and member in get_args(hint)) or hint is str:
+        if get_origin(hint) is Literal and member in get_args(hint):
             return cls
     return None
 

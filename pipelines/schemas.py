@@ -25,11 +25,17 @@ class Bounds:
     above: float | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class Ordered:
+    """Marks a pair of limits: the first is not above the second."""
+
+
 Positive = Annotated[float, Bounds(above=0)]
 NonNegative = Annotated[float, Bounds(low=0)]
 Count = Annotated[int, Bounds(low=1)]
 Fraction = Annotated[float, Bounds(low=0, high=1)]
-Range = tuple[float, float]
+Range = Annotated[tuple[float, float], Ordered()]
+Span = Annotated[tuple[NonNegative, NonNegative], Ordered()]
 Seed = Annotated[int, Bounds(low=0, high=2**32 - 1)]
 
 
@@ -54,7 +60,63 @@ class ObjectConfig:
     """its AprilTags, in TagSLAM's tagslam.yaml form; null: none"""
 
 
-# ---------------------------------------------------------------- ingest
+# ---------------------------------------------------------------- ingest and its stages
+
+
+@dataclass(frozen=True)
+class DetectConfig:
+    """How tags are looked for."""
+
+    quad_decimate: Annotated[float, Bounds(low=1)]
+    """reduction of the image near where the object was last seen"""
+    search_decimate: Annotated[float, Bounds(low=1)]
+    """reduction where it must be looked for in the whole image"""
+    predict: bool
+    """look near the last place first; false searches every image whole"""
+    refine: bool
+    """measure corners in the image, to a fraction of a pixel"""
+    max_hamming: Annotated[int, Bounds(low=0, high=2)]
+    """most corrected bits"""
+    min_margin: NonNegative
+    """least decision margin"""
+
+
+@dataclass(frozen=True)
+class TrackConfig:
+    """When a pose is believed."""
+
+    max_rms: Positive
+    """largest rms reprojection of a frame [px]"""
+    outlier: Positive
+    """whitened rms residual beyond which one tag among several is dropped"""
+    evidence: NonNegative
+    """least difference in residuals for the images alone to decide between two poses"""
+    max_spin: Positive
+    """fastest turn that is believed [rad/s]"""
+    max_speed: Positive
+    """fastest motion that is believed [m/s]"""
+    max_gap: Positive
+    """longest time over which neighbours decide between two poses [s]"""
+
+
+@dataclass(frozen=True)
+class SegmentConfig:
+    """What counts as flight and as rest."""
+
+    rest_distance: Positive
+    """distance from its final place within which the object rests [m]"""
+    rest_angle: Positive
+    """angle from its final orientation within which it rests [rad]"""
+    min_rest: Positive
+    """shortest rest [s]"""
+    min_flight: Positive
+    """shortest free flight [s]"""
+    flight_acceleration: Positive
+    """deviation from gravity that is still free flight [m/s²]"""
+    energy: Positive
+    """rise of energy over weight that only a hand can cause [m]"""
+    max_gap: Positive
+    """longest gap in a toss [s]"""
 
 
 @dataclass(frozen=True)
@@ -122,6 +184,68 @@ class IngestConfig:
     """seed of the draw of splits"""
     splits: tuple[Fraction, Fraction, Fraction]
     """shares of tosses for train, validation and test"""
+    threads: Count | None
+    """images searched at the same time; null: one a core"""
+    detect: DetectConfig
+    """frames: how tags are looked for:"""
+    track: TrackConfig
+    """frames: when a pose is believed:"""
+    segment: SegmentConfig
+    """frames: what counts as flight and as rest:"""
+
+
+@dataclass(frozen=True)
+class DetectStageConfig:
+    """Keys of `tossid detect`."""
+
+    recording: Path | None
+    """recording folder; null: the newest in data/raw"""
+    out: Path | None
+    """detections to write (.npz); null: outputs/stages/RECORDING/detections.npz"""
+    threads: Count | None
+    """images searched at the same time; null: one a core"""
+    object: ObjectConfig | None
+    """what was tossed; none: what the recording says, else the cube:"""
+    detect: DetectConfig
+    """how tags are looked for:"""
+
+
+@dataclass(frozen=True)
+class TrackStageConfig:
+    """Keys of `tossid track`."""
+
+    recording: Path | None
+    """recording folder (for its calibration); null: the newest in data/raw"""
+    detections: Path | None
+    """what `tossid detect` wrote; null: its default place for this recording"""
+    out: Path | None
+    """poses to write (.npz, and .txt in the TUM format beside); null: outputs/stages/RECORDING/poses.npz"""
+    object: ObjectConfig | None
+    """what was tossed; none: what the recording says, else the cube:"""
+    track: TrackConfig
+    """when a pose is believed:"""
+
+
+@dataclass(frozen=True)
+class SegmentStageConfig:
+    """Keys of `tossid segment`."""
+
+    recording: Path | None
+    """recording folder (for its object); null: the newest in data/raw"""
+    poses: Path | None
+    """what `tossid track` wrote; null: its default place for this recording"""
+    out: Path | None
+    """the dataset to write (.h5); null: data/datasets/RECORDING.h5"""
+    gravity: Positive
+    """gravity where it was recorded [m/s²]"""
+    seed: Seed
+    """seed of the draw of splits"""
+    splits: tuple[Fraction, Fraction, Fraction]
+    """shares of tosses for train, validation and test"""
+    object: ObjectConfig | None
+    """what was tossed; none: what the recording says, else the cube:"""
+    segment: SegmentConfig
+    """what counts as flight and as rest:"""
 
 
 # ---------------------------------------------------------------- synthesize
@@ -154,15 +278,15 @@ Engine = LcpEngine | MujocoEngine
 class ReleaseConfig:
     """How tosses begin; each value is drawn between its two limits, the orientation from all."""
 
-    height: Range
+    height: Span
     """lowest corner above the ground [m]"""
     landing: NonNegative
     """radius of the disc about the origin in which it first comes down [m]"""
-    speed: Range
+    speed: Span
     """horizontal speed [m/s]"""
     climb: Range
     """vertical velocity, upward [m/s]"""
-    spin: Range
+    spin: Span
     """angular speed, about any axis [rad/s]"""
     joint: Range
     """joint angles, for an object with joints [rad]"""
@@ -216,10 +340,10 @@ class CameraConfig:
     """lens blur [px]"""
     quality: Annotated[int, Bounds(low=30, high=100)]
     """JPEG quality"""
-    carry_s: NonNegative
-    """time that a hand moves the object before each release [s]"""
-    gap_s: Positive
-    """time without frames between a toss and the next [s]"""
+    carry_s: Span
+    """how long a hand carries the object to each release, between two limits [s]"""
+    pause_s: Span
+    """how long the object lies before the hand takes it, between two limits [s]"""
 
 
 @dataclass(frozen=True)
@@ -257,7 +381,10 @@ class SynthesizeConfig:
 
 
 COMMANDS: dict[str, type] = {
+    "detect": DetectStageConfig,
     "ingest": IngestConfig,
+    "segment": SegmentStageConfig,
     "synthesize": SynthesizeConfig,
+    "track": TrackStageConfig,
 }
 """The schema of each command that takes keys."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.schemas import LcpEngine, NoiseConfig, ReleaseConfig, SynthesizeConfig
-from tossid.errors import ConfigError, DivergedError
+from tossid.errors import DivergedError
 from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import quat_exp, quat_mul
 from tossid.types import Toss
@@ -35,10 +35,6 @@ def draw_releases(
     Returns:
         q (n, nq), v (n, nv).
     """
-    for name in ("height", "speed", "climb", "spin", "joint", "joint_rate"):
-        low, high = getattr(release, name)
-        if low > high:
-            raise ConfigError(f"release.{name}", f"[{low}, {high}] has its limits in the wrong order.")
     quat = rng.normal(size=(n, 4))
     quat /= np.linalg.norm(quat, axis=1, keepdims=True)
     q = np.concatenate([np.zeros((n, 3)), quat, rng.uniform(*release.joint, size=(n, model.n_joints))], axis=1)
