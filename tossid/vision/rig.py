@@ -32,9 +32,9 @@ def default_rig(
     n_cameras: int = 3,
     resolution: tuple[int, int] = (640, 512),
     rate_hz: float = 148.0,
-    area: float = 1.0,
-    height: float = 0.4,
-    distance: float = 1.4,
+    area: float = 1.2,
+    height: float = 0.45,
+    distance: float = 1.5,
     elevation_deg: float = 38.0,
     distorted: bool = True,
 ) -> tuple[Camera, ...]:

@@ -97,7 +97,8 @@ def segment(
     edges = [0, *breaks.tolist(), n]
     for number, (a, b) in enumerate(itertools.pairwise(edges)):
         open_end = number < len(edges) - 2
-        part = _Part(track.t[a:b], com[a:b], track.q[a:b], low[a:b], dt, gravity, gyration, settings)
+        cov = None if track.q_cov is None else track.q_cov[a:b]
+        part = _Part(track.t[a:b], com[a:b], track.q[a:b], cov, low[a:b], dt, gravity, gyration, settings)
         if b - a < 8:
             reject(a, b - 1, "too short")
             continue
@@ -123,7 +124,8 @@ def rest_frame(q: Array, *, settings: SegmentSettings = SegmentSettings()) -> in
 
     q: (n, nq). A single frame beyond the tolerance does not count as motion.
     """
-    moving = ~_still(q, _mean_pose(q[-5:]), settings.rest_distance, settings.rest_angle)
+    distance, angle = np.full(len(q), settings.rest_distance), np.full(len(q), settings.rest_angle)
+    moving = ~_still(q, _mean_pose(q[-5:]), distance, angle)
     index = np.flatnonzero(moving & ~_alone(moving))
     return int(min(index[-1] + 1, len(q) - 1)) if len(index) else 0
 
@@ -135,10 +137,10 @@ def _mean_pose(q: Array) -> Array:
     return np.asarray(pose)
 
 
-def _still(q: Array, pose: Array, distance: float, angle: float) -> Bools:
+def _still(q: Array, pose: Array, distance: Array, angle: Array) -> Bools:
     near = np.linalg.norm(q[:, :3] - pose[:3], axis=1) < distance
     turned = geodesic_angle(q[:, 3:7], pose[3:7]) < angle
-    joints = (np.abs(q[:, 7:] - pose[7:]) < angle).all(axis=1)
+    joints = (np.abs(q[:, 7:] - pose[7:]) < angle[:, None]).all(axis=1)
     return np.asarray(near & turned & joints)
 
 
@@ -167,6 +169,7 @@ class _Part:
         t: Array,
         com: Array,
         q: Array,
+        q_cov: Array | None,
         low: Array,
         dt: float,
         gravity: float,
@@ -175,10 +178,14 @@ class _Part:
     ) -> None:
         self.t, self.com, self.q, self.low = t, com, q, low
         self.dt, self.gravity, self.gyration, self.settings = dt, gravity, gyration, settings
-        # third differences: of smooth motion they are far smaller than of noise
-        self.noise = _scatter(np.diff(com, n=3, axis=0))
+        # noise of each frame [m], [rad]: what the track says, and at least what its third differences
+        # show, which of smooth motion are far smaller than of noise
         turn = quat_boxminus(q[1:, 3:7], q[:-1, 3:7])
-        self.turn_noise = _scatter(np.diff(turn, n=2, axis=0))
+        self.noise = np.full(len(t), _scatter(np.diff(com, n=3, axis=0)))
+        self.turn_noise = np.full(len(t), _scatter(np.diff(turn, n=2, axis=0)))
+        if q_cov is not None:
+            self.noise = np.maximum(self.noise, np.sqrt(np.linalg.eigvalsh(q_cov[:, :3, :3])[:, -1]))
+            self.turn_noise = np.maximum(self.turn_noise, np.sqrt(np.linalg.eigvalsh(q_cov[:, 3:6, 3:6])[:, -1]))
         self.window = max(round(0.5 * settings.min_flight / dt), 3)  # half width of local fits
         self.velocity, self.acceleration = self._local_fits()
         self.spin = self._spin()
@@ -208,16 +215,17 @@ class _Part:
         span = max(round(self.settings.min_rest / self.dt), 4)
         if n <= span:
             return []
-        distance = max(self.settings.rest_distance, 5 * self.noise)
-        angle = max(self.settings.rest_angle, 5 * self.turn_noise)
+        distance = np.maximum(self.settings.rest_distance, 4.5 * self.noise)
+        angle = np.maximum(self.settings.rest_angle, 4.5 * self.turn_noise)
         # candidates: the same pose at both ends and in the middle of the shortest rest
         p, quat, joints = self.q[:, :3], self.q[:, 3:7], self.q[:, 7:]
         quiet = np.ones(n - span, dtype=bool)
         for step in (span // 2, span):
             to = slice(step, n - span + step)
-            quiet &= np.linalg.norm(p[to] - p[: n - span], axis=1) < 1.5 * distance
-            quiet &= geodesic_angle(quat[to], quat[: n - span]) < 1.5 * angle
-            quiet &= (np.abs(joints[to] - joints[: n - span]) < 1.5 * angle).all(axis=1)
+            near, close = 1.5 * distance[: n - span], 1.5 * angle[: n - span]
+            quiet &= np.linalg.norm(p[to] - p[: n - span], axis=1) < near
+            quiet &= geodesic_angle(quat[to], quat[: n - span]) < close
+            quiet &= (np.abs(joints[to] - joints[: n - span]) < close[:, None]).all(axis=1)
         found: list[tuple[int, int]] = []
         for a, b in _runs(quiet):
             # what comes last is nearest to the final pose
@@ -280,7 +288,7 @@ class _Part:
         if first > a:
             yield a, first - 1, "carried" if release == landed[0] else "taken up again before it rested"
         if at_end and open_end:
-            yield first, b, "the track has a gap before the object rests"
+            yield first, b, "lost from view before it rests"
         elif at_end and release[1] >= b - 1:
             yield first, b, "too short: the track ends in its first flight"
         else:
@@ -297,9 +305,10 @@ class _Part:
         settings = self.settings
         down = np.array([0.0, 0.0, -self.gravity])
         w = self.window
-        # noise of a local acceleration: 720 / N⁵ of a quadratic fit (N frames), doubled
-        spread = 2 * np.sqrt(720.0 / (2 * w + 1) ** 5) * self.noise / self.dt**2
+        # noise of a local acceleration: 720 / N⁵ of a quadratic fit (N frames), three times
+        spread = 3 * np.sqrt(720.0 / (2 * w + 1) ** 5) * self.noise / self.dt**2
         free = np.linalg.norm(self.acceleration - down, axis=1) < settings.flight_acceleration + spread
+        free &= spread < 5.0  # where the track is too noisy to tell, it does not tell of flight
         flights: list[tuple[int, int]] = []
         for first, last in _runs(free[a : b + 1]):
             core = (a + first, a + last)
@@ -318,10 +327,10 @@ class _Part:
         One frame beside the parabola is passed over if the frame behind it is on it again.
         """
         mean = self.acceleration[first : last + 1].mean(axis=0)
-        limit = max(5 * self.noise, 2.5e-4)
+        limit = float(np.clip(5 * np.median(self.noise[first : last + 1]), 2.5e-4, 2e-3))
         # the local fits at the core's ends may already lean on frames outside the flight
         first, last = self._shrink(first, last, mean, limit)
-        near = max(self.window + 1, 5)
+        near = max(3 * self.window, 9)
         for step in (-1, 1):
             while True:
                 edge = first if step < 0 else last

@@ -15,7 +15,7 @@ from tossid.rotations import quat_boxminus, quat_exp, quat_mul, right_jacobian_i
 from tossid.types import Frame, Toss
 from tossid.vision.camera import Camera
 from tossid.vision.recording import RecordingWriter
-from tossid.vision.render import Renderer, RenderSettings, interpolate
+from tossid.vision.render import Renderer, RenderSettings
 from tossid.vision.segment import SegmentSettings, rest_frame
 
 Array = NDArray[np.float64]
@@ -174,10 +174,15 @@ def render_timeline(
         raise InputError(f"exposure is {exposure} s, expected 0 to the time between frames ({dt:.6g} s)")
     renderer = Renderer(model, cameras, settings)
     q = timeline.q
-    share = 0.5 * exposure / dt
+    # motion at the middle's own mean velocity, so that the blur is centred on the pose of the time stamp
+    share = np.full(len(q), 0.25 * exposure / dt)
+    before, after = q[np.maximum(np.arange(len(q)) - 1, 0)], q[np.minimum(np.arange(len(q)) + 1, len(q) - 1)]
     opened, closed = q.copy(), q.copy()
-    opened[1:] = interpolate(q[1:], q[:-1], np.full(len(q) - 1, share))
-    closed[:-1] = interpolate(q[:-1], q[1:], np.full(len(q) - 1, share))
+    way = share[:, None] * (after - before)
+    opened[:, :3], closed[:, :3] = q[:, :3] - way[:, :3], q[:, :3] + way[:, :3]
+    opened[:, 7:], closed[:, 7:] = q[:, 7:] - way[:, 7:], q[:, 7:] + way[:, 7:]
+    turn = share[:, None] * quat_boxminus(after[:, 3:7], before[:, 3:7])
+    opened[:, 3:7], closed[:, 3:7] = quat_mul(q[:, 3:7], quat_exp(-turn)), quat_mul(q[:, 3:7], quat_exp(turn))
     seeds = np.random.SeedSequence(int(rng.integers(2**63)))
     jobs = [(i, camera.name) for i in range(len(q)) for camera in cameras]
 
