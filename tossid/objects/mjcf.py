@@ -47,7 +47,14 @@ def load_object(
         spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, mujoco.FatalError) as error:
         raise FileError(path, f"MuJoCo cannot parse it: {_first_line(error)}") from error
-    return _from_spec(spec, name=name, friction=friction, restitution=restitution, width=width, tags=tags)
+    # arrays and text must agree to the last digit: read back what will be kept
+    try:
+        spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise FileError(path, f"MuJoCo cannot compile it: {_first_line(error)}") from error
+    return object_from_mjcf(
+        spec.to_xml(), name=name, friction=friction, restitution=restitution, width=width, tags=tags
+    )
 
 
 def object_from_mjcf(
@@ -64,11 +71,12 @@ def object_from_mjcf(
         spec = mujoco.MjSpec.from_string(text)
     except (ValueError, mujoco.FatalError) as error:
         raise ObjectError(f"MuJoCo cannot parse the object's MJCF: {_first_line(error)}") from error
-    return _from_spec(spec, name=name, friction=friction, restitution=restitution, width=width, tags=tags)
+    return _from_spec(spec, text, name=name, friction=friction, restitution=restitution, width=width, tags=tags)
 
 
 def _from_spec(
     spec: mujoco.MjSpec,
+    text: str,
     *,
     name: str | None,
     friction: float,
@@ -130,7 +138,7 @@ def _from_spec(
         restitution=float(restitution),
         width=float(width),
         tags=tuple(tags),
-        mjcf=spec.to_xml(),
+        mjcf=text,
     )
 
 

@@ -1,0 +1,139 @@
+"""ContactNets: an object's contact, and on demand its continuous dynamics, learned by the implicit loss.
+
+The three variants differ in what they learn (`cn.py`, `cnrp.py`, `cnrpi.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from tossid.models.implicit import Dynamics, LossTerms, LossWeights, implicit_loss
+from tossid.models.parameters import Friction, Geometry, Inertia, ResidualNet
+from tossid.models.transitions import Transitions, make_transitions
+from tossid.objects import GRAVITY, ObjectModel
+from tossid.physics import System, make_system
+
+
+@dataclass(frozen=True)
+class ContactNetsSettings:
+    """What is given to a ContactNets model and how its loss is weighed.
+
+    Attributes:
+        gravity: downward acceleration of the given continuous dynamics k_hat [m/s²].
+        learn_geometry, learn_friction, learn_residual, learn_inertia: what is learned.
+        hidden: width of the residual's hidden layers.
+        residual_weight: weight of the mean squared residual acceleration.
+        weights: of the loss's terms.
+    """
+
+    gravity: float = GRAVITY
+    learn_geometry: bool = True
+    learn_friction: bool = True
+    learn_residual: bool = False
+    learn_inertia: bool = False
+    hidden: int = 16
+    residual_weight: float = 1e-6
+    weights: LossWeights = LossWeights()
+
+
+class ContactNets(nn.Module):
+    """A learnable rigid body (or tree) over the ground.
+
+    Args:
+        model: the object as given: the start of everything learned, and the truth of the rest.
+        settings: what is learned and given.
+        seed: for the residual's weights.
+    """
+
+    def __init__(self, model: ObjectModel, settings: ContactNetsSettings, *, seed: int = 0) -> None:
+        super().__init__()
+        self.object = model
+        self.settings = settings
+        self.corner_body = torch.as_tensor(model.corner_body)
+        self.geometry = Geometry(model, learn=settings.learn_geometry)
+        self.friction = Friction(model, learn=settings.learn_friction)
+        self.inertia = Inertia(model, learn=settings.learn_inertia)
+        self.residual: ResidualNet | None = None
+        if settings.learn_residual:
+            generator = torch.Generator().manual_seed(seed)
+            self.residual = ResidualNet(model.n_joints, hidden=settings.hidden, generator=generator)
+        with torch.no_grad():
+            self._metric = tuple(part.clone() for part in Inertia(model, learn=False)())
+
+    def dynamics(self, features: Tensor) -> Dynamics:
+        """The model's numbers, with gradients, for the transitions whose features (N, n_f) are given."""
+        mass, moment, inertia = self.inertia()
+        return Dynamics(
+            mass=mass,
+            moment=moment,
+            inertia=inertia,
+            corner_pos=self.geometry(),
+            mu=self.friction(),
+            gravity=torch.tensor([0.0, 0.0, -self.settings.gravity], dtype=torch.float64),
+            residual=None if self.residual is None else self.residual(features),
+        )
+
+    def terms(self, transitions: Transitions) -> LossTerms:
+        """The implicit loss's terms for each transition."""
+        return implicit_loss(
+            transitions,
+            self.dynamics(transitions.features),
+            corner_body=self.corner_body,
+            metric=self._metric,
+            weights=self.settings.weights,
+        )
+
+    def loss(self, transitions: Transitions) -> tuple[Tensor, dict[str, float]]:
+        """Mean loss [m²/s²] and its parts, `unsolved` among them."""
+        terms = self.terms(transitions)
+        parts: dict[str, Tensor] = {
+            "prediction": terms.prediction.mean(),
+            "complementarity": terms.complementarity.mean(),
+            "dissipation": terms.dissipation.mean(),
+            "penetration": terms.penetration.mean(),
+        }
+        if self.residual is not None:
+            size = self.residual(transitions.features).square().sum(-1).mean()
+            parts["residual"] = self.settings.residual_weight * size
+        total = torch.stack(list(parts.values())).sum()
+        record = {name: float(value.detach()) for name, value in parts.items()}
+        return total, {**record, "unsolved": float(terms.unsolved)}
+
+    def learned_object(self) -> ObjectModel:
+        """The object with what was learned in place of what was given."""
+        with torch.no_grad():
+            mass, moment, at_origin = (part.numpy() for part in self.inertia())
+            com = moment / mass[:, None]
+            shift = np.einsum("bi,bi->b", com, com)[:, None, None] * np.eye(3) - com[:, :, None] * com[:, None, :]
+            return self.object.with_changes(
+                mass=mass.copy(),
+                com=com,
+                inertia=at_origin - mass[:, None, None] * shift,
+                corner_pos=self.geometry().numpy().copy(),
+                friction=float(self.friction()),
+            )
+
+    def system(self) -> System:
+        """The learned simulator."""
+        residual = None if self.residual is None else self.residual.arrays()
+        return make_system(self.learned_object(), gravity=self.settings.gravity, residual=residual)
+
+    def parameters_report(self) -> dict[str, Any]:
+        """What was learned and what was given, with units."""
+        learned, given = self.learned_object(), self.object
+        report: dict[str, Any] = {"gravity_given_ms2": self.settings.gravity}
+        if self.settings.learn_friction:
+            report["friction"] = learned.friction
+        if self.settings.learn_geometry:
+            report["corners_m"] = learned.corner_pos.round(6).tolist()
+            report["corner_shift_mm"] = float(1e3 * np.linalg.norm(learned.corner_pos - given.corner_pos, axis=1).max())
+        if self.settings.learn_inertia:
+            report["com_m"] = learned.com.round(6).tolist()
+            report["inertia_kgm2"] = learned.inertia.round(9).tolist()
+            report["mass_kg"] = learned.mass.tolist()
+        return report

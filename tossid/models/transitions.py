@@ -1,0 +1,112 @@
+"""Tosses as training data: one row for each pair of neighbouring frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from tossid.errors import InputError
+from tossid.objects import ObjectModel, corner_positions
+from tossid.physics import make_system, tree_batch
+from tossid.types import Toss
+
+CONTACT_MARGIN = 0.25
+"""A transition may involve contact when a nominal corner is, after it, lower than this share of the object's width."""
+
+FLIGHT_CLEARANCE = 0.1
+"""A transition is surely in flight when every nominal corner stays higher than this share of the object's width."""
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """Transitions (q, v) -> (q', v'), N of them, and what of the kinematics the loss needs (float64).
+
+    Attributes:
+        dt: (N,) [s].
+        v, v_next, dv: (N, nv).
+        X, omega, alpha, xdd, R: kinematics before the step, as in `physics.TreeBatch`.
+        features: (N, n_f) the residual's input; R_base: (N, 3, 3) the base's rotation.
+        up_next: (N, n_b, 3) the world's vertical in each body's axes after the step.
+        z_next: (N, n_b) height of each body's origin after the step [m].
+        near: (K,) rows that may involve contact.
+        flight: (F,) rows that surely do not: clear of the ground before and after.
+        toss: (N,) index of the toss.
+    """
+
+    dt: Tensor
+    v: Tensor
+    v_next: Tensor
+    dv: Tensor
+    X: Tensor
+    omega: Tensor
+    alpha: Tensor
+    xdd: Tensor
+    R: Tensor
+    features: Tensor
+    up_next: Tensor
+    z_next: Tensor
+    near: Tensor
+    flight: Tensor
+    toss: Tensor
+
+    def __len__(self) -> int:
+        return len(self.dt)
+
+    def rows(self, index: Tensor) -> Transitions:
+        """The transitions of the given rows, in that order."""
+        parts = {name: value[index] for name, value in vars(self).items() if name not in ("near", "flight")}
+        for name in ("near", "flight"):
+            member = torch.zeros(len(self), dtype=torch.bool)
+            member[getattr(self, name)] = True
+            parts[name] = torch.nonzero(member[index]).flatten()
+        return Transitions(**parts)
+
+    def in_flight(self) -> Transitions:
+        """The transitions that surely involve no contact."""
+        return self.rows(self.flight)
+
+
+def make_transitions(model: ObjectModel, tosses: Sequence[Toss]) -> Transitions:
+    """All transitions of the tosses.
+
+    Raises:
+        InputError: no toss, or tosses of another object (number of joints).
+    """
+    if not tosses:
+        raise InputError("there are no tosses to learn from")
+    for toss in tosses:
+        if toss.q.shape[1] != model.nq:
+            raise InputError(f"toss {toss.name} has {toss.q.shape[1]} coordinates, {model.name} has {model.nq}")
+    q = np.concatenate([toss.q[:-1] for toss in tosses])
+    v = np.concatenate([toss.v[:-1] for toss in tosses])
+    q_next = np.concatenate([toss.q[1:] for toss in tosses])
+    v_next = np.concatenate([toss.v[1:] for toss in tosses])
+    system = make_system(model)
+    here, there = tree_batch(system, q, v), tree_batch(system, q_next, v_next)
+    lowest = corner_positions(model, q_next)[..., 2].min(axis=1)
+    clear = np.minimum(lowest, corner_positions(model, q)[..., 2].min(axis=1)) > FLIGHT_CLEARANCE * model.width
+
+    def tensor(array: np.ndarray) -> Tensor:
+        return torch.from_numpy(np.ascontiguousarray(array))
+
+    return Transitions(
+        dt=tensor(np.concatenate([np.diff(toss.t) for toss in tosses])),
+        v=tensor(v),
+        v_next=tensor(v_next),
+        dv=tensor(v_next - v),
+        X=tensor(here.X),
+        omega=tensor(here.omega),
+        alpha=tensor(here.alpha),
+        xdd=tensor(here.xdd),
+        R=tensor(here.R),
+        features=tensor(here.features),
+        up_next=tensor(there.R[:, :, 2, :]),
+        z_next=tensor(there.x[:, :, 2]),
+        near=tensor(np.flatnonzero(lowest < CONTACT_MARGIN * model.width)),
+        flight=tensor(np.flatnonzero(clear)),
+        toss=tensor(np.concatenate([np.full(len(toss) - 1, i) for i, toss in enumerate(tosses)])),
+    )
