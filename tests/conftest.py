@@ -1,0 +1,32 @@
+"""What tests of several rooms share: the nominal objects, and real data where it is."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from tossid.objects import ObjectModel, load_object
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Folder of real recordings: $TOSSID_SHARED_DATA, or shared/data beside the repository."""
+    named = os.environ.get("TOSSID_SHARED_DATA")
+    folder = Path(named) if named else ROOT.parent / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip("no real data: set TOSSID_SHARED_DATA to the folder that holds contactnets_cube and pll_elbow")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def cube() -> ObjectModel:
+    return load_object(ROOT / "conf" / "object" / "cube.xml")
+
+
+@pytest.fixture(scope="session")
+def elbow() -> ObjectModel:
+    return load_object(ROOT / "conf" / "object" / "elbow.xml")

@@ -1,0 +1,67 @@
+"""Velocities of bodies against MuJoCo, and the measure of a jump."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from tests.physics.trees import random_state, random_tree
+from tossid.motion import body_velocities, com_velocities, corner_velocities, jump_speed
+from tossid.objects import ObjectModel, corner_positions
+from tossid.rotations import quat_exp, quat_mul, quat_normalize
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_body_velocities_are_mujocos(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model = random_tree(rng, n_bodies=1 + seed % 4)
+    m = mujoco.MjModel.from_xml_string(model.mjcf)
+    d = mujoco.MjData(m)
+    d.qpos[:], d.qvel[:] = q, v = random_state(rng, model)
+    mujoco.mj_forward(m, d)
+    linear, angular = body_velocities(model, q, v)
+    for body in range(model.n_bodies):
+        found = np.zeros(6)
+        mujoco.mj_objectVelocity(m, d, mujoco.mjtObj.mjOBJ_XBODY, body + 1, found, 0)
+        np.testing.assert_allclose(angular[body], found[:3], atol=1e-10)
+        np.testing.assert_allclose(linear[body], found[3:], atol=1e-10)
+        mujoco.mj_objectVelocity(m, d, mujoco.mjtObj.mjOBJ_BODY, body + 1, found, 0)
+        np.testing.assert_allclose(com_velocities(model, q, v)[body], found[3:], atol=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_corner_velocities_are_differences_of_positions(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model = random_tree(rng, n_bodies=3)
+    q, v = random_state(rng, model)
+
+    def at(h: float) -> np.ndarray:
+        turned = quat_normalize(quat_mul(q[3:7], quat_exp(h * v[3:6])))
+        return corner_positions(model, np.concatenate([q[:3] + h * v[:3], turned, q[7:] + h * v[6:]]))
+
+    numeric = (at(1e-6) - at(-1e-6)) / 2e-6
+    np.testing.assert_allclose(corner_velocities(model, q, v), numeric, atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_jump_is_measured_by_its_kinetic_energy(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model = random_tree(rng, n_bodies=1 + seed)
+    m = mujoco.MjModel.from_xml_string(model.mjcf)
+    d = mujoco.MjData(m)
+    d.qpos[:] = q = random_state(rng, model)[0]
+    before, after = rng.normal(size=(2, model.nv))
+    mujoco.mj_forward(m, d)
+    M = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(m, d, M)
+    step = after - before
+    expected = np.sqrt(step @ M @ step / model.mass.sum())
+    assert jump_speed(model, q, before, after, np.array(0.0)) == pytest.approx(expected, rel=1e-9)
+
+
+def test_free_fall_is_no_jump(cube: ObjectModel) -> None:
+    q = np.array([0, 0, 1.0, 1, 0, 0, 0])
+    before = np.array([1.0, 2, 3, 4, 5, 6])
+    after = before - np.array([0, 0, 9.81 / 148, 0, 0, 0])
+    assert jump_speed(cube, q, before, after, np.array(9.81 / 148)) == pytest.approx(0, abs=1e-12)

@@ -1,0 +1,88 @@
+"""Types that pass between rooms refuse what is no motion, and say which row."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tossid.errors import MotionError
+from tossid.types import Dataset, PoseTrack, Toss, check_motion
+
+N = 5
+
+
+def arrays(n_joints: int = 0) -> dict[str, np.ndarray]:
+    nv = 6 + n_joints
+    q = np.zeros((N, 7 + n_joints))
+    q[:, 3] = 1.0
+    return {
+        "t": np.arange(N) / 148.0,
+        "q": q,
+        "v": np.zeros((N, nv)),
+        "q_cov": np.tile(np.eye(nv), (N, 1, 1)),
+        "v_cov": np.tile(np.eye(nv), (N, 1, 1)),
+        "phase": np.ones(N, dtype=np.uint8),
+    }
+
+
+def spoil(name: str, index: tuple[int, ...], value: float) -> dict[str, np.ndarray]:
+    out = arrays()
+    out[name][index] = value
+    return out
+
+
+@pytest.mark.parametrize("n_joints", [0, 1, 3])
+def test_a_motion_is_accepted(n_joints: int) -> None:
+    toss = Toss(name="a", **arrays(n_joints))
+    assert len(toss) == N
+
+
+@pytest.mark.parametrize(
+    ("name", "index", "value", "row", "says"),
+    [
+        ("t", (2,), np.nan, 2, "finite"),
+        ("t", (3,), 0.0, 3, "increase"),
+        ("q", (1, 0), np.inf, 1, "finite"),
+        ("q", (4, 3), 1.01, 4, "norm"),
+        ("v", (0, 5), np.nan, 0, "finite"),
+        ("q_cov", (2, 1, 1), -1.0, 2, "negative"),
+        ("v_cov", (3, 0, 1), np.nan, 3, "finite"),
+    ],
+)
+def test_a_bad_row_is_named(name: str, index: tuple[int, ...], value: float, row: int, says: str) -> None:
+    with pytest.raises(MotionError, match=says) as caught:
+        Toss(name="a", **spoil(name, index, value))
+    assert caught.value.row == row
+
+
+@pytest.mark.parametrize("name", ["t", "q", "v", "q_cov", "v_cov", "phase"])
+def test_a_wrong_shape_is_refused(name: str) -> None:
+    bad = arrays()
+    bad[name] = bad[name][:-1]
+    with pytest.raises(MotionError, match="shape"):
+        Toss(name="a", **bad)
+
+
+def test_an_unknown_split_is_refused() -> None:
+    with pytest.raises(MotionError, match="train, validation, test"):
+        Toss(name="a", split="holdout", **arrays())
+
+
+def test_a_track_checks_itself() -> None:
+    good = arrays()
+    PoseTrack(name="a", t=good["t"], q=good["q"])
+    with pytest.raises(MotionError, match="q_cov"):
+        PoseTrack(name="a", t=good["t"], q=good["q"], q_cov=good["q_cov"][:, :3])
+    with pytest.raises(MotionError, match="v has shape"):
+        PoseTrack(name="a", t=good["t"], q=good["q"], v=good["v"][:, :5])
+
+
+def test_one_frame_is_no_motion() -> None:
+    with pytest.raises(MotionError, match="n >= 2"):
+        check_motion(np.zeros(1), np.array([[0, 0, 0, 1, 0, 0, 0.0]]))
+
+
+def test_a_dataset_gives_its_splits() -> None:
+    tosses = tuple(Toss(name=split, split=split, **arrays()) for split in ("train", "test", "validation", ""))
+    dataset = Dataset(object=None, tosses=tosses, rate_hz=148.0, source="x")
+    assert [toss.name for toss in dataset.of_split("train", "validation")] == ["train", "validation"]
