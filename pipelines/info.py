@@ -21,8 +21,10 @@ def run(path: Path, console: Console) -> dict[str, Any]:
         facts = dataset_info(path)
     elif path.suffix == ".txt":
         facts = _poses(path)
+    elif path.suffix == ".npz":
+        facts = _stage(path)
     else:
-        raise FileError(path, "expected a dataset (.h5), a TUM pose file (.txt) or a recording folder")
+        raise FileError(path, "expected a dataset (.h5), poses (.txt, .npz), detections (.npz) or a recording folder")
     show(facts, console, title=str(path))
     return facts
 
@@ -37,15 +39,61 @@ def show(facts: dict[str, Any], console: Console, *, title: str) -> None:
 
 
 def _folder(path: Path) -> dict[str, Any]:
-    datasets = sorted(path.glob("*.h5"))
-    if len(datasets) == 1:
+    if (path / "cameras.yaml").is_file():
+        return _recording(path)
+    if (path / "tosses.h5").is_file():  # what `synthesize frames=false` wrote
         from tossid.store import dataset_info
 
-        return dataset_info(datasets[0])
+        return dataset_info(path / "tosses.h5")
+    datasets = sorted(path.glob("*.h5"))
     tensors, texts = len(list(path.glob("*.pt"))), len(list(path.glob("*.txt")))
     if datasets or tensors or texts:
         return {"kind": "folder", "datasets": [d.name for d in datasets], "pt_files": tensors, "txt_files": texts}
     raise FileError(path, "a folder without cameras.yaml, datasets (.h5) or tosses (.pt, .txt)")
+
+
+def _recording(path: Path) -> dict[str, Any]:
+    from pipelines.project import recorded_object
+    from tossid.vision.recording import read_recording
+
+    recording = read_recording(path)
+    times = [file.t_ns for files in recording.frames.values() for file in files]
+    known = recorded_object(path)
+    return {
+        "kind": "recording",
+        "object": known.name if known else None,
+        "cameras": {camera.name: len(recording.frames[camera.name]) for camera in recording.cameras},
+        "resolution_px": sorted({f"{w}x{h}" for w, h in (camera.resolution for camera in recording.cameras)}),
+        "n_frames": recording.n_frames,
+        "rate_hz": recording.rate_hz,
+        "duration_s": (max(times) - min(times)) * 1e-9,
+        "tags": {body.name: len(body.tags) for body in recording.layout.bodies if body.tags},
+        "truth": str(path / "truth.h5") if (path / "truth.h5").is_file() else None,
+    }
+
+
+def _stage(path: Path) -> dict[str, Any]:
+    """What `detect` or `track` wrote."""
+    from collections import Counter
+
+    from tossid.vision.files import read_detections, read_tracks
+
+    try:
+        tracks = read_tracks(path)
+    except FileError:
+        detections = read_detections(path)
+        return {
+            "kind": "detections",
+            "n_detections": len(detections),
+            "cameras": dict(sorted(Counter(d.camera for d in detections).items())),
+            "tags": {str(tag): count for tag, count in sorted(Counter(d.tag_id for d in detections).items())},
+        }
+    return {
+        "kind": "poses",
+        "tracks": {track.name: len(track.t) for track in tracks},
+        "n_frames": sum(len(track.t) for track in tracks),
+        "covariances": all(track.q_cov is not None for track in tracks),
+    }
 
 
 def _poses(path: Path) -> dict[str, Any]:

@@ -259,6 +259,8 @@ class LcpEngine:
     """rigid contact"""
     substeps: Count
     """time steps a frame"""
+    directions: Annotated[int, Bounds(low=0)]
+    """0: the exact friction cone; 4, 6, 8, …: the polyhedral cone of so many directions"""
 
 
 @dataclass(frozen=True)
@@ -267,8 +269,8 @@ class MujocoEngine:
 
     name: Literal["mujoco"]
     """MuJoCo"""
-    substeps: Count
-    """time steps a frame"""
+    substeps: Count | None
+    """time steps a frame; null: as many as its contact needs to be near rigid"""
 
 
 Engine = LcpEngine | MujocoEngine

@@ -30,7 +30,9 @@ def run(config: SynthesizeConfig, console: Console) -> dict[str, Any]:
     motion, noise, images = np.random.default_rng(config.seed).spawn(3)
     with output_folder(out, made_by="tossid synthesize") as folder:
         console.say(f"tossing '{model.name}' {config.tosses} times with engine {config.engine.name}")
-        tosses = make_tosses(config, model, motion)
+        tosses, unsolved = make_tosses(config, model, motion)
+        if unsolved:
+            console.warn(f"the contact problem missed its tolerance in {unsolved} time steps")
         if config.frames:
             from pipelines.filming import film
 
@@ -39,10 +41,10 @@ def run(config: SynthesizeConfig, console: Console) -> dict[str, Any]:
             facts = {"frames": made.n_images, "cameras": made.cameras}
         else:
             seen = draw_splits(add_noise(tosses, model, config.noise, noise), fractions=config.splits, seed=config.seed)
-            _save(config, seen, model, folder / TOSSES)
+            _save(config, seen, model, folder / TOSSES, unsolved)
             facts = {"dataset": str(out / TOSSES), "frames": 0}
         write_object(config.object, folder)
-        _save(config, tosses, model, folder / TRUTH)
+        _save(config, tosses, model, folder / TRUTH, unsolved)
     result = {
         "out": str(out),
         "object": model.name,
@@ -51,6 +53,7 @@ def run(config: SynthesizeConfig, console: Console) -> dict[str, Any]:
         "n_frames": sum(len(toss) for toss in tosses),
         "rate_hz": config.rate_hz,
         "seed": config.seed,
+        "unsolved_steps": unsolved,
         "truth": str(out / TRUTH),
         "truth_sha256": file_sha256(out / TRUTH),
         **facts,
@@ -61,7 +64,7 @@ def run(config: SynthesizeConfig, console: Console) -> dict[str, Any]:
     return result
 
 
-def _save(config: SynthesizeConfig, tosses: tuple[Toss, ...], model: ObjectModel, path: Path) -> None:
+def _save(config: SynthesizeConfig, tosses: tuple[Toss, ...], model: ObjectModel, path: Path, unsolved: int) -> None:
     save(
         tosses,
         model,
@@ -70,5 +73,8 @@ def _save(config: SynthesizeConfig, tosses: tuple[Toss, ...], model: ObjectModel
         source=f"synthetic ({config.engine.name})",
         command="synthesize",
         config=config,
-        lineage={"covariance_source": "stated by the noise keys" if path.name == TOSSES else "exact states"},
+        lineage={
+            "covariance_source": "stated by the noise keys" if path.name == TOSSES else "exact states",
+            "unsolved_steps": unsolved,
+        },
     )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.schemas import LcpEngine, NoiseConfig, ReleaseConfig, SynthesizeConfig
+from pipelines.schemas import MujocoEngine, NoiseConfig, ReleaseConfig, SynthesizeConfig
 from tossid.errors import DivergedError
 from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import quat_exp, quat_mul
@@ -54,28 +55,46 @@ def draw_releases(
     return q, v
 
 
-def simulate(config: SynthesizeConfig, model: ObjectModel, q0: Array, v0: Array) -> tuple[Array, Array]:
-    """Motions from the given states. (n, nq), (n, nv) -> q (n, T, nq), v (n, T, nv), T frames with the first.
+def simulate(config: SynthesizeConfig, model: ObjectModel, q0: Array, v0: Array) -> tuple[Array, Array, int]:
+    """Motions from the given states.
+
+    Args:
+        q0: (n, nq). v0: (n, nv).
+
+    Returns:
+        q (n, T, nq), v (n, T, nv), T frames with the first, and in how many time
+        steps the contact problem missed its tolerance.
 
     Raises:
         DivergedError: a motion became non-finite.
     """
     n_steps = max(2, round(config.seconds * config.rate_hz))
-    dt = 1.0 / config.rate_hz
-    if isinstance(config.engine, LcpEngine):
-        from tossid.physics import simulate as simulate_lcp
-
-        q, v = simulate_lcp(model, q0, v0, n_steps, dt, substeps=config.engine.substeps, gravity=config.gravity)
-    else:
+    dt, engine = 1.0 / config.rate_hz, config.engine
+    threads = os.cpu_count() or 1
+    if isinstance(engine, MujocoEngine):
         from tossid.physics.mujoco_engine import simulate_mujoco
 
-        q, v = simulate_mujoco(model, q0, v0, n_steps, dt, substeps=config.engine.substeps, gravity=config.gravity)
-    if not (np.isfinite(q).all() and np.isfinite(v).all()):
-        worst = int(np.argmin(np.isfinite(v).all(axis=(1, 2))))
-        raise DivergedError(
-            f"toss {worst} of engine {config.engine.name} became non-finite", state=(q0[worst], v0[worst])
+        q, v = simulate_mujoco(
+            model, q0, v0, n_steps, dt, substeps=engine.substeps, gravity=config.gravity, n_threads=threads
         )
-    return q, v
+        return q, v, 0
+    from tossid.physics import make_system
+    from tossid.physics import simulate as simulate_lcp
+
+    done = simulate_lcp(
+        make_system(model, gravity=config.gravity),
+        q0,
+        v0,
+        n_steps=n_steps,
+        dt=dt,
+        substeps=engine.substeps,
+        n_directions=engine.directions,
+        n_threads=threads,
+    )
+    if not done.finite.all():
+        lost = int(np.argmin(done.finite))
+        raise DivergedError(f"toss {lost} of engine lcp became non-finite", state=(q0[lost], v0[lost]))
+    return done.q, done.v, int(done.unsolved.sum())
 
 
 def cut_at_rest(model: ObjectModel, q: Array, v: Array, *, rate_hz: float, rest_s: float) -> int:
@@ -87,12 +106,12 @@ def cut_at_rest(model: ObjectModel, q: Array, v: Array, *, rate_hz: float, rest_
     return int(min(len(q), max(2, rest + round(rest_s * rate_hz) + 1)))
 
 
-def make_tosses(config: SynthesizeConfig, model: ObjectModel, rng: np.random.Generator) -> tuple[Toss, ...]:
-    """True tosses, each from time 0 until it rests."""
+def make_tosses(config: SynthesizeConfig, model: ObjectModel, rng: np.random.Generator) -> tuple[tuple[Toss, ...], int]:
+    """True tosses, each from time 0 until it rests, and the number of unsolved time steps."""
     from tossid.motion import label_phases
 
     q0, v0 = draw_releases(model, config.release, config.tosses, gravity=config.gravity, rng=rng)
-    q, v = simulate(config, model, q0, v0)
+    q, v, unsolved = simulate(config, model, q0, v0)
     width = len(str(config.tosses - 1))
     tosses = []
     for i in range(config.tosses):
@@ -109,7 +128,7 @@ def make_tosses(config: SynthesizeConfig, model: ObjectModel, rng: np.random.Gen
                 phase=label_phases(model, t, q[i, :n], v[i, :n], gravity=config.gravity),
             )
         )
-    return tuple(tosses)
+    return tuple(tosses), unsolved
 
 
 def add_noise(
