@@ -1,0 +1,38 @@
+"""Small datasets and recordings for the store's tests."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tossid.objects import ObjectModel
+from tossid.rotations import quat_exp
+from tossid.types import SPLITS, Dataset, Toss
+
+H = 1 / 148
+
+
+def spinning(n: int, rng: np.random.Generator, *, n_joints: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """t (n,), q and v of something that flies and turns at a constant rate: q and v belong together."""
+    t = np.arange(n) * H
+    spin, speed = rng.normal(size=3) * 4, rng.normal(size=3)
+    rates = rng.normal(size=n_joints)
+    q = np.concatenate([[0, 0, 0.3] + speed * t[:, None], quat_exp(spin * t[:, None]), rates * t[:, None]], axis=1)
+    v = np.tile(np.concatenate([speed, spin, rates]), (n, 1))
+    return t, q, v
+
+
+def make_toss(name: str, n: int, rng: np.random.Generator, *, n_joints: int = 0, split: str = "") -> Toss:
+    t, q, v = spinning(n, rng, n_joints=n_joints)
+    nv = v.shape[1]
+    roots = rng.normal(size=(2, n, nv, nv)) * 1e-3
+    q_cov, v_cov = roots @ roots.swapaxes(-1, -2)
+    return Toss(name, t, q, v, q_cov, v_cov, rng.integers(0, 6, size=n).astype(np.uint8), split)
+
+
+def make_dataset(model: ObjectModel, *, tosses: int = 4, seed: int = 0) -> Dataset:
+    rng = np.random.default_rng(seed)
+    made = tuple(
+        make_toss(f"toss_{i:04d}", 12 + i, rng, n_joints=model.n_joints, split=SPLITS[i % 3]) for i in range(tosses)
+    )
+    provenance = {"command": "test", "seed": seed, "noise": 0.5, "exact": True, "covariance_source": "made up"}
+    return Dataset(object=model, tosses=made, rate_hz=148.0, source="test", provenance=provenance)
