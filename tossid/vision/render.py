@@ -52,6 +52,9 @@ class RenderSettings:
             raise InputError("render settings: samples >= 1, noise >= 0, blur >= 0 and 0 <= ambient <= 1 are needed")
 
 
+DEFAULT_IMAGES = RenderSettings()
+
+
 def interpolate(q0: ArrayLike, q1: ArrayLike, s: ArrayLike) -> Array:
     """Configurations between two, at shares s of the way: straight positions and joints, shortest turn.
 
@@ -77,7 +80,7 @@ class Renderer:
     """
 
     def __init__(
-        self, model: ObjectModel, cameras: Sequence[Camera], settings: RenderSettings = RenderSettings()
+        self, model: ObjectModel, cameras: Sequence[Camera], settings: RenderSettings = DEFAULT_IMAGES
     ) -> None:
         self.model = model
         self.settings = settings

@@ -215,8 +215,8 @@ class _Part:
         span = max(round(self.settings.min_rest / self.dt), 4)
         if n <= span:
             return []
-        distance = np.maximum(self.settings.rest_distance, 4.5 * self.noise)
-        angle = np.maximum(self.settings.rest_angle, 4.5 * self.turn_noise)
+        distance = np.maximum(self.settings.rest_distance, 4 * self.noise)
+        angle = np.maximum(self.settings.rest_angle, 4 * self.turn_noise)
         # candidates: the same pose at both ends and in the middle of the shortest rest
         p, quat, joints = self.q[:, :3], self.q[:, 3:7], self.q[:, 7:]
         quiet = np.ones(n - span, dtype=bool)

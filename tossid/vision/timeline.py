@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +16,20 @@ from tossid.rotations import quat_boxminus, quat_exp, quat_mul, right_jacobian_i
 from tossid.types import Frame, Toss
 from tossid.vision.camera import Camera
 from tossid.vision.recording import RecordingWriter
-from tossid.vision.render import Renderer, RenderSettings
+from tossid.vision.render import DEFAULT_IMAGES, Image, Renderer, RenderSettings
 from tossid.vision.segment import SegmentSettings, rest_frame
 
 Array = NDArray[np.float64]
 
 DEFAULT_SEGMENTS = SegmentSettings()
-DEFAULT_IMAGES = RenderSettings()
+
+
+class ImageSource(Protocol):
+    """What draws frames: `render.Renderer`, `mujoco_render.MujocoRenderer`."""
+
+    def render(self, q0: Array, q1: Array, camera: str, rng: np.random.Generator | None) -> Image:
+        """One image between two configurations."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +160,7 @@ def render_timeline(
     rng: np.random.Generator,
     *,
     settings: RenderSettings = DEFAULT_IMAGES,
+    renderer: ImageSource | None = None,
     exposure: float = 0.001,
     threads: int = 2,
     progress: Callable[[int], None] | None = None,
@@ -163,6 +172,7 @@ def render_timeline(
 
     Args:
         writer: an entered `RecordingWriter`.
+        settings: of the default renderer; `renderer`: another one in its place, which is then used from one thread.
         exposure: how long the shutter is open [s], shorter than the time between frames.
         progress: called with the number of frames done since the last call.
 
@@ -172,7 +182,7 @@ def render_timeline(
     dt = float(timeline.t[1] - timeline.t[0])
     if not 0 <= exposure <= dt:
         raise InputError(f"exposure is {exposure} s, expected 0 to the time between frames ({dt:.6g} s)")
-    renderer = Renderer(model, cameras, settings)
+    source = Renderer(model, cameras, settings) if renderer is None else renderer
     q = timeline.q
     # motion at the middle's own mean velocity, so that the blur is centred on the pose of the time stamp
     share = np.full(len(q), 0.25 * exposure / dt)
@@ -188,15 +198,19 @@ def render_timeline(
 
     def draw(job: tuple[int, str], seed: np.random.SeedSequence) -> None:
         i, name = job
-        image = renderer.render(opened[i], closed[i], name, np.random.default_rng(seed))
+        image = source.render(opened[i], closed[i], name, np.random.default_rng(seed))
         writer.write(Frame(name, float(timeline.t[i]), image))
 
     block = 32 * len(cameras)
     with ThreadPoolExecutor(max_workers=threads, thread_name_prefix="render") as pool:
         for first in range(0, len(jobs), block):
             part = jobs[first : first + block]
-            for _ in pool.map(draw, part, seeds.spawn(len(part))):
-                pass
+            if renderer is None:
+                for _ in pool.map(draw, part, seeds.spawn(len(part))):
+                    pass
+            else:
+                for job, seed in zip(part, seeds.spawn(len(part)), strict=True):
+                    draw(job, seed)
             if progress is not None:
                 progress(len(part))
     return len(jobs)
