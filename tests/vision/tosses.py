@@ -16,10 +16,12 @@ def thrown(
     """One toss from release to a tenth of a second of rest."""
     scene = mujoco.MjModel.from_xml_string(to_mjcf(model, timestep=1 / (rate_hz * 8)))
     data = mujoco.MjData(scene)
-    data.qpos[:3] = [*rng.uniform(-0.15, 0.15, 2), rng.uniform(0.18, 0.4)]
-    data.qpos[3:7] = quat_normalize(rng.normal(size=4))
     heading = rng.uniform(0, 2 * np.pi)
     speed = rng.uniform(0.5, 1.5)
+    # thrown across the middle of the area, so that it stays in view
+    data.qpos[:2] = -0.3 * speed * np.array([np.cos(heading), np.sin(heading)]) + rng.uniform(-0.1, 0.1, 2)
+    data.qpos[2] = rng.uniform(0.18, 0.4)
+    data.qpos[3:7] = quat_normalize(rng.normal(size=4))
     data.qvel[:3] = [speed * np.cos(heading), speed * np.sin(heading), rng.uniform(-0.5, 0.8)]
     data.qvel[3:6] = rng.uniform(-6, 6, 3)
     q, v, quiet = [], [], 0

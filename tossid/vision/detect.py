@@ -27,6 +27,8 @@ Image = NDArray[np.uint8]
 
 UNREFINED_SIGMA = 0.4
 """Standard deviation of a corner as the AprilTag library gives it [px]; measured on rendered tags."""
+FINE_SEARCH = 4
+"""Of so many frames in a row without a tag, one is searched whole at full resolution."""
 BATCH = 96
 """Frames of one camera that are searched in one go."""
 
@@ -83,6 +85,7 @@ class TagFinder:
         self._box: Array | None = None  # (2, 2): low and high corner of the tags last seen
         self._move = np.zeros(2)  # of their middle, a frame
         self._reach = 0.0  # longest tag edge last seen
+        self._lost = 0  # whole-image searches since tags were last seen
 
     def find(self, frame: Frame) -> list[Detection]:
         """Detections in the next frame."""
@@ -91,8 +94,7 @@ class TagFinder:
             if self._box is not None:
                 found = self._near(frame)
             if not found:
-                self.tally["searched the whole image"] += 1
-                seen = self._search(frame, (0, 0), frame.image, self.settings.search_decimate, count=False)
+                seen = self._everywhere(frame)
                 if seen:
                     self._remember(seen, moved=False)
                     found = self._near(frame) or seen
@@ -100,11 +102,24 @@ class TagFinder:
             self.tally["searched the whole image"] += 1
             found = self._search(frame, (0, 0), frame.image, self.settings.quad_decimate, count=True)
         if found:
+            self._lost = 0
             self._remember(found, moved=self._box is not None)
         else:
             self._box = None
             self.tally["frames without a tag"] += 1
         return found
+
+    def _everywhere(self, frame: Frame) -> list[Detection]:
+        """Search the whole image coarsely; at first and now and then finely, as small tags need."""
+        self.tally["searched the whole image"] += 1
+        fine = self._lost % FINE_SEARCH == 0
+        self._lost += 1
+        coarse = self.settings.search_decimate > self.settings.quad_decimate
+        seen = self._search(frame, (0, 0), frame.image, self.settings.search_decimate, count=False)
+        if not seen and fine and coarse:
+            self.tally["searched the whole image finely"] += 1
+            seen = self._search(frame, (0, 0), frame.image, self.settings.quad_decimate, count=False)
+        return seen
 
     def _near(self, frame: Frame) -> list[Detection]:
         assert self._box is not None

@@ -30,6 +30,7 @@ class TrackSettings:
     """When to believe a pose.
 
     max_rms: largest rms reprojection of a time step [px].
+    max_sigma [m], max_angle_sigma [rad]: largest standard deviation of a pose along any axis.
     outlier: whitened rms residual beyond which one tag among several is dropped.
     evidence: least difference in robust squared residuals between two hypotheses for the images alone to decide.
     max_spin [rad/s], max_speed [m/s]: motion between frames that is still believed.
@@ -37,6 +38,8 @@ class TrackSettings:
     """
 
     max_rms: float = 1.5
+    max_sigma: float = 0.005
+    max_angle_sigma: float = 0.06
     outlier: float = 6.0
     evidence: float = 25.0
     max_spin: float = 50.0
@@ -113,15 +116,25 @@ def track(
     swapped = dropped.swapped
     position[swapped], quat[swapped] = other.position[swapped], other.quat[swapped]
     information[swapped] = other.information[swapped]
+    cov = _covariances(information, scale, dropped)
+    wide = np.sqrt(np.linalg.eigvalsh(cov[:, :3, :3])[:, -1]) > settings.max_sigma
+    wide |= np.sqrt(np.linalg.eigvalsh(cov[:, 3:, 3:])[:, -1]) > settings.max_angle_sigma
+    dropped.mark(wide, "too uncertain")
     dropped.mark(_jumps(t, position, quat, dropped.kept, settings), "jump")
     keep = np.flatnonzero(dropped.kept)
     if len(keep) < 2:
         raise InputError(f"only {len(keep)} of {len(t)} time steps gave a pose ({_words(dropped.reasons)})")
     q = np.concatenate([position[keep], quat_continuous(quat[keep])], axis=1)
-    inverse = np.linalg.inv(information[keep])
-    q_cov = np.asarray(0.5 * scale**2 * (inverse + np.swapaxes(inverse, -1, -2)), dtype=float)
     report = _report(obs_kept, position, quat, dropped, scale, len(t), dropped_tags, model)
-    return PoseTrack(name, t[keep], q, q_cov), report
+    return PoseTrack(name, t[keep], q, cov[keep]), report
+
+
+def _covariances(information: Array, scale: float, dropped: _Dropped) -> Array:
+    """Inverse of the information of the steps that are left, times the noise scale squared. (n, 6, 6)."""
+    known = information.copy()
+    known[~dropped.kept] = np.eye(6)
+    inverse = np.linalg.inv(known)
+    return np.asarray(0.5 * scale**2 * (inverse + np.swapaxes(inverse, -1, -2)), dtype=float)
 
 
 class _Dropped:
