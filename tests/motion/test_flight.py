@@ -10,8 +10,9 @@ import pytest
 from tests.motion.bouncing import Truth, bounce, tracked
 from tossid.errors import ObjectError
 from tossid.motion import FlightState, flight_state
+from tossid.motion.flight import _tumble
 from tossid.objects import ObjectModel
-from tossid.rotations import quat_boxminus
+from tossid.rotations import geodesic_angle, quat_boxminus, quat_exp, quat_mul
 from tossid.types import Toss
 
 
@@ -90,3 +91,15 @@ def test_articulated_flight_is_refused(cube: ObjectModel, elbow: ObjectModel) ->
     truth = bounce(elbow, rng, tosses=1, frames=20)[0]
     with pytest.raises(ObjectError, match="joints"):
         flight_state(toss_of(truth, rng), elbow)
+
+
+def test_free_rotation_of_a_symmetric_top() -> None:
+    """Euler's closed solution: R = exp(t L/I_1) exp(-Ω t e_3) with Ω = ω_3 (I_3 - I_1)/I_1."""
+    I1, I3 = 6e-4, 1.1e-3
+    I = np.diag([I1, I1, I3])
+    spin, t = np.array([6.0, -4.0, 9.0]), np.linspace(0, 0.4, 60)
+    rate = spin[2] * (I3 - I1) / I1
+    momentum = I @ spin
+    expected = quat_mul(quat_exp(momentum / I1 * t[:, None]), quat_exp(np.array([0, 0, -rate]) * t[:, None]))
+    found = _tumble(t, np.array([[1.0, 0, 0, 0]]), spin[None], I)[0]
+    assert geodesic_angle(found, expected).max() < 2e-8

@@ -110,6 +110,25 @@ def test_velocity_after_an_impact_owes_nothing_to_before(cube: ObjectModel) -> N
     assert np.abs((a.v - b.v)[impact + 3 :, 0]).max() < 0.01
 
 
+def test_a_blow_in_mid_air_is_not_smoothed(cube: ObjectModel) -> None:
+    """A jump of 1 m/s half a metre above the ground, where the geometry knows of no contact."""
+    n, hit = 50, 25
+    t = np.arange(n) / 148
+    q = np.zeros((n, 7))
+    q[:, 2], q[:, 3] = 1.0 - 4.905 * t**2, 1.0
+    v = np.zeros((n, 6))
+    v[:, 2], v[hit:, 0] = -9.81 * t, 1.0
+    q[hit:, 0] = t[hit:] - t[hit] + 0.5 / 148
+    truth = Truth(t, q, v, np.zeros(n - 1, dtype=bool))
+    _, _, (result,) = smoothed(cube, [truth])
+    assert not may_touch(cube, t, q).any()
+    assert result.contact[hit - 1]
+    error = np.abs(result.v - v)[:, 0]
+    assert error[: hit - 1].max() < 0.02
+    assert error[hit + 2 :].max() < 0.02
+    assert 2 < result.contact.sum() < 10 or result.contact.sum() == 1
+
+
 def test_an_unmodelled_force_widens_the_covariance(cube: ObjectModel) -> None:
     truths = bounce(cube, np.random.default_rng(3), tosses=15, frames=50, gravity=8.5)
     of_v = []

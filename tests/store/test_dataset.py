@@ -343,6 +343,12 @@ def huge(file: h5py.File) -> None:
     file["tosses/toss_0000"].create_dataset("t", shape=(10**12,), dtype="<f8", chunks=(1024,))
 
 
+def hollow(file: h5py.File) -> None:
+    """A shape that would fit into memory, without a byte behind it."""
+    del file["tosses/toss_0000/t"]
+    file["tosses/toss_0000"].create_dataset("t", shape=(10**8,), dtype="<f8", chunks=(1024,))
+
+
 def virtual(file: h5py.File) -> None:
     del file["tosses/toss_0000/t"]
     layout = h5py.VirtualLayout(shape=(12,), dtype="<f8")
@@ -406,6 +412,7 @@ def backwards(file: h5py.File) -> None:
         (lambda file: file.create_dataset("surprise", data=1), ["surprise"]),
         (lambda file: file["tosses/toss_0000"].create_group("more"), ["more"]),
         (huge, ["/tosses/toss_0000/t", "declares"]),
+        (hollow, ["/tosses/toss_0000/t", "declares"]),
         (virtual, ["another file"]),
         (external, ["another file"]),
         (nan_frame, ["/tosses/toss_0001", "frame 3", "finite"]),

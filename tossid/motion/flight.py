@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 FEWEST_FRAMES = 4
 """Frames of flight below which the first recorded velocity takes part in the fit."""
-SUBSTEP = 0.05
+SUBSTEP = 0.1
 """[rad] of turn a step when the free rotation is integrated (fourth order)."""
 ITERATIONS = 8
 _DIFFERENCE = 1e-5
@@ -140,7 +140,7 @@ def _tumble(t: Array, quat: Array, spin: Array, I: Array) -> Array:
             k2 = turn(spin + 0.5 * d * k1)
             k3 = turn(spin + 0.5 * d * k2)
             ahead = spin + d / 6 * (k1 + 2 * k2 + 2 * k3 + turn(spin + d * k3))
-            mean = (spin + 4 * (spin + 0.5 * d * k2) + ahead) / 6
+            mean = 0.5 * (spin + ahead) - d / 12 * (turn(ahead) - k1)
             quat = quat_mul(quat, quat_exp(d * mean + d**2 / 12 * np.cross(spin, ahead)))
             spin = ahead
         out.append(quat)

@@ -184,10 +184,10 @@ def _fill(file: h5py.File, dataset: Dataset, text: str) -> None:
     group.attrs["friction"], group.attrs["restitution"] = float(model.friction), float(model.restitution)
     group.attrs["width_m"] = float(model.width)
     group.attrs["nq"], group.attrs["nv"] = model.nq, model.nv
-    group.create_dataset("mjcf", data=np.frombuffer(text.encode(), dtype="|u1")).attrs["encoding"] = "UTF-8 text"
+    _put(group, "mjcf", np.frombuffer(text.encode(), dtype="|u1")).attrs["encoding"] = "UTF-8 text"
     if model.tags:
         rows = [(tag.id, tag.body, tag.size, tag.T_body_tag) for tag in model.tags]
-        group.create_dataset("tags", data=np.array(rows, dtype=TAG_DTYPE))
+        _put(group, "tags", np.array(rows, dtype=TAG_DTYPE))
 
     group = file.create_group("provenance")
     for key, value in sorted(dataset.provenance.items()):
@@ -199,10 +199,13 @@ def _fill(file: h5py.File, dataset: Dataset, text: str) -> None:
         into.attrs["index"], into.attrs["split"] = index, toss.split
         for member in MEMBERS:
             data = np.ascontiguousarray(getattr(toss, member.name), dtype=member.dtype)
-            made = into.create_dataset(
-                member.name, data=data, compression="gzip", compression_opts=4, shuffle=True, fletcher32=True
-            )
+            made = _put(into, member.name, data)
             made.attrs["unit"], made.attrs["meaning"] = member.unit, member.meaning
+
+
+def _put(group: h5py.Group, name: str, data: np.ndarray) -> h5py.Dataset:
+    """A compressed array: deflate ends with a checksum, so that no damaged array is read."""
+    return group.create_dataset(name, data=data, compression="gzip", compression_opts=4, shuffle=True)
 
 
 @contextmanager
