@@ -1,9 +1,10 @@
 """Contact problems and their solvers: Numba kernels over batches, each with a plain reference."""
 
 from tossid.physics.solvers.cone import cone_core, cone_kernel, cone_work, solve_cone
-from tossid.physics.solvers.cone_qp import cone_qp_kernel, qp_core, qp_work, solve_cone_qp
+from tossid.physics.solvers.cone_qp import cone_qp_kernel, solve_cone_qp
 from tossid.physics.solvers.lcp import LcpSolution, lcp_kernel, lcp_work, solve_lcp
 from tossid.physics.solvers.problem import ContactSolution, SolverStatus, tangent_directions
+from tossid.physics.solvers.workspace import work_arrays
 
 __all__ = [
     "ContactSolution",
@@ -15,10 +16,9 @@ __all__ = [
     "cone_work",
     "lcp_kernel",
     "lcp_work",
-    "qp_core",
-    "qp_work",
     "solve_cone",
     "solve_cone_qp",
     "solve_lcp",
     "tangent_directions",
+    "work_arrays",
 ]

@@ -1,29 +1,25 @@
-"""Kernels that the solvers share: one contact solved exactly, and small dense factorisations.
+"""One contact solved exactly, and small dense factorisations: the innermost kernels.
 
-Inside the solvers a problem is contact-major (normal, t1, t2 of contact 0, then of
-contact 1, ..). Scalars go in and out of the block kernels, so that nothing is allocated.
+Scalars go in and out of the block kernels, so that nothing is allocated.
 """
 
 from __future__ import annotations
 
 import math
 
-import numba
-
-OPEN, STICK, SLIP = 0, 1, 2
-
-jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+from tossid.physics.solvers.workspace import OPEN, SLIP, STICK, cone_exit, jit
 
 _TURNS = 30
+_GOOD_PIVOT = 1e-3  # of the largest diagonal entry: taken without a search
 _DESCENTS = 10
 _ANGLES = 16
 
 
 @jit
-def solve_3x3(B, i, g0, g1, g2):  # type: ignore[no-untyped-def]
-    """x = -B_ii^-1 g of the 3x3 diagonal block at row i (LDL^T, pivots floored at 1e-14 of the trace)."""
-    b00, b10, b20 = B[i, i], B[i + 1, i], B[i + 2, i]
-    b11, b21, b22 = B[i + 1, i + 1], B[i + 2, i + 1], B[i + 2, i + 2]
+def solve_3x3(A, i, g0, g1, g2):  # type: ignore[no-untyped-def]
+    """x = -A_ii^-1 g of the 3x3 diagonal block at row i (LDL^T, pivots floored at 1e-14 of the trace)."""
+    b00, b10, b20 = A[i, i], A[i + 1, i], A[i + 2, i]
+    b11, b21, b22 = A[i + 1, i + 1], A[i + 2, i + 1], A[i + 2, i + 2]
     floor = 1e-14 * (b00 + b11 + b22) + 1e-300
     d0 = max(b00, floor)
     l10, l20 = b10 / d0, b20 / d0
@@ -38,8 +34,8 @@ def solve_3x3(B, i, g0, g1, g2):  # type: ignore[no-untyped-def]
 
 
 @jit
-def block_qp(B, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
-    """Minimise 1/2 x^T B_ii x + g^T x over the cone |x_t| <= mu x_n. Returns (kind, x_n, x_t1, x_t2).
+def block_qp(A, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
+    """Minimise 1/2 x^T A_ii x + g^T x over the cone |x_t| <= mu x_n. Returns (kind, x_n, x_t1, x_t2).
 
     On the cone's surface x = s d, d = (1, mu u): s = -g.d / d.B d, and the angle of u is
     found by Newton's method on the angular derivative, from the direction (u1, u2),
@@ -47,14 +43,14 @@ def block_qp(B, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
     """
     if g0 >= mu * math.sqrt(g1 * g1 + g2 * g2):
         return OPEN, 0.0, 0.0, 0.0
-    b00 = B[i, i]
+    b00 = A[i, i]
     if mu == 0.0:
         return SLIP, -g0 / max(b00, 1e-300), 0.0, 0.0
-    x0, x1, x2 = solve_3x3(B, i, g0, g1, g2)
+    x0, x1, x2 = solve_3x3(A, i, g0, g1, g2)
     if x0 > 0.0 and x1 * x1 + x2 * x2 <= mu * mu * x0 * x0:
         return STICK, x0, x1, x2
-    b10, b20 = B[i + 1, i], B[i + 2, i]
-    b11, b21, b22 = B[i + 1, i + 1], B[i + 2, i + 1], B[i + 2, i + 2]
+    b10, b20 = A[i + 1, i], A[i + 2, i]
+    b11, b21, b22 = A[i + 1, i + 1], A[i + 2, i + 1], A[i + 2, i + 2]
     length = math.sqrt(u1 * u1 + u2 * u2)
     if length > 0.0:
         u1, u2 = u1 / length, u2 / length
@@ -86,23 +82,6 @@ def block_qp(B, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
         if length > 0.0:
             u1, u2 = y1 / length, y2 / length
     return SLIP, s, s * mu * u1, s * mu * u2
-
-
-@jit
-def cone_exit(y0, y1, y2, d0, d1, d2, mu):  # type: ignore[no-untyped-def]
-    """The largest part (at most 1) of the step d that keeps y inside the cone |y_t| <= mu y_n, which it is in."""
-    part = 1.0
-    if y0 + d0 < 0.0:
-        part = y0 / -d0
-    squared = mu * mu
-    a = d1 * d1 + d2 * d2 - squared * d0 * d0
-    b = y1 * d1 + y2 * d2 - squared * y0 * d0
-    c = min(y1 * y1 + y2 * y2 - squared * y0 * y0, 0.0)
-    if a * part * part + 2.0 * b * part + c > 0.0:
-        root = b + math.sqrt(max(b * b - a * c, 0.0))
-        if root > 0.0:
-            part = min(part, -c / root)
-    return part
 
 
 @jit
@@ -146,88 +125,89 @@ def slide_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, u1, u2):  # type: 
 
 
 @jit
-def cholesky_solve(H, m, x):  # type: ignore[no-untyped-def]
-    """Solve H x = x in place by Cholesky (upper triangle of the leading m rows; H is overwritten).
+def cholesky_solve(V, top, m, x):  # type: ignore[no-untyped-def]
+    """Solve H y = V[x] in place by Cholesky; H is the upper triangle of the m rows from V[top], overwritten.
 
     A pivot that vanishes against its own diagonal (a redundant direction) is given weight, so that a
     singular, consistent system yields a solution: the redundant unknown stays put.
     """
     for j in range(m):
-        own = H[j, j]
+        own = V[top + j, j]
         for k in range(j):
-            factor = H[k, j]
+            factor = V[top + k, j]
             for i in range(j, m):
-                H[j, i] -= H[k, i] * factor
-            x[j] -= factor * x[k]
-        pivot = H[j, j]
+                V[top + j, i] -= V[top + k, i] * factor
+            V[x, j] -= factor * V[x, k]
+        pivot = V[top + j, j]
         if not pivot > 1e-11 * own:
             pivot = 1e6 * own + 1e-300
         inverse = 1.0 / math.sqrt(pivot)
-        H[j, j] = inverse
+        V[top + j, j] = inverse
         for i in range(j + 1, m):
-            H[j, i] *= inverse
-        x[j] *= inverse
+            V[top + j, i] *= inverse
+        V[x, j] *= inverse
     for j in range(m - 1, -1, -1):
-        value = x[j]
+        value = V[x, j]
         for k in range(j + 1, m):
-            value -= H[j, k] * x[k]
-        x[j] = value * H[j, j]
+            value -= V[top + j, k] * V[x, k]
+        V[x, j] = value * V[top + j, j]
 
 
 @jit
-def lu_solve(H, m, x):  # type: ignore[no-untyped-def]
-    """Solve H x = x in place by elimination with row exchanges (leading m rows; H is overwritten).
+def lu_solve(V, top, m, x):  # type: ignore[no-untyped-def]
+    """Solve H y = V[x] in place by elimination, rows exchanged where needed; H is the m rows from V[top], overwritten.
 
-    A column without a pivot (below 1e-13 of the largest entry) leaves its unknown at zero.
+    A column without a pivot (below 1e-13 of the largest diagonal entry) leaves its unknown at zero.
     """
     largest = 0.0
     for j in range(m):
-        for i in range(m):
-            largest = max(largest, abs(H[j, i]))
+        largest = max(largest, abs(V[top + j, j]))
     for j in range(m):
-        best, found = abs(H[j, j]), j
+        if not V[top + j, j] > _GOOD_PIVOT * largest:
+            best, found = abs(V[top + j, j]), j
+            for i in range(j + 1, m):
+                if abs(V[top + i, j]) > best:
+                    best, found = abs(V[top + i, j]), i
+            if found != j:
+                for k in range(j, m):
+                    V[top + j, k], V[top + found, k] = V[top + found, k], V[top + j, k]
+                V[x, j], V[x, found] = V[x, found], V[x, j]
+            if best <= 1e-13 * largest:
+                V[top + j, j] = 0.0
+                continue
+        inverse = 1.0 / V[top + j, j]
+        V[top + j, j] = inverse
         for i in range(j + 1, m):
-            if abs(H[i, j]) > best:
-                best, found = abs(H[i, j]), i
-        if found != j:
-            for k in range(j, m):
-                H[j, k], H[found, k] = H[found, k], H[j, k]
-            x[j], x[found] = x[found], x[j]
-        if best <= 1e-13 * largest:
-            H[j, j] = math.inf
-            continue
-        inverse = 1.0 / H[j, j]
-        for i in range(j + 1, m):
-            factor = H[i, j] * inverse
+            factor = V[top + i, j] * inverse
             if factor != 0.0:
                 for k in range(j + 1, m):
-                    H[i, k] -= factor * H[j, k]
-                x[i] -= factor * x[j]
+                    V[top + i, k] -= factor * V[top + j, k]
+                V[x, i] -= factor * V[x, j]
     for j in range(m - 1, -1, -1):
-        value = x[j]
+        value = V[x, j]
         for k in range(j + 1, m):
-            value -= H[j, k] * x[k]
-        x[j] = value / H[j, j]
+            value -= V[top + j, k] * V[x, k]
+        V[x, j] = value * V[top + j, j]
 
 
 @jit
-def block_cone(B, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
-    """One contact with maximum dissipation: w = B_ii x + g, 0 <= x_n _|_ w_n >= 0, x_t against w_t in the disk.
+def block_cone(A, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
+    """One contact with maximum dissipation: w = A_ii x + g, 0 <= x_n _|_ w_n >= 0, x_t against w_t in the disk.
 
-    Returns (kind, x_n, x_t1, x_t2). Slipping, x = s (1, mu u) with s = -g_n / (B_nn + mu B_nt.u), and
+    Returns (kind, x_n, x_t1, x_t2). Slipping, x = s (1, mu u) with s = -g_n / (A_nn + mu A_nt.u), and
     the angle of u, which must oppose w_t, is the root of u x w_t: Newton's method from the direction
     (u1, u2) or, without one, against the velocity of the frictionless contact.
     """
     if g0 >= 0.0:
         return OPEN, 0.0, 0.0, 0.0
-    b00 = max(B[i, i], 1e-300)
+    b00 = max(A[i, i], 1e-300)
     if mu == 0.0:
         return SLIP, -g0 / b00, 0.0, 0.0
-    x0, x1, x2 = solve_3x3(B, i, g0, g1, g2)
+    x0, x1, x2 = solve_3x3(A, i, g0, g1, g2)
     if x0 > 0.0 and x1 * x1 + x2 * x2 <= mu * mu * x0 * x0:
         return STICK, x0, x1, x2
-    b10, b20 = B[i + 1, i], B[i + 2, i]
-    b11, b21, b22 = B[i + 1, i + 1], B[i + 2, i + 1], B[i + 2, i + 2]
+    b10, b20 = A[i + 1, i], A[i + 2, i]
+    b11, b21, b22 = A[i + 1, i + 1], A[i + 2, i + 1], A[i + 2, i + 2]
     v1, v2 = g1 - b10 * g0 / b00, g2 - b20 * g0 / b00
     length = math.sqrt(u1 * u1 + u2 * u2)
     if length > 0.0:

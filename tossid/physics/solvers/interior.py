@@ -15,7 +15,8 @@ import math
 
 import numpy as np
 
-from tossid.physics.solvers.blocks import cholesky_solve, jit
+from tossid.physics.solvers.blocks import cholesky_solve
+from tossid.physics.solvers.workspace import jit
 
 _STEPS = 60
 _SIGHT = 0.99
@@ -52,7 +53,7 @@ def interior_point(A, c, mu, m, lam):  # type: ignore[no-untyped-def]
     x, z, e = np.zeros(size), np.zeros(size), np.zeros(size)
     for i in range(m):
         x[start[i]], z[start[i]], e[start[i]] = 1.0, 1.0, 1.0
-    H = np.empty((size, size))
+    H = np.empty((size + 1, size))
     scaled, dx, dz, rhs = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
     left, right, wbar = np.empty(size), np.empty(size), np.empty(size)
     beta = np.empty(m)
@@ -80,8 +81,10 @@ def interior_point(A, c, mu, m, lam):  # type: ignore[no-untyped-def]
                     H[v, u] = Q[v, u]
             add_inverse_square(wbar, beta, start, m, H)
             for v in range(size):
-                dx[v] = rhs[v]
-            cholesky_solve(H, size, dx)
+                H[size, v] = rhs[v]
+            cholesky_solve(H, 0, size, size)
+            for v in range(size):
+                dx[v] = H[size, v]
             for v in range(size):
                 dz[v] = residual[v]
                 for u in range(size):

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.physics.solvers.batches import check_batch, over_threads
-from tossid.physics.solvers.blocks import jit, lu_solve
+from tossid.physics.solvers.blocks import lu_solve
 from tossid.physics.solvers.problem import ACCEPTED_RESIDUAL, Array, tangent_directions
+from tossid.physics.solvers.workspace import INACCURATE, INFEASIBLE, MAX_ITERATIONS, NOT_FINITE, SOLVED, jit
 
-_SOLVED, _MAX_ITERATIONS, _INFEASIBLE, _NOT_FINITE, _INACCURATE = 0, 1, 2, 3, 4
 _PIVOT = 1e-10
 _TIE = 1e-11
 
@@ -46,7 +46,7 @@ class LcpSolution(NamedTuple):
     @property
     def unsolved(self) -> int:
         """How many problems of the batch met no tolerance."""
-        return int(np.count_nonzero(self.status != _SOLVED))
+        return int(np.count_nonzero(self.status != SOLVED))
 
 
 def lcp_work(n: int, k: int) -> tuple[Array, NDArray[np.int64]]:
@@ -159,35 +159,35 @@ def lemke(M, q, size, max_iterations, T, basis, ties):  # type: ignore[no-untype
         if q[i] <= worst and (q[i] < worst or row < 0) and q[i] < 0.0:
             worst, row = q[i], i
     if row < 0:
-        return _SOLVED, 0
+        return SOLVED, 0
     enter = 2 * size
     for iteration in range(1, max_iterations + 1):
         pivot(T, size, row, enter)
         left = basis[row]
         basis[row] = enter
         if left == 2 * size:
-            return _SOLVED, iteration
+            return SOLVED, iteration
         enter = left + size if left < size else left - size
         row = leaving_row(T, size, enter, basis, ties)
         if row < 0:
-            return _INFEASIBLE, iteration
-    return _MAX_ITERATIONS, max_iterations
+            return INFEASIBLE, iteration
+    return MAX_ITERATIONS, max_iterations
 
 
 @jit
-def basic_solution(M, q, size, basis, B, x):  # type: ignore[no-untyped-def]
-    """x = the values of the basic variables, from the problem's own M and q. B (size, size) is overwritten."""
+def basic_solution(M, q, size, basis, work, last):  # type: ignore[no-untyped-def]
+    """work[last] = the values of the basic variables, from the problem's own M and q; other rows are overwritten."""
     for i in range(size):
-        x[i] = q[i]
+        work[last, i] = q[i]
         variable = basis[i]
         for j in range(size):
             if variable < size:
-                B[j, i] = 1.0 if j == variable else 0.0
+                work[j, i] = 1.0 if j == variable else 0.0
             elif variable < 2 * size:
-                B[j, i] = -M[j, variable - size]
+                work[j, i] = -M[j, variable - size]
             else:
-                B[j, i] = -1.0
-    lu_solve(B, size, x)
+                work[j, i] = -1.0
+    lu_solve(work, 0, size, last)
 
 
 @jit
@@ -273,7 +273,7 @@ def lcp_kernel(  # type: ignore[no-untyped-def]
         lam[:] = 0.0
         beta[:] = 0.0
         gamma[:] = 0.0
-        return _NOT_FINITE, math.inf, 0
+        return NOT_FINITE, math.inf, 0
     rows = n * (k + 2)
     T, M = work[:rows], work[rows : 2 * rows]
     x, q, scale = np.empty(size), np.empty(size), np.empty(m)
@@ -288,13 +288,15 @@ def lcp_kernel(  # type: ignore[no-untyped-def]
         x[i] = T[i, 2 * size + 1]
     unpack(x, size, scale, chosen, m, n, directions, basis, lam, beta, gamma)
     residual = lcp_residual_kernel(A, b, mu, directions, active, lam, beta, gamma)
-    if status == _SOLVED and residual > 1e-3 * tolerance:
-        basic_solution(M, q, size, basis, T, x)
+    if status == SOLVED and residual > 1e-3 * tolerance:
+        basic_solution(M, q, size, basis, work, 2 * rows)
+        for i in range(size):
+            x[i] = work[2 * rows, i]
         unpack(x, size, scale, chosen, m, n, directions, basis, lam, beta, gamma)
         again = lcp_residual_kernel(A, b, mu, directions, active, lam, beta, gamma)
         residual = again
-    if status == _SOLVED and not residual <= tolerance:
-        status = _INACCURATE
+    if status == SOLVED and not residual <= tolerance:
+        status = INACCURATE
     return status, residual, iterations
 
 
