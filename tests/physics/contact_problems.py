@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -87,8 +89,10 @@ def draw(family: str, rng: np.random.Generator, *, mu: float | None = None) -> P
     return A, b, np.full(n, friction)
 
 
-def draw_many(count: int, rng: np.random.Generator, families: tuple[str, ...] = FAMILIES) -> dict[int, Problem]:
-    """About `count` problems of all families, stacked by their number of contacts: n -> (A, b, mu)."""
+@cache
+def draw_many(count: int, seed: int, families: tuple[str, ...] = FAMILIES) -> dict[int, Problem]:
+    """`count` problems of all families, stacked by their number of contacts: n -> (A, b, mu)."""
+    rng = np.random.default_rng(seed)
     by_size: dict[int, list[Problem]] = {}
     for k in range(count):
         problem = draw(families[k % len(families)], rng)

@@ -15,7 +15,7 @@ from tossid.physics.solvers.reference import cone_qp_reference, project_cones
 
 def test_thousands_of_problems_are_solved_exactly() -> None:
     total, unsolved = 0, 0
-    for A, c, mu in draw_many(6000, np.random.default_rng(1)).values():
+    for A, c, mu in draw_many(10_000, 0).values():
         solution = solve_cone_qp(A, c, mu)
         residual = cone_qp_residual(A, c, mu, solution.lam)
         rounding = 1e-12 + 1e-13 * np.einsum("bij,bj->bi", np.abs(A), np.abs(solution.lam)).max(axis=1)
@@ -44,7 +44,7 @@ def test_agrees_with_the_reference(family: str) -> None:
 
 def test_no_feasible_impulse_is_lower() -> None:
     rng = np.random.default_rng(3)
-    for A, c, mu in draw_many(240, rng).values():
+    for A, c, mu in draw_many(240, 3).values():
         lam = solve_cone_qp(A, c, mu).lam
         for k in range(len(c)):
             value = 0.5 * lam[k] @ A[k] @ lam[k] + c[k] @ lam[k]
@@ -78,7 +78,7 @@ def test_contacts_that_are_not_active_get_nothing() -> None:
 
 
 def test_a_warm_start_at_the_answer_needs_no_iteration_and_threads_change_nothing() -> None:
-    A, c, mu = draw_many(600, np.random.default_rng(6), ("slide", "flat"))[4]
+    A, c, mu = draw_many(600, 6, ("slide", "flat"))[4]
     cold = solve_cone_qp(A, c, mu)
     warm = solve_cone_qp(A, c, mu, warm=cold.lam)
     assert cold.unsolved == 0
@@ -87,7 +87,7 @@ def test_a_warm_start_at_the_answer_needs_no_iteration_and_threads_change_nothin
 
 
 def test_interior_point_comes_close_to_every_minimum() -> None:
-    for n, (A, c, mu) in draw_many(240, np.random.default_rng(7), ("flat", "edge", "point", "vee", "random")).items():
+    for n, (A, c, mu) in draw_many(240, 7, ("flat", "edge", "point", "vee", "random")).items():
         rows = np.ravel([contact_rows(i, n) for i in range(n)])
         lam = solve_cone_qp(A, c, mu).lam
         for k in range(len(c)):
