@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from tossid.objects import ObjectModel
     from tossid.types import Toss
 
+_NOT_LINEAGE = ("out", "threads")
+"""Keys that leave the data as they are: the same data from the same call are the same bytes."""
+
 
 def save(
     tosses: Sequence[Toss],
@@ -42,11 +45,12 @@ def save(
     """
     if not tosses:
         raise InputError("no toss was found; there is nothing to write")
+    keys = {name: value for name, value in as_plain(config).items() if name not in _NOT_LINEAGE}
     provenance = {
         "command": f"tossid {command}",
         "version": version(),
         "commit": commit(),
-        "config": yaml.safe_dump(as_plain(config), sort_keys=False, allow_unicode=True),
+        "config": yaml.safe_dump(keys, sort_keys=False, allow_unicode=True),
         **lineage,
     }
     write_dataset(Dataset(model, tuple(tosses), float(rate_hz), source, provenance), path)

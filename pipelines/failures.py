@@ -65,12 +65,12 @@ def report(error: BaseException, args: list[str]) -> int:
 def _explain(error: BaseException, args: list[str]) -> tuple[str, int]:
     from pipelines.outputs import disk_problem
 
+    if _was_interrupted(error):
+        return "interrupted; what was there before is unchanged, and the command can be run again", INTERRUPTED
     if isinstance(error, TossidError):
         return _one_line(error), error.exit_code
     if isinstance(error, typer.TyperException):
         return _usage(error, args), error.exit_code
-    if isinstance(error, (KeyboardInterrupt, Interrupted, typer.Abort)):
-        return "interrupted; what was there before is unchanged, and the command can be run again", INTERRUPTED
     if isinstance(error, BrokenPipeError):
         return "", 1
     problem = disk_problem(error)
@@ -81,6 +81,15 @@ def _explain(error: BaseException, args: list[str]) -> tuple[str, int]:
         return "out of memory", 1
     what = f"{type(error).__name__}: {_one_line(error)}".rstrip(": ")
     return f"this is a bug in tossid ({what[:200]}); {_log(error, args)}", 1
+
+
+def _was_interrupted(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error; libraries may wrap it (Python itself does, while a class is made)."""
+    while error is not None:
+        if isinstance(error, (KeyboardInterrupt, Interrupted, typer.Abort)):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _usage(error: typer.TyperException, args: list[str]) -> str:

@@ -14,6 +14,7 @@ import errno
 import fcntl
 import json
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator
@@ -129,6 +130,11 @@ def _explained(path: Path) -> Iterator[None]:
     """Turn the disk's refusals, wherever they surface, into one `OutputError` that names the output."""
     try:
         yield
+    except OutputError as error:  # of a room, about our temporary: say it of the output
+        problem = disk_problem(error.__cause__) if error.__cause__ is not None else None
+        if problem is None:
+            raise
+        raise OutputError(f"{path}: cannot be written: {problem}") from error.__cause__
     except OSError as error:
         problem = disk_problem(error)
         elsewhere = isinstance(error.filename, str) and not os.path.abspath(error.filename).startswith(str(path.parent))
@@ -176,11 +182,16 @@ def _temporary(path: Path) -> Path:
 def _remove_stale(path: Path) -> None:
     """Remove temporaries of dead commands. The caller holds the lock, so none is alive."""
     for entry in path.parent.iterdir():
-        if entry.name.startswith(f".{path.stem}.tmp-") and entry.suffix == path.suffix:
+        if _is_temporary(entry.name, path):
             if entry.is_dir() and not entry.is_symlink():
                 shutil.rmtree(entry, ignore_errors=True)
             else:
                 entry.unlink(missing_ok=True)
+
+
+def _is_temporary(name: str, path: Path) -> bool:
+    """Whether a name is that of a temporary of `path` (".NAME.tmp-PID-RANDOM.SUFFIX")."""
+    return re.fullmatch(re.escape(f".{path.stem}.tmp-") + r"\d+-[0-9a-f]{8}" + re.escape(path.suffix), name) is not None
 
 
 def _refuse_foreign(path: Path) -> None:

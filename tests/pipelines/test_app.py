@@ -174,6 +174,18 @@ def test_a_bug_leaves_its_traceback_in_a_log(
     assert "['info', 'x']" in log.read_text()
 
 
+def test_a_wrapped_interrupt_is_one_too(command: SimpleNamespace, capfd: pytest.CaptureFixture[str]) -> None:
+    def fail(path: Path, console: Console) -> dict[str, Any]:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise RuntimeError("Error calling __set_name__") from error
+
+    command.does = fail
+    assert app.run(["info", "x"]) == 130
+    assert "interrupted" in one_line(capfd.readouterr().err)
+
+
 def test_debug_shows_the_traceback(command: SimpleNamespace, capfd: pytest.CaptureFixture[str]) -> None:
     def fail(path: Path, console: Console) -> dict[str, Any]:
         raise FileError("a.h5", "no HDF5 file")

@@ -174,6 +174,45 @@ def test_a_killed_writer_leaves_the_earlier_file(tmp_path: Path, number: signal.
     assert entries(tmp_path) == ["a.h5"]
 
 
+def test_a_killed_writer_of_a_folder_is_tidied_up_after(tmp_path: Path) -> None:
+    script = WRITER.replace("output_file(Path(sys.argv[1]))", "output_folder(Path(sys.argv[1]), made_by='test')")
+    script = script.replace("import output_file", "import output_folder").replace(
+        'temporary.write_text("half")', '(temporary / "half").write_text("half")'
+    )
+    out = tmp_path / "rec"
+    with output_folder(out, made_by="test") as temporary:
+        (temporary / "one").write_text("one")
+    with subprocess.Popen([sys.executable, "-c", script, str(out)], stdout=subprocess.PIPE) as writer:
+        assert writer.stdout is not None
+        assert writer.stdout.readline() == b"writing\n"
+        writer.kill()
+    assert len(entries(tmp_path)) == 3
+    assert entries(out) == [outputs.MARKER, "one"]
+    with output_folder(out, made_by="test") as temporary:
+        (temporary / "two").write_text("two")
+    assert entries(out) == [outputs.MARKER, "two"]
+    assert entries(tmp_path) == ["rec"]
+
+
+def test_other_outputs_temporaries_are_left_alone(tmp_path: Path) -> None:
+    others = [".ab.tmp-1-00000000.h5", ".a.tmp-1-00000000.txt", ".a.tmp-mine.h5"]
+    for name in others:
+        (tmp_path / name).write_text("")
+    (tmp_path / ".a.tmp-1-00000000.h5").write_text("")
+    with output_file(tmp_path / "a.h5") as temporary:
+        temporary.write_text("new")
+    assert entries(tmp_path) == sorted([*others, "a.h5"])
+
+
+def test_a_rooms_word_about_the_temporary_names_the_output(tmp_path: Path) -> None:
+    out = tmp_path / "a.h5"
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    words = r"a\.h5: cannot be written: the disk is full"
+    with pytest.raises(OutputError, match=words) as caught, output_file(out) as temporary:
+        raise OutputError(f"{temporary}: no") from full
+    assert ".tmp-" not in str(caught.value)
+
+
 def test_many_writers_leave_one_whole_file(tmp_path: Path) -> None:
     script = WRITER.replace("time.sleep(60)", "time.sleep(0.02); temporary.write_text('whole' * 1000)")
     deadline = time.monotonic() + 20

@@ -55,6 +55,7 @@ def test_a_run_with_all_it_has(store: Path) -> None:
     assert len(client.get_metric_history(run.id, "loss")) == 1200
     assert metric_history(run.id, "validation")[7] == (7, 7.0)
     assert seen.data.tags["tossid.command"] == "train"
+    assert seen.inputs is not None
     dataset = seen.inputs.dataset_inputs[0]
     assert str(store / "data.h5") in dataset.dataset.source
     assert SHA in dataset.dataset.source

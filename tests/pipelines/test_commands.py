@@ -1,0 +1,260 @@
+"""The commands from files to files: what they write is what was asked for, and true."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipelines import app
+from pipelines.config import load
+from pipelines.project import load_object, newest_dataset, newest_recording, object_named
+from pipelines.schemas import NoiseConfig, SynthesizeConfig
+from pipelines.tossing import add_noise, cut_at_rest, draw_releases, make_tosses
+from tests.pipelines.conftest import one_line
+from tossid.errors import FileError
+from tossid.objects import corner_positions
+from tossid.rotations import geodesic_angle, quat_boxminus
+from tossid.store import file_sha256, read_dataset, write_tum
+from tossid.types import Phase
+
+FILM = ["tosses=1", "camera.count=2", "camera.samples=4", "camera.pause_s=[0.1,0.1]", "camera.carry_s=[0.2,0.2]"]
+
+
+@pytest.fixture
+def answer(capfd: pytest.CaptureFixture[str]) -> Any:
+    """Run a command with --json; returns its object."""
+
+    def run(*args: str) -> dict[str, Any]:
+        code = app.run([*args, "--json", "--quiet"])
+        out, err = capfd.readouterr()
+        assert code == 0, err
+        found: dict[str, Any] = json.loads(out)
+        return found
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project folder with one small recording in data/raw."""
+    folder = tmp_path_factory.mktemp("film")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert app.run(["synthesize", *FILM, "--quiet"]) == 0
+    return folder
+
+
+def synthesis(*keys: str) -> SynthesizeConfig:
+    return load("synthesize", SynthesizeConfig, keys)
+
+
+def test_releases_are_what_the_keys_say() -> None:
+    model = load_object(object_named("cube"))
+    config = synthesis(
+        "release.height=[0.2,0.25]", "release.speed=[0.5,0.6]", "release.spin=[3,4]", "release.landing=0.1"
+    )
+    q, v = draw_releases(model, config.release, 400, gravity=9.81, rng=np.random.default_rng(1))
+    lowest = corner_positions(model, q)[..., 2].min(axis=1)
+    assert 0.2 <= lowest.min() < 0.205
+    assert 0.245 < lowest.max() <= 0.25
+    speed, spin = np.linalg.norm(v[:, :2], axis=1), np.linalg.norm(v[:, 3:6], axis=1)
+    assert 0.5 <= speed.min() <= speed.max() <= 0.6
+    assert 3 <= spin.min() <= spin.max() <= 4
+    fall = (v[:, 2] + np.sqrt(v[:, 2] ** 2 + 2 * 9.81 * lowest)) / 9.81
+    assert np.linalg.norm(q[:, :2] + v[:, :2] * fall[:, None], axis=1).max() <= 0.1
+    heading = v[:, :2] / speed[:, None]
+    assert np.linalg.norm(heading.mean(axis=0)) < 0.15  # no direction is preferred
+    assert np.linalg.norm(q[:, 3:7].mean(axis=0)) < 0.15
+
+
+def test_a_motion_is_cut_where_it_rests() -> None:
+    model = load_object(object_named("cube"))
+    n, rate = 100, 100.0
+    q = np.tile([0.0, 0.0, 0.0524, 1.0, 0.0, 0.0, 0.0], (n, 1))
+    q[:40, 0] = np.linspace(-0.4, 0.0, 40)
+    assert cut_at_rest(model, q, np.zeros((n, 6)), rate_hz=rate, rest_s=0.1) == 40 + 10
+    assert cut_at_rest(model, q[:45], np.zeros((45, 6)), rate_hz=rate, rest_s=0.1) == 45
+
+
+def test_noise_is_as_stated() -> None:
+    config = synthesis("engine=lcp", "tosses=20", "seconds=0.5")
+    model = load_object(config.object)
+    tosses, _ = make_tosses(config, model, np.random.default_rng(0))
+    noise = NoiseConfig(position=1e-3, rotation=2e-2, joint=0.0, velocity=0.05, spin=0.3, joint_rate=0.0)
+    seen = add_noise(tosses, model, noise, np.random.default_rng(1))
+    dq = np.concatenate([s.q[:, :3] - t.q[:, :3] for s, t in zip(seen, tosses, strict=True)])
+    turn = np.concatenate([quat_boxminus(s.q[:, 3:7], t.q[:, 3:7]) for s, t in zip(seen, tosses, strict=True)])
+    dv = np.concatenate([s.v - t.v for s, t in zip(seen, tosses, strict=True)])
+    assert dq.std() == pytest.approx(1e-3, rel=0.05)
+    assert turn.std() == pytest.approx(2e-2, rel=0.05)
+    assert dv[:, :3].std() == pytest.approx(0.05, rel=0.05)
+    assert dv[:, 3:].std() == pytest.approx(0.3, rel=0.05)
+    assert np.sqrt(seen[0].q_cov[0, 4, 4]) == pytest.approx(2e-2)
+    assert np.sqrt(seen[0].v_cov[0, 0, 0]) == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("engine", ["lcp", "mujoco"])
+def test_synthesize_states(project: Path, answer: Any, engine: str) -> None:
+    keys = ["synthesize", "frames=false", f"engine={engine}", "tosses=6", "seed=3"]
+    made = answer(*keys, "out=one")
+    truth = read_dataset(project / "one" / "truth.h5")
+    assert made["n_tosses"] == len(truth.tosses) == 6
+    assert made["truth_sha256"] == file_sha256(project / "one" / "truth.h5")
+    for toss in truth.tosses:
+        flight = toss.phase == Phase.FLIGHT
+        dt = np.diff(toss.t)[0]
+        falls = np.flatnonzero(flight[1:-1] & flight[:-2] & flight[2:])[:5] + 1
+        accelerations = (toss.v[falls + 1, 2] - toss.v[falls - 1, 2]) / (2 * dt)
+        np.testing.assert_allclose(accelerations, -9.81, rtol=1e-3)
+        assert corner_positions(truth.object, toss.q)[..., 2].min() > -2e-3
+    splits = [toss.split for toss in read_dataset(project / "one" / "tosses.h5").tosses]
+    assert set(splits) == {"train", "validation", "test"}
+    again = answer(*keys, "out=two")
+    assert again["truth_sha256"] == made["truth_sha256"]
+    other = answer(*keys[:-1], "seed=4", "out=three")
+    assert other["truth_sha256"] != made["truth_sha256"]
+
+
+def test_ingest_finds_the_newest_recording_and_its_tosses(
+    film: Path, monkeypatch: pytest.MonkeyPatch, answer: Any
+) -> None:
+    monkeypatch.chdir(film)
+    recording = newest_recording()
+    made = answer("ingest")
+    assert made["out"] == f"data/datasets/{recording.name}.h5"
+    assert newest_dataset() == Path(made["out"])
+    info = answer("info", made["out"])
+    assert {name: made[name] for name in info} == info
+    (true,), (found,) = read_dataset(recording / "truth.h5").tosses, read_dataset(Path(made["out"])).tosses
+    rate = 148.0
+    assert abs(found.t[0] - true.t[0]) * rate <= 3
+    assert abs(found.t[-1] - true.t[-1]) * rate <= 3
+    same = np.abs(true.t[:, None] - found.t[None]) < 1e-4
+    i, j = np.nonzero(same)
+    assert np.median(np.linalg.norm(true.q[i, :3] - found.q[j, :3], axis=1)) < 0.5e-3
+    assert np.median(geodesic_angle(true.q[i, 3:7], found.q[j, 3:7])) < np.radians(0.3)
+
+
+def test_the_three_stages_give_what_ingest_gives(film: Path, monkeypatch: pytest.MonkeyPatch, answer: Any) -> None:
+    monkeypatch.chdir(film)
+    whole = answer("ingest", "out=whole.h5")
+    detected = answer("detect")
+    tracked = answer("track")
+    parts = answer("segment", "out=parts.h5")
+    assert parts["n_frames"] == whole["n_frames"]
+    for one, other in zip(read_dataset(Path("whole.h5")).tosses, read_dataset(Path("parts.h5")).tosses, strict=True):
+        np.testing.assert_array_equal(one.q, other.q)
+        np.testing.assert_array_equal(one.v_cov, other.v_cov)
+    assert answer("info", detected["out"])["n_detections"] == detected["n_detections"]
+    assert answer("info", tracked["out"])["n_frames"] == tracked["n_poses"]
+    assert answer("info", tracked["tum"])["n_frames"] == tracked["n_poses"]
+    assert answer("info", str(newest_recording()))["object"] == "cube"
+
+
+def test_ingest_reads_tum_and_ends_tosses_at_rest(project: Path, answer: Any) -> None:
+    config = synthesis("engine=lcp", "tosses=4", "seconds=1.2", "rest_s=0.5")
+    tosses, _ = make_tosses(config, load_object(config.object), np.random.default_rng(5))
+    write_tum(project / "poses", tosses)
+    made = answer("ingest", "source=tum", "source.path=poses", "object=cube")
+    found = read_dataset(project / made["out"])
+    assert made["source"] == "tum"
+    assert made["rate_hz"] == pytest.approx(148.0)
+    for one, true in zip(found.tosses, tosses, strict=True):
+        assert len(one) < len(true)  # half a second of rest is cut
+        flight = true.phase[: len(one)] == Phase.FLIGHT
+        flight[1:] &= flight[:-1]
+        assert np.median(np.abs(one.v[flight, :3] - true.v[: len(one)][flight, :3])) < 0.02
+
+
+def test_ingest_reads_the_real_cube(project: Path, shared_data: Path, answer: Any) -> None:
+    folder = project / "some"
+    folder.mkdir()
+    for path in sorted((shared_data / "contactnets_cube").glob("*.pt"))[:12]:
+        (folder / path.name).symlink_to(path)
+    made = answer("ingest", "source=contactnets", f"source.path={folder}", "object=cube", "out=cube.h5")
+    assert (made["object"], made["n_tosses"], made["rate_hz"]) == ("cube", 12, 148.0)
+    assert made["splits"] == {"train": 6, "validation": 4, "test": 2}
+    assert made["provenance"]["source_path"] == str(folder)
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (
+            lambda film: (film / "frames" / "cam0" / "0000000001000000000.jpg").write_bytes(b"no image"),
+            "0000000001000000000.jpg",
+        ),
+        (lambda film: (film / "tagslam.yaml").write_text("bodies: ["), "tagslam.yaml"),
+        (lambda film: (film / "cameras.yaml").write_text("{}"), "cameras.yaml"),
+        (lambda film: (film / "object.yaml").write_text("name: 3\nmass: 2\n"), "object.yaml"),
+    ],
+)
+def test_a_damaged_recording_is_one_line_that_names_the_file(
+    film: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], damage: Any, words: str
+) -> None:
+    import shutil
+
+    broken = tmp_path / "broken"
+    shutil.copytree(film / newest_recording(film / "data" / "raw"), broken)
+    damage(broken)
+    out = tmp_path / "a.h5"
+    out.write_text("old")
+    assert app.run(["ingest", f"source.path={broken}", f"out={out}", "--quiet"]) == 2
+    assert words in one_line(capfd.readouterr().err)
+    assert out.read_text() == "old"
+
+
+def test_a_dataset_must_be_named_as_one(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (project / "poses").mkdir()
+    assert app.run(["ingest", "source=tum", "source.path=poses", "out=notes.txt"]) == 2
+    assert "Did you mean 'notes.h5'?" in one_line(capfd.readouterr().err)
+
+
+def test_synthesize_never_replaces_a_strangers_folder(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (project / "mine").mkdir()
+    (project / "mine" / "thesis.tex").write_text("years of work")
+    assert app.run(["synthesize", "frames=false", "tosses=3", "out=mine"]) == 2
+    assert "mine: holds files" in one_line(capfd.readouterr().err)
+    assert (project / "mine" / "thesis.tex").read_text() == "years of work"
+
+
+@pytest.mark.parametrize("after", ["reading", "detect"])
+def test_ctrl_c_during_ingest(film: Path, tmp_path: Path, after: str) -> None:
+    out = tmp_path / "a.h5"
+    out.write_text("old")
+    recording = film / newest_recording(film / "data" / "raw")
+    with subprocess.Popen(
+        [sys.executable, "-m", "pipelines.app", "ingest", f"source.path={recording}", f"out={out}"],
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    ) as running:
+        assert running.stderr is not None
+        assert "images" in running.stderr.readline()
+        if after == "detect":
+            time.sleep(0.3)
+        running.send_signal(signal.SIGINT)
+        err = running.stderr.read()
+        code = running.wait(timeout=30)
+    assert code == 130
+    assert "interrupted" in err.strip().splitlines()[-1]
+    assert "Traceback" not in err
+    assert out.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_nothing_to_read_says_what_to_do(project: Path) -> None:
+    with pytest.raises(FileError, match="tossid synthesize"):
+        newest_recording()
+    with pytest.raises(FileError, match="tossid ingest"):
+        newest_dataset()
