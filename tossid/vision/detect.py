@@ -101,6 +101,7 @@ class TagFinder:
         else:
             self.tally["searched the whole image"] += 1
             found = self._search(frame, (0, 0), frame.image, self.settings.quad_decimate, count=True)
+        self.tally["tags"] += len(found)
         if found:
             self._lost = 0
             self._remember(found, moved=self._box is not None)
@@ -144,7 +145,9 @@ class TagFinder:
     ) -> list[Detection]:
         rejected: Counter[str] = Counter()
         believed: dict[int, list[Any]] = {}
-        for raw in _detector(decimate).detect(image):
+        with _detector(decimate) as detector:
+            seen = detector.detect(image)
+        for raw in seen:
             if raw.tag_id not in self.tag_ids:
                 rejected["rejected: id not on the object"] += 1
             elif raw.hamming > self.settings.max_hamming:
@@ -161,7 +164,6 @@ class TagFinder:
             found.append(self._detection(frame, origin, believed[tag_id][0], rejected))
         if count:
             self.tally.update(rejected)
-            self.tally["tags"] += len(found)
         return found
 
     def _detection(self, frame: Frame, origin: tuple[int, int], raw: Any, notes: Counter[str]) -> Detection:
@@ -184,15 +186,31 @@ class TagFinder:
         )
 
 
-_local = threading.local()
+class _Detector(Detector):
+    """A detector that is never destroyed: the binding frees the tag family before the detector
+    that still refers to it, which corrupts the heap."""
+
+    def __del__(self) -> None:
+        pass
 
 
-def _detector(decimate: float) -> Detector:
-    """This thread's detector; the library's are not safe to share."""
-    detectors: dict[float, Detector] = _local.__dict__.setdefault("detectors", {})
-    if decimate not in detectors:
-        detectors[decimate] = Detector(families="tag36h11", nthreads=1, quad_decimate=decimate)
-    return detectors[decimate]
+_spare: dict[float, list[_Detector]] = {}
+_spare_lock = threading.Lock()
+
+
+@contextlib.contextmanager
+def _detector(decimate: float) -> Iterator[_Detector]:
+    """A detector of one's own for a while; it is kept for the next, as one serves one thread at a time."""
+    with _spare_lock:
+        waiting = _spare.setdefault(decimate, [])
+        detector = waiting.pop() if waiting else None
+    if detector is None:
+        detector = _Detector(families="tag36h11", nthreads=1, quad_decimate=decimate)
+    try:
+        yield detector
+    finally:
+        with _spare_lock:
+            _spare[decimate].append(detector)
 
 
 def detect_frames(

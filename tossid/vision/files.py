@@ -55,7 +55,7 @@ def read_detections(path: str | Path) -> tuple[Detection, ...]:
     if n and not (data["camera"].min() >= 0 and data["camera"].max() < len(names)):
         raise FileError(path, "camera indices do not fit the list of cameras")
     for key in ("t", "corners", "corner_cov"):
-        bad = ~np.isfinite(data[key].reshape(n, -1)).all(axis=1)
+        bad = ~np.isfinite(data[key]).all(axis=tuple(range(1, data[key].ndim)))
         if bad.any():
             raise FileError(path, f"{key} is not finite", row=int(np.argmax(bad)))
     return tuple(

@@ -171,7 +171,7 @@ class RecordingWriter:
         layout: TagLayout,
         *,
         image_format: str = "jpg",
-        quality: int = 90,
+        quality: int = 80,
     ) -> None:
         if image_format not in ("jpg", "png"):
             raise InputError(f"image format '{image_format}' is not one of jpg, png")
@@ -242,7 +242,7 @@ def write_recording(
     frames: Iterable[Frame],
     *,
     image_format: str = "jpg",
-    quality: int = 90,
+    quality: int = 80,
 ) -> None:
     """Write a recording from frames as they come; whole or not at all (`RecordingWriter`)."""
     with RecordingWriter(target, cameras, layout, image_format=image_format, quality=quality) as writer:

@@ -221,17 +221,18 @@ def _hypotheses(
     usable = np.asarray(np.isfinite(first[0]).all(axis=1))
     start = (np.where(usable[:, None], first[0], 0.0), np.where(usable[:, None], first[1], [1.0, 0, 0, 0]))
     fit = fit_poses(obs, *start)
-    # one tag that contradicts the others is dropped, and the rest fitted again
-    counts = np.bincount(obs.step, minlength=n)
-    outlier = (fit.whitened > settings.outlier) & (fit.pixels > 0.5) & (counts[obs.step] > 1)
-    worst = np.zeros(n)
-    np.maximum.at(worst, obs.step, np.where(outlier, fit.whitened, 0.0))
-    outlier &= fit.whitened >= 0.5 * worst[obs.step]
-    outlier &= (np.bincount(obs.step[outlier], minlength=n) < counts)[obs.step]
-    if outlier.any():
+    # a tag that contradicts the others is dropped, the worst of a step first, and the rest fitted again
+    for _ in range(3):
+        counts = np.bincount(obs.step, minlength=n)
+        worst = np.zeros(n)
+        np.maximum.at(worst, obs.step, fit.whitened)
+        outlier = (fit.whitened > settings.outlier) & (fit.pixels > 0.5) & (counts[obs.step] > 1)
+        outlier &= fit.whitened >= worst[obs.step]
+        if not outlier.any():
+            break
         dropped["contradicts the other tags"] += int(outlier.sum())
         obs = obs.take(~outlier)
-        fit = fit_poses(obs, fit.position, fit.quat)
+        fit = fit_poses(obs, fit.position, fit.quat, iterations=6)
     best = _Hypothesis(fit.position, fit.quat, fit.cost, fit.information, fit.ok & usable)
     chosen = np.flatnonzero(exists)
     p2, q2 = np.full((n, 3), np.nan), np.full((n, 4), np.nan)

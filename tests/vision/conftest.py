@@ -1,0 +1,44 @@
+"""The cube with its tags, a rig of small cameras, and one rendered toss that several modules look at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from tests.vision.tosses import thrown
+from tossid.objects import ObjectModel
+from tossid.vision.camera import Camera
+from tossid.vision.faces import default_tags
+from tossid.vision.recording import Recording, RecordingWriter, read_recording
+from tossid.vision.rig import default_rig
+from tossid.vision.tagslam import layout_of
+from tossid.vision.timeline import Timeline, make_timeline, render_timeline
+
+
+@pytest.fixture(scope="session")
+def tagged(cube: ObjectModel) -> ObjectModel:
+    return cube.with_changes(tags=default_tags(cube))
+
+
+@pytest.fixture(scope="session")
+def rig() -> tuple[Camera, ...]:
+    return default_rig(resolution=(480, 384))
+
+
+@dataclass(frozen=True)
+class Filmed:
+    recording: Recording
+    timeline: Timeline
+
+
+@pytest.fixture(scope="session")
+def filmed(tagged: ObjectModel, rig: tuple[Camera, ...], tmp_path_factory: pytest.TempPathFactory) -> Filmed:
+    """Two tosses, three cameras, noise and blur."""
+    rng = np.random.default_rng(5)
+    timeline = make_timeline([thrown(tagged, rng, name=f"toss_{i}") for i in range(2)], tagged, rng, start=2.0)
+    folder = tmp_path_factory.mktemp("film") / "recording"
+    with RecordingWriter(folder, rig, layout_of(tagged)) as writer:
+        render_timeline(timeline, tagged, rig, writer, rng)
+    return Filmed(read_recording(folder), timeline)

@@ -1,0 +1,129 @@
+"""Recordings: whole or not at all, read lazily, and bad frames named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tossid.errors import FileError, InputError, OutputError
+from tossid.objects import ObjectModel
+from tossid.types import Frame
+from tossid.vision import recording as recording_module
+from tossid.vision.camera import Camera
+from tossid.vision.recording import RecordingWriter, read_recording, write_recording
+from tossid.vision.tagslam import layout_of
+
+CAMERA = Camera("left", (64, 48), [60, 60, 32, 24])
+
+
+def _frames(n: int = 4) -> list[Frame]:
+    rng = np.random.default_rng(0)
+    return [Frame("left", 0.1 + i / 100, rng.integers(0, 255, (48, 64), dtype=np.uint8)) for i in range(n)]
+
+
+@pytest.fixture
+def written(tmp_path: Path, tagged: ObjectModel) -> Path:
+    write_recording(tmp_path / "rec", [CAMERA], layout_of(tagged), _frames(), image_format="png")
+    return tmp_path / "rec"
+
+
+def test_frames_come_back(written: Path):
+    recording = read_recording(written)
+    assert recording.n_frames == 4
+    assert recording.rate_hz == pytest.approx(100.0)
+    for read, frame in zip(recording, _frames(), strict=True):
+        assert read.t == pytest.approx(frame.t, abs=1e-9)
+        np.testing.assert_array_equal(read.image, frame.image)
+    assert [file.path.name for file in recording.frames["left"]] == sorted(
+        p.name for p in (written / "frames" / "left").iterdir()
+    )
+
+
+def test_jpeg_is_near(tmp_path: Path, tagged: ObjectModel):
+    smooth = np.tile(np.linspace(20, 200, 64), (48, 1)).astype(np.uint8)
+    write_recording(tmp_path / "rec", [CAMERA], layout_of(tagged), [Frame("left", 0.0, smooth)], quality=95)
+    (frame,) = read_recording(tmp_path / "rec")
+    assert np.abs(frame.image.astype(int) - smooth).max() <= 4
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_an_interrupted_recording_leaves_what_was_there(written: Path, tagged: ObjectModel, error: type[BaseException]):
+    def interrupted():
+        yield _frames()[0]
+        raise error
+
+    with pytest.raises(error):
+        write_recording(written, [CAMERA], layout_of(tagged), interrupted())
+    assert read_recording(written).n_frames == 4
+    assert [path.name for path in written.parent.iterdir()] == ["rec"]
+
+
+def test_a_finished_recording_replaces_the_old(written: Path, tagged: ObjectModel):
+    write_recording(written, [CAMERA], layout_of(tagged), _frames(2))
+    assert read_recording(written).n_frames == 2
+    assert [path.name for path in written.parent.iterdir()] == ["rec"]
+
+
+def test_a_full_disk_is_one_clear_error(tmp_path: Path, tagged: ObjectModel, monkeypatch: pytest.MonkeyPatch):
+    def full(self: Path, content: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    writer = RecordingWriter(tmp_path / "rec", [CAMERA], layout_of(tagged))
+    with pytest.raises(OutputError, match="No space left"), writer:
+        monkeypatch.setattr(Path, "write_bytes", full)
+        writer.write(_frames()[0])
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(b"not an image", "not an image"), (b"", "not an image"), (b"\xff\xd8\xff\xe0 cut", "breaks off")],
+)
+def test_a_frame_that_is_no_image_is_named(written: Path, content: bytes, words: str):
+    file = read_recording(written).frames["left"][2]
+    file.path.write_bytes(content)
+    with pytest.raises(FileError, match=words) as caught:
+        list(read_recording(written))
+    assert caught.value.path == file.path
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png"])
+def test_a_truncated_image_is_not_filled_up(tmp_path: Path, tagged: ObjectModel, suffix: str):
+    write_recording(tmp_path / "rec", [CAMERA], layout_of(tagged), _frames(1), image_format=suffix)
+    (file,) = read_recording(tmp_path / "rec").frames["left"]
+    file.path.write_bytes(file.path.read_bytes()[:-400])
+    with pytest.raises(FileError, match="breaks off"):
+        read_recording(tmp_path / "rec").read(file)
+
+
+def test_a_frame_of_another_size_is_named(written: Path, tmp_path: Path, tagged: ObjectModel):
+    small = Camera("left", (32, 24), [60, 60, 16, 12])
+    recording_module.write_cameras([small], written)
+    with pytest.raises(FileError, match="64 by 48"):
+        next(iter(read_recording(written)))
+
+
+def test_folders_that_are_no_recording_are_named(written: Path):
+    with pytest.raises(FileError, match="no such folder"):
+        read_recording(written / "nowhere")
+    (written / "frames" / "left" / "notes.txt").write_text("x")
+    with pytest.raises(FileError, match=r"notes\.txt"):
+        read_recording(written)
+    (written / "frames" / "left" / "notes.txt").unlink()
+    (written / "frames" / "right").mkdir()
+    with pytest.raises(FileError, match="right"):
+        read_recording(written)
+    (written / "frames" / "right").rmdir()
+    for path in (written / "frames" / "left").iterdir():
+        path.unlink()
+    with pytest.raises(FileError, match="no frames"):
+        read_recording(written)
+
+
+def test_options_are_checked(tmp_path: Path, tagged: ObjectModel):
+    with pytest.raises(InputError, match="gif"):
+        RecordingWriter(tmp_path / "rec", [CAMERA], layout_of(tagged), image_format="gif")
+    with pytest.raises(InputError, match="101"):
+        RecordingWriter(tmp_path / "rec", [CAMERA], layout_of(tagged), quality=101)

@@ -1,0 +1,126 @@
+"""The synthetic recording's motion: continuous, off the ground, and free only where it is free."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.vision.conftest import Filmed
+from tests.vision.tosses import thrown
+from tossid.errors import InputError
+from tossid.objects import ObjectModel, corner_positions
+from tossid.rotations import geodesic_angle
+from tossid.types import Frame
+from tossid.vision.recording import RecordingWriter, read_recording
+from tossid.vision.rig import default_rig
+from tossid.vision.tagslam import layout_of
+from tossid.vision.timeline import make_timeline, render_timeline
+
+DT = 1 / 148
+
+
+@pytest.fixture(scope="module")
+def made(cube: ObjectModel):
+    rng = np.random.default_rng(0)
+    tosses = [thrown(cube, rng, name=f"t{i}") for i in range(5)]
+    return tosses, make_timeline(tosses, cube, rng, start=3.0)
+
+
+def test_the_tosses_are_in_it_as_they_were(made):
+    tosses, timeline = made
+    for toss, true, release, rest in zip(tosses, timeline.tosses, timeline.release, timeline.rest, strict=True):
+        n = rest - release + 1
+        assert len(true) == n
+        np.testing.assert_allclose(timeline.q[release : rest + 1], toss.q[:n], atol=1e-12)
+        np.testing.assert_allclose(true.t, timeline.t[release : rest + 1])
+        np.testing.assert_array_equal(true.v, toss.v[:n])
+
+
+def test_it_is_one_continuous_motion(made):
+    _, timeline = made
+    np.testing.assert_allclose(np.diff(timeline.t), DT, rtol=1e-9)
+    step = np.linalg.norm(np.diff(timeline.q[:, :3], axis=0), axis=1)
+    turn = geodesic_angle(timeline.q[1:, 3:7], timeline.q[:-1, 3:7])
+    assert step.max() < 8.0 * DT
+    assert turn.max() < 40.0 * DT
+
+
+def test_the_hand_lets_go_at_the_releases_velocity(made):
+    tosses, timeline = made
+    for toss, release in zip(tosses, timeline.release, strict=True):
+        before = (timeline.q[release, :3] - timeline.q[release - 1, :3]) / DT
+        # half a frame earlier the hand's acceleration, at most 15 m/s², makes the difference
+        np.testing.assert_allclose(before, toss.v[0, :3], atol=0.5 * 16 * DT + 0.02)
+
+
+def test_nothing_before_the_release_is_free_fall(made):
+    _, timeline = made
+    z = timeline.q[:, 2]
+    for release in timeline.release:
+        acceleration = (z[release - 1] - 2 * z[release - 2] + z[release - 3]) / DT**2
+        assert acceleration > 2.0
+
+
+def test_the_hand_keeps_the_object_off_the_ground(made, cube: ObjectModel):
+    _, timeline = made
+    assert corner_positions(cube, timeline.q)[..., 2].min() > -2e-3
+
+
+def test_uneven_tosses_are_refused(made, cube: ObjectModel):
+    tosses, _ = made
+    rng = np.random.default_rng(0)
+    with pytest.raises(InputError, match="even rate"):
+        make_timeline([tosses[0], replace(tosses[1], t=2 * tosses[1].t)], cube, rng)
+    with pytest.raises(InputError, match="no tosses"):
+        make_timeline([], cube, rng)
+
+
+def test_images_depend_on_the_seed_and_not_on_threads(made, tagged: ObjectModel, tmp_path: Path):
+    _, timeline = made
+    short = replace(timeline, t=timeline.t[:6], q=timeline.q[:6])
+    cameras = default_rig(n_cameras=2, resolution=(160, 128))
+    images = []
+    for threads in (1, 2):
+        done: list[int] = []
+        with RecordingWriter(tmp_path / "rec", cameras, layout_of(tagged), image_format="png") as writer:
+            rng = np.random.default_rng(4)
+            assert render_timeline(short, tagged, cameras, writer, rng, threads=threads, progress=done.append) == 12
+        assert sum(done) == 12
+        images.append([frame.image for frame in read_recording(tmp_path / "rec")])
+    np.testing.assert_array_equal(images[0], images[1])
+
+
+def test_an_interrupt_leaves_nothing(made, tagged: ObjectModel, tmp_path: Path):
+    _, timeline = made
+    cameras = default_rig(n_cameras=1, resolution=(160, 128))
+
+    def stop(_: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), RecordingWriter(tmp_path / "rec", cameras, layout_of(tagged)) as writer:
+        render_timeline(timeline, tagged, cameras, writer, np.random.default_rng(0), progress=stop)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_another_renderer_can_take_its_place(made, tagged: ObjectModel, tmp_path: Path):
+    class Flat:
+        def render(self, q0, q1, camera, rng):
+            return np.full((128, 160), 77, dtype=np.uint8)
+
+    _, timeline = made
+    short = replace(timeline, t=timeline.t[:3], q=timeline.q[:3])
+    cameras = default_rig(n_cameras=1, resolution=(160, 128))
+    with RecordingWriter(tmp_path / "rec", cameras, layout_of(tagged), image_format="png") as writer:
+        render_timeline(short, tagged, cameras, writer, np.random.default_rng(0), renderer=Flat())
+    frames: list[Frame] = list(read_recording(tmp_path / "rec"))
+    assert len(frames) == 3
+    assert all((frame.image == 77).all() for frame in frames)
+
+
+def test_time_stamps_survive_the_names(filmed: Filmed):
+    stamps = [file.t_ns * 1e-9 for file in filmed.recording.frames["cam0"]]
+    np.testing.assert_allclose(stamps, filmed.timeline.t, atol=1e-9)
+    assert stamps == sorted(stamps)
