@@ -55,6 +55,12 @@ def film(
     cameras = make_cameras(config.camera, rate_hz=config.rate_hz)
     timeline = make_timeline(tosses, model, rng, start=START, carry=config.camera.carry_s, rest=config.camera.pause_s)
     n_images = len(timeline.t) * len(cameras)
+    settings = RenderSettings(samples=config.camera.samples, noise=config.camera.noise, blur=config.camera.blur)
+    renderer = None
+    if config.camera.renderer == "mujoco":
+        from tossid.vision.mujoco_render import MujocoRenderer
+
+        renderer = MujocoRenderer(model, cameras, settings)
     inner = folder / "recording"  # the writer's own temporaries then lie inside ours
     with (
         RecordingWriter(inner, cameras, layout_of(model), quality=config.camera.quality) as writer,
@@ -66,7 +72,8 @@ def film(
             cameras,
             writer,
             rng,
-            settings=RenderSettings(samples=config.camera.samples, noise=config.camera.noise, blur=config.camera.blur),
+            settings=settings,
+            renderer=renderer,
             exposure=config.camera.exposure_s,
             threads=os.cpu_count() or 1,
             progress=progress.advance,

@@ -31,8 +31,7 @@ def run(path: Path, console: Console) -> dict[str, Any]:
 
 def show(facts: dict[str, Any], console: Console, *, title: str) -> None:
     """The facts for a person."""
-    plain = {name: value for name, value in facts.items() if name != "provenance"}
-    console.facts({name: _brief(value) for name, value in plain.items()}, title=title)
+    console.facts({name: value for name, value in facts.items() if name != "provenance"}, title=title)
     provenance = facts.get("provenance")
     if provenance:
         console.facts({name: _first_line(value) for name, value in provenance.items()}, title="made from")
@@ -122,14 +121,6 @@ def _poses(path: Path) -> dict[str, Any]:
         "position_min_m": rows[:, 1:4].min(axis=0).tolist(),
         "position_max_m": rows[:, 1:4].max(axis=0).tolist(),
     }
-
-
-def _brief(value: Any) -> Any:
-    if isinstance(value, dict):
-        return ", ".join(f"{name} {count}" for name, count in value.items()) or None
-    if isinstance(value, (list, tuple)):
-        return ", ".join(str(item) for item in value) or None
-    return value
 
 
 def _first_line(value: Any) -> Any:

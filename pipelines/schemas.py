@@ -49,7 +49,7 @@ class ObjectConfig:
     name: str
     """what it is called"""
     path: Path
-    """its MJCF or URDF file; a relative path is sought in the working folder, then in conf/object"""
+    """its MJCF or URDF file; a relative path is sought in the working folder, then in tossid's own"""
     friction: NonNegative
     """Coulomb friction of object and ground"""
     restitution: Annotated[float, Bounds(low=0, high=1)]
@@ -87,6 +87,10 @@ class TrackConfig:
 
     max_rms: Positive
     """largest rms reprojection of a frame [px]"""
+    max_sigma: Positive
+    """largest standard deviation of a position along any axis [m]"""
+    max_angle_sigma: Positive
+    """largest standard deviation of an orientation about any axis [rad]"""
     outlier: Positive
     """whitened rms residual beyond which one tag among several is dropped"""
     evidence: NonNegative
@@ -115,6 +119,8 @@ class SegmentConfig:
     """deviation from gravity that is still free flight [m/s²]"""
     energy: Positive
     """rise of energy over weight that only a hand can cause [m]"""
+    ground: Positive
+    """height of the lowest corner at which a flight can have ended on the ground [m]"""
     max_gap: Positive
     """longest gap in a toss [s]"""
 
@@ -318,6 +324,8 @@ class NoiseConfig:
 class CameraConfig:
     """The cameras around the tosses, and what their images look like (frames=true)."""
 
+    renderer: Literal["opencv", "mujoco"]
+    """opencv needs nothing of the system; mujoco needs EGL or OSMesa"""
     count: Annotated[int, Bounds(low=1, high=9)]
     """how many"""
     width: Annotated[int, Bounds(low=64, high=8192)]

@@ -13,6 +13,7 @@ from pipelines.outputs import output_folder
 from pipelines.project import RECORDINGS, load_object, write_object
 from pipelines.schemas import SynthesizeConfig
 from pipelines.tossing import add_noise, make_tosses
+from tossid.errors import ConfigError
 from tossid.store import draw_splits, file_sha256
 
 if TYPE_CHECKING:
@@ -26,6 +27,10 @@ TOSSES = "tosses.h5"
 def run(config: SynthesizeConfig, console: Console) -> dict[str, Any]:
     """Simulate, then write frames or states; returns what was made."""
     model = load_object(config.object)
+    if config.frames and not model.tags:
+        raise ConfigError(
+            "object.tags", f"'{model.name}' has no tags that a camera could see; give them, or frames=false."
+        )
     out = config.out or RECORDINGS / f"{config.object.name}-{config.engine.name}-{config.seed}"
     motion, noise, images = np.random.default_rng(config.seed).spawn(3)
     with output_folder(out, made_by="tossid synthesize") as folder:
@@ -38,11 +43,11 @@ def run(config: SynthesizeConfig, console: Console) -> dict[str, Any]:
 
             made = film(config, model, tosses, folder, images, console)
             tosses = made.tosses
-            facts = {"frames": made.n_images, "cameras": made.cameras}
+            facts = {"n_images": made.n_images, "cameras": made.cameras}
         else:
             seen = draw_splits(add_noise(tosses, model, config.noise, noise), fractions=config.splits, seed=config.seed)
             _save(config, seen, model, folder / TOSSES, unsolved)
-            facts = {"dataset": str(out / TOSSES), "frames": 0}
+            facts = {"dataset": str(out / TOSSES), "n_images": 0}
         write_object(config.object, folder)
         _save(config, tosses, model, folder / TRUTH, unsolved)
     result = {

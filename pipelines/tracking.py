@@ -181,7 +181,7 @@ def tracked_run(
     all_tags = {COMMAND_TAG: command, "tossid.version": version(), **(tags or {})}
     if commit():
         all_tags["mlflow.source.git.commit"] = commit()
-    all_tags["mlflow.source.name"] = f"tossid {command}"
+    all_tags |= {"mlflow.source.name": f"tossid {command}", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
     if parent is not None:
         all_tags["mlflow.parentRunId"] = parent.id if isinstance(parent, TrackedRun) else parent
     created = client.create_run(_experiment(client, experiment), tags=all_tags, run_name=name)
@@ -362,6 +362,15 @@ def _experiment(client: MlflowClient, name: str) -> str:
         if found is None:
             raise
         return str(found.experiment_id)
+
+
+def _user() -> str:
+    import getpass
+
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError):
+        return "unknown"
 
 
 def _param(value: Any) -> str:

@@ -219,6 +219,12 @@ def test_a_dataset_must_be_named_as_one(project: Path, capfd: pytest.CaptureFixt
     assert "Did you mean 'notes.h5'?" in one_line(capfd.readouterr().err)
 
 
+def test_frames_need_tags(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert app.run(["synthesize", "object.tags=null", "tosses=1"]) == 2
+    assert "object.tags: 'cube' has no tags" in one_line(capfd.readouterr().err)
+    assert list(project.iterdir()) == []
+
+
 def test_synthesize_never_replaces_a_strangers_folder(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (project / "mine").mkdir()
     (project / "mine" / "thesis.tex").write_text("years of work")

@@ -14,6 +14,9 @@ from pipelines.config import as_plain, flatten, load
 from pipelines.keys import describe, keys_of
 from pipelines.schemas import COMMANDS, Bounds, ContactNetsSource, FramesSource, IngestConfig
 from tossid.errors import ConfigError
+from tossid.vision.detect import DetectSettings
+from tossid.vision.segment import SegmentSettings
+from tossid.vision.track import TrackSettings
 
 
 @dataclass(frozen=True)
@@ -282,3 +285,11 @@ def test_types_in_words() -> None:
     assert describe(Annotated[int, Bounds(low=1)]) == "a whole number of at least 1"
     assert describe(Path | None) == "a path or null"
     assert describe(Literal["a", "b"]) == "one of a, b"
+
+
+@pytest.mark.parametrize(
+    ("part", "settings_class"), [("detect", DetectSettings), ("track", TrackSettings), ("segment", SegmentSettings)]
+)
+def test_conf_says_what_the_vision_room_was_tuned_with(part: str, settings_class: type) -> None:
+    config = load("ingest", IngestConfig)
+    assert settings_class(**as_plain(getattr(config, part))) == settings_class()
