@@ -1,0 +1,1 @@
+"""Camera models, rendering and reading of tag frames, detection, tracking, segmentation."""
