@@ -28,7 +28,7 @@ def newest_recording(folder: Path = RECORDINGS) -> Path:
     Raises:
         FileError: there is none.
     """
-    found = [path.parent for path in folder.glob("*/cameras.yaml")]
+    found = [path.parent for path in folder.glob("*/cameras.yaml") if not path.parent.name.startswith(".")]
     if not found:
         raise FileError(folder, "no recording here; make one with 'tossid synthesize', or give source.path=FOLDER")
     return max(found, key=lambda path: (path.stat().st_mtime_ns, path.name))

@@ -259,6 +259,13 @@ def test_ctrl_c_during_ingest(film: Path, tmp_path: Path, after: str) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
 
 
+def test_a_recording_that_is_being_written_is_not_the_newest(project: Path) -> None:
+    for name in ("old", ".new.tmp-1-00000000"):
+        (project / "data" / "raw" / name).mkdir(parents=True)
+        (project / "data" / "raw" / name / "cameras.yaml").write_text("")
+    assert newest_recording() == Path("data/raw/old")
+
+
 def test_nothing_to_read_says_what_to_do(project: Path) -> None:
     with pytest.raises(FileError, match="tossid synthesize"):
         newest_recording()
