@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.tracking import end_run, find_run, find_runs, metric_history, resumed_run, tracked_run
+from pipelines.runs import find_run, find_runs, metric_history
+from pipelines.tracking import end_run, resumed_run, tracked_run
 from tossid.errors import FileError, InputError
 
 SHA = "ab" * 32

@@ -1,0 +1,182 @@
+"""Runs as they can be found again: the newest, by id, by name, by folder, by tag, under a parent."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlparse
+
+from pipelines.mlflow_store import client
+from tossid.errors import FileError, InputError
+
+EXPERIMENT = "tossid"
+CHECKPOINT = "checkpoint.pt"
+CONFIG = "config.yaml"
+COMMAND_TAG = "tossid.command"
+
+
+@dataclass(frozen=True)
+class DataUsed:
+    """A dataset that a run read. context: "training", "evaluation", …"""
+
+    path: str
+    sha256: str
+    context: str
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """A run as it can be found again.
+
+    Attributes:
+        id: MLflow's run id; "" for a folder that names none.
+        name, status: as MLflow has them.
+        folder: where its artifacts lie on this machine.
+        checkpoint: its checkpoint, None if it logged none.
+        config: its resolved config.
+        tags, params, metrics: as logged (the last value of each metric).
+        data: the datasets that it read.
+    """
+
+    id: str
+    name: str
+    status: str
+    folder: Path
+    checkpoint: Path | None
+    config: dict[str, Any]
+    tags: dict[str, str] = field(default_factory=dict)
+    params: dict[str, str] = field(default_factory=dict)
+    metrics: dict[str, float] = field(default_factory=dict)
+    data: tuple[DataUsed, ...] = ()
+
+
+def find_run(reference: str | Path | None = None, *, command: str = "train", experiment: str = EXPERIMENT) -> RunRecord:
+    """A run, by what a user gives for it.
+
+    Args:
+        reference: a run id (or an unambiguous beginning of at least 6 digits), a
+            run's name (the newest of that name), a folder with `checkpoint.pt` and `config.yaml`, or None for
+            the newest finished run of `command`.
+        command: which command's runs are meant.
+
+    Raises:
+        InputError: there is no such run, or several.
+        FileError: the folder is no run.
+    """
+    if reference is not None and (Path(reference).is_dir() or os.sep in str(reference)):
+        return _folder_record(Path(reference))
+    found = find_runs(command=command, experiment=experiment, finished=reference is None, nested=reference is not None)
+    if reference is None:
+        if not found:
+            raise InputError(f"there is no finished run yet; make one with 'tossid {command}'")
+        return record_of(found[0])
+    text = str(reference)
+    matches = [run for run in found if run.info.run_id == text] or [run for run in found if run.info.run_name == text]
+    if not matches and len(text) >= 6:
+        matches = [run for run in found if run.info.run_id.startswith(text)]
+        if len(matches) > 1:
+            raise InputError(f"run={text}: fits {len(matches)} runs; give more of the id")
+    if not matches:
+        known = ", ".join(f"{run.info.run_name} ({run.info.run_id[:8]})" for run in found[:3])
+        raise InputError(f"run={text}: no such run of 'tossid {command}'; the newest are: {known or 'none'}")
+    return record_of(matches[0])
+
+
+def find_runs(
+    *,
+    command: str | None = None,
+    experiment: str = EXPERIMENT,
+    parent: str | None = None,
+    tags: Mapping[str, str] | None = None,
+    finished: bool = False,
+    nested: bool = False,
+) -> list[Any]:
+    """MLflow runs, newest first: of a command, under a parent, with tags.
+
+    Runs of a study (with a parent) are left out unless `parent` or `nested` asks for them.
+    """
+    store = client()
+    known = store.get_experiment_by_name(experiment)
+    if known is None:
+        return []
+    wanted = {**({COMMAND_TAG: command} if command else {}), **(tags or {})}
+    if parent is not None:
+        wanted["mlflow.parentRunId"] = parent
+    terms = [f"tags.`{name}` = '{value}'" for name, value in wanted.items()]
+    if finished:
+        terms.append("attributes.status = 'FINISHED'")
+    runs: list[Any] = []
+    token: str | None = None
+    while True:
+        page = store.search_runs(
+            [known.experiment_id], " and ".join(terms), order_by=["attributes.start_time DESC"], page_token=token
+        )
+        runs += [run for run in page if parent is not None or nested or "mlflow.parentRunId" not in run.data.tags]
+        token = page.token
+        if not token:
+            return runs
+
+
+def metric_history(run_id: str, name: str) -> list[tuple[int, float]]:
+    """Steps and values of a run's metric."""
+    return [(point.step, point.value) for point in client().get_metric_history(run_id, name)]
+
+
+def record_of(run: Any) -> RunRecord:
+    """A `RunRecord` of what MLflow's client returned; its artifacts are fetched where they lie elsewhere."""
+    import yaml
+
+    folder = _artifacts(run)
+    checkpoint, config = folder / CHECKPOINT, folder / CONFIG
+    return RunRecord(
+        id=run.info.run_id,
+        name=run.info.run_name,
+        status=run.info.status,
+        folder=folder,
+        checkpoint=checkpoint if checkpoint.is_file() else None,
+        config=yaml.safe_load(config.read_text()) if config.is_file() else {},
+        tags=dict(run.data.tags),
+        params=dict(run.data.params),
+        metrics=dict(run.data.metrics),
+        data=tuple(_data_used(entry) for entry in run.inputs.dataset_inputs),
+    )
+
+
+def _data_used(entry: Any) -> DataUsed:
+    tags = {tag.key: tag.value for tag in entry.tags}
+    source = json.loads(entry.dataset.source)
+    return DataUsed(
+        path=source.get("uri", ""),
+        sha256=tags.get("sha256", entry.dataset.digest),
+        context=tags.get("mlflow.data.context", ""),
+    )
+
+
+def _artifacts(run: Any) -> Path:
+    """The run's artifacts on this machine; downloaded where they lie elsewhere."""
+    uri = run.info.artifact_uri
+    parts = urlparse(uri)
+    if parts.scheme in ("", "file"):
+        return Path(unquote(parts.path))
+    from mlflow.artifacts import download_artifacts
+
+    return Path(download_artifacts(artifact_uri=uri))
+
+
+def _folder_record(folder: Path) -> RunRecord:
+    import yaml
+
+    checkpoint = folder / CHECKPOINT
+    if not checkpoint.is_file():
+        raise FileError(folder, f"is no run: expected a folder with {CHECKPOINT} and {CONFIG}")
+    try:
+        config = yaml.safe_load((folder / CONFIG).read_text())
+    except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
+        raise FileError(folder / CONFIG, "cannot be read as YAML") from error
+    if not isinstance(config, dict):
+        raise FileError(folder / CONFIG, "holds no config")
+    return RunRecord("", folder.name, "FINISHED", folder, checkpoint, config)

@@ -1,0 +1,90 @@
+"""What every command can be told: the type and the meaning of each key.
+
+Values live in `conf/`: none has a default here. The text under a field is its
+documentation; `tossid COMMAND --help` prints it. A field whose type is a
+dataclass with a `name`, and that has a folder in `conf/`, is a group:
+`source=tum` takes `conf/source/tum.yaml`. Where members differ in their keys,
+the field is a union, and the member's `name` picks the class.
+
+Nothing heavy is imported here: help pages read this module.
+"""
+
+from __future__ import annotations
+
+from pipelines.schemas.ingestion import (
+    ContactNetsSource,
+    DetectConfig,
+    DetectStageConfig,
+    FramesSource,
+    IngestConfig,
+    PllSource,
+    SegmentConfig,
+    SegmentStageConfig,
+    Source,
+    TrackConfig,
+    TrackStageConfig,
+    TumSource,
+)
+from pipelines.schemas.kinds import (
+    Bounds,
+    Count,
+    Fraction,
+    NonNegative,
+    ObjectConfig,
+    Ordered,
+    Positive,
+    Range,
+    Seed,
+    Span,
+)
+from pipelines.schemas.synthesis import (
+    CameraConfig,
+    Engine,
+    LcpEngine,
+    MujocoEngine,
+    NoiseConfig,
+    ReleaseConfig,
+    SynthesizeConfig,
+)
+
+COMMANDS: dict[str, type] = {
+    "detect": DetectStageConfig,
+    "ingest": IngestConfig,
+    "segment": SegmentStageConfig,
+    "synthesize": SynthesizeConfig,
+    "track": TrackStageConfig,
+}
+"""The schema of each command that takes keys."""
+
+__all__ = [
+    "Bounds",
+    "COMMANDS",
+    "CameraConfig",
+    "ContactNetsSource",
+    "Count",
+    "DetectConfig",
+    "DetectStageConfig",
+    "Engine",
+    "Fraction",
+    "FramesSource",
+    "IngestConfig",
+    "LcpEngine",
+    "MujocoEngine",
+    "NoiseConfig",
+    "NonNegative",
+    "ObjectConfig",
+    "Ordered",
+    "PllSource",
+    "Positive",
+    "Range",
+    "ReleaseConfig",
+    "Seed",
+    "SegmentConfig",
+    "SegmentStageConfig",
+    "Source",
+    "Span",
+    "SynthesizeConfig",
+    "TrackConfig",
+    "TrackStageConfig",
+    "TumSource",
+]
