@@ -61,9 +61,7 @@ def matrix_to_quat(R: ArrayLike) -> Array:
     """
     R = np.asarray(R, dtype=float)
     m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
-    squares = np.stack(
-        [1 + m00 + m11 + m22, 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22], axis=-1
-    )
+    squares = np.stack([1 + m00 + m11 + m22, 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22], axis=-1)
     a, b, c = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
     d, e, f = R[..., 1, 0] + R[..., 0, 1], R[..., 0, 2] + R[..., 2, 0], R[..., 2, 1] + R[..., 1, 2]
     s0, s1, s2, s3 = np.moveaxis(squares, -1, 0)
@@ -154,7 +152,7 @@ def right_jacobian(rotvec: ArrayLike) -> Array:
 
 def right_jacobian_inv(rotvec: ArrayLike) -> Array:
     """J_r(θ)⁻¹, for angles below 2 pi. (*b, 3) -> (*b, 3, 3). Solà et al., eq. 144."""
-    return np.linalg.inv(right_jacobian(rotvec))
+    return np.asarray(np.linalg.inv(right_jacobian(rotvec)))
 
 
 def xyzw_to_wxyz(quat: ArrayLike) -> Array:

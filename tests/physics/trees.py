@@ -31,7 +31,9 @@ def random_tree(rng: np.random.Generator, *, n_bodies: int, slides: bool = True)
         else:
             kind = mujoco.mjtJoint.mjJNT_SLIDE if slides and rng.uniform() < 0.3 else mujoco.mjtJoint.mjJNT_HINGE
             body.add_joint(name=f"joint_{b}", type=kind, pos=rng.normal(size=3) * 0.05, axis=rng.normal(size=3))
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=rng.uniform(0.02, 0.06, size=3), pos=rng.normal(size=3) * 0.02)
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX, size=rng.uniform(0.02, 0.06, size=3), pos=rng.normal(size=3) * 0.02
+        )
         bodies.append(body)
     spec.compile()
     return object_from_mjcf(spec.to_xml())

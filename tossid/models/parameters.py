@@ -131,9 +131,7 @@ class ResidualNet(nn.Module):
     def arrays(self) -> Residual:
         """The same function for the simulator's kernels."""
         n = lambda p: np.ascontiguousarray(p.detach().numpy())  # noqa: E731
-        return Residual(
-            SCALE * n(self.linear), n(self.W0), n(self.b0), n(self.W1), n(self.b1), SCALE * n(self.W2)
-        )
+        return Residual(SCALE * n(self.linear), n(self.W0), n(self.b0), n(self.W1), n(self.b1), SCALE * n(self.W2))
 
 
 SCALE = 10.0

@@ -48,6 +48,7 @@ def load_object(
     except (ValueError, mujoco.FatalError) as error:
         raise FileError(path, f"MuJoCo cannot parse it: {_first_line(error)}") from error
     # arrays and text must agree to the last digit: read back what will be kept
+    _free_base(spec)
     try:
         spec.compile()
     except (ValueError, mujoco.FatalError) as error:
@@ -84,11 +85,7 @@ def _from_spec(
     width: float | None,
     tags: Sequence[Tag],
 ) -> ObjectModel:
-    roots = [body for body in spec.worldbody.bodies]
-    if len(roots) != 1:
-        raise ObjectError(f"the object has {len(roots)} root bodies, expected exactly one free base")
-    if not list(roots[0].joints):
-        roots[0].add_freejoint()
+    _free_base(spec)
     try:
         m = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
@@ -142,6 +139,15 @@ def _from_spec(
     )
 
 
+def _free_base(spec: mujoco.MjSpec) -> None:
+    """Give the one root body a free joint, unless it has a joint: a jointless root would be part of the world."""
+    roots = list(spec.worldbody.bodies)
+    if len(roots) != 1:
+        raise ObjectError(f"the object has {len(roots)} root bodies, expected exactly one free base")
+    if not list(roots[0].joints):
+        roots[0].add_freejoint()
+
+
 def _corners(m: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
     """Corners of boxes and hull vertices of meshes, in their bodies' frames."""
     bodies: list[int] = []
@@ -179,8 +185,8 @@ def to_mjcf(
 ) -> str:
     """A runnable MuJoCo scene of the object over the ground plane z = 0.
 
-    The corners become small spheres-free contact geometry: one convex mesh a
-    body, so that learned (non-box) geometry survives. Contact between the
+    The corners become one convex mesh a body, so that learned geometry, which is
+    no box any more, survives. Contact between the
     object's own bodies is off. `solref`, `solimp`: MuJoCo's contact softness;
     the defaults are near rigid.
 
@@ -216,7 +222,9 @@ def to_mjcf(
         if b == 0:
             body.add_freejoint()
         else:
-            kind = mujoco.mjtJoint.mjJNT_HINGE if model.joint_type[b] == JointType.HINGE else mujoco.mjtJoint.mjJNT_SLIDE
+            kind = (
+                mujoco.mjtJoint.mjJNT_HINGE if model.joint_type[b] == JointType.HINGE else mujoco.mjtJoint.mjJNT_SLIDE
+            )
             body.add_joint(
                 name=f"joint_{b}", type=kind, pos=model.joint_pos[b], axis=model.joint_axis[b], limited=False
             )

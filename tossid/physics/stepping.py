@@ -67,7 +67,7 @@ class _Scratch(NamedTuple):
     warm: Array  # (n_c, 3) impulses of the last step
     height: Array  # (n_c,)
     rows: Array  # (n_c, 3, nv) Jacobian of every low corner: normal, t1, t2
-    index: NDArray[np.int64]  # (n_c,) corner of each candidate
+    corner: NDArray[np.int64]  # (n_c,) corner of each candidate
     state: NDArray[np.int8]  # (n_c,) 0 far, 1 low, 2 candidate
     solver_work: Array
     solver_index: NDArray[np.int64]
@@ -182,7 +182,7 @@ def _assemble(system, work, s, v, vf, h):  # type: ignore[no-untyped-def]
                 s.b[r] = free
             s.lam[r] = s.warm[c, k]
         s.mu[n] = system.mu[c]
-        s.index[n] = c
+        s.corner[n] = c
         n += 1
     if closed:
         return 0
@@ -273,7 +273,7 @@ def _apply_contact(system, work, s, v, vf, h, tolerance):  # type: ignore[no-unt
     s.warm[:] = 0.0
     for i in range(n):
         for k in range(3):
-            s.warm[s.index[i], k] = s.lam[3 * i + k]
+            s.warm[s.corner[i], k] = s.lam[3 * i + k]
     for i in range(nv):
         vf[i] += y[i]
     return touched, status, residual

@@ -75,9 +75,7 @@ def n_features(n_joints: int) -> int:
 def no_residual(n_joints: int) -> Residual:
     """A residual that is absent."""
     nv, nf = 6 + n_joints, n_features(n_joints)
-    return Residual(
-        np.zeros((0, nf)), np.zeros((0, nf)), np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros((nv, 0))
-    )
+    return Residual(np.zeros((0, nf)), np.zeros((0, nf)), np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros((nv, 0)))
 
 
 def make_system(
