@@ -5,7 +5,7 @@ The three variants differ in what they learn (`cn.py`, `cnrp.py`, `cnrpi.py`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from tossid.models.implicit import Dynamics, LossTerms, LossWeights, implicit_loss
 from tossid.models.parameters import Friction, Geometry, Inertia, ResidualNet
-from tossid.models.transitions import Transitions, make_transitions
+from tossid.models.transitions import Transitions
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.physics import System, make_system
 
@@ -37,8 +37,8 @@ class ContactNetsSettings:
     learn_residual: bool = False
     learn_inertia: bool = False
     hidden: int = 16
-    residual_weight: float = 1e-6
-    weights: LossWeights = LossWeights()
+    residual_weight: float = 3e-8
+    weights: LossWeights = field(default_factory=LossWeights)
 
 
 class ContactNets(nn.Module):

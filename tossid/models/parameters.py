@@ -22,7 +22,7 @@ class Geometry(nn.Module):
 
     def __init__(self, model: ObjectModel, *, learn: bool) -> None:
         super().__init__()
-        self.register_buffer("start", torch.as_tensor(model.corner_pos))
+        self.start = torch.as_tensor(model.corner_pos)
         self.width = model.width
         self.offset = nn.Parameter(torch.zeros_like(self.start), requires_grad=learn)
 
@@ -88,7 +88,7 @@ class Inertia(nn.Module):
         U = torch.zeros(n, 3, 3, dtype=torch_double)
         U[:, 0, 0], U[:, 1, 1], U[:, 2, 2] = e[:, 0], e[:, 1], e[:, 2]
         U[:, 0, 1], U[:, 1, 2], U[:, 0, 2] = s[:, 0], s[:, 1], s[:, 2]
-        log_scale = self.log_scale
+        log_scale: Tensor = self.log_scale
         if n > 1:
             log_scale = torch.cat([log_scale[:1], self.log_scale_links])
         mass = (2 * log_scale).exp()
