@@ -79,6 +79,18 @@ def segment(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: 
     _run("segment", keys, json=json, quiet=quiet)
 
 
+@app.command(cls=KeyedCommand)
+def train(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Fit a model to a dataset; an interrupted training goes on where it was."""
+    _run("train", keys, json=json, quiet=quiet)
+
+
+@app.command(cls=KeyedCommand)
+def evaluate(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Roll a trained model out on held-out tosses and measure its errors."""
+    _run("evaluate", keys, json=json, quiet=quiet)
+
+
 @app.command()
 def info(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Dataset, pose file or recording folder.")],

@@ -37,6 +37,7 @@ from pipelines.schemas.kinds import (
     Seed,
     Span,
 )
+from pipelines.schemas.learning import EvaluateConfig, ModelConfig, TrainConfig
 from pipelines.schemas.synthesis import (
     CameraConfig,
     Engine,
@@ -49,10 +50,12 @@ from pipelines.schemas.synthesis import (
 
 COMMANDS: dict[str, type] = {
     "detect": DetectStageConfig,
+    "evaluate": EvaluateConfig,
     "ingest": IngestConfig,
     "segment": SegmentStageConfig,
     "synthesize": SynthesizeConfig,
     "track": TrackStageConfig,
+    "train": TrainConfig,
 }
 """The schema of each command that takes keys."""
 
@@ -65,10 +68,12 @@ __all__ = [
     "DetectConfig",
     "DetectStageConfig",
     "Engine",
+    "EvaluateConfig",
     "Fraction",
     "FramesSource",
     "IngestConfig",
     "LcpEngine",
+    "ModelConfig",
     "MujocoEngine",
     "NoiseConfig",
     "NonNegative",
@@ -86,5 +91,6 @@ __all__ = [
     "SynthesizeConfig",
     "TrackConfig",
     "TrackStageConfig",
+    "TrainConfig",
     "TumSource",
 ]

@@ -1,0 +1,93 @@
+"""Checkpoints: what a trained model needs to be built again. Tensors, numbers and strings; no code is ever read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from pipelines.config import as_plain
+from pipelines.outputs import output_file
+from pipelines.schemas import ModelConfig
+from tossid.errors import FileError
+from tossid.models.contactnets import ContactNets, ContactNetsSettings
+from tossid.models.implicit import LossWeights
+from tossid.objects import ObjectModel, object_from_mjcf
+
+SCHEMA = "tossid.checkpoint/1"
+
+
+def build_model(config: ModelConfig, given: ObjectModel, *, seed: int) -> ContactNets:
+    """The untrained model that the keys name, for the given object."""
+    settings = ContactNetsSettings(
+        gravity=config.gravity,
+        learn_residual=config.name in ("cnrp", "cnrpi"),
+        learn_inertia=config.name == "cnrpi",
+        hidden=config.hidden,
+        residual_weight=config.residual_weight,
+        weights=LossWeights(config.complementarity, config.dissipation, config.penetration, config.gap_scale),
+    )
+    return ContactNets(given, settings, seed=seed)
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A trained model, and the dataset that it was trained on."""
+
+    model: ContactNets
+    config: ModelConfig
+    data: Path
+    sha256: str
+
+
+def save_checkpoint(
+    path: Path, *, model: ContactNets, config: ModelConfig, seed: int, data: Path, sha256: str, fit: dict[str, Any]
+) -> None:
+    """Write a checkpoint, whole or not at all. `fit`: the state of the fit, to go on from; {} when it is done."""
+    given = model.object
+    content = {
+        "schema": SCHEMA,
+        "config": as_plain(config),
+        "seed": seed,
+        "data": str(data.resolve()),
+        "sha256": sha256,
+        "object": {
+            "mjcf": given.mjcf,
+            "name": given.name,
+            "friction": given.friction,
+            "restitution": given.restitution,
+            "width": given.width,
+        },
+        "model": model.state_dict(),
+        "fit": fit,
+    }
+    with output_file(path) as temporary:
+        torch.save(content, temporary)
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """The content of a checkpoint file.
+
+    Raises:
+        FileError: it is no checkpoint, or damaged.
+    """
+    try:
+        content = torch.load(path, weights_only=True)
+    except Exception as error:
+        raise FileError(path, f"not a readable checkpoint ({type(error).__name__})") from error
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        raise FileError(path, f"not a checkpoint of schema {SCHEMA}")
+    return content
+
+
+def load_checkpoint(path: Path) -> Checkpoint:
+    """The trained model of a checkpoint file."""
+    content = read_checkpoint(path)
+    config = ModelConfig(**content["config"])
+    about = dict(content["object"])
+    given = object_from_mjcf(about.pop("mjcf"), **about)
+    model = build_model(config, given, seed=content["seed"])
+    model.load_state_dict(content["model"])
+    return Checkpoint(model, config, Path(content["data"]), content["sha256"])

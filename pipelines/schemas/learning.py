@@ -1,0 +1,59 @@
+"""Keys of `train` and `evaluate`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pipelines.schemas.kinds import Count, NonNegative, Positive, Seed
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """What is learned and what is given."""
+
+    name: Literal["cn", "cnrp", "cnrpi"]
+    """cn: geometry and friction; cnrp: and a residual acceleration; cnrpi: and inertia with centre of mass"""
+    gravity: NonNegative
+    """downward acceleration of the given continuous dynamics [m/s²]"""
+    hidden: Count
+    """width of the residual's hidden layers"""
+    residual_weight: NonNegative
+    """weight of the squared residual acceleration in the loss"""
+    complementarity: NonNegative
+    """weight of impulses at a distance"""
+    dissipation: NonNegative
+    """weight of friction that does not oppose sliding"""
+    penetration: NonNegative
+    """weight of corners below the ground"""
+    gap_scale: Positive
+    """distance below which a gap counts quadratically [m]; the noise of the corners' heights"""
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Fit a model to a dataset."""
+
+    model: ModelConfig
+    """the model"""
+    data: Path | None
+    """the dataset; null: the newest that ingest or synthesize wrote"""
+    seed: Seed
+    """seed of the residual's first weights"""
+    epochs: Count
+    """most epochs a stage"""
+    patience: Count
+    """epochs without a better validation loss before a stage ends"""
+    restart: bool
+    """start anew where an interrupted training of the same keys and data could go on"""
+
+
+@dataclass(frozen=True)
+class EvaluateConfig:
+    """Roll a trained model out on held-out tosses."""
+
+    run: str | None
+    """run id, name or folder; null: the newest training"""
+    data: Path | None
+    """another dataset, judged on all its tosses; null: the held-out tosses of the run's own"""
