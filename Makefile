@@ -13,7 +13,7 @@ STAMP    := $(VENV)/.installed
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow check format bench experiments clean distclean
+.PHONY: help setup demo test test-slow check format bench clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -49,9 +49,6 @@ format: $(STAMP)  ## format and fix what can be fixed
 
 bench: $(STAMP)  ## speed of the simulators, the training and the command line
 	$(BIN)/python -m pipelines.bench
-
-experiments: $(STAMP)  ## rerun the studies of docs/experiments
-	$(BIN)/python -m pipelines.experiments
 
 clean:  ## remove caches and logs (never data, runs or the environment)
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache outputs/logs
