@@ -15,8 +15,9 @@ all in joules, divided by the object's mass. Source: Pfrommer, Halm and Posa,
 W is the given mass matrix, also where inertia is learned: with the learned one,
 shrinking it would lower the loss by itself.
 
-At the minimiser lam*, the gradient of the loss is that of the objective with lam
-held at lam* (envelope theorem), so nothing differentiates through the solver.
+At the minimiser, the gradient of the loss is that of the objective with lam_n and
+beta = lam_t / mu held (envelope theorem; in these, the cone does not depend on mu),
+so nothing differentiates through the solver.
 """
 
 from __future__ import annotations
@@ -152,6 +153,9 @@ def implicit_loss(
     with torch.no_grad():
         cost_n = weights.complementarity * gap + weights.dissipation * d.mu * speed
         lam_n, lam_t, unsolved = _inner(J, M_near, W_near, miss_near, cost_n, weights.dissipation * sliding, d.mu)
+
+    # with lam_t = mu beta and |beta| <= lam_n, the feasible set does not move with mu: beta is what is held
+    lam_t = d.mu * (lam_t / d.mu.detach())
 
     push = torch.einsum("nci,ncij->nj", torch.cat([lam_t, lam_n[..., None]], dim=-1), J)
     miss_near = miss_near - torch.linalg.solve(M_near, push)
