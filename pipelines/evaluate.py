@@ -26,10 +26,12 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
         data, split = trained.data, "test"
         if not data.is_file():
             raise FileError(data, "the run's dataset is gone; name one with data=FILE.h5")
-        if file_sha256(data) != trained.sha256:
+        sha256 = file_sha256(data)
+        if sha256 != trained.sha256:
             raise FileError(data, "the run's dataset has changed since training; name it with data=FILE.h5")
     else:
         data, split = dataset_path(config.data), "all"
+        sha256 = file_sha256(data)
     dataset = read_dataset(data)
     tosses = dataset.of_split("test") if split == "test" else dataset.tosses
     if not tosses:
@@ -52,7 +54,7 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
     if nominal.n_joints == 0:
         result["from_flight"] = summarize_scores(score_tosses(system, nominal, tosses, from_flight=True))
     with tracked_run(f"evaluate-{record.name}", config, command="evaluate") as tracked:
-        tracked.data(data, file_sha256(data), context="evaluation")
+        tracked.data(data, sha256, context="evaluation")
         tracked.tag("evaluated_run", record.id)
         tracked.metrics({name: value["mean"] for name, value in metrics.items()})
     rows = [
