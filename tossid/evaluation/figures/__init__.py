@@ -1,0 +1,30 @@
+"""Figures of training and evaluation: pure functions from arrays and frozen types to `matplotlib.figure.Figure`.
+
+They know no files and no tracker, use no pyplot, and leave matplotlib's settings
+as they were. `figure.savefig(path)` writes them at 150 dpi.
+"""
+
+from tossid.evaluation.figures.comparison import toss_comparison
+from tossid.evaluation.figures.errors import ErrorsAlong, errors_along, errors_along_rollout, errors_over_tosses
+from tossid.evaluation.figures.geometry import learned_geometry
+from tossid.evaluation.figures.inertia import inertia_study
+from tossid.evaluation.figures.residual import residual_over_toss
+from tossid.evaluation.figures.studies import data_efficiency, gravity_sweep
+from tossid.evaluation.figures.training import training_curves
+
+__all__ = [
+    # one run
+    "training_curves",
+    "learned_geometry",
+    "toss_comparison",
+    "residual_over_toss",
+    # many tosses
+    "errors_over_tosses",
+    "errors_along",
+    "ErrorsAlong",
+    "errors_along_rollout",
+    # studies
+    "gravity_sweep",
+    "data_efficiency",
+    "inertia_study",
+]

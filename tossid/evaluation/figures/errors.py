@@ -1,0 +1,289 @@
+"""Errors of rollouts: over tosses, and along them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from tossid.errors import InputError
+from tossid.evaluation.figures.comparison import Motion
+from tossid.evaluation.figures.style import (
+    MUTED,
+    Look,
+    axes_inches,
+    footnote,
+    label_ends,
+    look,
+    new_figure,
+    number,
+    panel_grid,
+    spread,
+    styled,
+)
+from tossid.evaluation.metrics import summarize
+from tossid.motion import flight_frames
+from tossid.objects import ObjectModel, center_positions
+from tossid.rotations import geodesic_angle
+from tossid.types import Toss
+
+Array = NDArray[np.float64]
+
+_LOG_RATIO = 20.0
+"""Errors whose largest is beyond so many times the largest model's median are drawn on a logarithmic axis."""
+_MOST_NAMED = 5
+
+
+class ErrorsLike(Protocol):
+    """Errors of rollouts, one a toss (B,); `tossid.evaluation.metrics.TossScores` is one."""
+
+    @property
+    def position_error_pct(self) -> Array: ...
+    @property
+    def rotation_error_deg(self) -> Array: ...
+
+
+@styled
+def errors_over_tosses(
+    scores: Mapping[str, ErrorsLike], names: Sequence[str], *, title: str = "Errors over held-out tosses"
+) -> Figure:
+    """Every toss's mean position and rotation error as a dot, the mean with its 95 % interval, outliers by name.
+
+    An outlier lies beyond the upper quartile by more than 1.5 times the
+    interquartile range (Tukey). Intervals are those of `metrics.summarize`.
+
+    Args:
+        scores: by model; errors (B,) [% of the width], [deg].
+        names: of the tosses (B,).
+    """
+    for name, one in scores.items():
+        if len(one.position_error_pct) != len(names) or len(one.rotation_error_deg) != len(names):
+            raise InputError(f"{name} has scores of {len(one.position_error_pct)} tosses, there are {len(names)} names")
+    if not scores:
+        raise InputError("no scores to draw")
+    count = f"{len(names)} tosses" if len(names) != 1 else "1 toss"
+    figure = new_figure(title, f"{count}, open-loop rollouts; each dot is a toss's mean over its frames.", height=7.2)
+    axes = panel_grid(figure, 2, 1, left=0.75, right=0.3, top=1.05, bottom=0.95, above=0.95)[:, 0]
+    missing = 0
+    for ax, kind, label in (
+        (axes[0], "position_error_pct", "position error [% of width]"),
+        (axes[1], "rotation_error_deg", "rotation error [deg]"),
+    ):
+        values = {name: np.asarray(getattr(one, kind), dtype=float) for name, one in scores.items()}
+        missing += sum(int((~np.isfinite(v)).sum()) for v in values.values())
+        _strips(ax, values, names, label)
+    axes[0].set_title("Position")
+    axes[1].set_title("Rotation")
+    note = "Diamond and bar: mean and its 95 % interval over tosses. Line: median. Named: outliers (Tukey's rule)"
+    note += f", at most {_MOST_NAMED} a model."
+    if missing:
+        note += f" Not finite and left out: {missing} values."
+    footnote(figure, note)
+    return figure
+
+
+def _strips(ax: Axes, values: Mapping[str, Array], names: Sequence[str], label: str) -> None:
+    """One strip of dots a model."""
+    finite = {name: v[np.isfinite(v)] for name, v in values.items()}
+    drawn = np.concatenate(list(finite.values()))
+    typical = max([float(np.median(v)) for v in finite.values() if len(v)], default=0.0)
+    logarithmic = bool(len(drawn)) and drawn.max() > _LOG_RATIO * typical > 0 and drawn.min() > 0
+    ax.set_xlim(-0.5, len(values) - 0.5)
+    if logarithmic:
+        ax.set_yscale("log")
+        ax.set_ylim(drawn.min() / 1.3, drawn.max() * 1.5)
+    else:
+        ax.set_ylim(0, 1.1 * drawn.max() if len(drawn) and drawn.max() > 0 else 1.0)
+    ax.set_ylabel(label + (", log" if logarithmic else ""))
+    ax.grid(axis="x", visible=False)
+    ticks = []
+    for i, (name, all_values) in enumerate(values.items()):
+        style = look(name, others=list(values))
+        kept = np.isfinite(all_values)
+        v = all_values[kept]
+        if not len(v):
+            ticks.append(f"{style.label}\nnone finite")
+            continue
+        x = i + _swarm(ax, v)
+        ax.plot(x, v, "o", ms=4, mfc=style.color, mec="white", mew=0.4, alpha=0.7, ls="none", label=name)
+        ax.plot([i - 0.14, i + 0.14], [np.median(v)] * 2, color=style.color, lw=1.2, label="_median", zorder=4)
+        summary = summarize(v)
+        mean, (low, high) = summary["mean"], summary["ci95"]
+        ax.errorbar(
+            i - 0.24, mean, yerr=[[max(mean - low, 0)], [max(high - mean, 0)]], color=style.color, marker="D", ms=6,
+            capsize=4, elinewidth=2, zorder=5, label=f"{name} mean",
+        )  # fmt: skip
+        ticks.append(f"{style.label}\n{number(mean)} [{number(low)}, {number(high)}]")
+        _name_outliers(ax, i, x, v, [n for n, keep in zip(names, kept, strict=True) if keep], style)
+    ax.set_xticks(range(len(values)), ticks)
+    ax.tick_params(axis="x", length=0)
+    for tick, name in zip(ax.get_xticklabels(), values, strict=True):
+        tick.set_color(look(name, others=list(values)).color)
+        tick.set_fontweight("bold")
+    unit = label[label.index("[") :]
+    ax.set_xlabel(f"model, mean and 95 % interval {unit}", color=MUTED, fontsize=8.5)
+
+
+def _swarm(ax: Axes, values: Array) -> Array:
+    """Sideways shifts (n,) [x axis units, within ±0.14] that keep dots of similar height apart."""
+    _, height = axes_inches(ax)
+    transform = ax.transData + ax.transAxes.inverted()
+    y = transform.transform(np.column_stack([np.zeros(len(values)), values]))[:, 1] * height
+    shift = np.zeros(len(values))
+    rows = np.floor(y / 0.055).astype(int)
+    for row in np.unique(rows):
+        members = np.flatnonzero(rows == row)
+        order = members[np.argsort(values[members], kind="stable")]
+        step = min(0.03, 0.28 / max(len(order) - 1, 1))
+        rank = np.arange(len(order))
+        shift[order] = step * np.where(rank % 2, (rank + 1) // 2, -(rank // 2))
+    return shift
+
+
+def _name_outliers(ax: Axes, i: int, x: Array, v: Array, names: Sequence[str], style: Look) -> None:
+    """The names of a strip's outliers to its right, moved apart, with leaders."""
+    lower, upper = np.percentile(v, [25, 75])
+    outside = np.flatnonzero(v > upper + 1.5 * (upper - lower))
+    outside = outside[np.argsort(-v[outside], kind="stable")][:_MOST_NAMED]
+    if not len(outside):
+        return
+    _, height = axes_inches(ax)
+    transform = ax.transData + ax.transAxes.inverted()
+    at = transform.transform(np.column_stack([x[outside], v[outside]]))[:, 1]
+    gap = 11.0 / 72 / height
+    place = spread(list(at), gap, 0.5 * gap, 1.0)
+    for k, to in zip(outside, place, strict=True):
+        ax.annotate(
+            names[k],
+            (x[k], v[k]),
+            (i + 0.2, to),
+            textcoords=ax.get_xaxis_transform(),
+            va="center",
+            fontsize=8.5,
+            color=style.color,
+            arrowprops={"arrowstyle": "-", "color": style.color, "lw": 0.6, "alpha": 0.6, "shrinkA": 1, "shrinkB": 3},
+        )
+
+
+@dataclass(frozen=True)
+class ErrorsAlong:
+    """Errors of one model along its rollouts.
+
+    time (n,) [s] since first contact, even. position_error_pct, rotation_error_deg:
+    (B, n) [% of the width], [deg], NaN where a toss is not under way.
+    """
+
+    time: Array
+    position_error_pct: Array
+    rotation_error_deg: Array
+
+
+def errors_along(tosses: Sequence[Toss], rollouts: Sequence[Motion], model: ObjectModel) -> ErrorsAlong:
+    """Errors of rollouts against time since first contact, interpolated to the tosses' median frame time.
+
+    First contact is the first frame in which the object may touch the ground; tosses without one take no part.
+
+    Args:
+        tosses, rollouts: of the same frames. model: the nominal object.
+    """
+    if len(tosses) != len(rollouts):
+        raise InputError(f"{len(rollouts)} rollouts of {len(tosses)} tosses")
+    curves = []
+    for toss, run in zip(tosses, rollouts, strict=True):
+        first = flight_frames(toss, model)
+        if first >= len(toss):
+            continue
+        apart = np.linalg.norm(center_positions(model, run.q) - center_positions(model, toss.q), axis=1)
+        angle = np.rad2deg(geodesic_angle(run.q[:, 3:7], toss.q[:, 3:7]))
+        curves.append((toss.t - toss.t[first], 100 * apart / model.width, angle))
+    if not curves:
+        raise InputError(f"none of {len(tosses)} tosses touches the ground")
+    dt = float(np.median(np.concatenate([np.diff(time) for time, _, _ in curves])))
+    low, high = min(c[0][0] for c in curves), max(c[0][-1] for c in curves)
+    grid = dt * np.arange(np.ceil(low / dt - 1e-9), np.floor(high / dt + 1e-9) + 1)
+    position, rotation = (
+        np.array([np.interp(grid, c[0], c[k], left=np.nan, right=np.nan) for c in curves]) for k in (1, 2)
+    )
+    return ErrorsAlong(grid, position, rotation)
+
+
+def mean_band(values: Array) -> tuple[Array, Array, Array]:
+    """Mean over tosses with its 95 % interval (Student's t), time by time.
+
+    values: (B, n), NaN where there is none. Returns (mean, low, high), each (n,); NaN where fewer than two tosses are.
+    """
+    there = np.isfinite(values)
+    count = there.sum(axis=0)
+    filled = np.where(there, values, 0.0)
+    mean = filled.sum(axis=0) / np.maximum(count, 1)
+    square = (np.where(there, values - mean, 0.0) ** 2).sum(axis=0) / np.maximum(count - 1, 1)
+    half = student.ppf(0.975, np.maximum(count - 1, 1)) * np.sqrt(square / np.maximum(count, 1))
+    few = count < 2
+    return np.where(few, np.nan, mean), np.where(few, np.nan, mean - half), np.where(few, np.nan, mean + half)
+
+
+@styled
+def errors_along_rollout(
+    errors: Mapping[str, ErrorsAlong],
+    *,
+    fewest_share: float = 0.25,
+    title: str = "How errors grow along a rollout",
+) -> Figure:
+    """Mean position and rotation error against time since first contact, with 95 % bands over tosses.
+
+    Args:
+        errors: by model, of `errors_along`.
+        fewest_share: times at which fewer than this share of the tosses (or fewer than two) are under way are not drawn.
+    """
+    if not errors:
+        raise InputError("no errors to draw")
+    n_tosses = max(len(one.position_error_pct) for one in errors.values())
+    figure = new_figure(
+        title, f"{n_tosses} tosses, lined up at their first contact (time 0). Mean, band: 95 % over tosses.", height=6.9
+    )
+    axes = panel_grid(figure, 3, 1, left=0.75, right=1.05, top=1.05, bottom=0.85, above=0.5, heights=[1, 1, 0.28])[:, 0]
+    start, end = np.inf, -np.inf
+    ends: dict[str, list[tuple[float, float, str, str]]] = {"position_error_pct": [], "rotation_error_deg": []}
+    tops: dict[str, float] = dict.fromkeys(ends, 0.0)
+    for name, one in errors.items():
+        style = look(name, others=list(errors))
+        count = np.isfinite(one.position_error_pct).sum(axis=0)
+        shown = count >= max(2.0, fewest_share * len(one.position_error_pct))
+        if not shown.any():
+            continue
+        for ax, kind in zip(axes, ends, strict=False):
+            mean, low, high = mean_band(getattr(one, kind))
+            mean, low, high = (np.where(shown, curve, np.nan) for curve in (mean, low, high))
+            ax.fill_between(
+                one.time, np.maximum(low, 0), high, color=style.color, alpha=0.18, lw=0, label=f"{name} band"
+            )
+            ax.plot(one.time, mean, color=style.color, label=name)
+            last = int(np.flatnonzero(shown)[-1])
+            ends[kind].append((float(one.time[last]), float(mean[last]), style.label, style.color))
+            tops[kind] = max(tops[kind], float(np.nanmax(high)))
+        axes[2].step(one.time, np.where(shown, count, np.nan), where="mid", color=style.color, lw=1.2, label=name)
+        start, end = min(start, one.time[shown][0]), max(end, one.time[shown][-1])
+    labels: tuple[Any, ...] = ("position error\n[% of width]", "rotation error\n[deg]", "tosses\n[count]")
+    for ax, label in zip(axes, labels, strict=True):
+        ax.set_ylabel(label)
+        if np.isfinite(start):
+            ax.set_xlim(start, end)
+        ax.axvline(0, color=MUTED, lw=1.0, ls="--", zorder=1, label="_contact")
+    for ax, kind in zip(axes, ends, strict=False):
+        ax.set_ylim(0, 1.05 * tops[kind] or 1.0)
+        ax.tick_params(labelbottom=False)
+        label_ends(ax, ends[kind])
+    axes[0].annotate(
+        "first contact", (0, 1), (4, 3), xycoords=axes[0].get_xaxis_transform(), textcoords="offset points",
+        color=MUTED, fontsize=8.5, va="bottom",
+    )  # fmt: skip
+    axes[2].set_ylim(0, 1.15 * n_tosses)
+    axes[2].set_xlabel("time since first contact [s]")
+    footnote(figure, f"Drawn where at least {100 * fewest_share:g} % of the tosses are under way.")
+    return figure

@@ -1,0 +1,177 @@
+"""Corners and centres of mass: as given, as learned, and (where it is known) as they are."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from tossid.errors import InputError
+from tossid.evaluation.figures.style import (
+    INK,
+    LOOKS,
+    MUTED,
+    Look,
+    footnote,
+    key_row,
+    new_figure,
+    number,
+    panel_grid,
+    styled,
+)
+from tossid.evaluation.figures.wireframe import View, view_from, wireframe
+from tossid.objects import ObjectModel
+
+Array = NDArray[np.float64]
+
+_FACTORS = (1, 2, 3, 5, 10, 20, 50, 100)
+_DRAWN_REL = 0.15
+"""Corner shifts are exaggerated until the largest is about this share of the object's width."""
+_VIEWS = (
+    ("from above", View(np.array([[1.0, 0, 0], [0, 1.0, 0]]), np.array([0, 0, 1.0])), "xy"),
+    ("from the front", View(np.array([[1.0, 0, 0], [0, 0, 1.0]]), np.array([0, -1.0, 0])), "xz"),
+    ("from the right", View(np.array([[0, 1.0, 0], [0, 0, 1.0]]), np.array([1.0, 0, 0])), "yz"),
+    ("oblique", view_from(np.deg2rad(-62), np.deg2rad(24)), ""),
+)
+_SOURCES = {"given": LOOKS["given"], "truth": Look("truth", INK, "x", "--"), "learned": LOOKS["learned"]}
+
+
+def exaggeration(given: ObjectModel, learned: ObjectModel, truth: ObjectModel | None = None) -> float:
+    """The round factor that makes the largest shift of a corner or a centre of mass visible, but not absurd."""
+    shifts = [
+        np.linalg.norm(getattr(other, part) - getattr(given, part), axis=1).max()
+        for other in (learned, truth)
+        if other is not None
+        for part in ("corner_pos", "com")
+    ]
+    largest = max(shifts)
+    fitting = [f for f in _FACTORS if f * largest <= _DRAWN_REL * given.width]
+    return float(max(fitting)) if fitting and largest > 1e-9 else 1.0
+
+
+@styled
+def learned_geometry(
+    given: ObjectModel,
+    learned: ObjectModel,
+    truth: ObjectModel | None = None,
+    *,
+    factor: float | None = None,
+    title: str = "Learned geometry",
+) -> Figure:
+    """Each body in three orthographic views and an oblique one: corners and centre of mass, before and after.
+
+    What is drawn of `learned` and `truth` is given + factor (theirs - given), so
+    that shifts of a millimetre are seen; the factor and the true sizes stand in the subtitle.
+
+    Args:
+        given, learned, truth: the same object with different numbers. Lengths in the body's frame.
+        factor: of exaggeration; a round number that fits the shifts if None.
+    """
+    objects = {"given": given, "truth": truth, "learned": learned}
+    shown = {name: model for name, model in objects.items() if model is not None}
+    for name, model in shown.items():
+        if model.corner_pos.shape != given.corner_pos.shape or model.com.shape != given.com.shape:
+            raise InputError(f"{name} has {model.n_corners} corners on {model.n_bodies} bodies, given has others")
+    scale = exaggeration(given, learned, truth) if factor is None else factor
+
+    lines = [_shift_line("learned", given, learned)]
+    if truth is not None:
+        lines += [_shift_line("truth", given, truth), _shift_line("from learned to truth", learned, truth)]
+    top, row, above = 1.3 + 0.2 * (len(lines) - 1), 1.52, 0.72
+    height = top + given.n_bodies * row + (given.n_bodies - 1) * above + 0.9
+    figure = new_figure(title, "\n".join(lines), height=height)
+    axes = panel_grid(
+        figure,
+        given.n_bodies,
+        4,
+        left=0.95 if given.n_bodies > 1 else 0.7,
+        top=top,
+        bottom=0.9,
+        between=0.75,
+        above=above,
+    )
+    entries = [
+        (Line2D([], [], color=_SOURCES[n].color, ls=_SOURCES[n].linestyle, lw=1.7), _drawn_name(n, scale))
+        for n in shown
+    ]
+    entries += [(Line2D([], [], color=INK, ls="none", marker="+", ms=9, mew=1.8), "centre of mass")]
+    key_row(figure, entries, y=top - 0.6)
+
+    for b in range(given.n_bodies):
+        own = given.corner_body == b
+        base = given.corner_pos[own]
+        edges = wireframe(base).edges
+        reach = 1e3 * (0.5 * np.ptp(base, axis=0).max() + 1.35 * _DRAWN_REL * given.width)
+        for j, (name, view, letters) in enumerate(_VIEWS):
+            ax = axes[b, j]
+            for source, model in shown.items():
+                corners = view(1e3 * (base + scale * (model.corner_pos[own] - base)))
+                com = view(1e3 * (given.com[b] + scale * (model.com[b] - given.com[b])))
+                _draw_body(ax, corners, com, edges, source)
+            middle = view(1e3 * 0.5 * (base.min(axis=0) + base.max(axis=0)))
+            room = reach * (1.0 if letters else 1.45)
+            _frame(ax, middle, room, letters)
+            if not b:
+                ax.set_title(name, fontsize=9.5)
+        if given.n_bodies > 1:
+            axes[b, 0].annotate(
+                given.body_names[b],
+                (0, 0.5),
+                (-58, 0),
+                xycoords="axes fraction",
+                textcoords="offset points",
+                rotation=90,
+                va="center",
+                fontsize=10,
+                weight="bold",
+                color=MUTED,
+            )
+    foot = "Body frame. " + (f"Shifts are drawn {scale:g} times their size." if scale != 1 else "Shifts are to scale.")
+    footnote(figure, foot)
+    return figure
+
+
+def _draw_body(ax: Axes, corners: Array, com: Array, edges: NDArray[np.int64], source: str) -> None:
+    """A body's edges, corners and centre of mass in one view [mm]."""
+    style = _SOURCES[source]
+    order = {"given": 2, "learned": 3, "truth": 4}[source]
+    lines = LineCollection(
+        list(corners[edges]),
+        colors=style.color,
+        linewidths=1.2 if source == "given" else 1.5,
+        linestyles=style.linestyle,
+        zorder=order,
+        label=source,
+    )
+    ax.add_collection(lines, autolim=False)
+    if source == "learned":
+        ax.plot(*corners.T, "o", ms=3.5, color=style.color, zorder=order, label="learned corners")
+    ax.plot(*com, "+", ms=9, mew=1.8, color=style.color, zorder=order + 3, label=f"{source} com")
+
+
+def _frame(ax: Axes, middle: Array, room: float, letters: str) -> None:
+    """Equal scales around a body; no axes where the view has no directions to name."""
+    ax.set_aspect("equal", adjustable="box")
+    ax.set_xlim(middle[0] - room, middle[0] + room)
+    ax.set_ylim(middle[1] - room, middle[1] + room)
+    if not letters:
+        ax.set_axis_off()
+        return
+    ax.set_xlabel(f"{letters[0]} [mm]", labelpad=1)
+    ax.set_ylabel(f"{letters[1]} [mm]", labelpad=-2)
+    ax.locator_params(nbins=5)
+
+
+def _shift_line(name: str, start: ObjectModel, end: ObjectModel) -> str:
+    """The sizes of the shifts, in words."""
+    corners = 1e3 * np.linalg.norm(end.corner_pos - start.corner_pos, axis=1)
+    com = 1e3 * np.linalg.norm(end.com - start.com, axis=1).max()
+    text = f"{name}: corners moved {number(corners.mean(), 2)} mm on average, at most {number(corners.max(), 2)} mm"
+    return text + (f"; centre of mass {number(com, 2)} mm" if com > 1e-6 else "; centre of mass not moved")
+
+
+def _drawn_name(name: str, scale: float) -> str:
+    return name if name == "given" or scale == 1 else f"{name} (shifts ×{scale:g})"

@@ -1,0 +1,163 @@
+"""What accelerates the object over a toss: given dynamics, learned residual, contact."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
+from numpy.typing import NDArray
+
+from tossid.errors import InputError
+from tossid.evaluation.figures.style import (
+    INK,
+    LOOKS,
+    MUTED,
+    footnote,
+    halo,
+    label_ends,
+    new_figure,
+    number,
+    panel_grid,
+    styled,
+)
+from tossid.objects import GRAVITY
+
+Array = NDArray[np.float64]
+
+_CONTACT = "#D55E00"
+_RESIDUAL = "#009E73"
+_GIVEN = "#0072B2"
+_LINEAR = 15.0
+"""The contact panels are linear up to this [m/s²] and logarithmic beyond: impacts are tens of times gravity."""
+
+
+@styled
+def residual_over_toss(
+    t: Array,
+    *,
+    given: Array,
+    residual: Array,
+    contact: Array,
+    measured: Array,
+    separable: NDArray[np.bool_],
+    true_free: float | None = -GRAVITY,
+    title: str = "What accelerates the object",
+    name: str = "",
+) -> Figure:
+    """Vertical accelerations over one toss (Bianchini and Posa 2023, Figure 2).
+
+    Four series over a common time: the given continuous dynamics k_hat (gravity),
+    the learned residual k_res, the contact impulses as (1/m) sum(lam_n) / dt, and the sum
+    of the three against the measured acceleration, the difference of measured
+    velocities over dt. In sustained contact only the sum is determined by the
+    data, not what of it is residual and what contact: there the series are hatched.
+
+    Args:
+        t: (n,) [s] the middles (or ends) of the frames' intervals.
+        given, residual, contact, measured: (n,) [m/s²], up positive.
+        separable: (n,) False where residual and contact cannot be told apart.
+        true_free: the true acceleration in flight [m/s²], where it is known.
+        name: of the toss, for the subtitle.
+    """
+    series = {"given": given, "residual": residual, "contact": contact, "measured": measured, "separable": separable}
+    for key, values in series.items():
+        if np.shape(values) != np.shape(t):
+            raise InputError(f"{key} has shape {np.shape(values)}, time has {np.shape(t)}")
+    total = given + residual + contact
+    free = given + residual
+    inside = separable & (np.abs(contact) < 1e-9)
+    told = f"Toss {name}.  " if name else ""
+    if inside.any():
+        told += (
+            f"In flight: given {number(given[inside].mean())}, with the residual {number(free[inside].mean())}, "
+            f"measured {number(measured[inside].mean())} m/s²."
+        )
+    figure = new_figure(title, told, height=7.6)
+    axes = panel_grid(
+        figure, 4, 1, left=0.8, right=1.35, top=1.05, bottom=0.85, above=0.42, heights=[0.8, 0.8, 1.1, 1.3]
+    )[:, 0]
+    rows = (
+        (axes[0], "Given continuous dynamics", "acceleration\n[m/s²]", [("given", given, _GIVEN, 1.8)]),
+        (axes[1], "Learned residual", "acceleration\n[m/s²]", [("residual", residual, _RESIDUAL, 1.8)]),
+        (axes[2], "Contact impulses / (m Δt)", "acceleration\n[m/s²], symlog", [("contact", contact, _CONTACT, 1.5)]),
+        (
+            axes[3], "Sum against measurement", "acceleration\n[m/s²], symlog",
+            [("measured", measured, INK, 2.6), ("sum", total, LOOKS["cnrp"].color, 1.2)],
+        ),
+    )  # fmt: skip
+    low, high = _limits([given, residual] + ([np.array([true_free])] if true_free is not None else []))
+    border = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])
+    for i, (ax, heading, label, lines) in enumerate(rows):
+        ax.set_title(heading)
+        ax.set_ylabel(label)
+        ax.set_xlim(t[0], t[-1])
+        ax.axhline(0, color="#9aa0a8", lw=0.7, zorder=1, label="_zero")
+        for key, values, color, width in lines:
+            ax.plot(t, values, color=color, lw=width, label=key)
+        if i < 2:
+            ax.set_ylim(low, high)
+        else:
+            _symlog(ax, [values for _, values, _, _ in lines])
+        _hatch(ax, border, separable, named=i in (1, 2))
+        label_ends(ax, [(t[-1], values[-1], key, color) for key, values, color, _ in lines])
+        if i < 3:
+            ax.tick_params(labelbottom=False)
+    if true_free is not None:
+        axes[0].axhline(true_free, color=MUTED, ls="--", lw=1.1, label="true", zorder=2)
+        halo(
+            axes[0].annotate(
+                f"true in flight: {true_free:g}",
+                (0, true_free),
+                (5, 3),
+                xycoords=axes[0].get_yaxis_transform(),
+                textcoords="offset points",
+                fontsize=8.5,
+                color=MUTED,
+                va="bottom",
+            )  # fmt: skip
+        )
+    axes[3].set_xlabel("time [s]")
+    if not separable.all():
+        footnote(
+            figure,
+            "Hatched: sustained contact. The data determine the sum there, not what of it is residual and what contact.",
+        )
+    return figure
+
+
+def _limits(values: list[Array]) -> tuple[float, float]:
+    """Common limits of the continuous parts, with zero inside."""
+    flat = np.concatenate([v[np.isfinite(v)] for v in values])
+    low, high = min(0.0, float(flat.min())), max(0.0, float(flat.max()))
+    room = 0.12 * (high - low) or 1.0
+    return low - room, high + 1.6 * room
+
+
+def _symlog(ax: Axes, values: list[Array]) -> None:
+    """A symmetric logarithmic axis that holds impacts and free fall at once."""
+    ax.set_yscale("symlog", linthresh=_LINEAR, linscale=1.0)
+    flat = np.concatenate([v[np.isfinite(v)] for v in values])
+    low, high = min(-_LINEAR, 1.5 * float(flat.min())), max(_LINEAR, 1.5 * float(flat.max()))
+    ax.set_ylim(low, high)
+    ticks = [s * v for v in (10, 100, 1000) for s in (-1, 1)]
+    ax.set_yticks([0, *[v for v in ticks if low <= v <= high]])
+    ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "−"))
+    ax.yaxis.set_minor_locator(NullLocator())
+
+
+def _hatch(ax: Axes, border: Array, separable: NDArray[np.bool_], *, named: bool) -> None:
+    """Hatch the spans that are not separable; the longest is labelled."""
+    starts = np.flatnonzero(np.diff(separable.astype(int), prepend=-1))
+    spans = [
+        (border[a], border[b]) for a, b in zip(starts, [*starts[1:], len(separable)], strict=True) if not separable[a]
+    ]
+    for a, b in spans:
+        ax.axvspan(a, b, facecolor="#f1f2f4", edgecolor="#b9bec6", hatch="////", lw=0, zorder=0, label="not separable")
+    if spans and named:
+        a, b = max(spans, key=lambda span: span[1] - span[0])
+        text = ax.text(
+            0.5 * (a + b), 0.93, "not separable", transform=ax.get_xaxis_transform(), ha="center", va="top",
+            fontsize=8.5, style="italic", color=MUTED,
+        )  # fmt: skip
+        halo(text)

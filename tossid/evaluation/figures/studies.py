@@ -1,0 +1,190 @@
+"""Studies over cells: given gravity, number of training tosses, starts of the inertia."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullLocator
+
+from tossid.evaluation.figures.cells import (
+    Cell,
+    Series,
+    chosen,
+    draw_series,
+    how_pooled,
+    limits_from_zero,
+    models_in,
+    name_series,
+    nothing_here,
+    pool,
+)
+from tossid.evaluation.figures.style import MUTED, footnote, halo, look, new_figure, panel_grid, styled
+from tossid.objects import GRAVITY
+
+METRICS = {
+    "gravity_ms2": ("Gravity", "vertical acceleration in flight [m/s²]"),
+    "penetration_mm": ("Penetration", "mean depth of deepest corner [mm]"),
+    "rotation_error_deg": ("Rotation error", "mean rotation error [deg]"),
+    "position_error_pct": ("Position error", "mean position error [% of width]"),
+}
+"""CONTRACT.md's metrics: panel title, axis label."""
+
+
+@styled
+def gravity_sweep(
+    cells: Sequence[Cell],
+    *,
+    measured_penetration_mm: float | None = None,
+    simulators: dict[str, dict[str, float]] | None = None,
+    from_flight: bool = False,
+    title: str = "Wrong gravity given: who repairs it?",
+) -> Figure:
+    """The four metrics against the gravity that the given model has (Bianchini and Posa 2023, Figure 4).
+
+    Args:
+        cells: dicts with `model`, `seed`, `gravity` (the given model's [m/s²]) and CONTRACT.md's metrics as
+            {"mean", "ci95"}.
+        measured_penetration_mm: of the measured motions themselves, as a reference.
+        simulators: reference levels, {name: {metric: level}}.
+        from_flight: draw the metrics under each cell's `from_flight`.
+    """
+    cells = [{**cell, "_fraction": float(cell["gravity"]) / GRAVITY} for cell in chosen(cells, from_flight=from_flight)]
+    models = models_in(cells)
+    found = {m: [pool(cells, model=name, swept="_fraction", metric=m) for name in models] for m in METRICS}
+    slopes = [
+        f"{look(one.name, others=models).label} {np.polyfit(one.x, one.mean, 1)[0]:.2f}"
+        for one in found["gravity_ms2"]
+        if len(one.x) > 1
+    ]
+    subtitle = "Rollouts on held-out tosses by models that were given a gravity of 0 to 2 times the true one."
+    if slopes:
+        subtitle += f"\nGravity recovered per gravity given (1: no repair, 0: full repair): {',  '.join(slopes)}"
+    figure = new_figure(title, subtitle, height=7.4)
+    axes = panel_grid(figure, 2, 2, left=0.7, right=0.85, top=1.35, bottom=0.95, between=1.5, above=0.85)
+    shares = np.unique([cell["_fraction"] for cell in cells])
+    span = max(float(np.ptp(shares)), 0.1)
+    for ax, (metric, (name, label)) in zip(axes.flat, METRICS.items(), strict=True):
+        series = found[metric]
+        ax.set_title(name)
+        ax.set_ylabel(label)
+        ax.set_xlabel("given gravity / 9.81 m/s² [1]")
+        ax.set_xlim(shares.min() - 0.05 * span, shares.max() + 0.05 * span)
+        references = {n: levels[metric] for n, levels in (simulators or {}).items() if metric in levels}
+        if metric == "penetration_mm" and measured_penetration_mm is not None:
+            references = {"measured": measured_penetration_mm, **references}
+        if metric == "gravity_ms2":
+            limits_from_zero(ax, series, also=[1.05 * GRAVITY, GRAVITY * shares.max()])
+            _gravity_references(ax, float(shares.max()))
+        else:
+            limits_from_zero(ax, series, also=list(references.values()))
+        for n, level in references.items():
+            _level(ax, level, n)
+        if not any(len(one.x) for one in series):
+            nothing_here(ax)
+            continue
+        draw_series(ax, series, dodge=0.008 * span)
+        name_series(ax, series)
+    footnote(figure, how_pooled(cells))
+    return figure
+
+
+def _gravity_references(ax: Axes, top: float) -> None:
+    """True gravity, and what a model that repairs nothing shows."""
+    ax.axhline(GRAVITY, color=MUTED, lw=1.1, ls="--", zorder=2, label="true gravity")
+    ax.plot([0, top], [0, top * GRAVITY], color=MUTED, lw=1.1, ls=":", zorder=2, label="no repair")
+    left, right = ax.get_xlim()
+    halo(
+        ax.text(left + 0.02 * (right - left), GRAVITY, "true: 9.81", color=MUTED, fontsize=8.5, va="bottom")
+    ).set_zorder(9)
+    at = 0.5 * (left + min(right, top)) * 0.62
+    halo(
+        ax.annotate(
+            "no repair",
+            (at, at * GRAVITY),
+            (5, -9),
+            textcoords="offset points",
+            color=MUTED,
+            fontsize=8.5,
+            ha="left",
+            va="top",
+        )  # fmt: skip
+    ).set_zorder(9)
+
+
+def _level(ax: Axes, level: float, name: str) -> None:
+    """A horizontal reference line with its name at the left."""
+    ax.axhline(level, color=MUTED, lw=1.1, ls="--", zorder=2, label=name)
+    halo(
+        ax.annotate(
+            name,
+            (0, level),
+            (4, 2),
+            xycoords=ax.get_yaxis_transform(),
+            textcoords="offset points",
+            color=MUTED,
+            fontsize=8.5,
+            va="bottom",
+        )  # fmt: skip
+    ).set_zorder(9)
+
+
+@styled
+def data_efficiency(
+    cells: Sequence[Cell],
+    *,
+    swept: str = "n_tosses",
+    from_flight: bool = False,
+    title: str = "How many tosses does it take?",
+) -> Figure:
+    """Metrics against the number of training tosses, on a base-2 logarithmic axis.
+
+    Args:
+        cells: dicts with `model`, `seed`, the number of training tosses under `swept`, and CONTRACT.md's metrics
+            as {"mean", "ci95"}.
+        from_flight: draw the metrics under each cell's `from_flight`.
+    """
+    cells = chosen(cells, from_flight=from_flight)
+    models = models_in(cells)
+    counts = np.unique([float(cell[swept]) for cell in cells])
+    figure = new_figure(title, "Rollouts on held-out tosses, after training on more and more tosses.", height=7.0)
+    axes = panel_grid(figure, 2, 2, left=0.7, right=0.85, top=1.1, bottom=0.95, between=1.5, above=0.85)
+    order = ("position_error_pct", "rotation_error_deg", "penetration_mm", "gravity_ms2")
+    for ax, metric in zip(axes.flat, order, strict=True):
+        name, label = METRICS[metric]
+        series = [pool(cells, model=model, swept=swept, metric=metric) for model in models]
+        ax.set_title(name)
+        ax.set_ylabel(label)
+        ax.set_xlabel("training tosses [count]")
+        tosses_axis(ax, counts.tolist())
+        if metric == "gravity_ms2":
+            _around(ax, series, GRAVITY)
+            _level(ax, GRAVITY, "true: 9.81")
+        else:
+            limits_from_zero(ax, series)
+        if not any(len(one.x) for one in series):
+            nothing_here(ax)
+            continue
+        draw_series(ax, series, dodge=0.06, log2=True)
+        name_series(ax, series)
+    footnote(figure, how_pooled(cells))
+    return figure
+
+
+def tosses_axis(ax: Axes, counts: Sequence[float]) -> None:
+    """A base-2 logarithmic axis with a tick at every count."""
+    ax.set_xscale("log", base=2)
+    ax.set_xlim(min(counts) * 2**-0.3, max(counts) * 2**0.3)
+    ax.xaxis.set_major_locator(FixedLocator(list(counts)))
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+
+
+def _around(ax: Axes, series: Sequence[Series], center: float) -> None:
+    """The y axis around a true value, as wide as what is drawn."""
+    values = np.concatenate([[center], *[np.r_[s.mean, s.low, s.high, s.points[:, 1]] for s in series]])
+    values = values[np.isfinite(values)]
+    room = max(0.12 * float(np.ptp(values)), 0.02 * abs(center))
+    ax.set_ylim(values.min() - room, values.max() + room)

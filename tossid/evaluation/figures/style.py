@@ -1,0 +1,265 @@
+"""The one look of all figures: fonts, colours, panels, labels. Object-oriented matplotlib; nothing global changes.
+
+Colours are of Okabe and Ito's palette, which colour-blind readers tell apart,
+and every model has a marker of its own.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, ParamSpec
+
+import matplotlib.style
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+P = ParamSpec("P")
+
+DPI = 150
+WIDTH = 9.0
+"""Width of every figure [in]: 1350 pixels, readable where a browser halves them."""
+INK = "#26282c"
+MUTED = "#70757d"
+GRID = "#e3e5e8"
+SMALL = 8.5
+"""Size of the smallest text [pt]."""
+
+_STYLE: dict[str, Any] = {
+    "figure.dpi": DPI,
+    "figure.facecolor": "white",
+    "savefig.dpi": "figure",
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.5,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.labelsize": 9.5,
+    "axes.titlesize": 10,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.titlepad": 7,
+    "axes.edgecolor": "#9aa0a8",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "xtick.color": "#9aa0a8",
+    "ytick.color": "#9aa0a8",
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.labelsize": 9,
+    "ytick.labelsize": 9,
+    "lines.linewidth": 1.7,
+    "lines.markersize": 5,
+    "lines.solid_capstyle": "round",
+    "hatch.linewidth": 0.5,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+}
+
+
+@dataclass(frozen=True)
+class Look:
+    """How something named is drawn everywhere."""
+
+    label: str
+    color: str
+    marker: str = "o"
+    linestyle: str = "-"
+
+
+LOOKS = {
+    "cn": Look("CN", "#D55E00", "o"),
+    "cnrp": Look("CNRP", "#0072B2", "s"),
+    "cnrpi": Look("CNRPI", "#009E73", "D"),
+    "e2e": Look("E2E", "#CC79A7", "^"),
+    "diffsim": Look("DiffSim", "#C28E00", "v"),
+    "measured": Look("measured", INK, "."),
+    "truth": Look("truth", MUTED, "x", "--"),
+    "given": Look("given", "#8b9098", "."),
+    "learned": Look("learned", "#0072B2", "o"),
+}
+_SPARE = (("#56B4E9", "P"), ("#7B4B94", "X"), ("#8C6D1F", "h"), ("#444444", "*"))
+
+
+def look(name: str, *, others: Sequence[str] = ()) -> Look:
+    """The look of a model or a source. Unknown names get spare colours, in the order in which `others` has them."""
+    if name in LOOKS:
+        return LOOKS[name]
+    unknown = [other for other in dict.fromkeys([*others, name]) if other not in LOOKS]
+    color, marker = _SPARE[unknown.index(name) % len(_SPARE)]
+    return Look(name, color, marker)
+
+
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Draw in this style, whatever a user's matplotlibrc says, and leave matplotlib's settings as they were."""
+
+    @functools.wraps(draw)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with matplotlib.style.context(["default", _STYLE]):
+            return draw(*args, **kwargs)
+
+    return wrapped
+
+
+def new_figure(title: str, subtitle: str = "", *, height: float) -> Figure:
+    """An empty figure of the common width, with its title. height: [in]."""
+    figure = Figure(figsize=(WIDTH, height), dpi=DPI)
+    figure.text(0.15 / WIDTH, 1 - 0.14 / height, title, va="top", fontsize=12.5, fontweight="bold")
+    if subtitle:
+        figure.text(0.15 / WIDTH, 1 - 0.42 / height, subtitle, va="top", fontsize=9.5, color=MUTED, linespacing=1.35)
+    return figure
+
+
+def footnote(figure: Figure, text: str) -> Text:
+    """A line at the foot of a figure: what bars, bands and dots are."""
+    return figure.text(
+        0.15 / WIDTH, 0.10 / figure.get_figheight(), text, va="bottom", fontsize=SMALL, color=MUTED, linespacing=1.3
+    )
+
+
+def panel_grid(
+    figure: Figure,
+    rows: int,
+    columns: int,
+    *,
+    left: float = 0.75,
+    right: float = 0.25,
+    top: float = 0.95,
+    bottom: float = 0.75,
+    between: float = 0.75,
+    above: float = 0.65,
+    heights: Sequence[float] | None = None,
+) -> NDArray[np.object_]:
+    """Axes at exact places, (rows, columns). All lengths in inches: margins, gaps between columns and rows.
+
+    heights: relative heights of the rows.
+    """
+    w, h = figure.get_size_inches()
+    share = np.ones(rows) if heights is None else np.asarray(heights, dtype=float)
+    tall = share / share.sum() * (h - top - bottom - above * (rows - 1))
+    wide = (w - left - right - between * (columns - 1)) / columns
+    axes = np.empty((rows, columns), dtype=object)
+    y = h - top
+    for i in range(rows):
+        y -= tall[i]
+        for j in range(columns):
+            axes[i, j] = figure.add_axes(((left + j * (wide + between)) / w, y / h, wide / w, tall[i] / h))
+        y -= above
+    return axes
+
+
+def axes_inches(ax: Axes) -> tuple[float, float]:
+    """Width and height of axes [in]."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    box, (w, h) = ax.get_position(), figure.get_size_inches()
+    return float(box.width * w), float(box.height * h)
+
+
+def spread(wanted: Sequence[float], gap: float, low: float = -np.inf, high: float = np.inf) -> Array:
+    """Positions nearest to the wanted ones (least squares) that are at least `gap` apart, in the same order.
+
+    Pool-adjacent-violators on the positions less their ranks' share; then kept within [low, high].
+    """
+    order = np.argsort(wanted, kind="stable")
+    target = np.asarray(wanted, dtype=float)[order] - gap * np.arange(len(order))
+    blocks: list[tuple[float, int]] = []
+    for value in target:
+        mean, count = float(value), 1
+        while blocks and blocks[-1][0] > mean:
+            other, n = blocks.pop()
+            mean, count = (mean * count + other * n) / (count + n), count + n
+        blocks.append((mean, count))
+    place = np.repeat([m for m, _ in blocks], [n for _, n in blocks])
+    place = np.maximum(np.minimum(place, high - gap * (len(order) - 1)), low) + gap * np.arange(len(order))
+    out = np.empty(len(order))
+    out[order] = place
+    return out
+
+
+def halo(text: Text) -> Text:
+    """A white rim, so that a text is readable over lines."""
+    text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
+    return text
+
+
+def label_ends(ax: Axes, ends: Iterable[tuple[float, float, str, str]], *, size: float = 9) -> list[Text]:
+    """Names at the right end of lines, moved apart where they would touch, with thin leaders.
+
+    Args:
+        ax: with its limits and scales already set.
+        ends: (x, y, text, colour) of each line's end, in data units. Those with y not finite are left out.
+    """
+    kept = [end for end in ends if np.isfinite(end[1])]
+    if not kept:
+        return []
+    width, height = axes_inches(ax)
+    to_axes = ax.transData + ax.transAxes.inverted()
+    at = np.array([to_axes.transform((x, y)) for x, y, _, _ in kept])
+    at[:, 1] = np.clip(at[:, 1], 0, 1)
+    place = spread(list(at[:, 1]), 1.35 * size / 72 / height, 0.0, 1.0)
+    texts = []
+    for (x, y), to, (_, _, text, color) in zip(at, place, kept, strict=True):
+        ax.plot(
+            [x, 1 + 0.04 / width, 1 + 0.14 / width],
+            [y, y, to],
+            color=color,
+            lw=0.7,
+            alpha=0.6,
+            transform=ax.transAxes,
+            clip_on=False,
+            zorder=1,
+            label="_leader",
+        )
+        texts.append(
+            ax.text(
+                1 + 0.18 / width,
+                to,
+                text,
+                color=color,
+                fontsize=size,
+                va="center",
+                transform=ax.transAxes,
+                weight="bold",
+            )
+        )
+    return texts
+
+
+def key_row(figure: Figure, entries: Sequence[tuple[Any, str]], *, y: float, x: float = 0.15) -> None:
+    """A legend in one row. entries: (handle, text); x, y: its upper left corner, y from the top [in]."""
+    w, h = figure.get_size_inches()
+    legend = figure.legend(
+        [handle for handle, _ in entries],
+        [text for _, text in entries],
+        loc="upper left",
+        bbox_to_anchor=(x / w, 1 - y / h),
+        ncols=len(entries),
+        borderpad=0,
+        borderaxespad=0,
+        columnspacing=1.6,
+        handlelength=1.6,
+        handletextpad=0.6,
+    )
+    legend.set_in_layout(False)
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number as a person writes it: 3 significant digits, no exponent for what is of everyday size."""
+    if not np.isfinite(value):
+        return "none"
+    if value == 0 or 1e-3 <= abs(value) < 1e5:
+        decimals = max(0, digits - 1 - int(np.floor(np.log10(abs(value))))) if value else 0
+        return f"{value:.{decimals}f}"
+    return f"{value:.{digits - 1}e}"

@@ -1,0 +1,147 @@
+"""Training curves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from tossid.errors import InputError
+from tossid.evaluation.figures.style import (
+    INK,
+    LOOKS,
+    MUTED,
+    footnote,
+    halo,
+    label_ends,
+    new_figure,
+    number,
+    panel_grid,
+    styled,
+)
+
+_PARTS = {
+    "prediction": "#0072B2",
+    "complementarity": "#D55E00",
+    "dissipation": "#009E73",
+    "penetration": "#C28E00",
+    "residual": "#CC79A7",
+}
+_SPARE = ("#56B4E9", "#7B4B94", "#8C6D1F", "#444444")
+_NO_LOSS = frozenset({"unsolved"})
+_DECADES = 7.0
+"""Parts smaller than this many decades under the largest are drawn at the panel's foot, not to scale."""
+
+
+class EpochLike(Protocol):
+    """One epoch of a fit. Losses in [m²/s²]; parts: of the training loss, and the count `unsolved`."""
+
+    @property
+    def stage(self) -> str: ...
+    @property
+    def train_loss(self) -> float: ...
+    @property
+    def validation_loss(self) -> float: ...
+    @property
+    def parts(self) -> Mapping[str, float]: ...
+
+
+@styled
+def training_curves(history: Sequence[EpochLike], *, title: str = "Training", unit: str = "m²/s²") -> Figure:
+    """Loss on training and validation tosses, and the training loss's parts, over epochs.
+
+    Stages follow each other on the epoch axis and are marked; in each, the epoch
+    of the lowest validation loss, whose parameters are kept, has a ring.
+
+    Args:
+        history: records of `tossid.training.fit`, in order (N,).
+        unit: of the loss.
+    """
+    if not history:
+        raise InputError("no epochs to draw")
+    epoch = np.arange(1, len(history) + 1)
+    train = np.array([record.train_loss for record in history])
+    validation = np.array([record.validation_loss for record in history])
+    names = list(dict.fromkeys(n for record in history for n in record.parts if n not in _NO_LOSS))
+    stages = _stages(history)
+    unsolved = max(record.parts.get("unsolved", 0.0) for record in history)
+
+    kept = "; ".join(
+        f"{name}: {number(validation[k])} at epoch {k + 1}"
+        for name, first, last in stages
+        for k in [first + int(np.nanargmin(validation[first:last]))]
+    )
+    figure = new_figure(title, f"Lowest validation loss [{unit}]: {kept}", height=6.2)
+    upper, lower = panel_grid(figure, 2, 1, right=1.55, top=0.98, bottom=0.85, heights=[1.15, 1])[:, 0]
+
+    for _, first, last in stages:
+        upper.plot(epoch[first:last], train[first:last], color=INK, marker=".", label="training")
+        upper.plot(epoch[first:last], validation[first:last], color=LOOKS["cnrp"].color, marker=".", label="validation")
+        k = first + int(np.nanargmin(validation[first:last]))
+        upper.plot(epoch[k], validation[k], "o", ms=10, mfc="none", mec=LOOKS["cnrp"].color, label="_kept")
+    upper.set_ylabel(f"loss [{unit}]")
+    upper.set_title("Loss")
+    _log_limits(upper, np.concatenate([train, validation]), decades=np.inf)
+
+    spare = iter(_SPARE)
+    colors = {name: _PARTS.get(name) or next(spare, MUTED) for name in names}
+    curves = {name: np.array([record.parts.get(name, np.nan) for record in history]) for name in names}
+    _log_limits(lower, np.concatenate(list(curves.values())) if curves else np.ones(1), decades=_DECADES)
+    floor = lower.get_ylim()[0]
+    for name, values in curves.items():
+        shown = np.where(np.isfinite(values), np.maximum(values, floor), np.nan)
+        for _, first, last in stages:
+            lower.plot(epoch[first:last], shown[first:last], color=colors[name], marker=".", label=name)
+    lower.set_title("Parts of the training loss")
+    lower.set_ylabel(f"part of the loss [{unit}]")
+    lower.set_xlabel("epoch [count]")
+
+    for ax in (upper, lower):
+        ax.set_xlim(0.5, len(history) + 0.5)
+        ax.xaxis.set_major_locator(MaxNLocator(8, integer=True, min_n_ticks=1))
+        for i, (name, first, last) in enumerate(stages):
+            if i % 2:
+                ax.axvspan(first + 0.5, last + 0.5, color="#f3f5f8", lw=0, zorder=0)
+            if i:
+                ax.axvline(first + 0.5, color="#9aa0a8", lw=0.8, zorder=1)
+            if ax is upper and len(stages) > 1:
+                text = ax.text(
+                    first + 0.5, 0.985, f" {name}", transform=ax.get_xaxis_transform(), va="top", style="italic"
+                )
+                halo(text).set_color(MUTED)
+    label_ends(
+        upper, [(epoch[-1], train[-1], "training", INK), (epoch[-1], validation[-1], "validation", LOOKS["cnrp"].color)]
+    )
+    label_ends(
+        lower,
+        [
+            (epoch[-1], max(values[-1], floor), name if values[-1] > floor else f"{name} (≈ 0)", colors[name])
+            for name, values in curves.items()
+        ],
+    )
+    note = "Ring: the epoch whose parameters are kept (lowest validation loss of the stage)."
+    if unsolved:
+        note += f" Unsolved inner problems: at most {unsolved:g} in an epoch."
+    footnote(figure, note)
+    return figure
+
+
+def _stages(history: Sequence[EpochLike]) -> list[tuple[str, int, int]]:
+    """(name, first, one past the last) of each run of epochs of one stage."""
+    starts = [i for i, record in enumerate(history) if i == 0 or record.stage != history[i - 1].stage]
+    return [(history[a].stage, a, b) for a, b in zip(starts, [*starts[1:], len(history)], strict=True)]
+
+
+def _log_limits(ax: Any, values: np.ndarray, *, decades: float) -> None:
+    """A log axis over the positive values, at most so many decades of them; linear where there are none."""
+    positive = values[np.isfinite(values) & (values > 0)]
+    if not len(positive):
+        return
+    high = positive.max()
+    low = max(positive.min(), high * 10.0**-decades)
+    room = max(0.06 * np.log10(high / low), 0.05)
+    ax.set_yscale("log")
+    ax.set_ylim(low * 10**-room, high * 10 ** (2.2 * room))

@@ -1,0 +1,80 @@
+"""Wireframes of convex bodies, and orthographic views of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from tossid.objects import ObjectModel, body_poses
+from tossid.rotations import quat_rotate
+
+Array = NDArray[np.float64]
+
+_FLAT_COS = 0.999
+"""Facets whose normals are closer than this (cosine) are one face."""
+
+
+@dataclass(frozen=True)
+class Wireframe:
+    """Edges of the convex hull of a body's corners.
+
+    edges: (n_e, 2) corner indices. normals: (n_e, 2, 3) outward normals, in the
+    body's frame, of the two faces that meet there; zero where the corners span no volume.
+    """
+
+    edges: NDArray[np.int64]
+    normals: Array
+
+    def visible(self, quat: Array, toward: Array) -> NDArray[np.bool_]:
+        """(n_e,) whether an edge is on the side of the viewer, who is in direction `toward` (3,) of the world."""
+        facing: Array = quat_rotate(quat, self.normals) @ toward
+        return np.asarray(np.any(facing > -1e-9, axis=1))
+
+
+def wireframe(corners: Array) -> Wireframe:
+    """The wireframe of a body. corners: (n, 3) [m]. Corners without volume are joined pairwise."""
+    try:
+        hull = ConvexHull(corners)
+    except (QhullError, ValueError):
+        pairs = np.array([(i, j) for i in range(len(corners)) for j in range(i)], dtype=np.int64).reshape(-1, 2)
+        return Wireframe(pairs, np.zeros((len(pairs), 2, 3)))
+    facets: dict[tuple[int, int], list[int]] = {}
+    for f, simplex in enumerate(hull.simplices):
+        for a in range(3):
+            i, j = sorted((int(simplex[a]), int(simplex[(a + 1) % 3])))
+            facets.setdefault((i, j), []).append(f)
+    outward = hull.equations[:, :3]
+    sharp = {e: fs for e, fs in facets.items() if outward[fs[0]] @ outward[fs[-1]] < _FLAT_COS}
+    return Wireframe(
+        np.array(list(sharp), dtype=np.int64), np.array([[outward[f[0]], outward[f[-1]]] for f in sharp.values()])
+    )
+
+
+@dataclass(frozen=True)
+class View:
+    """An orthographic view. plane: (2, 3) directions to the right and up on paper. toward: (3,) to the viewer."""
+
+    plane: Array
+    toward: Array
+
+    def __call__(self, points: Array) -> Array:
+        """(..., 3) -> (..., 2)."""
+        return points @ self.plane.T
+
+
+def view_from(azimuth: float, elevation: float) -> View:
+    """The view of someone who stands in direction azimuth (0: +x, π/2: +y) [rad] and looks down at elevation [rad]."""
+    ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
+    return View(np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce]]), np.array([ce * ca, ce * sa, se]))
+
+
+def posed(model: ObjectModel, q: Array) -> list[tuple[Array, Array]]:
+    """For each body, its corners in the world (n, 3) [m] and its attitude (4,). q: (nq,)."""
+    position, quat = body_poses(model, q)
+    return [
+        (position[b] + quat_rotate(quat[b], model.corner_pos[model.corner_body == b]), quat[b])
+        for b in range(model.n_bodies)
+    ]
