@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
-from tossid.evaluation.figures.style import LOOKS, Look, label_ends, look
+from tossid.evaluation.figures.style import LOOKS, MUTED, Look, label_ends, look
 
 Array = NDArray[np.float64]
 Cell = Mapping[str, Any]
@@ -91,19 +91,25 @@ def draw_series(ax: Axes, series: Sequence[Series], *, dodge: float = 0.0, log2:
         if len(one.points) > len(one.x):
             x = one.points[:, 0] * 2.0**shift if log2 else one.points[:, 0] + shift
             ax.plot(
-                x, one.points[:, 1], "o", ms=3.2, mfc="none", mec=style.color, mew=0.8, alpha=0.75, zorder=3,
+                x,
+                one.points[:, 1],
+                "o",
+                ms=2.6,
+                mfc="white",
+                mec=style.color,
+                mew=0.6,
+                zorder=20,
                 label=f"{one.name} seeds",
-            )  # fmt: skip
+            )
     return looks
 
 
-def name_series(ax: Axes, series: Sequence[Series]) -> None:
-    """Each line's name at its right end; the limits must be set."""
+def name_series(ax: Axes, series: Sequence[Series], references: Mapping[str, float] | None = None) -> None:
+    """Each line's name at its right end, and those of the reference levels; the limits must be set."""
     looks = {one.name: look(one.name, others=[s.name for s in series]) for one in series}
-    label_ends(
-        ax,
-        [(one.x[-1], one.mean[-1], looks[one.name].label, looks[one.name].color) for one in series if len(one.x)],
-    )
+    ends = [(one.x[-1], one.mean[-1], looks[one.name].label, looks[one.name].color) for one in series if len(one.x)]
+    right = ax.get_xlim()[1]
+    label_ends(ax, ends + [(right, level, name, MUTED) for name, level in (references or {}).items()])
 
 
 def limits_from_zero(ax: Axes, series: Sequence[Series], *, also: Sequence[float] = (), room: float = 0.08) -> None:

@@ -158,7 +158,7 @@ def _along(center: Array, measured: Array, way: Array) -> Array:
 
 
 def _film_strip(
-    axes: NDArray[np.object_],
+    axes: NDArray[Any],
     toss: Toss,
     rollouts: Mapping[str, Motion],
     model: ObjectModel,

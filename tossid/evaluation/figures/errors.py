@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 _LOG_RATIO = 20.0
 """Errors whose largest is beyond so many times the largest model's median are drawn on a logarithmic axis."""
 _MOST_NAMED = 5
+_MOST_BAND = 2.5
+"""Bands are cut off beyond so many times the largest mean."""
 
 
 class ErrorsLike(Protocol):
@@ -160,7 +162,7 @@ def _name_outliers(ax: Axes, i: int, x: Array, v: Array, names: Sequence[str], s
     place = spread(list(at), gap, 0.5 * gap, 1.0)
     for k, to in zip(outside, place, strict=True):
         ax.annotate(
-            names[k],
+            names[int(k)],
             (x[k], v[k]),
             (i + 0.2, to),
             textcoords=ax.get_xaxis_transform(),
@@ -239,7 +241,7 @@ def errors_along_rollout(
 
     Args:
         errors: by model, of `errors_along`.
-        fewest_share: times at which fewer than this share of the tosses (or fewer than two) are under way are not drawn.
+        fewest_share: times with fewer than this share of the tosses (or fewer than two) under way are not drawn.
     """
     if not errors:
         raise InputError("no errors to draw")
@@ -266,7 +268,7 @@ def errors_along_rollout(
             ax.plot(one.time, mean, color=style.color, label=name)
             last = int(np.flatnonzero(shown)[-1])
             ends[kind].append((float(one.time[last]), float(mean[last]), style.label, style.color))
-            tops[kind] = max(tops[kind], float(np.nanmax(high)))
+            tops[kind] = max(tops[kind], min(float(np.nanmax(high)), _MOST_BAND * float(np.nanmax(mean))))
         axes[2].step(one.time, np.where(shown, count, np.nan), where="mid", color=style.color, lw=1.2, label=name)
         start, end = min(start, one.time[shown][0]), max(end, one.time[shown][-1])
     labels: tuple[Any, ...] = ("position error\n[% of width]", "rotation error\n[deg]", "tosses\n[count]")
@@ -283,6 +285,8 @@ def errors_along_rollout(
         "first contact", (0, 1), (4, 3), xycoords=axes[0].get_xaxis_transform(), textcoords="offset points",
         color=MUTED, fontsize=8.5, va="bottom",
     )  # fmt: skip
+    if not np.isfinite(start):
+        axes[0].text(0.5, 0.5, "fewer than two tosses at any time", transform=axes[0].transAxes, ha="center")
     axes[2].set_ylim(0, 1.15 * n_tosses)
     axes[2].set_xlabel("time since first contact [s]")
     footnote(figure, f"Drawn where at least {100 * fewest_share:g} % of the tosses are under way.")

@@ -8,10 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from tossid.evaluation.figures.cells import Cell, chosen, models_in, value_of
-from tossid.evaluation.figures.studies import tosses_axis as log2_axis
+from tossid.evaluation.figures.studies import log2_axis
 from tossid.evaluation.figures.style import INK, MUTED, footnote, halo, key_row, look, new_figure, panel_grid, styled
 
 Array = NDArray[np.float64]
@@ -45,7 +46,7 @@ def inertia_study(cells: Sequence[Cell], *, title: str = "From a wrong inertia t
         max([1e3 * REACHED_COM_M, *[v for c in cells for v in _com(c)[:2] if np.isfinite(v)]]),
     ]
     figure = new_figure(title, "Every start's error before learning (open) and after (filled).", height=7.2)
-    axes = panel_grid(figure, 2, len(kinds), left=0.8, right=0.25, top=1.5, bottom=0.9, between=0.3, above=0.85)
+    axes = panel_grid(figure, 2, len(kinds), left=0.8, right=0.25, top=1.55, bottom=0.9, between=0.3, above=0.85)
     entries = [
         (Line2D([], [], ls="none", marker="o", mfc="white", mec=MUTED, ms=5.5), "start"),
         (Line2D([], [], ls="none", marker="o", color=INK, ms=5.5), "learned, with 95 % interval where known"),
@@ -59,8 +60,8 @@ def inertia_study(cells: Sequence[Cell], *, title: str = "From a wrong inertia t
         com = np.array([_com(c) for c in own])
         both = int(np.sum((inertia[:, 1] <= 100 * REACHED_INERTIA) & (com[:, 1] <= 1e3 * REACHED_COM_M)))
         upper, lower = axes[0, j], axes[1, j]
-        upper.set_title(f"{style.label}: {both} of {len(own)} reached", color=style.color, fontsize=9.5)
-        log2_axis(upper, scales.tolist())
+        upper.set_title(f"{style.label}\n{both} of {len(own)} reached", color=style.color, fontsize=9.5)
+        log2_axis(upper, scales.tolist(), room=0.5)
         upper.set_xlabel("start: inertia / true inertia [1]")
         _starts(
             upper, np.array([float(c["inertia_scale"]) for c in own]), inertia, 100 * REACHED_INERTIA, tops[0],
@@ -115,20 +116,13 @@ def _starts(
             continue
         ax.plot([p, p], [start, learned], color=color, lw=0.9, alpha=0.45, zorder=2, label="_way")
         ax.plot([p, p], [low, high], color=color, lw=2.4, alpha=0.6, zorder=3, label="_interval")
-    ax.plot(place, errors[:, 0], "o", mfc="white", mec=MUTED, mew=1.0, ms=4.5, zorder=3, label="start")
+    ax.plot(place, errors[:, 0], "o", mfc="white", mec=MUTED, mew=1.0, ms=4.5, zorder=3, clip_on=False, label="start")
     ax.plot(place, errors[:, 1], "o", color=color, mec="white", mew=0.5, ms=5.5, zorder=4, label="learned")
+    ax.yaxis.set_minor_locator(NullLocator())
     ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    ticks = [
-        v
-        for v in (
-            0,
-            0.5 * reached,
-            reached,
-            *(reached * 10.0**k for k in (1, 2, 3, 4)),
-            *(reached * 3 * 10.0**k for k in range(4)),
-        )
-    ]
-    ax.set_yticks(sorted(v for v in ticks if v <= ax.get_ylim()[1]))
+    beyond = [reached * first * 10.0**k for k in range(4) for first in (3, 10)]
+    ticks = [0.0, 0.5 * reached, reached, *beyond]
+    ax.set_yticks([v for v in ticks if v <= ax.get_ylim()[1]])
     failed = int((~np.isfinite(errors[:, 1])).sum())
     if failed:
         halo(ax.text(0.98, 0.97, f"no result: {failed}", transform=ax.transAxes, ha="right", va="top", fontsize=8.5))

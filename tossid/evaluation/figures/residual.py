@@ -99,7 +99,7 @@ def residual_over_toss(
             ax.set_ylim(low, high)
         else:
             _symlog(ax, [values for _, values, _, _ in lines])
-        _hatch(ax, border, separable, named=i in (1, 2))
+        _hatch(ax, border, separable, beside=lines[0][1] if i in (1, 2) else None)
         label_ends(ax, [(t[-1], values[-1], key, color) for key, values, color, _ in lines])
         if i < 3:
             ax.tick_params(labelbottom=False)
@@ -107,7 +107,7 @@ def residual_over_toss(
         axes[0].axhline(true_free, color=MUTED, ls="--", lw=1.1, label="true", zorder=2)
         halo(
             axes[0].annotate(
-                f"true in flight: {true_free:g}",
+                f"true in flight: {number(true_free)}",
                 (0, true_free),
                 (5, 3),
                 xycoords=axes[0].get_yaxis_transform(),
@@ -115,13 +115,13 @@ def residual_over_toss(
                 fontsize=8.5,
                 color=MUTED,
                 va="bottom",
-            )  # fmt: skip
+            )
         )
     axes[3].set_xlabel("time [s]")
     if not separable.all():
         footnote(
             figure,
-            "Hatched: sustained contact. The data determine the sum there, not what of it is residual and what contact.",
+            "Hatched: sustained contact. Data determine only the sum there, not what is residual and what is contact.",
         )
     return figure
 
@@ -146,18 +146,24 @@ def _symlog(ax: Axes, values: list[Array]) -> None:
     ax.yaxis.set_minor_locator(NullLocator())
 
 
-def _hatch(ax: Axes, border: Array, separable: NDArray[np.bool_], *, named: bool) -> None:
-    """Hatch the spans that are not separable; the longest is labelled."""
+def _hatch(ax: Axes, border: Array, separable: NDArray[np.bool_], *, beside: Array | None) -> None:
+    """Hatch the spans that are not separable; label the longest, away from the series `beside` (n,)."""
     starts = np.flatnonzero(np.diff(separable.astype(int), prepend=-1))
-    spans = [
-        (border[a], border[b]) for a, b in zip(starts, [*starts[1:], len(separable)], strict=True) if not separable[a]
-    ]
+    spans = [(a, b) for a, b in zip(starts, [*starts[1:], len(separable)], strict=True) if not separable[a]]
     for a, b in spans:
-        ax.axvspan(a, b, facecolor="#f1f2f4", edgecolor="#b9bec6", hatch="////", lw=0, zorder=0, label="not separable")
-    if spans and named:
-        a, b = max(spans, key=lambda span: span[1] - span[0])
-        text = ax.text(
-            0.5 * (a + b), 0.93, "not separable", transform=ax.get_xaxis_transform(), ha="center", va="top",
-            fontsize=8.5, style="italic", color=MUTED,
+        ax.axvspan(
+            border[a], border[b], facecolor="#f1f2f4", edgecolor="#b9bec6", hatch="////", lw=0, zorder=0,
+            label="not separable",
         )  # fmt: skip
-        halo(text)
+    if not spans or beside is None:
+        return
+    a, b = max(spans, key=lambda span: float(border[span[1]] - border[span[0]]))
+    to_axes = ax.transData + ax.transAxes.inverted()
+    high = to_axes.transform((border[a], float(np.mean(beside[a:b]))))[1] > 0.5
+    left, right = ax.get_xlim()
+    center = min(max(0.5 * (border[a] + border[b]), left + 0.08 * (right - left)), right - 0.08 * (right - left))
+    text = ax.text(
+        center, 0.1 if high else 0.9, "not separable", transform=ax.get_xaxis_transform(), ha="center",
+        va="bottom" if high else "top", fontsize=8.5, style="italic", color=MUTED,
+    )  # fmt: skip
+    halo(text)

@@ -25,10 +25,10 @@ from tossid.evaluation.figures.style import MUTED, footnote, halo, look, new_fig
 from tossid.objects import GRAVITY
 
 METRICS = {
-    "gravity_ms2": ("Gravity", "vertical acceleration in flight [m/s²]"),
-    "penetration_mm": ("Penetration", "mean depth of deepest corner [mm]"),
-    "rotation_error_deg": ("Rotation error", "mean rotation error [deg]"),
-    "position_error_pct": ("Position error", "mean position error [% of width]"),
+    "gravity_ms2": ("Gravity of the continuous dynamics", "gravity [m/s²]"),
+    "penetration_mm": ("Penetration of the deepest corner", "penetration [mm]"),
+    "rotation_error_deg": ("Rotation error", "rotation error [deg]"),
+    "position_error_pct": ("Position error", "position error [% of width]"),
 }
 """CONTRACT.md's metrics: panel title, axis label."""
 
@@ -55,9 +55,7 @@ def gravity_sweep(
     models = models_in(cells)
     found = {m: [pool(cells, model=name, swept="_fraction", metric=m) for name in models] for m in METRICS}
     slopes = [
-        f"{look(one.name, others=models).label} {np.polyfit(one.x, one.mean, 1)[0]:.2f}"
-        for one in found["gravity_ms2"]
-        if len(one.x) > 1
+        f"{look(one.name, others=models).label} {_slope(one):.2f}" for one in found["gravity_ms2"] if len(one.x) > 1
     ]
     subtitle = "Rollouts on held-out tosses by models that were given a gravity of 0 to 2 times the true one."
     if slopes:
@@ -76,59 +74,42 @@ def gravity_sweep(
         if metric == "penetration_mm" and measured_penetration_mm is not None:
             references = {"measured": measured_penetration_mm, **references}
         if metric == "gravity_ms2":
-            limits_from_zero(ax, series, also=[1.05 * GRAVITY, GRAVITY * shares.max()])
-            _gravity_references(ax, float(shares.max()))
+            references = {"true 9.81": GRAVITY, **references}
+            limits_from_zero(ax, series, also=[*references.values(), GRAVITY * shares.max()])
+            _no_repair(ax, float(shares.max()))
         else:
             limits_from_zero(ax, series, also=list(references.values()))
-        for n, level in references.items():
-            _level(ax, level, n)
-        if not any(len(one.x) for one in series):
-            nothing_here(ax)
-            continue
-        draw_series(ax, series, dodge=0.008 * span)
-        name_series(ax, series)
+        _finish(ax, series, references, dodge=0.008 * span)
     footnote(figure, how_pooled(cells))
     return figure
 
 
-def _gravity_references(ax: Axes, top: float) -> None:
-    """True gravity, and what a model that repairs nothing shows."""
-    ax.axhline(GRAVITY, color=MUTED, lw=1.1, ls="--", zorder=2, label="true gravity")
+def _slope(series: Series) -> float:
+    """Gravity recovered per gravity given: 1 where the wrong gravity stays, 0 where it is repaired."""
+    return float(np.polyfit(GRAVITY * series.x, series.mean, 1)[0])
+
+
+def _no_repair(ax: Axes, top: float) -> None:
+    """What a model that repairs nothing shows."""
     ax.plot([0, top], [0, top * GRAVITY], color=MUTED, lw=1.1, ls=":", zorder=2, label="no repair")
-    left, right = ax.get_xlim()
-    halo(
-        ax.text(left + 0.02 * (right - left), GRAVITY, "true: 9.81", color=MUTED, fontsize=8.5, va="bottom")
-    ).set_zorder(9)
-    at = 0.5 * (left + min(right, top)) * 0.62
-    halo(
-        ax.annotate(
-            "no repair",
-            (at, at * GRAVITY),
-            (5, -9),
-            textcoords="offset points",
-            color=MUTED,
-            fontsize=8.5,
-            ha="left",
-            va="top",
-        )  # fmt: skip
-    ).set_zorder(9)
+    at = 0.3 * top
+    text = ax.annotate(
+        "no repair", (at, at * GRAVITY), (8, -8), textcoords="offset points", color=MUTED, fontsize=8.5, va="top"
+    )
+    halo(text)
 
 
-def _level(ax: Axes, level: float, name: str) -> None:
-    """A horizontal reference line with its name at the left."""
-    ax.axhline(level, color=MUTED, lw=1.1, ls="--", zorder=2, label=name)
-    halo(
-        ax.annotate(
-            name,
-            (0, level),
-            (4, 2),
-            xycoords=ax.get_yaxis_transform(),
-            textcoords="offset points",
-            color=MUTED,
-            fontsize=8.5,
-            va="bottom",
-        )  # fmt: skip
-    ).set_zorder(9)
+def _finish(
+    ax: Axes, series: Sequence[Series], references: dict[str, float], *, dodge: float, log2: bool = False
+) -> None:
+    """Reference levels, lines and their names, in axes whose limits are set."""
+    for name, level in references.items():
+        ax.axhline(level, color=MUTED, lw=1.1, ls="--", zorder=2, label=name)
+    if any(len(one.x) for one in series):
+        draw_series(ax, series, dodge=dodge, log2=log2)
+    else:
+        nothing_here(ax)
+    name_series(ax, series, references)
 
 
 @styled
@@ -158,26 +139,22 @@ def data_efficiency(
         ax.set_title(name)
         ax.set_ylabel(label)
         ax.set_xlabel("training tosses [count]")
-        tosses_axis(ax, counts.tolist())
-        if metric == "gravity_ms2":
+        log2_axis(ax, counts.tolist())
+        references = {"true 9.81": GRAVITY} if metric == "gravity_ms2" else {}
+        if references:
             _around(ax, series, GRAVITY)
-            _level(ax, GRAVITY, "true: 9.81")
         else:
             limits_from_zero(ax, series)
-        if not any(len(one.x) for one in series):
-            nothing_here(ax)
-            continue
-        draw_series(ax, series, dodge=0.06, log2=True)
-        name_series(ax, series)
+        _finish(ax, series, references, dodge=0.06, log2=True)
     footnote(figure, how_pooled(cells))
     return figure
 
 
-def tosses_axis(ax: Axes, counts: Sequence[float]) -> None:
-    """A base-2 logarithmic axis with a tick at every count."""
+def log2_axis(ax: Axes, values: Sequence[float], *, room: float = 0.3) -> None:
+    """A base-2 logarithmic x axis with a tick at every value. room: beyond the ends [powers of 2]."""
     ax.set_xscale("log", base=2)
-    ax.set_xlim(min(counts) * 2**-0.3, max(counts) * 2**0.3)
-    ax.xaxis.set_major_locator(FixedLocator(list(counts)))
+    ax.set_xlim(min(values) * 2.0**-room, max(values) * 2.0**room)
+    ax.xaxis.set_major_locator(FixedLocator(list(values)))
     ax.xaxis.set_minor_locator(NullLocator())
     ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
 

@@ -140,7 +140,7 @@ def panel_grid(
     between: float = 0.75,
     above: float = 0.65,
     heights: Sequence[float] | None = None,
-) -> NDArray[np.object_]:
+) -> NDArray[Any]:
     """Axes at exact places, (rows, columns). All lengths in inches: margins, gaps between columns and rows.
 
     heights: relative heights of the rows.
@@ -261,5 +261,5 @@ def number(value: float, digits: int = 3) -> str:
         return "none"
     if value == 0 or 1e-3 <= abs(value) < 1e5:
         decimals = max(0, digits - 1 - int(np.floor(np.log10(abs(value))))) if value else 0
-        return f"{value:.{decimals}f}"
-    return f"{value:.{digits - 1}e}"
+        return f"{value:.{decimals}f}".replace("-", "−")
+    return f"{value:.{digits - 1}e}".replace("-", "−")
