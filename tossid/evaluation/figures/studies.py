@@ -21,12 +21,12 @@ from tossid.evaluation.figures.cells import (
     nothing_here,
     pool,
 )
-from tossid.evaluation.figures.style import MUTED, footnote, halo, look, new_figure, panel_grid, styled
+from tossid.evaluation.figures.style import MUTED, fixed, footnote, halo, look, new_figure, panel_grid, styled
 from tossid.objects import GRAVITY
 
 METRICS = {
-    "gravity_ms2": ("Gravity of the continuous dynamics", "gravity [m/s²]"),
-    "penetration_mm": ("Penetration of the deepest corner", "penetration [mm]"),
+    "gravity_ms2": ("Gravity recovered", "gravity [m/s²]"),
+    "penetration_mm": ("Penetration", "penetration [mm]"),
     "rotation_error_deg": ("Rotation error", "rotation error [deg]"),
     "position_error_pct": ("Position error", "position error [% of width]"),
 }
@@ -55,14 +55,17 @@ def gravity_sweep(
     models = models_in(cells)
     found = {m: [pool(cells, model=name, swept="_fraction", metric=m) for name in models] for m in METRICS}
     slopes = [
-        f"{look(one.name, others=models).label} {_slope(one):.2f}" for one in found["gravity_ms2"] if len(one.x) > 1
+        f"{look(one.name, others=models).label} {fixed(_slope(one))}" for one in found["gravity_ms2"] if len(one.x) > 1
     ]
-    subtitle = "Rollouts on held-out tosses by models that were given a gravity of 0 to 2 times the true one."
+    shares = np.unique([cell["_fraction"] for cell in cells])
+    subtitle = (
+        f"Rollouts on held-out tosses by models that were given {shares.min():.2g} to {shares.max():.2g} times "
+        "the true gravity."
+    )
     if slopes:
         subtitle += f"\nGravity recovered per gravity given (1: no repair, 0: full repair): {',  '.join(slopes)}"
     figure = new_figure(title, subtitle, height=7.4)
-    axes = panel_grid(figure, 2, 2, left=0.7, right=0.85, top=1.35, bottom=0.95, between=1.5, above=0.85)
-    shares = np.unique([cell["_fraction"] for cell in cells])
+    axes = panel_grid(figure, 2, 2, left=0.7, right=1.0, top=1.35, bottom=0.95, between=1.5, above=0.85)
     span = max(float(np.ptp(shares)), 0.1)
     for ax, (metric, (name, label)) in zip(axes.flat, METRICS.items(), strict=True):
         series = found[metric]
@@ -131,7 +134,7 @@ def data_efficiency(
     models = models_in(cells)
     counts = np.unique([float(cell[swept]) for cell in cells])
     figure = new_figure(title, "Rollouts on held-out tosses, after training on more and more tosses.", height=7.0)
-    axes = panel_grid(figure, 2, 2, left=0.7, right=0.85, top=1.1, bottom=0.95, between=1.5, above=0.85)
+    axes = panel_grid(figure, 2, 2, left=0.7, right=1.0, top=1.1, bottom=0.95, between=1.5, above=0.85)
     order = ("position_error_pct", "rotation_error_deg", "penetration_mm", "gravity_ms2")
     for ax, metric in zip(axes.flat, order, strict=True):
         name, label = METRICS[metric]

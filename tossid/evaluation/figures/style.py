@@ -231,7 +231,7 @@ def label_ends(ax: Axes, ends: Iterable[tuple[float, float, str, str]], *, size:
                 fontsize=size,
                 va="center",
                 transform=ax.transAxes,
-                weight="bold",
+                weight="normal" if color == MUTED else "bold",
             )
         )
     return texts
@@ -263,3 +263,8 @@ def number(value: float, digits: int = 3) -> str:
         decimals = max(0, digits - 1 - int(np.floor(np.log10(abs(value))))) if value else 0
         return f"{value:.{decimals}f}".replace("-", "−")
     return f"{value:.{digits - 1}e}".replace("-", "−")
+
+
+def fixed(value: float, decimals: int = 2) -> str:
+    """A number with so many decimals; what rounds to zero has no sign."""
+    return f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", "−")

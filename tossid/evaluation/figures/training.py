@@ -75,7 +75,9 @@ def training_curves(history: Sequence[EpochLike], *, title: str = "Training", un
         for k in [first + int(np.nanargmin(validation[first:last]))]
     )
     figure = new_figure(title, f"Lowest validation loss [{unit}]: {kept}", height=6.2)
-    upper, lower = panel_grid(figure, 2, 1, right=1.55, top=0.98, bottom=0.85, heights=[1.15, 1])[:, 0]
+    upper, lower = panel_grid(figure, 2, 1, left=1.0, right=1.55, top=0.98, bottom=0.85, above=0.5, heights=[1.15, 1])[
+        :, 0
+    ]
 
     for _, first, last in stages:
         upper.plot(epoch[first:last], train[first:last], color=INK, marker=".", label="training")
@@ -97,6 +99,7 @@ def training_curves(history: Sequence[EpochLike], *, title: str = "Training", un
             lower.plot(epoch[first:last], shown[first:last], color=colors[name], marker=".", label=name)
     lower.set_title("Parts of the training loss")
     lower.set_ylabel(f"part of the loss [{unit}]")
+    upper.tick_params(labelbottom=False)
     lower.set_xlabel("epoch [count]")
 
     for ax in (upper, lower):
