@@ -37,7 +37,7 @@ from pipelines.schemas.kinds import (
     Seed,
     Span,
 )
-from pipelines.schemas.learning import EvaluateConfig, ModelConfig, TrainConfig
+from pipelines.schemas.learning import EvaluateConfig, ModelConfig, SweepConfig, TrainConfig
 from pipelines.schemas.synthesis import (
     CameraConfig,
     Engine,
@@ -88,6 +88,7 @@ __all__ = [
     "SegmentStageConfig",
     "Source",
     "Span",
+    "SweepConfig",
     "SynthesizeConfig",
     "TrackConfig",
     "TrackStageConfig",

@@ -39,6 +39,8 @@ class TrainConfig:
     """the model"""
     data: Path | None
     """the dataset; null: the newest that ingest or synthesize wrote"""
+    tosses: Count | None
+    """learn from so many of the training tosses, and stop by at most as many others, drawn by the seed; null: all"""
     seed: Seed
     """seed of the residual's first weights"""
     epochs: Count
@@ -50,10 +52,33 @@ class TrainConfig:
 
 
 @dataclass(frozen=True)
-class EvaluateConfig:
-    """Roll a trained model out on held-out tosses."""
+class SweepConfig:
+    """A study: a training and its evaluation for each model, each value of a key and each seed."""
 
+    name: str
+    """what it is called; its results lie in outputs/sweeps"""
+    key: str
+    """the key of train that is swept; it takes numbers"""
+    values: tuple[float, ...]
+    """its values"""
+    models: tuple[str, ...]
+    """the models, of conf/model"""
+    seeds: tuple[Seed, ...]
+    """the seeds"""
+    train: tuple[str, ...]
+    """further keys of every training, as KEY=VALUE"""
+    workers: Count | None
+    """trainings at the same time; null: one a core"""
+
+
+@dataclass(frozen=True)
+class EvaluateConfig:
+    """Roll a trained model out on held-out tosses, or run a study."""
+
+    sweep: SweepConfig | None
+    """a study to run instead; '--sweep NAME' says the same:"""
     run: str | None
     """run id, name or folder; null: the newest training"""
     data: Path | None
-    """another dataset, judged on all its tosses; null: the held-out tosses of the run's own"""
+    """another dataset, judged on all its tosses; null: the held-out tosses of the run's own. A sweep: its dataset, else
+    the newest"""
