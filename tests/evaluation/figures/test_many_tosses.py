@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from tests.evaluation.figures.reading import assert_legible, bars, line, titled, words
+from tests.evaluation.figures.reading import assert_legible, bars, line, lines, titled, words
 from tests.evaluation.figures.test_one_run import toss_and_rollout
 from tossid.errors import InputError
 from tossid.evaluation.figures import ErrorsAlong, errors_along, errors_along_rollout, errors_over_tosses
@@ -130,3 +130,12 @@ def test_one_toss_has_no_mean_error(cube: ObjectModel) -> None:
     toss, run = toss_and_rollout(cube)
     figure = errors_along_rollout({"cn": errors_along([toss], [run], cube)})
     assert "fewer than two tosses" in words(figure)
+
+
+def test_few_tosses_are_drawn_one_by_one(cube: ObjectModel) -> None:
+    toss, run = toss_and_rollout(cube)
+    figure = errors_along_rollout({"cn": errors_along([toss, toss], [run, run], cube)})
+    position = figure.axes[0]
+    assert len(lines(position, "_toss")) == 2
+    assert not position.collections, "two tosses have no band worth drawing"
+    np.testing.assert_allclose(line(position, "cn").get_ydata(), 100 * 0.010 / 0.1048)

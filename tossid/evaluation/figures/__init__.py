@@ -4,6 +4,7 @@ They know no files and no tracker, use no pyplot, and leave matplotlib's setting
 as they were. `figure.savefig(path)` writes them at 150 dpi.
 """
 
+from tossid.evaluation.figures.accelerations import Accelerations, accelerations_over_toss
 from tossid.evaluation.figures.comparison import toss_comparison
 from tossid.evaluation.figures.errors import ErrorsAlong, errors_along, errors_along_rollout, errors_over_tosses
 from tossid.evaluation.figures.geometry import learned_geometry
@@ -18,6 +19,8 @@ __all__ = [
     "learned_geometry",
     "toss_comparison",
     "residual_over_toss",
+    "accelerations_over_toss",
+    "Accelerations",
     # many tosses
     "errors_over_tosses",
     "errors_along",

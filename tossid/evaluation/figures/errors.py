@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 _LOG_RATIO = 20.0
 """Errors whose largest is beyond so many times the largest model's median are drawn on a logarithmic axis."""
 _MOST_NAMED = 5
+_FEWEST_BAND = 5
+"""With fewer tosses than this, they are drawn one by one instead of a band."""
 _MOST_BAND = 2.5
 """Bands are cut off beyond so many times the largest mean."""
 
@@ -246,9 +248,9 @@ def errors_along_rollout(
     if not errors:
         raise InputError("no errors to draw")
     n_tosses = max(len(one.position_error_pct) for one in errors.values())
-    figure = new_figure(
-        title, f"{n_tosses} tosses, lined up at their first contact (time 0). Mean, band: 95 % over tosses.", height=6.9
-    )
+    few = n_tosses < _FEWEST_BAND
+    words = "Thick: mean, thin: single tosses." if few else "Mean, band: 95 % over tosses."
+    figure = new_figure(title, f"{n_tosses} tosses, lined up at their first contact (time 0). {words}", height=6.9)
     axes = panel_grid(figure, 3, 1, left=0.75, right=1.05, top=1.05, bottom=0.85, above=0.5, heights=[1, 1, 0.28])[:, 0]
     start, end = np.inf, -np.inf
     ends: dict[str, list[tuple[float, float, str, str]]] = {"position_error_pct": [], "rotation_error_deg": []}
@@ -260,15 +262,20 @@ def errors_along_rollout(
         if not shown.any():
             continue
         for ax, kind in zip(axes, ends, strict=False):
-            mean, low, high = mean_band(getattr(one, kind))
-            mean, low, high = (np.where(shown, curve, np.nan) for curve in (mean, low, high))
-            ax.fill_between(
-                one.time, np.maximum(low, 0), high, color=style.color, alpha=0.18, lw=0, label=f"{name} band"
-            )
+            values = np.where(shown, getattr(one, kind), np.nan)
+            mean, low, high = mean_band(values)
+            if few:
+                ax.plot(one.time, values.T, color=style.color, lw=0.8, alpha=0.6, label="_toss")
+                top = np.nanmax(values)
+            else:
+                ax.fill_between(
+                    one.time, np.maximum(low, 0), high, color=style.color, alpha=0.18, lw=0, label=f"{name} band"
+                )
+                top = min(np.nanmax(high), _MOST_BAND * np.nanmax(mean))
             ax.plot(one.time, mean, color=style.color, label=name)
             last = int(np.flatnonzero(shown)[-1])
             ends[kind].append((float(one.time[last]), float(mean[last]), style.label, style.color))
-            tops[kind] = max(tops[kind], min(float(np.nanmax(high)), _MOST_BAND * float(np.nanmax(mean))))
+            tops[kind] = max(tops[kind], float(top))
         axes[2].step(one.time, np.where(shown, count, np.nan), where="mid", color=style.color, lw=1.2, label=name)
         start, end = min(start, one.time[shown][0]), max(end, one.time[shown][-1])
     labels: tuple[Any, ...] = ("position error\n[% of width]", "rotation error\n[deg]", "tosses\n[count]")
