@@ -69,10 +69,8 @@ def residual_over_toss(
     inside = separable & (np.abs(contact) < 1e-9)
     told = f"Toss {name}.  " if name else ""
     if inside.any():
-        told += (
-            f"In flight: given {number(given[inside].mean())}, with the residual {number(free[inside].mean())}, "
-            f"measured {number(measured[inside].mean())} m/s²."
-        )
+        parts = [number(float(np.median(part[inside]))) for part in (given, free, measured)]
+        told += "Median in flight: given {}, with the residual {}, measured {} m/s².".format(*parts)
     figure = new_figure(title, told, height=7.6)
     axes = panel_grid(
         figure, 4, 1, left=0.8, right=1.35, top=1.05, bottom=0.85, above=0.42, heights=[0.8, 0.8, 1.1, 1.3]
