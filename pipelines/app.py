@@ -86,9 +86,18 @@ def train(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: De
 
 
 @app.command(cls=KeyedCommand)
-def evaluate(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Roll a trained model out on held-out tosses and measure its errors."""
-    _run("evaluate", keys, json=json, quiet=quiet)
+def evaluate(
+    keys: Keys = None,
+    sweep: Annotated[
+        str | None,
+        typer.Option("--sweep", metavar="NAME", help="Run the study in conf/sweep/NAME.yaml.", show_default=False),
+    ] = None,
+    json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Roll a trained model out on held-out tosses and measure its errors; or run a study, with --sweep."""
+    _run("evaluate", [*(keys or []), *([f"sweep={sweep}"] if sweep is not None else [])], json=json, quiet=quiet)
 
 
 @app.command()

@@ -1,65 +1,122 @@
-"""`tossid evaluate`: open-loop rollouts of a trained model on held-out tosses."""
+"""`tossid evaluate`: open-loop rollouts of a trained model on held-out tosses; or a study, with `--sweep`."""
 
 from __future__ import annotations
 
-from typing import Any
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from pipelines.console import Console
 from pipelines.project import dataset_path
 from pipelines.schemas import EvaluateConfig
 from tossid.errors import FileError, InputError
 
+if TYPE_CHECKING:
+    from pipelines.checkpoints import Checkpoint
+    from pipelines.runs import RunRecord
+
+FOLDER = Path("outputs/evaluate")
+
 
 def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
-    """Evaluate; returns CONTRACT.md's metrics."""
+    """Evaluate; returns CONTRACT.md's metrics and the figures' paths."""
+    if config.sweep is not None:
+        from pipelines.sweep import run_sweep
+
+        return run_sweep(config, config.sweep, console)
+
+    from pipelines.calling import jsonable
     from pipelines.checkpoints import load_checkpoint
+    from pipelines.learning import evaluate_model, roll_out
+    from pipelines.outputs import output_folder
+    from pipelines.pictures import evaluation_figures, write_figures
     from pipelines.runs import find_run
     from pipelines.tracking import tracked_run
-    from tossid.evaluation.metrics import score_tosses, summarize_scores
-    from tossid.store import file_sha256, read_dataset
+    from tossid.store import read_dataset
 
     record = find_run(config.run)
     if record.checkpoint is None:
         raise InputError(f"run {record.name} ({record.id or record.folder}) has no checkpoint")
     trained = load_checkpoint(record.checkpoint)
-    if config.data is None:
-        data, split = trained.data, "test"
-        if not data.is_file():
-            raise FileError(data, "the run's dataset is gone; name one with data=FILE.h5")
-        sha256 = file_sha256(data)
-        if sha256 != trained.sha256:
-            raise FileError(data, "the run's dataset has changed since training; name it with data=FILE.h5")
-    else:
-        data, split = dataset_path(config.data), "all"
-        sha256 = file_sha256(data)
+    data, split, sha256 = _data(config, trained)
     dataset = read_dataset(data)
     tosses = dataset.of_split("test") if split == "test" else dataset.tosses
     if not tosses:
         raise InputError(f"{data}: no held-out tosses to judge")
 
-    system, nominal = trained.model.system(), dataset.object
-    scores = score_tosses(system, nominal, tosses)
-    metrics = summarize_scores(scores)
+    name, model = trained.config.name, trained.model
+    judged = evaluate_model(model, dataset.object, tosses)
     result: dict[str, Any] = {
         "run": record.id,
-        "model": trained.config.name,
+        "model": name,
         "data": str(data),
         "n_tosses": len(tosses),
         "split": split,
-        **metrics,
-        "unsolved": scores.unsolved,
-        "diverged": scores.diverged,
-        "parameters": trained.model.parameters_report(),
+        **judged.metrics,
+        "parameters": model.parameters_report(),
     }
-    if nominal.n_joints == 0:
-        result["from_flight"] = summarize_scores(score_tosses(system, nominal, tosses, from_flight=True))
+    folder = FOLDER / _folder_name(record, data, split)
     with tracked_run(f"evaluate-{record.name}", config, command="evaluate") as tracked:
         tracked.data(data, sha256, context="evaluation")
         tracked.tag("evaluated_run", record.id)
-        tracked.metrics({name: value["mean"] for name, value in metrics.items()})
-    rows = [
-        [name, f"{value['mean']:.3g}", f"{value['ci95'][0]:.3g} to {value['ci95'][1]:.3g}"]
-        for name, value in metrics.items()
-    ]
-    console.table(["metric", "mean", "95 % interval"], rows, title=f"{trained.config.name}: {len(tosses)} tosses")
+        tracked.metrics(means(judged.metrics))
+        figures = evaluation_figures(judged, tosses, roll_out(model, tosses), dataset.object, name=name)
+        with output_folder(folder, made_by="evaluate") as temporary:
+            paths = write_figures(figures, temporary / "figures")
+            result["figures"] = [str(folder / "figures" / path.name) for path in paths]
+            (temporary / "metrics.json").write_text(json.dumps(jsonable(result), indent=2) + "\n")
+        tracked.artifact(folder / "figures")
+        tracked.artifact(folder / "metrics.json")
+    console.table(
+        ["metric", "mean", "95 % interval", "from flight", "95 % interval "],
+        table_rows(judged.metrics),
+        title=f"{name}: {len(tosses)} tosses",
+    )
+    if judged.scores.diverged:
+        console.warn(f"{judged.scores.diverged} of {len(tosses)} rollouts diverged")
+    console.say(f"{len(paths)} figures in {folder / 'figures'}")
     return result
+
+
+def _data(config: EvaluateConfig, trained: Checkpoint) -> tuple[Path, str, str]:
+    """The dataset to judge on, which of its tosses, and its hash."""
+    from tossid.store import file_sha256
+
+    if config.data is not None:
+        data = dataset_path(config.data)
+        return data, "all", file_sha256(data)
+    if not trained.data.is_file():
+        raise FileError(trained.data, "the run's dataset is gone; name one with data=FILE.h5")
+    sha256 = file_sha256(trained.data)
+    if sha256 != trained.sha256:
+        raise FileError(trained.data, "the run's dataset has changed since training; name it with data=FILE.h5")
+    return trained.data, "test", sha256
+
+
+def _folder_name(record: RunRecord, data: Path, split: str) -> str:
+    """A run's evaluation on its own dataset, or on another, goes to a folder of its own."""
+    name = f"{record.name}-{record.id[:8]}" if record.id else record.name
+    return name if split == "test" else f"{name}-{data.stem}"
+
+
+def means(metrics: dict[str, Any]) -> dict[str, float]:
+    """The metrics' means and the counts, as they are tracked."""
+    numbers = {name: value["mean"] for name, value in metrics.items() if isinstance(value, dict) and "mean" in value}
+    numbers |= {name: float(value) for name, value in metrics.items() if isinstance(value, (int, float))}
+    flight = metrics.get("from_flight", {})
+    return numbers | {f"from_flight/{name}": value["mean"] for name, value in flight.items()}
+
+
+def table_rows(metrics: dict[str, Any]) -> list[list[str]]:
+    """A row for each metric: from the first state, and from the flight where that is there."""
+    rows = []
+    for name, value in metrics.items():
+        if isinstance(value, dict) and "mean" in value:
+            other = metrics.get("from_flight", {}).get(name)
+            rows.append([name, *_cells(value), *(_cells(other) if other else ["-", "-"])])
+    return rows
+
+
+def _cells(value: dict[str, Any]) -> list[str]:
+    low, high = value["ci95"]
+    return [f"{value['mean']:.3g}", f"{low:.3g} to {high:.3g}"]

@@ -108,7 +108,9 @@ def _usage(error: typer.TyperException, args: list[str]) -> str:
         keys = command_keys(args[0])
         if word in keys:
             return f"{option}: no such option. Keys are given without dashes: {word}=…"
-        near = nearest(str(option), ["--json", "--quiet", "--debug", "--help"])
+        near = nearest(
+            str(option), ["--json", "--quiet", "--debug", "--help", *(["--sweep"] if args[0] == "evaluate" else [])]
+        )
         key = nearest(word, keys)
         hint = f" Did you mean '{near}'?" if near else f" Did you mean the key {key}=…?" if key else ""
         return f"{option}: no such option.{hint}"

@@ -115,6 +115,18 @@ def output_folder(path: Path, *, made_by: str) -> Iterator[Path]:
             shutil.rmtree(temporary, ignore_errors=True)
 
 
+@contextmanager
+def only_writer(path: Path) -> Iterator[None]:
+    """Refuse another command that would write the several files of `path` at the same time.
+
+    Raises:
+        OutputError: another command is at it.
+    """
+    path = Path(os.path.abspath(path))
+    with _explained(path), _lock(path):
+        yield
+
+
 def recover_folder(path: Path) -> None:
     """Put back a folder whose replacement died between two renames (only where the system cannot swap)."""
     kept = path.with_name(f".{path.name}.old")

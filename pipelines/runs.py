@@ -16,6 +16,8 @@ from tossid.errors import FileError, InputError
 EXPERIMENT = "tossid"
 CHECKPOINT = "checkpoint.pt"
 CONFIG = "config.yaml"
+RUN = "run.json"
+"""In a training's folder: {"run": MLflow's id}."""
 COMMAND_TAG = "tossid.command"
 
 
@@ -179,4 +181,12 @@ def _folder_record(folder: Path) -> RunRecord:
         raise FileError(folder / CONFIG, "cannot be read as YAML") from error
     if not isinstance(config, dict):
         raise FileError(folder / CONFIG, "holds no config")
-    return RunRecord("", folder.name, "FINISHED", folder, checkpoint, config)
+    return RunRecord(run_id_in(folder) or "", folder.name, "FINISHED", folder, checkpoint, config)
+
+
+def run_id_in(folder: Path) -> str | None:
+    """The run id that a training left in its folder."""
+    try:
+        return str(json.loads((folder / RUN).read_text())["run"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

@@ -31,12 +31,13 @@ _DIGEST_LENGTH = 36
 
 
 class TrackedRun:
-    """A run that is going on. Made by `tracked_run`."""
+    """A run that is going on. Made by `tracked_run`. resumed: it was begun earlier."""
 
-    def __init__(self, client: MlflowClient, run_id: str, experiment: str, name: str) -> None:
+    def __init__(self, client: MlflowClient, run_id: str, experiment: str, name: str, *, resumed: bool = False) -> None:
         self.id = run_id
         self.experiment = experiment
         self.name = name
+        self.resumed = resumed
         self._client = client
         self._metrics: list[Any] = []
 
@@ -48,6 +49,14 @@ class TrackedRun:
         self._metrics += [Metric(name, float(value), now, step) for name, value in values.items()]
         if len(self._metrics) >= _BUFFER:
             self.flush()
+
+    def last_step(self) -> int:
+        """The last step at which a metric was logged before this process went on with the run; 0 for a new one."""
+        if not self.resumed:
+            return 0
+        names = self._client.get_run(self.id).data.metrics
+        steps = [point.step for name in names for point in self._client.get_metric_history(self.id, name)]
+        return max(steps, default=0)
 
     def flush(self) -> None:
         """Send the buffered metrics."""
@@ -118,6 +127,7 @@ def tracked_run(
     experiment: str = EXPERIMENT,
     parent: TrackedRun | str | None = None,
     tags: Mapping[str, str] | None = None,
+    resume: str | None = None,
 ) -> Iterator[TrackedRun]:
     """Log a run: its config at once, its end whatever the end is.
 
@@ -128,6 +138,7 @@ def tracked_run(
         experiment: MLflow experiment.
         parent: the run (or its id) that this one belongs to.
         tags: further tags.
+        resume: id of a run that was left, to go on under it; where this store does not have it, a new one is begun.
 
     The run ends FINISHED, FAILED on an error, KILLED on Ctrl-C.
     """
@@ -135,18 +146,21 @@ def tracked_run(
 
     store = client()
     plain = as_plain(config) if is_dataclass(config) else dict(config)
-    all_tags = {COMMAND_TAG: command, "tossid.version": version(), **(tags or {})}
-    if commit():
-        all_tags["mlflow.source.git.commit"] = commit()
-    all_tags |= {"mlflow.source.name": f"tossid {command}", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
-    if parent is not None:
-        all_tags["mlflow.parentRunId"] = parent.id if isinstance(parent, TrackedRun) else parent
-    created = store.create_run(experiment_id(store, experiment), tags=all_tags, run_name=name)
-    run = TrackedRun(store, created.info.run_id, experiment, name)
+    run = _left(store, resume, experiment)
+    if run is None:
+        all_tags = {COMMAND_TAG: command, "tossid.version": version(), **(tags or {})}
+        if commit():
+            all_tags["mlflow.source.git.commit"] = commit()
+        all_tags |= {"mlflow.source.name": f"tossid {command}", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
+        if parent is not None:
+            all_tags["mlflow.parentRunId"] = parent.id if isinstance(parent, TrackedRun) else parent
+        created = store.create_run(experiment_id(store, experiment), tags=all_tags, run_name=name)
+        run = TrackedRun(store, created.info.run_id, experiment, name)
     status = "FAILED"
     try:
-        run.text(yaml.safe_dump(plain, sort_keys=False, allow_unicode=True), CONFIG)
-        run.params(plain)
+        if not run.resumed:
+            run.text(yaml.safe_dump(plain, sort_keys=False, allow_unicode=True), CONFIG)
+            run.params(plain)
         yield run
         run.flush()
         status = "FINISHED"
@@ -160,19 +174,20 @@ def tracked_run(
         store.set_terminated(run.id, status)
 
 
-def resumed_run(run_id: str) -> TrackedRun:
-    """A run that was left (interrupted training, say), going on under its id. End it with `end_run`."""
-    store = client()
-    record = store.get_run(run_id)
-    store.update_run(run_id, status="RUNNING")
-    experiment = store.get_experiment(record.info.experiment_id).name
-    return TrackedRun(store, run_id, experiment, record.info.run_name)
+def _left(store: MlflowClient, run_id: str | None, experiment: str) -> TrackedRun | None:
+    """A run that was left, running again; None where the store does not have it."""
+    from mlflow.exceptions import MlflowException
 
-
-def end_run(run: TrackedRun, status: str = "FINISHED") -> None:
-    """End a run that `resumed_run` reopened: FINISHED, FAILED or KILLED."""
-    run.flush()
-    client().set_terminated(run.id, status)
+    if run_id is None:
+        return None
+    try:
+        record = store.get_run(run_id)
+        if record.info.lifecycle_stage != "active":
+            return None
+        store.update_run(run_id, status="RUNNING")
+    except MlflowException:
+        return None
+    return TrackedRun(store, run_id, experiment, record.info.run_name, resumed=True)
 
 
 def _user() -> str:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import ast
+import hashlib
 import subprocess
 from functools import cache
 from importlib import metadata
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+
+_LEARNING = ("learning", "checkpoints")
+_NO_NUMBERS = ("vision", "store", "figures", "diagnosis")
+"""Rooms of tossid that a training and its evaluation do without."""
 
 
 def version() -> str:
@@ -29,6 +35,25 @@ def commit() -> str:
     except (OSError, subprocess.SubprocessError):
         return ""
     return f"{head}+changes" if changed else head
+
+
+@cache
+def code_digest() -> str:
+    """A hash of the code that numbers depend on, as it is parsed: comments, docstrings and layout do not count."""
+    found = hashlib.sha256()
+    for path in sorted((ROOT / "tossid").rglob("*.py")) + [ROOT / "pipelines" / f"{name}.py" for name in _LEARNING]:
+        if not any(part in _NO_NUMBERS for part in path.relative_to(ROOT).parts):
+            found.update(f"{path.relative_to(ROOT).as_posix()}\n{_parsed(path)}\n".encode())
+    return found.hexdigest()
+
+
+def _parsed(path: Path) -> str:
+    tree = ast.parse(path.read_bytes())
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+            texts = [part for part in node.body if isinstance(part, ast.Expr) and isinstance(part.value, ast.Constant)]
+            node.body = [part for part in node.body if part not in texts]
+    return ast.dump(tree)
 
 
 def version_line() -> str:

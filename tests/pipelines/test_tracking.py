@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.runs import find_run, find_runs, metric_history
-from pipelines.tracking import end_run, resumed_run, tracked_run
+from pipelines.tracking import tracked_run
 from tossid.errors import FileError, InputError
 
 SHA = "ab" * 32
@@ -111,14 +111,23 @@ def test_newest_finished_run_is_found() -> None:
 
 
 def test_a_run_goes_on() -> None:
-    with pytest.raises(KeyboardInterrupt), tracked_run("long", {}, command="long") as run:
-        run.metrics({"loss": 2.0}, step=0)
+    with pytest.raises(KeyboardInterrupt), tracked_run("long", {"seed": 1}, command="long") as run:
+        assert run.last_step() == 0
+        run.metrics({"loss": 2.0}, step=3)
         raise KeyboardInterrupt
-    again = resumed_run(run.id)
-    again.metrics({"loss": 1.0}, step=1)
-    end_run(again)
-    assert metric_history(run.id, "loss") == [(0, 2.0), (1, 1.0)]
+    assert find_runs(command="long")[0].info.status == "KILLED"
+    with tracked_run("long", {"seed": 1}, command="long", resume=run.id) as again:
+        assert (again.id, again.resumed, again.last_step()) == (run.id, True, 3)
+        assert find_runs(command="long")[0].info.status == "RUNNING"
+        again.metrics({"loss": 1.0}, step=4)
+    assert metric_history(run.id, "loss") == [(3, 2.0), (4, 1.0)]
     assert find_run("long", command="long").status == "FINISHED"
+
+
+def test_a_run_that_this_store_does_not_have_is_begun_anew() -> None:
+    with tracked_run("lost", {"seed": 1}, command="lost", resume="0" * 32) as run:
+        assert not run.resumed
+    assert find_run("lost", command="lost").id == run.id != "0" * 32
 
 
 def test_a_folder_that_is_no_run(tmp_path: Path) -> None:

@@ -1,0 +1,164 @@
+"""Training and judging a model, without files and tracker: what `train`, `evaluate` and the cells of a sweep share."""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from pipelines.checkpoints import build_model
+from pipelines.config import as_plain
+from pipelines.schemas import TrainConfig
+from tossid.errors import InputError
+from tossid.evaluation.metrics import SUBSTEPS, TossScores, score_tosses, summarize_scores
+from tossid.models.contactnets import ContactNets
+from tossid.models.transitions import make_transitions
+from tossid.objects import ObjectModel
+from tossid.physics import simulate
+from tossid.training.fit import EpochRecord, Fit, FitSettings
+from tossid.types import Dataset, Toss
+
+NOT_LEARNING = ("data", "restart")
+"""Keys of train that leave a training of given data as it is."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A trained model, its epochs, and the time that they took [s] (interrupted ones included)."""
+
+    model: ContactNets
+    history: tuple[EpochRecord, ...]
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What rollouts of held-out tosses show.
+
+    Attributes:
+        metrics: CONTRACT.md's, with `from_flight` for an object without joints, and the counts `unsolved` and
+            `diverged`.
+        scores: of each toss, from its first state.
+    """
+
+    metrics: dict[str, Any]
+    scores: TossScores
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """A predicted motion: q (n, nq) at the toss's frames."""
+
+    q: np.ndarray
+
+
+def learning_keys(config: TrainConfig) -> dict[str, Any]:
+    """The keys that decide, with the data, what is learned."""
+    return {name: value for name, value in as_plain(config).items() if name not in NOT_LEARNING}
+
+
+def prepare(dataset: Dataset, config: TrainConfig) -> Fit:
+    """The untrained fit of the model that the keys name to the dataset's training tosses.
+
+    One torch thread does it: the tensors are small, and the numbers are the same on every machine.
+
+    Raises:
+        InputError: a split is empty, or has fewer tosses than asked for.
+    """
+    torch.set_num_threads(1)
+    train, validation = training_tosses(dataset, config)
+    return Fit(
+        build_model(config.model, dataset.object, seed=config.seed),
+        make_transitions(dataset.object, train),
+        make_transitions(dataset.object, validation),
+        FitSettings(epochs=config.epochs, patience=config.patience),
+    )
+
+
+def train_model(
+    fit: Fit,
+    *,
+    state: dict[str, Any] | None = None,
+    watch: Callable[[int, EpochRecord, Callable[[], dict[str, Any]]], None] | None = None,
+) -> Trained:
+    """Run a fit to its end.
+
+    Args:
+        fit: of `prepare`.
+        state: of an interrupted training of the same keys and data, to go on from.
+        watch: called after every epoch with the number of epochs so far, the epoch's record,
+            and a function that returns the state now.
+
+    Raises:
+        DivergedError: the loss became NaN or infinite.
+    """
+    history: list[EpochRecord] = []
+    before, started = 0.0, time.perf_counter()
+    if state is not None:
+        fit.load_state_dict(copy.deepcopy(state["fit"]))
+        history = [EpochRecord(**row) for row in state["history"]]
+        before = float(state["seconds"])
+
+    def seconds() -> float:
+        return before + time.perf_counter() - started
+
+    def state_now() -> dict[str, Any]:
+        rows = [asdict(record) for record in history]
+        return {"fit": copy.deepcopy(fit.state_dict()), "history": rows, "seconds": seconds()}
+
+    for record in fit.epochs():
+        history.append(record)
+        if watch is not None:
+            watch(len(history), record, state_now)
+    return Trained(fit.model, tuple(history), seconds())
+
+
+def training_tosses(dataset: Dataset, config: TrainConfig) -> tuple[tuple[Toss, ...], tuple[Toss, ...]]:
+    """The tosses to learn from and those that end the training; `config.tosses` are drawn by the seed."""
+    train, validation = tuple(dataset.of_split("train")), tuple(dataset.of_split("validation"))
+    for split, found in (("train", train), ("validation", validation)):
+        if not found:
+            raise InputError(f"no tosses in split '{split}'; training needs at least three tosses")
+    if config.tosses is None:
+        return train, validation
+    if config.tosses > len(train):
+        raise InputError(f"tosses={config.tosses}: the dataset has {len(train)} training tosses")
+    rng = np.random.default_rng(config.seed)
+    first, other = rng.permutation(len(train)), rng.permutation(len(validation))
+    return tuple(train[i] for i in first[: config.tosses]), tuple(validation[i] for i in other[: config.tosses])
+
+
+def numbers_of(record: EpochRecord) -> dict[str, float]:
+    """An epoch's losses, as they are tracked."""
+    losses = {"train": record.train_loss, "validation": record.validation_loss, **record.parts}
+    return {f"{record.stage}/{name}": value for name, value in losses.items()}
+
+
+def evaluate_model(model: ContactNets, nominal: ObjectModel, tosses: tuple[Toss, ...]) -> Judged:
+    """Roll the tosses out open loop and measure. nominal: the object whose centre, width and corners are compared."""
+    system = model.system()
+    scores = score_tosses(system, nominal, tosses)
+    metrics: dict[str, Any] = summarize_scores(scores)
+    if nominal.n_joints == 0:
+        metrics["from_flight"] = summarize_scores(score_tosses(system, nominal, tosses, from_flight=True))
+    metrics |= {"unsolved": scores.unsolved, "diverged": scores.diverged}
+    return Judged(metrics, scores)
+
+
+def roll_out(model: ContactNets, tosses: tuple[Toss, ...]) -> tuple[Predicted, ...]:
+    """The motions that `evaluate_model` scores."""
+    steps = np.array([len(toss) - 1 for toss in tosses])
+    run = simulate(
+        model.system(),
+        np.stack([toss.q[0] for toss in tosses]),
+        np.stack([toss.v[0] for toss in tosses]),
+        n_steps=steps,
+        dt=float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses]))),
+        substeps=SUBSTEPS,
+    )
+    return tuple(Predicted(run.q[i, : len(toss)]) for i, toss in enumerate(tosses))

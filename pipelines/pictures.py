@@ -1,0 +1,83 @@
+"""Figures of a training, of an evaluation and of a study, as files: which are drawn, and where they lie."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipelines.learning import Judged, Predicted, Trained
+from pipelines.outputs import output_file
+from tossid.objects import ObjectModel
+from tossid.types import Toss
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def training_figures(trained: Trained, *, name: str) -> dict[str, Figure]:
+    """Curves over epochs, and the geometry before and after."""
+    from tossid.evaluation.figures import learned_geometry, training_curves
+
+    return {
+        "training_curves": training_curves(trained.history, title=f"Training {name}"),
+        "learned_geometry": learned_geometry(
+            trained.model.object, trained.model.learned_object(), title=f"Geometry learned by {name}"
+        ),
+    }
+
+
+def evaluation_figures(
+    judged: Judged, tosses: Sequence[Toss], rollouts: Sequence[Predicted], nominal: ObjectModel, *, name: str
+) -> dict[str, Figure]:
+    """Errors over tosses and along rollouts; the median and the worst toss (by position) side by side with measured."""
+    from tossid.evaluation.figures import errors_along, errors_along_rollout, errors_over_tosses, toss_comparison
+    from tossid.motion import flight_frames
+
+    figures = {"errors_over_tosses": errors_over_tosses({name: judged.scores}, [toss.name for toss in tosses])}
+    if sum(flight_frames(toss, nominal) < len(toss) for toss in tosses) > 1:
+        figures["errors_along_rollout"] = errors_along_rollout({name: errors_along(tosses, rollouts, nominal)})
+    for what, i in ranked(judged.scores.position_error_pct).items():
+        toss = tosses[i]
+        title = f"Toss {toss.name}, {what} position error of {len(tosses)}"
+        figures[f"toss_comparison_{what}"] = toss_comparison(toss, {name: rollouts[i]}, nominal, title=title)
+    return figures
+
+
+def ranked(errors: np.ndarray) -> dict[str, int]:
+    """Indices of the median and of the worst of the finite errors (B,)."""
+    order = [int(i) for i in np.argsort(errors, kind="stable") if np.isfinite(errors[i])]
+    if not order:
+        return {}
+    picked = {"median": order[(len(order) - 1) // 2]}
+    return picked | ({"worst": order[-1]} if len(order) > 1 else {})
+
+
+def sweep_figures(key: str, cells: Sequence[dict[str, Any]], *, measured_penetration_mm: float) -> dict[str, Figure]:
+    """The study's metrics against the swept value, from the first state and from the flight; {} for other keys."""
+    from tossid.evaluation.figures import data_efficiency, gravity_sweep
+
+    starts = [False] + ([True] if all("from_flight" in cell for cell in cells) else [])
+    figures: dict[str, Figure] = {}
+    for from_flight in starts:
+        suffix = "_from_flight" if from_flight else ""
+        if key == "model.gravity":
+            figures[f"gravity_sweep{suffix}"] = gravity_sweep(
+                cells, measured_penetration_mm=measured_penetration_mm, from_flight=from_flight
+            )
+        elif key == "tosses":
+            figures[f"data_efficiency{suffix}"] = data_efficiency(cells, swept="tosses", from_flight=from_flight)
+    return figures
+
+
+def write_figures(figures: dict[str, Figure], folder: Path) -> list[Path]:
+    """Write each as NAME.png into the folder; returns the paths."""
+    paths = []
+    for name, figure in figures.items():
+        path = folder / f"{name}.png"
+        with output_file(path) as temporary:
+            figure.savefig(temporary)
+        paths.append(path)
+    return paths

@@ -1,0 +1,278 @@
+"""`tossid evaluate --sweep NAME`: a study, cell by cell.
+
+Results lie in `outputs/sweeps/NAME-DIGEST`: a folder for each cell, and the
+whole as `cells.json`, `cells.csv` and figures. A cell that is done, in this
+study or in another, is never computed again. MLflow gets a run for the study
+and a nested one for each cell; only this process writes to it.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipelines.calling import jsonable
+from pipelines.cells import SCHEMA, Cell, Computed, compute_all, study_cells
+from pipelines.console import Console
+from pipelines.evaluate import means
+from pipelines.outputs import only_writer, output_file
+from pipelines.project import dataset_path
+from pipelines.schemas import EvaluateConfig, SweepConfig
+from pipelines.tracking import TrackedRun, tracked_run
+from tossid.errors import ConfigError, InputError, TossidError
+from tossid.objects import corner_positions
+from tossid.store import file_sha256, read_dataset
+from tossid.types import Dataset
+
+FOLDER = Path("outputs/sweeps")
+CELL = "cell.json"
+RUNS = "runs.json"
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study with its data and its place."""
+
+    sweep: SweepConfig
+    data: Path
+    sha256: str
+    dataset: Dataset
+    cells: tuple[Cell, ...]
+    folder: Path
+
+    @property
+    def swept(self) -> str:
+        """What the swept value is called in a cell: "gravity" for model.gravity."""
+        return self.sweep.key.rpartition(".")[2]
+
+
+def run_sweep(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> dict[str, Any]:
+    """Compute what is missing, report all; returns the cells and the figures' paths."""
+    started = time.perf_counter()
+    if config.run is not None:
+        raise ConfigError("run", "a study trains its own models; leave it out.")
+    study = _open(config, sweep, console)
+    with only_writer(study.folder / "study"):
+        results = {cell.digest: found for cell in study.cells if (found := _stored(cell)) is not None}
+        console.say(f"{study.folder}: {len(results)} of {len(study.cells)} cells are done")
+        runs = _runs(study)
+        failed: list[dict[str, Any]] = []
+        with tracked_run(f"sweep-{sweep.name}", config, command="sweep", resume=runs.get("run")) as parent:
+            if not parent.resumed:
+                parent.data(study.data, study.sha256, context="study")
+                runs = {"run": parent.id, "cells": {}}
+            for cell in study.cells:
+                if cell.digest in results:
+                    _track(study, cell, results[cell.digest], parent, runs)
+            missing = [cell for cell in study.cells if cell.digest not in results]
+            with console.progress(f"sweep {sweep.name}", len(study.cells), unit="cells") as bar:
+                bar.advance(len(results))
+                for cell, computed in compute_all(study.dataset, missing, workers=sweep.workers):
+                    if isinstance(computed, TossidError):
+                        failed.append({"model": cell.model, "seed": cell.seed, study.swept: cell.value})
+                        failed[-1]["error"] = str(computed)
+                        console.warn(f"{cell.model}, {study.swept} {cell.value:g}, seed {cell.seed}: {computed}")
+                    else:
+                        results[cell.digest] = _keep(study, cell, computed)
+                        _track(study, cell, results[cell.digest], parent, runs)
+                    bar.advance(1, note=f"{cell.model}, {study.swept} {cell.value:g}")
+            if not results:
+                raise InputError(f"all {len(failed)} cells failed; the first: {failed[0]['error']}")
+            report = _report(study, results, runs, failed, parent)
+    report["seconds"] = time.perf_counter() - started
+    _show(study, report, console)
+    return report
+
+
+def _open(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> Study:
+    data = dataset_path(config.data)
+    dataset, sha256 = read_dataset(data), file_sha256(data)
+    if not dataset.of_split("test"):
+        raise InputError(f"{data}: no held-out tosses to judge (split 'test')")
+    cells = study_cells(sweep, data, sha256)
+    there = len(dataset.of_split("train"))
+    kept = tuple(cell for cell in cells if cell.config.tosses is None or cell.config.tosses <= there)
+    left_out = sorted({cell.value for cell in cells} - {cell.value for cell in kept})
+    if left_out:
+        what = f"{data} has {there} training tosses; left out: {', '.join(f'{value:g}' for value in left_out)}"
+        if not kept:
+            raise InputError(what)
+        console.warn(what)
+    digest = hashlib.sha256(json.dumps([sweep.key, *[cell.digest for cell in kept]]).encode()).hexdigest()[:12]
+    return Study(sweep, data, sha256, dataset, kept, FOLDER / f"{sweep.name}-{digest}")
+
+
+# ---------------------------------------------------------------- a cell on disk and in MLflow
+
+
+def _stored(cell: Cell) -> dict[str, Any] | None:
+    """A cell that any study has computed."""
+    for path in sorted(FOLDER.glob(f"*/cells/{cell.name}/{CELL}")):
+        try:
+            found = json.loads(path.read_text())
+        except (OSError, ValueError):
+            continue
+        if isinstance(found, dict) and found.get("schema") == SCHEMA and found.get("digest") == cell.digest:
+            return {**found, "folder": str(path.parent)}
+    return None
+
+
+def _keep(study: Study, cell: Cell, computed: Computed) -> dict[str, Any]:
+    """Write a cell: its checkpoint and config, and last, as the sign that all is there, its numbers."""
+    import torch
+    import yaml
+
+    from pipelines.checkpoints import build_model, save_checkpoint
+    from pipelines.config import as_plain
+    from pipelines.runs import CHECKPOINT, CONFIG
+
+    folder = study.folder / "cells" / cell.name
+    model = build_model(cell.config.model, study.dataset.object, seed=cell.seed)
+    model.load_state_dict(torch.load(io.BytesIO(computed.state), weights_only=True))
+    save_checkpoint(
+        folder / CHECKPOINT,
+        model=model,
+        config=cell.config.model,
+        seed=cell.seed,
+        data=study.data,
+        sha256=study.sha256,
+        fit={},
+    )
+    _write(folder / CONFIG, yaml.safe_dump(as_plain(cell.config), sort_keys=False, allow_unicode=True))
+    content = {"schema": SCHEMA, "digest": cell.digest, "result": computed.result, "history": computed.history}
+    content = jsonable(content)
+    _write(folder / CELL, json.dumps(content, indent=1) + "\n")
+    return {**content, "folder": str(folder)}
+
+
+def _track(study: Study, cell: Cell, stored: dict[str, Any], parent: TrackedRun, runs: dict[str, Any]) -> None:
+    """Log a cell as a run under the study's, once."""
+    if cell.digest in runs["cells"]:
+        return
+    from pipelines.learning import numbers_of
+    from pipelines.runs import CHECKPOINT
+    from tossid.training.fit import EpochRecord
+
+    name = f"{cell.model}-{study.swept}{cell.value:g}-s{cell.seed}"
+    with tracked_run(name, cell.config, command="train", parent=parent, tags={"sweep": study.sweep.name}) as run:
+        run.data(study.data, study.sha256, context="training")
+        for step, row in enumerate(stored["history"], start=1):
+            run.metrics(numbers_of(EpochRecord(**row)), step=step)
+        run.metrics(means(stored["result"]), step=len(stored["history"]))
+        run.text(json.dumps(stored["result"], indent=1), "result.json")
+        run.checkpoint(Path(stored["folder"]) / CHECKPOINT)
+    runs["cells"][cell.digest] = run.id
+    _write(study.folder / RUNS, json.dumps(runs, indent=1) + "\n")
+
+
+def _runs(study: Study) -> dict[str, Any]:
+    """The runs that this study has in MLflow: its own, and each cell's by digest."""
+    try:
+        runs = json.loads((study.folder / RUNS).read_text())
+        return {"run": str(runs["run"]), "cells": dict(runs["cells"])}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def _write(path: Path, text: str) -> None:
+    with output_file(path) as temporary:
+        temporary.write_text(text)
+
+
+# ---------------------------------------------------------------- the whole
+
+
+def _report(
+    study: Study, results: dict[str, Any], runs: dict[str, Any], failed: list[dict[str, Any]], parent: TrackedRun
+) -> dict[str, Any]:
+    """The study's table, figures and JSON, on disk and in MLflow."""
+    from pipelines.pictures import sweep_figures, write_figures
+
+    cells = [
+        {
+            "model": cell.model,
+            "seed": cell.seed,
+            study.swept: cell.value,
+            **results[cell.digest]["result"],
+            "run": runs["cells"][cell.digest],
+        }
+        for cell in study.cells
+        if cell.digest in results
+    ]
+    depth = _measured_penetration(study.dataset)
+    figures = write_figures(
+        sweep_figures(study.sweep.key, cells, measured_penetration_mm=depth), study.folder / "figures"
+    )
+    report: dict[str, Any] = {
+        "run": parent.id,
+        "sweep": study.sweep.name,
+        "key": study.sweep.key,
+        "data": str(study.data),
+        "n_tosses": len(study.dataset.of_split("test")),
+        "split": "test",
+        "measured": {"penetration_mm": depth},
+        "cells": cells,
+        "failed": failed,
+        "out": str(study.folder),
+        "figures": [str(path) for path in figures],
+    }
+    _write(study.folder / "cells.json", json.dumps(jsonable(cells), indent=1) + "\n")
+    _write(study.folder / "cells.csv", table_text(cells, study.swept))
+    for path in (study.folder / "cells.json", study.folder / "cells.csv"):
+        parent.artifact(path)
+    for path in figures:
+        parent.artifact(path, folder="figures")
+    parent.metrics({"cells": len(cells), "failed": len(failed)})
+    return report
+
+
+def _measured_penetration(dataset: Dataset) -> float:
+    """Mean over held-out tosses of the measured motions' own penetration, as `penetration_mm` [mm]."""
+    tosses = dataset.of_split("test")
+    lowest = [corner_positions(dataset.object, toss.q)[..., 2].min(axis=1) for toss in tosses]
+    return float(np.mean([1e3 * np.maximum(-height, 0).mean() for height in lowest]))
+
+
+def table_text(cells: Sequence[dict[str, Any]], swept: str) -> str:
+    """The cells as CSV: a row each, for every metric its mean and the ends of its 95 % interval."""
+    rows = []
+    for cell in cells:
+        row = {"model": cell["model"], "seed": cell["seed"], swept: cell[swept]}
+        for prefix, metrics in (("", cell), ("from_flight.", cell.get("from_flight", {}))):
+            for name, value in metrics.items():
+                if isinstance(value, dict) and "ci95" in value:
+                    ends = zip(("mean", "low", "high"), (value["mean"], *value["ci95"]), strict=True)
+                    row |= {f"{prefix}{name}.{end}": number for end, number in ends}
+        rows.append(
+            row | {name: cell[name] for name in ("n_tosses", "unsolved", "diverged", "epochs", "seconds", "run")}
+        )
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(dict.fromkeys(name for row in rows for name in row)), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def _show(study: Study, report: dict[str, Any], console: Console) -> None:
+    """Means over seeds, for a person."""
+    metrics = ("gravity_ms2", "position_error_pct", "rotation_error_deg", "penetration_mm")
+    rows = []
+    for model in dict.fromkeys(cell["model"] for cell in report["cells"]):
+        for value in dict.fromkeys(cell[study.swept] for cell in report["cells"]):
+            same = [c for c in report["cells"] if c["model"] == model and c[study.swept] == value]
+            found = [[c[name]["mean"] for c in same if c[name]["mean"] is not None] for name in metrics]
+            if same:
+                rows.append([model, f"{value:g}", *[f"{np.mean(part):.3g}" if part else "-" for part in found]])
+    seeds = len(study.sweep.seeds)
+    title = f"{study.sweep.name}: {report['n_tosses']} held-out tosses" + (f", means of {seeds} seeds" * (seeds > 1))
+    console.table(["model", study.swept, *metrics], rows, title=title)
+    console.facts({"cells": f"{report['out']}/cells.csv", "figures": report["figures"], "run": report["run"]})
