@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,8 +64,15 @@ def save_checkpoint(
         "model": model.state_dict(),
         "fit": fit,
     }
+    write_tensors(content, path)
+
+
+def write_tensors(content: dict[str, Any], path: Path) -> None:
+    """`torch.save` to a file, whole or not at all. (torch itself reports a full disk as no `OSError`.)"""
+    buffer = io.BytesIO()
+    torch.save(content, buffer)
     with output_file(path) as temporary:
-        torch.save(content, temporary)
+        temporary.write_bytes(buffer.getbuffer())
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:

@@ -100,11 +100,14 @@ def _folder_name(record: RunRecord, data: Path, split: str) -> str:
 
 
 def means(metrics: dict[str, Any]) -> dict[str, float]:
-    """The metrics' means and the counts, as they are tracked."""
-    numbers = {name: value["mean"] for name, value in metrics.items() if isinstance(value, dict) and "mean" in value}
-    numbers |= {name: float(value) for name, value in metrics.items() if isinstance(value, (int, float))}
-    flight = metrics.get("from_flight", {})
-    return numbers | {f"from_flight/{name}": value["mean"] for name, value in flight.items()}
+    """The metrics' means and the counts, as they are tracked; those that are not known are left out."""
+    nested = {"": metrics, "from_flight/": metrics.get("from_flight", {})}
+    found = {
+        f"{prefix}{name}": value["mean"] if isinstance(value, dict) and "mean" in value else value
+        for prefix, part in nested.items()
+        for name, value in part.items()
+    }
+    return {name: float(value) for name, value in found.items() if isinstance(value, (int, float))}
 
 
 def table_rows(metrics: dict[str, Any]) -> list[list[str]]:

@@ -73,10 +73,12 @@ def _explain(error: BaseException, args: list[str]) -> tuple[str, int]:
         return _usage(error, args), error.exit_code
     if isinstance(error, BrokenPipeError):
         return "", 1
-    problem = disk_problem(error)
-    if problem is not None:
-        name = getattr(error, "filename", None)
-        return f"{name}: {problem}" if name else problem, 1
+    of_store = (cause for cause in _causes(error) if type(cause).__module__ == "sqlite3")
+    for cause in (error, *of_store):  # MLflow wraps its store's errors
+        problem = disk_problem(cause)
+        if problem is not None:
+            name = getattr(cause, "filename", None)
+            return f"{name}: {problem}" if name else problem, 1
     if isinstance(error, MemoryError):
         return "out of memory", 1
     what = f"{type(error).__name__}: {_one_line(error)}".rstrip(": ")
@@ -85,11 +87,14 @@ def _explain(error: BaseException, args: list[str]) -> tuple[str, int]:
 
 def _was_interrupted(error: BaseException | None) -> bool:
     """Whether Ctrl-C is behind an error; libraries may wrap it (Python itself does, while a class is made)."""
+    return any(isinstance(cause, (KeyboardInterrupt, Interrupted, typer.Abort)) for cause in _causes(error))
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """An error and what is behind it."""
     while error is not None:
-        if isinstance(error, (KeyboardInterrupt, Interrupted, typer.Abort)):
-            return True
+        yield error
         error = error.__cause__ or error.__context__
-    return False
 
 
 def _usage(error: typer.TyperException, args: list[str]) -> str:

@@ -7,6 +7,7 @@ same folder shows it with no further keys.
 
 from __future__ import annotations
 
+import fcntl
 import logging
 import os
 from collections.abc import Iterator
@@ -24,12 +25,12 @@ def client() -> MlflowClient:
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
     for name in ("mlflow", "alembic"):
-        logging.getLogger(name).setLevel(logging.WARNING)
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # its errors are raised too, and reported here
     import mlflow
     from mlflow import MlflowClient
 
     for name in ("mlflow", "alembic"):
-        logging.getLogger(name).setLevel(logging.WARNING)
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     _prepare_sqlite()
     uri = mlflow.get_tracking_uri()
     if uri.startswith("sqlite:///"):
@@ -58,21 +59,58 @@ def _on_connect(connection: Any, record: Any) -> None:
         cursor.close()
 
 
+_MAKING = b"making"
+
+
 @contextmanager
 def _making(database: Path) -> Iterator[None]:
-    """Hold back others while the first process makes the tables (only where the file is not there yet)."""
-    if database.exists() and database.stat().st_size > 0 and not database.with_suffix(".making").exists():
-        yield
-        return
-    import fcntl
+    """Let one process make the tables, where they are not there yet, and leave no half of them.
 
+    MLflow could not open a half-made store again. What an error or Ctrl-C
+    leaves is removed; what a killed process left is put aside by the next one,
+    which knows it by the lock file that says so.
+    """
     lock = database.with_suffix(".making")
-    with open(lock, "w") as handle:
+    while True:
+        if database.exists() and database.stat().st_size > 0 and not lock.exists():
+            yield
+            return
+        handle = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         fcntl.flock(handle, fcntl.LOCK_EX)
+        if _is_at(handle, lock):
+            break
+        os.close(handle)  # another process has made the store meanwhile
+    try:
+        if os.read(handle, len(_MAKING)) == _MAKING:
+            for path in _files(database):
+                if path.exists():
+                    os.replace(path, path.with_name(f"{path.name}.unfinished"))
+        there = database.exists() and database.stat().st_size > 0
+        if not there:
+            os.pwrite(handle, _MAKING, 0)
         try:
             yield
-        finally:
-            lock.unlink(missing_ok=True)
+        except BaseException:
+            if not there:
+                for path in _files(database):
+                    path.unlink(missing_ok=True)
+            raise
+    finally:
+        lock.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def _is_at(handle: int, path: Path) -> bool:
+    """Whether an open file is still the one at a path."""
+    try:
+        return os.stat(path).st_ino == os.fstat(handle).st_ino
+    except FileNotFoundError:
+        return False
+
+
+def _files(database: Path) -> tuple[Path, Path, Path]:
+    """SQLite's files."""
+    return database, database.with_name(f"{database.name}-wal"), database.with_name(f"{database.name}-shm")
 
 
 def experiment_id(client: MlflowClient, name: str) -> str:

@@ -38,12 +38,20 @@ _DISK_ERRORS = {
     errno.ENOTDIR: "a file stands where a folder is needed",
 }
 
+_SQLITE = {
+    "database or disk is full": "the disk is full (MLflow's store)",
+    "disk I/O error": "the disk reports an input/output error (MLflow's store)",
+    "readonly database": "MLflow's store is read-only",
+}
+
 
 def disk_problem(error: BaseException) -> str | None:
     """What the disk would not do, in words, or None where `error` is nothing of the kind.
 
-    HDF5 reports the system's error in its text only, so the text is read too.
+    HDF5 and SQLite report the system's error in their text only, so the text is read too.
     """
+    if type(error).__module__ == "sqlite3":
+        return next((words for text, words in _SQLITE.items() if text in str(error)), None)
     if not isinstance(error, OSError):
         return None
     if error.errno in _DISK_ERRORS:
@@ -122,8 +130,7 @@ def only_writer(path: Path) -> Iterator[None]:
     Raises:
         OutputError: another command is at it.
     """
-    path = Path(os.path.abspath(path))
-    with _explained(path), _lock(path):
+    with _lock(Path(os.path.abspath(path))):
         yield
 
 

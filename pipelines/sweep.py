@@ -70,6 +70,7 @@ def run_sweep(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> d
             if not parent.resumed:
                 parent.data(study.data, study.sha256, context="study")
                 runs = {"run": parent.id, "cells": {}}
+                _write(study.folder / RUNS, json.dumps(runs) + "\n")
             for cell in study.cells:
                 if cell.digest in results:
                     _track(study, cell, results[cell.digest], parent, runs)

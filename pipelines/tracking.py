@@ -168,10 +168,13 @@ def tracked_run(
         status = "KILLED"
         raise
     finally:
-        if status != "FINISHED":
+        if status == "FINISHED":
+            store.set_terminated(run.id, status)
+        else:
             with suppress(Exception):  # the first error is the one to report
                 run.flush()
-        store.set_terminated(run.id, status)
+            with suppress(Exception):
+                store.set_terminated(run.id, status)
 
 
 def _left(store: MlflowClient, run_id: str | None, experiment: str) -> TrackedRun | None:

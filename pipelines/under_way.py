@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from pipelines.checkpoints import write_tensors
 from pipelines.outputs import output_file
 from pipelines.runs import RUN, run_id_in
 from tossid.errors import FileError
@@ -34,8 +35,7 @@ class UnderWay:
 
     def save(self, state: dict[str, Any]) -> None:
         """Keep a state, whole or not at all."""
-        with output_file(self.folder / STATE) as temporary:
-            torch.save({"schema": SCHEMA, **state}, temporary)
+        write_tensors({"schema": SCHEMA, **state}, self.folder / STATE)
 
     def state(self) -> dict[str, Any] | None:
         """The kept state, None if there is none.
