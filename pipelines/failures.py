@@ -108,7 +108,7 @@ def _usage(error: typer.TyperException, args: list[str]) -> str:
         near = nearest(args[0], command_names())
         hint = f"Did you mean '{near}'?" if near else f"There are {', '.join(command_names())}."
         return f"{args[0]}: no such command. {hint}"
-    if option:
+    if option and message.startswith("No such option"):
         word = str(option).lstrip("-").partition("=")[0]
         keys = command_keys(args[0])
         if word in keys:

@@ -68,23 +68,19 @@ def ingest_frames(config: IngestConfig, source: FramesSource, console: Console) 
         tosses, tracks, rejected = segment_stage(
             poses, opened.model, config.segment, gravity=config.gravity, console=console
         )
-        save(
-            draw_splits(tosses, fractions=config.splits, seed=config.seed),
+        _save(
+            tosses,
+            tracks,
             opened.model,
             temporary,
-            rate_hz=median_rate(tracks),
-            source="frames",
+            config,
             command="ingest",
-            config=config,
-            lineage={
-                "source_path": str(opened.path),
-                "source_sha256": source_sha256(opened.path),
-                "covariance_source": covariance_source(tracks),
-                "n_images": opened.recording.n_frames,
-                "n_detections": len(detections),
-                "n_poses": report.n_poses,
-                "reprojection_rms_px": report.rms,
-            },
+            source_path=str(opened.path),
+            source_sha256=source_sha256(opened.path),
+            n_images=opened.recording.n_frames,
+            n_detections=len(detections),
+            n_poses=report.n_poses,
+            reprojection_rms_px=report.rms,
         )
     facts = described(out, console)
     return {**facts, "detect": tally, "track": asdict(report), "segment": {"rejected": rejected}}
@@ -172,21 +168,40 @@ def segment_file(config: SegmentStageConfig, console: Console) -> dict[str, Any]
         tosses, tracks, rejected = segment_stage(
             poses, opened.model, config.segment, gravity=config.gravity, console=console
         )
-        save(
-            draw_splits(tosses, fractions=config.splits, seed=config.seed),
+        _save(
+            tosses,
+            tracks,
             opened.model,
             temporary,
-            rate_hz=median_rate(tracks),
-            source="frames",
+            config,
             command="segment",
-            config=config,
-            lineage={
-                "source_path": str(source),
-                "source_sha256": source_sha256(source),
-                "covariance_source": covariance_source(tracks),
-            },
+            source_path=str(source),
+            source_sha256=source_sha256(source),
         )
     return {**described(out, console), "segment": {"rejected": rejected}}
+
+
+def _save(
+    tosses: Sequence[Toss],
+    tracks: Sequence[PoseTrack],
+    model: ObjectModel,
+    path: Path,
+    config: IngestConfig | SegmentStageConfig,
+    *,
+    command: str,
+    **lineage: str | int | float,
+) -> None:
+    """Draw the splits and write what camera frames gave, with its lineage."""
+    save(
+        draw_splits(tosses, fractions=config.splits, seed=config.seed),
+        model,
+        path,
+        rate_hz=median_rate(tracks),
+        source="frames",
+        command=command,
+        config=config,
+        lineage={**lineage, "covariance_source": covariance_source(tracks)},
+    )
 
 
 def read_track(path: Path) -> PoseTrack:

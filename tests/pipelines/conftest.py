@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+from pipelines import app
+
+KEYS = ["model=cnrpi", "epochs=12", "patience=12"]
+"""A short training."""
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -30,6 +40,51 @@ def tossid(project: Path) -> Run:
         )
 
     return run
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a small dataset of tosses, and an uninterrupted training of KEYS in an MLflow store."""
+    folder = tmp_path_factory.mktemp("made")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
+        keys = [
+            "frames=false",
+            "engine=lcp",
+            "tosses=10",
+            "seconds=0.8",
+            "noise.position=0.0005",
+            "noise.velocity=0.02",
+        ]
+        assert app.run(["synthesize", *keys, "out=tosses", "--quiet"]) == 0
+        assert app.run(["train", *KEYS, "data=tosses", "--quiet"]) == 0
+    return folder
+
+
+@pytest.fixture
+def answer(capfd: pytest.CaptureFixture[str]) -> Any:
+    """Run a command with --json; returns its object."""
+
+    def run(*args: str) -> dict[str, Any]:
+        code = app.run([*args, "--json", "--quiet"])
+        out, err = capfd.readouterr()
+        assert code == 0, err
+        found: dict[str, Any] = json.loads(out)
+        return found
+
+    return run
+
+
+@pytest.fixture
+def beside(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder of its own with the dataset and the store's tables, without outputs."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    shutil.copytree(made / "tosses", tmp_path / "tosses")
+    with closing(sqlite3.connect(made / "mlflow.db")) as store, closing(sqlite3.connect("mlflow.db")) as copy:
+        store.backup(copy)
+    return tmp_path
 
 
 def one_line(text: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -27,20 +26,6 @@ from tossid.store import file_sha256, read_dataset, write_tum
 from tossid.types import Phase
 
 FILM = ["tosses=1", "camera.count=2", "camera.samples=4", "camera.pause_s=[0.1,0.1]", "camera.carry_s=[0.2,0.2]"]
-
-
-@pytest.fixture
-def answer(capfd: pytest.CaptureFixture[str]) -> Any:
-    """Run a command with --json; returns its object."""
-
-    def run(*args: str) -> dict[str, Any]:
-        code = app.run([*args, "--json", "--quiet"])
-        out, err = capfd.readouterr()
-        assert code == 0, err
-        found: dict[str, Any] = json.loads(out)
-        return found
-
-    return run
 
 
 @pytest.fixture(scope="module")

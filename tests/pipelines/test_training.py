@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import os
 import pickle
 import resource
 import shutil
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +22,9 @@ from pipelines import app, learning, outputs
 from pipelines.config import load
 from pipelines.runs import find_run, find_runs, metric_history
 from pipelines.schemas import TrainConfig
-from tests.pipelines.conftest import one_line
+from tests.pipelines.conftest import KEYS, one_line
 from tossid.errors import InputError
 from tossid.store import read_dataset
-
-KEYS = ["model=cnrpi", "epochs=12", "patience=12"]
 
 SLOW = """
 import sys, time
@@ -44,51 +39,6 @@ Fit._step = slow
 app.main(sys.argv[1:])
 """
 """`tossid`, with time to interrupt a training."""
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a small dataset of tosses, and an uninterrupted training in an MLflow store."""
-    folder = tmp_path_factory.mktemp("made")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
-        keys = [
-            "frames=false",
-            "engine=lcp",
-            "tosses=10",
-            "seconds=0.8",
-            "noise.position=0.0005",
-            "noise.velocity=0.02",
-        ]
-        assert app.run(["synthesize", *keys, "out=tosses", "--quiet"]) == 0
-        assert app.run(["train", *KEYS, "data=tosses", "--quiet"]) == 0
-    return folder
-
-
-@pytest.fixture
-def answer(capfd: pytest.CaptureFixture[str]) -> Any:
-    """Run a command with --json; returns its object."""
-
-    def run(*args: str) -> dict[str, Any]:
-        code = app.run([*args, "--json", "--quiet"])
-        out, err = capfd.readouterr()
-        assert code == 0, err
-        found: dict[str, Any] = json.loads(out)
-        return found
-
-    return run
-
-
-@pytest.fixture
-def beside(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A working folder of its own with the dataset and the store's tables, without outputs."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-    shutil.copytree(made / "tosses", tmp_path / "tosses")
-    with closing(sqlite3.connect(made / "mlflow.db")) as store, closing(sqlite3.connect("mlflow.db")) as copy:
-        store.backup(copy)
-    return tmp_path
 
 
 def parameters_in(folder: Path) -> dict[str, torch.Tensor]:
