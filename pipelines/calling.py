@@ -17,22 +17,23 @@ from pipelines.console import Console
 from pipelines.failures import Interrupted
 
 
-def call_with_keys(command: str, keys: Sequence[str], *, json: bool, quiet: bool) -> None:
-    """Compose the config of `command` from `conf/` and `keys`, then `call` it."""
+def call_with_keys(command: str, keys: Sequence[str], *, json: bool, quiet: bool) -> Any:
+    """Compose the config of `command` from `conf/` and `keys`, then `call` it; returns its result."""
     from pipelines.config import load
     from pipelines.schemas import COMMANDS
 
     with _uninterrupted():
         config: object = load(command, COMMANDS[command], keys)
-    call(command, config, json=json, quiet=quiet)
+    return call(command, config, json=json, quiet=quiet)
 
 
-def call(command: str, argument: Any, *, json: bool, quiet: bool) -> None:
-    """Run `pipelines.COMMAND.run(argument, console)` and print its result if `json`."""
+def call(command: str, argument: Any, *, json: bool, quiet: bool) -> Any:
+    """Run `pipelines.COMMAND.run(argument, console)`, print its result if `json`, and return it."""
     with _uninterrupted(), guarded_stdout():
         result = _runner(command)(argument, Console(quiet=quiet))
     if json:
         print(jsonlib.dumps(jsonable(result), indent=2, allow_nan=False), flush=True)  # noqa: T201
+    return result
 
 
 def _runner(command: str) -> Callable[[Any, Console], Any]:

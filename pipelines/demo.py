@@ -1,70 +1,110 @@
-"""`make demo`: the main job on embedded defaults, and what was found against the truth."""
+"""`make demo`: the main job on embedded defaults, what was found against the truth, and where to look next."""
 
 from __future__ import annotations
 
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from pipelines.calling import call_with_keys
 from pipelines.console import Console
 
+if TYPE_CHECKING:
+    from tossid.types import Dataset
+
 RECORDING = Path("data/raw/demo")
 DATASET = Path("data/datasets/demo.h5")
+FRICTION = 0.3
+"""Friction of the synthesized cube; what is given to the training is that of conf/object/cube.yaml."""
+
+STAGES: tuple[tuple[str, tuple[str, ...]], ...] = (
+    (
+        "synthesize",
+        (
+            "object=cube",
+            f"object.friction={FRICTION}",
+            "engine=mujoco",
+            "tosses=12",
+            "seed=0",
+            "frames=true",
+            f"out={RECORDING}",
+        ),
+    ),
+    ("ingest", ("source=frames", f"source.path={RECORDING}", "object=cube", f"out={DATASET}")),
+    ("train", ("model=cnrpi", f"data={DATASET}")),
+    ("evaluate", ()),
+)
 
 
 def main() -> int:
-    """Synthesize, ingest, train, evaluate; then the table."""
+    """Synthesize, ingest, train, evaluate; then the table, and where to look."""
     console = Console()
     started = time.perf_counter()
-    stages: list[tuple[str, list[str]]] = [
-        ("synthesize", ["object=cube", "engine=mujoco", "tosses=12", "seed=0", "frames=true", f"out={RECORDING}"]),
-        ("ingest", ["source=frames", f"source.path={RECORDING}", f"out={DATASET}"]),
-        ("train", ["model=cnrpi", f"data={DATASET}"]),
-        ("evaluate", []),
-    ]
-    for command, keys in stages:
-        console.say(f"\n$ tossid {command} {' '.join(keys)}")
-        call_with_keys(command, keys, json=False, quiet=False)
+    results: dict[str, dict[str, Any]] = {}
+    for command, keys in STAGES:
+        console.say(f"\n$ tossid {command} {' '.join(keys)}".rstrip())
+        results[command] = call_with_keys(command, keys, json=False, quiet=False)
 
+    title = "What was found, against the truth that was synthesized and what the training was given"
+    rows = found_and_true(Path(results["train"]["checkpoint"]))
+    console.table(["quantity", "given", "truth", "found"], rows, title=title)
+    console.say(f"{time.perf_counter() - started:.0f} s. Where to look next:")
+    figures = [str(Path(path)) for name in ("train", "evaluate") for path in results[name]["figures"]]
+    console.facts(
+        {
+            "figures": "\n           ".join(figures),
+            "runs": "mlflow ui, then http://127.0.0.1:5000",
+            "a study": "tossid evaluate --sweep gravity   (which models repair a wrong gravity? some minutes)",
+            "keys": "tossid train --help",
+            "your data": "README.md, 'Your data'",
+        }
+    )
+    return 0
+
+
+def found_and_true(checkpoint: Path) -> list[list[str]]:
+    """The table's rows: quantity, given, truth, found."""
     import numpy as np
 
     from pipelines.checkpoints import load_checkpoint
-    from pipelines.runs import find_run
-    from tossid.evaluation.metrics import score_tosses
-    from tossid.rotations import geodesic_angle
+    from pipelines.learning import evaluate_model
     from tossid.store import read_dataset
 
-    truth, found = read_dataset(RECORDING / "truth.h5"), read_dataset(DATASET)
-    position, angle = [], []
-    for toss in found.tosses:
+    truth, seen = read_dataset(RECORDING / "truth.h5"), read_dataset(DATASET)
+    distance, turn = pose_errors(truth, seen)
+    model = load_checkpoint(checkpoint).model
+    given, learned, true = seen.object, model.learned_object(), truth.object
+    fall = evaluate_model(model, given, seen.tosses).metrics["gravity_ms2"]["mean"]
+    corners = 1e3 * np.linalg.norm(learned.corner_pos - true.corner_pos, axis=1).max()
+    rows = [
+        ["tosses", "-", f"{len(truth.tosses)}", f"{len(seen.tosses)}"],
+        ["pose error, median [mm]", "-", "0", f"{np.median(distance):.3f}"],
+        ["pose error, median [deg]", "-", "0", f"{np.median(turn):.3f}"],
+        ["pose error, worst [deg]", "-", "0", f"{turn.max():.2f}"],
+        ["gravity [m/s²]", f"{model.settings.gravity:.2f}", "9.81", f"{fall:.2f}"],
+        ["friction", f"{given.friction:.3f}", f"{true.friction:.3f}", f"{learned.friction:.3f}"],
+        ["worst corner, off by [mm]", "0", "0", f"{corners:.1f}"],
+        ["centre of mass, off by [mm]", "0", "0", f"{1e3 * np.linalg.norm(learned.com - true.com):.1f}"],
+        ["inertia, relative", "1", "1", f"{np.trace(learned.inertia[0]) / np.trace(true.inertia[0]):.3f}"],
+    ]
+    return rows
+
+
+def pose_errors(truth: Dataset, seen: Dataset) -> tuple[Any, Any]:
+    """Distance [mm] and angle [deg] between seen and true poses, in every frame of a seen toss that the truth has."""
+    import numpy as np
+
+    from tossid.rotations import geodesic_angle
+
+    distance, angle = [], []
+    for toss in seen.tosses:
         for true in truth.tosses:
             row = np.round((toss.t - true.t[0]) * truth.rate_hz).astype(int)
             inside = (row >= 0) & (row < len(true))
-            position.append(np.linalg.norm(toss.q[inside, :3] - true.q[row[inside], :3], axis=1))
+            distance.append(1e3 * np.linalg.norm(toss.q[inside, :3] - true.q[row[inside], :3], axis=1))
             angle.append(np.rad2deg(geodesic_angle(toss.q[inside, 3:7], true.q[row[inside], 3:7])))
-    distance, turn = np.concatenate(position), np.concatenate(angle)
-    record = find_run()
-    assert record.checkpoint is not None
-    model = load_checkpoint(record.checkpoint).model
-    learned, given = model.learned_object(), truth.object
-    fall = float(np.nanmean(score_tosses(model.system(), found.object, found.tosses).gravity_ms2))
-    rows = [
-        ["tosses", str(len(truth.tosses)), str(len(found.tosses))],
-        ["pose error, median [mm]", "0", f"{1e3 * np.median(distance):.3f}"],
-        ["pose error, median [deg]", "0", f"{np.median(turn):.3f}"],
-        ["pose error, worst [deg]", "0", f"{turn.max():.2f}"],
-        ["gravity [m/s²]", "9.81", f"{fall:.2f}"],
-        ["friction", f"{given.friction:.3f}", f"{learned.friction:.3f}"],
-        ["worst corner [mm]", "0", f"{1e3 * np.linalg.norm(learned.corner_pos - given.corner_pos, axis=1).max():.1f}"],
-        ["centre of mass, offset [mm]", "0", f"{1e3 * np.linalg.norm(learned.com - given.com):.1f}"],
-        ["inertia / mass, relative", "1", f"{np.trace(learned.inertia[0]) / np.trace(given.inertia[0]):.3f}"],
-    ]
-    console.table(["quantity", "truth", "found"], rows, title="What was found, against the truth that was synthesized")
-    console.say(
-        f"{time.perf_counter() - started:.0f} s. Next: 'mlflow ui' shows the runs; 'tossid train --help' the keys."
-    )
-    return 0
+    return np.concatenate(distance), np.concatenate(angle)
 
 
 if __name__ == "__main__":
