@@ -4,16 +4,18 @@
 #     further arguments for pip. torch is pinned to an exact version; what pip takes by default on Linux
 #     is its CUDA build (several GB). On a machine without a GPU, name the index of torch's CPU builds here;
 #     with a GPU, name the index of the build for your CUDA version, or nothing.
+# make DATA=FOLDER experiments        FOLDER holds contactnets_cube (README.md, "Studies")
 
 PYTHON   ?= python3
 PIP_ARGS ?=
 VENV     := .venv
 BIN      := $(VENV)/bin
 STAMP    := $(VENV)/.installed
+DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow check format bench clean distclean
+.PHONY: help setup demo experiments test test-slow check format bench clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -30,6 +32,9 @@ $(STAMP): pyproject.toml
 
 demo: $(STAMP)  ## the main job, end to end, on embedded defaults
 	$(BIN)/python -m pipelines.demo
+
+experiments: $(STAMP)  ## the studies on published recordings, hours: make DATA=FOLDER experiments
+	$(BIN)/python -m pipelines.experiments $(DATA)
 
 test: $(STAMP)  ## the tests
 	$(RUN_ONE) $(BIN)/python -m pytest -q

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.calling import call_with_keys
 from pipelines.console import Console
+from pipelines.failures import guarded
 
 if TYPE_CHECKING:
     from tossid.types import Dataset
@@ -37,7 +38,7 @@ STAGES: tuple[tuple[str, tuple[str, ...]], ...] = (
 )
 
 
-def main() -> int:
+def main() -> None:
     """Synthesize, ingest, train, evaluate; then the table, and where to look."""
     console = Console()
     started = time.perf_counter()
@@ -46,21 +47,20 @@ def main() -> int:
         console.say(f"\n$ tossid {command} {' '.join(keys)}".rstrip())
         results[command] = call_with_keys(command, keys, json=False, quiet=False)
 
-    title = "What was found, against the truth that was synthesized and what the training was given"
     rows = found_and_true(Path(results["train"]["checkpoint"]))
-    console.table(["quantity", "given", "truth", "found"], rows, title=title)
+    console.say("\nWhat was found, beside what the training was given and the truth that was synthesized")
+    console.table(["quantity", "given", "truth", "found"], rows)
     console.say(f"{time.perf_counter() - started:.0f} s. Where to look next:")
-    figures = [str(Path(path)) for name in ("train", "evaluate") for path in results[name]["figures"]]
+    figures = [path for name in ("train", "evaluate") for path in results[name]["figures"]]
     console.facts(
         {
-            "figures": "\n           ".join(figures),
+            "figures": "\n             ".join(figures),
             "runs": "mlflow ui, then http://127.0.0.1:5000",
             "a study": "tossid evaluate --sweep gravity   (which models repair a wrong gravity? some minutes)",
             "keys": "tossid train --help",
             "your data": "README.md, 'Your data'",
         }
     )
-    return 0
 
 
 def found_and_true(checkpoint: Path) -> list[list[str]]:
@@ -77,7 +77,7 @@ def found_and_true(checkpoint: Path) -> list[list[str]]:
     given, learned, true = seen.object, model.learned_object(), truth.object
     fall = evaluate_model(model, given, seen.tosses).metrics["gravity_ms2"]["mean"]
     corners = 1e3 * np.linalg.norm(learned.corner_pos - true.corner_pos, axis=1).max()
-    rows = [
+    return [
         ["tosses", "-", f"{len(truth.tosses)}", f"{len(seen.tosses)}"],
         ["pose error, median [mm]", "-", "0", f"{np.median(distance):.3f}"],
         ["pose error, median [deg]", "-", "0", f"{np.median(turn):.3f}"],
@@ -88,7 +88,6 @@ def found_and_true(checkpoint: Path) -> list[list[str]]:
         ["centre of mass, off by [mm]", "0", "0", f"{1e3 * np.linalg.norm(learned.com - true.com):.1f}"],
         ["inertia, relative", "1", "1", f"{np.trace(learned.inertia[0]) / np.trace(true.inertia[0]):.3f}"],
     ]
-    return rows
 
 
 def pose_errors(truth: Dataset, seen: Dataset) -> tuple[Any, Any]:
@@ -108,4 +107,4 @@ def pose_errors(truth: Dataset, seen: Dataset) -> tuple[Any, Any]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(guarded(main, "demo"))

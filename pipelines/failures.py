@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
@@ -48,6 +48,16 @@ def interruptible() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def guarded(work: Callable[[], object], name: str) -> int:
+    """Do the work of a script as a command's is done: errors are one line; returns the exit code."""
+    try:
+        with interruptible():
+            work()
+        return 0
+    except (Exception, KeyboardInterrupt) as error:
+        return report(error, [name, *sys.argv[1:]])
 
 
 def report(error: BaseException, args: list[str]) -> int:
