@@ -56,7 +56,7 @@ def main() -> None:
         {
             "figures": "\n             ".join(figures),
             "runs": "mlflow ui, then http://127.0.0.1:5000",
-            "a study": "tossid evaluate --sweep gravity   (which models repair a wrong gravity? some minutes)",
+            "a study": "tossid evaluate --sweep gravity   (which models repair a wrong gravity? a minute)",
             "keys": "tossid train --help",
             "your data": "README.md, 'Your data'",
         }

@@ -122,4 +122,5 @@ def table_rows(metrics: dict[str, Any]) -> list[list[str]]:
 
 def _cells(value: dict[str, Any]) -> list[str]:
     low, high = value["ci95"]
-    return [f"{value['mean']:.3g}", f"{low:.3g} to {high:.3g}"]
+    few = value.get("n", 2) < 2  # one toss has no spread
+    return [f"{value['mean']:.3g}", "-" if few else f"{low:.3g} to {high:.3g}"]
