@@ -65,11 +65,13 @@ def interrupt(
     return subprocess.CompletedProcess([], running.returncode, "", err)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("number", "epochs"), [(signal.SIGINT, 4), pytest.param(signal.SIGKILL, 16, marks=pytest.mark.slow)]
+)
 def test_an_interrupted_training_goes_on_in_its_run(
-    beside: Path, made: Path, answer: Any, number: signal.Signals
+    beside: Path, made: Path, answer: Any, number: signal.Signals, epochs: int
 ) -> None:
-    done = interrupt(beside, number, keys=KEYS, epochs=4)
+    done = interrupt(beside, number, keys=KEYS, epochs=epochs)
     (left,) = [run for run in find_runs(command="train") if run.info.status != "FINISHED"]
     if number == signal.SIGINT:
         assert done.returncode == 130
