@@ -24,13 +24,20 @@ def build_model(config: ModelConfig, given: ObjectModel, *, seed: int) -> Contac
     """The untrained model that the keys name, for the given object."""
     settings = ContactNetsSettings(
         gravity=config.gravity,
-        learn_residual=config.name in ("cnrp", "cnrpi"),
-        learn_inertia=config.name == "cnrpi",
+        learn_restitution=bool(config.horizons),
+        learn_residual=config.name != "cn",
+        learn_inertia=config.name in ("cnrpi", "diffsim"),
+        inertia=config.inertia,
         hidden=config.hidden,
         residual_weight=config.residual_weight,
         weights=LossWeights(config.complementarity, config.dissipation, config.penetration, config.gap_scale),
+        implicit=config.name != "diffsim",
+        refine_geometry=config.name == "diffsim",
     )
-    return ContactNets(given, settings, seed=seed)
+    com = given.com.copy()
+    com[0] += config.start_com
+    start = given.with_changes(inertia=config.start_inertia * given.inertia, com=com)
+    return ContactNets(start, settings, seed=seed)
 
 
 @dataclass(frozen=True)

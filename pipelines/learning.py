@@ -15,11 +15,9 @@ from pipelines.checkpoints import build_model
 from pipelines.config import as_plain
 from pipelines.schemas import TrainConfig
 from tossid.errors import InputError
-from tossid.evaluation.metrics import SUBSTEPS, TossScores, score_tosses, summarize_scores
+from tossid.evaluation.metrics import TossScores, score_tosses, summarize_scores
 from tossid.models.contactnets import ContactNets
-from tossid.models.transitions import make_transitions
 from tossid.objects import ObjectModel
-from tossid.physics import simulate
 from tossid.training.fit import EpochRecord, Fit, FitSettings
 from tossid.types import Dataset, Toss
 
@@ -74,9 +72,15 @@ def prepare(dataset: Dataset, config: TrainConfig) -> Fit:
     train, validation = training_tosses(dataset, config)
     return Fit(
         build_model(config.model, dataset.object, seed=config.seed),
-        make_transitions(dataset.object, train),
-        make_transitions(dataset.object, validation),
-        FitSettings(epochs=config.epochs, patience=config.patience),
+        train,
+        validation,
+        FitSettings(
+            epochs=config.epochs,
+            patience=config.patience,
+            optimizer=config.optimizer,
+            learning_rate=config.learning_rate,
+            horizons=config.model.horizons,
+        ),
     )
 
 
@@ -141,11 +145,11 @@ def numbers_of(record: EpochRecord) -> dict[str, float]:
 
 def evaluate_model(model: ContactNets, nominal: ObjectModel, tosses: tuple[Toss, ...]) -> Judged:
     """Roll the tosses out open loop and measure. nominal: the object whose centre, width and corners are compared."""
-    system = model.system()
-    scores = score_tosses(system, nominal, tosses)
+    predictor = model.simulator()
+    scores = score_tosses(predictor, nominal, tosses)
     metrics: dict[str, Any] = summarize_scores(scores)
     if nominal.n_joints == 0:
-        metrics["from_flight"] = summarize_scores(score_tosses(system, nominal, tosses, from_flight=True))
+        metrics["from_flight"] = summarize_scores(score_tosses(predictor, nominal, tosses, from_flight=True))
     metrics |= {"unsolved": scores.unsolved, "diverged": scores.diverged}
     return Judged(metrics, scores)
 
@@ -153,12 +157,10 @@ def evaluate_model(model: ContactNets, nominal: ObjectModel, tosses: tuple[Toss,
 def roll_out(model: ContactNets, tosses: tuple[Toss, ...]) -> tuple[Predicted, ...]:
     """The motions that `evaluate_model` scores."""
     steps = np.array([len(toss) - 1 for toss in tosses])
-    run = simulate(
-        model.system(),
+    run = model.simulator().rollout(
         np.stack([toss.q[0] for toss in tosses]),
         np.stack([toss.v[0] for toss in tosses]),
         n_steps=steps,
         dt=float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses]))),
-        substeps=SUBSTEPS,
     )
     return tuple(Predicted(run.q[i, : len(toss)]) for i, toss in enumerate(tosses))

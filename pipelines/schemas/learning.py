@@ -13,8 +13,9 @@ from pipelines.schemas.kinds import Count, NonNegative, Positive, Seed
 class ModelConfig:
     """What is learned and what is given."""
 
-    name: Literal["cn", "cnrp", "cnrpi"]
-    """cn: geometry and friction; cnrp: and a residual acceleration; cnrpi: and inertia with centre of mass"""
+    name: Literal["cn", "cnrp", "cnrpi", "diffsim"]
+    """cn: geometry and friction; cnrp: and a residual acceleration; cnrpi: and inertia with centre of mass;
+    diffsim: what cnrpi learns, by prediction error alone"""
     gravity: NonNegative
     """downward acceleration of the given continuous dynamics [m/s²]"""
     hidden: Count
@@ -29,6 +30,14 @@ class ModelConfig:
     """weight of corners below the ground"""
     gap_scale: Positive
     """distance below which a gap counts quadratically [m]; the noise of the corners' heights"""
+    horizons: tuple[Count, ...]
+    """frames of the rollout stages that refine friction, restitution and inertia; []: the implicit loss alone"""
+    inertia: Literal["log_cholesky", "triangular", "direct"]
+    """parameterisation of a learned inertia"""
+    start_inertia: Positive
+    """inertia that training starts from, relative to the object's"""
+    start_com: tuple[float, float, float]
+    """shift of the centre of mass (of the base) that training starts from [m]"""
 
 
 @dataclass(frozen=True)
@@ -47,6 +56,10 @@ class TrainConfig:
     """most epochs a stage"""
     patience: Count
     """epochs without a better validation loss before a stage ends"""
+    optimizer: Literal["lbfgs", "adam"]
+    """of the implicit loss"""
+    learning_rate: Positive
+    """Adam's"""
     restart: bool
     """start anew where an interrupted training of the same keys and data could go on"""
 

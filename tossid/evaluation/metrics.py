@@ -10,17 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
+from tossid.models.predictor import Predictor
 from tossid.motion import flight_frames, flight_state
 from tossid.objects import ObjectModel, center_positions, corner_positions
-from tossid.physics import System, simulate
-from tossid.physics.tree import free_acceleration, make_work
 from tossid.rotations import geodesic_angle
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
-
-SUBSTEPS = 4
-"""Steps of the simulator a frame."""
 
 
 @dataclass(frozen=True)
@@ -36,12 +32,12 @@ class TossScores:
 
 
 def score_tosses(
-    system: System, model: ObjectModel, tosses: Sequence[Toss], *, from_flight: bool = False, n_threads: int = 1
+    predictor: Predictor, model: ObjectModel, tosses: Sequence[Toss], *, from_flight: bool = False, n_threads: int = 1
 ) -> TossScores:
     """Roll every toss out from its first state to its last frame, and compare.
 
     Args:
-        system: the simulator. model: the nominal object (centre, width and corners are its).
+        predictor: what is judged. model: the nominal object (centre, width and corners are its).
         from_flight: start from the state estimated from the toss's first free flight.
     """
     q0, v0 = np.stack([t.q[0] for t in tosses]), np.stack([t.v[0] for t in tosses])
@@ -50,20 +46,16 @@ def score_tosses(
         q0, v0 = np.stack([s.q for s in states]), np.stack([s.v for s in states])
     steps = np.array([len(toss) - 1 for toss in tosses])
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
-    run = simulate(system, q0, v0, n_steps=steps, dt=dt, substeps=SUBSTEPS, n_threads=n_threads)
+    run = predictor.rollout(q0, v0, n_steps=steps, dt=dt, n_threads=n_threads)
     position, rotation, penetration, gravity = (np.empty(len(tosses)) for _ in range(4))
-    work, acc = make_work(system), np.empty(system.nv)
     for i, toss in enumerate(tosses):
         q = run.q[i, : len(toss)]
         distance = np.linalg.norm(center_positions(model, q) - center_positions(model, toss.q), axis=1)
         position[i] = 100 * distance.mean() / model.width
         rotation[i] = np.rad2deg(geodesic_angle(q[:, 3:7], toss.q[:, 3:7])).mean()
         penetration[i] = 1e3 * np.maximum(-corner_positions(model, q)[..., 2].min(axis=1), 0).mean()
-        falls = []
-        for k in range(flight_frames(toss, model)):
-            free_acceleration(system, toss.q[k], toss.v[k], work, acc)
-            falls.append(-acc[2])
-        gravity[i] = np.mean(falls) if falls else np.nan
+        n = flight_frames(toss, model)
+        gravity[i] = -predictor.acceleration(toss.q[:n], toss.v[:n])[:, 2].mean() if n else np.nan
     return TossScores(position, rotation, penetration, gravity, int(run.unsolved.sum()), int((~run.finite).sum()))
 
 

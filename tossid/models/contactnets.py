@@ -12,8 +12,10 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from tossid.models.implicit import Dynamics, LossTerms, LossWeights, implicit_loss
-from tossid.models.parameters import Friction, Geometry, Inertia, ResidualNet
+from tossid.models.implicit import Dynamics, LossTerms, LossWeights, free_acceleration, implicit_loss
+from tossid.models.inertia import make_inertia
+from tossid.models.parameters import Friction, Geometry, ResidualNet, Restitution
+from tossid.models.predictor import Simulator
 from tossid.models.transitions import Transitions
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.physics import System, make_system
@@ -25,20 +27,28 @@ class ContactNetsSettings:
 
     Attributes:
         gravity: downward acceleration of the given continuous dynamics k_hat [m/s²].
-        learn_geometry, learn_friction, learn_residual, learn_inertia: what is learned.
+        learn_geometry, learn_friction, learn_restitution, learn_residual, learn_inertia: what is
+            learned. Restitution is learned from rollouts only.
+        inertia: parameterisation of the inertia (`inertia.KINDS`).
         hidden: width of the residual's hidden layers.
         residual_weight: weight of the mean squared residual acceleration.
         weights: of the loss's terms.
+        implicit: contact is learned by the implicit loss first; False (diffsim) learns it from rollouts alone.
+        refine_geometry: rollouts learn the corners too.
     """
 
     gravity: float = GRAVITY
     learn_geometry: bool = True
     learn_friction: bool = True
+    learn_restitution: bool = True
     learn_residual: bool = False
     learn_inertia: bool = False
+    inertia: str = "log_cholesky"
     hidden: int = 16
     residual_weight: float = 3e-8
     weights: LossWeights = field(default_factory=LossWeights)
+    implicit: bool = True
+    refine_geometry: bool = False
 
 
 class ContactNets(nn.Module):
@@ -57,13 +67,14 @@ class ContactNets(nn.Module):
         self.corner_body = torch.as_tensor(model.corner_body)
         self.geometry = Geometry(model, learn=settings.learn_geometry)
         self.friction = Friction(model, learn=settings.learn_friction)
-        self.inertia = Inertia(model, learn=settings.learn_inertia)
+        self.restitution = Restitution(model, learn=settings.learn_restitution)
+        self.inertia = make_inertia(model, kind=settings.inertia, learn=settings.learn_inertia)
         self.residual: ResidualNet | None = None
         if settings.learn_residual:
             generator = torch.Generator().manual_seed(seed)
             self.residual = ResidualNet(model.n_joints, hidden=settings.hidden, generator=generator)
         with torch.no_grad():
-            self._metric = tuple(part.clone() for part in Inertia(model, learn=False)())
+            self._metric = tuple(part.clone() for part in make_inertia(model, learn=False)())
 
     def dynamics(self, features: Tensor) -> Dynamics:
         """The model's numbers, with gradients, for the transitions whose features (N, n_f) are given."""
@@ -116,10 +127,37 @@ class ContactNets(nn.Module):
                 inertia=at_origin - mass[:, None, None] * shift,
                 corner_pos=self.geometry().numpy().copy(),
                 friction=float(self.friction()),
+                restitution=float(self.restitution()),
             )
 
-    def system(self) -> System:
+    def residual_parameters(self) -> list[nn.Parameter]:
+        """What free flight teaches."""
+        return _learned(self.residual)
+
+    def implicit_parameters(self) -> list[nn.Parameter]:
+        """What the implicit loss teaches about contact."""
+        return _learned(self.geometry, self.friction, self.inertia)
+
+    def rollout_parameters(self) -> list[nn.Parameter]:
+        """What open-loop predictions teach: few numbers."""
+        geometry = self.geometry if self.settings.refine_geometry else None
+        return _learned(self.friction, self.restitution, self.inertia, geometry)
+
+    def flight_gravity(self, transitions: Transitions) -> float:
+        """Mean downward acceleration in free flight, as the model has it [m/s²]."""
+        if self.residual is None or not len(transitions.flight):
+            return self.settings.gravity
+        flight = transitions.in_flight()
+        with torch.no_grad():
+            _, a = free_acceleration(flight, self.dynamics(flight.features))
+        return float(-a[:, 2].mean())
+
+    def simulator(self) -> Simulator:
         """The learned simulator."""
+        return Simulator(self.system())
+
+    def system(self) -> System:
+        """The learned simulator's numbers."""
         residual = None if self.residual is None else self.residual.arrays()
         return make_system(self.learned_object(), gravity=self.settings.gravity, residual=residual)
 
@@ -129,6 +167,8 @@ class ContactNets(nn.Module):
         report: dict[str, Any] = {"gravity_given_ms2": self.settings.gravity}
         if self.settings.learn_friction:
             report["friction"] = learned.friction
+        if self.settings.learn_restitution:
+            report["restitution"] = learned.restitution
         if self.settings.learn_geometry:
             report["corners_m"] = learned.corner_pos.round(6).tolist()
             report["corner_shift_mm"] = float(1e3 * np.linalg.norm(learned.corner_pos - given.corner_pos, axis=1).max())
@@ -137,3 +177,7 @@ class ContactNets(nn.Module):
             report["inertia_kgm2"] = learned.inertia.round(9).tolist()
             report["mass_kg"] = learned.mass.tolist()
         return report
+
+
+def _learned(*modules: nn.Module | None) -> list[nn.Parameter]:
+    return [p for module in modules if module is not None for p in module.parameters() if p.requires_grad]

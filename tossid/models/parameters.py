@@ -44,58 +44,19 @@ class Friction(nn.Module):
         return self.log_mu.exp()
 
 
-class Inertia(nn.Module):
-    """Inertial parameters of every body by log-Cholesky factors of the pseudo-inertia.
+class Restitution(nn.Module):
+    """Newton's coefficient of restitution, held within [0, 0.95]; learned from rollouts only.
 
-    The pseudo-inertia S = [[Sigma, h], [h^T, m]] of a body is U U^T with
-    U = exp(a) [[exp(d1), s12, s13, t1], [0, exp(d2), s23, t2], [0, 0, exp(d3), t3], [0, 0, 0, 1]]:
-    every value is a physical body (Rucker and Wensing, "Smooth Parameterization of
-    Rigid-Body Inertia", RA-L 2022). Tosses over the ground cannot see the scale of
-    mass, so the base's mass (a) stays at what was given; t is the centre of mass.
-    Lengths are in units of the object's width, so that all numbers are of order one.
+    The implicit loss has no bounce: it is inelastic, as its sources are.
     """
 
     def __init__(self, model: ObjectModel, *, learn: bool) -> None:
         super().__init__()
-        w = model.width
-        self.width = w
-        S = np.zeros((model.n_bodies, 4, 4))
-        for b in range(model.n_bodies):
-            m, c = model.mass[b], model.com[b] / w
-            at_origin = model.inertia[b] / w**2 + m * (c @ c * np.eye(3) - np.outer(c, c))
-            S[b, :3, :3] = 0.5 * np.trace(at_origin) * np.eye(3) - at_origin
-            S[b, :3, 3] = S[b, 3, :3] = m * c
-            S[b, 3, 3] = m
-        flip = S[:, ::-1, ::-1]
-        U = np.linalg.cholesky(flip)[:, ::-1, ::-1]  # upper factor: U U^T = S
-        a = np.log(U[:, 3, 3])
-        U = U / U[:, 3, 3][:, None, None]
+        self.value = nn.Parameter(torch.tensor(float(model.restitution), dtype=torch_double), requires_grad=learn)
 
-        def parameter(values: np.ndarray, *, free: bool = learn) -> nn.Parameter:
-            return nn.Parameter(torch.as_tensor(values.copy()), requires_grad=free)
-
-        self.log_scale = parameter(a, free=False)
-        if model.n_bodies > 1:  # ratios of masses are visible: only the base's is fixed
-            self.log_scale_links = parameter(a[1:])
-        self.log_diagonal = parameter(np.log(np.stack([U[:, i, i] for i in range(3)], axis=-1)))
-        self.shear = parameter(np.stack([U[:, 0, 1], U[:, 1, 2], U[:, 0, 2]], axis=-1))
-        self.com = parameter(U[:, :3, 3])
-
-    def forward(self) -> tuple[Tensor, Tensor, Tensor]:
-        """mass (n_b,) [kg], first moment m c (n_b, 3) [kg m], inertia about the origin (n_b, 3, 3) [kg m²]."""
-        e, s = self.log_diagonal.exp(), self.shear
-        n = len(e)
-        U = torch.zeros(n, 3, 3, dtype=torch_double)
-        U[:, 0, 0], U[:, 1, 1], U[:, 2, 2] = e[:, 0], e[:, 1], e[:, 2]
-        U[:, 0, 1], U[:, 1, 2], U[:, 0, 2] = s[:, 0], s[:, 1], s[:, 2]
-        log_scale: Tensor = self.log_scale
-        if n > 1:
-            log_scale = torch.cat([log_scale[:1], self.log_scale_links])
-        mass = (2 * log_scale).exp()
-        sigma = mass[:, None, None] * (U @ U.mT + self.com[:, :, None] * self.com[:, None, :]) * self.width**2
-        trace = sigma.diagonal(dim1=-2, dim2=-1).sum(-1)
-        at_origin = trace[:, None, None] * torch.eye(3, dtype=torch_double) - sigma
-        return mass, mass[:, None] * self.com * self.width, at_origin
+    def forward(self) -> Tensor:
+        """() dimensionless."""
+        return self.value.clamp(0.0, 0.95)
 
 
 class ResidualNet(nn.Module):

@@ -1,8 +1,10 @@
-"""The fit loop: L-BFGS on all transitions, stage by stage, stopped early on validation tosses.
+"""The fit loop: stage by stage, each stopped early on validation tosses.
 
-Continuous dynamics are learned first, from transitions that surely involve no
-contact; contact (and inertia) follows with them held. Learned together, the
-loss lets impulses at resting contact stand in for missing gravity.
+1. "continuous": the residual acceleration, by the implicit loss on transitions that surely involve no contact.
+   Learned together with contact, impulses at rest would stand in for missing gravity.
+2. "contact": geometry, friction (and inertia), by the implicit loss on all transitions.
+3. "rollout-N": friction, restitution (and inertia), by open-loop prediction over N frames, N growing: short
+   predictions are smooth in the parameters from far away, long ones decide the last digits.
 
 The loop yields records and knows no tracker. Its state is plain tensors and
 numbers, so that an interrupted fit goes on exactly where it was.
@@ -12,16 +14,19 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import torch
-from torch import nn
-
 from tossid.errors import DivergedError
 from tossid.models.contactnets import ContactNets
-from tossid.models.transitions import Transitions
+from tossid.models.shots import Shots, make_shots
+from tossid.models.transitions import make_transitions
+from tossid.training.stages import LossStage, RolloutStage, Stage
+from tossid.types import Toss
+
+ROLLOUT_EPOCHS = 8
+"""At most this many Gauss-Newton steps a rollout stage."""
 
 
 @dataclass(frozen=True)
@@ -29,19 +34,29 @@ class FitSettings:
     """How long and how carefully to fit.
 
     Attributes:
-        epochs: at most this many steps of L-BFGS a stage.
+        epochs: at most this many epochs a stage of the implicit loss.
         patience: stop a stage after this many epochs without a better validation loss.
         min_improvement: relative improvement that counts as better.
+        optimizer: of the implicit loss: "lbfgs" or "adam". learning_rate: Adam's.
+        horizons: frames of the rollout stages, one after another; none for the implicit loss alone.
+        n_threads: for rollouts.
     """
 
     epochs: int = 60
     patience: int = 8
     min_improvement: float = 1e-4
+    optimizer: str = "lbfgs"
+    learning_rate: float = 1e-3
+    horizons: tuple[int, ...] = (30, 60)
+    n_threads: int = 1
 
 
 @dataclass(frozen=True)
 class EpochRecord:
-    """One epoch: losses [m²/s²], the loss's parts on training data, and how many inner problems stayed unsolved."""
+    """One epoch: losses (implicit [m²/s²], rollout [half widths², rad²]) and the loss's parts on training data.
+
+    passes: how often the data were gone through. best: the validation loss was the stage's best so far.
+    """
 
     stage: str
     epoch: int
@@ -58,29 +73,79 @@ class Fit:
 
     Args:
         model: fitted in place; holds the best parameters when `epochs` is exhausted.
-        train, validation: transitions of different tosses.
+        train, validation: different tosses of the model's object.
     """
 
     def __init__(
-        self, model: ContactNets, train: Transitions, validation: Transitions, settings: FitSettings | None = None
+        self,
+        model: ContactNets,
+        train: Sequence[Toss],
+        validation: Sequence[Toss],
+        settings: FitSettings | None = None,
     ) -> None:
         self.model = model
         self.settings = settings or FitSettings()
-        self.data = {"continuous": (train.in_flight(), validation.in_flight()), "contact": (train, validation)}
-        self.stages = ["contact"] if model.residual is None else ["continuous", "contact"]
+        self._tosses = (tuple(train), tuple(validation))
+        self._transitions = tuple(make_transitions(model.object, tosses) for tosses in self._tosses)
+        self._makers = self._plan()
+        self.stages = list(self._makers)
         self.stage = 0
         self.epoch = 0
         self.stale = 0
         self.best_loss = float("inf")
         self.best = copy.deepcopy(model.state_dict())
-        self._optimizer: torch.optim.LBFGS | None = None
+        self._current: Stage | None = None
 
-    def parameters(self, stage: str) -> list[nn.Parameter]:
-        """What a stage learns."""
-        residual = [] if self.model.residual is None else list(self.model.residual.parameters())
-        own = {id(p) for p in residual}
-        rest = [p for p in self.model.parameters() if p.requires_grad and id(p) not in own]
-        return residual if stage == "continuous" else rest
+    @property
+    def last_stage(self) -> RolloutStage | None:
+        """The rollout stage of the longest horizon at the model's present parameters; None where there is none."""
+        return self._rollout(max(self.settings.horizons)) if self.settings.horizons else None
+
+    def _plan(self) -> dict[str, Callable[[], Stage]]:
+        """The stages by name, made when their turn comes."""
+        plan: dict[str, Callable[[], Stage]] = {}
+        if self.model.residual is not None:
+            plan["continuous"] = lambda: self._loss_stage("continuous")
+        if self.model.settings.implicit:
+            plan["contact"] = lambda: self._loss_stage("contact")
+        for horizon in self.settings.horizons:
+            plan[f"rollout-{horizon}"] = lambda horizon=horizon: self._rollout(horizon)  # type: ignore[misc]
+        return plan
+
+    def _loss_stage(self, name: str) -> LossStage:
+        train, validation = self._transitions
+        parameters = self.model.implicit_parameters()
+        if name == "continuous":
+            train, validation = train.in_flight(), validation.in_flight()
+            parameters = self.model.residual_parameters()
+        settings = self.settings
+        return LossStage(
+            name,
+            self.model,
+            parameters,
+            train,
+            validation,
+            epochs=settings.epochs,
+            optimizer=settings.optimizer,
+            learning_rate=settings.learning_rate,
+        )
+
+    def _rollout(self, horizon: int) -> RolloutStage:
+        def shots() -> tuple[Shots, Shots]:
+            learned, gravity = self.model.learned_object(), self.model.flight_gravity(self._transitions[0])
+            train, validation = (
+                make_shots(learned, tosses, horizon=horizon, gravity=gravity) for tosses in self._tosses
+            )
+            return train, validation
+
+        return RolloutStage(
+            f"rollout-{horizon}",
+            self.model,
+            self.model.rollout_parameters(),
+            shots,
+            epochs=ROLLOUT_EPOCHS,
+            n_threads=self.settings.n_threads,
+        )
 
     def state_dict(self) -> dict[str, Any]:
         """Everything needed to go on: tensors, numbers and strings only."""
@@ -91,7 +156,7 @@ class Fit:
             "best_loss": self.best_loss,
             "best": self.best,
             "model": copy.deepcopy(self.model.state_dict()),
-            "optimizer": None if self._optimizer is None else self._optimizer.state_dict(),
+            "current": None if self._current is None else self._current.state_dict(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -99,10 +164,10 @@ class Fit:
         self.stage, self.epoch, self.stale = state["stage"], state["epoch"], state["stale"]
         self.best_loss, self.best = state["best_loss"], state["best"]
         self.model.load_state_dict(state["model"])
-        self._optimizer = None
-        if state["optimizer"] is not None and self.stage < len(self.stages):
-            self._optimizer = self._new_optimizer(self.stages[self.stage])
-            self._optimizer.load_state_dict(state["optimizer"])
+        self._current = None
+        if state["current"] is not None and self.stage < len(self.stages):
+            self._current = self._makers[self.stages[self.stage]]()
+            self._current.load_state_dict(state["current"])
 
     def epochs(self) -> Iterator[EpochRecord]:
         """Fit, one record an epoch.
@@ -111,53 +176,35 @@ class Fit:
             DivergedError: the loss became NaN or infinite; the state before it is attached.
         """
         while self.stage < len(self.stages):
-            stage = self.stages[self.stage]
-            if self._optimizer is None:
-                self._optimizer = self._new_optimizer(stage)
-            while self.epoch < self.settings.epochs and self.stale < self.settings.patience:
-                yield self._step(stage)
+            if self._current is None:
+                self._current = self._makers[self.stages[self.stage]]()
+                self._current.begin()
+            done = False
+            while not done and self.epoch < self._current.epochs and self.stale < self.settings.patience:
+                record, done = self._step(self._current)
+                if done:
+                    self.epoch = self._current.epochs
+                yield record
             self.model.load_state_dict(self.best)
             self.stage, self.epoch, self.stale = self.stage + 1, 0, 0
-            self.best_loss, self._optimizer = float("inf"), None
+            self.best_loss, self._current = float("inf"), None
 
-    def _new_optimizer(self, stage: str) -> torch.optim.LBFGS:
-        return torch.optim.LBFGS(
-            self.parameters(stage),
-            max_iter=1,
-            max_eval=25,
-            history_size=20,
-            tolerance_grad=0.0,
-            tolerance_change=1e-16,
-            line_search_fn="strong_wolfe",
-        )
-
-    def _step(self, stage: str) -> EpochRecord:
-        assert self._optimizer is not None
-        train, validation = self.data[stage]
+    def _step(self, stage: Stage) -> tuple[EpochRecord, bool]:
         before = copy.deepcopy(self.model.state_dict())
-        started, passes = time.perf_counter(), 0
-        parameters = self.parameters(stage)
-
-        def closure() -> float:
-            nonlocal passes
-            passes += 1
-            loss, _ = self.model.loss(train)
-            gradients = torch.autograd.grad(loss, parameters)
-            for parameter, gradient in zip(parameters, gradients, strict=True):
-                parameter.grad = gradient
-            return float(loss.detach())
-
-        self._optimizer.step(closure)
+        started = time.perf_counter()
+        now = stage.step()
         seconds = time.perf_counter() - started
-        with torch.no_grad():
-            loss, parts = self.model.loss(train)
-            held_out = float(self.model.loss(validation)[0])
-        if not torch.isfinite(loss) or held_out != held_out:
-            raise DivergedError(f"the loss became {float(loss)} in stage '{stage}', epoch {self.epoch}", state=before)
-        better = held_out < self.best_loss * (1 - self.settings.min_improvement)
+        if now.train_loss - now.train_loss != 0.0 or now.validation_loss != now.validation_loss:
+            raise DivergedError(
+                f"the loss became {now.train_loss} in stage '{stage.name}', epoch {self.epoch}", state=before
+            )
+        better = now.validation_loss < self.best_loss * (1 - self.settings.min_improvement)
         if better:
-            self.best_loss, self.best, self.stale = held_out, copy.deepcopy(self.model.state_dict()), 0
+            self.best_loss, self.best, self.stale = now.validation_loss, copy.deepcopy(self.model.state_dict()), 0
         else:
             self.stale += 1
         self.epoch += 1
-        return EpochRecord(stage, self.epoch, float(loss), held_out, parts, passes, seconds, better)
+        record = EpochRecord(
+            stage.name, self.epoch, now.train_loss, now.validation_loss, now.parts, now.passes, seconds, better
+        )
+        return record, now.done

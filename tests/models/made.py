@@ -1,0 +1,25 @@
+"""Tosses of known truth."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tossid.objects import ObjectModel
+from tossid.physics import make_system, simulate
+from tossid.types import Toss
+
+DT = 1 / 148
+
+
+def tosses(model: ObjectModel, count: int, *, seed: int, frames: int = 70, substeps: int = 1) -> list[Toss]:
+    """Tosses by the LCP engine, without noise."""
+    rng = np.random.default_rng(seed)
+    q = np.zeros((count, 7))
+    q[:, 2] = rng.uniform(0.12, 0.3, count)
+    q[:, 3:] = rng.normal(size=(count, 4))
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    v = np.concatenate([rng.normal(size=(count, 3)), 4 * rng.normal(size=(count, 3))], axis=1)
+    run = simulate(make_system(model), q, v, n_steps=frames, dt=DT, substeps=substeps)
+    zero, phase = np.zeros((frames + 1, 6, 6)), np.zeros(frames + 1, dtype=np.uint8)
+    t = np.arange(frames + 1) * DT
+    return [Toss(str(i), t, run.q[i], run.v[i], zero, zero, phase) for i in range(count)]

@@ -1,0 +1,97 @@
+"""Open-loop predictions from the starts of tosses, and how far they miss: what rollout training minimises."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.models.predictor import Predictor
+from tossid.motion import flight_state
+from tossid.objects import ObjectModel
+from tossid.rotations import quat_boxminus
+from tossid.types import Toss
+
+Array = NDArray[np.float64]
+
+FEWEST_FLIGHT_FRAMES = 4
+"""A toss with fewer frames before first contact starts from its recorded first state only."""
+
+
+@dataclass(frozen=True)
+class Shots:
+    """Initial states and what was measured after them. S shots of at most L frames.
+
+    q0 (S, nq), v0 (S, nv); target (S, L, nq) measured at frames 1 to L, held past a
+    shot's own n_steps (S,); toss (S,) index of the toss; dt [s]; length [m]: half the
+    object's width, in which misses of position are counted.
+    """
+
+    q0: Array
+    v0: Array
+    n_steps: NDArray[np.int64]
+    target: Array
+    toss: NDArray[np.int64]
+    dt: float
+    length: float
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """(S, L): the frames that were measured."""
+        return np.arange(self.target.shape[1]) < self.n_steps[:, None]
+
+
+def make_shots(model: ObjectModel, tosses: Sequence[Toss], *, horizon: int, gravity: float) -> Shots:
+    """One shot from each toss's recorded first state, and one from the first state as its free flight tells it.
+
+    Args:
+        model: the object as it is believed to be: its centre of mass flies, its corners touch first.
+        horizon: frames to predict.
+        gravity: the model's own downward acceleration, by which the flight is fitted [m/s²].
+    """
+    states: list[tuple[int, Array, Array]] = []
+    for i, toss in enumerate(tosses):
+        states.append((i, toss.q[0], toss.v[0]))
+        if model.n_joints == 0:
+            start = flight_state(toss, model, gravity=gravity)
+            if start.n_frames >= FEWEST_FLIGHT_FRAMES:
+                states.append((i, start.q, start.v))
+    index = np.array([i for i, _, _ in states])
+    n_steps = np.array([min(horizon, len(tosses[i]) - 1) for i in index])
+    target = np.empty((len(states), horizon, model.nq))
+    for row, i in enumerate(index):
+        n = n_steps[row]
+        target[row, :n] = tosses[i].q[1 : n + 1]
+        target[row, n:] = tosses[i].q[n]
+    return Shots(
+        q0=np.stack([q for _, q, _ in states]),
+        v0=np.stack([v for _, _, v in states]),
+        n_steps=n_steps,
+        target=target,
+        toss=index,
+        dt=float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses]))),
+        length=0.5 * model.width,
+    )
+
+
+def prediction_misses(predictor: Predictor, shots: Shots, *, n_threads: int = 1) -> Array:
+    """(S, L, nv): base position in half widths, rotation vector in the body's frame [rad], joints [rad or m].
+
+    Zero past a shot's end.
+    """
+    L = shots.target.shape[1]
+    run = predictor.rollout(shots.q0, shots.v0, n_steps=shots.n_steps, dt=shots.dt, n_threads=n_threads)
+    q = run.q[:, 1:]
+    q = np.concatenate([q, np.repeat(q[:, -1:], L - q.shape[1], axis=1)], axis=1)
+    miss = np.concatenate(
+        [
+            (q[..., :3] - shots.target[..., :3]) / shots.length,
+            quat_boxminus(q[..., 3:7], shots.target[..., 3:7]),
+            q[..., 7:] - shots.target[..., 7:],
+        ],
+        axis=-1,
+    )
+    miss[~shots.inside] = 0.0
+    return miss
