@@ -14,14 +14,18 @@ from pipelines.outputs import output_file
 from pipelines.schemas import ModelConfig
 from tossid.errors import FileError
 from tossid.models.contactnets import ContactNets, ContactNetsSettings
+from tossid.models.e2e import EndToEnd
 from tossid.models.implicit import LossWeights
+from tossid.models.protocol import DynamicsModel
 from tossid.objects import ObjectModel, object_from_mjcf
 
 SCHEMA = "tossid.checkpoint/1"
 
 
-def build_model(config: ModelConfig, given: ObjectModel, *, seed: int) -> ContactNets:
+def build_model(config: ModelConfig, given: ObjectModel, *, seed: int) -> DynamicsModel:
     """The untrained model that the keys name, for the given object."""
+    if config.name == "e2e":
+        return EndToEnd(given, hidden=config.hidden, seed=seed)
     settings = ContactNetsSettings(
         gravity=config.gravity,
         learn_restitution=bool(config.horizons),
@@ -44,14 +48,14 @@ def build_model(config: ModelConfig, given: ObjectModel, *, seed: int) -> Contac
 class Checkpoint:
     """A trained model, and the dataset that it was trained on."""
 
-    model: ContactNets
+    model: DynamicsModel
     config: ModelConfig
     data: Path
     sha256: str
 
 
 def save_checkpoint(
-    path: Path, *, model: ContactNets, config: ModelConfig, seed: int, data: Path, sha256: str, fit: dict[str, Any]
+    path: Path, *, model: DynamicsModel, config: ModelConfig, seed: int, data: Path, sha256: str, fit: dict[str, Any]
 ) -> None:
     """Write a checkpoint, whole or not at all. `fit`: the state of the fit, to go on from; {} when it is done."""
     given = model.object

@@ -73,7 +73,8 @@ def found_and_true(checkpoint: Path) -> list[list[str]]:
 
     truth, seen = read_dataset(RECORDING / "truth.h5"), read_dataset(DATASET)
     distance, turn = pose_errors(truth, seen)
-    model = load_checkpoint(checkpoint).model
+    trained = load_checkpoint(checkpoint)
+    model = trained.model
     given, learned, true = seen.object, model.learned_object(), truth.object
     fall = evaluate_model(model, given, seen.tosses).metrics["gravity_ms2"]["mean"]
     corners = 1e3 * np.linalg.norm(learned.corner_pos - true.corner_pos, axis=1).max()
@@ -82,7 +83,7 @@ def found_and_true(checkpoint: Path) -> list[list[str]]:
         ["pose error, median [mm]", "-", "0", f"{np.median(distance):.3f}"],
         ["pose error, median [deg]", "-", "0", f"{np.median(turn):.3f}"],
         ["pose error, worst [deg]", "-", "0", f"{turn.max():.2f}"],
-        ["gravity [m/s²]", f"{model.settings.gravity:.2f}", "9.81", f"{fall:.2f}"],
+        ["gravity [m/s²]", f"{trained.config.gravity:.2f}", "9.81", f"{fall:.2f}"],
         ["friction", f"{given.friction:.3f}", f"{true.friction:.3f}", f"{learned.friction:.3f}"],
         ["worst corner, off by [mm]", "0", "0", f"{corners:.1f}"],
         ["centre of mass, off by [mm]", "0", "0", f"{1e3 * np.linalg.norm(learned.com - true.com):.1f}"],

@@ -16,7 +16,7 @@ from pipelines.config import as_plain
 from pipelines.schemas import TrainConfig
 from tossid.errors import InputError
 from tossid.evaluation.metrics import TossScores, score_tosses, summarize_scores
-from tossid.models.contactnets import ContactNets
+from tossid.models.protocol import DynamicsModel
 from tossid.objects import ObjectModel
 from tossid.training.fit import EpochRecord, Fit, FitSettings
 from tossid.types import Dataset, Toss
@@ -29,7 +29,7 @@ NOT_LEARNING = ("data", "restart")
 class Trained:
     """A trained model, its epochs, and the time that they took [s] (interrupted ones included)."""
 
-    model: ContactNets
+    model: DynamicsModel
     history: tuple[EpochRecord, ...]
     seconds: float
 
@@ -143,7 +143,7 @@ def numbers_of(record: EpochRecord) -> dict[str, float]:
     return {f"{record.stage}/{name}": value for name, value in losses.items()}
 
 
-def evaluate_model(model: ContactNets, nominal: ObjectModel, tosses: tuple[Toss, ...]) -> Judged:
+def evaluate_model(model: DynamicsModel, nominal: ObjectModel, tosses: tuple[Toss, ...]) -> Judged:
     """Roll the tosses out open loop and measure. nominal: the object whose centre, width and corners are compared."""
     predictor = model.simulator()
     scores = score_tosses(predictor, nominal, tosses)
@@ -154,7 +154,7 @@ def evaluate_model(model: ContactNets, nominal: ObjectModel, tosses: tuple[Toss,
     return Judged(metrics, scores)
 
 
-def roll_out(model: ContactNets, tosses: tuple[Toss, ...]) -> tuple[Predicted, ...]:
+def roll_out(model: DynamicsModel, tosses: tuple[Toss, ...]) -> tuple[Predicted, ...]:
     """The motions that `evaluate_model` scores."""
     steps = np.array([len(toss) - 1 for toss in tosses])
     run = model.simulator().rollout(

@@ -13,13 +13,13 @@ from pipelines.schemas.kinds import Count, NonNegative, Positive, Seed
 class ModelConfig:
     """What is learned and what is given."""
 
-    name: Literal["cn", "cnrp", "cnrpi", "diffsim"]
+    name: Literal["cn", "cnrp", "cnrpi", "diffsim", "e2e"]
     """cn: geometry and friction; cnrp: and a residual acceleration; cnrpi: and inertia with centre of mass;
-    diffsim: what cnrpi learns, by prediction error alone"""
+    diffsim: what cnrpi learns, by prediction error alone; e2e: a network from state to next velocity"""
     gravity: NonNegative
     """downward acceleration of the given continuous dynamics [m/s²]"""
     hidden: Count
-    """width of the residual's hidden layers"""
+    """width of the hidden layers (of the residual; of e2e's network)"""
     residual_weight: NonNegative
     """weight of the squared residual acceleration in the loss"""
     complementarity: NonNegative

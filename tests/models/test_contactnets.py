@@ -29,7 +29,7 @@ def test_gradient_by_the_envelope_theorem(cube: ObjectModel, transitions: Transi
     settings = ContactNetsSettings(learn_inertia=True, learn_residual=True, hidden=4)
     model = ContactNets(cube, settings, seed=1)
     rng = np.random.default_rng(0)
-    parameters = model.implicit_parameters() + model.residual_parameters()
+    parameters = model.stage_parameters("contact") + model.stage_parameters("continuous")
     with torch.no_grad():
         for p in parameters:
             p += 0.02 * torch.from_numpy(rng.normal(size=p.shape))

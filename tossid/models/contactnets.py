@@ -130,16 +130,18 @@ class ContactNets(nn.Module):
                 restitution=float(self.restitution()),
             )
 
-    def residual_parameters(self) -> list[nn.Parameter]:
-        """What free flight teaches."""
-        return _learned(self.residual)
+    def stages(self, horizons: tuple[int, ...]) -> tuple[str, ...]:
+        """Continuous dynamics from flight, contact by the implicit loss, then rollouts."""
+        names = [] if self.residual is None else ["continuous"]
+        names += ["contact"] if self.settings.implicit else []
+        return (*names, *(f"rollout-{horizon}" for horizon in horizons))
 
-    def implicit_parameters(self) -> list[nn.Parameter]:
-        """What the implicit loss teaches about contact."""
-        return _learned(self.geometry, self.friction, self.inertia)
-
-    def rollout_parameters(self) -> list[nn.Parameter]:
-        """What open-loop predictions teach: few numbers."""
+    def stage_parameters(self, stage: str) -> list[nn.Parameter]:
+        """What a stage learns: rollouts teach few numbers, the implicit loss the corners too."""
+        if stage == "continuous":
+            return _learned(self.residual)
+        if stage == "contact":
+            return _learned(self.geometry, self.friction, self.inertia)
         geometry = self.geometry if self.settings.refine_geometry else None
         return _learned(self.friction, self.restitution, self.inertia, geometry)
 

@@ -29,7 +29,8 @@ class Transitions:
         dt: (N,) [s].
         v, v_next, dv: (N, nv).
         X, omega, alpha, xdd, R: kinematics before the step, as in `physics.TreeBatch`.
-        features: (N, n_f) the residual's input; R_base: (N, 3, 3) the base's rotation.
+        features: (N, n_f) the residual's input; R: (N, n_b, 3, 3) the bodies' rotations.
+        z: (N,) height of the base's origin before the step [m].
         up_next: (N, n_b, 3) the world's vertical in each body's axes after the step.
         z_next: (N, n_b) height of each body's origin after the step [m].
         near: (K,) rows that may involve contact.
@@ -47,6 +48,7 @@ class Transitions:
     xdd: Tensor
     R: Tensor
     features: Tensor
+    z: Tensor
     up_next: Tensor
     z_next: Tensor
     near: Tensor
@@ -104,6 +106,7 @@ def make_transitions(model: ObjectModel, tosses: Sequence[Toss]) -> Transitions:
         xdd=tensor(here.xdd),
         R=tensor(here.R),
         features=tensor(here.features),
+        z=tensor(here.x[:, 0, 2]),
         up_next=tensor(there.R[:, :, 2, :]),
         z_next=tensor(there.x[:, :, 2]),
         near=tensor(np.flatnonzero(lowest < CONTACT_MARGIN * model.width)),

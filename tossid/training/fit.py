@@ -3,6 +3,7 @@
 1. "continuous": the residual acceleration, by the implicit loss on transitions that surely involve no contact.
    Learned together with contact, impulses at rest would stand in for missing gravity.
 2. "contact": geometry, friction (and inertia), by the implicit loss on all transitions.
+   (The unstructured `e2e` has one stage instead, "one-step".)
 3. "rollout-N": friction, restitution (and inertia), by open-loop prediction over N frames, N growing: short
    predictions are smooth in the parameters from far away, long ones decide the last digits.
 
@@ -14,12 +15,13 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from tossid.errors import DivergedError
-from tossid.models.contactnets import ContactNets
+from tossid.models.protocol import DynamicsModel
 from tossid.models.shots import Shots, make_shots
 from tossid.models.transitions import make_transitions
 from tossid.training.stages import LossStage, RolloutStage, Stage
@@ -78,7 +80,7 @@ class Fit:
 
     def __init__(
         self,
-        model: ContactNets,
+        model: DynamicsModel,
         train: Sequence[Toss],
         validation: Sequence[Toss],
         settings: FitSettings | None = None,
@@ -87,8 +89,7 @@ class Fit:
         self.settings = settings or FitSettings()
         self._tosses = (tuple(train), tuple(validation))
         self._transitions = tuple(make_transitions(model.object, tosses) for tosses in self._tosses)
-        self._makers = self._plan()
-        self.stages = list(self._makers)
+        self.stages = model.stages(self.settings.horizons)
         self.stage = 0
         self.epoch = 0
         self.stale = 0
@@ -96,56 +97,32 @@ class Fit:
         self.best = copy.deepcopy(model.state_dict())
         self._current: Stage | None = None
 
-    @property
-    def last_stage(self) -> RolloutStage | None:
-        """The rollout stage of the longest horizon at the model's present parameters; None where there is none."""
-        return self._rollout(max(self.settings.horizons)) if self.settings.horizons else None
-
-    def _plan(self) -> dict[str, Callable[[], Stage]]:
-        """The stages by name, made when their turn comes."""
-        plan: dict[str, Callable[[], Stage]] = {}
-        if self.model.residual is not None:
-            plan["continuous"] = lambda: self._loss_stage("continuous")
-        if self.model.settings.implicit:
-            plan["contact"] = lambda: self._loss_stage("contact")
-        for horizon in self.settings.horizons:
-            plan[f"rollout-{horizon}"] = lambda horizon=horizon: self._rollout(horizon)  # type: ignore[misc]
-        return plan
-
-    def _loss_stage(self, name: str) -> LossStage:
+    def _make(self, stage: str) -> Stage:
+        """A stage, when its turn comes: what it starts from is the model as it is then."""
+        settings, parameters = self.settings, self.model.stage_parameters(stage)
+        if stage.startswith("rollout-"):
+            make = partial(self._shots, int(stage.removeprefix("rollout-")))
+            return RolloutStage(
+                stage, self.model, parameters, make, epochs=ROLLOUT_EPOCHS, n_threads=settings.n_threads
+            )
         train, validation = self._transitions
-        parameters = self.model.implicit_parameters()
-        if name == "continuous":
+        if stage == "continuous":
             train, validation = train.in_flight(), validation.in_flight()
-            parameters = self.model.residual_parameters()
-        settings = self.settings
         return LossStage(
-            name,
+            stage,
             self.model,
             parameters,
             train,
             validation,
             epochs=settings.epochs,
-            optimizer=settings.optimizer,
+            optimizer="adam" if stage == "one-step" else settings.optimizer,
             learning_rate=settings.learning_rate,
         )
 
-    def _rollout(self, horizon: int) -> RolloutStage:
-        def shots() -> tuple[Shots, Shots]:
-            learned, gravity = self.model.learned_object(), self.model.flight_gravity(self._transitions[0])
-            train, validation = (
-                make_shots(learned, tosses, horizon=horizon, gravity=gravity) for tosses in self._tosses
-            )
-            return train, validation
-
-        return RolloutStage(
-            f"rollout-{horizon}",
-            self.model,
-            self.model.rollout_parameters(),
-            shots,
-            epochs=ROLLOUT_EPOCHS,
-            n_threads=self.settings.n_threads,
-        )
+    def _shots(self, horizon: int) -> tuple[Shots, Shots]:
+        learned, gravity = self.model.learned_object(), self.model.flight_gravity(self._transitions[0])
+        train, validation = (make_shots(learned, tosses, horizon=horizon, gravity=gravity) for tosses in self._tosses)
+        return train, validation
 
     def state_dict(self) -> dict[str, Any]:
         """Everything needed to go on: tensors, numbers and strings only."""
@@ -166,7 +143,7 @@ class Fit:
         self.model.load_state_dict(state["model"])
         self._current = None
         if state["current"] is not None and self.stage < len(self.stages):
-            self._current = self._makers[self.stages[self.stage]]()
+            self._current = self._make(self.stages[self.stage])
             self._current.load_state_dict(state["current"])
 
     def epochs(self) -> Iterator[EpochRecord]:
@@ -177,7 +154,7 @@ class Fit:
         """
         while self.stage < len(self.stages):
             if self._current is None:
-                self._current = self._makers[self.stages[self.stage]]()
+                self._current = self._make(self.stages[self.stage])
                 self._current.begin()
             done = False
             while not done and self.epoch < self._current.epochs and self.stale < self.settings.patience:

@@ -50,7 +50,9 @@ class EpochLike(Protocol):
 
 
 @styled
-def training_curves(history: Sequence[EpochLike], *, title: str = "Training", unit: str = "m²/s²") -> Figure:
+def training_curves(
+    history: Sequence[EpochLike], *, title: str = "Training", unit: str = "m²/s²; rollouts: squared half widths and rad"
+) -> Figure:
     """Loss on training and validation tosses, and the training loss's parts, over epochs.
 
     Stages follow each other on the epoch axis and are marked; in each, the epoch
@@ -69,22 +71,19 @@ def training_curves(history: Sequence[EpochLike], *, title: str = "Training", un
     stages = _stages(history)
     unsolved = max(record.parts.get("unsolved", 0.0) for record in history)
 
-    kept = "; ".join(
-        f"{name}: {number(validation[k])} at epoch {k + 1}"
-        for name, first, last in stages
-        for k in [first + int(np.nanargmin(validation[first:last]))]
-    )
-    figure = new_figure(title, f"Lowest validation loss [{unit}]: {kept}", height=6.2)
+    figure = new_figure(title, f"Losses [{unit}]; a ring: the lowest validation loss of a stage, kept", height=6.2)
     upper, lower = panel_grid(figure, 2, 1, left=1.0, right=1.55, top=0.98, bottom=0.85, above=0.5, heights=[1.15, 1])[
         :, 0
     ]
 
-    for _, first, last in stages:
+    kept = []
+    for name, first, last in stages:
         upper.plot(epoch[first:last], train[first:last], color=INK, marker=".", label="training")
         upper.plot(epoch[first:last], validation[first:last], color=LOOKS["cnrp"].color, marker=".", label="validation")
         k = first + int(np.nanargmin(validation[first:last]))
         upper.plot(epoch[k], validation[k], "o", ms=10, mfc="none", mec=LOOKS["cnrp"].color, label="_kept")
-    upper.set_ylabel(f"loss [{unit}]")
+        kept.append(f"{name} {number(validation[k])} at epoch {k + 1}")
+    upper.set_ylabel("loss [stage's unit]")
     upper.set_title("Loss")
     _log_limits(upper, np.concatenate([train, validation]), decades=np.inf)
 
@@ -98,7 +97,7 @@ def training_curves(history: Sequence[EpochLike], *, title: str = "Training", un
         for _, first, last in stages:
             lower.plot(epoch[first:last], shown[first:last], color=colors[name], marker=".", label=name)
     lower.set_title("Parts of the training loss")
-    lower.set_ylabel(f"part of the loss [{unit}]")
+    lower.set_ylabel("part of the loss [stage's unit]")
     upper.tick_params(labelbottom=False)
     lower.set_xlabel("epoch [count]")
 
@@ -121,11 +120,12 @@ def training_curves(history: Sequence[EpochLike], *, title: str = "Training", un
     label_ends(
         lower,
         [
-            (epoch[-1], max(values[-1], floor), name if values[-1] > floor else f"{name} (≈ 0)", colors[name])
+            (epoch[-1], max(last, floor), name if last > floor else f"{name} (≈ 0)", colors[name])
             for name, values in curves.items()
+            for last in [values[np.isfinite(values)][-1]]
         ],
     )
-    note = "Ring: the epoch whose parameters are kept (lowest validation loss of the stage)."
+    note = f"Kept: {'; '.join(kept)}."
     if unsolved:
         note += f" Unsolved inner problems: at most {unsolved:g} in an epoch."
     footnote(figure, note)
