@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
+from tossid.physics.body import make_body, simulate_body
 from tossid.physics.solvers import cone_core, cone_work, lcp_kernel, lcp_work, tangent_directions
 from tossid.physics.solvers.batches import over_threads
 from tossid.physics.system import System
@@ -375,7 +376,15 @@ def simulate(
         finite=np.ones(count, dtype=bool),
     )
 
+    body = make_body(system) if n_directions == 0 else None
+
     def part(first: int, last: int) -> None:
+        if body is not None:
+            simulate_body(
+                *body, *system.residual, q0, v0, steps, float(dt), substeps, tolerance, MAX_ITERATIONS, CLOSING_SPEED,
+                BOUNCE_SPEED, first, last, *out, *cone_work(system.n_corners),
+            )  # fmt: skip
+            return
         work, scratch = make_work(system), _scratch(system, n_directions)
         _simulate(system, work, scratch, q0, v0, steps, float(dt), substeps, tolerance, first, last, *out)
 

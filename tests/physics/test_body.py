@@ -1,0 +1,67 @@
+"""The single body's kernel against the tree's: the same scheme, written twice."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tossid.objects import ObjectModel, load_object
+from tossid.physics import Residual, System, make_system, simulate, stepping
+
+DT = 1 / 148
+
+
+@pytest.fixture(scope="module")
+def cube() -> ObjectModel:
+    return load_object(Path(__file__).parents[2] / "conf/object/cube.xml")
+
+
+def systems(cube: ObjectModel) -> dict[str, System]:
+    rng = np.random.default_rng(0)
+    shapes = ((6, 9), (8, 9), (8,), (8, 8), (8,), (6, 8))
+    residual = Residual(*(0.1 * rng.normal(size=shape) for shape in shapes))
+    product = 1e-5 * np.array([[0.0, 1, 0], [1, 0, 2], [0, 2, 0]])
+    odd = cube.with_changes(com=np.array([[1e-3, -2e-3, 6e-3]]), inertia=1.3 * cube.inertia + product, restitution=0.2)
+    return {
+        "nominal": make_system(cube),
+        "odd": make_system(odd, residual=residual, friction=np.linspace(0.1, 0.3, 8), gravity=[0.1, 0.2, -9.5]),
+    }
+
+
+@pytest.mark.parametrize("name", ["nominal", "odd"])
+@pytest.mark.parametrize("substeps", [1, 3])
+def test_it_agrees_with_the_tree(cube: ObjectModel, name: str, substeps: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    system = systems(cube)[name]
+    rng = np.random.default_rng(1)
+    q = np.zeros((40, 7))
+    q[:, 2] = rng.uniform(0.09, 0.15, 40)
+    q[:, 3:] = rng.normal(size=(40, 4))
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    v = rng.normal(size=(40, 6)) * [1, 1, 0.3, 6, 6, 6] - [0, 0, 1, 0, 0, 0]
+    runs = []
+    for _ in range(2):
+        runs.append(simulate(system, q, v, n_steps=25, dt=DT, substeps=substeps, tolerance=1e-11))
+        monkeypatch.setattr(stepping, "make_body", lambda system: None)
+    body, tree = runs
+    assert (body.lam_n > 0).any(axis=(1, 2)).mean() > 0.8
+    apart = np.abs(body.q - tree.q).max(axis=(1, 2))
+    assert np.median(apart) < 1e-11
+    assert apart.max() < 1e-7  # contact amplifies the solver's last digits
+    np.testing.assert_allclose(body.v, tree.v, atol=1e-5)
+    np.testing.assert_allclose(body.lam_n, tree.lam_n, atol=1e-6)
+
+
+def test_a_toss_that_runs_away_is_reported(cube: ObjectModel) -> None:
+    system = make_system(cube, gravity=-1e12)
+    q, v = np.array([[0, 0, 5.0, 1, 0, 0, 0]]), np.zeros((1, 6))
+    run = simulate(system, q, v, n_steps=5, dt=DT)
+    assert not run.finite[0]
+    assert np.isfinite(run.q).all()
+
+
+def test_an_inertia_that_is_no_body_s_is_reported(cube: ObjectModel) -> None:
+    system = make_system(cube.with_changes(inertia=-cube.inertia))
+    run = simulate(system, np.array([[0, 0, 0.2, 1, 0, 0, 0]]), np.zeros((1, 6)), n_steps=5, dt=DT)
+    assert not run.finite[0]

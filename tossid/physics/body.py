@@ -1,0 +1,317 @@
+"""Time stepping of a single body: the scheme of `stepping`, in one kernel over scalars.
+
+About the centre of mass the mass matrix is constant and block diagonal, so with
+d a corner's place from there, a = R^T u the contact direction u in the body's
+axes, tau = d x a and I^-1 = L L^T:
+
+    u . velocity of the corner = u . v_com + tau . omega
+    Delassus matrix entry      = u_i . u_j / m + G_i . G_j,   G = L^T tau
+
+Nothing is factorised in a step. Directions are the world's z, x, y, so that a is
+a row of R and u_i . u_j is 0 or 1. The answers are those of the tree's kernel to
+rounding (tests/physics/test_body.py).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.physics.solvers.cone import cone_solve
+from tossid.physics.solvers.workspace import LAM, MU, B
+from tossid.physics.system import System
+
+Array = NDArray[np.float64]
+
+_jit = numba.njit(cache=True, error_model="numpy", nogil=True)
+
+
+class Body(NamedTuple):
+    """What the kernel reads of a single body, as plain arrays.
+
+    mass [kg]; com (3,); inertia (3, 3) about it; inverse (3, 3) = root root^T; root (3, 3) lower triangular;
+    corner (3, n_c) from the origin; arm (n_c, 3) from the centre of mass; mu (n_c,); restitution; gravity (3,).
+    """
+
+    mass: float
+    com: Array
+    inertia: Array
+    inverse: Array
+    root: Array
+    corner: Array
+    arm: Array
+    mu: Array
+    restitution: float
+    gravity: Array
+
+
+def make_body(system: System) -> Body | None:
+    """The body of a system that is one physical body; None for a tree, or a mass matrix that is not positive."""
+    if system.nv != 6:
+        return None
+    mass, inertia = float(system.mass[0]), np.ascontiguousarray(system.inertia[0])
+    try:
+        np.linalg.cholesky(inertia)
+        inverse = np.linalg.inv(inertia)
+        root = np.linalg.cholesky(0.5 * (inverse + inverse.T))
+    except np.linalg.LinAlgError:
+        return None
+    if not (mass > 0.0 and np.isfinite(root).all()):
+        return None
+    com = np.ascontiguousarray(system.com[0])
+    return Body(
+        mass=mass,
+        com=com,
+        inertia=inertia,
+        inverse=inverse,
+        root=np.ascontiguousarray(root),
+        corner=np.ascontiguousarray(system.corner_pos.T),
+        arm=np.ascontiguousarray(system.corner_pos - com),
+        mu=np.ascontiguousarray(system.mu),
+        restitution=float(system.restitution),
+        gravity=np.ascontiguousarray(system.gravity),
+    )
+
+
+@_jit
+def network(linear, W0, b0, W1, b1, W2, f, h0, h1, out):  # type: ignore[no-untyped-def]
+    """out (6,) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1); see `system.Residual`."""
+    nf, h = f.shape[0], b0.shape[0]
+    for i in range(h):
+        s = b0[i]
+        for j in range(nf):
+            s += W0[i, j] * f[j]
+        h0[i] = math.tanh(s)
+    for i in range(h):
+        s = b1[i]
+        for j in range(h):
+            s += W1[i, j] * h0[j]
+        h1[i] = math.tanh(s)
+    for i in range(6):
+        s = 0.0
+        for j in range(nf):
+            s += linear[i, j] * f[j]
+        for j in range(h):
+            s += W2[i, j] * h1[j]
+        out[i] = s
+
+
+@_jit
+def simulate_body(  # type: ignore[no-untyped-def]
+    mass, com, inertia, inverse, root, corner, arm, mu, restitution, gravity,
+    linear, W0, b0, W1, b1, W2,
+    q0, v0, n_steps, dt, substeps, tolerance, max_iterations, closing_speed, bounce_speed, first, last,
+    qs, vs, lam_n, unsolved, worst, finite, V, index,
+):  # fmt: skip
+    """Simulate tosses first..last-1; arguments and results as in `stepping`. V, index: from `cone_work(n_c)`."""
+    nc = mu.shape[0]
+    h = dt / substeps
+    over_m = 1.0 / mass
+    learned = linear.shape[0] > 0
+    f, h0, h1, extra = np.empty(9), np.empty(b0.shape[0]), np.empty(b0.shape[0]), np.zeros(6)
+    height, state, chosen = np.empty(nc), np.zeros(nc, np.int64), np.zeros(nc, np.int64)
+    tau, G, A = np.empty((nc, 3, 3)), np.empty((3 * nc, 3)), np.empty((3 * nc, 3 * nc))
+    warm, R = np.zeros((nc, 3)), np.empty((3, 3))
+    axis = np.array([2, 0, 1])  # the world axis of a contact's rows: normal, t1, t2
+    c0, c1, c2 = com[0], com[1], com[2]
+    for toss in range(first, last):
+        p0, p1, p2 = q0[toss, 0], q0[toss, 1], q0[toss, 2]
+        a, b, d, e = q0[toss, 3], q0[toss, 4], q0[toss, 5], q0[toss, 6]
+        v_0, v_1, v_2 = v0[toss, 0], v0[toss, 1], v0[toss, 2]
+        w0, w1, w2 = v0[toss, 3], v0[toss, 4], v0[toss, 5]
+        cold = True
+        for i in range(7):
+            qs[toss, 0, i] = q0[toss, i]
+        for i in range(6):
+            vs[toss, 0, i] = v0[toss, i]
+        reached = 0
+        for step in range(n_steps[toss]):
+            for _ in range(substeps):
+                r00, r01, r02 = 1.0 - 2.0 * (d * d + e * e), 2.0 * (b * d - a * e), 2.0 * (b * e + a * d)
+                r10, r11, r12 = 2.0 * (b * d + a * e), 1.0 - 2.0 * (b * b + e * e), 2.0 * (d * e - a * b)
+                r20, r21, r22 = 2.0 * (b * e - a * d), 2.0 * (d * e + a * b), 1.0 - 2.0 * (b * b + d * d)
+                # free motion: Newton and Euler about the centre of mass, then the origin's velocity
+                l0 = inertia[0, 0] * w0 + inertia[0, 1] * w1 + inertia[0, 2] * w2
+                l1 = inertia[1, 0] * w0 + inertia[1, 1] * w1 + inertia[1, 2] * w2
+                l2 = inertia[2, 0] * w0 + inertia[2, 1] * w1 + inertia[2, 2] * w2
+                t0, t1, t2 = w2 * l1 - w1 * l2, w0 * l2 - w2 * l0, w1 * l0 - w0 * l1
+                g0 = inverse[0, 0] * t0 + inverse[0, 1] * t1 + inverse[0, 2] * t2
+                g1 = inverse[1, 0] * t0 + inverse[1, 1] * t1 + inverse[1, 2] * t2
+                g2 = inverse[2, 0] * t0 + inverse[2, 1] * t1 + inverse[2, 2] * t2
+                s0, s1, s2 = w1 * c2 - w2 * c1, w2 * c0 - w0 * c2, w0 * c1 - w1 * c0
+                e0 = g1 * c2 - g2 * c1 + w1 * s2 - w2 * s1
+                e1 = g2 * c0 - g0 * c2 + w2 * s0 - w0 * s2
+                e2 = g0 * c1 - g1 * c0 + w0 * s1 - w1 * s0
+                if learned:
+                    f[0], f[1], f[2] = r20, r21, r22
+                    f[3] = r00 * v_0 + r10 * v_1 + r20 * v_2
+                    f[4] = r01 * v_0 + r11 * v_1 + r21 * v_2
+                    f[5] = r02 * v_0 + r12 * v_1 + r22 * v_2
+                    f[6], f[7], f[8] = 0.1 * w0, 0.1 * w1, 0.1 * w2
+                    network(linear, W0, b0, W1, b1, W2, f, h0, h1, extra)
+                    e0, e1, e2 = e0 - extra[0], e1 - extra[1], e2 - extra[2]
+                    g0, g1, g2 = g0 + extra[3], g1 + extra[4], g2 + extra[5]
+                x0 = v_0 + h * (gravity[0] - (r00 * e0 + r01 * e1 + r02 * e2))
+                x1 = v_1 + h * (gravity[1] - (r10 * e0 + r11 * e1 + r12 * e2))
+                x2 = v_2 + h * (gravity[2] - (r20 * e0 + r21 * e1 + r22 * e2))
+                y0, y1, y2 = w0 + h * g0, w1 + h * g1, w2 + h * g2
+
+                # which corners could be hit
+                reach = 0.02 + 3.0 * h * (abs(x2) + 0.2 * (abs(y0) + abs(y1) + abs(y2)))
+                low = False
+                for c in range(nc):
+                    z = p2 + r20 * corner[0, c] + r21 * corner[1, c] + r22 * corner[2, c]
+                    height[c] = z
+                    low = low or z < reach
+                touched, status, residual, n = False, 0, 0.0, 0
+                u0, u1, u2, n0, n1, n2, f0, f1, f2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                if low:
+                    R[0, 0], R[0, 1], R[0, 2] = r00, r01, r02
+                    R[1, 0], R[1, 1], R[1, 2] = r10, r11, r12
+                    R[2, 0], R[2, 1], R[2, 2] = r20, r21, r22
+                    # velocities of the centre of mass, free (u) and before the step (k)
+                    s0, s1, s2 = y1 * c2 - y2 * c1, y2 * c0 - y0 * c2, y0 * c1 - y1 * c0
+                    u0 = x0 + r00 * s0 + r01 * s1 + r02 * s2
+                    u1 = x1 + r10 * s0 + r11 * s1 + r12 * s2
+                    u2 = x2 + r20 * s0 + r21 * s1 + r22 * s2
+                    k2 = v_2 + (r20 * (w1 * c2 - w2 * c1) + r21 * (w2 * c0 - w0 * c2) + r22 * (w0 * c1 - w1 * c0))
+                    for c in range(nc):
+                        state[c] = 0
+                        if height[c] < reach:
+                            d0, d1, d2 = arm[c, 0], arm[c, 1], arm[c, 2]
+                            for k in range(3):
+                                i = axis[k]
+                                tau[c, k, 0] = d1 * R[i, 2] - d2 * R[i, 1]
+                                tau[c, k, 1] = d2 * R[i, 0] - d0 * R[i, 2]
+                                tau[c, k, 2] = d0 * R[i, 1] - d1 * R[i, 0]
+                            vn = u2 + tau[c, 0, 0] * y0 + tau[c, 0, 1] * y1 + tau[c, 0, 2] * y2
+                            state[c] = 2 if height[c] / h + vn < closing_speed else 1
+                    for _attempt in range(4):
+                        n, closed = 0, True
+                        for c in range(nc):
+                            if state[c] != 2:
+                                continue
+                            r = 3 * n
+                            for k in range(3):
+                                m0, m1, m2 = tau[c, k, 0], tau[c, k, 1], tau[c, k, 2]
+                                V[B, r + k] = m0 * y0 + m1 * y1 + m2 * y2
+                                V[LAM, r + k] = 0.0 if cold else warm[c, k]
+                                G[r + k, 0] = root[0, 0] * m0 + root[1, 0] * m1 + root[2, 0] * m2
+                                G[r + k, 1] = root[1, 1] * m1 + root[2, 1] * m2
+                                G[r + k, 2] = root[2, 2] * m2
+                            free = V[B, r] + u2
+                            target = height[c] / h + free
+                            if restitution > 0.0 and target < 0.0:
+                                before = k2 + tau[c, 0, 0] * w0 + tau[c, 0, 1] * w1 + tau[c, 0, 2] * w2
+                                if before < -bounce_speed:
+                                    target = min(target, free + restitution * before)
+                            V[B, r] = target
+                            V[B, r + 1] += u0
+                            V[B, r + 2] += u1
+                            V[MU, n] = mu[c]
+                            chosen[n] = c
+                            closed = closed and target >= 0.0
+                            n += 1
+                        if closed:
+                            n = 0
+                            break
+                        for i in range(3 * n):
+                            m0, m1, m2 = G[i, 0], G[i, 1], G[i, 2]
+                            for j in range(i + 1):
+                                A[i, j] = m0 * G[j, 0] + m1 * G[j, 1] + m2 * G[j, 2]
+                            for j in range(i % 3, i + 1, 3):
+                                A[i, j] += over_m
+                            for j in range(i):
+                                A[j, i] = A[i, j]
+                        status, residual, _it = cone_solve(A, V, index, n, tolerance, max_iterations)
+                        if status != 0:  # once more from zero: a poor warm start is the usual reason
+                            for i in range(3 * n):
+                                V[LAM, i] = 0.0
+                            status, residual, _it = cone_solve(A, V, index, n, tolerance, 5 * max_iterations)
+                        f0, f1, f2, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                        touched = False
+                        for i in range(n):
+                            r = 3 * i
+                            i0, i1, i2 = V[LAM, r], V[LAM, r + 1], V[LAM, r + 2]
+                            if i0 != 0.0 or i1 != 0.0 or i2 != 0.0:
+                                touched = True
+                                f0, f1, f2 = f0 + i1, f1 + i2, f2 + i0
+                                m0 += G[r, 0] * i0 + G[r + 1, 0] * i1 + G[r + 2, 0] * i2
+                                m1 += G[r, 1] * i0 + G[r + 1, 1] * i1 + G[r + 2, 1] * i2
+                                m2 += G[r, 2] * i0 + G[r + 1, 2] * i1 + G[r + 2, 2] * i2
+                        n0 = y0 + root[0, 0] * m0
+                        n1 = y1 + root[1, 0] * m0 + root[1, 1] * m1
+                        n2 = y2 + root[2, 0] * m0 + root[2, 1] * m1 + root[2, 2] * m2
+                        hit = False
+                        for c in range(nc):
+                            if state[c] == 1:
+                                vn = u2 + over_m * f2 + tau[c, 0, 0] * n0 + tau[c, 0, 1] * n1 + tau[c, 0, 2] * n2
+                                if height[c] / h + vn < 0.0:
+                                    state[c] = 2
+                                    hit = True
+                        if not hit:
+                            break
+                if n > 0:
+                    for c in range(nc):
+                        warm[c, 0], warm[c, 1], warm[c, 2] = 0.0, 0.0, 0.0
+                    for i in range(n):
+                        for k in range(3):
+                            warm[chosen[i], k] = V[LAM, 3 * i + k]
+                    cold = False
+                    s0, s1, s2 = n1 * c2 - n2 * c1, n2 * c0 - n0 * c2, n0 * c1 - n1 * c0
+                    x0 = u0 + over_m * f0 - (r00 * s0 + r01 * s1 + r02 * s2)
+                    x1 = u1 + over_m * f1 - (r10 * s0 + r11 * s1 + r12 * s2)
+                    x2 = u2 + over_m * f2 - (r20 * s0 + r21 * s1 + r22 * s2)
+                    y0, y1, y2 = n0, n1, n2
+                else:
+                    cold = True
+                if touched:
+                    for i in range(n):
+                        lam_n[toss, step, chosen[i]] += V[LAM, 3 * i]
+                    m0, m1, m2, f0, f1, f2 = x0, x1, x2, y0, y1, y2
+                else:
+                    m0, m1, m2 = 0.5 * (v_0 + x0), 0.5 * (v_1 + x1), 0.5 * (v_2 + x2)
+                    f0, f1, f2 = 0.5 * (w0 + y0), 0.5 * (w1 + y1), 0.5 * (w2 + y2)
+                if not abs(x0) + abs(x1) + abs(x2) + abs(y0) + abs(y1) + abs(y2) + abs(p0) + abs(p1) + abs(p2) < 1e9:
+                    finite[toss] = False
+                    break
+                # along the velocity: quaternion times exp(omega h), by series for the small angles of a step
+                p0, p1, p2 = p0 + h * m0, p1 + h * m1, p2 + h * m2
+                f0, f1, f2 = 0.5 * h * f0, 0.5 * h * f1, 0.5 * h * f2
+                angle = f0 * f0 + f1 * f1 + f2 * f2
+                if angle < 0.04:
+                    s = 1.0 - angle / 6.0 * (1.0 - angle / 20.0 * (1.0 - angle / 42.0 * (1.0 - angle / 72.0)))
+                    co = 1.0 - angle / 2.0 * (
+                        1.0 - angle / 12.0 * (1.0 - angle / 30.0 * (1.0 - angle / 56.0 * (1.0 - angle / 90.0)))
+                    )
+                else:
+                    angle = math.sqrt(angle)
+                    s, co = math.sin(angle) / angle, math.cos(angle)
+                s0, s1, s2 = s * f0, s * f1, s * f2
+                t0 = a * co - b * s0 - d * s1 - e * s2
+                t1 = a * s0 + b * co + d * s2 - e * s1
+                t2 = a * s1 - b * s2 + d * co + e * s0
+                g0 = a * s2 + b * s1 - d * s0 + e * co
+                s = 1.0 / math.sqrt(t0 * t0 + t1 * t1 + t2 * t2 + g0 * g0)
+                a, b, d, e = s * t0, s * t1, s * t2, s * g0
+                v_0, v_1, v_2, w0, w1, w2 = x0, x1, x2, y0, y1, y2
+                if status != 0:
+                    unsolved[toss] += 1
+                if residual > worst[toss]:
+                    worst[toss] = residual
+            if not finite[toss]:
+                break
+            reached = step + 1
+            qs[toss, reached, 0], qs[toss, reached, 1], qs[toss, reached, 2] = p0, p1, p2
+            qs[toss, reached, 3], qs[toss, reached, 4], qs[toss, reached, 5], qs[toss, reached, 6] = a, b, d, e
+            vs[toss, reached, 0], vs[toss, reached, 1], vs[toss, reached, 2] = v_0, v_1, v_2
+            vs[toss, reached, 3], vs[toss, reached, 4], vs[toss, reached, 5] = w0, w1, w2
+        for rest in range(reached + 1, qs.shape[1]):
+            for i in range(7):
+                qs[toss, rest, i] = qs[toss, reached, i]
+            for i in range(6):
+                vs[toss, rest, i] = vs[toss, reached, i]
