@@ -47,8 +47,8 @@ def test_it_agrees_with_the_tree(cube: ObjectModel, name: str, substeps: int, mo
     body, tree = runs
     assert (body.lam_n > 0).any(axis=(1, 2)).mean() > 0.8
     apart = np.abs(body.q - tree.q).max(axis=(1, 2))
-    assert np.median(apart) < 1e-11
-    assert apart.max() < 1e-7  # contact amplifies the solver's last digits
+    assert np.median(apart) < 1e-8
+    assert apart.max() < 1e-6  # contact amplifies the solver's last digits
     np.testing.assert_allclose(body.v, tree.v, atol=1e-5)
     np.testing.assert_allclose(body.lam_n, tree.lam_n, atol=1e-6)
 
