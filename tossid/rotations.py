@@ -15,6 +15,16 @@ Array = NDArray[np.float64]
 _SMALL = 1e-8
 
 
+def _cross(a: Array, b: Array) -> Array:
+    """a × b, several times as fast as `np.cross` on the small batches that are common here."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    a0, a1, a2, b0, b1, b2 = a[..., 0], a[..., 1], a[..., 2], b[..., 0], b[..., 1], b[..., 2]
+    out[..., 0] = a1 * b2 - a2 * b1
+    out[..., 1] = a2 * b0 - a0 * b2
+    out[..., 2] = a0 * b1 - a1 * b0
+    return out
+
+
 def quat_normalize(quat: ArrayLike) -> Array:
     """Unit quaternion with w >= 0 not enforced. (*b, 4) -> (*b, 4)."""
     quat = np.asarray(quat, dtype=float)
@@ -27,7 +37,7 @@ def quat_mul(a: ArrayLike, b: ArrayLike) -> Array:
     aw, av = a[..., :1], a[..., 1:]
     bw, bv = b[..., :1], b[..., 1:]
     w = aw * bw - np.sum(av * bv, axis=-1, keepdims=True)
-    return np.concatenate([w, aw * bv + bw * av + np.cross(av, bv)], axis=-1)
+    return np.concatenate([w, aw * bv + bw * av + _cross(av, bv)], axis=-1)
 
 
 def quat_conj(quat: ArrayLike) -> Array:
@@ -39,8 +49,8 @@ def quat_rotate(quat: ArrayLike, x: ArrayLike) -> Array:
     """R(quat) x. (*b, 4), (*b, 3) -> (*b, 3)."""
     quat, x = np.asarray(quat, dtype=float), np.asarray(x, dtype=float)
     w, u = quat[..., :1], quat[..., 1:]
-    t = 2.0 * np.cross(u, x)
-    return x + w * t + np.cross(u, t)
+    t = 2.0 * _cross(u, x)
+    return x + w * t + _cross(u, t)
 
 
 def quat_to_matrix(quat: ArrayLike) -> Array:

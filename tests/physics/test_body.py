@@ -46,11 +46,14 @@ def test_it_agrees_with_the_tree(cube: ObjectModel, name: str, substeps: int, mo
         monkeypatch.setattr(stepping, "make_body", lambda system: None)
     body, tree = runs
     assert (body.lam_n > 0).any(axis=(1, 2)).mean() > 0.8
-    apart = np.abs(body.q - tree.q).max(axis=(1, 2))
-    assert np.median(apart) < 1e-8
-    assert apart.max() < 1e-6  # contact amplifies the solver's last digits
-    np.testing.assert_allclose(body.v, tree.v, atol=1e-5)
-    np.testing.assert_allclose(body.lam_n, tree.lam_n, atol=1e-6)
+    # three corners or more carry redundant impulses: which of them is up to the solver's last digits
+    redundant = np.cumsum((body.lam_n > 0).sum(axis=2) > 2, axis=1) > 0
+    assert redundant.mean() < 0.7
+    for name, near in (("q", 1e-9), ("v", 1e-7)):
+        apart = np.abs(getattr(body, name) - getattr(tree, name))[:, 1:]
+        assert apart[~redundant].max() < near, name
+        assert apart.max() < 1e3 * near, name
+    assert np.abs(body.lam_n - tree.lam_n)[~redundant].max() < 1e-9
 
 
 def test_a_toss_that_runs_away_is_reported(cube: ObjectModel) -> None:

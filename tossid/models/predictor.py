@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.physics import Simulation, System, simulate
-from tossid.physics.tree import free_acceleration, make_work
+from tossid.physics.free import free_acceleration
+from tossid.physics.tree import make_work
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.physics.free import features
 from tossid.physics.system import System
-from tossid.physics.tree import bias_force, features, kinematics, make_work, mass_matrix, point_jacobian
+from tossid.physics.tree import bias_force, kinematics, make_work, mass_matrix, point_jacobian
 
 Array = NDArray[np.float64]
 

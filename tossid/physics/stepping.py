@@ -22,10 +22,11 @@ from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.physics.body import make_body, simulate_body
+from tossid.physics.free import free_acceleration
 from tossid.physics.solvers import cone_core, cone_work, lcp_kernel, lcp_work, tangent_directions
 from tossid.physics.solvers.batches import over_threads
 from tossid.physics.system import System
-from tossid.physics.tree import free_acceleration, integrate_configuration, make_work, point_jacobian
+from tossid.physics.tree import integrate_configuration, make_work, point_jacobian
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,9 @@ from tossid.models.implicit import LossWeights
 from tossid.motion import com_velocities
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import System, no_residual, tree_batch
+from tossid.physics.free import free_acceleration
 from tossid.physics.solvers import solve_cone_qp
-from tossid.physics.tree import free_acceleration, make_work
+from tossid.physics.tree import make_work
 from tossid.rotations import skew
 from tossid.types import Phase, Toss
 

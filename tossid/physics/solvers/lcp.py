@@ -6,10 +6,11 @@ With k directions d_j around the tangent plane (k even) and lam_t = sum_j beta_j
     0 <= beta_j _|_  d_j . w_t + gamma >= 0
     0 <= gamma  _|_  mu lam_n - sum_j beta_j >= 0                        w = A lam + b
 
-(Stewart & Trinkle 1996; Anitescu & Potra 1997). Lemke's algorithm is complementary pivoting with a
-lexicographic ratio test, which cannot cycle (Cottle, Pang & Stone 1992, 4.4 and 4.9); it ends at a
-solution or on a ray. The basis that it ends in is then solved again from the problem's own numbers,
-so that errors gathered while pivoting do not stay in the answer.
+(Stewart & Trinkle 1996; Anitescu & Potra 1997). The basis that Lemke's algorithm (`lemke`) ends in is
+solved again from the problem's own numbers, so that errors gathered while pivoting do not stay in the
+answer. With redundant contacts (four corners at rest: rank 6 of 12) pivoting can still end in a basis that
+is singular to rounding, or on a false ray: such problems are solved by block Gauss-Seidel, one contact
+after another, each by Lemke's algorithm on its own well-conditioned numbers.
 """
 
 from __future__ import annotations
@@ -21,12 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.physics.solvers.batches import check_batch, over_threads
-from tossid.physics.solvers.blocks import lu_solve
+from tossid.physics.solvers.lemke import basic_solution, lcp_matrix, lemke
 from tossid.physics.solvers.problem import ACCEPTED_RESIDUAL, Array, tangent_directions
-from tossid.physics.solvers.workspace import INACCURATE, INFEASIBLE, MAX_ITERATIONS, NOT_FINITE, SOLVED, jit
+from tossid.physics.solvers.workspace import INACCURATE, MAX_ITERATIONS, NOT_FINITE, SOLVED, jit
 
-_PIVOT = 1e-10
-_TIE = 1e-11
+_SWEEPS = 20000
 
 
 class LcpSolution(NamedTuple):
@@ -53,141 +53,6 @@ def lcp_work(n: int, k: int) -> tuple[Array, NDArray[np.int64]]:
     """Work arrays of `lcp_kernel` for n contacts with k directions, to be used again and again."""
     size = n * (k + 2)
     return np.empty((2 * size + 1, 2 * size + 2)), np.empty((3, size + n), dtype=np.int64)
-
-
-@jit
-def lcp_matrix(A, b, mu, directions, chosen, m, n, scale, M, q):  # type: ignore[no-untyped-def]
-    """The scaled complementarity problem w = M z + q of the chosen contacts, z = (lam_n, beta, gamma) by contact.
-
-    Contact i's impulses are measured in 1 / sqrt(a_i) and its velocities in sqrt(a_i): M has a diagonal near 1.
-    """
-    k = directions.shape[0]
-    block = k + 2
-    for p in range(m):
-        i = chosen[p]
-        row = p * block
-        si = scale[p]
-        q[row], q[row + k + 1] = b[i] * si, 0.0
-        for j in range(k):
-            q[row + 1 + j] = si * (directions[j, 0] * b[n + 2 * i] + directions[j, 1] * b[n + 2 * i + 1])
-        for r in range(m):
-            h = chosen[r]
-            column = r * block
-            s = si * scale[r]
-            M[row, column] = s * A[i, h]
-            for j in range(k):
-                c, d = directions[j, 0], directions[j, 1]
-                M[row, column + 1 + j] = s * (c * A[i, n + 2 * h] + d * A[i, n + 2 * h + 1])
-                M[row + 1 + j, column] = s * (c * A[n + 2 * i, h] + d * A[n + 2 * i + 1, h])
-                left = c * A[n + 2 * i, n + 2 * h] + d * A[n + 2 * i + 1, n + 2 * h]
-                right = c * A[n + 2 * i, n + 2 * h + 1] + d * A[n + 2 * i + 1, n + 2 * h + 1]
-                for g in range(k):
-                    M[row + 1 + j, column + 1 + g] = s * (left * directions[g, 0] + right * directions[g, 1])
-                M[row + 1 + j, column + k + 1], M[row + k + 1, column + 1 + j] = 0.0, 0.0
-            M[row, column + k + 1], M[row + k + 1, column], M[row + k + 1, column + k + 1] = 0.0, 0.0, 0.0
-        for j in range(k):
-            M[row + 1 + j, row + k + 1], M[row + k + 1, row + 1 + j] = 1.0, -1.0
-        M[row + k + 1, row] = mu[i]
-
-
-@jit
-def leaving_row(T, size, enter, basis, ties):  # type: ignore[no-untyped-def]
-    """Row of the lexicographic ratio test in column `enter`, or -1 if nothing limits it (a ray)."""
-    last = 2 * size + 1
-    count = 0
-    best = math.inf
-    for i in range(size):
-        if T[i, enter] > _PIVOT:
-            ratio = max(T[i, last], 0.0) / T[i, enter]
-            if ratio < best:
-                best = ratio
-    if best == math.inf:
-        return -1
-    limit = best + _TIE * (1.0 + best)
-    for i in range(size):
-        if T[i, enter] > _PIVOT and max(T[i, last], 0.0) / T[i, enter] <= limit:
-            if basis[i] == 2 * size:
-                return i
-            ties[count] = i
-            count += 1
-    column = 0
-    while count > 1 and column < size:
-        best = math.inf
-        for t in range(count):
-            best = min(best, T[ties[t], column] / T[ties[t], enter])
-        limit = best + _TIE * (1.0 + abs(best))
-        kept = 0
-        for t in range(count):
-            if T[ties[t], column] / T[ties[t], enter] <= limit:
-                ties[kept] = ties[t]
-                kept += 1
-        count = kept
-        column += 1
-    return ties[0]
-
-
-@jit
-def pivot(T, size, row, enter):  # type: ignore[no-untyped-def]
-    """Bring column `enter` into the basis at `row`."""
-    width = 2 * size + 2
-    inverse = 1.0 / T[row, enter]
-    for j in range(width):
-        T[row, j] *= inverse
-    T[row, enter] = 1.0
-    for i in range(size):
-        factor = T[i, enter]
-        if i != row and factor != 0.0:
-            for j in range(width):
-                T[i, j] -= factor * T[row, j]
-            T[i, enter] = 0.0
-
-
-@jit
-def lemke(M, q, size, max_iterations, T, basis, ties):  # type: ignore[no-untyped-def]
-    """Lemke's algorithm on w = M z + q. Returns (status, pivots); basis[i] is the variable of row i
-
-    (w_i is i, z_i is size + i, the artificial variable 2 size) and T's last column its value.
-    """
-    last = 2 * size + 1
-    row, worst = -1, 0.0
-    for i in range(size):
-        for j in range(size):
-            T[i, j] = 0.0
-            T[i, size + j] = -M[i, j]
-        T[i, i], T[i, 2 * size], T[i, last] = 1.0, -1.0, q[i]
-        basis[i] = i
-        if q[i] <= worst and (q[i] < worst or row < 0) and q[i] < 0.0:
-            worst, row = q[i], i
-    if row < 0:
-        return SOLVED, 0
-    enter = 2 * size
-    for iteration in range(1, max_iterations + 1):
-        pivot(T, size, row, enter)
-        left = basis[row]
-        basis[row] = enter
-        if left == 2 * size:
-            return SOLVED, iteration
-        enter = left + size if left < size else left - size
-        row = leaving_row(T, size, enter, basis, ties)
-        if row < 0:
-            return INFEASIBLE, iteration
-    return MAX_ITERATIONS, max_iterations
-
-
-@jit
-def basic_solution(M, q, size, basis, work, last):  # type: ignore[no-untyped-def]
-    """work[last] = the values of the basic variables, from the problem's own M and q; other rows are overwritten."""
-    for i in range(size):
-        work[last, i] = q[i]
-        variable = basis[i]
-        for j in range(size):
-            if variable < size:
-                work[j, i] = 1.0 if j == variable else 0.0
-            elif variable < 2 * size:
-                work[j, i] = -M[j, variable - size]
-            else:
-                work[j, i] = -1.0
-    lu_solve(work, 0, size, last)
 
 
 @jit
@@ -246,6 +111,55 @@ def unpack(x, size, scale, chosen, m, n, directions, basis, lam, beta, gamma):  
 
 
 @jit
+def lcp_sweeps(A, b, mu, active, directions, lam, beta, gamma, tolerance):  # type: ignore[no-untyped-def]
+    """Block Gauss-Seidel from lam = 0: one contact after another, exactly. Returns the residual [m/s]."""
+    n, k = beta.shape
+    size = k + 2
+    M, q, T = np.empty((size, size)), np.empty(size), np.empty((size + 1, 2 * size + 2))
+    basis, ties, chosen = np.empty(size, np.int64), np.empty(size, np.int64), np.zeros(1, np.int64)
+    own, g, one, scale = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(1)
+    own_beta, own_gamma, own_mu = np.empty((1, k)), np.empty(1), np.empty(1)
+    rows = np.empty(3, np.int64)
+    lam[:], beta[:], gamma[:] = 0.0, 0.0, 0.0
+    residual = math.inf
+    for sweep in range(_SWEEPS):
+        for i in range(n):
+            if not active[i]:
+                continue
+            rows[0], rows[1], rows[2] = i, n + 2 * i, n + 2 * i + 1
+            for r in range(3):
+                g[r] = b[rows[r]]
+                for j in range(3 * n):
+                    g[r] += A[rows[r], j] * lam[j]
+                for c in range(3):
+                    own[r, c] = A[rows[r], rows[c]]
+                    g[r] -= own[r, c] * lam[rows[c]]
+            own_mu[0] = mu[i]
+            a = (own[0, 0] + own[1, 1] + own[2, 2]) / 3.0
+            scale[0] = 1.0 / math.sqrt(a) if a > 0.0 else 1.0
+            if g[0] >= 0.0:
+                one[:] = 0.0
+                own_beta[:] = 0.0
+                own_gamma[0] = 0.0
+                for j in range(k):
+                    own_gamma[0] = max(own_gamma[0], -(directions[j, 0] * g[1] + directions[j, 1] * g[2]))
+            else:
+                lcp_matrix(own, g, own_mu, directions, chosen, 1, 1, scale, M, q)
+                lemke(M, q, size, 50 * size, T, basis, ties)
+                unpack(T[:, 2 * size + 1], size, scale, chosen, 1, 1, directions, basis, one, own_beta, own_gamma)
+            for r in range(3):
+                lam[rows[r]] = one[r]
+            for j in range(k):
+                beta[i, j] = own_beta[0, j]
+            gamma[i] = own_gamma[0]
+        if sweep % 10 == 9:
+            residual = lcp_residual_kernel(A, b, mu, directions, active, lam, beta, gamma)
+            if residual <= tolerance or not residual < math.inf:
+                break
+    return residual
+
+
+@jit
 def lcp_kernel(  # type: ignore[no-untyped-def]
     A, b, mu, active, directions, lam, beta, gamma, tolerance, max_iterations, work, index
 ):
@@ -295,7 +209,13 @@ def lcp_kernel(  # type: ignore[no-untyped-def]
         unpack(x, size, scale, chosen, m, n, directions, basis, lam, beta, gamma)
         again = lcp_residual_kernel(A, b, mu, directions, active, lam, beta, gamma)
         residual = again
-    if status == SOLVED and not residual <= tolerance:
+    if status == SOLVED and residual <= tolerance:
+        return SOLVED, residual, iterations
+    if status != MAX_ITERATIONS:
+        residual = lcp_sweeps(A, b, mu, active, directions, lam, beta, gamma, tolerance)
+    if residual <= tolerance:
+        status = SOLVED
+    elif status == SOLVED:
         status = INACCURATE
     return status, residual, iterations
 

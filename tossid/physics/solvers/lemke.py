@@ -1,0 +1,150 @@
+"""Lemke's algorithm: complementary pivoting for w = M z + q, 0 <= w _|_ z >= 0.
+
+The ratio test is lexicographic, so that it cannot cycle (Cottle, Pang & Stone, "The Linear
+Complementarity Problem", 1992, 4.4 and 4.9); it ends at a solution or on a ray.
+"""
+
+from __future__ import annotations
+
+import math
+
+from tossid.physics.solvers.blocks import lu_solve
+from tossid.physics.solvers.workspace import INFEASIBLE, MAX_ITERATIONS, SOLVED, jit
+
+_PIVOT = 1e-10
+_TIE = 1e-11
+
+
+@jit
+def lcp_matrix(A, b, mu, directions, chosen, m, n, scale, M, q):  # type: ignore[no-untyped-def]
+    """The scaled complementarity problem w = M z + q of the chosen contacts, z = (lam_n, beta, gamma) by contact.
+
+    Contact i's impulses are measured in 1 / sqrt(a_i) and its velocities in sqrt(a_i): M has a diagonal near 1.
+    """
+    k = directions.shape[0]
+    block = k + 2
+    for p in range(m):
+        i = chosen[p]
+        row = p * block
+        si = scale[p]
+        q[row], q[row + k + 1] = b[i] * si, 0.0
+        for j in range(k):
+            q[row + 1 + j] = si * (directions[j, 0] * b[n + 2 * i] + directions[j, 1] * b[n + 2 * i + 1])
+        for r in range(m):
+            h = chosen[r]
+            column = r * block
+            s = si * scale[r]
+            M[row, column] = s * A[i, h]
+            for j in range(k):
+                c, d = directions[j, 0], directions[j, 1]
+                M[row, column + 1 + j] = s * (c * A[i, n + 2 * h] + d * A[i, n + 2 * h + 1])
+                M[row + 1 + j, column] = s * (c * A[n + 2 * i, h] + d * A[n + 2 * i + 1, h])
+                left = c * A[n + 2 * i, n + 2 * h] + d * A[n + 2 * i + 1, n + 2 * h]
+                right = c * A[n + 2 * i, n + 2 * h + 1] + d * A[n + 2 * i + 1, n + 2 * h + 1]
+                for g in range(k):
+                    M[row + 1 + j, column + 1 + g] = s * (left * directions[g, 0] + right * directions[g, 1])
+                M[row + 1 + j, column + k + 1], M[row + k + 1, column + 1 + j] = 0.0, 0.0
+            M[row, column + k + 1], M[row + k + 1, column], M[row + k + 1, column + k + 1] = 0.0, 0.0, 0.0
+        for j in range(k):
+            M[row + 1 + j, row + k + 1], M[row + k + 1, row + 1 + j] = 1.0, -1.0
+        M[row + k + 1, row] = mu[i]
+
+
+@jit
+def leaving_row(T, size, enter, basis, ties):  # type: ignore[no-untyped-def]
+    """Row of the lexicographic ratio test in column `enter`, or -1 if nothing limits it (a ray)."""
+    last = 2 * size + 1
+    count = 0
+    best = math.inf
+    for i in range(size):
+        if T[i, enter] > _PIVOT:
+            ratio = max(T[i, last], 0.0) / T[i, enter]
+            if ratio < best:
+                best = ratio
+    if best == math.inf:
+        return -1
+    limit = best + _TIE * (1.0 + best)
+    for i in range(size):
+        if T[i, enter] > _PIVOT and max(T[i, last], 0.0) / T[i, enter] <= limit:
+            if basis[i] == 2 * size:
+                return i
+            ties[count] = i
+            count += 1
+    column = 0
+    while count > 1 and column < size:
+        best = math.inf
+        for t in range(count):
+            best = min(best, T[ties[t], column] / T[ties[t], enter])
+        limit = best + _TIE * (1.0 + abs(best))
+        kept = 0
+        for t in range(count):
+            if T[ties[t], column] / T[ties[t], enter] <= limit:
+                ties[kept] = ties[t]
+                kept += 1
+        count = kept
+        column += 1
+    return ties[0]
+
+
+@jit
+def pivot(T, size, row, enter):  # type: ignore[no-untyped-def]
+    """Bring column `enter` into the basis at `row`."""
+    width = 2 * size + 2
+    inverse = 1.0 / T[row, enter]
+    for j in range(width):
+        T[row, j] *= inverse
+    T[row, enter] = 1.0
+    for i in range(size):
+        factor = T[i, enter]
+        if i != row and factor != 0.0:
+            for j in range(width):
+                T[i, j] -= factor * T[row, j]
+            T[i, enter] = 0.0
+
+
+@jit
+def lemke(M, q, size, max_iterations, T, basis, ties):  # type: ignore[no-untyped-def]
+    """Lemke's algorithm on w = M z + q. Returns (status, pivots); basis[i] is the variable of row i
+
+    (w_i is i, z_i is size + i, the artificial variable 2 size) and T's last column its value.
+    """
+    last = 2 * size + 1
+    row, worst = -1, 0.0
+    for i in range(size):
+        for j in range(size):
+            T[i, j] = 0.0
+            T[i, size + j] = -M[i, j]
+        T[i, i], T[i, 2 * size], T[i, last] = 1.0, -1.0, q[i]
+        basis[i] = i
+        if q[i] <= worst and (q[i] < worst or row < 0) and q[i] < 0.0:
+            worst, row = q[i], i
+    if row < 0:
+        return SOLVED, 0
+    enter = 2 * size
+    for iteration in range(1, max_iterations + 1):
+        pivot(T, size, row, enter)
+        left = basis[row]
+        basis[row] = enter
+        if left == 2 * size:
+            return SOLVED, iteration
+        enter = left + size if left < size else left - size
+        row = leaving_row(T, size, enter, basis, ties)
+        if row < 0:
+            return INFEASIBLE, iteration
+    return MAX_ITERATIONS, max_iterations
+
+
+@jit
+def basic_solution(M, q, size, basis, work, last):  # type: ignore[no-untyped-def]
+    """work[last] = the values of the basic variables, from the problem's own M and q; other rows are overwritten."""
+    for i in range(size):
+        work[last, i] = q[i]
+        variable = basis[i]
+        for j in range(size):
+            if variable < size:
+                work[j, i] = 1.0 if j == variable else 0.0
+            elif variable < 2 * size:
+                work[j, i] = -M[j, variable - size]
+            else:
+                work[j, i] = -1.0
+    lu_solve(work, 0, size, last)
