@@ -27,7 +27,7 @@ from tossid.models.transitions import make_transitions
 from tossid.training.stages import LossStage, RolloutStage, Stage
 from tossid.types import Toss
 
-ROLLOUT_EPOCHS = 8
+ROLLOUT_EPOCHS = 15
 """At most this many Gauss-Newton steps a rollout stage."""
 
 
