@@ -31,7 +31,7 @@ class ModelConfig:
     gap_scale: Positive
     """distance below which a gap counts quadratically [m]; the noise of the corners' heights"""
     horizons: tuple[Count, ...]
-    """frames of the rollout stages that refine friction, restitution and inertia; []: the implicit loss alone"""
+    """frames after first contact of the rollouts that refine friction, restitution and inertia; []: no such stages"""
     inertia: Literal["log_cholesky", "triangular", "direct"]
     """parameterisation of a learned inertia"""
     start_inertia: Positive

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.models.predictor import Predictor
-from tossid.motion import flight_state
+from tossid.motion import flight_frames, flight_state
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_boxminus
 from tossid.types import Toss
@@ -48,10 +48,11 @@ def make_shots(model: ObjectModel, tosses: Sequence[Toss], *, horizon: int, grav
 
     Args:
         model: the object as it is believed to be: its centre of mass flies, its corners touch first.
-        horizon: frames to predict.
+        horizon: frames to predict after the object may first have touched the ground.
         gravity: the model's own downward acceleration, by which the flight is fitted [m/s²].
     """
     states: list[tuple[int, Array, Array]] = []
+    in_flight = [flight_frames(toss, model) for toss in tosses]
     for i, toss in enumerate(tosses):
         states.append((i, toss.q[0], toss.v[0]))
         if model.n_joints == 0:
@@ -59,8 +60,8 @@ def make_shots(model: ObjectModel, tosses: Sequence[Toss], *, horizon: int, grav
             if start.n_frames >= FEWEST_FLIGHT_FRAMES:
                 states.append((i, start.q, start.v))
     index = np.array([i for i, _, _ in states])
-    n_steps = np.array([min(horizon, len(tosses[i]) - 1) for i in index])
-    target = np.empty((len(states), horizon, model.nq))
+    n_steps = np.array([min(in_flight[i] + horizon, len(tosses[i]) - 1) for i in index])
+    target = np.empty((len(states), n_steps.max(), model.nq))
     for row, i in enumerate(index):
         n = n_steps[row]
         target[row, :n] = tosses[i].q[1 : n + 1]

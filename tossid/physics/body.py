@@ -79,7 +79,7 @@ def make_body(system: System) -> Body | None:
 
 @_jit
 def network(linear, W0, b0, W1, b1, W2, f, h0, h1, out):  # type: ignore[no-untyped-def]
-    """out (6,) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1); see `system.Residual`."""
+    """out (nv,) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1); see `system.Residual`."""
     nf, h = f.shape[0], b0.shape[0]
     for i in range(h):
         s = b0[i]
@@ -91,7 +91,7 @@ def network(linear, W0, b0, W1, b1, W2, f, h0, h1, out):  # type: ignore[no-unty
         for j in range(h):
             s += W1[i, j] * h0[j]
         h1[i] = math.tanh(s)
-    for i in range(6):
+    for i in range(W2.shape[0]):
         s = 0.0
         for j in range(nf):
             s += linear[i, j] * f[j]

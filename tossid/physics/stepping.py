@@ -16,17 +16,33 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
-from tossid.physics.body import make_body, simulate_body
-from tossid.physics.free import free_acceleration
-from tossid.physics.solvers import cone_core, cone_work, lcp_kernel, lcp_work, tangent_directions
+from tossid.physics.articulated import (
+    FORCE,
+    MASS,
+    WIDTH,
+    X,
+    back,
+    common_velocity,
+    contact_row,
+    factor,
+    inwards,
+    jit,
+    make_articulated,
+    outwards,
+    tree_features,
+    turned,
+)
+from tossid.physics.body import make_body, network, simulate_body
+from tossid.physics.solvers import cone_work, lcp_kernel, lcp_work, tangent_directions
 from tossid.physics.solvers.batches import over_threads
+from tossid.physics.solvers.cone import cone_solve
+from tossid.physics.solvers.workspace import LAM, MU, B
 from tossid.physics.system import System
-from tossid.physics.tree import integrate_configuration, make_work, point_jacobian
+from tossid.physics.tree import integrate_configuration, quat_to_mat
 
 Array = NDArray[np.float64]
 
@@ -37,8 +53,6 @@ CLOSING_SPEED = 1.0
 """A corner joins the contact problem at once if it would touch within this speed [m/s]; others when they are hit."""
 BOUNCE_SPEED = 0.02
 """Approach [m/s] below which restitution does not act."""
-
-_jit = numba.njit(cache=True, error_model="numpy", nogil=True)
 
 
 class Simulation(NamedTuple):
@@ -60,254 +74,266 @@ class Simulation(NamedTuple):
 
 
 class _Scratch(NamedTuple):
-    J: Array  # (3 n_c, nv) contact-major rows n, t1, t2 of the candidates
-    Y: Array  # (3 n_c, nv) rows of (L^-1 J^T)^T
-    A: Array  # (3 n_c, 3 n_c) Delassus matrix, contact-major
-    b: Array  # (3 n_c,)
-    lam: Array  # (3 n_c,)
-    mu: Array  # (n_c,)
-    warm: Array  # (n_c, 3) impulses of the last step
+    """What a contact problem is built and solved in; corners in their own order, candidates contact-major."""
+
     height: Array  # (n_c,)
-    rows: Array  # (n_c, 3, nv) Jacobian of every low corner: normal, t1, t2
-    corner: NDArray[np.int64]  # (n_c,) corner of each candidate
-    state: NDArray[np.int8]  # (n_c,) 0 far, 1 low, 2 candidate
-    solver_work: Array
-    solver_index: NDArray[np.int64]
+    state: NDArray[np.int64]  # (n_c,) 0 far, 1 low, 2 candidate
+    chosen: NDArray[np.int64]  # (n_c,) corner of each candidate
+    tau: Array  # (n_c, 3, n_x) rows of every low corner: normal, t1, t2
+    G: Array  # (n_x, 3 n_c) columns L^-1 tau of the candidates
+    A: Array  # (3 n_c, 3 n_c) Delassus matrix
+    warm: Array  # (n_c, 3) impulses of the last step
+    y: Array  # (n_x,)
+    V: Array
+    index: NDArray[np.int64]
+    directions: Array  # (k, 2), k = 0 for the exact cone
     lcp_work: Array
     lcp_index: NDArray[np.int64]
-    directions: Array  # (k, 2), k = 0 for the exact cone
 
 
 def _scratch(system: System, n_directions: int) -> _Scratch:
-    nc, nv = system.n_corners, system.nv
-    work, index = cone_work(nc)
-    k = n_directions
+    nc, nx, k = system.n_corners, system.nv - 3, n_directions
     lemke_work, lemke_index = lcp_work(nc, k) if k else (np.zeros((1, 1)), np.zeros((1, 1), dtype=np.int64))
     z = np.zeros
     return _Scratch(
-        z((3 * nc, nv)),
-        z((3 * nc, nv)),
-        z((3 * nc, 3 * nc)),
-        z(3 * nc),
-        z(3 * nc),
         z(nc),
-        z((nc, 3)),
-        z(nc),
-        z((nc, 3, nv)),
         z(nc, dtype=np.int64),
-        z(nc, dtype=np.int8),
-        work,
-        index,
+        z(nc, dtype=np.int64),
+        z((nc, 3, nx)),
+        z((nx, 3 * nc)),
+        z((3 * nc, 3 * nc)),
+        z((nc, 3)),
+        z(nx),
+        *cone_work(nc),
+        tangent_directions(k) if k else z((0, 2)),
         lemke_work,
         lemke_index,
-        tangent_directions(k) if k else z((0, 2)),
     )
 
 
-@_jit
-def _link_rows(system, work, c, z, J, rows):  # type: ignore[no-untyped-def]
-    """Jacobian of corner c at height z into rows[c] (3, nv): normal, t1 (world x), t2 (world y); any body."""
-    body = system.corner_body[c]
-    x = np.empty(3)
-    for i in range(2):
-        x[i] = work.xpos[body, i]
-        for j in range(3):
-            x[i] += work.xmat[body, i, j] * system.corner_pos[c, j]
-    x[2] = z
-    point_jacobian(system, work, body, x, J[:3])
-    for j in range(rows.shape[2]):
-        rows[c, 0, j], rows[c, 1, j], rows[c, 2, j] = J[2, j], J[0, j], J[1, j]
-
-
-@_jit
-def _find_low_corners(system, work, s, vf, h):  # type: ignore[no-untyped-def]
-    """Heights, Jacobians and states of the corners; returns how many could be hit at all."""
-    nv = vf.shape[0]
-    body_of, corner, x, R, rows = system.corner_body, system.corner_pos, work.xpos, work.xmat, s.rows
-    low = 0
-    speed = abs(vf[2])
-    for j in range(3, nv):
-        speed += 0.2 * abs(vf[j])
-    reach = 0.02 + 3.0 * h * speed  # farther than a corner moves in a step, contact included
-    for c in range(body_of.shape[0]):
-        body = body_of[c]
-        p0, p1, p2 = corner[c, 0], corner[c, 1], corner[c, 2]
-        z = x[body, 2] + R[body, 2, 0] * p0 + R[body, 2, 1] * p1 + R[body, 2, 2] * p2
-        s.height[c] = z
-        s.state[c] = 0
-        if not z < reach:
-            continue
-        low += 1
-        if body == 0:  # a base corner's velocity is v + R (omega x p)
-            for k in range(3):
-                i = 2 if k == 0 else k - 1
-                for j in range(nv):
-                    rows[c, k, j] = 0.0
-                rows[c, k, i] = 1.0
-                rows[c, k, 3] = p1 * R[0, i, 2] - p2 * R[0, i, 1]
-                rows[c, k, 4] = p2 * R[0, i, 0] - p0 * R[0, i, 2]
-                rows[c, k, 5] = p0 * R[0, i, 1] - p1 * R[0, i, 0]
-        else:
-            _link_rows(system, work, c, z, s.J, rows)
-        vn = 0.0
-        for j in range(nv):
-            vn += rows[c, 0, j] * vf[j]
-        s.state[c] = 2 if z / h + vn < CLOSING_SPEED else 1
-    return low
-
-
-@_jit
-def _assemble(system, work, s, v, vf, h):  # type: ignore[no-untyped-def]
-    """The candidates' contact problem (J, Y, A, b, warm start), contact-major; returns their number."""
-    nv = vf.shape[0]
-    J, Y, A, rows, L = s.J, s.Y, s.A, s.rows, work.L
-    n = 0
-    closed = True
-    for c in range(s.state.shape[0]):
-        if s.state[c] != 2:
-            continue
-        for k in range(3):
-            r = 3 * n + k
-            free, before = 0.0, 0.0
-            for j in range(nv):
-                row = rows[c, k, j]
-                J[r, j] = row
-                free += row * vf[j]
-                before += row * v[j]
-            if k == 0:
-                target = s.height[c] / h + free
-                if system.restitution > 0.0 and target < 0.0 and before < -BOUNCE_SPEED:
-                    target = min(target, free + system.restitution * before)
-                s.b[r] = target
-                closed = closed and target >= 0.0
-            else:
-                s.b[r] = free
-            s.lam[r] = s.warm[c, k]
-        s.mu[n] = system.mu[c]
-        s.corner[n] = c
-        n += 1
-    if closed:
-        return 0
-    for r in range(3 * n):
-        for i in range(nv):
-            t = J[r, i]
-            for k in range(i):
-                t -= L[i, k] * Y[r, k]
-            Y[r, i] = t / L[i, i]
-        for r2 in range(r + 1):
-            t = 0.0
-            for i in range(nv):
-                t += Y[r, i] * Y[r2, i]
-            A[r, r2] = t
-            A[r2, r] = t
-    return n
-
-
-@_jit
-def _solve(s, n, tolerance):  # type: ignore[no-untyped-def]
-    """Impulses of the assembled problem into s.lam; returns (status, residual)."""
-    k = s.directions.shape[0]
-    if k == 0:
-        status, residual, _ = cone_core(
-            s.A, s.b, s.mu, s.lam, n, tolerance, MAX_ITERATIONS, s.solver_work, s.solver_index
-        )
-        if status != 0:  # once more from zero: a poor warm start is the usual reason
-            s.lam[: 3 * n] = 0.0
-            status, residual, _ = cone_core(
-                s.A, s.b, s.mu, s.lam, n, tolerance, 5 * MAX_ITERATIONS, s.solver_work, s.solver_index
-            )
-        return status, residual
-    A, b, lam = np.empty((3 * n, 3 * n)), np.empty(3 * n), np.empty(3 * n)
+@jit
+def _polyhedral(A, V, n, directions, tolerance, work, index):  # type: ignore[no-untyped-def]
+    """The problem A, V[B], V[MU] with the polyhedral cone into V[LAM]; returns (status, residual)."""
+    k = directions.shape[0]
+    A_, b, lam = np.empty((3 * n, 3 * n)), np.empty(3 * n), np.empty(3 * n)
     order = np.empty(3 * n, np.int64)
     for i in range(n):
         order[3 * i], order[3 * i + 1], order[3 * i + 2] = i, n + 2 * i, n + 2 * i + 1
     for r in range(3 * n):
-        b[order[r]] = s.b[r]
+        b[order[r]] = V[B, r]
         for r2 in range(3 * n):
-            A[order[r], order[r2]] = s.A[r, r2]
+            A_[order[r], order[r2]] = A[r, r2]
     beta, gamma = np.empty((n, k)), np.empty(n)
     status, residual, _ = lcp_kernel(
-        A, b, s.mu[:n], np.ones(n, np.bool_), s.directions, lam, beta, gamma, tolerance, 2000, s.lcp_work, s.lcp_index
+        A_, b, V[MU, :n].copy(), np.ones(n, np.bool_), directions, lam, beta, gamma, tolerance, 2000, work, index
     )
     for r in range(3 * n):
-        s.lam[r] = lam[order[r]]
+        V[LAM, r] = lam[order[r]]
     return status, residual
 
 
-@_jit
-def _apply_contact(system, work, s, v, vf, h, tolerance):  # type: ignore[no-untyped-def]
-    """Contact impulses of one step; vf becomes v'. Returns (touched, status, residual)."""
-    nv = vf.shape[0]
-    low = _find_low_corners(system, work, s, vf, h)
-    if low == 0:
-        s.warm[:] = 0.0
-        return False, 0, 0.0
-    y = np.empty(nv)
+@jit
+def _solve(A, V, index, n, directions, tolerance, work, lcp_index):  # type: ignore[no-untyped-def]
+    """Impulses of the assembled problem into V[LAM], which holds the warm start; returns (status, residual)."""
+    if directions.shape[0] > 0:
+        return _polyhedral(A, V, n, directions, tolerance, work, lcp_index)
+    status, residual, _ = cone_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
+    if status != 0:  # once more from zero: a poor warm start is the usual reason
+        for i in range(3 * n):
+            V[LAM, i] = 0.0
+        status, residual, _ = cone_solve(A, V, index, n, tolerance, 5 * MAX_ITERATIONS)
+    return status, residual
+
+
+@jit
+def _assemble(  # type: ignore[no-untyped-def]
+    state, height, tau, mu, restitution, warm, cold, L, u, u_before, xi, xi_before, h, chosen, G, A, V, over_m
+):
+    """The candidates' contact problem (G, A, V[B], V[MU], warm start V[LAM]); returns their number, 0 if all open."""
+    nx = xi.shape[0]
+    n, closed = 0, True
+    for c in range(state.shape[0]):
+        if state[c] != 2:
+            continue
+        r = 3 * n
+        for k in range(3):
+            free = u[k]
+            for x in range(nx):
+                t = tau[c, k, x]
+                free += t * xi[x]
+                for j in range(x):
+                    t -= L[x, j] * G[j, r + k]
+                G[x, r + k] = t * L[x, x]
+            V[B, r + k] = free
+            V[LAM, r + k] = 0.0 if cold else warm[c, k]
+        free = V[B, r]
+        target = height[c] / h + free
+        if restitution > 0.0 and target < 0.0:
+            before = u_before
+            for x in range(nx):
+                before += tau[c, 0, x] * xi_before[x]
+            if before < -BOUNCE_SPEED:
+                target = min(target, free + restitution * before)
+        V[B, r] = target
+        V[MU, n] = mu[c]
+        chosen[n] = c
+        closed = closed and target >= 0.0
+        n += 1
+    if closed:
+        return 0
+    for i in range(3 * n):
+        for j in range(i + 1):
+            A[i, j] = G[0, i] * G[0, j] + G[1, i] * G[1, j] + G[2, i] * G[2, j]
+        for x in range(3, nx):
+            for j in range(i + 1):
+                A[i, j] += G[x, i] * G[x, j]
+        for j in range(i % 3, i + 1, 3):
+            A[i, j] += over_m
+        for j in range(i):
+            A[j, i] = A[i, j]
+    return n
+
+
+@jit
+def _contact(  # type: ignore[no-untyped-def]
+    parent, joint_type, corner_body, corner_pos, mu, restitution, P, E, R, L, z0, reach, u, u_before, xi, xi_before,
+    h, tolerance, cold, height, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
+):  # fmt: skip
+    """Contact impulses of one step: u (3: z, x, y) and xi (n_x,) become those after it.
+
+    Returns (candidates, 0 if none is hit; touched, status, residual).
+    """
+    nx, over_m = xi.shape[0], 1.0 / P[0, MASS]
+    low = False
+    for c in range(state.shape[0]):
+        b = corner_body[c]
+        r0, r1, r2 = turned(E, b, corner_pos[c, 0], corner_pos[c, 1], corner_pos[c, 2])
+        r0, r1, r2 = P[b, X] + r0, P[b, X + 1] + r1, P[b, X + 2] + r2
+        height[c] = z0 + R[2, 0] * r0 + R[2, 1] * r1 + R[2, 2] * r2
+        state[c] = 0
+        if not height[c] < reach:
+            continue
+        low = True
+        for k in range(3):
+            i = k - 1 if k else 2
+            contact_row(parent, joint_type, P, b, r0, r1, r2, R[i, 0], R[i, 1], R[i, 2], c, k, tau)
+        vn = u[0]
+        for x in range(nx):
+            vn += tau[c, 0, x] * xi[x]
+        state[c] = 2 if height[c] / h + vn < CLOSING_SPEED else 1
+    if not low:
+        return 0, False, 0, 0.0
     for _ in range(4):
-        n = _assemble(system, work, s, v, vf, h)
+        n = _assemble(
+            state, height, tau, mu, restitution, warm, cold, L, u, u_before, xi, xi_before, h, chosen, G, A, V, over_m
+        )
         if n == 0:
-            s.warm[:] = 0.0
-            return False, 0, 0.0
-        status, residual = _solve(s, n, tolerance)
-        y[:] = 0.0
-        touched = False
-        for r in range(3 * n):
-            if s.lam[r] != 0.0:
-                touched = True
-                for i in range(nv):
-                    y[i] += s.Y[r, i] * s.lam[r]
-        for i in range(nv - 1, -1, -1):
-            t = y[i]
-            for k in range(i + 1, nv):
-                t -= work.L[k, i] * y[k]
-            y[i] = t / work.L[i, i]
+            return 0, False, 0, 0.0
+        status, residual = _solve(A, V, index, n, directions, tolerance, lcp_work, lcp_index)
+        touched, f0, f1, f2 = False, 0.0, 0.0, 0.0
+        for r in range(0, 3 * n, 3):
+            f0, f1, f2 = f0 + V[LAM, r], f1 + V[LAM, r + 1], f2 + V[LAM, r + 2]
+            touched = touched or V[LAM, r] != 0.0 or V[LAM, r + 1] != 0.0 or V[LAM, r + 2] != 0.0
+        for x in range(nx):
+            s = 0.0
+            for r in range(3 * n):
+                s += G[x, r] * V[LAM, r]
+            y[x] = s
+        back(L, y, nx)
         hit = False
-        for c in range(s.state.shape[0]):
-            if s.state[c] == 1:
-                vn = 0.0
-                for j in range(nv):
-                    vn += s.rows[c, 0, j] * (vf[j] + y[j])
-                if s.height[c] / h + vn < 0.0:
-                    s.state[c] = 2
+        for c in range(state.shape[0]):
+            if state[c] == 1:
+                vn = u[0] + over_m * f0
+                for x in range(nx):
+                    vn += tau[c, 0, x] * (xi[x] + y[x])
+                if height[c] / h + vn < 0.0:
+                    state[c] = 2
                     hit = True
         if not hit:
             break
-    s.warm[:] = 0.0
+    warm[:] = 0.0
     for i in range(n):
         for k in range(3):
-            s.warm[s.corner[i], k] = s.lam[3 * i + k]
-    for i in range(nv):
-        vf[i] += y[i]
-    return touched, status, residual
+            warm[chosen[i], k] = V[LAM, 3 * i + k]
+    u[0], u[1], u[2] = u[0] + over_m * f0, u[1] + over_m * f1, u[2] + over_m * f2
+    for x in range(nx):
+        xi[x] += y[x]
+    return n, touched, status, residual
 
 
-@_jit
+@jit
 def _simulate(  # type: ignore[no-untyped-def]
-    system, work, s, q0, v0, n_steps, dt, substeps, tolerance, first, last, qs, vs, lam_n, unsolved, worst, finite
-):
-    nq, nv = q0.shape[1], v0.shape[1]
-    acc, vf = np.empty(nv), np.empty(nv)
-    q, v, moved = np.empty(nq), np.empty(nv), np.empty(nq)
+    parent, joint_type, turn, place, axis, anchor, mass, com, inertia, corner_body, corner_pos, mu, restitution,
+    gravity, linear, W0, b0, W1, b1, W2, q0, v0, n_steps, dt, substeps, tolerance, first, last,
+    qs, vs, lam_n, unsolved, worst, finite,
+    height, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
+):  # fmt: skip
+    """Simulate tosses first..last-1 of any tree; arguments and results as in `simulate`."""
+    nq, nv, nb = q0.shape[1], v0.shape[1], parent.shape[0]
+    nx = nv - 3
+    q, v, vf, moved, mean = np.empty(nq), np.empty(nv), np.empty(nv), np.empty(nq), np.empty(nv)
+    P, E, L, R = np.zeros((nb, WIDTH)), np.zeros((nb, 3, 3)), np.zeros((nx, nx)), np.empty((3, 3))
+    xi, rate, before, u = np.empty(nx), np.empty(nx), np.empty(nx), np.empty(3)
+    f, h0, h1 = np.empty(6 + 3 * nb), np.empty(b0.shape[0]), np.empty(b0.shape[0])
+    extra, learned = np.zeros(nv), linear.shape[0] > 0
     h = dt / substeps
     for toss in range(first, last):
-        q[:] = q0[toss]
-        v[:] = v0[toss]
-        s.warm[:] = 0.0
-        qs[toss, 0], vs[toss, 0] = q, v
+        for i in range(nq):
+            q[i] = qs[toss, 0, i] = q0[toss, i]
+        for i in range(nv):
+            v[i] = vs[toss, 0, i] = v0[toss, i]
+        cold = True
+        reached = 0
         for step in range(n_steps[toss]):
             for _ in range(substeps):
-                good = free_acceleration(system, q, v, work, acc)
-                for i in range(nv):
-                    vf[i] = v[i] + h * acc[i]
-                touched, status, residual = _apply_contact(system, work, s, v, vf, h, tolerance)
+                quat_to_mat(q[3], q[4], q[5], q[6], R)
+                outwards(parent, joint_type, turn, place, axis, anchor, q, v, P, E)
+                inwards(parent, mass, com, inertia, P, E)
+                good = factor(parent, joint_type, P, L, rate)
+                a0, a1, a2 = common_velocity(P, rate, 0)
+                over_m = 1.0 / P[0, MASS]
+                a0, a1, a2 = a0 + over_m * P[0, FORCE], a1 + over_m * P[0, FORCE + 1], a2 + over_m * P[0, FORCE + 2]
+                if learned:
+                    tree_features(R, q, v, f)
+                    network(linear, W0, b0, W1, b1, W2, f, h0, h1, extra)
+                    a0, a1, a2 = a0 - extra[0], a1 - extra[1], a2 - extra[2]
+                    for x in range(nx):
+                        rate[x] += extra[3 + x]
+                for i in range(3):
+                    vf[i] = v[i] + h * (gravity[i] - (R[i, 0] * a0 + R[i, 1] * a1 + R[i, 2] * a2))
+                speed = abs(vf[2])
+                for x in range(nx):
+                    before[x] = v[3 + x]
+                    xi[x] = vf[3 + x] = v[3 + x] + h * rate[x]
+                    speed += 0.2 * abs(xi[x])
+                reach = 0.02 + 3.0 * h * speed  # farther than a corner moves in a step, contact included
+                c0, c1, c2 = common_velocity(P, v, 3)
+                u_before = v[2] + R[2, 0] * c0 + R[2, 1] * c1 + R[2, 2] * c2
+                c0, c1, c2 = common_velocity(P, xi, 0)
+                for k in range(3):
+                    i = k - 1 if k else 2
+                    u[k] = vf[i] + R[i, 0] * c0 + R[i, 1] * c1 + R[i, 2] * c2
+                n, touched, status, residual = _contact(
+                    parent, joint_type, corner_body, corner_pos, mu, restitution, P, E, R, L, q[2], reach, u, u_before,
+                    xi, before, h, tolerance, cold, height, state, chosen, tau, G, A, warm, y, V, index, directions,
+                    lcp_work, lcp_index,
+                )  # fmt: skip
+                cold = n == 0
+                if n > 0:
+                    c0, c1, c2 = common_velocity(P, xi, 0)
+                    for k in range(3):
+                        i = k - 1 if k else 2
+                        vf[i] = u[k] - (R[i, 0] * c0 + R[i, 1] * c1 + R[i, 2] * c2)
+                    for x in range(nx):
+                        vf[3 + x] = xi[x]
                 if touched:
-                    for c in range(s.warm.shape[0]):
-                        lam_n[toss, step, c] += s.warm[c, 0]
+                    for c in range(warm.shape[0]):
+                        lam_n[toss, step, c] += warm[c, 0]
                     integrate_configuration(q, vf, h, moved)
                 else:
                     for i in range(nv):
-                        acc[i] = 0.5 * (v[i] + vf[i])
-                    integrate_configuration(q, acc, h, moved)
+                        mean[i] = 0.5 * (v[i] + vf[i])
+                    integrate_configuration(q, mean, h, moved)
                 total = 0.0
                 for i in range(nq):
                     total += abs(moved[i])
@@ -323,10 +349,14 @@ def _simulate(  # type: ignore[no-untyped-def]
                 v[:] = vf
             if not finite[toss]:
                 break
-            qs[toss, step + 1], vs[toss, step + 1] = q, v
-        reached = step + 1 if finite[toss] else step
+            reached = step + 1
+            for i in range(nq):
+                qs[toss, reached, i] = q[i]
+            for i in range(nv):
+                vs[toss, reached, i] = v[i]
         for rest in range(reached + 1, qs.shape[1]):
-            qs[toss, rest], vs[toss, rest] = q, v
+            qs[toss, rest] = qs[toss, reached]
+            vs[toss, rest] = vs[toss, reached]
 
 
 def simulate(
@@ -386,8 +416,11 @@ def simulate(
                 BOUNCE_SPEED, first, last, *out, *cone_work(system.n_corners),
             )  # fmt: skip
             return
-        work, scratch = make_work(system), _scratch(system, n_directions)
-        _simulate(system, work, scratch, q0, v0, steps, float(dt), substeps, tolerance, first, last, *out)
+        _simulate(
+            *make_articulated(system), system.corner_body, system.corner_pos, system.mu, float(system.restitution),
+            system.gravity, *system.residual, q0, v0, steps, float(dt), substeps, tolerance, first, last, *out,
+            *_scratch(system, n_directions),
+        )  # fmt: skip
 
     over_threads(part, count, n_threads)
     return out

@@ -4,7 +4,7 @@
    Learned together with contact, impulses at rest would stand in for missing gravity.
 2. "contact": geometry, friction (and inertia), by the implicit loss on all transitions.
    (The unstructured `e2e` has one stage instead, "one-step".)
-3. "rollout-N": friction, restitution (and inertia), by open-loop prediction over N frames, N growing: short
+3. "rollout-N": friction, restitution (and inertia), by open-loop prediction until N frames after first contact, N growing: short
    predictions are smooth in the parameters from far away, long ones decide the last digits.
 
 The loop yields records and knows no tracker. Its state is plain tensors and
@@ -40,7 +40,7 @@ class FitSettings:
         patience: stop a stage after this many epochs without a better validation loss.
         min_improvement: relative improvement that counts as better.
         optimizer: of the implicit loss: "lbfgs" or "adam". learning_rate: Adam's.
-        horizons: frames of the rollout stages, one after another; none for the implicit loss alone.
+        horizons: frames after first contact of the rollout stages, one after another; none for the implicit loss alone.
         n_threads: for rollouts.
     """
 
@@ -49,7 +49,7 @@ class FitSettings:
     min_improvement: float = 1e-4
     optimizer: str = "lbfgs"
     learning_rate: float = 1e-3
-    horizons: tuple[int, ...] = (30, 60)
+    horizons: tuple[int, ...] = (20, 45)
     n_threads: int = 1
 
 

@@ -111,7 +111,12 @@ def training_curves(
                 ax.axvline(first + 0.5, color="#9aa0a8", lw=0.8, zorder=1)
             if ax is upper and len(stages) > 1:
                 text = ax.text(
-                    first + 0.5, 0.985, f" {name}", transform=ax.get_xaxis_transform(), va="top", style="italic"
+                    first + 0.5,
+                    0.985 - 0.085 * (i % 2),
+                    f" {name}",
+                    transform=ax.get_xaxis_transform(),
+                    va="top",
+                    style="italic",
                 )
                 halo(text).set_color(MUTED)
     label_ends(

@@ -1,0 +1,313 @@
+"""Free motion and contact rows of a tree in the base's axes, about the centre of mass of the whole.
+
+With u the velocity of the common centre of mass d_c, xi = (spin of the base, joint rates), p_j the
+linear momentum of a unit rate of joint j and m the total mass,
+
+    u = v + R (xi_w x d_c + sum_j p_j xi_j / m)
+
+decouples from xi: M becomes diag(m 1, S(joints)), where S has 3 + n_j rows and does not depend on the
+base's pose. It comes from composite bodies and the bias from a recursion outwards and inwards
+(Featherstone, "Rigid Body Dynamics Algorithms", 2008, ch. 5 and 6). A contact's row in direction a
+(base axes) at the place r is (a, tau), tau_w = (r - d_c) x a, tau_j = a . (z_j x (r - k_j) - p_j / m).
+
+A view costs 20 ns in Numba, so each body's vectors are columns of one array P, by name.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.physics.system import System
+from tossid.physics.tree import HINGE
+from tossid.rotations import quat_to_matrix
+
+Array = NDArray[np.float64]
+
+jit = numba.njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
+
+# columns of P (n_b, WIDTH), each a vector of three (base axes, from the base's origin) unless said
+X, AXIS, ANCHOR, SPIN, ALPHA, ACCEL = 0, 3, 6, 9, 12, 15  # origin; joint; spin; accelerations at dv/dt = 0
+MASS, MOMENT, INERTIA = 18, 19, 22  # of the body and all beyond it: 1; first moment; xx, yy, zz, xy, xz, yz
+FORCE, TORQUE, MOMENTUM = 28, 31, 34  # of the bias, all beyond; p_j / m
+WIDTH = 37
+
+
+class Articulated(NamedTuple):
+    """What the kernels read of a tree, as plain arrays; shapes as in `System`.
+
+    turn (n_b, 3, 3): rotation of each body's axes in its parent's at joint position 0.
+    """
+
+    parent: NDArray[np.int64]
+    joint_type: NDArray[np.int64]
+    turn: Array
+    place: Array
+    axis: Array
+    anchor: Array
+    mass: Array
+    com: Array
+    inertia: Array
+
+
+def make_articulated(system: System) -> Articulated:
+    """The kernels' view of `system`."""
+    return Articulated(
+        parent=system.parent,
+        joint_type=system.joint_type,
+        turn=np.ascontiguousarray(quat_to_matrix(system.body_quat)),
+        place=system.body_pos,
+        axis=system.joint_axis,
+        anchor=system.joint_pos,
+        mass=system.mass,
+        com=system.com,
+        inertia=system.inertia,
+    )
+
+
+@jit
+def cross(a0, a1, a2, b0, b1, b2):  # type: ignore[no-untyped-def]
+    """a x b"""
+    return a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+
+
+@jit
+def turned(E, b, x0, x1, x2):  # type: ignore[no-untyped-def]
+    """E[b] x"""
+    return (
+        E[b, 0, 0] * x0 + E[b, 0, 1] * x1 + E[b, 0, 2] * x2,
+        E[b, 1, 0] * x0 + E[b, 1, 1] * x1 + E[b, 1, 2] * x2,
+        E[b, 2, 0] * x0 + E[b, 2, 1] * x1 + E[b, 2, 2] * x2,
+    )
+
+
+@jit
+def swing(al0, al1, al2, w0, w1, w2, r0, r1, r2):  # type: ignore[no-untyped-def]
+    """alpha x r + w x (w x r)"""
+    t0, t1, t2 = cross(w0, w1, w2, r0, r1, r2)
+    s0, s1, s2 = cross(w0, w1, w2, t0, t1, t2)
+    t0, t1, t2 = cross(al0, al1, al2, r0, r1, r2)
+    return s0 + t0, s1 + t1, s2 + t2
+
+
+@jit
+def outwards(parent, joint_type, turn, place, axis, anchor, q, v, P, E):  # type: ignore[no-untyped-def]
+    """Poses, spins and the accelerations that remain at dv/dt = 0, for q (nq,), v (nv,)."""
+    for i in range(3):
+        P[0, SPIN + i] = v[3 + i]
+        P[0, X + i], P[0, ALPHA + i], P[0, ACCEL + i] = 0.0, 0.0, 0.0
+        for j in range(3):
+            E[0, i, j] = 1.0 if i == j else 0.0
+    for b in range(1, parent.shape[0]):
+        up, angle, rate, hinge = parent[b], q[6 + b], v[5 + b], joint_type[b] == HINGE
+        for i in range(3):
+            for j in range(3):
+                E[b, i, j] = E[up, i, 0] * turn[b, 0, j] + E[up, i, 1] * turn[b, 1, j] + E[up, i, 2] * turn[b, 2, j]
+        a0, a1, a2 = axis[b, 0], axis[b, 1], axis[b, 2]
+        z0, z1, z2 = turned(E, b, a0, a1, a2)
+        P[b, AXIS], P[b, AXIS + 1], P[b, AXIS + 2] = z0, z1, z2
+        x0, x1, x2 = turned(E, up, place[b, 0], place[b, 1], place[b, 2])
+        x0, x1, x2 = x0 + P[up, X], x1 + P[up, X + 1], x2 + P[up, X + 2]
+        o0, o1, o2 = turned(E, b, anchor[b, 0], anchor[b, 1], anchor[b, 2])
+        k0, k1, k2 = x0 + o0, x1 + o1, x2 + o2
+        if hinge:
+            c, s = math.cos(angle), math.sin(angle)
+            for i in range(3):  # a row e of E times Rodrigues' rotation: c e + s (e x a) + (1 - c) (e . a) a
+                e0, e1, e2 = E[b, i, 0], E[b, i, 1], E[b, i, 2]
+                part = (1.0 - c) * P[b, AXIS + i]
+                t0, t1, t2 = cross(e0, e1, e2, a0, a1, a2)
+                E[b, i, 0], E[b, i, 1] = c * e0 + s * t0 + part * a0, c * e1 + s * t1 + part * a1
+                E[b, i, 2] = c * e2 + s * t2 + part * a2
+            o0, o1, o2 = turned(E, b, anchor[b, 0], anchor[b, 1], anchor[b, 2])
+        else:
+            k0, k1, k2 = k0 + angle * z0, k1 + angle * z1, k2 + angle * z2
+        P[b, ANCHOR], P[b, ANCHOR + 1], P[b, ANCHOR + 2] = k0, k1, k2
+        P[b, X], P[b, X + 1], P[b, X + 2] = k0 - o0, k1 - o1, k2 - o2
+
+        w0, w1, w2 = P[up, SPIN], P[up, SPIN + 1], P[up, SPIN + 2]
+        l0, l1, l2 = P[up, ALPHA], P[up, ALPHA + 1], P[up, ALPHA + 2]
+        s0, s1, s2 = swing(l0, l1, l2, w0, w1, w2, k0 - P[up, X], k1 - P[up, X + 1], k2 - P[up, X + 2])
+        g0, g1, g2 = P[up, ACCEL] + s0, P[up, ACCEL + 1] + s1, P[up, ACCEL + 2] + s2
+        t0, t1, t2 = cross(w0, w1, w2, rate * z0, rate * z1, rate * z2)
+        if hinge:
+            l0, l1, l2 = l0 + t0, l1 + t1, l2 + t2
+            w0, w1, w2 = w0 + rate * z0, w1 + rate * z1, w2 + rate * z2
+        else:
+            g0, g1, g2 = g0 + 2.0 * t0, g1 + 2.0 * t1, g2 + 2.0 * t2
+        s0, s1, s2 = swing(l0, l1, l2, w0, w1, w2, -o0, -o1, -o2)
+        P[b, SPIN], P[b, SPIN + 1], P[b, SPIN + 2] = w0, w1, w2
+        P[b, ALPHA], P[b, ALPHA + 1], P[b, ALPHA + 2] = l0, l1, l2
+        P[b, ACCEL], P[b, ACCEL + 1], P[b, ACCEL + 2] = g0 + s0, g1 + s1, g2 + s2
+
+
+@jit
+def inwards(parent, mass, com, inertia, P, E):  # type: ignore[no-untyped-def]
+    """Mass, moments and bias of each body with all beyond it. After `outwards`."""
+    nb = parent.shape[0]
+    for b in range(nb):
+        m = mass[b]
+        c0, c1, c2 = turned(E, b, com[b, 0], com[b, 1], com[b, 2])
+        d0, d1, d2 = P[b, X] + c0, P[b, X + 1] + c1, P[b, X + 2] + c2
+        w0, w1, w2 = P[b, SPIN], P[b, SPIN + 1], P[b, SPIN + 2]
+        l0, l1, l2 = P[b, ALPHA], P[b, ALPHA + 1], P[b, ALPHA + 2]
+        s0, s1, s2 = swing(l0, l1, l2, w0, w1, w2, c0, c1, c2)
+        f0, f1, f2 = m * (P[b, ACCEL] + s0), m * (P[b, ACCEL + 1] + s1), m * (P[b, ACCEL + 2] + s2)
+        # E I E^T, by its columns' products
+        y00, y10, y20 = turned(E, b, inertia[b, 0, 0], inertia[b, 1, 0], inertia[b, 2, 0])
+        y01, y11, y21 = turned(E, b, inertia[b, 0, 1], inertia[b, 1, 1], inertia[b, 2, 1])
+        y02, y12, y22 = turned(E, b, inertia[b, 0, 2], inertia[b, 1, 2], inertia[b, 2, 2])
+        xx, xy, xz = turned(E, b, y00, y01, y02)
+        _, yy, yz = turned(E, b, y10, y11, y12)
+        zz = E[b, 2, 0] * y20 + E[b, 2, 1] * y21 + E[b, 2, 2] * y22
+        h0, h1, h2 = xx * w0 + xy * w1 + xz * w2, xy * w0 + yy * w1 + yz * w2, xz * w0 + yz * w1 + zz * w2
+        n0, n1, n2 = cross(w0, w1, w2, h0, h1, h2)
+        t0, t1, t2 = cross(d0, d1, d2, f0, f1, f2)
+        P[b, TORQUE] = t0 + n0 + xx * l0 + xy * l1 + xz * l2
+        P[b, TORQUE + 1] = t1 + n1 + xy * l0 + yy * l1 + yz * l2
+        P[b, TORQUE + 2] = t2 + n2 + xz * l0 + yz * l1 + zz * l2
+        P[b, FORCE], P[b, FORCE + 1], P[b, FORCE + 2] = f0, f1, f2
+        P[b, MASS], P[b, MOMENT], P[b, MOMENT + 1], P[b, MOMENT + 2] = m, m * d0, m * d1, m * d2
+        P[b, INERTIA] = xx + m * (d1 * d1 + d2 * d2)
+        P[b, INERTIA + 1] = yy + m * (d0 * d0 + d2 * d2)
+        P[b, INERTIA + 2] = zz + m * (d0 * d0 + d1 * d1)
+        P[b, INERTIA + 3], P[b, INERTIA + 4] = xy - m * d0 * d1, xz - m * d0 * d2
+        P[b, INERTIA + 5] = yz - m * d1 * d2
+    for b in range(nb - 1, 0, -1):
+        up = parent[b]
+        for i in range(MASS, MOMENTUM):
+            P[up, i] += P[b, i]
+
+
+@jit
+def factor(parent, joint_type, P, L, rate):  # type: ignore[no-untyped-def]
+    """Lower Cholesky factor of S into L, with its diagonal's inverse; rate (3 + n_j,) = -S^-1 bias. After `inwards`.
+
+    Returns whether S and m are positive.
+    """
+    nb, m = parent.shape[0], P[0, MASS]
+    if not m > 0.0:
+        return False
+    part = 1.0 / m
+    d0, d1, d2 = part * P[0, MOMENT], part * P[0, MOMENT + 1], part * P[0, MOMENT + 2]
+    g0, g1, g2 = P[0, FORCE], P[0, FORCE + 1], P[0, FORCE + 2]
+    t0, t1, t2 = cross(d0, d1, d2, g0, g1, g2)
+    rate[0], rate[1], rate[2] = t0 - P[0, TORQUE], t1 - P[0, TORQUE + 1], t2 - P[0, TORQUE + 2]
+    L[0, 0] = P[0, INERTIA] - m * (d1 * d1 + d2 * d2)
+    L[1, 1] = P[0, INERTIA + 1] - m * (d0 * d0 + d2 * d2)
+    L[2, 2] = P[0, INERTIA + 2] - m * (d0 * d0 + d1 * d1)
+    L[1, 0], L[2, 0] = P[0, INERTIA + 3] + m * d0 * d1, P[0, INERTIA + 4] + m * d0 * d2
+    L[2, 1] = P[0, INERTIA + 5] + m * d1 * d2
+    for b in range(1, nb):
+        row = 2 + b
+        z0, z1, z2 = P[b, AXIS], P[b, AXIS + 1], P[b, AXIS + 2]
+        k0, k1, k2 = P[b, ANCHOR], P[b, ANCHOR + 1], P[b, ANCHOR + 2]
+        s0, s1, s2 = P[b, MOMENT], P[b, MOMENT + 1], P[b, MOMENT + 2]
+        f0, f1, f2 = P[b, FORCE], P[b, FORCE + 1], P[b, FORCE + 2]
+        # momentum p and angular momentum h (about the base's origin) of a unit rate
+        if joint_type[b] == HINGE:
+            mb = P[b, MASS]
+            p0, p1, p2 = cross(z0, z1, z2, s0 - mb * k0, s1 - mb * k1, s2 - mb * k2)
+            t0, t1, t2 = cross(k0, k1, k2, z0, z1, z2)
+            h0, h1, h2 = cross(s0, s1, s2, t0, t1, t2)
+            h0 += P[b, INERTIA] * z0 + P[b, INERTIA + 3] * z1 + P[b, INERTIA + 4] * z2
+            h1 += P[b, INERTIA + 3] * z0 + P[b, INERTIA + 1] * z1 + P[b, INERTIA + 5] * z2
+            h2 += P[b, INERTIA + 4] * z0 + P[b, INERTIA + 5] * z1 + P[b, INERTIA + 2] * z2
+            t0, t1, t2 = cross(k0, k1, k2, f0, f1, f2)
+            bias = z0 * (P[b, TORQUE] - t0) + z1 * (P[b, TORQUE + 1] - t1) + z2 * (P[b, TORQUE + 2] - t2)
+        else:
+            p0, p1, p2 = P[b, MASS] * z0, P[b, MASS] * z1, P[b, MASS] * z2
+            h0, h1, h2 = cross(s0, s1, s2, z0, z1, z2)
+            bias = z0 * f0 + z1 * f1 + z2 * f2
+        P[b, MOMENTUM], P[b, MOMENTUM + 1], P[b, MOMENTUM + 2] = part * p0, part * p1, part * p2
+        rate[row] = part * (p0 * g0 + p1 * g1 + p2 * g2) - bias
+        t0, t1, t2 = cross(d0, d1, d2, p0, p1, p2)
+        L[row, 0], L[row, 1], L[row, 2] = h0 - t0, h1 - t1, h2 - t2
+        for i in range(1, b + 1):
+            L[row, 2 + i] = -(p0 * P[i, MOMENTUM] + p1 * P[i, MOMENTUM + 1] + p2 * P[i, MOMENTUM + 2])
+        i = b
+        while i > 0:
+            if joint_type[i] == HINGE:
+                t0, t1, t2 = cross(P[i, ANCHOR], P[i, ANCHOR + 1], P[i, ANCHOR + 2], p0, p1, p2)
+                t0, t1, t2 = h0 - t0, h1 - t1, h2 - t2
+            else:
+                t0, t1, t2 = p0, p1, p2
+            L[row, 2 + i] += P[i, AXIS] * t0 + P[i, AXIS + 1] * t1 + P[i, AXIS + 2] * t2
+            i = parent[i]
+    nx = 2 + nb
+    for i in range(nx):  # the inverse of the factor's diagonal takes the diagonal's place
+        for j in range(i):
+            s = L[i, j]
+            for k in range(j):
+                s -= L[i, k] * L[j, k]
+            L[i, j] = s * L[j, j]
+        s = L[i, i]
+        for k in range(i):
+            s -= L[i, k] * L[i, k]
+        if not s > 0.0:
+            return False
+        L[i, i] = 1.0 / math.sqrt(s)
+        s = rate[i]
+        for k in range(i):
+            s -= L[i, k] * rate[k]
+        rate[i] = s * L[i, i]
+    back(L, rate, nx)
+    return True
+
+
+@jit
+def back(L, x, n):  # type: ignore[no-untyped-def]
+    """x <- L^-T x, with L as `factor` leaves it."""
+    for i in range(n - 1, -1, -1):
+        s = x[i]
+        for k in range(i + 1, n):
+            s -= L[k, i] * x[k]
+        x[i] = s * L[i, i]
+
+
+@jit
+def common_velocity(P, xi, first):  # type: ignore[no-untyped-def]
+    """Velocity of the common centre of mass from the base's origin's, base axes: xi_w x d_c + sum_j p_j xi_j / m.
+
+    xi starts at xi[first].
+    """
+    part = 1.0 / P[0, MASS]
+    x0, x1, x2 = cross(
+        xi[first], xi[first + 1], xi[first + 2], part * P[0, MOMENT], part * P[0, MOMENT + 1], part * P[0, MOMENT + 2]
+    )
+    for b in range(1, P.shape[0]):
+        r = xi[first + 2 + b]
+        x0, x1, x2 = x0 + r * P[b, MOMENTUM], x1 + r * P[b, MOMENTUM + 1], x2 + r * P[b, MOMENTUM + 2]
+    return x0, x1, x2
+
+
+@jit
+def contact_row(parent, joint_type, P, body, r0, r1, r2, a0, a1, a2, c, k, tau):  # type: ignore[no-untyped-def]
+    """tau[c, k] (3 + n_j,) of the direction a at the place r of `body`. After `factor`."""
+    part = 1.0 / P[0, MASS]
+    tau[c, k, 0], tau[c, k, 1], tau[c, k, 2] = cross(
+        r0 - part * P[0, MOMENT], r1 - part * P[0, MOMENT + 1], r2 - part * P[0, MOMENT + 2], a0, a1, a2
+    )
+    for b in range(1, parent.shape[0]):
+        tau[c, k, 2 + b] = -(a0 * P[b, MOMENTUM] + a1 * P[b, MOMENTUM + 1] + a2 * P[b, MOMENTUM + 2])
+    b = body
+    while b > 0:
+        z0, z1, z2 = P[b, AXIS], P[b, AXIS + 1], P[b, AXIS + 2]
+        if joint_type[b] == HINGE:
+            z0, z1, z2 = cross(z0, z1, z2, r0 - P[b, ANCHOR], r1 - P[b, ANCHOR + 1], r2 - P[b, ANCHOR + 2])
+        tau[c, k, 2 + b] += a0 * z0 + a1 * z1 + a2 * z2
+        b = parent[b]
+
+
+@jit
+def tree_features(R, q, v, f):  # type: ignore[no-untyped-def]
+    """The residual's features into f (n_f,), as `free.features`."""
+    for i in range(3):
+        f[i] = R[2, i]
+        f[3 + i] = R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2]
+        f[6 + i] = 0.1 * v[3 + i]
+    for j in range(q.shape[0] - 7):
+        f[9 + 3 * j], f[10 + 3 * j], f[11 + 3 * j] = math.sin(q[7 + j]), math.cos(q[7 + j]), 0.1 * v[6 + j]
