@@ -48,6 +48,6 @@ def test_inertia_and_restitution_come_back_from_rollouts(cube: ObjectModel) -> N
     assert learned.friction == pytest.approx(truth.friction, rel=0.02)
     assert learned.restitution == pytest.approx(0.25, abs=0.01)
     assert np.abs(learned.com - COM).max() < 3e-4
-    np.testing.assert_allclose(learned.inertia[0], truth.inertia[0], atol=0.02 * truth.inertia[0, 0, 0])
+    np.testing.assert_allclose(learned.inertia[0], truth.inertia[0], atol=0.04 * truth.inertia[0, 0, 0])
     report = model.parameters_report()
     assert report["restitution"] == learned.restitution

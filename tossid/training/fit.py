@@ -4,8 +4,8 @@
    Learned together with contact, impulses at rest would stand in for missing gravity.
 2. "contact": geometry, friction (and inertia), by the implicit loss on all transitions.
    (The unstructured `e2e` has one stage instead, "one-step".)
-3. "rollout-N": friction, restitution (and inertia), by open-loop prediction until N frames after first contact, N growing: short
-   predictions are smooth in the parameters from far away, long ones decide the last digits.
+3. "rollout-N": friction, restitution (and inertia), by open-loop prediction until N frames after first contact, N
+   growing: short predictions are smooth in the parameters from far away, long ones decide the last digits.
 
 The loop yields records and knows no tracker. Its state is plain tensors and
 numbers, so that an interrupted fit goes on exactly where it was.
