@@ -61,6 +61,7 @@ def _train(
     from pipelines.learning import numbers_of
     from pipelines.pictures import training_figures, write_figures
     from pipelines.tracking import tracked_run
+    from tossid.training.uncertainty import parameter_intervals
 
     name, left, state = config.model.name, under_way.run(), under_way.state()
     with tracked_run(f"{name}-g{config.model.gravity:g}", config, command="train", resume=left) as tracked:
@@ -81,6 +82,9 @@ def _train(
 
         trained = _fit(config, console, fit, under_way, state, log)
         parameters = trained.model.parameters_report()
+        known = parameter_intervals(fit, seed=config.seed)
+        if known is not None:
+            parameters["uncertainty"] = known
         files = write_outputs(folder, config, trained, data=data, sha256=sha256, run=tracked.id)
         figures = write_figures(training_figures(trained, name=name), folder / "figures")
         numbers = {key: value for key, value in parameters.items() if isinstance(value, float)}
@@ -93,6 +97,14 @@ def _train(
         under_way.clear()
     facts = {**numbers, "seconds": round(trained.seconds, 1), "run": tracked.id, "figures": str(folder / "figures")}
     console.facts(facts, title=f"{name} on {data}")
+    if known is not None:
+        rows = [
+            [key, f"{each['value']:.3g}", f"{each['ci95'][0]:.3g} to {each['ci95'][1]:.3g}"]
+            for key, each in known["intervals"].items()
+        ]
+        console.table(["learned from rollouts", "value", "95 % interval"], rows, title=known["method"])
+        for text in known["not_seen"]:
+            console.say(f"not seen: {text}")
     return {
         "run": tracked.id,
         "checkpoint": str(files),

@@ -119,6 +119,11 @@ class Fit:
             learning_rate=settings.learning_rate,
         )
 
+    def longest_rollout(self) -> RolloutStage | None:
+        """The last rollout stage, at the model's present parameters; None for a model that has none."""
+        stage = self._make(self.stages[-1])
+        return stage if isinstance(stage, RolloutStage) else None
+
     def _shots(self, horizon: int) -> tuple[Shots, Shots]:
         learned, gravity = self.model.learned_object(), self.model.flight_gravity(self._transitions[0])
         train, validation = (make_shots(learned, tosses, horizon=horizon, gravity=gravity) for tosses in self._tosses)

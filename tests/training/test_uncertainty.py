@@ -1,0 +1,56 @@
+"""Intervals of what rollouts taught: they cover the truth, and say what is not seen."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.models.made import tosses
+from tossid.models.contactnets import ContactNets, ContactNetsSettings
+from tossid.models.predictor import SUBSTEPS
+from tossid.objects import ObjectModel
+from tossid.training.fit import Fit
+from tossid.training.uncertainty import parameter_intervals
+from tossid.types import Toss
+
+
+def noisy(made: list[Toss], *, seed: int) -> list[Toss]:
+    """The tosses with first velocities off by 2 cm/s and 0.1 rad/s."""
+    rng = np.random.default_rng(seed)
+    return [
+        Toss(t.name, t.t, t.q, t.v + rng.normal(size=6) * [0.02, 0.02, 0.02, 0.1, 0.1, 0.1], t.q_cov, t.v_cov, t.phase)
+        for t in made
+    ]
+
+
+def test_intervals_cover_the_truth(cube: ObjectModel) -> None:
+    truth = cube.with_changes(com=np.array([[2e-3, 0, 5e-3]]), inertia=1.3 * cube.inertia, restitution=0.2)
+    made = noisy(tosses(truth, 60, seed=7, substeps=SUBSTEPS), seed=1)
+    settings = ContactNetsSettings(learn_geometry=False, learn_inertia=True, implicit=False)
+    fit = Fit(ContactNets(cube, settings), made[:45], made[45:])
+    list(fit.epochs())
+    before = fit.model.learned_object()
+    known = parameter_intervals(fit)
+    assert known is not None
+    np.testing.assert_array_equal(fit.model.learned_object().inertia, before.inertia)
+    assert known["n_tosses"] == 45
+    true = {
+        "friction": truth.friction,
+        "restitution": 0.2,
+        **{f"com_{axis}_m": truth.com[0, i] for i, axis in enumerate("xyz")},
+        **{f"inertia_{axis}{axis}_kgm2": truth.inertia[0, i, i] for i, axis in enumerate("xyz")},
+    }
+    assert set(known["intervals"]) == set(true)
+    outside = 0
+    for name, each in known["intervals"].items():
+        low, high = each["ci95"]
+        assert low < each["value"] < high, name
+        outside += not low - 0.5 * (high - low) < true[name] < high + 0.5 * (high - low)
+    assert outside <= 1
+    assert known["not_seen"][0].startswith("total mass")
+
+
+def test_a_model_without_rollouts_has_none(cube: ObjectModel) -> None:
+    made = tosses(cube, 4, seed=0)
+    fit = Fit(ContactNets(cube, ContactNetsSettings()), made[:2], made[2:])
+    fit.stages = fit.stages[:1]
+    assert parameter_intervals(fit) is None
