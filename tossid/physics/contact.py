@@ -1,0 +1,218 @@
+"""The contact problem of one step of a tree: which corners, their rows, the solution, its effect.
+
+With u the velocity of the common centre of mass and xi = (spin, joint rates), see `articulated`,
+
+    J_i v = u_i + tau_i . xi,     J_i M^-1 J_j^T = [same direction] / m + G_i . G_j,     G = L^-1 tau,  S = L L^T
+
+Directions are the world's z (normal), x and y.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.physics.articulated import MASS, X, back, contact_row, jit, turned
+from tossid.physics.solvers import cone_work, lcp_kernel, lcp_work, tangent_directions
+from tossid.physics.solvers.cone import cone_solve
+from tossid.physics.solvers.workspace import LAM, MU, B
+from tossid.physics.system import System
+
+Array = NDArray[np.float64]
+
+MAX_ITERATIONS = 100
+CLOSING_SPEED = 1.0
+"""A corner joins the contact problem at once if it would touch within this speed [m/s]; others when they are hit."""
+BOUNCE_SPEED = 0.02
+"""Approach [m/s] below which restitution does not act."""
+
+
+class Scratch(NamedTuple):
+    """What a contact problem is built and solved in; corners in their own order, candidates contact-major."""
+
+    height: Array  # (n_c,)
+    state: NDArray[np.int64]  # (n_c,) 0 far, 1 low, 2 candidate
+    chosen: NDArray[np.int64]  # (n_c,) corner of each candidate
+    tau: Array  # (n_c, 3, n_x) rows of every low corner: normal, t1, t2
+    G: Array  # (n_x, 3 n_c) columns L^-1 tau of the candidates
+    A: Array  # (3 n_c, 3 n_c) Delassus matrix
+    warm: Array  # (n_c, 3) impulses of the last step
+    y: Array  # (n_x,)
+    V: Array
+    solver_index: NDArray[np.int64]
+    directions: Array  # (k, 2), k = 0 for the exact cone
+    lcp_work: Array
+    lcp_index: NDArray[np.int64]
+
+
+def make_scratch(system: System, n_directions: int) -> Scratch:
+    """Scratch of `system` with the exact cone (n_directions = 0) or a polyhedral one."""
+    nc, nx, k = system.n_corners, system.nv - 3, n_directions
+    lemke_work, lemke_index = lcp_work(nc, k) if k else (np.zeros((1, 1)), np.zeros((1, 1), dtype=np.int64))
+    z = np.zeros
+    return Scratch(
+        z(nc),
+        z(nc, dtype=np.int64),
+        z(nc, dtype=np.int64),
+        z((nc, 3, nx)),
+        z((nx, 3 * nc)),
+        z((3 * nc, 3 * nc)),
+        z((nc, 3)),
+        z(nx),
+        *cone_work(nc),
+        tangent_directions(k) if k else z((0, 2)),
+        lemke_work,
+        lemke_index,
+    )
+
+
+@jit
+def _polyhedral(A, V, n, directions, tolerance, work, index):  # type: ignore[no-untyped-def]
+    """The problem A, V[B], V[MU] with the polyhedral cone into V[LAM]; returns (status, residual)."""
+    k = directions.shape[0]
+    A_, b, lam = np.empty((3 * n, 3 * n)), np.empty(3 * n), np.empty(3 * n)
+    order = np.empty(3 * n, np.int64)
+    for i in range(n):
+        order[3 * i], order[3 * i + 1], order[3 * i + 2] = i, n + 2 * i, n + 2 * i + 1
+    for r in range(3 * n):
+        b[order[r]] = V[B, r]
+        for r2 in range(3 * n):
+            A_[order[r], order[r2]] = A[r, r2]
+    beta, gamma = np.empty((n, k)), np.empty(n)
+    status, residual, _ = lcp_kernel(
+        A_, b, V[MU, :n].copy(), np.ones(n, np.bool_), directions, lam, beta, gamma, tolerance, 2000, work, index
+    )
+    for r in range(3 * n):
+        V[LAM, r] = lam[order[r]]
+    return status, residual
+
+
+@jit
+def _solve(A, V, index, n, directions, tolerance, work, lcp_index):  # type: ignore[no-untyped-def]
+    """Impulses of the assembled problem into V[LAM], which holds the warm start; returns (status, residual)."""
+    if directions.shape[0] > 0:
+        return _polyhedral(A, V, n, directions, tolerance, work, lcp_index)
+    status, residual, _ = cone_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
+    if status != 0:  # once more from zero: a poor warm start is the usual reason
+        for i in range(3 * n):
+            V[LAM, i] = 0.0
+        status, residual, _ = cone_solve(A, V, index, n, tolerance, 5 * MAX_ITERATIONS)
+    return status, residual
+
+
+@jit
+def _assemble(  # type: ignore[no-untyped-def]
+    state, height, tau, mu, restitution, warm, cold, L, u, u_before, xi, xi_before, h, chosen, G, A, V, over_m
+):
+    """The candidates' contact problem (G, A, V[B], V[MU], warm start V[LAM]); returns their number, 0 if all open."""
+    nx = xi.shape[0]
+    n, closed = 0, True
+    for c in range(state.shape[0]):
+        if state[c] != 2:
+            continue
+        r = 3 * n
+        for k in range(3):
+            free = u[k]
+            for x in range(nx):
+                t = tau[c, k, x]
+                free += t * xi[x]
+                for j in range(x):
+                    t -= L[x, j] * G[j, r + k]
+                G[x, r + k] = t * L[x, x]
+            V[B, r + k] = free
+            V[LAM, r + k] = 0.0 if cold else warm[c, k]
+        free = V[B, r]
+        target = height[c] / h + free
+        if restitution > 0.0 and target < 0.0:
+            before = u_before
+            for x in range(nx):
+                before += tau[c, 0, x] * xi_before[x]
+            if before < -BOUNCE_SPEED:
+                target = min(target, free + restitution * before)
+        V[B, r] = target
+        V[MU, n] = mu[c]
+        chosen[n] = c
+        closed = closed and target >= 0.0
+        n += 1
+    if closed:
+        return 0
+    for i in range(3 * n):
+        for j in range(i + 1):
+            A[i, j] = G[0, i] * G[0, j] + G[1, i] * G[1, j] + G[2, i] * G[2, j]
+        for x in range(3, nx):
+            for j in range(i + 1):
+                A[i, j] += G[x, i] * G[x, j]
+        for j in range(i % 3, i + 1, 3):
+            A[i, j] += over_m
+        for j in range(i):
+            A[j, i] = A[i, j]
+    return n
+
+
+@jit
+def resolve_contact(  # type: ignore[no-untyped-def]
+    parent, joint_type, corner_body, corner_pos, mu, restitution, P, E, R, L, z0, reach, u, u_before, xi, xi_before,
+    h, tolerance, cold, height, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
+):  # fmt: skip
+    """Contact impulses of one step: u (3: z, x, y) and xi (n_x,) become those after it.
+
+    Returns (candidates, 0 if none is hit; touched, status, residual).
+    """
+    nx, over_m = xi.shape[0], 1.0 / P[0, MASS]
+    low = False
+    for c in range(state.shape[0]):
+        b = corner_body[c]
+        r0, r1, r2 = turned(E, b, corner_pos[c, 0], corner_pos[c, 1], corner_pos[c, 2])
+        r0, r1, r2 = P[b, X] + r0, P[b, X + 1] + r1, P[b, X + 2] + r2
+        height[c] = z0 + R[2, 0] * r0 + R[2, 1] * r1 + R[2, 2] * r2
+        state[c] = 0
+        if not height[c] < reach:
+            continue
+        low = True
+        for k in range(3):
+            i = k - 1 if k else 2
+            contact_row(parent, joint_type, P, b, r0, r1, r2, R[i, 0], R[i, 1], R[i, 2], c, k, tau)
+        vn = u[0]
+        for x in range(nx):
+            vn += tau[c, 0, x] * xi[x]
+        state[c] = 2 if height[c] / h + vn < CLOSING_SPEED else 1
+    if not low:
+        return 0, False, 0, 0.0
+    for _ in range(4):
+        n = _assemble(
+            state, height, tau, mu, restitution, warm, cold, L, u, u_before, xi, xi_before, h, chosen, G, A, V, over_m
+        )
+        if n == 0:
+            return 0, False, 0, 0.0
+        status, residual = _solve(A, V, index, n, directions, tolerance, lcp_work, lcp_index)
+        touched, f0, f1, f2 = False, 0.0, 0.0, 0.0
+        for r in range(0, 3 * n, 3):
+            f0, f1, f2 = f0 + V[LAM, r], f1 + V[LAM, r + 1], f2 + V[LAM, r + 2]
+            touched = touched or V[LAM, r] != 0.0 or V[LAM, r + 1] != 0.0 or V[LAM, r + 2] != 0.0
+        for x in range(nx):
+            s = 0.0
+            for r in range(3 * n):
+                s += G[x, r] * V[LAM, r]
+            y[x] = s
+        back(L, y, nx)
+        hit = False
+        for c in range(state.shape[0]):
+            if state[c] == 1:
+                vn = u[0] + over_m * f0
+                for x in range(nx):
+                    vn += tau[c, 0, x] * (xi[x] + y[x])
+                if height[c] / h + vn < 0.0:
+                    state[c] = 2
+                    hit = True
+        if not hit:
+            break
+    warm[:] = 0.0
+    for i in range(n):
+        for k in range(3):
+            warm[chosen[i], k] = V[LAM, 3 * i + k]
+    u[0], u[1], u[2] = u[0] + over_m * f0, u[1] + over_m * f1, u[2] + over_m * f2
+    for x in range(nx):
+        xi[x] += y[x]
+    return n, touched, status, residual
