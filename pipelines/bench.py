@@ -5,6 +5,7 @@ CPU time on one thread, medians of five repetitions; what is compared runs in tu
 
 from __future__ import annotations
 
+import os
 import platform
 import resource
 import subprocess
@@ -12,96 +13,135 @@ import sys
 import time
 from collections.abc import Callable
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipelines.console import Console
 from pipelines.project import load_object, object_named
 from tossid.objects import ObjectModel, to_mjcf
 from tossid.physics import make_system, simulate
 
+Array = NDArray[np.float64]
+
 DT = 1 / 148
-RECORDINGS = Path("../shared/data/contactnets_cube")
-DATASET = Path("data/datasets/contactnets_cube.h5")
+DATA = Path("../shared/data")
+DATASETS = {"cube": ("contactnets", "contactnets_cube"), "elbow": ("pll", "pll_elbow")}
+"""Object: its recordings' importer, and their folder in DATA; the dataset is data/datasets/FOLDER.h5."""
+TOSSES = {"cube": 500, "elbow": 120}
+"""At most so many tosses of an object are simulated."""
 FRAMES = 105
-"""Length of a rollout: about a real toss's."""
+"""Length of a random toss: about a real one's."""
 REPETITIONS = 5
+
+
+class Start(NamedTuple):
+    """Initial states q (B, nq), v (B, nv), the steps of each toss (B,), and where they are from."""
+
+    q: Array
+    v: Array
+    n_steps: NDArray[np.int64]
+    origin: str
 
 
 def main() -> None:
     """Print every table."""
     console = Console()
-    cube, elbow = (load_object(object_named(name)) for name in ("cube", "elbow"))
-    tosses = real_tosses(cube)
-    if tosses:
-        q, v = np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses])
-        origin = f"first states of {len(tosses)} real tosses"
-    else:
-        q, v = random_states(cube, 400)
-        origin = f"400 random states ({RECORDINGS} is not there)"
-    machine = f"{platform.machine()}, {platform.python_implementation()} {platform.python_version()}, one thread"
-    console.say(f"{machine}; {FRAMES} frames of 1/148 s from each initial state")
+    console.say(
+        f"{cpu_model()}, {os.cpu_count()} cores; {platform.python_implementation()} {platform.python_version()}, "
+        f"MuJoCo {version('mujoco')}, one thread; steps of 1/148 s"
+    )
     rows = []
-    for name, model, states, about in (
-        ("cube", cube, (q, v), origin),
-        ("elbow", elbow, random_states(elbow, 100), "100 random states"),
-    ):
-        steps = len(states[0]) * FRAMES
+    tosses = {name: real_tosses(name) for name in DATASETS}
+    for name in DATASETS:
+        model = load_object(object_named(name))
+        start = first_states(tosses[name][: TOSSES[name]]) if tosses[name] else random_states(model, 100)
+        steps = int(start.n_steps.sum())
         system = make_system(model)
+        exact = partial(simulate, system, start.q, start.v, n_steps=start.n_steps, dt=DT)
+        polyhedral = partial(exact, n_directions=8)
         work: dict[str, Callable[[], object]] = {
-            "tossid, exact cone": partial(simulate, system, *states, n_steps=FRAMES, dt=DT),
-            "tossid, 8 directions": partial(simulate, system, *states, n_steps=FRAMES, dt=DT, n_directions=8),
-            "mujoco.rollout": mujoco_rollout(model, *states),
+            "tossid, exact cone": exact,
+            "tossid, 8 directions": polyhedral,
+            "mujoco.rollout": mujoco_rollout(model, start),
         }
         seconds = in_turns(work)
+        unsolved = {"tossid, exact cone": exact().unsolved.sum(), "tossid, 8 directions": polyhedral().unsolved.sum()}
         for what, each in seconds.items():
             ratio = seconds["mujoco.rollout"] / each
-            rows.append([name, what, f"{steps / each:,.0f}", f"{ratio:.2f}", about])
-    console.table(["object", "simulator", "steps/s", "ratio to MuJoCo", "from"], rows, title="Simulation")
-    console.table(["model", "µs a transition", "transitions", "data"], training(cube, tosses), title="A training epoch")
+            left = f"{unsolved[what]:,}" if what in unsolved else "-"
+            rows.append([name, what, f"{steps / each:,.0f}", f"{ratio:.2f}", left, f"{steps:,}", start.origin])
+    heads = ["object", "simulator", "steps/s", "ratio to MuJoCo", "unsolved", "steps", "from"]
+    console.table(heads, rows, title="Simulation")
+    console.table(
+        ["model", "µs a transition", "transitions", "data"], training(tosses["cube"]), title="A training epoch"
+    )
     console.facts({"tossid --help": f"{help_seconds():.2f} s of CPU time"}, title="Command line")
 
 
-def real_tosses(cube: ObjectModel) -> list[Any]:
-    """The real cube's tosses, from the dataset that `make experiments` makes or from the recordings; [] without."""
+def cpu_model() -> str:
+    """The processor, as the system names it."""
+    info = Path("/proc/cpuinfo")
+    names = [line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
+    return f"{names[0] if names else platform.processor()} ({platform.machine()})"
+
+
+def real_tosses(name: str) -> list[Any]:
+    """An object's real tosses, from the dataset that `make experiments` makes or from the recordings; [] without."""
     from tossid.store import read_dataset
 
-    if not DATASET.is_file():
-        if not RECORDINGS.is_dir():
+    importer, folder = DATASETS[name]
+    dataset = Path("data/datasets") / f"{folder}.h5"
+    if not dataset.is_file():
+        if not (DATA / folder).is_dir():
             return []
         from pipelines.calling import call_with_keys
 
-        keys = ["source=contactnets", f"source.path={RECORDINGS}", "object=cube", f"out={DATASET}"]
+        keys = [f"source={importer}", f"source.path={DATA / folder}", f"object={name}", f"out={dataset}"]
         call_with_keys("ingest", keys, json=False, quiet=True)
-    return list(read_dataset(DATASET).tosses)
+    return list(read_dataset(dataset).tosses)
 
 
-def random_states(model: ObjectModel, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Releases at 10 to 30 cm: q (count, nq), v (count, nv)."""
+def first_states(tosses: list[Any]) -> Start:
+    """Where real tosses begin, each for its own length."""
+    n_steps = np.array([len(toss.q) - 1 for toss in tosses])
+    origin = f"first states of {len(tosses)} real tosses"
+    return Start(np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses]), n_steps, origin)
+
+
+def random_states(model: ObjectModel, count: int) -> Start:
+    """Releases at 10 to 30 cm."""
     rng = np.random.default_rng(0)
     q, v = np.zeros((count, model.nq)), rng.normal(size=(count, model.nv))
     q[:, 2] = rng.uniform(0.1, 0.3, count)
     q[:, 3:7] = rng.normal(size=(count, 4))
     q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
     v[:, 3:] *= 4
-    return q, v
+    return Start(q, v, np.full(count, FRAMES), f"{count} random states (no recordings in {DATA})")
 
 
-def mujoco_rollout(model: ObjectModel, q: np.ndarray, v: np.ndarray) -> Callable[[], object]:
-    """MuJoCo's batched rollout of the same object from the same states, at the same step."""
+def mujoco_rollout(model: ObjectModel, start: Start) -> Callable[[], object]:
+    """MuJoCo's batched rollout of the same object from the same states, at the same step; one batch for each length."""
     import mujoco
     from mujoco import rollout
 
     scene = mujoco.MjModel.from_xml_string(to_mjcf(model, timestep=DT, solref=(2 * DT, 1.0)))
     scene.opt.timestep = DT
     data = mujoco.MjData(scene)
-    initial = np.concatenate([np.zeros((len(q), 1)), q, v], axis=1)
-    return lambda: rollout.rollout(scene, data, initial, nstep=FRAMES)
+    initial = np.concatenate([np.zeros((len(start.q), 1)), start.q, start.v], axis=1)
+    batches = [(initial[start.n_steps == length], int(length)) for length in np.unique(start.n_steps)]
+
+    def call() -> None:
+        for states, length in batches:
+            rollout.rollout(scene, data, states, nstep=length)
+
+    return call
 
 
-def training(cube: ObjectModel, tosses: list[Any]) -> list[list[str]]:
+def training(tosses: list[Any]) -> list[list[str]]:
     """Rows: a pass (loss and gradient) over the training tosses, for each model that the implicit loss trains."""
     import torch
 
@@ -113,7 +153,8 @@ def training(cube: ObjectModel, tosses: list[Any]) -> list[list[str]]:
     torch.set_num_threads(1)
     chosen = [toss for toss in tosses if toss.split == "train"]
     if not chosen:
-        return [["-", "-", "-", f"{RECORDINGS} is not there"]]
+        return [["-", "-", "-", f"no recordings in {DATA}"]]
+    cube = load_object(object_named("cube"))
     transitions = make_transitions(cube, chosen)
     rows = []
     for name in ("cn", "cnrpi"):

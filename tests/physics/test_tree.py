@@ -1,4 +1,4 @@
-"""M(q), bias and Jacobians against MuJoCo, to 1e-9."""
+"""M(q), bias and Jacobians against MuJoCo, to 1e-9; the stepping kernels against them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from tests.physics.trees import random_state, random_tree
-from tossid.physics import free, tree
+from tossid.physics import Residual, System, articulated, free, simulate, tree
+from tossid.physics.solvers import solve_cone
 from tossid.physics.system import make_system
 
 
@@ -54,3 +55,79 @@ def test_configuration_steps_like_mujoco() -> None:
     tree.integrate_configuration(q, v, 0.01, moved)
     mujoco.mj_integratePos(m, expected, v, 0.01)
     np.testing.assert_allclose(moved, expected, atol=1e-12)
+
+
+def tossed(rng: np.random.Generator, n_bodies: int) -> tuple[System, np.ndarray, np.ndarray]:
+    """A random tree with a random residual over the ground, and 30 states of it."""
+    model = random_tree(rng, n_bodies=n_bodies)
+    nv, nf = model.nv, 6 + 3 * n_bodies
+    shapes = ((nv, nf), (8, nf), (8,), (8, 8), (8,), (nv, 8))
+    residual = Residual(*(0.1 * rng.normal(size=shape) for shape in shapes))
+    system = make_system(model, gravity=[0.3, -0.2, -9.81], friction=0.3, residual=residual)
+    q, v = map(np.array, zip(*(random_state(rng, model) for _ in range(30)), strict=True))
+    q[:, 2] = rng.uniform(0.05, 0.2, 30)
+    q[:, 7:] *= 0.5
+    return system, q, v
+
+
+def plain_step(system: System, q: np.ndarray, v: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """v' and the normal impulses (n_c,) of one step, with every corner in the problem: no candidates, no shortcuts."""
+    work, a = tree.make_work(system), np.zeros(system.nv)
+    assert free.free_acceleration(system, q, v, work, a)
+    vf, n = v + h * a, system.n_corners
+    J, phi = np.zeros((3 * n, system.nv)), np.zeros(n)
+    for c, body in enumerate(system.corner_body):
+        point, rows = work.xpos[body] + work.xmat[body] @ system.corner_pos[c], np.zeros((3, system.nv))
+        tree.point_jacobian(system, work, body, point, rows)
+        phi[c], J[c], J[n + 2 * c : n + 2 * c + 2] = point[2], rows[2], rows[:2]
+    b = J @ vf
+    b[:n] += phi / h
+    A = J @ np.linalg.solve(work.M, J.T)
+    found = solve_cone(A[None], b[None], system.mu[None], tolerance=1e-11)
+    assert found.status[0] == 0
+    return vf + np.linalg.solve(work.M, J.T @ found.lam[0]), found.lam[0, :n]
+
+
+@pytest.mark.parametrize("n_bodies", [2, 3, 5])
+def test_steps_of_trees_are_those_of_the_plain_equations(n_bodies: int) -> None:
+    h = 1 / 148
+    system, q, v = tossed(np.random.default_rng(n_bodies), n_bodies)
+    run = simulate(system, q, v, n_steps=1, dt=h, tolerance=1e-11)
+    assert run.unsolved.sum() == 0
+    hits = 0
+    for k in range(len(q)):
+        expected, lam = plain_step(system, q[k], v[k], h)
+        if (lam > 0).sum() > 2:  # more than two need not have one solution
+            continue
+        hits += int((lam > 0).any())
+        np.testing.assert_allclose(run.v[k, 1], expected, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(run.lam_n[k, 0], lam, rtol=0, atol=1e-9)
+    assert hits >= 5
+
+
+def test_a_tree_whose_inertia_is_no_body_s_is_reported() -> None:
+    system, q, v = tossed(np.random.default_rng(0), 3)
+    run = simulate(system._replace(inertia=-system.inertia), q, v, n_steps=5, dt=0.01)
+    assert not run.finite.any()
+    assert np.isfinite(run.q).all()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_factor_about_the_centre_of_mass_is_that_of_the_mass_matrix(seed: int) -> None:
+    """S is the Schur complement of M's linear block: M's without the momentum of the whole."""
+    rng = np.random.default_rng(seed)
+    model = random_tree(rng, n_bodies=1 + seed)
+    system, (q, v) = make_system(model), random_state(rng, model)
+    view = articulated.make_articulated(system)
+    P, E = np.zeros((model.n_bodies, articulated.WIDTH)), np.zeros((model.n_bodies, 3, 3))
+    L, rate = np.zeros((model.nv - 3, model.nv - 3)), np.zeros(model.nv - 3)
+    articulated.outwards(*view[:6], q, v, P, E)
+    articulated.inwards(view.parent, view.mass, view.com, view.inertia, P, E)
+    assert articulated.factor(view.parent, view.joint_type, P, L, rate)
+    np.fill_diagonal(L, 1 / np.diag(L))
+    work = tree.make_work(system)
+    tree.kinematics(system, q, work)
+    tree.mass_matrix(system, work)
+    M = work.M
+    schur = M[3:, 3:] - M[3:, :3] @ M[:3, 3:] / model.mass.sum()
+    np.testing.assert_allclose(np.tril(L) @ np.tril(L).T, schur, rtol=0, atol=1e-12)
