@@ -21,7 +21,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.physics.solvers.cone import cone_solve
+from tossid.physics.contact import BOUNCE_SPEED, CLOSING_SPEED, solve_exact
 from tossid.physics.solvers.workspace import LAM, MU, B
 from tossid.physics.system import System
 
@@ -104,7 +104,7 @@ def network(linear, W0, b0, W1, b1, W2, f, h0, h1, out):  # type: ignore[no-unty
 def simulate_body(  # type: ignore[no-untyped-def]
     mass, com, inertia, inverse, root, corner, arm, mu, restitution, gravity,
     linear, W0, b0, W1, b1, W2,
-    q0, v0, n_steps, dt, substeps, tolerance, max_iterations, closing_speed, bounce_speed, first, last,
+    q0, v0, n_steps, dt, substeps, tolerance, first, last,
     qs, vs, lam_n, unsolved, worst, finite, V, index,
 ):  # fmt: skip
     """Simulate tosses first..last-1; arguments and results as in `stepping`. V, index: from `cone_work(n_c)`."""
@@ -189,7 +189,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                                 tau[c, k, 1] = d2 * R[i, 0] - d0 * R[i, 2]
                                 tau[c, k, 2] = d0 * R[i, 1] - d1 * R[i, 0]
                             vn = u2 + tau[c, 0, 0] * y0 + tau[c, 0, 1] * y1 + tau[c, 0, 2] * y2
-                            state[c] = 2 if height[c] / h + vn < closing_speed else 1
+                            state[c] = 2 if height[c] / h + vn < CLOSING_SPEED else 1
                     for _attempt in range(4):
                         n, closed = 0, True
                         for c in range(nc):
@@ -207,7 +207,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                             target = height[c] / h + free
                             if restitution > 0.0 and target < 0.0:
                                 before = k2 + tau[c, 0, 0] * w0 + tau[c, 0, 1] * w1 + tau[c, 0, 2] * w2
-                                if before < -bounce_speed:
+                                if before < -BOUNCE_SPEED:
                                     target = min(target, free + restitution * before)
                             V[B, r] = target
                             V[B, r + 1] += u0
@@ -227,11 +227,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                                 A[i, j] += over_m
                             for j in range(i):
                                 A[j, i] = A[i, j]
-                        status, residual, _it = cone_solve(A, V, index, n, tolerance, max_iterations)
-                        if status != 0:  # once more from zero: a poor warm start is the usual reason
-                            for i in range(3 * n):
-                                V[LAM, i] = 0.0
-                            status, residual, _it = cone_solve(A, V, index, n, tolerance, 5 * max_iterations)
+                        status, residual = solve_exact(A, V, index, n, tolerance)
                         f0, f1, f2, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                         touched = False
                         for i in range(n):

@@ -33,7 +33,7 @@ from tossid.physics.articulated import (
     tree_features,
 )
 from tossid.physics.body import make_body, network, simulate_body
-from tossid.physics.contact import BOUNCE_SPEED, CLOSING_SPEED, MAX_ITERATIONS, make_scratch, resolve_contact
+from tossid.physics.contact import make_scratch, resolve_contact
 from tossid.physics.solvers import cone_work
 from tossid.physics.solvers.batches import over_threads
 from tossid.physics.system import System
@@ -214,8 +214,8 @@ def simulate(
     def part(first: int, last: int) -> None:
         if body is not None:
             simulate_body(
-                *body, *system.residual, q0, v0, steps, float(dt), substeps, tolerance, MAX_ITERATIONS, CLOSING_SPEED,
-                BOUNCE_SPEED, first, last, *out, *cone_work(system.n_corners),
+                *body, *system.residual, q0, v0, steps, float(dt), substeps, tolerance, first, last, *out,
+                *cone_work(system.n_corners),
             )  # fmt: skip
             return
         _simulate(
