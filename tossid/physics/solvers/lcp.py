@@ -9,8 +9,8 @@ With k directions d_j around the tangent plane (k even) and lam_t = sum_j beta_j
 (Stewart & Trinkle 1996; Anitescu & Potra 1997). The basis that Lemke's algorithm (`lemke`) ends in is
 solved again from the problem's own numbers, so that errors gathered while pivoting do not stay in the
 answer. With redundant contacts (four corners at rest: rank 6 of 12) pivoting can still end in a basis that
-is singular to rounding, or on a false ray: such problems are solved by block Gauss-Seidel, one contact
-after another, each by Lemke's algorithm on its own well-conditioned numbers.
+is singular to rounding, on a false ray, or turn in circles of rounding errors. Such problems are tried
+again, see `second_try`, and the best answer found is kept.
 """
 
 from __future__ import annotations
@@ -24,9 +24,11 @@ from numpy.typing import NDArray
 from tossid.physics.solvers.batches import check_batch, over_threads
 from tossid.physics.solvers.lemke import basic_solution, lcp_matrix, lemke
 from tossid.physics.solvers.problem import ACCEPTED_RESIDUAL, Array, tangent_directions
-from tossid.physics.solvers.workspace import INACCURATE, MAX_ITERATIONS, NOT_FINITE, SOLVED, jit
+from tossid.physics.solvers.workspace import INACCURATE, NOT_FINITE, SOLVED, jit
 
-_SWEEPS = 20000
+_PROXIMAL = 1e-5
+_PROXIMAL_STEPS = 20
+_SWEEPS = 2000
 
 
 class LcpSolution(NamedTuple):
@@ -56,13 +58,28 @@ def lcp_work(n: int, k: int) -> tuple[Array, NDArray[np.int64]]:
 
 
 @jit
-def lcp_residual_kernel(A, b, mu, directions, active, lam, beta, gamma):  # type: ignore[no-untyped-def]
-    """The residual `problem.lcp_residual` [m/s] over the active contacts."""
-    n, k = beta.shape
-    worst, largest = 0.0, 0.0
+def own_scale(A, i, n, largest):  # type: ignore[no-untyped-def]
+    """a_i = trace(A_ii) / 3 of contact i, floored as in `problem.contact_scale`; largest: trace among contacts."""
+    t = n + 2 * i
+    a = max(A[i, i] + A[t, t] + A[t + 1, t + 1], 1e-12 * largest) / 3.0
+    return a if a > 0.0 else 1.0
+
+
+@jit
+def largest_trace(A, active, n):  # type: ignore[no-untyped-def]
+    """The largest trace(A_ii) of the active contacts."""
+    largest = 0.0
     for i in range(n):
         if active[i]:
             largest = max(largest, A[i, i] + A[n + 2 * i, n + 2 * i] + A[n + 2 * i + 1, n + 2 * i + 1])
+    return largest
+
+
+@jit
+def lcp_residual_kernel(A, b, mu, directions, active, lam, beta, gamma):  # type: ignore[no-untyped-def]
+    """The residual `problem.lcp_residual` [m/s] over the active contacts."""
+    n, k = beta.shape
+    worst, largest = 0.0, largest_trace(A, active, n)
     for i in range(n):
         if not active[i]:
             continue
@@ -72,9 +89,7 @@ def lcp_residual_kernel(A, b, mu, directions, active, lam, beta, gamma):  # type
             w0 += A[i, j] * lam[j]
             w1 += A[t, j] * lam[j]
             w2 += A[t + 1, j] * lam[j]
-        a = max(A[i, i] + A[t, t] + A[t + 1, t + 1], 1e-12 * largest) / 3.0
-        if a == 0.0:
-            a = 1.0
+        a = own_scale(A, i, n, largest)
         total = 0.0
         step = abs(min(a * lam[i], w0))
         for j in range(k):
@@ -160,42 +175,17 @@ def lcp_sweeps(A, b, mu, active, directions, lam, beta, gamma, tolerance):  # ty
 
 
 @jit
-def lcp_kernel(  # type: ignore[no-untyped-def]
-    A, b, mu, active, directions, lam, beta, gamma, tolerance, max_iterations, work, index
+def pivoted(  # type: ignore[no-untyped-def]
+    A, b, mu, active, directions, chosen, m, lam, beta, gamma, tolerance, max_iterations, work, index
 ):
-    """Solve one problem; lam (3 n,), beta (n, k), gamma (n,) receive the answer.
-
-    directions: (k, 2), from `tangent_directions`. work, index: from `lcp_work(n, k)`.
-
-    Returns:
-        (status, residual [m/s], pivots).
-    """
+    """Lemke's algorithm on the m chosen contacts, its basis solved again. Returns (status, residual, pivots)."""
     n, k = beta.shape
-    basis, ties, chosen = index[0], index[1], index[2]
-    m = 0
-    total = 0.0
-    largest = 0.0
-    for i in range(n):
-        if active[i]:
-            chosen[m] = i
-            m += 1
-            t = n + 2 * i
-            total += b[i] + b[t] + b[t + 1] + mu[i]
-            largest = max(largest, A[i, i] + A[t, t] + A[t + 1, t + 1])
-    size = m * (k + 2)
-    if not abs(total + largest) < math.inf:
-        lam[:] = 0.0
-        beta[:] = 0.0
-        gamma[:] = 0.0
-        return NOT_FINITE, math.inf, 0
-    rows = n * (k + 2)
+    size, rows, largest = m * (k + 2), n * (k + 2), largest_trace(A, active, n)
+    basis, ties = index[0], index[1]
     T, M = work[:rows], work[rows : 2 * rows]
     x, q, scale = np.empty(size), np.empty(size), np.empty(m)
     for p in range(m):
-        i = chosen[p]
-        t = n + 2 * i
-        a = max(A[i, i] + A[t, t] + A[t + 1, t + 1], 1e-12 * largest) / 3.0
-        scale[p] = 1.0 / math.sqrt(a) if a > 0.0 else 1.0
+        scale[p] = 1.0 / math.sqrt(own_scale(A, chosen[p], n, largest))
     lcp_matrix(A, b, mu, directions, chosen, m, n, scale, M, q)
     status, iterations = lemke(M, q, size, max_iterations, T, basis, ties)
     for i in range(size):
@@ -207,17 +197,84 @@ def lcp_kernel(  # type: ignore[no-untyped-def]
         for i in range(size):
             x[i] = work[2 * rows, i]
         unpack(x, size, scale, chosen, m, n, directions, basis, lam, beta, gamma)
-        again = lcp_residual_kernel(A, b, mu, directions, active, lam, beta, gamma)
-        residual = again
-    if status == SOLVED and residual <= tolerance:
-        return SOLVED, residual, iterations
-    if status != MAX_ITERATIONS:
-        residual = lcp_sweeps(A, b, mu, active, directions, lam, beta, gamma, tolerance)
-    if residual <= tolerance:
-        status = SOLVED
-    elif status == SOLVED:
-        status = INACCURATE
+        residual = lcp_residual_kernel(A, b, mu, directions, active, lam, beta, gamma)
     return status, residual, iterations
+
+
+@jit
+def second_try(  # type: ignore[no-untyped-def]
+    A, b, mu, active, directions, chosen, m, lam, beta, gamma, residual, tolerance, max_iterations, work, index
+):
+    """What pivoting left, again; lam, beta, gamma and the residual [m/s], which is returned, only get better.
+
+    Proximal steps: Lemke's algorithm with A + e a_i 1, which is regular, and b - e a_i lam of the step
+    before; their fixed point solves the problem itself, and one step misses it by e a_i |change of lam|.
+    Then block Gauss-Seidel, each contact on its own well-conditioned numbers.
+    """
+    n, k = beta.shape
+    largest = largest_trace(A, active, n)
+    held, shifted, weight = A.copy(), b.copy(), np.zeros(3 * n)
+    for i in range(n):
+        if active[i]:
+            for r in (i, n + 2 * i, n + 2 * i + 1):
+                weight[r] = _PROXIMAL * own_scale(A, i, n, largest)
+                held[r, r] += weight[r]
+    other, other_beta, other_gamma = np.zeros(3 * n), np.zeros((n, k)), np.zeros(n)
+    for turn in range(_PROXIMAL_STEPS + 1):
+        if turn < _PROXIMAL_STEPS:
+            for r in range(3 * n):
+                shifted[r] = b[r] - weight[r] * other[r]
+            status, _, _ = pivoted(
+                held, shifted, mu, active, directions, chosen, m, other, other_beta, other_gamma,
+                tolerance, max_iterations, work, index,
+            )  # fmt: skip
+            found = lcp_residual_kernel(A, b, mu, directions, active, other, other_beta, other_gamma)
+        else:
+            status = SOLVED
+            found = lcp_sweeps(A, b, mu, active, directions, other, other_beta, other_gamma, tolerance)
+        if not residual <= found:
+            residual = found
+            lam[:], beta[:], gamma[:] = other, other_beta, other_gamma
+            if residual <= tolerance:
+                break
+        if status != SOLVED:  # no step to go on from
+            other[:] = 0.0
+    return residual
+
+
+@jit
+def lcp_kernel(  # type: ignore[no-untyped-def]
+    A, b, mu, active, directions, lam, beta, gamma, tolerance, max_iterations, work, index
+):
+    """Solve one problem; lam (3 n,), beta (n, k), gamma (n,) receive the answer.
+
+    directions: (k, 2), from `tangent_directions`. work, index: from `lcp_work(n, k)`.
+
+    Returns:
+        (status, residual [m/s], pivots). A problem that is not solved has the status that pivoting
+        ended with, and the best answer found.
+    """
+    n = beta.shape[0]
+    chosen = index[2]
+    m, total = 0, 0.0
+    for i in range(n):
+        if active[i]:
+            chosen[m] = i
+            m += 1
+            total += b[i] + b[n + 2 * i] + b[n + 2 * i + 1] + mu[i]
+    if not abs(total + largest_trace(A, active, n)) < math.inf:
+        lam[:], beta[:], gamma[:] = 0.0, 0.0, 0.0
+        return NOT_FINITE, math.inf, 0
+    status, residual, iterations = pivoted(
+        A, b, mu, active, directions, chosen, m, lam, beta, gamma, tolerance, max_iterations, work, index
+    )
+    if status != SOLVED or not residual <= tolerance:
+        residual = second_try(
+            A, b, mu, active, directions, chosen, m, lam, beta, gamma, residual, tolerance, max_iterations, work, index
+        )
+    if residual <= tolerance:
+        return SOLVED, residual, iterations
+    return INACCURATE if status == SOLVED else status, residual, iterations
 
 
 @jit
@@ -254,7 +311,7 @@ def solve_lcp(
         active: (B, n); contacts that are not active get lam = 0. All if None.
         n_directions: k, even and at least 4.
         tolerance: [m/s] on the complementarity residual (`problem.lcp_residual`).
-        max_iterations: pivots.
+        max_iterations: pivots; a problem that reaches it is tried again another way (`second_try`).
         n_threads: the batch is split over this many threads (the kernels release the GIL).
 
     Raises:
