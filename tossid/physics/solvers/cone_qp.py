@@ -52,6 +52,7 @@ from tossid.physics.solvers.workspace import (
     multiply,
     scatter,
     shift,
+    velocity_without,
     work_arrays,
 )
 
@@ -85,11 +86,8 @@ def qp_sweep(A, V, index, m):  # type: ignore[no-untyped-def]
     """One pass of block coordinate descent; V[LAM], V[W] and the states are brought up to date."""
     for i in range(m):
         k = 3 * i
-        y0, y1, y2 = V[LAM, k], V[LAM, k + 1], V[LAM, k + 2]
-        g0 = V[W, k] - (A[k, k] * y0 + A[k, k + 1] * y1 + A[k, k + 2] * y2)
-        g1 = V[W, k + 1] - (A[k + 1, k] * y0 + A[k + 1, k + 1] * y1 + A[k + 1, k + 2] * y2)
-        g2 = V[W, k + 2] - (A[k + 2, k] * y0 + A[k + 2, k + 1] * y1 + A[k + 2, k + 2] * y2)
-        index[KIND, i], x0, x1, x2 = block_qp(A, k, g0, g1, g2, V[MU, i], y1, y2)
+        g0, g1, g2 = velocity_without(A, V, k)
+        index[KIND, i], x0, x1, x2 = block_qp(A, k, g0, g1, g2, V[MU, i], V[LAM, k + 1], V[LAM, k + 2])
         shift(A, V, k, x0, x1, x2, m)
 
 

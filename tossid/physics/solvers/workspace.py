@@ -48,6 +48,17 @@ def shift(A, V, k, x0, x1, x2, m):  # type: ignore[no-untyped-def]
 
 
 @jit
+def velocity_without(A, V, k):  # type: ignore[no-untyped-def]
+    """Velocity that the contact at row k would have without its own impulse."""
+    y0, y1, y2 = V[LAM, k], V[LAM, k + 1], V[LAM, k + 2]
+    return (
+        V[W, k] - (A[k, k] * y0 + A[k, k + 1] * y1 + A[k, k + 2] * y2),
+        V[W, k + 1] - (A[k + 1, k] * y0 + A[k + 1, k + 1] * y1 + A[k + 1, k + 2] * y2),
+        V[W, k + 2] - (A[k + 2, k] * y0 + A[k + 2, k + 1] * y1 + A[k + 2, k + 2] * y2),
+    )
+
+
+@jit
 def manifold_step(V, index, m, size, length):  # type: ignore[no-untyped-def]
     """V[TRIAL] = V[LAM] moved along the Newton step by `length`: slipping contacts back on their cones' surface,
 
