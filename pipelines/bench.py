@@ -69,15 +69,19 @@ def main() -> None:
             "mujoco.rollout": mujoco_rollout(model, start),
         }
         seconds = in_turns(work)
-        unsolved = {"tossid, exact cone": exact().unsolved.sum(), "tossid, 8 directions": polyhedral().unsolved.sum()}
+        runs = {"tossid, exact cone": exact(), "tossid, 8 directions": polyhedral()}
         for what, each in seconds.items():
+            left = (
+                [f"{runs[what].unsolved.sum():,}", f"{runs[what].residual.max():.0e}"] if what in runs else ["-", "-"]
+            )
             ratio = seconds["mujoco.rollout"] / each
-            left = f"{unsolved[what]:,}" if what in unsolved else "-"
-            rows.append([name, what, f"{steps / each:,.0f}", f"{ratio:.2f}", left, f"{steps:,}", start.origin])
-    heads = ["object", "simulator", "steps/s", "ratio to MuJoCo", "unsolved", "steps", "from"]
+            rows.append([name, what, f"{steps / each:,.0f}", f"{ratio:.2f}", *left, f"{steps:,}", start.origin])
+    heads = ["object", "simulator", "steps/s", "to MuJoCo", "unsolved", "worst m/s", "steps", "from"]
     console.table(heads, rows, title="Simulation")
     console.table(
-        ["model", "µs a transition", "transitions", "data"], training(tosses["cube"]), title="A training epoch"
+        ["model", "µs a transition", "transitions", "data"],
+        training(tosses["cube"]),
+        title="A training epoch, one thread as in training",
     )
     console.facts({"tossid --help": f"{help_seconds():.2f} s of CPU time"}, title="Command line")
 
@@ -108,7 +112,7 @@ def real_tosses(name: str) -> list[Any]:
 def first_states(tosses: list[Any]) -> Start:
     """Where real tosses begin, each for its own length."""
     n_steps = np.array([len(toss.q) - 1 for toss in tosses])
-    origin = f"first states of {len(tosses)} real tosses"
+    origin = f"{len(tosses)} real tosses"
     return Start(np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses]), n_steps, origin)
 
 
