@@ -90,7 +90,7 @@ class ContactNets(nn.Module):
         )
 
     def terms(self, transitions: Transitions) -> LossTerms:
-        """The implicit loss's terms for each transition."""
+        """The implicit loss's terms."""
         return implicit_loss(
             transitions,
             self.dynamics(transitions.features),
@@ -103,10 +103,10 @@ class ContactNets(nn.Module):
         """Mean loss [m²/s²] and its parts, `unsolved` among them."""
         terms = self.terms(transitions)
         parts: dict[str, Tensor] = {
-            "prediction": terms.prediction.mean(),
-            "complementarity": terms.complementarity.mean(),
-            "dissipation": terms.dissipation.mean(),
-            "penetration": terms.penetration.mean(),
+            "prediction": terms.prediction,
+            "complementarity": terms.complementarity,
+            "dissipation": terms.dissipation,
+            "penetration": terms.penetration,
         }
         if self.residual is not None:
             size = self.residual(transitions.features).square().sum(-1).mean()
@@ -151,7 +151,7 @@ class ContactNets(nn.Module):
             return self.settings.gravity
         flight = transitions.in_flight()
         with torch.no_grad():
-            _, a = free_acceleration(flight, self.dynamics(flight.features))
+            a = free_acceleration(flight, self.dynamics(flight.features))
         return float(-a[:, 2].mean())
 
     def simulator(self) -> Simulator:

@@ -17,19 +17,34 @@ shrinking it would lower the loss by itself.
 
 At the minimiser, the gradient of the loss is that of the objective with lam_n and
 beta = lam_t / mu held (envelope theorem; in these, the cone does not depend on mu),
-so nothing differentiates through the solver.
+so nothing differentiates through the solver, and loss and gradient come from one pass of
+a kernel over the transitions (`implicit_kernel`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
+from tossid.errors import InputError
+from tossid.models.implicit_kernel import Contact, Sums, inner_problem, loss_sums
+from tossid.models.implicit_motion import Array, Bodies, Motion, Work, accelerations, make_work
 from tossid.models.transitions import Transitions
-from tossid.physics.solvers import solve_cone_qp
+from tossid.physics.solvers import SolverStatus, solve_cone_qp
+from tossid.physics.solvers.problem import DEFAULT_TOLERANCE
+
+Rows = NDArray[np.integer[Any]]
+Problem = tuple[Motion, Bodies, Bodies, Array, Array, Contact]
+"""Motion, bodies, the metric's bodies, gravity, residual, contact."""
+
+MAX_ITERATIONS = 60
+"""Of the quick solver of the inner problem; what it leaves is tried again by `solve_cone_qp`."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +75,7 @@ class Dynamics(NamedTuple):
 
 
 class LossTerms(NamedTuple):
-    """Each term of the loss per transition (N,) [m²/s²]; unsolved counts inner problems without a solution."""
+    """Each term's mean over the transitions () [m²/s²]; unsolved counts inner problems without a solution."""
 
     prediction: Tensor
     complementarity: Tensor
@@ -69,66 +84,18 @@ class LossTerms(NamedTuple):
     unsolved: int
 
 
-def skew(x: Tensor) -> Tensor:
-    """x^ (*b, 3, 3) with x^ y = x × y, of x (*b, 3)."""
-    zero = torch.zeros_like(x[..., 0])
-    a, b, c = x.unbind(-1)
-    rows = [zero, -c, b, c, zero, -a, -b, a, zero]
-    return torch.stack(rows, dim=-1).reshape(*x.shape, 3)
-
-
-def mass_matrix(t: Transitions, mass: Tensor, moment: Tensor, inertia: Tensor) -> Tensor:
-    """M(q) (N, nv, nv), linear in the inertial parameters."""
-    h = skew(moment)
-    top = torch.cat([inertia, h], dim=-1)
-    bottom = torch.cat([-h, mass[:, None, None] * torch.eye(3, dtype=mass.dtype)], dim=-1)
-    spatial = torch.cat([top, bottom], dim=-2)
-    return torch.einsum("nbij,bik,nbkl->njl", t.X, spatial, t.X)
-
-
-def force(t: Transitions, mass: Tensor, moment: Tensor, inertia: Tensor, gravity: Tensor) -> Tensor:
-    """k(q, v) (N, nv): gravity less Coriolis, centrifugal and gyroscopic forces (Newton-Euler)."""
-    acc = t.xdd - torch.einsum("nbij,i->nbj", t.R, gravity)
-    w, h = t.omega, moment.expand_as(t.omega)
-    linear = mass[:, None] * acc + torch.cross(t.alpha, h, dim=-1)
-    linear = linear + torch.cross(w, torch.cross(w, h, dim=-1), dim=-1)
-    Iw = torch.einsum("bij,nbj->nbi", inertia, w)
-    angular = torch.einsum("bij,nbj->nbi", inertia, t.alpha) + torch.cross(w, Iw, dim=-1)
-    angular = angular + torch.cross(h, acc, dim=-1)
-    return -torch.einsum("nbij,nbi->nj", t.X, torch.cat([angular, linear], dim=-1))
-
-
-def world_residual(t: Transitions, residual: Tensor) -> Tensor:
-    """A residual (N, nv) from the base's frame to the order of v (linear part in the world)."""
-    linear = torch.einsum("nij,nj->ni", t.R[:, 0], residual[:, :3])
-    return torch.cat([linear, residual[:, 3:]], dim=-1)
-
-
-def free_acceleration(t: Transitions, d: Dynamics) -> tuple[Tensor, Tensor]:
-    """M (N, nv, nv) and a = M^-1 k + a_res (N, nv)."""
-    M = mass_matrix(t, d.mass, d.moment, d.inertia)
-    a = torch.linalg.solve(M, force(t, d.mass, d.moment, d.inertia, d.gravity))
-    if d.residual is not None:
-        a = a + world_residual(t, d.residual)
-    return M, a
-
-
-def corner_jacobian(t: Transitions, corner_body: Tensor, corner_pos: Tensor) -> Tensor:
-    """World Jacobian of every corner (N, n_c, 3, nv)."""
-    angular, linear = t.X[:, corner_body, :3], t.X[:, corner_body, 3:]
-    local = linear - torch.einsum("cij,ncjk->ncik", skew(corner_pos), angular)
-    return torch.einsum("ncij,ncjk->ncik", t.R[:, corner_body], local)
-
-
-def next_phi(t: Transitions, corner_body: Tensor, corner_pos: Tensor) -> Tensor:
-    """phi(q') (N, n_c) [m]."""
-    return t.z_next[:, corner_body] + torch.einsum("ncj,cj->nc", t.up_next[:, corner_body], corner_pos)
+def free_acceleration(t: Transitions, d: Dynamics) -> Tensor:
+    """a = M^-1 k + a_res (N, nv), without gradients."""
+    out = np.empty(t.v.shape)
+    work = make_work(t.X.shape[1], t.X.shape[3], 0)
+    accelerations(_motion(t), _bodies(*d[:3]), _array(d.gravity), _residual(d, t), work, out)
+    return torch.from_numpy(out)
 
 
 def implicit_loss(
     t: Transitions, d: Dynamics, *, corner_body: Tensor, metric: tuple[Tensor, Tensor, Tensor], weights: LossWeights
 ) -> LossTerms:
-    """The loss's terms for every transition; differentiable in `d`.
+    """The loss's terms; differentiable (once) in `d`.
 
     Args:
         t: transitions.
@@ -136,55 +103,100 @@ def implicit_loss(
         corner_body: (n_c,) body of each corner.
         metric: given mass, moment, inertia, for W.
         weights: of the terms.
+
+    Raises:
+        InputError: negative friction.
     """
-    M, a = free_acceleration(t, d)
-    W = mass_matrix(t, *metric)
-    total = metric[0].sum()
-    miss = t.dv - t.dt[:, None] * a
-
-    near = t.rows(t.near)
-    J = corner_jacobian(near, corner_body, d.corner_pos)
-    phi = next_phi(near, corner_body, d.corner_pos)
-    sliding = torch.einsum("ncij,nj->nci", J[:, :, :2], near.v_next)
-    speed = (sliding.square().sum(-1) + 1e-16).sqrt()
-    gap = ((phi.square() + weights.gap_scale**2).sqrt() - weights.gap_scale) / near.dt[:, None]
-
-    M_near, W_near, miss_near = M[t.near], W[t.near], miss[t.near]
-    with torch.no_grad():
-        cost_n = weights.complementarity * gap + weights.dissipation * d.mu * speed
-        lam_n, lam_t, unsolved = _inner(J, M_near, W_near, miss_near, cost_n, weights.dissipation * sliding, d.mu)
-
-    # with lam_t = mu beta and |beta| <= lam_n, the feasible set does not move with mu: beta is what is held
-    lam_t = d.mu * (lam_t / d.mu.detach())
-
-    push = torch.einsum("nci,ncij->nj", torch.cat([lam_t, lam_n[..., None]], dim=-1), J)
-    miss_near = miss_near - torch.linalg.solve(M_near, push)
-    miss = miss.index_copy(0, t.near, miss_near)
-
-    def spread(values: Tensor) -> Tensor:
-        return torch.zeros(len(t), dtype=values.dtype).index_copy(0, t.near, values)
-
-    depth = torch.clamp(phi, max=0.0) / near.dt[:, None]
-    return LossTerms(
-        prediction=0.5 * torch.einsum("ni,nij,nj->n", miss, W, miss) / total,
-        complementarity=spread(weights.complementarity * (lam_n * gap).sum(-1) / total),
-        dissipation=spread(weights.dissipation * (d.mu * lam_n * speed + (lam_t * sliding).sum(-1)).sum(-1) / total),
-        penetration=spread(0.5 * weights.penetration * depth.square().sum(-1)),
-        unsolved=unsolved,
+    learned = [x is not None and torch.is_grad_enabled() and x.requires_grad for x in d]
+    inertial, touching = any(learned[:3]) or learned[5], any(learned[3:5])
+    (n, nb, _, nv), nc = t.X.shape, len(d.corner_pos)
+    mu = float(d.mu.detach())
+    if mu < 0:
+        raise InputError(f"friction of {mu}; expected at least 0")
+    numbers = np.array([1.0, weights.complementarity, weights.dissipation, weights.penetration])
+    sums = Sums(
+        np.zeros(4),
+        np.zeros(nb),
+        np.zeros((nb, 3)),
+        np.zeros((nb, 3, 3)),
+        np.zeros((4, nc, 3)),
+        np.zeros(4),
+        np.zeros(3),
+        np.zeros((n if learned[6] else 0, nv)),
     )
+    problem = (
+        _motion(t),
+        _bodies(*d[:3]),
+        _bodies(*metric),
+        _array(d.gravity),
+        _residual(d, t),
+        Contact(corner_body.numpy(), _array(d.corner_pos), mu, numbers, weights.gap_scale),
+    )
+    work = make_work(nb, nv, nc)
+
+    def add(rows: Rows, given: Array) -> Rows:
+        return loss_sums(
+            *problem, rows, given, DEFAULT_TOLERANCE, MAX_ITERATIONS, work, sums, inertial, touching
+        )  # fmt: skip
+
+    status = add(np.arange(n), np.zeros((0, 3 * nc)))
+    again = np.flatnonzero(status == SolverStatus.MAX_ITERATIONS)
+    unsolved = int(np.count_nonzero(status)) - len(again)
+    if len(again):
+        lam, left = _solve_again(again, problem, work)
+        add(again, lam)
+        unsolved += left
+    gradients = [x / n if want else None for x, want in zip(sums[1:], learned, strict=True)]
+    terms = _Known.apply(torch.from_numpy(sums.terms) / n, gradients, *d)
+    return LossTerms(terms[0], terms[1], terms[2], terms[3], unsolved)
 
 
-def _inner(
-    J: Tensor, M: Tensor, W: Tensor, miss: Tensor, cost_n: Tensor, cost_t: Tensor, mu: Tensor
-) -> tuple[Tensor, Tensor, int]:
-    """lam* of the inner problem: lam_n (K, n_c), lam_t (K, n_c, 2) [N s], and how many stayed unsolved."""
-    K, n, _, nv = J.shape
-    rows = torch.cat([J[:, :, 2], J[:, :, :2].reshape(K, 2 * n, nv)], dim=1)
-    response = torch.linalg.solve(M, rows.mT)  # M^-1 J^T
-    weighted = response.mT @ W
-    A = weighted @ response
-    c = -(weighted @ miss[..., None])[..., 0] + torch.cat([cost_n, cost_t.reshape(K, 2 * n)], dim=1)
-    friction = torch.broadcast_to(mu, (K, n)).contiguous()
-    solution = solve_cone_qp(A.numpy(), c.numpy(), friction.numpy())
-    lam = torch.from_numpy(solution.lam)
-    return lam[:, :n], lam[:, n:].reshape(K, n, 2), solution.unsolved
+class _Known(torch.autograd.Function):
+    """The four terms, with gradients that are known beforehand: of the prediction alone, or with a first axis of 4."""
+
+    @staticmethod
+    def forward(ctx: Any, terms: Tensor, gradients: list[Array | None], *inputs: Tensor | None) -> Tensor:
+        ctx.gradients = [None if g is None else torch.from_numpy(g) for g in gradients]
+        return terms.clone()
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, slope: Tensor) -> tuple[Tensor | None, ...]:
+        """Chain rule."""
+        by_term = (False, False, False, True, True, False, False)
+        out: list[Tensor | None] = [None, None]
+        for g, four in zip(ctx.gradients, by_term, strict=True):
+            out.append(g if g is None else torch.tensordot(slope, g, 1) if four else slope[0] * g)
+        return tuple(out)
+
+
+def _solve_again(rows: Rows, problem: Problem, work: Work) -> tuple[Array, int]:
+    """Impulses (K, 3 n_c), contact-major, where the quick solver gave up, and how many stayed unsolved."""
+    n = len(problem[-1].corner_pos)
+    order = np.concatenate([np.arange(0, 3 * n, 3), np.arange(3 * n).reshape(n, 3)[:, 1:].ravel()])
+    lam, unsolved = np.empty((len(rows), 3 * n)), 0
+    for k, row in enumerate(rows.tolist()):
+        A, c = inner_problem(*problem, row, work)
+        solution = solve_cone_qp(A[None][:, order][:, :, order], c[None, order], np.full(n, problem[-1].mu))
+        lam[k, order] = solution.lam[0]
+        unsolved += solution.unsolved
+    return lam, unsolved
+
+
+def _array(x: Tensor) -> Array:
+    return np.ascontiguousarray(x.detach().numpy())
+
+
+def _bodies(mass: Tensor, moment: Tensor, inertia: Tensor) -> Bodies:
+    return Bodies(_array(mass), _array(moment), _array(inertia))
+
+
+def _residual(d: Dynamics, t: Transitions) -> Array:
+    """(N, nv), or no rows."""
+    return np.zeros((0, t.v.shape[1])) if d.residual is None else _array(d.residual)
+
+
+def _motion(t: Transitions) -> Motion:
+    near = np.zeros(len(t), dtype=np.bool_)
+    near[t.near.numpy()] = True
+    return Motion._make([*(_array(getattr(t, name)) for name in Motion._fields[:-1]), near])

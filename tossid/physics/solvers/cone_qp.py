@@ -143,6 +143,16 @@ def qp_newton(A, V, index, m):  # type: ignore[no-untyped-def]
 
 
 @jit
+def qp_at_rest(V, m):  # type: ignore[no-untyped-def]
+    """Whether lam = 0 solves the contact-major programme of V[B] and V[MU], whatever A is."""
+    for i in range(m):
+        c1, c2 = V[B, 3 * i + 1], V[B, 3 * i + 2]
+        if not V[B, 3 * i] >= V[MU, i] * math.sqrt(c1 * c1 + c2 * c2):
+            return False
+    return True
+
+
+@jit
 def qp_solve(A, V, index, m, tolerance, max_iterations):  # type: ignore[no-untyped-def]
     """Solve the contact-major programme A, V[B], V[MU] in place of V[LAM]. Returns (status, residual, iterations)."""
     contact_scales(A, V, m)
@@ -201,11 +211,7 @@ def cone_qp_kernel(  # type: ignore[no-untyped-def]
     """
     n = mu.shape[0]
     m, total = gather(c, mu, active, lam, work, index)
-    closed = True
-    for a in range(m):
-        c1, c2 = work[B, 3 * a + 1], work[B, 3 * a + 2]
-        closed = closed and work[B, 3 * a] >= work[MU, a] * math.sqrt(c1 * c1 + c2 * c2)
-    if m == 0 or closed or not abs(total) < math.inf:
+    if m == 0 or qp_at_rest(work, m) or not abs(total) < math.inf:
         lam[:] = 0.0
         return (SOLVED, 0.0, 0) if abs(total) < math.inf else (NOT_FINITE, math.inf, 0)
     local = work[TOP + 3 * n :]
