@@ -17,6 +17,7 @@ from tossid.models import implicit
 from tossid.models.implicit import Dynamics, LossWeights, free_acceleration, implicit_loss
 from tossid.models.transitions import Transitions, make_transitions
 from tossid.objects import ObjectModel, corner_positions
+from tossid.physics.solvers import ContactSolution, solve_cone_qp
 from tossid.types import Toss
 
 TERMS = ("prediction", "complementarity", "dissipation", "penetration")
@@ -88,9 +89,17 @@ def test_values_and_gradients_are_those_of_torch(cube: ObjectModel, bodies: int,
 
 
 def test_what_the_quick_solver_leaves_is_solved_again(cube: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(implicit, "MAX_ITERATIONS", 1)
+    asked = []
+
+    def counted(*args: Any) -> ContactSolution:
+        asked.append(len(args[0]))
+        return solve_cone_qp(*args)
+
+    monkeypatch.setattr(implicit, "MAX_ITERATIONS", 0)
+    monkeypatch.setattr(implicit, "solve_cone_qp", counted)
     t, d, options = problem(7, cube, bodies=2)
     assert_same(t, d, options)
+    assert sum(asked) > 10
 
 
 def test_only_what_is_learned_gets_a_gradient(cube: ObjectModel) -> None:

@@ -34,14 +34,14 @@ from torch.autograd.function import once_differentiable
 
 from tossid.errors import InputError
 from tossid.models.implicit_kernel import Contact, Sums, inner_problem, loss_sums
-from tossid.models.implicit_motion import Array, Bodies, Motion, Work, accelerations, make_work
+from tossid.models.implicit_motion import Array, Motion, Work, accelerations, make_work
 from tossid.models.transitions import Transitions
 from tossid.physics.solvers import SolverStatus, solve_cone_qp
 from tossid.physics.solvers.problem import DEFAULT_TOLERANCE
 
 Rows = NDArray[np.integer[Any]]
-Problem = tuple[Motion, Bodies, Bodies, Array, Array, Contact]
-"""Motion, bodies, the metric's bodies, gravity, residual, contact."""
+Problem = tuple[Motion, Array, Array, Contact]
+"""Motion, gravity, residual, contact."""
 
 MAX_ITERATIONS = 60
 """Of the quick solver of the inner problem; what it leaves is tried again by `solve_cone_qp`."""
@@ -87,8 +87,8 @@ class LossTerms(NamedTuple):
 def free_acceleration(t: Transitions, d: Dynamics) -> Tensor:
     """a = M^-1 k + a_res (N, nv), without gradients."""
     out = np.empty(t.v.shape)
-    work = make_work(t.X.shape[1], t.X.shape[3], 0)
-    accelerations(_motion(t), _bodies(*d[:3]), _array(d.gravity), _residual(d, t), work, out)
+    body = _bodies(*d[:3])
+    accelerations(_motion(t), _array(d.gravity), _residual(d, t), make_work(body, body, np.zeros((0, 3))), out)
     return torch.from_numpy(out)
 
 
@@ -109,35 +109,28 @@ def implicit_loss(
     """
     learned = [x is not None and torch.is_grad_enabled() and x.requires_grad for x in d]
     inertial, touching = any(learned[:3]) or learned[5], any(learned[3:5])
-    (n, nb, _, nv), nc = t.X.shape, len(d.corner_pos)
     mu = float(d.mu.detach())
     if mu < 0:
         raise InputError(f"friction of {mu}; expected at least 0")
-    numbers = np.array([1.0, weights.complementarity, weights.dissipation, weights.penetration])
-    sums = Sums(
-        np.zeros(4),
-        np.zeros(nb),
-        np.zeros((nb, 3)),
-        np.zeros((nb, 3, 3)),
-        np.zeros((4, nc, 3)),
-        np.zeros(4),
-        np.zeros(3),
-        np.zeros((n if learned[6] else 0, nv)),
-    )
     problem = (
         _motion(t),
-        _bodies(*d[:3]),
-        _bodies(*metric),
         _array(d.gravity),
         _residual(d, t),
-        Contact(corner_body.numpy(), _array(d.corner_pos), mu, numbers, weights.gap_scale),
+        Contact(
+            corner_body.numpy(),
+            mu,
+            complementarity=float(weights.complementarity),
+            dissipation=float(weights.dissipation),
+            penetration=float(weights.penetration),
+            gap_scale=float(weights.gap_scale),
+        ),
     )
-    work = make_work(nb, nv, nc)
+    n, nc = len(t), len(d.corner_pos)
+    sums = _zero_sums(t, nc, residual=learned[6])
+    work = make_work(_bodies(*d[:3]), _bodies(*metric), _array(d.corner_pos))
 
     def add(rows: Rows, given: Array) -> Rows:
-        return loss_sums(
-            *problem, rows, given, DEFAULT_TOLERANCE, MAX_ITERATIONS, work, sums, inertial, touching
-        )  # fmt: skip
+        return loss_sums(*problem, rows, given, DEFAULT_TOLERANCE, MAX_ITERATIONS, work, sums, inertial, touching)
 
     status = add(np.arange(n), np.zeros((0, 3 * nc)))
     again = np.flatnonzero(status == SolverStatus.MAX_ITERATIONS)
@@ -172,7 +165,7 @@ class _Known(torch.autograd.Function):
 
 def _solve_again(rows: Rows, problem: Problem, work: Work) -> tuple[Array, int]:
     """Impulses (K, 3 n_c), contact-major, where the quick solver gave up, and how many stayed unsolved."""
-    n = len(problem[-1].corner_pos)
+    n = len(work.Q)
     order = np.concatenate([np.arange(0, 3 * n, 3), np.arange(3 * n).reshape(n, 3)[:, 1:].ravel()])
     lam, unsolved = np.empty((len(rows), 3 * n)), 0
     for k, row in enumerate(rows.tolist()):
@@ -187,8 +180,16 @@ def _array(x: Tensor) -> Array:
     return np.ascontiguousarray(x.detach().numpy())
 
 
-def _bodies(mass: Tensor, moment: Tensor, inertia: Tensor) -> Bodies:
-    return Bodies(_array(mass), _array(moment), _array(inertia))
+def _bodies(mass: Tensor, moment: Tensor, inertia: Tensor) -> Array:
+    """(n_b, 13): mass, moment, inertia."""
+    return _array(torch.cat([mass[:, None], moment, inertia.flatten(1)], dim=1))
+
+
+def _zero_sums(t: Transitions, n_corners: int, *, residual: bool) -> Sums:
+    n, n_bodies, _, nv = t.X.shape
+    bodies = ((n_bodies,), (n_bodies, 3), (n_bodies, 3, 3))
+    shapes = ((4,), *bodies, (4, n_corners, 3), (4,), (3,), (n if residual else 0, nv))
+    return Sums._make(np.zeros(shape) for shape in shapes)
 
 
 def _residual(d: Dynamics, t: Transitions) -> Array:

@@ -20,21 +20,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.models.implicit_motion import (
+    A0,
+    ACCEL,
+    ALPHA,
+    BASE,
+    BODY,
+    FACTOR,
+    FREE,
+    GAP,
+    HALF,
+    HEIGHT,
+    METRIC,
+    MISS,
+    NEXT,
+    PHI,
+    PLACE,
+    POS,
+    PUSH,
+    SLIDE,
+    SPEED,
+    SPIN,
+    TEST,
+    TURN,
+    UP,
+    WEIGHT,
+    WRENCH,
     Array,
+    Y,
+    Z,
+    add_residual,
     add_wrench,
-    body_motion,
     body_twist,
     cross,
     dot,
     factor,
     free_motion,
+    get,
     jit,
+    load,
     mass_matrix,
-    multiply_lower,
+    product,
+    put,
     solve,
-    solve_columns,
     to_body,
-    to_world,
+    weigh,
     world_twists,
 )
 from tossid.physics.solvers import work_arrays
@@ -42,16 +71,16 @@ from tossid.physics.solvers.cone_qp import qp_at_rest, qp_solve
 from tossid.physics.solvers.workspace import LAM, MAX_ITERATIONS, MU, NOT_FINITE, SOLVED, TOP, B
 
 PREDICTION, COMPLEMENTARITY, DISSIPATION, PENETRATION = 0, 1, 2, 3
-NEXT, FREE, TEST = 0, 1, 2
 
 
 class Contact(NamedTuple):
-    """Corners (n_c,), (n_c, 3), friction, and the terms' weights (4,) with the gap's scale [m]."""
+    """corner_body (n_c,), friction, the terms' weights and the gap's scale [m]."""
 
     corner_body: NDArray[np.int64]
-    corner_pos: Array
     mu: float
-    weights: Array
+    complementarity: float
+    dissipation: float
+    penetration: float
     gap_scale: float
 
 
@@ -73,84 +102,80 @@ class Sums(NamedTuple):
 
 
 @jit
-def corner_velocity(twist, which, b, r, c):  # type: ignore[no-untyped-def]
-    """u + w x r of corner c of body b (world)."""
-    w = (twist[which, b, 0], twist[which, b, 1], twist[which, b, 2])
-    x = cross(w, (r[c, 0], r[c, 1], r[c, 2]))
-    return twist[which, b, 3] + x[0], twist[which, b, 4] + x[1], twist[which, b, 5] + x[2]
+def corner_velocity(P, b, at, Q, c):  # type: ignore[no-untyped-def]
+    """u + w x r of corner c of body b (world), for the body's twist at column `at`."""
+    x = cross(get(P, b, at), get(Q, c, PLACE))
+    return P[b, at + 3] + x[0], P[b, at + 4] + x[1], P[b, at + 5] + x[2]
 
 
 @jit
-def prepare(motion, n, bodies, metric, gravity, residual, contact, work, V):  # type: ignore[no-untyped-def]
-    """Miss without impulses, W, y = W miss; near the ground also the inner problem's c in V[B], and V[MU].
+def prepare(motion, n, gravity, residual, work):  # type: ignore[no-untyped-def]
+    """The transition in scratch; U[MISS] without impulses, and U[Y]."""
+    P, G, U, X = work.P, work.G, work.U, work.X
+    load(motion, n, gravity, P, X)
+    free_motion(P, X, G, U)
+    for j in range(U.shape[1]):
+        U[MISS, j] = motion.dv[n, j] - motion.dt[n] * U[A0, j]
+    add_residual(P, residual, n, U, MISS, -motion.dt[n])
+    mass_matrix(P, METRIC, X, G, WEIGHT)
+    weigh(G, U)
 
-    Returns sum |c_i|.
+
+@jit
+def prepare_contact(v_next, n, dt, contact, work, V):  # type: ignore[no-untyped-def]
+    """The corners' gaps and sliding; the inner problem's linear part into V[B], friction into V[MU].
+
+    Returns a sum that is finite if the numbers are. After `prepare`.
     """
-    free_motion(motion, n, bodies, gravity, residual, work, work.miss)
-    for j in range(len(work.miss)):
-        work.miss[j] = motion.dv[n, j] - motion.dt[n] * work.miss[j]
-    mass_matrix(motion.X, n, metric, work.S, work.W)
-    multiply_lower(work.W, work.miss, work.y)
-    size = 0.0
-    if not motion.near[n]:
-        return size
-    for j in range(len(work.z)):
-        work.z[j] = work.y[j]
-    solve(work.L, work.z)
-    world_twists(motion.X, motion.R, n, work.z, work.twist, FREE)
-    world_twists(motion.X, motion.R, n, motion.v_next[n], work.twist, NEXT)
-    r, pos, mu, scale = work.r, contact.corner_pos, contact.mu, contact.gap_scale
-    normal, tangent = contact.weights[COMPLEMENTARITY], contact.weights[DISSIPATION]
-    for c in range(len(pos)):
-        b = contact.corner_body[c]
-        p = (pos[c, 0], pos[c, 1], pos[c, 2])
-        r[c, 0], r[c, 1], r[c, 2] = to_world(motion.R, n, b, p)
-        up = (motion.up_next[n, b, 0], motion.up_next[n, b, 1], motion.up_next[n, b, 2])
-        work.phi[c] = motion.z_next[n, b] + dot(up, p)
-        work.gap[c] = (math.sqrt(work.phi[c] * work.phi[c] + scale * scale) - scale) / motion.dt[n]
-        s = corner_velocity(work.twist, NEXT, b, r, c)
+    P, Q, U = work.P, work.Q, work.U
+    for j in range(U.shape[1]):
+        U[Z, j] = v_next[n, j]
+    world_twists(P, work.X, U, Z, NEXT)
+    for j in range(U.shape[1]):
+        U[Z, j] = U[Y, j]
+    solve(work.G, U, Z)
+    world_twists(P, work.X, U, Z, FREE)
+    mu, scale, size = contact.mu, contact.gap_scale, 0.0
+    for c in range(len(Q)):
+        b, k = contact.corner_body[c], 3 * c
+        pos = get(Q, c, POS)
+        put(Q, c, PLACE, product(P, b, TURN, pos))
+        phi = P[b, HEIGHT] + dot(get(P, b, UP), pos)
+        gap = (math.sqrt(phi * phi + scale * scale) - scale) / dt
+        s = corner_velocity(P, b, NEXT, Q, c)
         speed = math.sqrt(s[0] * s[0] + s[1] * s[1] + 1e-16)
-        work.slide[c, 0], work.slide[c, 1], work.slide[c, 2] = s[0], s[1], speed
-        w = corner_velocity(work.twist, FREE, b, r, c)
-        V[B, 3 * c] = normal * work.gap[c] + tangent * mu * speed - w[2]
-        V[B, 3 * c + 1] = tangent * s[0] - w[0]
-        V[B, 3 * c + 2] = tangent * s[1] - w[1]
+        Q[c, SLIDE], Q[c, SLIDE + 1], Q[c, SPEED], Q[c, PHI], Q[c, GAP] = s[0], s[1], speed, phi, gap
+        w = corner_velocity(P, b, FREE, Q, c)
+        V[B, k] = contact.complementarity * gap + contact.dissipation * mu * speed - w[2]
+        V[B, k + 1], V[B, k + 2] = contact.dissipation * s[0] - w[0], contact.dissipation * s[1] - w[1]
         V[MU, c] = mu
-        size += abs(V[B, 3 * c]) + abs(V[B, 3 * c + 1]) + abs(V[B, 3 * c + 2])
+        size += abs(V[B, k]) + abs(V[B, k + 1]) + abs(V[B, k + 2])
     return size
 
 
 @jit
-def inner_matrix(motion, n, contact, work, A):  # type: ignore[no-untyped-def]
-    """A (3 n_c, 3 n_c) = J M^-1 W M^-1 J^T, contact-major (normal first). After `prepare`."""
-    X, C, Y, H, W = motion.X, work.C, work.Y, work.H, work.W
-    nv, m = X.shape[3], H.shape[1]
-    factor(W, C)
-    for k in range(nv):
-        C[k, k] = 1.0 / C[k, k]
-        for i in range(k):
-            C[i, k] = 0.0
-    solve_columns(work.L, C)
-    for b in range(X.shape[1]):
-        for k in range(nv):
-            w0, w1, w2, u0, u1, u2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+def inner_matrix(corner_body, P, Q, G, X, XC, H, A):  # type: ignore[no-untyped-def]
+    """A (3 n_c, 3 n_c) = J M^-1 W M^-1 J^T, contact-major (normal first). After `prepare_contact`."""
+    nv, m = H.shape
+    half_response(G)
+    for b in range(len(P)):
+        for i in range(6):
+            for k in range(nv):
+                XC[b, i, k] = 0.0
             for j in range(nv):
-                w0 += X[n, b, 0, j] * C[j, k]
-                w1 += X[n, b, 1, j] * C[j, k]
-                w2 += X[n, b, 2, j] * C[j, k]
-                u0 += X[n, b, 3, j] * C[j, k]
-                u1 += X[n, b, 4, j] * C[j, k]
-                u2 += X[n, b, 5, j] * C[j, k]
-            w, u = to_world(motion.R, n, b, (w0, w1, w2)), to_world(motion.R, n, b, (u0, u1, u2))
-            for i in range(3):
-                Y[b, i, k], Y[b, 3 + i, k] = w[i], u[i]
-    for c in range(len(work.r)):
-        b = contact.corner_body[c]
+                for k in range(nv):
+                    XC[b, i, k] += X[b, i, j] * G[HALF, j, k]
         for k in range(nv):
-            x = cross((Y[b, 0, k], Y[b, 1, k], Y[b, 2, k]), (work.r[c, 0], work.r[c, 1], work.r[c, 2]))
-            H[k, 3 * c] = Y[b, 5, k] + x[2]
-            H[k, 3 * c + 1] = Y[b, 3, k] + x[0]
-            H[k, 3 * c + 2] = Y[b, 4, k] + x[1]
+            w = product(P, b, TURN, (XC[b, 0, k], XC[b, 1, k], XC[b, 2, k]))
+            u = product(P, b, TURN, (XC[b, 3, k], XC[b, 4, k], XC[b, 5, k]))
+            for i in range(3):
+                XC[b, i, k], XC[b, 3 + i, k] = w[i], u[i]
+    for c in range(len(Q)):
+        b, r = corner_body[c], get(Q, c, PLACE)
+        for k in range(nv):
+            x = cross((XC[b, 0, k], XC[b, 1, k], XC[b, 2, k]), r)
+            H[k, 3 * c] = XC[b, 5, k] + x[2]
+            H[k, 3 * c + 1], H[k, 3 * c + 2] = XC[b, 3, k] + x[0], XC[b, 4, k] + x[1]
     for i in range(m):
         h0, h1, h2, h3, h4, h5 = H[0, i], H[1, i], H[2, i], H[3, i], H[4, i], H[5, i]
         for j in range(m):
@@ -162,90 +187,115 @@ def inner_matrix(motion, n, contact, work, A):  # type: ignore[no-untyped-def]
 
 
 @jit
-def apply_impulses(motion, n, contact, work, V):  # type: ignore[no-untyped-def]
-    """work.push = p = M^-1 J^T lam of V[LAM], and the miss less p."""
-    work.wrench[:] = 0.0
-    work.push[:] = 0.0
-    for c in range(len(work.r)):
-        f = (V[LAM, 3 * c + 1], V[LAM, 3 * c + 2], V[LAM, 3 * c])
-        b, torque = contact.corner_body[c], cross((work.r[c, 0], work.r[c, 1], work.r[c, 2]), f)
-        for i in range(3):
-            work.wrench[b, i] += torque[i]
-            work.wrench[b, 3 + i] += f[i]
-    for b in range(len(work.wrench)):
-        q = work.wrench
-        torque = to_body(motion.R, n, b, (q[b, 0], q[b, 1], q[b, 2]))
-        add_wrench(motion.X, n, b, torque, to_body(motion.R, n, b, (q[b, 3], q[b, 4], q[b, 5])), work.push)
-    solve(work.L, work.push)
-    for j in range(len(work.push)):
-        work.miss[j] -= work.push[j]
-    multiply_lower(work.W, work.miss, work.y)
+def half_response(G):  # type: ignore[no-untyped-def]
+    """G[HALF] = C^T = M^-1 F, where W = F F^T."""
+    nv = G.shape[1]
+    factor(G, WEIGHT, HALF)
+    for i in range(nv):
+        G[HALF, i, i] = 1.0 / G[HALF, i, i]
+        for j in range(i + 1, nv):
+            G[HALF, i, j] = 0.0
+    for i in range(nv):
+        for k in range(i):
+            for j in range(nv):
+                G[HALF, i, j] -= G[FACTOR, i, k] * G[HALF, k, j]
+        for j in range(nv):
+            G[HALF, i, j] *= G[FACTOR, i, i]
+    for i in range(nv - 1, -1, -1):
+        for k in range(i + 1, nv):
+            for j in range(nv):
+                G[HALF, i, j] -= G[FACTOR, k, i] * G[HALF, k, j]
+        for j in range(nv):
+            G[HALF, i, j] *= G[FACTOR, i, i]
 
 
 @jit
-def inertial_gradient(motion, n, bodies, gravity, work, sums):  # type: ignore[no-untyped-def]
-    """Add the prediction's gradient in mass, moment, inertia and gravity; work.push is dt a_0 + p, work.z is set."""
-    dt = motion.dt[n]
-    for b in range(motion.X.shape[1]):
-        m, h, acc, w, alpha = body_motion(motion, n, b, bodies, gravity)
-        zw, zu = body_twist(motion.X, n, b, work.z)
-        xw, xu = body_twist(motion.X, n, b, work.push)
-        zww = cross(zw, w)
-        sums.mass[b] += dot(zu, xu) + dt * dot(zu, acc)
+def apply_impulses(corner_body, P, Q, G, U, X, V):  # type: ignore[no-untyped-def]
+    """U[PUSH] = p = M^-1 J^T lam of V[LAM], and U[MISS] less p."""
+    for b in range(len(P)):
+        for i in range(6):
+            P[b, WRENCH + i] = 0.0
+    for c in range(len(Q)):
+        f = (V[LAM, 3 * c + 1], V[LAM, 3 * c + 2], V[LAM, 3 * c])
+        b, torque = corner_body[c], cross(get(Q, c, PLACE), f)
+        for i in range(3):
+            P[b, WRENCH + i] += torque[i]
+            P[b, WRENCH + 3 + i] += f[i]
+    for b in range(len(P)):
+        add_wrench(X, b, to_body(P, b, get(P, b, WRENCH)), to_body(P, b, get(P, b, WRENCH + 3)), U, PUSH)
+    solve(G, U, PUSH)
+    for j in range(U.shape[1]):
+        U[MISS, j] -= U[PUSH, j]
+    weigh(G, U)
+
+
+@jit
+def inertial_gradient(dt, P, X, U, sums):  # type: ignore[no-untyped-def]
+    """Add the prediction's gradient in mass, moment, inertia and gravity; U[Z] is set, U[PUSH] becomes dt a_0 + p."""
+    for j in range(U.shape[1]):
+        U[PUSH, j] += dt * U[A0, j]
+    for b in range(len(P)):
+        m, h, w, alpha, acc = P[b, BODY], get(P, b, BODY + 1), get(P, b, SPIN), get(P, b, ALPHA), get(P, b, ACCEL)
+        zw, zu = body_twist(X, b, U, Z)
+        xw, xu = body_twist(X, b, U, PUSH)
+        zww, zh = cross(zw, w), cross(zw, h)
         first, second = cross(xu, zw), cross(xw, zu)
         turning, spinning, falling = cross(zu, alpha), cross(cross(zu, w), w), cross(acc, zw)
-        zh = cross(zw, h)
+        sums.mass[b] += dot(zu, xu) + dt * dot(zu, acc)
         for i in range(3):
             sums.moment[b, i] += first[i] - second[i] + dt * (turning[i] + spinning[i] + falling[i])
             for j in range(3):
                 sums.inertia[b, i, j] += zw[i] * xw[j] + dt * (zw[i] * alpha[j] + zww[i] * w[j])
-        pull = to_world(motion.R, n, b, (m * zu[0] + zh[0], m * zu[1] + zh[1], m * zu[2] + zh[2]))
+        pull = product(P, b, TURN, (m * zu[0] + zh[0], m * zu[1] + zh[1], m * zu[2] + zh[2]))
         for i in range(3):
             sums.gravity[i] -= dt * pull[i]
 
 
 @jit
-def contact_terms(motion, n, contact, total, work, V, sums, gradient):  # type: ignore[no-untyped-def]
-    """Add the terms of contact, and on demand all gradients in corners and friction; `TEST` twists are set for that."""
-    mu, dt, R = contact.mu, motion.dt[n], motion.R
-    weight_n, weight_t = contact.weights[COMPLEMENTARITY] / total, contact.weights[DISSIPATION] / total
-    weight_p = contact.weights[PENETRATION]
-    for c in range(len(work.r)):
-        b, phi = contact.corner_body[c], work.phi[c]
+def contact_terms(dt, contact, total, Q, V, terms):  # type: ignore[no-untyped-def]
+    """Add the terms of contact."""
+    for c in range(len(Q)):
         lam_n, lam_1, lam_2 = V[LAM, 3 * c], V[LAM, 3 * c + 1], V[LAM, 3 * c + 2]
-        s1, s2, speed = work.slide[c, 0], work.slide[c, 1], work.slide[c, 2]
-        depth = min(phi, 0.0) / dt
-        sums.terms[COMPLEMENTARITY] += weight_n * lam_n * work.gap[c]
-        sums.terms[DISSIPATION] += weight_t * (mu * lam_n * speed + lam_1 * s1 + lam_2 * s2)
-        sums.terms[PENETRATION] += 0.5 * weight_p * depth * depth
-        if not gradient:
-            continue
-        if depth < 0.0:
+        depth = min(Q[c, PHI], 0.0) / dt
+        terms[COMPLEMENTARITY] += contact.complementarity * lam_n * Q[c, GAP] / total
+        slip = contact.mu * lam_n * Q[c, SPEED] + lam_1 * Q[c, SLIDE] + lam_2 * Q[c, SLIDE + 1]
+        terms[DISSIPATION] += contact.dissipation * slip / total
+        terms[PENETRATION] += 0.5 * contact.penetration * depth * depth
+
+
+@jit
+def contact_gradient(dt, contact, total, P, Q, V, by_corner, by_mu):  # type: ignore[no-untyped-def]
+    """Add all terms' gradients in corners and friction; twist TEST is set."""
+    mu, weight_t = contact.mu, contact.dissipation / total
+    for c in range(len(Q)):
+        b, phi, lam_n = contact.corner_body[c], Q[c, PHI], V[LAM, 3 * c]
+        up = get(P, b, UP)
+        if phi < 0.0:
             for i in range(3):
-                sums.corner_pos[PENETRATION, c, i] += weight_p * depth / dt * motion.up_next[n, b, i]
+                by_corner[PENETRATION, c, i] += contact.penetration * phi / (dt * dt) * up[i]
         if lam_n == 0.0:
             continue
-        slope = weight_n * lam_n * phi / math.sqrt(phi * phi + contact.gap_scale * contact.gap_scale) / dt
-        z, v, twist = work.twist[TEST, b], work.twist[NEXT, b], work.twist
-        by_prediction = to_body(R, n, b, cross((z[0], z[1], z[2]), (lam_1, lam_2, lam_n)))
-        share = weight_t * mu * lam_n / speed
-        along = (weight_t * lam_1 + share * s1, weight_t * lam_2 + share * s2, 0.0)
-        by_dissipation = to_body(R, n, b, cross(along, (v[0], v[1], v[2])))
+        lam_1, lam_2, s1, s2, speed = V[LAM, 3 * c + 1], V[LAM, 3 * c + 2], Q[c, SLIDE], Q[c, SLIDE + 1], Q[c, SPEED]
+        slope = contact.complementarity * lam_n * phi / (dt * total)
+        slope /= math.sqrt(phi * phi + contact.gap_scale * contact.gap_scale)
+        share = mu * lam_n / speed
+        along = (weight_t * (lam_1 + share * s1), weight_t * (lam_2 + share * s2), 0.0)
+        prediction = to_body(P, b, cross(get(P, b, TEST), (lam_1, lam_2, lam_n)))
+        dissipation = to_body(P, b, cross(along, get(P, b, NEXT)))
         for i in range(3):
-            sums.corner_pos[PREDICTION, c, i] += by_prediction[i]
-            sums.corner_pos[COMPLEMENTARITY, c, i] += slope * motion.up_next[n, b, i]
-            sums.corner_pos[DISSIPATION, c, i] += by_dissipation[i]
+            by_corner[PREDICTION, c, i] += prediction[i]
+            by_corner[COMPLEMENTARITY, c, i] += slope * up[i]
+            by_corner[DISSIPATION, c, i] += dissipation[i]
         if mu > 0.0:
-            u = corner_velocity(twist, TEST, b, work.r, c)
-            sums.mu[PREDICTION] -= (u[0] * lam_1 + u[1] * lam_2) / mu
-            sums.mu[DISSIPATION] += weight_t * (lam_n * speed + (lam_1 * s1 + lam_2 * s2) / mu)
+            u = corner_velocity(P, b, TEST, Q, c)
+            by_mu[PREDICTION] -= (u[0] * lam_1 + u[1] * lam_2) / mu
+            by_mu[DISSIPATION] += weight_t * (lam_n * speed + (lam_1 * s1 + lam_2 * s2) / mu)
 
 
 @jit
 def loss_sums(  # type: ignore[no-untyped-def]
-    motion, bodies, metric, gravity, residual, contact, rows, given, tolerance, max_iterations, work, sums,
-    inertial, touching,
-):  # fmt: skip
+    motion, gravity, residual, contact, rows, given, tolerance, max_iterations, work, sums, inertial, touching
+):
     """Add the loss of some transitions, and on demand its gradient, to `sums`.
 
     Args:
@@ -256,64 +306,67 @@ def loss_sums(  # type: ignore[no-untyped-def]
     Returns:
         status (K,) of the inner problems. Where it is MAX_ITERATIONS, nothing was added.
     """
-    nc, nv = len(contact.corner_pos), motion.X.shape[3]
+    P, Q, G, U, X = work.P, work.Q, work.G, work.U, work.X
+    nc, nv = len(Q), X.shape[2]
     V, index = work_arrays(nc)
     A = V[TOP + 3 * nc :]
     status = np.zeros(len(rows), dtype=np.uint8)
-    total = metric.mass.sum()
+    total = 0.0
+    for b in range(len(P)):
+        total += P[b, METRIC]
     for k in range(len(rows)):
         n = rows[k]
-        size = prepare(motion, n, bodies, metric, gravity, residual, contact, work, V)
-        near, pushed = motion.near[n], False
+        dt, near = motion.dt[n], motion.near[n]
+        pushed = near and len(given) > 0
+        prepare(motion, n, gravity, residual, work)
         if near:
+            size = prepare_contact(motion.v_next, n, dt, contact, work, V)
             for j in range(3 * nc):
-                V[LAM, j] = given[k, j] if len(given) else 0.0
-            pushed = len(given) > 0
-            if not pushed:
-                if not size < math.inf:
-                    status[k] = NOT_FINITE
-                elif not qp_at_rest(V, nc):
-                    inner_matrix(motion, n, contact, work, A)
-                    status[k], _, _ = qp_solve(A, V, index, nc, tolerance, max_iterations)
-                    if status[k] == MAX_ITERATIONS:
-                        continue
-                    pushed = status[k] == SOLVED
-                    if not pushed:
-                        for j in range(3 * nc):
-                            V[LAM, j] = 0.0
+                V[LAM, j] = given[k, j] if pushed else 0.0
+            if not size < math.inf:
+                status[k] = NOT_FINITE
+            elif not pushed and not qp_at_rest(V, nc):
+                inner_matrix(contact.corner_body, P, Q, G, X, work.XC, work.H, A)
+                status[k], _, _ = qp_solve(A, V, index, nc, tolerance, max_iterations)
+                if status[k] == MAX_ITERATIONS:
+                    continue
+                pushed = status[k] == SOLVED
+        for j in range(nv):
+            U[PUSH, j] = 0.0
         if pushed:
-            apply_impulses(motion, n, contact, work, V)
-        elif inertial:
-            work.push[:] = 0.0
+            apply_impulses(contact.corner_body, P, Q, G, U, X, V)
         prediction = 0.0
         for j in range(nv):
-            prediction += work.miss[j] * work.y[j]
-            work.y[j] /= total
-            work.z[j] = work.y[j]
+            prediction += U[MISS, j] * U[Y, j]
+            U[Y, j] /= total
+            U[Z, j] = U[Y, j]
         sums.terms[PREDICTION] += 0.5 * prediction / total
-        if inertial or (touching and pushed):
-            solve(work.L, work.z)
         if near:
-            if touching and pushed:
-                world_twists(motion.X, motion.R, n, work.z, work.twist, TEST)
-            contact_terms(motion, n, contact, total, work, V, sums, touching)
+            if not pushed:
+                for j in range(3 * nc):
+                    V[LAM, j] = 0.0
+            contact_terms(dt, contact, total, Q, V, sums.terms)
+        if inertial or (touching and pushed):
+            solve(G, U, Z)
+        if touching and near:
+            world_twists(P, X, U, Z, TEST)
+            contact_gradient(dt, contact, total, P, Q, V, sums.corner_pos, sums.mu)
         if inertial:
-            for j in range(nv):
-                work.push[j] += motion.dt[n] * work.a0[j]
-            inertial_gradient(motion, n, bodies, gravity, work, sums)
+            inertial_gradient(dt, P, X, U, sums)
         if len(sums.residual):
-            turned = to_body(motion.R, n, 0, (work.y[0], work.y[1], work.y[2]))
+            turned = to_body(P, BASE, get(U, Y, BASE))
             for j in range(nv):
-                sums.residual[n, j] = -motion.dt[n] * (turned[j] if j < 3 else work.y[j])
+                sums.residual[n, j] = -dt * (turned[j] if j < 3 else U[Y, j])
     return status
 
 
 @jit
-def inner_problem(motion, bodies, metric, gravity, residual, contact, n, work):  # type: ignore[no-untyped-def]
+def inner_problem(motion, gravity, residual, contact, n, work):  # type: ignore[no-untyped-def]
     """The inner problem (A, c) of transition n, contact-major."""
-    nc = len(contact.corner_pos)
+    nc = len(work.Q)
     V, _ = work_arrays(nc)
     A = np.empty((3 * nc, 3 * nc))
-    prepare(motion, n, bodies, metric, gravity, residual, contact, work, V)
-    inner_matrix(motion, n, contact, work, A)
+    prepare(motion, n, gravity, residual, work)
+    prepare_contact(motion.v_next, n, motion.dt[n], contact, work, V)
+    inner_matrix(contact.corner_body, work.P, work.Q, work.G, work.X, work.XC, work.H, A)
     return A, V[B, : 3 * nc].copy()

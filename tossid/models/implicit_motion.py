@@ -1,6 +1,9 @@
 """One transition's dynamics as the implicit loss needs them: M, k and twists of a tree (Numba).
 
 All of it is linear in the bodies' mass, moment and inertia, given the motion (`Transitions`).
+A transition is copied to scratch first, where each body's numbers are columns of one array
+and each matrix and vector of the size of v is a row of another: arrays as arguments cost
+time, to the compiler above all.
 """
 
 from __future__ import annotations
@@ -15,6 +18,22 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 jit = numba.njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
+
+# The names of columns and rows are int64, not int, as Numba compiles a function anew for every int that it is given.
+_P = np.array([0, 9, 12, 15, 18, 21, 22, 28, 34, 40, 46, 59, 72])
+_Q = np.array([0, 3, 6, 8, 9, 10, 11])
+_ROWS = np.arange(5)
+# Columns of P (n_b, WIDTH). In body axes: rotation, spin, its derivative, acceleration less gravity, vertical and
+# height after the step. In world axes (angular, linear): twists of v', M^-1 W miss before impulses and z; wrench.
+# Mass, moment and inertia: the model's and the metric's.
+TURN, SPIN, ALPHA, ACCEL, UP, HEIGHT, NEXT, FREE, TEST, WRENCH, BODY, METRIC, WIDTH = _P
+# Columns of Q (n_c, DEPTH): place in body and in world axes, sliding velocity, its length, phi', and gap / dt.
+POS, PLACE, SLIDE, SPEED, PHI, GAP, DEPTH = _Q
+# G (5, nv, nv): M, its factor, W, C = (M^-1 F)^T with W = F F^T, and S X of one body (six rows).
+MASS, FACTOR, WEIGHT, HALF, SPATIAL = _ROWS
+# U (5, nv): M^-1 k, M^-1 J^T lam, miss, y = W miss (over m), z = M^-1 y.
+A0, PUSH, MISS, Y, Z = _ROWS
+BASE = np.int64(0)
 
 
 class Motion(NamedTuple):
@@ -33,49 +52,29 @@ class Motion(NamedTuple):
     near: NDArray[np.bool_]
 
 
-class Bodies(NamedTuple):
-    """mass (n_b,), moment (n_b, 3), inertia (n_b, 3, 3) about the bodies' origins."""
-
-    mass: Array
-    moment: Array
-    inertia: Array
-
-
 class Work(NamedTuple):
-    """Scratch of one transition.
+    """Scratch of one transition, and the model's numbers in columns BODY, METRIC and POS.
 
-    S (6, nv), M, L (the factor of M), W, C = (M^-1 F)^T with W = F F^T, (nv, nv); Y (n_b, 6, nv) = X C^T in world
-    axes; H (nv, 3 n_c) with H^T H the inner problem's matrix. a0, push, miss, y, z (nv,). twist (3, n_b, 6) of
-    v', M^-1 W miss before impulses and z, wrench (n_b, 6): angular, then linear, world axes.
-    r, slide (n_c, 3): place from the body's origin, and (sliding velocity, its length); phi, gap (n_c,).
+    X (n_b, 6, nv). XC (n_b, 6, nv) = X C^T in world axes, H (nv, 3 n_c) with H^T H the inner problem's matrix.
     """
 
-    S: Array
-    M: Array
-    L: Array
-    W: Array
-    C: Array
-    Y: Array
+    P: Array
+    Q: Array
+    G: Array
+    U: Array
+    X: Array
+    XC: Array
     H: Array
-    a0: Array
-    push: Array
-    miss: Array
-    y: Array
-    z: Array
-    twist: Array
-    wrench: Array
-    r: Array
-    slide: Array
-    phi: Array
-    gap: Array
 
 
-def make_work(n_bodies: int, nv: int, n_corners: int) -> Work:
-    """Scratch for the kernels."""
-    square, vector = (nv, nv), (nv,)
-    shapes: list[tuple[int, ...]] = [(6, nv), square, square, square, square, (n_bodies, 6, nv), (nv, 3 * n_corners)]
-    shapes += [vector] * 5 + [(3, n_bodies, 6), (n_bodies, 6), (n_corners, 3), (n_corners, 3)] + [(n_corners,)] * 2
-    return Work(*(np.zeros(shape) for shape in shapes))
+def make_work(body: Array, metric: Array, corner_pos: Array) -> Work:
+    """Scratch for bodies (n_b, 13: mass, moment, inertia), their given values, and corners (n_c, 3)."""
+    n_bodies, n_corners = len(body), len(corner_pos)
+    nv = 5 + n_bodies
+    P, Q = np.zeros((n_bodies, WIDTH)), np.zeros((n_corners, DEPTH))
+    P[:, BODY:METRIC], P[:, METRIC:], Q[:, POS:PLACE] = body, metric, corner_pos
+    X, XC, H = np.zeros((n_bodies, 6, nv)), np.zeros((n_bodies, 6, nv)), np.zeros((nv, 3 * n_corners))
+    return Work(P, Q, np.zeros((5, nv, nv)), np.zeros((5, nv)), X, XC, H)
 
 
 @jit
@@ -91,198 +90,188 @@ def dot(a, b):  # type: ignore[no-untyped-def]
 
 
 @jit
-def to_world(R, n, b, x):  # type: ignore[no-untyped-def]
-    """R[n, b] x."""
+def get(P, b, at):  # type: ignore[no-untyped-def]
+    """The three numbers P[b, at : at + 3]."""
+    return P[b, at], P[b, at + 1], P[b, at + 2]
+
+
+@jit
+def put(P, b, at, x):  # type: ignore[no-untyped-def]
+    """P[b, at : at + 3] = x."""
+    P[b, at], P[b, at + 1], P[b, at + 2] = x
+
+
+@jit
+def product(P, b, at, x):  # type: ignore[no-untyped-def]
+    """A x for the 3x3 matrix A at P[b, at : at + 9]; with TURN, from body to world axes."""
+    return dot(get(P, b, at), x), dot(get(P, b, at + 3), x), dot(get(P, b, at + 6), x)
+
+
+@jit
+def to_body(P, b, x):  # type: ignore[no-untyped-def]
+    """x from world to body axes."""
     return (
-        R[n, b, 0, 0] * x[0] + R[n, b, 0, 1] * x[1] + R[n, b, 0, 2] * x[2],
-        R[n, b, 1, 0] * x[0] + R[n, b, 1, 1] * x[1] + R[n, b, 1, 2] * x[2],
-        R[n, b, 2, 0] * x[0] + R[n, b, 2, 1] * x[1] + R[n, b, 2, 2] * x[2],
+        P[b, TURN] * x[0] + P[b, TURN + 3] * x[1] + P[b, TURN + 6] * x[2],
+        P[b, TURN + 1] * x[0] + P[b, TURN + 4] * x[1] + P[b, TURN + 7] * x[2],
+        P[b, TURN + 2] * x[0] + P[b, TURN + 5] * x[1] + P[b, TURN + 8] * x[2],
     )
 
 
 @jit
-def to_body(R, n, b, x):  # type: ignore[no-untyped-def]
-    """R[n, b]^T x."""
-    return (
-        R[n, b, 0, 0] * x[0] + R[n, b, 1, 0] * x[1] + R[n, b, 2, 0] * x[2],
-        R[n, b, 0, 1] * x[0] + R[n, b, 1, 1] * x[1] + R[n, b, 2, 1] * x[2],
-        R[n, b, 0, 2] * x[0] + R[n, b, 1, 2] * x[1] + R[n, b, 2, 2] * x[2],
-    )
+def load(motion, n, gravity, P, X):  # type: ignore[no-untyped-def]
+    """Transition n into X and the first columns of P."""
+    g = (gravity[0], gravity[1], gravity[2])
+    for b in range(len(P)):
+        for i in range(3):
+            for j in range(3):
+                P[b, TURN + 3 * i + j] = motion.R[n, b, i, j]
+        down = to_body(P, b, g)
+        for i in range(3):
+            P[b, SPIN + i] = motion.omega[n, b, i]
+            P[b, ALPHA + i] = motion.alpha[n, b, i]
+            P[b, ACCEL + i] = motion.xdd[n, b, i] - down[i]
+            P[b, UP + i] = motion.up_next[n, b, i]
+        P[b, HEIGHT] = motion.z_next[n, b]
+        for i in range(6):
+            for j in range(X.shape[2]):
+                X[b, i, j] = motion.X[n, b, i, j]
 
 
 @jit
-def body_twist(X, n, b, x):  # type: ignore[no-untyped-def]
-    """X[n, b] x, as angular and linear part (body axes)."""
+def body_twist(X, b, U, row):  # type: ignore[no-untyped-def]
+    """X[b] x for x = U[row], as angular and linear part (body axes)."""
     w0, w1, w2, u0, u1, u2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for j in range(X.shape[3]):
-        w0 += X[n, b, 0, j] * x[j]
-        w1 += X[n, b, 1, j] * x[j]
-        w2 += X[n, b, 2, j] * x[j]
-        u0 += X[n, b, 3, j] * x[j]
-        u1 += X[n, b, 4, j] * x[j]
-        u2 += X[n, b, 5, j] * x[j]
+    for j in range(X.shape[2]):
+        x = U[row, j]
+        w0 += X[b, 0, j] * x
+        w1 += X[b, 1, j] * x
+        w2 += X[b, 2, j] * x
+        u0 += X[b, 3, j] * x
+        u1 += X[b, 4, j] * x
+        u2 += X[b, 5, j] * x
     return (w0, w1, w2), (u0, u1, u2)
 
 
 @jit
-def world_twists(X, R, n, x, twist, which):  # type: ignore[no-untyped-def]
-    """twist[which, b] = X[n, b] x in world axes, for every body."""
-    for b in range(X.shape[1]):
-        w, u = body_twist(X, n, b, x)
-        w, u = to_world(R, n, b, w), to_world(R, n, b, u)
-        for i in range(3):
-            twist[which, b, i], twist[which, b, 3 + i] = w[i], u[i]
+def world_twists(P, X, U, row, at):  # type: ignore[no-untyped-def]
+    """P[b, at : at + 6] = X[b] x in world axes for x = U[row] and every body."""
+    for b in range(len(P)):
+        w, u = body_twist(X, b, U, row)
+        put(P, b, at, product(P, b, TURN, w))
+        put(P, b, at + 3, product(P, b, TURN, u))
 
 
 @jit
-def add_wrench(X, n, b, torque, force, out):  # type: ignore[no-untyped-def]
-    """out (nv,) += X[n, b]^T (torque, force), body axes."""
-    for j in range(X.shape[3]):
-        out[j] += (
-            X[n, b, 0, j] * torque[0]
-            + X[n, b, 1, j] * torque[1]
-            + X[n, b, 2, j] * torque[2]
-            + X[n, b, 3, j] * force[0]
-            + X[n, b, 4, j] * force[1]
-            + X[n, b, 5, j] * force[2]
+def add_wrench(X, b, torque, force, U, row):  # type: ignore[no-untyped-def]
+    """U[row] += X[b]^T (torque, force), body axes."""
+    for j in range(X.shape[2]):
+        U[row, j] += (
+            X[b, 0, j] * torque[0]
+            + X[b, 1, j] * torque[1]
+            + X[b, 2, j] * torque[2]
+            + X[b, 3, j] * force[0]
+            + X[b, 4, j] * force[1]
+            + X[b, 5, j] * force[2]
         )
 
 
 @jit
-def mass_matrix(X, n, bodies, S, M):  # type: ignore[no-untyped-def]
-    """M (nv, nv) = sum over bodies of X^T [[inertia, h^], [-h^, mass]] X; lower triangle."""
-    nv = X.shape[3]
-    for b in range(X.shape[1]):
-        m, I = bodies.mass[b], bodies.inertia
-        h = (bodies.moment[b, 0], bodies.moment[b, 1], bodies.moment[b, 2])
+def mass_matrix(P, at, X, G, row):  # type: ignore[no-untyped-def]
+    """G[row] = sum over bodies of X^T [[inertia, h^], [-h^, mass]] X, lower triangle; numbers in column `at` of P."""
+    nv = X.shape[2]
+    for b in range(len(P)):
+        m, h = P[b, at], get(P, b, at + 1)
         for j in range(nv):
-            w = (X[n, b, 0, j], X[n, b, 1, j], X[n, b, 2, j])
-            u = (X[n, b, 3, j], X[n, b, 4, j], X[n, b, 5, j])
-            hu, hw = cross(h, u), cross(h, w)
+            w, u = (X[b, 0, j], X[b, 1, j], X[b, 2, j]), (X[b, 3, j], X[b, 4, j], X[b, 5, j])
+            Iw, hu, hw = product(P, b, at + 4, w), cross(h, u), cross(h, w)
             for i in range(3):
-                S[i, j] = I[b, i, 0] * w[0] + I[b, i, 1] * w[1] + I[b, i, 2] * w[2] + hu[i]
-                S[3 + i, j] = m * u[i] - hw[i]
+                G[SPATIAL, i, j] = Iw[i] + hu[i]
+                G[SPATIAL, 3 + i, j] = m * u[i] - hw[i]
         for i in range(nv):
             for j in range(i + 1):
-                value = 0.0 if b == 0 else M[i, j]
+                value = 0.0 if b == 0 else G[row, i, j]
                 for k in range(6):
-                    value += X[n, b, k, i] * S[k, j]
-                M[i, j] = value
+                    value += X[b, k, i] * G[SPATIAL, k, j]
+                G[row, i, j] = value
 
 
 @jit
-def factor(M, L):  # type: ignore[no-untyped-def]
-    """Cholesky factor of M's lower triangle into L, its diagonal inverted; NaN if M is not positive definite."""
-    for j in range(len(M)):
-        pivot = M[j, j]
+def factor(G, row, into):  # type: ignore[no-untyped-def]
+    """Cholesky factor of G[row] into G[into], its diagonal inverted; NaN if G[row] is not positive definite."""
+    nv = G.shape[1]
+    for j in range(nv):
+        pivot = G[row, j, j]
         for k in range(j):
-            pivot -= L[j, k] * L[j, k]
+            pivot -= G[into, j, k] * G[into, j, k]
         inverse = 1.0 / math.sqrt(pivot) if pivot > 0.0 else math.nan
-        L[j, j] = inverse
-        for i in range(j + 1, len(M)):
-            value = M[i, j]
+        G[into, j, j] = inverse
+        for i in range(j + 1, nv):
+            value = G[row, i, j]
             for k in range(j):
-                value -= L[i, k] * L[j, k]
-            L[i, j] = value * inverse
+                value -= G[into, i, k] * G[into, j, k]
+            G[into, i, j] = value * inverse
 
 
 @jit
-def solve(L, x):  # type: ignore[no-untyped-def]
-    """x (nv,) <- M^-1 x, with L of `factor`."""
-    for i in range(len(x)):
-        value = x[i]
+def solve(G, U, row):  # type: ignore[no-untyped-def]
+    """U[row] <- M^-1 U[row]."""
+    nv = U.shape[1]
+    for i in range(nv):
+        value = U[row, i]
         for k in range(i):
-            value -= L[i, k] * x[k]
-        x[i] = value * L[i, i]
-    for i in range(len(x) - 1, -1, -1):
-        value = x[i]
-        for k in range(i + 1, len(x)):
-            value -= L[k, i] * x[k]
-        x[i] = value * L[i, i]
+            value -= G[FACTOR, i, k] * U[row, k]
+        U[row, i] = value * G[FACTOR, i, i]
+    for i in range(nv - 1, -1, -1):
+        value = U[row, i]
+        for k in range(i + 1, nv):
+            value -= G[FACTOR, k, i] * U[row, k]
+        U[row, i] = value * G[FACTOR, i, i]
 
 
 @jit
-def solve_columns(L, C):  # type: ignore[no-untyped-def]
-    """C (nv, nv) <- M^-1 C, with L of `factor`."""
-    size = len(C)
-    for i in range(size):
-        for k in range(i):
-            for j in range(size):
-                C[i, j] -= L[i, k] * C[k, j]
-        for j in range(size):
-            C[i, j] *= L[i, i]
-    for i in range(size - 1, -1, -1):
-        for k in range(i + 1, size):
-            for j in range(size):
-                C[i, j] -= L[k, i] * C[k, j]
-        for j in range(size):
-            C[i, j] *= L[i, i]
-
-
-@jit
-def multiply_lower(W, x, out):  # type: ignore[no-untyped-def]
-    """out = W x for W symmetric, of which the lower triangle is given."""
-    for i in range(len(x)):
-        value = W[i, i] * x[i]
+def weigh(G, U):  # type: ignore[no-untyped-def]
+    """U[Y] = W U[MISS]."""
+    for i in range(U.shape[1]):
+        x = U[MISS, i]
+        value = G[WEIGHT, i, i] * x
         for j in range(i):
-            value += W[i, j] * x[j]
-            out[j] += W[i, j] * x[i]
-        out[i] = value
+            value += G[WEIGHT, i, j] * U[MISS, j]
+            U[Y, j] += G[WEIGHT, i, j] * x
+        U[Y, i] = value
 
 
 @jit
-def force(motion, n, bodies, gravity, k):  # type: ignore[no-untyped-def]
-    """k(q, v) (nv,): gravity less Coriolis, centrifugal and gyroscopic forces (Newton-Euler)."""
-    k[:] = 0.0
-    for b in range(motion.X.shape[1]):
-        m, h, acc, w, alpha = body_motion(motion, n, b, bodies, gravity)
-        Iw, Ia = body_product(bodies.inertia, b, w), body_product(bodies.inertia, b, alpha)
-        ah, wwh, wIw, hacc = cross(alpha, h), cross(w, cross(w, h)), cross(w, Iw), cross(h, acc)
+def free_motion(P, X, G, U):  # type: ignore[no-untyped-def]
+    """M, its factor, and U[A0] = M^-1 k: gravity less Coriolis, centrifugal and gyroscopic forces (Newton-Euler)."""
+    mass_matrix(P, BODY, X, G, MASS)
+    factor(G, MASS, FACTOR)
+    for j in range(U.shape[1]):
+        U[A0, j] = 0.0
+    for b in range(len(P)):
+        m, h, w, alpha, acc = P[b, BODY], get(P, b, BODY + 1), get(P, b, SPIN), get(P, b, ALPHA), get(P, b, ACCEL)
+        Ia, wIw, hacc = product(P, b, BODY + 4, alpha), cross(w, product(P, b, BODY + 4, w)), cross(h, acc)
+        ah, wwh = cross(alpha, h), cross(w, cross(w, h))
         angular = (-Ia[0] - wIw[0] - hacc[0], -Ia[1] - wIw[1] - hacc[1], -Ia[2] - wIw[2] - hacc[2])
         linear = (-m * acc[0] - ah[0] - wwh[0], -m * acc[1] - ah[1] - wwh[1], -m * acc[2] - ah[2] - wwh[2])
-        add_wrench(motion.X, n, b, angular, linear, k)
+        add_wrench(X, b, angular, linear, U, A0)
+    solve(G, U, A0)
 
 
 @jit
-def body_motion(motion, n, b, bodies, gravity):  # type: ignore[no-untyped-def]
-    """(mass, moment, the origin's acceleration less gravity, spin, its derivative) of a body, body axes."""
-    g = to_body(motion.R, n, b, (gravity[0], gravity[1], gravity[2]))
-    return (
-        bodies.mass[b],
-        (bodies.moment[b, 0], bodies.moment[b, 1], bodies.moment[b, 2]),
-        (motion.xdd[n, b, 0] - g[0], motion.xdd[n, b, 1] - g[1], motion.xdd[n, b, 2] - g[2]),
-        (motion.omega[n, b, 0], motion.omega[n, b, 1], motion.omega[n, b, 2]),
-        (motion.alpha[n, b, 0], motion.alpha[n, b, 1], motion.alpha[n, b, 2]),
-    )
-
-
-@jit
-def body_product(I, b, x):  # type: ignore[no-untyped-def]
-    """I[b] x."""
-    return (
-        I[b, 0, 0] * x[0] + I[b, 0, 1] * x[1] + I[b, 0, 2] * x[2],
-        I[b, 1, 0] * x[0] + I[b, 1, 1] * x[1] + I[b, 1, 2] * x[2],
-        I[b, 2, 0] * x[0] + I[b, 2, 1] * x[1] + I[b, 2, 2] * x[2],
-    )
-
-
-@jit
-def free_motion(motion, n, bodies, gravity, residual, work, out):  # type: ignore[no-untyped-def]
-    """out = M^-1 k + a_res; leaves M, its factor and a_0 = M^-1 k in `work`."""
-    mass_matrix(motion.X, n, bodies, work.S, work.M)
-    factor(work.M, work.L)
-    force(motion, n, bodies, gravity, work.a0)
-    solve(work.L, work.a0)
-    for j in range(len(out)):
-        out[j] = work.a0[j]
+def add_residual(P, residual, n, out, row, scale):  # type: ignore[no-untyped-def]
+    """out[row] += scale a_res, from the base's axes to the order of v."""
     if len(residual):
-        turned = to_world(motion.R, n, 0, (residual[n, 0], residual[n, 1], residual[n, 2]))
-        for j in range(len(out)):
-            out[j] += turned[j] if j < 3 else residual[n, j]
+        turned = product(P, BASE, TURN, get(residual, n, BASE))
+        for j in range(residual.shape[1]):
+            out[row, j] += scale * (turned[j] if j < 3 else residual[n, j])
 
 
 @jit
-def accelerations(motion, bodies, gravity, residual, work, out):  # type: ignore[no-untyped-def]
+def accelerations(motion, gravity, residual, work, out):  # type: ignore[no-untyped-def]
     """out (N, nv) = M^-1 k + a_res."""
     for n in range(len(out)):
-        free_motion(motion, n, bodies, gravity, residual, work, out[n])
+        load(motion, n, gravity, work.P, work.X)
+        free_motion(work.P, work.X, work.G, work.U)
+        for j in range(out.shape[1]):
+            out[n, j] = work.U[A0, j]
+        add_residual(work.P, residual, n, out, n, 1.0)
