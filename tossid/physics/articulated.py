@@ -305,9 +305,10 @@ def contact_row(parent, joint_type, P, body, r0, r1, r2, a0, a1, a2, c, k, tau):
 @jit
 def tree_features(R, q, v, f):  # type: ignore[no-untyped-def]
     """The residual's features into f (n_f,), as `free.features`."""
+    speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     for i in range(3):
         f[i] = R[2, i]
-        f[3 + i] = R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2]
+        f[3 + i] = speed * (R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2])
         f[6 + i] = 0.1 * v[3 + i]
     for j in range(q.shape[0] - 7):
         f[9 + 3 * j], f[10 + 3 * j], f[11 + 3 * j] = math.sin(q[7 + j]), math.cos(q[7 + j]), 0.1 * v[6 + j]

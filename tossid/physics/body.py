@@ -148,9 +148,10 @@ def simulate_body(  # type: ignore[no-untyped-def]
                 e2 = g0 * c1 - g1 * c0 + w0 * s1 - w1 * s0
                 if learned:
                     f[0], f[1], f[2] = r20, r21, r22
-                    f[3] = r00 * v_0 + r10 * v_1 + r20 * v_2
-                    f[4] = r01 * v_0 + r11 * v_1 + r21 * v_2
-                    f[5] = r02 * v_0 + r12 * v_1 + r22 * v_2
+                    speed = math.sqrt(v_0 * v_0 + v_1 * v_1 + v_2 * v_2)
+                    f[3] = speed * (r00 * v_0 + r10 * v_1 + r20 * v_2)
+                    f[4] = speed * (r01 * v_0 + r11 * v_1 + r21 * v_2)
+                    f[5] = speed * (r02 * v_0 + r12 * v_1 + r22 * v_2)
                     f[6], f[7], f[8] = 0.1 * w0, 0.1 * w1, 0.1 * w2
                     network(linear, W0, b0, W1, b1, W2, f, h0, h1, extra)
                     e0, e1, e2 = e0 - extra[0], e1 - extra[1], e2 - extra[2]

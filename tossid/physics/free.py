@@ -18,13 +18,15 @@ njit = numba.njit(cache=True, error_model="numpy")
 def features(system, q, v, work):  # type: ignore[no-untyped-def]
     """The residual's features into work.feature: what the base sees, in its own frame.
 
-    (vertical R^T e_z, velocity R^T v [m/s], spin [rad/s] / 10, then sin, cos and rate / 10 of each joint)
+    (vertical R^T e_z, |v| R^T v [m²/s²], spin [rad/s] / 10, then sin, cos and rate / 10 of each joint). Velocity
+    enters as its square: drag at a toss's speeds grows so, and what flight taught must not push what slides slowly.
     """
     R = work.xmat[0]
     f = work.feature
+    speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     for i in range(3):
         f[i] = R[2, i]
-        f[3 + i] = R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2]
+        f[3 + i] = speed * (R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2])
         f[6 + i] = 0.1 * v[3 + i]
     for b in range(1, len(system.parent)):
         f[6 + 3 * b] = np.sin(q[6 + b])

@@ -15,9 +15,10 @@ Array = NDArray[np.float64]
 class Residual(NamedTuple):
     """A learned residual acceleration a_res(q, v) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1).
 
-    f are the features of `tree.features`, in the base's frame, where the world's
+    f are the features of `free.features`, in the base's frame, where the world's
     symmetries (translation, turning about the vertical) are exact; the output is
-    an acceleration in the same frame. The force is k_res = M a_res. Empty arrays
+    an acceleration in the same frame. Velocity enters f as |v| R^T v, so that a
+    linear drag matrix is quadratic drag. The force is k_res = M a_res. Empty arrays
     (zero rows of `linear`) mean no residual.
 
     linear (nv, n_f), W0 (h, n_f), b0 (h,), W1 (h, h), b1 (h,), W2 (nv, h).
@@ -68,7 +69,7 @@ class System(NamedTuple):
 
 
 def n_features(n_joints: int) -> int:
-    """Length of the residual's feature vector: vertical (3), velocity (3), spin (3), and sin, cos, rate of joints."""
+    """Length of the residual's features: vertical (3), |v| v (3), spin (3), and sin, cos, rate of each joint."""
     return 9 + 3 * n_joints
 
 
