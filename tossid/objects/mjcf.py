@@ -24,6 +24,9 @@ def load_object(
     name: str | None = None,
     friction: float = 0.18,
     restitution: float = 0.0,
+    compliance: float = 0.0,
+    relaxation: float = 0.0,
+    cohesion: float = 0.0,
     width: float | None = None,
     tags: Sequence[Tag] = (),
 ) -> ObjectModel:
@@ -32,7 +35,7 @@ def load_object(
     Args:
         path: the file. A base without a joint gets a free joint.
         name: the object's name; the model's own if None.
-        friction, restitution: what the file cannot say about object and ground.
+        friction, restitution, compliance, relaxation, cohesion: what the file cannot say about object and ground.
         width: reference length [m]; the longest edge of the base's corners if None.
         tags: AprilTags on the bodies.
 
@@ -54,7 +57,15 @@ def load_object(
     except (ValueError, mujoco.FatalError) as error:
         raise FileError(path, f"MuJoCo cannot compile it: {_first_line(error)}") from error
     return object_from_mjcf(
-        spec.to_xml(), name=name, friction=friction, restitution=restitution, width=width, tags=tags
+        spec.to_xml(),
+        name=name,
+        friction=friction,
+        restitution=restitution,
+        compliance=compliance,
+        relaxation=relaxation,
+        cohesion=cohesion,
+        width=width,
+        tags=tags,
     )
 
 
@@ -64,6 +75,9 @@ def object_from_mjcf(
     name: str | None = None,
     friction: float = 0.18,
     restitution: float = 0.0,
+    compliance: float = 0.0,
+    relaxation: float = 0.0,
+    cohesion: float = 0.0,
     width: float | None = None,
     tags: Sequence[Tag] = (),
 ) -> ObjectModel:
@@ -72,7 +86,18 @@ def object_from_mjcf(
         spec = mujoco.MjSpec.from_string(text)
     except (ValueError, mujoco.FatalError) as error:
         raise ObjectError(f"MuJoCo cannot parse the object's MJCF: {_first_line(error)}") from error
-    return _from_spec(spec, text, name=name, friction=friction, restitution=restitution, width=width, tags=tags)
+    return _from_spec(
+        spec,
+        text,
+        name=name,
+        friction=friction,
+        restitution=restitution,
+        compliance=compliance,
+        relaxation=relaxation,
+        cohesion=cohesion,
+        width=width,
+        tags=tags,
+    )
 
 
 def _from_spec(
@@ -82,6 +107,9 @@ def _from_spec(
     name: str | None,
     friction: float,
     restitution: float,
+    compliance: float,
+    relaxation: float,
+    cohesion: float,
     width: float | None,
     tags: Sequence[Tag],
 ) -> ObjectModel:
@@ -136,6 +164,9 @@ def _from_spec(
         width=float(width),
         tags=tuple(tags),
         mjcf=text,
+        compliance=float(compliance),
+        relaxation=float(relaxation),
+        cohesion=float(cohesion),
     )
 
 

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.errors import ObjectError
+
 Array = NDArray[np.float64]
 
 GRAVITY = 9.81
@@ -59,6 +61,12 @@ class ObjectModel:
         width: the length that relative position errors refer to [m].
         tags: AprilTags on the bodies.
         mjcf: the model as MJCF text, as loaded.
+        compliance: how far a corner sinks for each newton on it [m/N], 0 for rigid contact.
+        relaxation: damping over stiffness of a corner [s].
+        cohesion: friction of a loaded corner beyond `friction` times its load [N].
+
+    Raises:
+        ObjectError: compliance, relaxation or cohesion is negative or not finite.
     """
 
     name: str
@@ -79,6 +87,15 @@ class ObjectModel:
     width: float
     tags: tuple[Tag, ...]
     mjcf: str
+    compliance: float = 0.0
+    relaxation: float = 0.0
+    cohesion: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, unit in (("compliance", "m/N"), ("relaxation", "s"), ("cohesion", "N")):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise ObjectError(f"object '{self.name}': {name} is {value} {unit}, expected at least 0")
 
     @property
     def n_bodies(self) -> int:

@@ -34,7 +34,8 @@ class Body(NamedTuple):
     """What the kernel reads of a single body, as plain arrays.
 
     mass [kg]; com (3,); inertia (3, 3) about it; inverse (3, 3) = root root^T; root (3, 3) lower triangular;
-    corner (3, n_c) from the origin; arm (n_c, 3) from the centre of mass; mu (n_c,); restitution; gravity (3,).
+    corner (3, n_c) from the origin; arm (n_c, 3) from the centre of mass; mu (n_c,); gravity (3,);
+    restitution, compliance, relaxation and cohesion as in `System`.
     """
 
     mass: float
@@ -46,6 +47,9 @@ class Body(NamedTuple):
     arm: Array
     mu: Array
     restitution: float
+    compliance: float
+    relaxation: float
+    cohesion: float
     gravity: Array
 
 
@@ -73,6 +77,9 @@ def make_body(system: System) -> Body | None:
         arm=np.ascontiguousarray(system.corner_pos - com),
         mu=np.ascontiguousarray(system.mu),
         restitution=float(system.restitution),
+        compliance=float(system.compliance),
+        relaxation=float(system.relaxation),
+        cohesion=float(system.cohesion),
         gravity=np.ascontiguousarray(system.gravity),
     )
 
@@ -102,7 +109,7 @@ def network(linear, W0, b0, W1, b1, W2, f, h0, h1, out):  # type: ignore[no-unty
 
 @_jit
 def simulate_body(  # type: ignore[no-untyped-def]
-    mass, com, inertia, inverse, root, corner, arm, mu, restitution, gravity,
+    mass, com, inertia, inverse, root, corner, arm, mu, restitution, compliance, relaxation, cohesion, gravity,
     linear, W0, b0, W1, b1, W2,
     q0, v0, n_steps, dt, substeps, tolerance, first, last,
     qs, vs, lam_n, unsolved, worst, finite, V, index,
@@ -111,6 +118,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
     nc = mu.shape[0]
     h = dt / substeps
     over_m = 1.0 / mass
+    soft = compliance / (h * (h + relaxation))
     learned = linear.shape[0] > 0
     f, h0, h1, extra = np.empty(9), np.empty(b0.shape[0]), np.empty(b0.shape[0]), np.zeros(6)
     height, state, chosen = np.empty(nc), np.zeros(nc, np.int64), np.zeros(nc, np.int64)
@@ -210,10 +218,14 @@ def simulate_body(  # type: ignore[no-untyped-def]
                                 before = k2 + tau[c, 0, 0] * w0 + tau[c, 0, 1] * w1 + tau[c, 0, 2] * w2
                                 if before < -BOUNCE_SPEED:
                                     target = min(target, free + restitution * before)
+                            elif target < 0.0 or height[c] < 0.0:
+                                target = height[c] / (h + relaxation) + free
                             V[B, r] = target
                             V[B, r + 1] += u0
                             V[B, r + 2] += u1
                             V[MU, n] = mu[c]
+                            if cohesion > 0.0 and not cold and warm[c, 0] > 0.0:
+                                V[MU, n] = min(2.0 * mu[c], mu[c] + cohesion * h / warm[c, 0])
                             chosen[n] = c
                             closed = closed and target >= 0.0
                             n += 1
@@ -228,6 +240,8 @@ def simulate_body(  # type: ignore[no-untyped-def]
                                 A[i, j] += over_m
                             for j in range(i):
                                 A[j, i] = A[i, j]
+                        for i in range(0, 3 * n, 3):
+                            A[i, i] += soft
                         status, residual = solve_exact(A, V, index, n, tolerance)
                         f0, f1, f2, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                         touched = False

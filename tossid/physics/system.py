@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tossid.errors import ObjectError
 from tossid.objects import GRAVITY, ObjectModel
 
 Array = NDArray[np.float64]
@@ -37,6 +38,10 @@ class System(NamedTuple):
 
     gravity: (3,) acceleration of the given continuous dynamics k_hat [m/s², world].
     mu: (n_c,) friction of each corner. restitution: Newton's coefficient.
+    compliance: how far a corner sinks for each newton on it, 1 / stiffness [m/N], 0 for rigid contact.
+    relaxation: damping over stiffness of a corner [s]: what sank comes out as exp(-t / relaxation).
+    cohesion: c of |f_t| <= mu f_n + c [N], of a corner that carried load in the step before; the bound stays
+        below 2 mu f_n. The law is in `stepping`.
     """
 
     parent: NDArray[np.int64]
@@ -54,6 +59,9 @@ class System(NamedTuple):
     restitution: float
     gravity: Array
     residual: Residual
+    compliance: float = 0.0
+    relaxation: float = 0.0
+    cohesion: float = 0.0
 
     @property
     def nv(self) -> int:
@@ -92,7 +100,15 @@ def make_system(
         gravity: downward acceleration [m/s²], or a world vector (3,).
         friction: one coefficient, or one a corner (n_c,); the object's own if None.
         residual: a learned residual acceleration.
+
+    Raises:
+        ObjectError: the object has both restitution and a spring's compliance or relaxation.
     """
+    if model.restitution > 0 and (model.compliance > 0 or model.relaxation > 0):
+        raise ObjectError(
+            f"object '{model.name}' has restitution {model.restitution:g} and compliance {model.compliance:g} m/N with "
+            f"relaxation {model.relaxation:g} s: two models of the same bounce; one of them must be 0"
+        )
     g = np.asarray(gravity, dtype=float)
     mu = model.friction if friction is None else friction
     contiguous = np.ascontiguousarray
@@ -112,4 +128,7 @@ def make_system(
         restitution=float(model.restitution),
         gravity=g.copy() if g.ndim else np.array([0.0, 0.0, -float(g)]),
         residual=residual or no_residual(model.n_joints),
+        compliance=float(model.compliance),
+        relaxation=float(model.relaxation),
+        cohesion=float(model.cohesion),
     )
