@@ -23,14 +23,23 @@ def systems(cube: ObjectModel) -> dict[str, System]:
     shapes = ((6, 9), (8, 9), (8,), (8, 8), (8,), (6, 8))
     residual = Residual(*(0.1 * rng.normal(size=shape) for shape in shapes))
     product = 1e-5 * np.array([[0.0, 1, 0], [1, 0, 2], [0, 2, 0]])
-    odd = cube.with_changes(com=np.array([[1e-3, -2e-3, 6e-3]]), inertia=1.3 * cube.inertia + product, restitution=0.2)
+    odd = cube.with_changes(com=np.array([[1e-3, -2e-3, 6e-3]]), inertia=1.3 * cube.inertia + product)
     return {
         "nominal": make_system(cube),
-        "odd": make_system(odd, residual=residual, friction=np.linspace(0.1, 0.3, 8), gravity=[0.1, 0.2, -9.5]),
+        "odd": make_system(
+            odd.with_changes(restitution=0.2),
+            residual=residual,
+            friction=np.linspace(0.1, 0.3, 8),
+            gravity=[0.1, 0.2, -9.5],
+        ),
+        "soft": make_system(odd.with_changes(compliance=3e-5, relaxation=2e-3), residual=residual),
+        "cohesive": make_system(cube.with_changes(cohesion=0.1)),
+        "soft and cohesive": make_system(odd.with_changes(compliance=3e-5, relaxation=5e-3, cohesion=0.1)),
+        "slow": make_system(odd.with_changes(relaxation=0.02, cohesion=0.05)),
     }
 
 
-@pytest.mark.parametrize("name", ["nominal", "odd"])
+@pytest.mark.parametrize("name", ["nominal", "odd", "soft", "cohesive", "soft and cohesive", "slow"])
 @pytest.mark.parametrize("substeps", [1, 3])
 def test_it_agrees_with_the_tree(cube: ObjectModel, name: str, substeps: int, monkeypatch: pytest.MonkeyPatch) -> None:
     system = systems(cube)[name]
@@ -49,10 +58,13 @@ def test_it_agrees_with_the_tree(cube: ObjectModel, name: str, substeps: int, mo
     # three corners or more carry redundant impulses: which of them is up to the solver's last digits
     redundant = np.cumsum((body.lam_n > 0).sum(axis=2) > 2, axis=1) > 0
     assert redundant.mean() < 0.7
+    # and where friction has a memory of them, so is the motion
+    settled = system.cohesion == 0.0 or system.compliance > 0.0
     for name, near in (("q", 1e-9), ("v", 1e-7)):
         apart = np.abs(getattr(body, name) - getattr(tree, name))[:, 1:]
         assert apart[~redundant].max() < near, name
-        assert apart.max() < 1e3 * near, name
+        if settled:
+            assert apart.max() < 1e3 * near, name
     assert np.abs(body.lam_n - tree.lam_n)[~redundant].max() < 1e-9
 
 

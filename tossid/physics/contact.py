@@ -146,8 +146,9 @@ def _solve(A, V, index, n, directions, tolerance, work, lcp_index):  # type: ign
 
 @jit
 def _assemble(  # type: ignore[no-untyped-def]
-    state, height, tau, mu, restitution, warm, cold, L, u, u_before, xi, xi_before, h, chosen, G, A, V, over_m
-):
+    state, height, tau, mu, restitution, compliance, relaxation, cohesion, warm, cold, L, u, u_before, xi, xi_before,
+    h, chosen, G, A, V, over_m,
+):  # fmt: skip
     """The candidates' contact problem (G, A, V[B], V[MU], warm start V[LAM]); returns their number, 0 if all open."""
     nx = xi.shape[0]
     n, closed = 0, True
@@ -173,8 +174,12 @@ def _assemble(  # type: ignore[no-untyped-def]
                 before += tau[c, 0, x] * xi_before[x]
             if before < -BOUNCE_SPEED:
                 target = min(target, free + restitution * before)
+        elif target < 0.0 or height[c] < 0.0:
+            target = height[c] / (h + relaxation) + free
         V[B, r] = target
         V[MU, n] = mu[c]
+        if cohesion > 0.0 and not cold and warm[c, 0] > 0.0:
+            V[MU, n] = min(2.0 * mu[c], mu[c] + cohesion * h / warm[c, 0])
         chosen[n] = c
         closed = closed and target >= 0.0
         n += 1
@@ -190,13 +195,17 @@ def _assemble(  # type: ignore[no-untyped-def]
             A[i, j] += over_m
         for j in range(i):
             A[j, i] = A[i, j]
+    soft = compliance / (h * (h + relaxation))
+    for i in range(0, 3 * n, 3):
+        A[i, i] += soft
     return n
 
 
 @jit
 def resolve_contact(  # type: ignore[no-untyped-def]
-    parent, joint_type, corner_body, corner_pos, mu, restitution, P, E, R, L, z0, reach, u, u_before, xi, xi_before,
-    h, tolerance, cold, height, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
+    parent, joint_type, corner_body, corner_pos, mu, restitution, compliance, relaxation, cohesion,
+    P, E, R, L, z0, reach, u, u_before, xi, xi_before, h, tolerance, cold,
+    height, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
 ):  # fmt: skip
     """Contact impulses of one step: u (3: z, x, y) and xi (n_x,) become those after it.
 
@@ -224,8 +233,9 @@ def resolve_contact(  # type: ignore[no-untyped-def]
         return 0, False, 0, 0.0
     for _ in range(4):
         n = _assemble(
-            state, height, tau, mu, restitution, warm, cold, L, u, u_before, xi, xi_before, h, chosen, G, A, V, over_m
-        )
+            state, height, tau, mu, restitution, compliance, relaxation, cohesion, warm, cold, L, u, u_before,
+            xi, xi_before, h, chosen, G, A, V, over_m,
+        )  # fmt: skip
         if n == 0:
             return 0, False, 0, 0.0
         status, residual = _solve(A, V, index, n, directions, tolerance, lcp_work, lcp_index)

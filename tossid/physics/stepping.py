@@ -10,6 +10,24 @@ One step of length h from (q, v), with a the acceleration without contact:
 Stewart and Trinkle, "An implicit time-stepping scheme for rigid body dynamics
 with inelastic collisions and Coulomb friction", IJNME 1996. Restitution, where
 there is any, is Newton's: an approaching corner must leave with J_n v' >= -e J_n v.
+
+A compliant corner is a spring and a damper at the step's end, phi' = phi + h J_n v',
+
+    lam_n / h = max(0, -k phi' - d J_n v'),     k = 1 / compliance,     d = k relaxation
+
+which is the complementarity of a rigid one with another gap and a slack:
+
+    0 <= lam_n  _|_  phi / (h + relaxation) + J_n v' + compliance / (h (h + relaxation)) lam_n >= 0
+
+as in Castro, Permenter and Han, "An unconstrained convex formulation of compliant
+contact", T-RO 2022 (whose convex friction is not used here). The damper does not
+act at a distance: a corner above the ground that would not reach it in free motion,
+and is pushed there by others, has phi / h for its gap.
+
+Cohesion c lets friction grow less than in proportion to load (Mohr and Coulomb),
+|lam_t| <= mu lam_n + c h, with the load of the step before in place of this one's:
+the friction coefficient of the step is min(2 mu, mu + c h / lam_n of the step before),
+and mu where there was no load.
 """
 
 from __future__ import annotations
@@ -66,8 +84,8 @@ class Simulation(NamedTuple):
 @jit
 def _simulate(  # type: ignore[no-untyped-def]
     parent, joint_type, turn, place, axis, anchor, mass, com, inertia, corner_body, corner_pos, mu, restitution,
-    gravity, linear, W0, b0, W1, b1, W2, q0, v0, n_steps, dt, substeps, tolerance, first, last,
-    qs, vs, lam_n, unsolved, worst, finite,
+    compliance, relaxation, cohesion, gravity, linear, W0, b0, W1, b1, W2,
+    q0, v0, n_steps, dt, substeps, tolerance, first, last, qs, vs, lam_n, unsolved, worst, finite,
     height, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
 ):  # fmt: skip
     """Simulate tosses first..last-1 of any tree; arguments and results as in `simulate`."""
@@ -116,9 +134,9 @@ def _simulate(  # type: ignore[no-untyped-def]
                     i = k - 1 if k else 2
                     u[k] = vf[i] + R[i, 0] * c0 + R[i, 1] * c1 + R[i, 2] * c2
                 n, touched, status, residual = resolve_contact(
-                    parent, joint_type, corner_body, corner_pos, mu, restitution, P, E, R, L, q[2], reach, u, u_before,
-                    xi, before, h, tolerance, cold, height, state, chosen, tau, G, A, warm, y, V, index, directions,
-                    lcp_work, lcp_index,
+                    parent, joint_type, corner_body, corner_pos, mu, restitution, compliance, relaxation, cohesion,
+                    P, E, R, L, q[2], reach, u, u_before, xi, before, h, tolerance, cold,
+                    height, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
                 )  # fmt: skip
                 cold = n == 0
                 if n > 0:
@@ -220,7 +238,8 @@ def simulate(
             return
         _simulate(
             *make_articulated(system), system.corner_body, system.corner_pos, system.mu, float(system.restitution),
-            system.gravity, *system.residual, q0, v0, steps, float(dt), substeps, tolerance, first, last, *out,
+            float(system.compliance), float(system.relaxation), float(system.cohesion), system.gravity,
+            *system.residual, q0, v0, steps, float(dt), substeps, tolerance, first, last, *out,
             *make_scratch(system, n_directions),
         )  # fmt: skip
 
