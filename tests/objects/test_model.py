@@ -39,6 +39,7 @@ def test_the_cube_is_nominal(cube: ObjectModel) -> None:
     assert cube.width == pytest.approx(0.1048)
     assert cube.mass[0] == 0.37
     assert (cube.friction, cube.restitution) == (0.18, 0.0)
+    assert (cube.compliance, cube.relaxation, cube.cohesion) == (0.0, 0.0, 0.0)
     np.testing.assert_allclose(cube.inertia[0], 0.00081 * np.eye(3))
     np.testing.assert_allclose(cube.com, 0)
     np.testing.assert_allclose(np.abs(cube.corner_pos), 0.0524)
@@ -72,6 +73,14 @@ def test_learned_corners_survive_mjcf(cube: ObjectModel) -> None:
     rng = np.random.default_rng(3)
     learned = cube.with_changes(corner_pos=cube.corner_pos + rng.normal(size=(8, 3)) * 2e-3)
     same_corners(learned, object_from_mjcf(to_mjcf(learned)), 1e-6)
+
+
+@pytest.mark.parametrize("name", ["compliance", "relaxation", "cohesion"])
+def test_a_contact_law_that_cannot_be_is_refused(cube: ObjectModel, name: str) -> None:
+    assert getattr(object_from_mjcf(cube.mjcf, **{name: 0.01}), name) == 0.01
+    for value in (-1e-9, float("nan"), float("inf")):
+        with pytest.raises(ObjectError, match=name):
+            cube.with_changes(**{name: value})
 
 
 def test_the_scene_rests_on_its_ground(cube: ObjectModel) -> None:

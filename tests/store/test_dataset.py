@@ -35,7 +35,8 @@ def assert_same(a: Dataset, b: Dataset) -> None:
 
 
 def assert_same_object(a: ObjectModel, b: ObjectModel) -> None:
-    assert (a.name, a.friction, a.restitution, a.width) == (b.name, b.friction, b.restitution, b.width)
+    for name in ("name", "friction", "restitution", "compliance", "relaxation", "cohesion", "width"):
+        assert getattr(a, name) == getattr(b, name), name
     for name in ("parent", "joint_type", "joint_pos", "joint_axis", "body_pos", "body_quat", "mass", "com", "inertia"):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
     np.testing.assert_array_equal(a.corner_body, b.corner_body)
@@ -72,6 +73,17 @@ def test_tags_and_values_that_mjcf_cannot_say_survive(cube: ObjectModel, tmp_pat
     model = cube.with_changes(name="würfel", friction=0.31, restitution=0.12, width=0.2, tags=tags)
     write_dataset(make_dataset(model), tmp_path / "a.h5")
     assert_same_object(model, read_dataset(tmp_path / "a.h5").object)
+
+
+def test_the_contact_law_survives_and_is_absent_where_it_is_rigid(cube: ObjectModel, tmp_path: Path) -> None:
+    law = {"compliance": 3e-5, "relaxation": 2e-3, "cohesion": 0.07}
+    model = cube.with_changes(**law)
+    for name, written in (("a", model), ("b", cube)):
+        write_dataset(make_dataset(written), tmp_path / f"{name}.h5")
+        assert_same_object(written, read_dataset(tmp_path / f"{name}.h5").object)
+    with h5py.File(tmp_path / "a.h5") as soft, h5py.File(tmp_path / "b.h5") as rigid:
+        assert {name: soft["object"].attrs[name] for name in law} == law
+        assert not law.keys() & rigid["object"].attrs.keys()
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -385,6 +397,8 @@ def backwards(file: h5py.File) -> None:
         (set_attribute("/tosses/toss_0001", "split", "holdout"), ["/tosses/toss_0001", "holdout"]),
         (set_attribute("/object", "friction", float("nan")), ["friction"]),
         (set_attribute("/object", "friction", -0.1), ["/object", "friction"]),
+        (set_attribute("/object", "compliance", -1e-5), ["/object", "compliance"]),
+        (set_attribute("/object", "cohesion", float("inf")), ["cohesion"]),
         (set_attribute("/object", "nq", 8), ["joints"]),
         (set_attribute("/provenance", "array", np.zeros(3)), ["provenance", "array"]),
         (drop("/tosses"), ["/tosses is missing"]),

@@ -35,6 +35,7 @@ from tossid.types import Dataset, Phase, Toss
 
 _ROOT = {"object", "provenance", "tosses"}
 _UNKNOWN_SOURCE = "not stated"
+_CONTACT_LAW = ("compliance", "relaxation", "cohesion")  # of an object; absent where 0, as in files older than they
 
 
 def write_dataset(dataset: Dataset, path: Path) -> None:
@@ -182,6 +183,9 @@ def _fill(file: h5py.File, dataset: Dataset, text: str) -> None:
     group = file.create_group("object")
     group.attrs["name"] = model.name
     group.attrs["friction"], group.attrs["restitution"] = float(model.friction), float(model.restitution)
+    for name in _CONTACT_LAW:
+        if getattr(model, name):
+            group.attrs[name] = float(getattr(model, name))
     group.attrs["width_m"] = float(model.width)
     group.attrs["nq"], group.attrs["nv"] = model.nq, model.nv
     _put(group, "mjcf", np.frombuffer(text.encode(), dtype="|u1")).attrs["encoding"] = "UTF-8 text"
@@ -274,6 +278,7 @@ def _read_object(path: Path, group: h5py.Group) -> ObjectModel:
             name=attribute(path, group, "name", str),
             friction=attribute(path, group, "friction", float),
             restitution=attribute(path, group, "restitution", float),
+            **{name: attribute(path, group, name, float) if name in group.attrs else 0.0 for name in _CONTACT_LAW},
             width=attribute(path, group, "width_m", float),
             tags=tags,
         )

@@ -43,6 +43,9 @@ def model_of_text(
     name: str,
     friction: float,
     restitution: float,
+    compliance: float,
+    relaxation: float,
+    cohesion: float,
     width: float,
     tags: NDArray[np.void] | None,
 ) -> ObjectModel:
@@ -64,7 +67,17 @@ def model_of_text(
             Tag(id=int(row["id"]), size=float(row["size_m"]), body=int(row["body"]), T_body_tag=row["T_body_tag"] + 0)
             for row in tags
         )
-    model = object_from_mjcf(text, name=name, friction=friction, restitution=restitution, width=width, tags=found)
+    model = object_from_mjcf(
+        text,
+        name=name,
+        friction=friction,
+        restitution=restitution,
+        compliance=compliance,
+        relaxation=relaxation,
+        cohesion=cohesion,
+        width=width,
+        tags=found,
+    )
     for tag in found:
         if not 0 <= tag.body < model.n_bodies or not np.isfinite(tag.T_body_tag).all() or not tag.size > 0:
             raise ObjectError(f"tag {tag.id} has no such body, pose or size")

@@ -1,7 +1,8 @@
 """The dataset's schema `tossid.dataset/1`, and the checks that HDF5 itself does not make.
 
     /                 attributes: schema, source, rate_hz, frames, covariance_source, n_tosses, n_frames
-    /object           attributes: name, friction, restitution, width_m, nq, nv
+    /object           attributes: name, friction, restitution, width_m, nq, nv;
+                      compliance, relaxation, cohesion (only where they are not 0)
     /object/mjcf      the object as MJCF text (UTF-8)
     /object/tags      a row a tag: id, body, size_m, T_body_tag (only where there are tags)
     /provenance       attributes: a flat dictionary, what the dataset was made from
