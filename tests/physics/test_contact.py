@@ -1,0 +1,143 @@
+"""Compliant contact and cohesion: what springs, dampers and sliding blocks are known to do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tossid.errors import ObjectError
+from tossid.objects import ObjectModel, corner_positions
+from tossid.physics import Simulation, make_system, simulate
+
+HALF = 0.0524
+STIFFNESS = 33e3
+FLAT = np.array([[0, 0, HALF, 1, 0, 0, 0.0]])
+
+both_kernels = pytest.mark.parametrize("n_directions", [0, 4])
+
+
+def tossed(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """States just above the ground, turned and thrown anyhow."""
+    q = np.concatenate([np.zeros((count, 2)), np.full((count, 1), 0.11), rng.normal(size=(count, 4))], 1)
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    return q, rng.normal(size=(count, 6)) * [1, 1, 0.3, 6, 6, 6] - [0, 0, 1, 0, 0, 0]
+
+
+def energy(model: ObjectModel, run: Simulation) -> np.ndarray:
+    """Kinetic, potential and the springs' (B, T + 1) [J], of a body whose frame is at its centre of mass."""
+    spring = 0.5 / model.compliance * (np.minimum(corner_positions(model, run.q)[..., 2], 0) ** 2).sum(-1)
+    spin = np.einsum("bti,ij,btj->bt", run.v[..., 3:], model.inertia[0], run.v[..., 3:])
+    move = model.mass[0] * (run.v[..., :3] ** 2).sum(-1)
+    return np.asarray(0.5 * (spin + move) + model.mass[0] * 9.81 * run.q[..., 2] + spring)
+
+
+@both_kernels
+@pytest.mark.parametrize("relaxation", [0.0, 3e-3])
+def test_a_cube_at_rest_sinks_by_its_weight(cube: ObjectModel, n_directions: int, relaxation: float) -> None:
+    system = make_system(cube.with_changes(compliance=1 / STIFFNESS, relaxation=relaxation))
+    run = simulate(system, FLAT, np.zeros((1, 6)), n_steps=300, dt=1 / 148, tolerance=1e-12, n_directions=n_directions)
+    assert HALF - run.q[0, -1, 2] == pytest.approx(cube.mass[0] * 9.81 / STIFFNESS / 4, rel=1e-6)
+    np.testing.assert_allclose(np.sort(run.lam_n[0, -1])[4:], cube.mass[0] * 9.81 / 148 / 4, rtol=1e-6)
+
+
+@both_kernels
+@pytest.mark.parametrize("relaxation", [2e-4, 1e-3, 2e-3])
+def test_a_flat_drop_bounces_as_the_damped_oscillator(cube: ObjectModel, n_directions: int, relaxation: float) -> None:
+    # Schwager and Poeschel, "Coefficient of restitution and linear-dashpot model revisited", Granular Matter 2007:
+    # contact ends where the force would become a pull
+    omega2 = 4 * STIFFNESS / cube.mass[0]
+    beta = 0.5 * omega2 * relaxation
+    omega = np.sqrt(omega2 - beta**2)
+    duration = (np.pi - np.arctan2(2 * beta * omega, omega**2 - beta**2)) / omega
+    system = make_system(cube.with_changes(compliance=1 / STIFFNESS, relaxation=relaxation), gravity=0.0)
+    dt, v = 1e-5, np.array([[0, 0, -1.0, 0, 0, 0]])
+    run = simulate(system, FLAT, v, n_steps=1000, dt=dt, tolerance=1e-11, n_directions=n_directions)
+    assert run.v[0, -1, 2] == pytest.approx(np.exp(-beta * duration), rel=0.02)
+    assert dt * (run.lam_n[0].sum(-1) > 0).sum() == pytest.approx(duration, rel=0.02)
+    np.testing.assert_allclose(run.v[0, -1, [0, 1, 3, 4, 5]], 0, atol=1e-9)
+
+
+@both_kernels
+def test_an_undamped_spring_keeps_the_bounce_s_time_and_speed(cube: ObjectModel, n_directions: int) -> None:
+    system = make_system(cube.with_changes(compliance=1 / STIFFNESS), gravity=0.0)
+    v = np.array([[0, 0, -1.0, 0, 0, 0]])
+    run = simulate(system, FLAT, v, n_steps=2000, dt=1e-5, substeps=5, n_directions=n_directions)
+    assert run.v[0, -1, 2] == pytest.approx(1.0, rel=5e-3)
+    half_period = np.pi * np.sqrt(cube.mass[0] / (4 * STIFFNESS))
+    assert 1e-5 * (run.lam_n[0].sum(-1) > 0).sum() == pytest.approx(half_period, rel=5e-3)
+
+
+@pytest.mark.parametrize("dt", [1 / 148, 1e-4])
+@pytest.mark.parametrize("relaxation", [0.0, 2e-3])
+@pytest.mark.parametrize("cohesion", [0.0, 0.2])
+def test_contact_makes_no_energy(cube: ObjectModel, dt: float, relaxation: float, cohesion: float) -> None:
+    model = cube.with_changes(compliance=1 / STIFFNESS, relaxation=relaxation, cohesion=cohesion)
+    q, v = tossed(np.random.default_rng(0), 30)
+    run = simulate(make_system(model), q, v, n_steps=round(0.3 / dt), dt=dt)
+    assert run.residual.max() < 1e-4
+    assert (run.lam_n > 0).any(axis=(1, 2)).all()
+    total = energy(model, run)
+    assert (total - np.minimum.accumulate(total, axis=1)).max() < 1e-9
+    assert (total[:, -1] < 0.9 * total[:, 0]).all()
+
+
+def test_stiff_contact_tends_to_rigid(cube: ObjectModel) -> None:
+    q, v = tossed(np.random.default_rng(1), 30)
+
+    def final(compliance: float) -> np.ndarray:
+        run = simulate(
+            make_system(cube.with_changes(compliance=compliance)), q, v, n_steps=8, dt=1 / 148, tolerance=1e-11
+        )
+        assert (run.lam_n > 0).any(axis=(1, 2)).mean() > 0.8
+        return run.v[:, -1]
+
+    rigid = final(0.0)
+    gaps = [np.median(np.abs(final(compliance) - rigid).max(axis=1)) for compliance in (1e-6, 1e-7, 1e-8)]
+    assert gaps[2] < 1e-3
+    assert 5 < gaps[0] / gaps[1] < 20
+    assert 5 < gaps[1] / gaps[2] < 20
+
+
+@both_kernels
+def test_rigid_corners_that_sank_come_out_at_their_own_pace(cube: ObjectModel, n_directions: int) -> None:
+    relaxation, depth, dt = 0.02, 1e-3, 0.002
+    system = make_system(cube.with_changes(relaxation=relaxation))
+    run = simulate(system, FLAT - [0, 0, depth, 0, 0, 0, 0], np.zeros((1, 6)), n_steps=30, dt=dt,
+                   tolerance=1e-11, n_directions=n_directions)  # fmt: skip
+    expected = depth * (relaxation / (relaxation + dt)) ** np.arange(31)
+    np.testing.assert_allclose(HALF - run.q[0, :, 2], expected, rtol=1e-6)
+
+
+# among four rigid corners the load is not unique, and Lemke's vertex leaves one without any, and without cohesion
+@pytest.mark.parametrize(("n_directions", "compliance"), [(0, 0.0), (0, 1 / STIFFNESS), (4, 1 / STIFFNESS)])
+@pytest.mark.parametrize(("cohesion", "slowing"), [(0.1, 0.3 * 9.81 + 4 * 0.1 / 0.37), (5.0, 2 * 0.3 * 9.81)])
+def test_cohesion_slows_a_sliding_block_by_as_much_a_corner(
+    cube: ObjectModel, n_directions: int, compliance: float, cohesion: float, slowing: float
+) -> None:
+    model = cube.with_changes(friction=0.3, compliance=compliance, relaxation=1e-3, cohesion=cohesion)
+    v = np.array([[0.8, 0, 0, 0, 0, 0]])
+    start = FLAT - [0, 0, 0.37 * 9.81 / 4 * compliance, 0, 0, 0, 0]
+    run = simulate(make_system(model), start, v, n_steps=200, dt=5e-4, n_directions=n_directions)
+    assert run.unsolved.sum() == 0
+    assert 0.8 - run.v[0, -1, 0] == pytest.approx(slowing * 0.1, rel=0.01)
+
+
+@both_kernels
+def test_cohesion_waits_for_load(cube: ObjectModel, n_directions: int) -> None:
+    q, v = tossed(np.random.default_rng(2), 30)
+    q[:, 2] -= corner_positions(cube, q)[..., 2].min(-1) - 1e-3
+    v[:, 2] -= 3
+    runs = [
+        simulate(make_system(cube.with_changes(cohesion=c)), q, v, n_steps=2, dt=1e-3, n_directions=n_directions)
+        for c in (0.0, 0.5)
+    ]
+    struck = (runs[0].lam_n[:, 0] > 0).any(-1)
+    assert struck.sum() > 15
+    np.testing.assert_array_equal(runs[0].v[:, 1], runs[1].v[:, 1])
+    assert (np.abs(runs[0].v[struck, 2] - runs[1].v[struck, 2]).max(-1) > 0).mean() > 0.5
+
+
+@pytest.mark.parametrize("other", ["compliance", "relaxation"])
+def test_restitution_beside_a_spring_is_refused(cube: ObjectModel, other: str) -> None:
+    with pytest.raises(ObjectError, match=f"restitution 0.2.*{other} 0.001"):
+        make_system(cube.with_changes(restitution=0.2, **{other: 1e-3}))
