@@ -17,18 +17,21 @@ from tossid.models.contactnets import ContactNets, ContactNetsSettings
 from tossid.models.e2e import EndToEnd
 from tossid.models.implicit import LossWeights
 from tossid.models.protocol import DynamicsModel
+from tossid.motion import Measurement
 from tossid.objects import ObjectModel, object_from_mjcf
 
-SCHEMA = "tossid.checkpoint/1"
+SCHEMA = "tossid.checkpoint/2"
 
 
-def build_model(config: ModelConfig, given: ObjectModel, *, seed: int) -> DynamicsModel:
-    """The untrained model that the keys name, for the given object."""
+def build_model(
+    config: ModelConfig, given: ObjectModel, *, seed: int, measurement: Measurement | None = None
+) -> DynamicsModel:
+    """The untrained model that the keys name, for the given object and the measurement of the tosses to learn from."""
     if config.name == "e2e":
         return EndToEnd(given, hidden=config.hidden, seed=seed)
     settings = ContactNetsSettings(
         gravity=config.gravity,
-        learn_restitution=bool(config.horizons),
+        learn_contact_law=config.name in ("cnrpi", "diffsim"),
         learn_residual=config.name != "cn",
         learn_inertia=config.name in ("cnrpi", "diffsim"),
         inertia=config.inertia,
@@ -41,7 +44,7 @@ def build_model(config: ModelConfig, given: ObjectModel, *, seed: int) -> Dynami
     com = given.com.copy()
     com[0] += config.start_com
     start = given.with_changes(inertia=config.start_inertia * given.inertia, com=com)
-    return ContactNets(start, settings, seed=seed)
+    return ContactNets(start, settings, seed=seed, measurement=measurement)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
 
     from pipelines.calling import jsonable
     from pipelines.checkpoints import load_checkpoint
-    from pipelines.learning import evaluate_model, roll_out
+    from pipelines.learning import evaluate_model, predicted_motions
     from pipelines.outputs import output_folder
     from pipelines.pictures import evaluation_figures, write_figures
     from pipelines.runs import find_run
@@ -60,7 +60,9 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
         tracked.data(data, sha256, context="evaluation")
         tracked.tag("evaluated_run", record.id)
         tracked.metrics(means(judged.metrics))
-        figures = evaluation_figures(judged, tosses, roll_out(model, tosses), dataset.object, name=name)
+        figures = evaluation_figures(
+            judged, tosses, predicted_motions(model, dataset.object, tosses), dataset.object, name=name
+        )
         with output_folder(folder, made_by="evaluate") as temporary:
             paths = write_figures(figures, temporary / "figures")
             result["figures"] = [str(folder / "figures" / path.name) for path in paths]

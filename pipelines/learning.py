@@ -13,10 +13,11 @@ import torch
 
 from pipelines.checkpoints import build_model
 from pipelines.config import as_plain
-from pipelines.schemas import TrainConfig
+from pipelines.schemas import ModelConfig, TrainConfig
 from tossid.errors import InputError
-from tossid.evaluation.metrics import TossScores, score_tosses, summarize_scores
+from tossid.evaluation.metrics import TossScores, roll_out, score_tosses, summarize_scores
 from tossid.models.protocol import DynamicsModel
+from tossid.motion import Calibration, Measurement, calibrate
 from tossid.objects import ObjectModel
 from tossid.training.fit import EpochRecord, Fit, FitSettings
 from tossid.types import Dataset, Toss
@@ -70,8 +71,9 @@ def prepare(dataset: Dataset, config: TrainConfig) -> Fit:
     """
     torch.set_num_threads(1)
     train, validation = training_tosses(dataset, config)
+    measurement = measured(config.model, calibrate(train, dataset.object))
     return Fit(
-        build_model(config.model, dataset.object, seed=config.seed),
+        build_model(config.model, dataset.object, seed=config.seed, measurement=measurement),
         train,
         validation,
         FitSettings(
@@ -81,6 +83,14 @@ def prepare(dataset: Dataset, config: TrainConfig) -> Fit:
             learning_rate=config.learning_rate,
             horizons=config.model.horizons,
         ),
+    )
+
+
+def measured(config: ModelConfig, shown: Calibration) -> Measurement:
+    """The measurement that the keys state, or, where they say auto, that the training tosses show."""
+    return Measurement(
+        shown.measurement.length_scale if config.length_scale == "auto" else float(config.length_scale),
+        shown.measurement.velocity_lag if config.velocity_lag == "auto" else float(config.velocity_lag),
     )
 
 
@@ -145,22 +155,17 @@ def numbers_of(record: EpochRecord) -> dict[str, float]:
 
 def evaluate_model(model: DynamicsModel, nominal: ObjectModel, tosses: tuple[Toss, ...]) -> Judged:
     """Roll the tosses out open loop and measure. nominal: the object whose centre, width and corners are compared."""
-    predictor = model.simulator()
-    scores = score_tosses(predictor, nominal, tosses)
+    predictor, measurement = model.simulator(), model.measurement
+    scores = score_tosses(predictor, nominal, tosses, measurement=measurement)
     metrics: dict[str, Any] = summarize_scores(scores)
     if nominal.n_joints == 0:
-        metrics["from_flight"] = summarize_scores(score_tosses(predictor, nominal, tosses, from_flight=True))
+        flown = score_tosses(predictor, nominal, tosses, measurement=measurement, from_flight=True)
+        metrics["from_flight"] = summarize_scores(flown)
     metrics |= {"unsolved": scores.unsolved, "diverged": scores.diverged}
     return Judged(metrics, scores)
 
 
-def roll_out(model: DynamicsModel, tosses: tuple[Toss, ...]) -> tuple[Predicted, ...]:
+def predicted_motions(model: DynamicsModel, nominal: ObjectModel, tosses: tuple[Toss, ...]) -> tuple[Predicted, ...]:
     """The motions that `evaluate_model` scores."""
-    steps = np.array([len(toss) - 1 for toss in tosses])
-    run = model.simulator().rollout(
-        np.stack([toss.q[0] for toss in tosses]),
-        np.stack([toss.v[0] for toss in tosses]),
-        n_steps=steps,
-        dt=float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses]))),
-    )
+    run = roll_out(model.simulator(), nominal, tosses, measurement=model.measurement)
     return tuple(Predicted(run.q[i, : len(toss)]) for i, toss in enumerate(tosses))

@@ -21,7 +21,7 @@ class ModelConfig:
     hidden: Count
     """width of the hidden layers (of the residual; of e2e's network)"""
     residual_weight: NonNegative
-    """weight of the squared residual acceleration in the loss"""
+    """weight of the squared residual acceleration in the loss, but for its uniform vertical part"""
     complementarity: NonNegative
     """weight of impulses at a distance"""
     dissipation: NonNegative
@@ -31,13 +31,17 @@ class ModelConfig:
     gap_scale: Positive
     """distance below which a gap counts quadratically [m]; the noise of the corners' heights"""
     horizons: tuple[Count, ...]
-    """frames after first contact of the rollouts that refine friction, restitution and inertia; []: no such stages"""
+    """frames after first contact of the rollouts that refine friction, contact law and inertia; []: no such stages"""
     inertia: Literal["log_cholesky", "triangular", "direct"]
     """parameterisation of a learned inertia"""
     start_inertia: Positive
     """inertia that training starts from, relative to the object's"""
     start_com: tuple[float, float, float]
     """shift of the centre of mass (of the base) that training starts from [m]"""
+    length_scale: Positive | Literal["auto"]
+    """recorded length per true length; auto: as the training tosses at rest show it"""
+    velocity_lag: NonNegative | Literal["auto"]
+    """how much earlier recorded velocities are than their poses [s]; auto: as the training tosses' flight shows it"""
 
 
 @dataclass(frozen=True)

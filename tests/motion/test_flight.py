@@ -101,5 +101,5 @@ def test_free_rotation_of_a_symmetric_top() -> None:
     rate = spin[2] * (I3 - I1) / I1
     momentum = I @ spin
     expected = quat_mul(quat_exp(momentum / I1 * t[:, None]), quat_exp(np.array([0, 0, -rate]) * t[:, None]))
-    found = _tumble(t, np.array([[1.0, 0, 0, 0]]), spin[None], I)[0]
+    found = _tumble(t[None], np.array([[[1.0, 0, 0, 0]]]), spin[None, None], I)[0, 0]
     assert geodesic_angle(found, expected).max() < 2e-8

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.physics.trees import random_state, random_tree
-from tossid.physics import Residual, System, articulated, free, simulate, tree
+from tossid.physics import Residual, System, articulated, contact, free, simulate, tree
 from tossid.physics.solvers import solve_cone
 from tossid.physics.system import make_system
 
@@ -84,7 +84,8 @@ def plain_step(system: System, q: np.ndarray, v: np.ndarray, h: float) -> tuple[
     soft = (phi < 0) | (phi + h * b[:n] < 0)
     b[:n] += phi / np.where(soft, h + system.relaxation, h)
     A = J @ np.linalg.solve(work.M, J.T)
-    A[range(n), range(n)] += system.compliance / (h * (h + system.relaxation))
+    slack = system.compliance / (h * (h + system.relaxation))
+    A += slack * np.diag(np.r_[np.ones(n), np.full(2 * n, contact.TANGENTIAL)])
     found = solve_cone(A[None], b[None], system.mu[None], tolerance=1e-11)
     assert found.status[0] == 0
     return vf + np.linalg.solve(work.M, J.T @ found.lam[0]), found.lam[0, :n]

@@ -155,7 +155,9 @@ def test_figures_show_the_rollouts_that_are_scored(made: Path) -> None:
     model = learning.train_model(learning.prepare(dataset, config)).model
     tosses = dataset.tosses
     scores = learning.evaluate_model(model, dataset.object, tosses).scores
-    for toss, seen, error in zip(tosses, learning.roll_out(model, tosses), scores.position_error_pct, strict=True):
+    for toss, seen, error in zip(
+        tosses, learning.predicted_motions(model, dataset.object, tosses), scores.position_error_pct, strict=True
+    ):
         apart = center_positions(dataset.object, seen.q) - center_positions(dataset.object, toss.q)
         assert 100 * np.linalg.norm(apart, axis=1).mean() / dataset.object.width == pytest.approx(error, abs=1e-9)
 

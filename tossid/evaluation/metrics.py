@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
 from tossid.models.predictor import Predictor
-from tossid.motion import flight_frames, flight_state
+from tossid.models.shots import first_states
+from tossid.motion import Measurement, flight_frames, flight_states
 from tossid.objects import ObjectModel, center_positions, corner_positions
+from tossid.physics import Simulation
 from tossid.rotations import geodesic_angle
 from tossid.types import Toss
 
@@ -31,22 +33,46 @@ class TossScores:
     diverged: int
 
 
-def score_tosses(
-    predictor: Predictor, model: ObjectModel, tosses: Sequence[Toss], *, from_flight: bool = False, n_threads: int = 1
-) -> TossScores:
-    """Roll every toss out from its first state to its last frame, and compare.
+def roll_out(
+    predictor: Predictor,
+    model: ObjectModel,
+    tosses: Sequence[Toss],
+    *,
+    measurement: Measurement | None = None,
+    from_flight: bool = False,
+    n_threads: int = 1,
+) -> Simulation:
+    """Every toss from its first state to its last frame, open loop, as it would be recorded (q; v is the simulator's).
 
     Args:
-        predictor: what is judged. model: the nominal object (centre, width and corners are its).
+        predictor: what is judged, in true lengths. model: the nominal object.
+        measurement: how the tosses were recorded.
         from_flight: start from the state estimated from the toss's first free flight.
     """
-    q0, v0 = np.stack([t.q[0] for t in tosses]), np.stack([t.v[0] for t in tosses])
+    measurement = measurement or Measurement()
+    true = [measurement.true_toss(toss) for toss in tosses]
+    q0, v0 = first_states(true, predictor, velocity_lag=measurement.velocity_lag)
     if from_flight:
-        states = [flight_state(toss, model) for toss in tosses]
+        states = flight_states(true, model)
         q0, v0 = np.stack([s.q for s in states]), np.stack([s.v for s in states])
     steps = np.array([len(toss) - 1 for toss in tosses])
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
     run = predictor.rollout(q0, v0, n_steps=steps, dt=dt, n_threads=n_threads)
+    return run._replace(q=measurement.recorded_q(run.q))
+
+
+def score_tosses(
+    predictor: Predictor,
+    model: ObjectModel,
+    tosses: Sequence[Toss],
+    *,
+    measurement: Measurement | None = None,
+    from_flight: bool = False,
+    n_threads: int = 1,
+) -> TossScores:
+    """Roll every toss out (`roll_out`), and compare with what was recorded."""
+    measurement = measurement or Measurement()
+    run = roll_out(predictor, model, tosses, measurement=measurement, from_flight=from_flight, n_threads=n_threads)
     position, rotation, penetration, gravity = (np.empty(len(tosses)) for _ in range(4))
     for i, toss in enumerate(tosses):
         q = run.q[i, : len(toss)]
@@ -55,7 +81,8 @@ def score_tosses(
         rotation[i] = np.rad2deg(geodesic_angle(q[:, 3:7], toss.q[:, 3:7])).mean()
         penetration[i] = 1e3 * np.maximum(-corner_positions(model, q)[..., 2].min(axis=1), 0).mean()
         n = flight_frames(toss, model)
-        gravity[i] = -predictor.acceleration(toss.q[:n], toss.v[:n])[:, 2].mean() if n else np.nan
+        true = measurement.true_toss(toss)
+        gravity[i] = -predictor.acceleration(true.q[:n], true.v[:n])[:, 2].mean() if n else np.nan
     return TossScores(position, rotation, penetration, gravity, int(run.unsolved.sum()), int((~run.finite).sum()))
 
 

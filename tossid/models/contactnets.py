@@ -14,9 +14,10 @@ from torch import Tensor, nn
 
 from tossid.models.implicit import Dynamics, LossTerms, LossWeights, free_acceleration, implicit_loss
 from tossid.models.inertia import make_inertia
-from tossid.models.parameters import Friction, Geometry, ResidualNet, Restitution
+from tossid.models.parameters import ContactLaw, Friction, Geometry, ResidualNet
 from tossid.models.predictor import Simulator
 from tossid.models.transitions import Transitions
+from tossid.motion import Measurement
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.physics import System, make_system
 
@@ -27,11 +28,11 @@ class ContactNetsSettings:
 
     Attributes:
         gravity: downward acceleration of the given continuous dynamics k_hat [m/s²].
-        learn_geometry, learn_friction, learn_restitution, learn_residual, learn_inertia: what is
-            learned. Restitution is learned from rollouts only.
+        learn_geometry, learn_friction, learn_contact_law, learn_residual, learn_inertia: what is
+            learned. The contact law (`parameters.ContactLaw`) is learned from rollouts only.
         inertia: parameterisation of the inertia (`inertia.KINDS`).
         hidden: width of the residual's hidden layers.
-        residual_weight: weight of the mean squared residual acceleration.
+        residual_weight: weight of the mean squared residual acceleration but for its uniform vertical part.
         weights: of the loss's terms.
         implicit: contact is learned by the implicit loss first; False (diffsim) learns it from rollouts alone.
         refine_geometry: rollouts learn the corners too.
@@ -40,12 +41,12 @@ class ContactNetsSettings:
     gravity: float = GRAVITY
     learn_geometry: bool = True
     learn_friction: bool = True
-    learn_restitution: bool = True
+    learn_contact_law: bool = False
     learn_residual: bool = False
     learn_inertia: bool = False
     inertia: str = "log_cholesky"
     hidden: int = 16
-    residual_weight: float = 3e-8
+    residual_weight: float = 1e-6
     weights: LossWeights = field(default_factory=LossWeights)
     implicit: bool = True
     refine_geometry: bool = False
@@ -58,16 +59,27 @@ class ContactNets(nn.Module):
         model: the object as given: the start of everything learned, and the truth of the rest.
         settings: what is learned and given.
         seed: for the residual's weights.
+        measurement: how recorded motion relates to the model's.
     """
 
-    def __init__(self, model: ObjectModel, settings: ContactNetsSettings, *, seed: int = 0) -> None:
+    def __init__(
+        self,
+        model: ObjectModel,
+        settings: ContactNetsSettings,
+        *,
+        seed: int = 0,
+        measurement: Measurement | None = None,
+    ) -> None:
         super().__init__()
+        measurement = measurement or Measurement()
+        recorded = [measurement.length_scale, measurement.velocity_lag]
+        self.register_buffer("recorded", torch.tensor(recorded, dtype=torch.float64))
         self.object = model
         self.settings = settings
         self.corner_body = torch.as_tensor(model.corner_body)
         self.geometry = Geometry(model, learn=settings.learn_geometry)
         self.friction = Friction(model, learn=settings.learn_friction)
-        self.restitution = Restitution(model, learn=settings.learn_restitution)
+        self.contact_law = ContactLaw(model, learn=settings.learn_contact_law)
         self.inertia = make_inertia(model, kind=settings.inertia, learn=settings.learn_inertia)
         self.residual: ResidualNet | None = None
         if settings.learn_residual:
@@ -75,6 +87,12 @@ class ContactNets(nn.Module):
             self.residual = ResidualNet(model.n_joints, hidden=settings.hidden, generator=generator)
         with torch.no_grad():
             self._metric = tuple(part.clone() for part in make_inertia(model, learn=False)())
+
+    @property
+    def measurement(self) -> Measurement:
+        """How recorded motion relates to the model's."""
+        length_scale, velocity_lag = self.get_buffer("recorded").tolist()
+        return Measurement(length_scale, velocity_lag)
 
     def dynamics(self, features: Tensor) -> Dynamics:
         """The model's numbers, with gradients, for the transitions whose features (N, n_f) are given."""
@@ -109,7 +127,7 @@ class ContactNets(nn.Module):
             "penetration": terms.penetration,
         }
         if self.residual is not None:
-            size = self.residual(transitions.features).square().sum(-1).mean()
+            size = self.residual.rest(transitions.features).square().sum(-1).mean()
             parts["residual"] = self.settings.residual_weight * size
         total = torch.stack(list(parts.values())).sum()
         record = {name: float(value.detach()) for name, value in parts.items()}
@@ -120,6 +138,7 @@ class ContactNets(nn.Module):
         with torch.no_grad():
             mass, moment, at_origin = (part.numpy() for part in self.inertia())
             com = moment / mass[:, None]
+            compliance, relaxation, cohesion = self.contact_law()
             shift = np.einsum("bi,bi->b", com, com)[:, None, None] * np.eye(3) - com[:, :, None] * com[:, None, :]
             return self.object.with_changes(
                 mass=mass.copy(),
@@ -127,7 +146,10 @@ class ContactNets(nn.Module):
                 inertia=at_origin - mass[:, None, None] * shift,
                 corner_pos=self.geometry().numpy().copy(),
                 friction=float(self.friction()),
-                restitution=float(self.restitution()),
+                restitution=0.0 if self.settings.learn_contact_law else self.object.restitution,
+                compliance=compliance,
+                relaxation=relaxation,
+                cohesion=cohesion,
             )
 
     def stages(self, horizons: tuple[int, ...]) -> tuple[str, ...]:
@@ -139,11 +161,11 @@ class ContactNets(nn.Module):
     def stage_parameters(self, stage: str) -> list[nn.Parameter]:
         """What a stage learns: rollouts teach few numbers, the implicit loss the corners too."""
         if stage == "continuous":
-            return _learned(self.residual)
+            return _learned(self.residual, self.inertia)
         if stage == "contact":
             return _learned(self.geometry, self.friction, self.inertia)
         geometry = self.geometry if self.settings.refine_geometry else None
-        return _learned(self.friction, self.restitution, self.inertia, geometry)
+        return _learned(self.friction, self.contact_law, self.inertia, geometry)
 
     def flight_gravity(self, transitions: Transitions) -> float:
         """Mean downward acceleration in free flight, as the model has it [m/s²]."""
@@ -167,10 +189,14 @@ class ContactNets(nn.Module):
         """What was learned and what was given, with units."""
         learned, given = self.learned_object(), self.object
         report: dict[str, Any] = {"gravity_given_ms2": self.settings.gravity}
+        report["length_scale"] = self.measurement.length_scale
+        report["velocity_lag_s"] = self.measurement.velocity_lag
         if self.settings.learn_friction:
             report["friction"] = learned.friction
-        if self.settings.learn_restitution:
-            report["restitution"] = learned.restitution
+        if self.settings.learn_contact_law:
+            report["stiffness_npm"] = 1 / learned.compliance
+            report["relaxation_s"] = learned.relaxation
+            report["cohesion_n"] = learned.cohesion
         if self.settings.learn_geometry:
             report["corners_m"] = learned.corner_pos.round(6).tolist()
             report["corner_shift_mm"] = float(1e3 * np.linalg.norm(learned.corner_pos - given.corner_pos, axis=1).max())

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tossid.models.transitions import Transitions
+from tossid.motion import Measurement
 from tossid.objects import ObjectModel
 from tossid.physics import Simulation, System, make_system, n_features, tree_batch
 from tossid.rotations import quat_exp, quat_mul, quat_normalize
@@ -69,6 +70,9 @@ class EndToEnd(nn.Module):
         turning = 0.5 * self.object.width * (t.dv[:, 3:] - predicted[:, 3:])
         value = (linear.square().sum(-1) + turning.square().sum(-1)).mean()
         return value, {"prediction": float(value.detach())}
+
+    measurement = Measurement()
+    """A network predicts recorded motion from recorded motion."""
 
     def stages(self, horizons: tuple[int, ...]) -> tuple[str, ...]:
         """One: "one-step"."""

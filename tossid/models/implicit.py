@@ -52,7 +52,7 @@ class LossWeights:
     """Weights of the loss's terms, dimensionless (prediction has weight 1)."""
 
     complementarity: float = 1.0
-    dissipation: float = 0.1
+    dissipation: float = 100.0
     penetration: float = 1.0
     gap_scale: float = 1e-3
 

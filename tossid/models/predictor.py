@@ -14,7 +14,7 @@ from tossid.physics.tree import make_work
 
 Array = NDArray[np.float64]
 
-SUBSTEPS = 2
+SUBSTEPS = 4
 """Steps of the simulator a frame, in training and in evaluation."""
 
 

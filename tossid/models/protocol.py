@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from tossid.models.predictor import Predictor
 from tossid.models.transitions import Transitions
+from tossid.motion import Measurement
 from tossid.objects import ObjectModel
 
 
@@ -20,6 +21,10 @@ class DynamicsModel(Protocol):
     """
 
     object: ObjectModel
+
+    @property
+    def measurement(self) -> Measurement:
+        """How recorded motion relates to the model's."""
 
     def stages(self, horizons: tuple[int, ...]) -> tuple[str, ...]:
         """Names of the stages, in order."""

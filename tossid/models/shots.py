@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.models.predictor import Predictor
-from tossid.motion import flight_frames, flight_state
+from tossid.motion import FlightState, flight_frames, flight_states
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_boxminus
 from tossid.types import Toss
@@ -43,22 +43,51 @@ class Shots:
         return np.arange(self.target.shape[1]) < self.n_steps[:, None]
 
 
-def make_shots(model: ObjectModel, tosses: Sequence[Toss], *, horizon: int, gravity: float) -> Shots:
-    """One shot from each toss's recorded first state, and one from the first state as its free flight tells it.
+def first_states(tosses: Sequence[Toss], predictor: Predictor, *, velocity_lag: float) -> tuple[Array, Array]:
+    """Recorded first states (B, nq), (B, nv), with velocities brought forward over their lag by the model.
+
+    Args:
+        tosses: with true lengths; each begins in free flight, as a toss does.
+        velocity_lag: [s], see `motion.Measurement`.
+    """
+    q, v = np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses])
+    return q, v + velocity_lag * predictor.acceleration(q, v) if velocity_lag else v
+
+
+def flight_starts(model: ObjectModel, tosses: Sequence[Toss], *, gravity: float) -> list[FlightState | None]:
+    """First states as free flight tells them; None where there is too little flight, or for objects with joints.
 
     Args:
         model: the object as it is believed to be: its centre of mass flies, its corners touch first.
-        horizon: frames to predict after the object may first have touched the ground.
         gravity: the model's own downward acceleration, by which the flight is fitted [m/s²].
+    """
+    if model.n_joints:
+        return [None] * len(tosses)
+    states = flight_states(tosses, model, gravity=gravity)
+    return [state if state.n_frames >= FEWEST_FLIGHT_FRAMES else None for state in states]
+
+
+def make_shots(
+    model: ObjectModel,
+    tosses: Sequence[Toss],
+    *,
+    horizon: int,
+    first: tuple[Array, Array],
+    flight: Sequence[FlightState | None],
+) -> Shots:
+    """One shot from each toss's recorded first state, and one from the first state as its free flight tells it.
+
+    Args:
+        model: the object as it is believed to be.
+        horizon: frames to predict after the object may first have touched the ground.
+        first: `first_states`. flight: `flight_starts`.
     """
     states: list[tuple[int, Array, Array]] = []
     in_flight = [flight_frames(toss, model) for toss in tosses]
-    for i, toss in enumerate(tosses):
-        states.append((i, toss.q[0], toss.v[0]))
-        if model.n_joints == 0:
-            start = flight_state(toss, model, gravity=gravity)
-            if start.n_frames >= FEWEST_FLIGHT_FRAMES:
-                states.append((i, start.q, start.v))
+    for i, start in enumerate(flight):
+        states.append((i, first[0][i], first[1][i]))
+        if start is not None:
+            states.append((i, start.q, start.v))
     index = np.array([i for i, _, _ in states])
     n_steps = np.array([min(in_flight[i] + horizon, len(tosses[i]) - 1) for i in index])
     target = np.empty((len(states), n_steps.max(), model.nq))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,13 +44,19 @@ class FlightState:
 
 
 def flight_state(toss: Toss, model: ObjectModel, *, gravity: float = GRAVITY) -> FlightState:
-    """Fit ballistic translation and torque-free rotation to the frames before first contact.
+    """`flight_states` of one toss."""
+    return flight_states([toss], model, gravity=gravity)[0]
+
+
+def flight_states(tosses: Sequence[Toss], model: ObjectModel, *, gravity: float = GRAVITY) -> list[FlightState]:
+    """Fit ballistic translation and torque-free rotation to each toss's frames before first contact.
 
     Least squares over the poses, weighted with their covariances:
     c(t) = c_0 + u_0 t - g t²/2 e_z for the centre of mass, and Euler's equation
     I ω̇ = -ω × I ω with Ṙ = R ω^ for the attitude. Recorded velocities are
     differences of the same poses, and often lag: they take part (the first
     one) only where fewer than `FEWEST_FRAMES` frames of flight are there.
+    All tosses are fitted at once (Gauss-Newton, Jacobians by central differences).
 
     Args:
         gravity: [m/s²], the truth's 9.81 unless a model is to be judged with its own.
@@ -57,38 +66,44 @@ def flight_state(toss: Toss, model: ObjectModel, *, gravity: float = GRAVITY) ->
     """
     if model.n_joints:
         raise ObjectError(f"object '{model.name}' has joints: its flight cannot be fitted as a single body's")
-    n = flight_frames(toss, model)
-    if n == 0:
-        nothing = np.zeros((6, 6))
-        cov = np.block([[toss.q_cov[0], nothing], [nothing, toss.v_cov[0]]])
-        return FlightState(toss.q[0].copy(), toss.v[0].copy(), cov, 0, 1.0)
-
-    c = model.com[0]
-    t, q = toss.t[:n] - toss.t[0], toss.q[:n]
-    roots = np.linalg.inv(np.linalg.cholesky(_regular(toss.q_cov[:n])))
-    use_velocity = n < FEWEST_FRAMES
-    root_v = np.linalg.inv(np.linalg.cholesky(_regular(toss.v_cov[0])))
-    state_q, state_v = _start(t, q, toss.v[0], c, gravity)
+    count = np.array([flight_frames(toss, model) for toss in tosses])
+    states = [_as_recorded(toss) for toss in tosses]
+    flying = [i for i, frames in enumerate(count) if frames]
+    if not flying:
+        return states
+    c, n = model.com[0], count[flying]
+    t, q, roots = _padded([tosses[i] for i in flying], n)
+    v = np.stack([tosses[i].v[0] for i in flying])
+    v_cov = np.stack([tosses[i].v_cov[0] for i in flying])
+    root_v: Array = np.linalg.inv(np.linalg.cholesky(_regular(v_cov)))
+    root_v *= (n < FEWEST_FRAMES)[:, None, None]
+    state_q, state_v = _start(t, q, v, c, gravity)
 
     def residuals(at_q: Array, at_v: Array) -> Array:
-        """(m, ·) weighted residuals of m states."""
+        """(B, m, ·) weighted residuals of m states a toss."""
         poses = _fly(t, at_q, at_v, model, gravity)
-        error = np.concatenate([q[:, :3] - poses[..., :3], quat_boxminus(q[:, 3:7], poses[..., 3:7])], axis=-1)
-        out = (roots @ error[..., None])[..., 0].reshape(len(at_q), -1)
-        return np.concatenate([out, (toss.v[0] - at_v) @ root_v.T], axis=1) if use_velocity else out
+        turned = quat_boxminus(q[:, None, :, 3:7], poses[..., 3:7])
+        error = np.concatenate([q[:, None, :, :3] - poses[..., :3], turned], axis=-1)
+        out = (roots[:, None] @ error[..., None])[..., 0].reshape(*at_q.shape[:2], -1)
+        return np.concatenate([out, (v[:, None] - at_v) @ root_v.mT], axis=-1)
 
     steps = _DIFFERENCE * np.concatenate([np.zeros((1, 12)), np.eye(12), -np.eye(12)])
     for iteration in range(ITERATIONS + 1):
-        around = residuals(*_moved(state_q, state_v, steps))
-        r, J = around[0], (around[1:13] - around[13:]).T / (2 * _DIFFERENCE)
-        step = -np.linalg.lstsq(J, r, rcond=None)[0]
+        around = residuals(*_moved(state_q, state_v, np.broadcast_to(steps, (len(n), *steps.shape))))
+        r, J = around[:, 0], (around[:, 1:13] - around[:, 13:]).mT / (2 * _DIFFERENCE)
+        Q, R = np.linalg.qr(J)
+        step = -np.linalg.solve(R, Q.mT @ r[..., None])[..., 0]
         if iteration == ITERATIONS or np.abs(step).max() < 1e-10:
             break
-        moved_q, moved_v = _moved(state_q, state_v, step[None])
-        state_q, state_v = moved_q[0], moved_v[0]
-    chi2 = float(r @ r / max(1, len(r) - 12))
-    cov = np.linalg.inv(J.T @ J) * max(1.0, chi2)
-    return FlightState(state_q, state_v, 0.5 * (cov + cov.T), n, chi2)
+        moved_q, moved_v = _moved(state_q, state_v, step[:, None])
+        state_q, state_v = moved_q[:, 0], moved_v[:, 0]
+    inverse = np.linalg.inv(R)
+    free = np.maximum(1, 6 * n + 6 * (n < FEWEST_FRAMES) - 12)
+    chi2 = (r**2).sum(-1) / free
+    cov = inverse @ inverse.mT * np.maximum(1.0, chi2)[:, None, None]
+    for k, i in enumerate(flying):
+        states[i] = FlightState(state_q[k], state_v[k], cov[k], int(n[k]), float(chi2[k]))
+    return states
 
 
 def flight_frames(toss: Toss, model: ObjectModel) -> int:
@@ -97,60 +112,116 @@ def flight_frames(toss: Toss, model: ObjectModel) -> int:
     return int(np.argmax(contact)) + 1 if contact.any() and not contact[0] else 0 if contact[0] else len(toss)
 
 
+def _as_recorded(toss: Toss) -> FlightState:
+    nothing = np.zeros((6, 6))
+    cov = np.block([[toss.q_cov[0], nothing], [nothing, toss.v_cov[0]]])
+    return FlightState(toss.q[0].copy(), toss.v[0].copy(), cov, 0, 1.0)
+
+
+def _padded(tosses: Sequence[Toss], n: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+    """t (B, N) from the first frame, q (B, N, 7), and the roots of the weights (B, N, 6, 6), 0 past a toss's n."""
+    B, N = len(tosses), int(n.max())
+    t, q, roots = np.empty((B, N)), np.empty((B, N, 7)), np.zeros((B, N, 6, 6))
+    for k, (toss, m) in enumerate(zip(tosses, n, strict=True)):
+        t[k, :m], t[k, m:] = toss.t[:m] - toss.t[0], toss.t[m - 1] - toss.t[0]
+        q[k, :m], q[k, m:] = toss.q[:m], toss.q[m - 1]
+        roots[k, :m] = np.linalg.inv(np.linalg.cholesky(_regular(toss.q_cov[:m])))
+    return t, q, roots
+
+
 def _start(t: Array, q: Array, v: Array, c: Array, gravity: float) -> tuple[Array, Array]:
-    """A first guess from the first and a later pose."""
-    guess = v.copy()
-    if len(t) > 1:
-        guess[3:] = quat_boxminus(q[1, 3:7], q[0, 3:7]) / t[1]
-        com = q[:, :3] + quat_rotate(q[:, 3:7], c)
-        speed = (com[-1] - com[0]) / t[-1] + np.array([0.0, 0.0, 0.5 * gravity * t[-1]])
-        guess[:3] = speed - quat_rotate(q[0, 3:7], np.cross(guess[3:], c))
-    return q[0].copy(), guess
+    """A first guess from the first and a later pose; where one frame is all there is, from its velocity."""
+    first, guess = q[:, 0].copy(), v.copy()
+    several = t[:, -1] > 0
+    if several.any():
+        t, q = t[several], q[several]
+        spin = quat_boxminus(q[:, 1, 3:7], q[:, 0, 3:7]) / t[:, 1:2]
+        com = q[..., :3] + quat_rotate(q[..., 3:7], c)
+        speed = (com[:, -1] - com[:, 0]) / t[:, -1:]
+        speed[:, 2] += 0.5 * gravity * t[:, -1]
+        guess[several, 3:] = spin
+        guess[several, :3] = speed - quat_rotate(q[:, 0, 3:7], np.cross(spin, c))
+    return first, guess
 
 
 def _fly(t: Array, q: Array, v: Array, model: ObjectModel, gravity: float) -> Array:
-    """Poses (m, n, 7) at times t (n,), t[0] = 0, of a free body that starts at m states q (m, 7), v (m, 6)."""
+    """Poses (B, m, N, 7) at times t (B, N), t[:, 0] = 0, of free bodies that start at q (B, m, 7), v (B, m, 6)."""
     c, I = model.com[0], model.inertia[0]
-    spin = v[:, 3:]
+    spin, times = v[..., 3:], t[:, None, :, None]
     if np.abs(I - I[0, 0] * np.eye(3)).max() < 1e-12 * I[0, 0]:
-        turned = quat_mul(q[:, None, 3:7], quat_exp(spin[:, None] * t[:, None]))
+        turned = quat_mul(q[:, :, None, 3:7], quat_exp(spin[:, :, None] * times))
     else:
-        turned = _tumble(t, q[:, 3:7], spin, I)
-    com = q[:, :3] + quat_rotate(q[:, 3:7], c)
-    speed = v[:, :3] + quat_rotate(q[:, 3:7], np.cross(spin, c))
-    p = com[:, None] + speed[:, None] * t[:, None] - quat_rotate(turned, c)
-    p[..., 2] -= 0.5 * gravity * t**2
+        turned = _tumble(t, q[..., 3:7], spin, I)
+    com = q[..., :3] + quat_rotate(q[..., 3:7], c)
+    speed = v[..., :3] + quat_rotate(q[..., 3:7], np.cross(spin, c))
+    p = com[:, :, None] + speed[:, :, None] * times - quat_rotate(turned, c)
+    p[..., 2] -= 0.5 * gravity * t[:, None] ** 2
     return np.concatenate([p, turned], axis=-1)
 
 
 def _tumble(t: Array, quat: Array, spin: Array, I: Array) -> Array:
-    """Attitudes (m, n, 4) of a free rigid body: Runge-Kutta for ω, Magnus for R, both of fourth order."""
-    I_inv = np.linalg.inv(I)
+    """Attitudes (B, m, N, 4) of free rigid bodies: Runge-Kutta for ω, Magnus for R, both of fourth order."""
+    out = np.empty((*quat.shape[:2], t.shape[1], 4))
+    _tumble_kernel(t, quat, spin, I, np.linalg.inv(I), np.sqrt(np.linalg.cond(I)), out)
+    return out
 
-    def turn(w: Array) -> Array:
-        return np.cross(w @ I, w) @ I_inv
 
-    out = [quat]
-    fastest = float(np.linalg.norm(spin, axis=1).max()) * np.sqrt(np.linalg.cond(I))
-    for h in np.diff(t):
-        count = max(1, int(np.ceil(fastest * h / SUBSTEP)))
-        d = h / count
-        for _ in range(count):
-            k1 = turn(spin)
-            k2 = turn(spin + 0.5 * d * k1)
-            k3 = turn(spin + 0.5 * d * k2)
-            ahead = spin + d / 6 * (k1 + 2 * k2 + 2 * k3 + turn(spin + d * k3))
-            mean = 0.5 * (spin + ahead) - d / 12 * (turn(ahead) - k1)
-            quat = quat_mul(quat, quat_exp(d * mean + d**2 / 12 * np.cross(spin, ahead)))
-            spin = ahead
-        out.append(quat)
-    return quat_normalize(np.stack(out, axis=1))
+@numba.njit(cache=True, error_model="numpy")
+def _spin_rate(w0, w1, w2, I, J):  # type: ignore[no-untyped-def]
+    """I^-1 (I ω × ω), J = I^-1."""
+    l0 = I[0, 0] * w0 + I[0, 1] * w1 + I[0, 2] * w2
+    l1 = I[1, 0] * w0 + I[1, 1] * w1 + I[1, 2] * w2
+    l2 = I[2, 0] * w0 + I[2, 1] * w1 + I[2, 2] * w2
+    c0, c1, c2 = l1 * w2 - l2 * w1, l2 * w0 - l0 * w2, l0 * w1 - l1 * w0
+    return (
+        J[0, 0] * c0 + J[0, 1] * c1 + J[0, 2] * c2,
+        J[1, 0] * c0 + J[1, 1] * c1 + J[1, 2] * c2,
+        J[2, 0] * c0 + J[2, 1] * c1 + J[2, 2] * c2,
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _tumble_kernel(t, quat, spin, I, J, ratio, out):  # type: ignore[no-untyped-def]
+    """`_tumble`, one state after another; `ratio` bounds how much faster than at the start a body can come to spin."""
+    for b in range(quat.shape[0]):
+        for m in range(quat.shape[1]):
+            q0, q1, q2, q3 = quat[b, m, 0], quat[b, m, 1], quat[b, m, 2], quat[b, m, 3]
+            w0, w1, w2 = spin[b, m, 0], spin[b, m, 1], spin[b, m, 2]
+            fastest = math.sqrt(w0 * w0 + w1 * w1 + w2 * w2) * ratio
+            for k in range(t.shape[1]):
+                h = t[b, k] - t[b, k - 1] if k > 0 else 0.0
+                count = max(1, math.ceil(fastest * h / SUBSTEP)) if h > 0.0 else 0
+                d = h / max(count, 1)
+                for _ in range(count):
+                    a0, a1, a2 = _spin_rate(w0, w1, w2, I, J)
+                    b0, b1, b2 = _spin_rate(w0 + 0.5 * d * a0, w1 + 0.5 * d * a1, w2 + 0.5 * d * a2, I, J)
+                    c0, c1, c2 = _spin_rate(w0 + 0.5 * d * b0, w1 + 0.5 * d * b1, w2 + 0.5 * d * b2, I, J)
+                    e0, e1, e2 = _spin_rate(w0 + d * c0, w1 + d * c1, w2 + d * c2, I, J)
+                    x0 = w0 + d / 6 * (a0 + 2 * b0 + 2 * c0 + e0)
+                    x1 = w1 + d / 6 * (a1 + 2 * b1 + 2 * c1 + e1)
+                    x2 = w2 + d / 6 * (a2 + 2 * b2 + 2 * c2 + e2)
+                    e0, e1, e2 = _spin_rate(x0, x1, x2, I, J)
+                    f = d * d / 12
+                    r0 = d * 0.5 * (w0 + x0) - f * (e0 - a0) + f * (w1 * x2 - w2 * x1)
+                    r1 = d * 0.5 * (w1 + x1) - f * (e1 - a1) + f * (w2 * x0 - w0 * x2)
+                    r2 = d * 0.5 * (w2 + x2) - f * (e2 - a2) + f * (w0 * x1 - w1 * x0)
+                    angle = math.sqrt(r0 * r0 + r1 * r1 + r2 * r2)
+                    s = 0.5 * math.sin(0.5 * angle) / (0.5 * angle) if angle > 1e-12 else 0.5
+                    co, s0, s1, s2 = math.cos(0.5 * angle), s * r0, s * r1, s * r2
+                    y0 = q0 * co - q1 * s0 - q2 * s1 - q3 * s2
+                    y1 = q0 * s0 + q1 * co + q2 * s2 - q3 * s1
+                    y2 = q0 * s1 - q1 * s2 + q2 * co + q3 * s0
+                    y3 = q0 * s2 + q1 * s1 - q2 * s0 + q3 * co
+                    s = 1.0 / math.sqrt(y0 * y0 + y1 * y1 + y2 * y2 + y3 * y3)
+                    q0, q1, q2, q3 = s * y0, s * y1, s * y2, s * y3
+                    w0, w1, w2 = x0, x1, x2
+                out[b, m, k, 0], out[b, m, k, 1], out[b, m, k, 2], out[b, m, k, 3] = q0, q1, q2, q3
 
 
 def _moved(q: Array, v: Array, steps: Array) -> tuple[Array, Array]:
-    """A state moved by m errors (m, 12): (m, 7), (m, 6)."""
-    turned = quat_normalize(quat_mul(q[3:7], quat_exp(steps[:, 3:6])))
-    return np.concatenate([q[:3] + steps[:, :3], turned], axis=1), v + steps[:, 6:]
+    """States (B, 7), (B, 6) moved by m errors each (B, m, 12): (B, m, 7), (B, m, 6)."""
+    turned = quat_normalize(quat_mul(q[:, None, 3:7], quat_exp(steps[..., 3:6])))
+    return np.concatenate([q[:, None, :3] + steps[..., :3], turned], axis=-1), v[:, None] + steps[..., 6:]
 
 
 def _regular(cov: Array) -> Array:

@@ -21,7 +21,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.physics.contact import BOUNCE_SPEED, CLOSING_SPEED, solve_exact
+from tossid.physics.contact import BOUNCE_SPEED, CLOSING_SPEED, TANGENTIAL, solve_exact
 from tossid.physics.solvers.workspace import LAM, MU, B
 from tossid.physics.system import System
 
@@ -242,6 +242,8 @@ def simulate_body(  # type: ignore[no-untyped-def]
                                 A[j, i] = A[i, j]
                         for i in range(0, 3 * n, 3):
                             A[i, i] += soft
+                            A[i + 1, i + 1] += TANGENTIAL * soft
+                            A[i + 2, i + 2] += TANGENTIAL * soft
                         status, residual = solve_exact(A, V, index, n, tolerance)
                         f0, f1, f2, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                         touched = False

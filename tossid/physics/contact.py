@@ -32,6 +32,8 @@ CLOSING_SPEED = 1.0
 """A corner joins the contact problem at once if it would touch within this speed [m/s]; others when they are hit."""
 BOUNCE_SPEED = 0.02
 """Approach [m/s] below which restitution does not act."""
+TANGENTIAL = 1e-3
+"""Slack of a compliant corner's tangential rows over that of its normal row: sigma of Castro et al."""
 
 
 class Scratch(NamedTuple):
@@ -198,6 +200,8 @@ def _assemble(  # type: ignore[no-untyped-def]
     soft = compliance / (h * (h + relaxation))
     for i in range(0, 3 * n, 3):
         A[i, i] += soft
+        A[i + 1, i + 1] += TANGENTIAL * soft
+        A[i + 2, i + 2] += TANGENTIAL * soft
     return n
 
 

@@ -4,8 +4,8 @@
    Learned together with contact, impulses at rest would stand in for missing gravity.
 2. "contact": geometry, friction (and inertia), by the implicit loss on all transitions.
    (The unstructured `e2e` has one stage instead, "one-step".)
-3. "rollout-N": friction, restitution (and inertia), by open-loop prediction until N frames after first contact, N
-   growing: short predictions are smooth in the parameters from far away, long ones decide the last digits.
+3. "rollout-N": friction (and contact law and inertia), by open-loop prediction until N frames after first contact,
+   N growing: short predictions are smooth in the parameters from far away, long ones decide the last digits.
 
 The loop yields records and knows no tracker. Its state is plain tensors and
 numbers, so that an interrupted fit goes on exactly where it was.
@@ -20,10 +20,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from tossid.errors import DivergedError
 from tossid.models.protocol import DynamicsModel
-from tossid.models.shots import Shots, make_shots
+from tossid.models.shots import Shots, first_states, flight_starts, make_shots
 from tossid.models.transitions import make_transitions
+from tossid.motion import FlightState
+from tossid.objects import ObjectModel
 from tossid.training.stages import LossStage, RolloutStage, Stage
 from tossid.types import Toss
 
@@ -49,7 +53,7 @@ class FitSettings:
     min_improvement: float = 1e-4
     optimizer: str = "lbfgs"
     learning_rate: float = 1e-3
-    horizons: tuple[int, ...] = (20, 45)
+    horizons: tuple[int, ...] = (20, 90)
     n_threads: int = 1
 
 
@@ -70,12 +74,31 @@ class EpochRecord:
     best: bool
 
 
+@dataclass(frozen=True)
+class _Flights:
+    """What the flights said of the first states, for a model as it was."""
+
+    model: ObjectModel
+    gravity: float
+    fitted: tuple[list[FlightState | None], ...]
+
+    COM_REL, INERTIA_REL, GRAVITY_REL = 1e-3, 0.01, 1e-3
+    """Changes (in widths, and relative) that first states do not feel."""
+
+    def outdated(self, model: ObjectModel, gravity: float) -> bool:
+        return bool(
+            np.abs(model.com - self.model.com).max() > self.COM_REL * model.width
+            or np.abs(model.inertia - self.model.inertia).max() > self.INERTIA_REL * np.abs(self.model.inertia).max()
+            or abs(gravity - self.gravity) > self.GRAVITY_REL * max(abs(gravity), 1.0)
+        )
+
+
 class Fit:
     """A fit under way.
 
     Args:
         model: fitted in place; holds the best parameters when `epochs` is exhausted.
-        train, validation: different tosses of the model's object.
+        train, validation: different tosses of the model's object, as recorded.
     """
 
     def __init__(
@@ -87,7 +110,8 @@ class Fit:
     ) -> None:
         self.model = model
         self.settings = settings or FitSettings()
-        self._tosses = (tuple(train), tuple(validation))
+        true = model.measurement.true_toss
+        self._tosses = (tuple(true(toss) for toss in train), tuple(true(toss) for toss in validation))
         self._transitions = tuple(make_transitions(model.object, tosses) for tosses in self._tosses)
         self.stages = model.stages(self.settings.horizons)
         self.stage = 0
@@ -96,6 +120,7 @@ class Fit:
         self.best_loss = float("inf")
         self.best = copy.deepcopy(model.state_dict())
         self._current: Stage | None = None
+        self._flights: _Flights | None = None
 
     def _make(self, stage: str) -> Stage:
         """A stage, when its turn comes: what it starts from is the model as it is then."""
@@ -126,7 +151,20 @@ class Fit:
 
     def _shots(self, horizon: int) -> tuple[Shots, Shots]:
         learned, gravity = self.model.learned_object(), self.model.flight_gravity(self._transitions[0])
-        train, validation = (make_shots(learned, tosses, horizon=horizon, gravity=gravity) for tosses in self._tosses)
+        predictor, lag = self.model.simulator(), self.model.measurement.velocity_lag
+        if self._flights is None or self._flights.outdated(learned, gravity):
+            fitted = tuple(flight_starts(learned, tosses, gravity=gravity) for tosses in self._tosses)
+            self._flights = _Flights(learned, gravity, fitted)
+        train, validation = (
+            make_shots(
+                learned,
+                tosses,
+                horizon=horizon,
+                first=first_states(tosses, predictor, velocity_lag=lag),
+                flight=flight,
+            )
+            for tosses, flight in zip(self._tosses, self._flights.fitted, strict=True)
+        )
         return train, validation
 
     def state_dict(self) -> dict[str, Any]:

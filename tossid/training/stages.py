@@ -4,7 +4,7 @@ The implicit loss has many parameters (corners, the residual's weights) and an
 exact gradient: L-BFGS on all transitions takes tens of passes where Adam, the
 sources' choice, takes thousands. Open-loop prediction error is what a user
 wants small, but its gradient through contact is noisy; it depends on few numbers
-(friction, restitution, inertia), so Gauss-Newton takes its Jacobian by
+(friction, contact law, inertia), so Gauss-Newton takes its Jacobian by
 differences of whole rollouts through the fast kernel.
 """
 
@@ -162,15 +162,13 @@ class RolloutStage:
 
     SCALE = 0.1
     """Miss [half widths, rad] up to which errors count quadratically."""
-    DIFFERENCE = 0.01
+    DIFFERENCE = 0.03
     """Step of the finite differences, in the parameters' own units of order one."""
     CHAOTIC = 0.2
     LARGEST_STEP = 0.3
     CONVERGED = 2e-3
     """Relative gain of a step below which the stage ends."""
     TRIALS = 6
-    RESTITUTION_STARTS = (0.0, 0.1, 0.2, 0.3, 0.4)
-    """Restitution is first looked for on this grid: between bounce and no bounce the loss has a ridge."""
 
     def __init__(
         self,
@@ -190,17 +188,18 @@ class RolloutStage:
         self._damping = 1e-2
 
     def begin(self) -> None:
-        """Look for restitution's start."""
-        value = self._model.restitution.value
-        if not any(value is parameter for parameter in self._parameters) or float(value.detach()) > 0:
+        """Look through the starts of a contact law that is to be learned: the loss over it has ridges."""
+        value = self._model.contact_law.value
+        if not any(value is parameter for parameter in self._parameters):
             return
+        starts = [value.detach().clone(), *self._model.contact_law.starts()]
         losses = []
-        for start in self.RESTITUTION_STARTS:
+        for start in starts:
             with torch.no_grad():
-                value.fill_(start)
+                value.copy_(start)
             losses.append(self._loss(self._misses(self._train), self._train))
         with torch.no_grad():
-            value.fill_(self.RESTITUTION_STARTS[int(np.argmin(losses))])
+            value.copy_(starts[int(np.argmin(losses))])
 
     def step(self) -> Pass:
         """One step of Levenberg-Marquardt; `done` when it gains little, or no damping makes it better."""
@@ -214,8 +213,7 @@ class RolloutStage:
         passes, better = len(x) + 1, False
         while not better and passes < len(x) + 1 + self.TRIALS:
             step = -np.linalg.solve(H + self._damping * np.diag(scale), g)
-            step *= min(1.0, self.LARGEST_STEP / np.abs(step).max())
-            self._set(x + step)
+            self._set(x + np.clip(step, -self.LARGEST_STEP, self.LARGEST_STEP))
             trial = self._loss(self._misses(self._train), self._train)
             passes += 1
             better = trial < loss

@@ -25,8 +25,17 @@ Array = NDArray[np.float64]
 
 RESAMPLES = 500
 METHOD = "one-step bootstrap over tosses, percentiles"
-WEAK = {"friction": 0.05, "restitution": 0.1, "com": 5e-3, "inertia": 0.25, "mass": 0.25}
-"""Half width of an interval (of inertia and mass: relative) beyond which a quantity counts as not seen."""
+WEAK = {
+    "friction": 0.05,
+    "com": 5e-3,
+    "stiffness": 0.5,
+    "relaxation": 0.5,
+    "cohesion": 0.5,
+    "inertia": 0.25,
+    "mass": 0.25,
+}
+"""Half width of an interval beyond which a quantity counts as not seen: friction as it is, centres of mass in metres,
+the others relative to their value."""
 
 
 def parameter_intervals(fit: Fit, *, seed: int = 0) -> dict[str, Any] | None:
@@ -66,14 +75,17 @@ def parameter_intervals(fit: Fit, *, seed: int = 0) -> dict[str, Any] | None:
             continue  # given, not learned
         intervals[name] = {"value": number, "ci95": [float(low[i]), float(high[i])]}
         kind = next(kind for kind in WEAK if kind in name)
-        if half > WEAK[kind] * (abs(number) if kind in ("inertia", "mass") else 1.0):
+        if half > WEAK[kind] * (1.0 if kind in ("friction", "com") else abs(number)):
             unseen.append(f"{name}: known to ± {half:.2g} only")
     return {"method": METHOD, "n_tosses": n, "intervals": intervals, "not_seen": unseen}
 
 
 def _readings(model: ObjectModel) -> dict[str, float]:
     """What the parameters mean, by name."""
-    values = {"friction": model.friction, "restitution": model.restitution}
+    values = {"friction": model.friction}
+    if model.compliance > 0:
+        values |= {"stiffness_npm": 1 / model.compliance, "relaxation_s": model.relaxation}
+        values["cohesion_n"] = model.cohesion
     for b, body in enumerate(model.body_names):
         prefix = "" if model.n_bodies == 1 else f"{body}_"
         for i, axis in enumerate("xyz"):
