@@ -7,6 +7,7 @@ import io
 import json
 import multiprocessing
 import os
+import re
 import signal
 import threading
 from collections.abc import Iterator, Sequence
@@ -35,6 +36,7 @@ _OWN = ("data", "restart", "model", "seed")
 class Cell:
     """One training and its evaluation.
 
+    model: as the study names it: one of conf/model, and further keys of its own behind it ("cn optimizer=adam").
     digest: of all that its numbers depend on (keys of train, data, code), so that it is known again.
     """
 
@@ -46,7 +48,8 @@ class Cell:
 
     @property
     def name(self) -> str:
-        return f"{self.model}-{self.value:g}-s{self.seed}-{self.digest[:12]}"
+        model = re.sub(r"[^\w.=-]+", "-", self.model)
+        return f"{model}-{self.value:g}-s{self.seed}-{self.digest[:12]}"
 
 
 @dataclass(frozen=True)
@@ -69,14 +72,16 @@ def study_cells(sweep: SweepConfig, data: Path, sha256: str) -> tuple[Cell, ...]
             raise ConfigError(f"sweep.{name}", "is empty; a study needs at least one.")
         if len(set(getattr(sweep, name))) < len(getattr(sweep, name)):
             raise ConfigError(f"sweep.{name}", "names one twice.")
-    for text in (*sweep.train, f"{sweep.key}="):
-        if text.partition("=")[0] in _OWN:
-            where = "sweep.key" if text == f"{sweep.key}=" else "sweep.train"
-            raise ConfigError(where, f"{text.partition('=')[0]} is set by the study itself.")
+    own = [text for model in sweep.models for text in model.split()[1:]]
+    for where, texts in (("sweep.train", sweep.train), ("sweep.key", [f"{sweep.key}="]), ("sweep.models", own)):
+        for text in texts:
+            if text.partition("=")[0] in _OWN:
+                raise ConfigError(where, f"{text.partition('=')[0]} is set by the study itself.")
     cells = []
     for model in sweep.models:
         first = f"{sweep.key}={_number(sweep.values[0])}"
-        base = replace(load("train", TrainConfig, [f"model={model}", first, *sweep.train]), data=data)
+        name, *keys = model.split()
+        base = replace(load("train", TrainConfig, [f"model={name}", first, *sweep.train, *keys]), data=data)
         for value in sweep.values:
             for seed in sweep.seeds:
                 config = _with(_with(base, sweep.key, _number(value)), "seed", seed)

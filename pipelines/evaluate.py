@@ -29,7 +29,7 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
     from pipelines.checkpoints import load_checkpoint
     from pipelines.learning import evaluate_model, predicted_motions
     from pipelines.outputs import output_folder
-    from pipelines.pictures import evaluation_figures, write_figures
+    from pipelines.pictures import evaluation_figures, gravity_given, residual_figure, write_figures
     from pipelines.runs import find_run
     from pipelines.tracking import tracked_run
     from tossid.store import read_dataset
@@ -60,8 +60,10 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
         tracked.data(data, sha256, context="evaluation")
         tracked.tag("evaluated_run", record.id)
         tracked.metrics(means(judged.metrics))
-        figures = evaluation_figures(
-            judged, tosses, predicted_motions(model, dataset.object, tosses), dataset.object, name=name
+        rollouts = predicted_motions(model, dataset.object, tosses)
+        figures = evaluation_figures(judged, tosses, rollouts, dataset.object, name=name)
+        figures |= residual_figure(
+            model, judged, tosses, name=f"{name.upper()}, {gravity_given(trained.config.gravity)}"
         )
         with output_folder(folder, made_by="evaluate") as temporary:
             paths = write_figures(figures, temporary / "figures")

@@ -10,7 +10,9 @@ import numpy as np
 
 from pipelines.learning import Judged, Predicted, Trained
 from pipelines.outputs import output_file
-from tossid.objects import ObjectModel
+from tossid.models.contactnets import ContactNets
+from tossid.models.protocol import DynamicsModel
+from tossid.objects import GRAVITY, ObjectModel
 from tossid.types import Toss
 
 if TYPE_CHECKING:
@@ -46,6 +48,27 @@ def evaluation_figures(
     return figures
 
 
+def residual_figure(model: DynamicsModel, judged: Judged, tosses: Sequence[Toss], *, name: str) -> dict[str, Figure]:
+    """Given dynamics, residual and contact over the median toss; {} for a model that does not tell them apart."""
+    median = ranked(judged.scores.position_error_pct).get("median")
+    if median is None or not isinstance(model, ContactNets):
+        return {}
+    from tossid.evaluation.figures import accelerations_over_toss, residual_over_toss
+
+    toss = tosses[median]
+    parts = accelerations_over_toss(
+        model.system(), model.learned_object(), model.measurement.true_toss(toss), weights=model.settings.weights
+    )
+    title = f"{name}: what accelerates the object"
+    return {"residual_over_toss": residual_over_toss(**vars(parts), title=title, name=toss.name)}
+
+
+def gravity_given(gravity: float) -> str:
+    """ "given no gravity", "given 1.5 times the true gravity" """
+    share = gravity / GRAVITY
+    return f"given {share:.3g} times the true gravity" if share else "given no gravity"
+
+
 def ranked(errors: np.ndarray) -> dict[str, int]:
     """Indices of the median and of the worst of the finite errors (B,)."""
     order = [int(i) for i in np.argsort(errors, kind="stable") if np.isfinite(errors[i])]
@@ -57,8 +80,10 @@ def ranked(errors: np.ndarray) -> dict[str, int]:
 
 def sweep_figures(key: str, cells: Sequence[dict[str, Any]], *, measured_penetration_mm: float) -> dict[str, Figure]:
     """The study's metrics against the swept value, from the first state and from the flight; {} for other keys."""
-    from tossid.evaluation.figures import data_efficiency, gravity_sweep
+    from tossid.evaluation.figures import data_efficiency, gravity_sweep, inertia_study
 
+    if key == "model.start_inertia":
+        return {"inertia_study": inertia_study(cells)}
     starts = [False] + ([True] if all("from_flight" in cell for cell in cells) else [])
     figures: dict[str, Figure] = {}
     for from_flight in starts:

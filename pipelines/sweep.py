@@ -1,22 +1,20 @@
 """`tossid evaluate --sweep NAME`: a study, cell by cell.
 
 Results lie in `outputs/sweeps/NAME-DIGEST`: a folder for each cell, and the
-whole as `cells.json`, `cells.csv` and figures. A cell that is done, in this
+whole as `cells.json`, `cells.csv`, `table.md` and figures. A cell that is done, in this
 study or in another, is never computed again. MLflow gets a run for the study
 and a nested one for each cell; only this process writes to it.
 """
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import io
 import json
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,11 +25,15 @@ from pipelines.evaluate import means
 from pipelines.outputs import only_writer, output_file
 from pipelines.project import dataset_path
 from pipelines.schemas import EvaluateConfig, SweepConfig
+from pipelines.tables import csv_table, inertia_errors, markdown_table, validation_loss
 from pipelines.tracking import TrackedRun, tracked_run
 from tossid.errors import ConfigError, InputError, TossidError
-from tossid.objects import corner_positions
+from tossid.objects import GRAVITY, corner_positions
 from tossid.store import file_sha256, read_dataset
 from tossid.types import Dataset
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FOLDER = Path("outputs/sweeps")
 CELL = "cell.json"
@@ -198,21 +200,13 @@ def _report(
     """The study's table, figures and JSON, on disk and in MLflow."""
     from pipelines.pictures import sweep_figures, write_figures
 
-    cells = [
-        {
-            "model": cell.model,
-            "seed": cell.seed,
-            study.swept: cell.value,
-            **results[cell.digest]["result"],
-            "run": runs["cells"][cell.digest],
-        }
-        for cell in study.cells
-        if cell.digest in results
-    ]
+    done = [cell for cell in study.cells if cell.digest in results]
+    cells = [_row(study, cell, results[cell.digest], run=runs["cells"][cell.digest]) for cell in done]
     depth = _measured_penetration(study.dataset)
-    figures = write_figures(
-        sweep_figures(study.sweep.key, cells, measured_penetration_mm=depth), study.folder / "figures"
-    )
+    pictures = sweep_figures(study.sweep.key, cells, measured_penetration_mm=depth)
+    if study.sweep.key == "model.gravity":
+        pictures |= _residual_of_worst_given(study, done, results)
+    figures = write_figures(pictures, study.folder / "figures")
     report: dict[str, Any] = {
         "run": parent.id,
         "sweep": study.sweep.name,
@@ -227,13 +221,40 @@ def _report(
         "figures": [str(path) for path in figures],
     }
     _write(study.folder / "cells.json", json.dumps(jsonable(cells), indent=1) + "\n")
-    _write(study.folder / "cells.csv", table_text(cells, study.swept))
-    for path in (study.folder / "cells.json", study.folder / "cells.csv"):
-        parent.artifact(path)
+    _write(study.folder / "cells.csv", csv_table(cells, study.swept))
+    _write(study.folder / "table.md", markdown_table(cells, study.swept))
+    for name in ("cells.json", "cells.csv", "table.md"):
+        parent.artifact(study.folder / name)
     for path in figures:
         parent.artifact(path, folder="figures")
     parent.metrics({"cells": len(cells), "failed": len(failed)})
     return report
+
+
+def _row(study: Study, cell: Cell, stored: dict[str, Any], *, run: str) -> dict[str, Any]:
+    """A cell as it is reported."""
+    row = {"model": cell.model, "seed": cell.seed, study.swept: cell.value, **stored["result"]}
+    if study.sweep.key == "model.start_inertia" and "inertia_kgm2" in row["parameters"]:
+        row |= inertia_errors(cell.config.model, row["parameters"], study.dataset.object)
+    return {**row, "validation_loss": validation_loss(stored["history"]), "run": run}
+
+
+def _residual_of_worst_given(study: Study, done: list[Cell], results: dict[str, Any]) -> dict[str, Figure]:
+    """What the residual repairs, of the cell that was given the most wrong gravity."""
+    from pipelines.checkpoints import load_checkpoint
+    from pipelines.learning import evaluate_model
+    from pipelines.pictures import gravity_given, residual_figure
+    from pipelines.runs import CHECKPOINT
+
+    able = [cell for cell in done if cell.config.model.name in ("cnrp", "cnrpi")]
+    if not able:
+        return {}
+    worst = max(able, key=lambda cell: abs(cell.value - GRAVITY))
+    model = load_checkpoint(Path(results[worst.digest]["folder"]) / CHECKPOINT).model
+    tosses = study.dataset.of_split("test")
+    judged = evaluate_model(model, study.dataset.object, tosses)
+    name = f"{worst.config.model.name.upper()}, {gravity_given(worst.value)}"
+    return residual_figure(model, judged, tosses, name=name)
 
 
 def _measured_penetration(dataset: Dataset) -> float:
@@ -243,37 +264,26 @@ def _measured_penetration(dataset: Dataset) -> float:
     return float(np.mean([1e3 * np.maximum(-height, 0).mean() for height in lowest]))
 
 
-def table_text(cells: Sequence[dict[str, Any]], swept: str) -> str:
-    """The cells as CSV: a row each, for every metric its mean and the ends of its 95 % interval."""
-    rows = []
-    for cell in cells:
-        row = {"model": cell["model"], "seed": cell["seed"], swept: cell[swept]}
-        for prefix, metrics in (("", cell), ("from_flight.", cell.get("from_flight", {}))):
-            for name, value in metrics.items():
-                if isinstance(value, dict) and "ci95" in value:
-                    ends = zip(("mean", "low", "high"), (value["mean"], *value["ci95"]), strict=True)
-                    row |= {f"{prefix}{name}.{end}": number for end, number in ends}
-        rows.append(
-            row | {name: cell[name] for name in ("n_tosses", "unsolved", "diverged", "epochs", "seconds", "run")}
-        )
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(dict.fromkeys(name for row in rows for name in row)), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
-
-
 def _show(study: Study, report: dict[str, Any], console: Console) -> None:
     """Means over seeds, for a person."""
-    metrics = ("gravity_ms2", "position_error_pct", "rotation_error_deg", "penetration_mm")
+    metrics = ["gravity_ms2", "position_error_pct", "rotation_error_deg", "penetration_mm"]
+    if all("inertia_error_rel" in cell for cell in report["cells"]):
+        metrics = ["inertia_error_rel", "com_error_m", *metrics[1:3]]
     rows = []
-    for model in dict.fromkeys(cell["model"] for cell in report["cells"]):
-        for value in dict.fromkeys(cell[study.swept] for cell in report["cells"]):
-            same = [c for c in report["cells"] if c["model"] == model and c[study.swept] == value]
-            found = [[c[name]["mean"] for c in same if c[name]["mean"] is not None] for name in metrics]
-            if same:
-                rows.append([model, f"{value:g}", *[f"{np.mean(part):.3g}" if part else "-" for part in found]])
+    for model, value in dict.fromkeys((cell["model"], cell[study.swept]) for cell in report["cells"]):
+        same = [cell for cell in report["cells"] if (cell["model"], cell[study.swept]) == (model, value)]
+        found = [[c[name]["mean"] if isinstance(c[name], dict) else c[name] for c in same] for name in metrics]
+        known = [[number for number in part if number is not None] for part in found]
+        rows.append([model, f"{value:g}", *[f"{np.mean(part):.3g}" if part else "-" for part in known]])
     seeds = len(study.sweep.seeds)
     title = f"{study.sweep.name}: {report['n_tosses']} held-out tosses" + (f", means of {seeds} seeds" * (seeds > 1))
     console.table(["model", study.swept, *metrics], rows, title=title)
-    console.facts({"cells": f"{report['out']}/cells.csv", "figures": report["figures"], "run": report["run"]})
+    trained = sum(cell["seconds"] for cell in report["cells"])
+    console.facts(
+        {
+            "tables": f"{report['out']}/table.md, cells.csv",
+            "figures": report["figures"],
+            "run": report["run"],
+            "took": f"{report['seconds']:.0f} s now; all trainings together {trained:.0f} s",
+        }
+    )

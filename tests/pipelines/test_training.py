@@ -141,7 +141,7 @@ def test_what_train_leaves(made: Path, answer: Any, monkeypatch: pytest.MonkeyPa
     for path in by_folder["figures"]:
         assert Path(path).read_bytes()[:4] == b"\x89PNG"
     names = {Path(path).stem for path in by_folder["figures"]}
-    assert {"errors_over_tosses", "toss_comparison_median", "toss_comparison_worst"} <= names
+    assert {"errors_over_tosses", "toss_comparison_median", "toss_comparison_worst", "residual_over_toss"} <= names
     judged = find_run(command="evaluate")
     assert {path.stem for path in (judged.folder / "figures").iterdir()} == names
     assert judged.metrics["position_error_pct"] == pytest.approx(by_folder["position_error_pct"]["mean"])

@@ -59,6 +59,15 @@ def test_inertia_and_contact_law_come_back_from_rollouts(cube: ObjectModel) -> N
     assert model.parameters_report()["stiffness_npm"] == pytest.approx(1 / learned.compliance)
 
 
+def test_rollouts_that_feel_nothing_teach_nothing(cube: ObjectModel) -> None:
+    """Without gravity a toss that still climbs never lands: friction stays as the implicit loss left it."""
+    rising = [replace(toss, v=toss.v + np.array([0, 0, 3.0, 0, 0, 0])) for toss in tosses(cube, 4, seed=1)]
+    model = ContactNets(cube, ContactNetsSettings(gravity=0.0, learn_geometry=False))
+    records = list(Fit(model, rising[:2], rising[2:], FitSettings(epochs=2, horizons=(5, 10))).epochs())
+    assert [record.stage for record in records[-2:]] == ["rollout-5", "rollout-10"]
+    assert records[-1].validation_loss < float("inf")
+
+
 def test_short_lengths_and_late_velocities_do_not_spoil_what_is_learned(cube: ObjectModel) -> None:
     truth = cube.with_changes(com=COM)
     lag, scale = 0.5 / 148, 0.95

@@ -202,13 +202,17 @@ class RolloutStage:
             value.copy_(starts[int(np.argmin(losses))])
 
     def step(self) -> Pass:
-        """One step of Levenberg-Marquardt; `done` when it gains little, or no damping makes it better."""
+        """One step of Levenberg-Marquardt; `done` when it gains little, when no damping makes it better, and when
+        nothing that is learned is felt by these rollouts."""
         self._train, self._validation = self._make_shots()
         x = self._get()
         miss = self._misses(self._train)
         loss = self._loss(miss, self._train)
         sensitivity = self.sensitivity(miss)
         H, g = sensitivity.H.sum(0), sensitivity.g.sum(0)
+        if not H.any():  # rollouts that never land, say, as gravity is given too weak
+            held_out = self._loss(self._misses(self._validation), self._validation)
+            return Pass(loss, held_out, {"prediction": loss}, len(x) + 1, done=True)
         scale = np.diag(H) + 1e-6 * np.trace(H) / len(x)
         passes, better = len(x) + 1, False
         while not better and passes < len(x) + 1 + self.TRIALS:

@@ -56,14 +56,15 @@ def test_impulses_and_the_missing_gravity_of_own_rollouts_are_recovered(cube: Ob
 
 
 def test_noise_of_heights_does_not_become_contact(cube: ObjectModel) -> None:
-    """A tracked cube lies half a millimetre in or over the ground; that is no blow."""
+    """A tracked cube lies a millimetre in or over the ground: that is no blow, and it is carried all the same."""
     system = make_system(cube)
     toss, _ = own_toss(system, cube, frames=110)
     q = toss.q.copy()
-    q[:, 2] += 5e-4 * np.where(np.arange(111) % 2, 1, -1)
+    q[:, 2] += 1e-3 * np.where(np.arange(111) % 2, 1, -1)
     tracked = Toss("tracked", toss.t, q, toss.v, toss.q_cov, toss.v_cov, toss.phase)
     parts = accelerations_over_toss(system, cube, tracked)
-    assert parts.contact[-10:].mean() == pytest.approx(9.81, abs=3.0)
+    np.testing.assert_allclose(parts.contact[-10:], 9.81, atol=0.2)
+    assert parts.contact[:5].max() == 0, "in the air nothing carries"
 
 
 def test_mass_matrix_and_jacobian_are_those_of_the_simulator(elbow: ObjectModel) -> None:

@@ -19,6 +19,9 @@ from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
 
+NEAR = 2.0
+"""Gap scales (noise of the corners' heights) within which a corner counts as on the ground."""
+
 
 @dataclass(frozen=True)
 class Accelerations:
@@ -45,8 +48,11 @@ def accelerations_over_toss(
     given = g_z of k_hat; residual = e_z^T J_com a_res(q, v); contact = e_z^T J_com M^-1 J^T lam / dt with the
     impulses of ContactNets' inner problem (Pfrommer, Halm and Posa 2020), here in the model's own metric:
 
-        lam = argmin 1/2 |dv - dt a - M^-1 J^T lam|²_M + w_c sum lam_n gap(phi') / dt
+        lam = argmin 1/2 |dv - dt a - M^-1 J^T lam|²_M + w_c sum lam_n gap / dt
                      + w_d sum (mu lam_n |s| + lam_t . s)        over the friction cones, with s = J_t v'
+
+    gap is phi' beyond `NEAR` gap scales and 0 below, in the ground too: a corner that noise lifts by a millimetre,
+    or that has sunk as it landed, bears its load. (The loss charges |phi'|; it asks whether, not how much.)
 
     Args:
         system: the learned simulator. model: the object that it simulates.
@@ -60,7 +66,7 @@ def accelerations_over_toss(
     miss = np.diff(toss.v, axis=0) - dt[:, None] * acceleration
 
     height = corner_positions(model, toss.q[1:])[..., 2]
-    gap = (np.sqrt(height**2 + weights.gap_scale**2) - weights.gap_scale) / dt[:, None]
+    gap = np.maximum(height - NEAR * weights.gap_scale, 0) / dt[:, None]
     sliding = np.einsum("ncij,nj->nci", J[:, :, :2], toss.v[1:])
     speed = np.linalg.norm(sliding, axis=-1)
     cost_n = weights.complementarity * gap + weights.dissipation * system.mu * speed

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -66,11 +68,11 @@ def residual_over_toss(
             raise InputError(f"{key} has shape {np.shape(values)}, time has {np.shape(t)}")
     total = given + residual + contact
     free = given + residual
-    inside = separable & (np.abs(contact) < 1e-9)
+    flown = np.cumprod(separable & (np.abs(contact) < 1e-9)).astype(bool)
     told = f"Toss {name}.  " if name else ""
-    if inside.any():
-        parts = [number(float(np.median(part[inside]))) for part in (given, free, measured)]
-        told += "Median in flight: given {}, with the residual {}, measured {} m/s².".format(*parts)
+    if flown.any():
+        parts = [number(float(np.mean(part[flown]))) for part in (given, free, measured)]
+        told += "Mean before first contact: given {}, with the residual {}, measured {} m/s².".format(*parts)
     figure = new_figure(title, told, height=7.6)
     axes = panel_grid(
         figure, 4, 1, left=0.8, right=1.35, top=1.05, bottom=0.85, above=0.42, heights=[0.8, 0.8, 1.1, 1.3]
@@ -84,7 +86,7 @@ def residual_over_toss(
             [("measured", measured, INK, 2.6), ("sum", total, LOOKS["cnrp"].color, 1.2)],
         ),
     )  # fmt: skip
-    low, high = _limits([given, residual] + ([np.array([true_free])] if true_free is not None else []))
+    low, high = _limits([given, residual] + ([true_free, true_free - given] if true_free is not None else []))
     border = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])
     for i, (ax, heading, label, lines) in enumerate(rows):
         ax.set_title(heading)
@@ -102,19 +104,9 @@ def residual_over_toss(
         if i < 3:
             ax.tick_params(labelbottom=False)
     if true_free is not None:
-        axes[0].axhline(true_free, color=MUTED, ls="--", lw=1.1, label="true", zorder=2)
-        halo(
-            axes[0].annotate(
-                f"true in flight: {number(true_free)}",
-                (0, true_free),
-                (5, 3),
-                xycoords=axes[0].get_yaxis_transform(),
-                textcoords="offset points",
-                fontsize=8.5,
-                color=MUTED,
-                va="bottom",
-            )
-        )
+        _level(axes[0], true_free, "true", f"true in flight: {number(true_free)}")
+        missing = true_free - float(np.mean(given))
+        _level(axes[1], missing, "missing", f"what is missing: {number(missing)}")
     axes[3].set_xlabel("time [s]")
     if not separable.all():
         footnote(
@@ -124,9 +116,19 @@ def residual_over_toss(
     return figure
 
 
-def _limits(values: list[Array]) -> tuple[float, float]:
+def _level(ax: Axes, level: float, label: str, text: str) -> None:
+    """A dashed line with its name over it, at the left."""
+    ax.axhline(level, color=MUTED, ls="--", lw=1.1, label=label, zorder=2)
+    name = ax.annotate(
+        text, (0, level), (5, 3), xycoords=ax.get_yaxis_transform(), textcoords="offset points",
+        fontsize=8.5, color=MUTED, va="bottom",
+    )  # fmt: skip
+    halo(name)
+
+
+def _limits(values: Sequence[Array | float]) -> tuple[float, float]:
     """Common limits of the continuous parts, with zero inside."""
-    flat = np.concatenate([v[np.isfinite(v)] for v in values])
+    flat = np.concatenate([np.ravel(v)[np.isfinite(np.ravel(v))] for v in values])
     low, high = min(0.0, float(flat.min())), max(0.0, float(flat.max()))
     room = 0.12 * (high - low) or 1.0
     return low - room, high + 1.6 * room

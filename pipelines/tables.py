@@ -1,0 +1,110 @@
+"""Tables of a study: every cell as CSV, and means over seeds as markdown for a note."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pipelines.schemas import ModelConfig
+from tossid.objects import GRAVITY, ObjectModel
+
+Cell = Mapping[str, Any]
+
+SWEPT = {
+    "gravity": "given gravity [m/s²]",
+    "tosses": "training tosses",
+    "start_inertia": "start: inertia / true",
+    "hidden": "hidden units",
+}
+"""What a swept value is called in a table's head."""
+
+
+def csv_table(cells: Sequence[Cell], swept: str) -> str:
+    """The cells as CSV: a row each, for every metric its mean and the ends of its 95 % interval."""
+    rows = []
+    for cell in cells:
+        row = {"model": cell["model"], "seed": cell["seed"], swept: cell[swept]}
+        for prefix, metrics in (("", cell), ("from_flight.", cell.get("from_flight", {}))):
+            for name, value in metrics.items():
+                if isinstance(value, dict) and "ci95" in value:
+                    ends = zip(("mean", "low", "high"), (value["mean"], *value["ci95"]), strict=True)
+                    row |= {f"{prefix}{name}.{end}": number for end, number in ends}
+        known = ("n_tosses", "unsolved", "diverged", "epochs", "seconds", "validation_loss", "run")
+        row |= {name: cell[name] for name in (*known, "inertia_error_rel", "com_error_m") if name in cell}
+        rows.append(row)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(dict.fromkeys(name for row in rows for name in row)), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def markdown_table(cells: Sequence[Cell], swept: str) -> str:
+    """A row for each model and swept value: means over seeds of the metrics and of the ends of their intervals."""
+    head = ["model", SWEPT.get(swept, swept)]
+    inertial = all("inertia_error_rel" in cell for cell in cells)
+    if inertial:
+        head += ["inertia off by [%]", "centre of mass off by [mm]"]
+    if swept == "gravity":
+        head += ["gravity found [m/s²]", "of what was missing [%]"]
+    head += ["position [%]", "rotation [deg]", "penetration [mm]", "from flight: position [%]", "rotation [deg]"]
+    head += ["validation loss", "seconds"]
+    lines = [head, ["---"] * len(head)]
+    for model, value in dict.fromkeys((cell["model"], cell[swept]) for cell in cells):
+        same = [cell for cell in cells if (cell["model"], cell[swept]) == (model, value)]
+        row = [f"`{model}`", f"{value:g}"]
+        if inertial:
+            row += [
+                _range([100 * c["inertia_error_rel"] for c in same]),
+                _range([1e3 * c["com_error_m"] for c in same]),
+            ]
+        if swept == "gravity":
+            found = float(np.mean([c["gravity_ms2"]["mean"] for c in same]))
+            missing = GRAVITY - value
+            row += [f"{found:.2f}", f"{100 * (found - value) / missing:.1f}" if abs(missing) > 1e-6 else "-"]
+        flown = [c["from_flight"] for c in same if "from_flight" in c]
+        row += [_metric(same, "position_error_pct"), _metric(same, "rotation_error_deg")]
+        row += [_metric(same, "penetration_mm", digits=2, ends=False)]
+        row += [_metric(flown, "position_error_pct"), _metric(flown, "rotation_error_deg")]
+        row += [f"{np.mean([c['validation_loss'] for c in same]):.4g}", f"{np.mean([c['seconds'] for c in same]):.0f}"]
+        lines.append(row)
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _metric(cells: Sequence[Cell], name: str, *, digits: int = 1, ends: bool = True) -> str:
+    values = [cell[name] for cell in cells if cell[name]["mean"] is not None]
+    if not values:
+        return "-"
+    mean, low, high = np.mean([(value["mean"], *value["ci95"]) for value in values], axis=0)
+    return f"{mean:.{digits}f}" + (f" ({low:.{digits}f} to {high:.{digits}f})" if ends else "")
+
+
+def _range(values: Sequence[float]) -> str:
+    """One number, or over seeds the least and the largest."""
+    low, high = min(values), max(values)
+    return f"{low:.2g}" if len(values) == 1 else f"{low:.2g} to {high:.2g}"
+
+
+def validation_loss(history: Sequence[Mapping[str, Any]]) -> float:
+    """The lowest validation loss of the last stage: that of the parameters that were kept."""
+    return min(float(row["validation_loss"]) for row in history if row["stage"] == history[-1]["stage"])
+
+
+def inertia_errors(model: ModelConfig, parameters: Mapping[str, Any], truth: ObjectModel) -> dict[str, Any]:
+    """How far the base's learned inertia is from the dataset's object's, and where training started from.
+
+    inertia_error_rel: the largest |I_learned / I_true - 1| over all axes, that is over the eigenvalues of
+    I_true^-1 I_learned, both about the centre of mass. com_error_m, com_offset_m: distances [m].
+    """
+    shares = np.linalg.eigvals(np.linalg.solve(truth.inertia[0], np.array(parameters["inertia_kgm2"])[0])).real
+    return {
+        "parameterisation": model.inertia,
+        "inertia_scale": model.start_inertia,
+        "com_offset_m": float(np.linalg.norm(model.start_com)),
+        "inertia_error_rel": float(np.abs(shares - 1).max()),
+        "com_error_m": float(np.linalg.norm(np.array(parameters["com_m"])[0] - truth.com[0])),
+    }
