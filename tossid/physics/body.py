@@ -9,7 +9,8 @@ axes, tau = d x a and I^-1 = L L^T:
 
 Nothing is factorised in a step. Directions are the world's z, x, y, so that a is
 a row of R and u_i . u_j is 0 or 1. The answers are those of the tree's kernel to
-rounding (tests/physics/test_body.py).
+rounding (tests/physics/test_body.py). Forces of the state and laws of contact beyond
+a constant friction are in `forces`; the tree's kernel has none.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.physics.contact import BOUNCE_SPEED, CLOSING_SPEED, TANGENTIAL, solve_exact
+from tossid.physics.forces import Forces, Law, damped, forces_of, friction_of, hold, law_of, push
 from tossid.physics.solvers.workspace import LAM, MU, B
 from tossid.physics.system import System
 
@@ -35,7 +37,7 @@ class Body(NamedTuple):
 
     mass [kg]; com (3,); inertia (3, 3) about it; inverse (3, 3) = root root^T; root (3, 3) lower triangular;
     corner (3, n_c) from the origin; arm (n_c, 3) from the centre of mass; mu (n_c,); gravity (3,);
-    restitution, compliance, relaxation and cohesion as in `System`.
+    restitution, compliance, relaxation and cohesion as in `System`. forced, lawful: whether `forces` and `law` act.
     """
 
     mass: float
@@ -51,6 +53,10 @@ class Body(NamedTuple):
     relaxation: float
     cohesion: float
     gravity: Array
+    forced: bool
+    forces: Forces
+    lawful: bool
+    law: Law
 
 
 def make_body(system: System) -> Body | None:
@@ -67,6 +73,7 @@ def make_body(system: System) -> Body | None:
     if not (mass > 0.0 and np.isfinite(root).all()):
         return None
     com = np.ascontiguousarray(system.com[0])
+    forces, law = forces_of(system.forces), law_of(system.law)
     return Body(
         mass=mass,
         com=com,
@@ -81,6 +88,10 @@ def make_body(system: System) -> Body | None:
         relaxation=float(system.relaxation),
         cohesion=float(system.cohesion),
         gravity=np.ascontiguousarray(system.gravity),
+        forced=forces.acts,
+        forces=forces,
+        lawful=law.acts,
+        law=law,
     )
 
 
@@ -110,7 +121,7 @@ def network(linear, W0, b0, W1, b1, W2, f, h0, h1, out):  # type: ignore[no-unty
 @_jit
 def simulate_body(  # type: ignore[no-untyped-def]
     mass, com, inertia, inverse, root, corner, arm, mu, restitution, compliance, relaxation, cohesion, gravity,
-    linear, W0, b0, W1, b1, W2,
+    forced, forces, lawful, law, linear, W0, b0, W1, b1, W2,
     q0, v0, n_steps, dt, substeps, tolerance, first, last,
     qs, vs, lam_n, unsolved, worst, finite, V, index,
 ):  # fmt: skip
@@ -120,6 +131,8 @@ def simulate_body(  # type: ignore[no-untyped-def]
     over_m = 1.0 / mass
     soft = compliance / (h * (h + relaxation))
     learned = linear.shape[0] > 0
+    held = lawful and (law.torsional != 0.0 or law.rolling != 0.0 or law.adhesion != 0.0)
+    turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
     f, h0, h1, extra = np.empty(9), np.empty(b0.shape[0]), np.empty(b0.shape[0]), np.zeros(6)
     height, state, chosen = np.empty(nc), np.zeros(nc, np.int64), np.zeros(nc, np.int64)
     tau, G, A = np.empty((nc, 3, 3)), np.empty((3 * nc, 3)), np.empty((3 * nc, 3 * nc))
@@ -142,14 +155,19 @@ def simulate_body(  # type: ignore[no-untyped-def]
                 r00, r01, r02 = 1.0 - 2.0 * (d * d + e * e), 2.0 * (b * d - a * e), 2.0 * (b * e + a * d)
                 r10, r11, r12 = 2.0 * (b * d + a * e), 1.0 - 2.0 * (b * b + e * e), 2.0 * (d * e - a * b)
                 r20, r21, r22 = 2.0 * (b * e - a * d), 2.0 * (d * e + a * b), 1.0 - 2.0 * (b * b + d * d)
+                R[0, 0], R[0, 1], R[0, 2] = r00, r01, r02
+                R[1, 0], R[1, 1], R[1, 2] = r10, r11, r12
+                R[2, 0], R[2, 1], R[2, 2] = r20, r21, r22
                 # free motion: Newton and Euler about the centre of mass, then the origin's velocity
                 l0 = inertia[0, 0] * w0 + inertia[0, 1] * w1 + inertia[0, 2] * w2
                 l1 = inertia[1, 0] * w0 + inertia[1, 1] * w1 + inertia[1, 2] * w2
                 l2 = inertia[2, 0] * w0 + inertia[2, 1] * w1 + inertia[2, 2] * w2
                 t0, t1, t2 = w2 * l1 - w1 * l2, w0 * l2 - w2 * l0, w1 * l0 - w0 * l1
-                g0 = inverse[0, 0] * t0 + inverse[0, 1] * t1 + inverse[0, 2] * t2
-                g1 = inverse[1, 0] * t0 + inverse[1, 1] * t1 + inverse[1, 2] * t2
-                g2 = inverse[2, 0] * t0 + inverse[2, 1] * t1 + inverse[2, 2] * t2
+                if forced:
+                    t0, t1, t2 = t0 - forces.spin * w0, t1 - forces.spin * w1, t2 - forces.spin * w2
+                g0 = turn[0, 0] * t0 + turn[0, 1] * t1 + turn[0, 2] * t2
+                g1 = turn[1, 0] * t0 + turn[1, 1] * t1 + turn[1, 2] * t2
+                g2 = turn[2, 0] * t0 + turn[2, 1] * t1 + turn[2, 2] * t2
                 s0, s1, s2 = w1 * c2 - w2 * c1, w2 * c0 - w0 * c2, w0 * c1 - w1 * c0
                 e0 = g1 * c2 - g2 * c1 + w1 * s2 - w2 * s1
                 e1 = g2 * c0 - g0 * c2 + w2 * s0 - w0 * s2
@@ -168,6 +186,15 @@ def simulate_body(  # type: ignore[no-untyped-def]
                 x1 = v_1 + h * (gravity[1] - (r10 * e0 + r11 * e1 + r12 * e2))
                 x2 = v_2 + h * (gravity[2] - (r20 * e0 + r21 * e1 + r22 * e2))
                 y0, y1, y2 = w0 + h * g0, w1 + h * g1, w2 + h * g2
+                if forced:
+                    m0, m1, m2 = push(
+                        forces, gravity, over_m, h, R, com, p0, p1, p2, v_0, v_1, v_2, w0, w1, w2, y0, y1, y2
+                    )
+                    x0, x1, x2 = x0 + m0, x1 + m1, x2 + m2
+                if held:
+                    x0, x1, x2, y0, y1, y2 = hold(
+                        law, inverse, over_m, h, R, com, arm, p2, warm, cold, x0, x1, x2, y0, y1, y2
+                    )
 
                 # which corners could be hit
                 reach = 0.02 + 3.0 * h * (abs(x2) + 0.2 * (abs(y0) + abs(y1) + abs(y2)))
@@ -179,15 +206,15 @@ def simulate_body(  # type: ignore[no-untyped-def]
                 touched, status, residual, n = False, 0, 0.0, 0
                 u0, u1, u2, n0, n1, n2, f0, f1, f2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                 if low:
-                    R[0, 0], R[0, 1], R[0, 2] = r00, r01, r02
-                    R[1, 0], R[1, 1], R[1, 2] = r10, r11, r12
-                    R[2, 0], R[2, 1], R[2, 2] = r20, r21, r22
                     # velocities of the centre of mass, free (u) and before the step (k)
                     s0, s1, s2 = y1 * c2 - y2 * c1, y2 * c0 - y0 * c2, y0 * c1 - y1 * c0
                     u0 = x0 + r00 * s0 + r01 * s1 + r02 * s2
                     u1 = x1 + r10 * s0 + r11 * s1 + r12 * s2
                     u2 = x2 + r20 * s0 + r21 * s1 + r22 * s2
-                    k2 = v_2 + (r20 * (w1 * c2 - w2 * c1) + r21 * (w2 * c0 - w0 * c2) + r22 * (w0 * c1 - w1 * c0))
+                    s0, s1, s2 = w1 * c2 - w2 * c1, w2 * c0 - w0 * c2, w0 * c1 - w1 * c0
+                    k0 = v_0 + (r00 * s0 + r01 * s1 + r02 * s2)
+                    k1 = v_1 + (r10 * s0 + r11 * s1 + r12 * s2)
+                    k2 = v_2 + (r20 * s0 + r21 * s1 + r22 * s2)
                     for c in range(nc):
                         state[c] = 0
                         if height[c] < reach:
@@ -223,9 +250,14 @@ def simulate_body(  # type: ignore[no-untyped-def]
                             V[B, r] = target
                             V[B, r + 1] += u0
                             V[B, r + 2] += u1
-                            V[MU, n] = mu[c]
+                            grip = mu[c]
+                            if lawful:
+                                slip1 = k0 + tau[c, 1, 0] * w0 + tau[c, 1, 1] * w1 + tau[c, 1, 2] * w2
+                                slip2 = k1 + tau[c, 2, 0] * w0 + tau[c, 2, 1] * w1 + tau[c, 2, 2] * w2
+                                grip = friction_of(law, grip, slip1, slip2, V[B, r + 1], V[B, r + 2])
                             if cohesion > 0.0 and not cold and warm[c, 0] > 0.0:
-                                V[MU, n] = min(2.0 * mu[c], mu[c] + cohesion * h / warm[c, 0])
+                                grip = min(2.0 * grip, grip + cohesion * h / warm[c, 0])
+                            V[MU, n] = grip
                             chosen[n] = c
                             closed = closed and target >= 0.0
                             n += 1

@@ -55,6 +55,7 @@ from tossid.physics.articulated import (
 )
 from tossid.physics.body import make_body, network, simulate_body
 from tossid.physics.contact import make_scratch, resolve_contact
+from tossid.physics.forces import forces_of, law_of
 from tossid.physics.solvers import cone_work
 from tossid.physics.solvers.batches import over_threads
 from tossid.physics.system import System
@@ -207,7 +208,8 @@ def simulate(
         n_threads: tosses are split over this many threads.
 
     Raises:
-        InputError: shapes that do not fit, or numbers out of range.
+        InputError: shapes that do not fit, or numbers out of range; forces of the state, or contact beyond a
+            constant friction, of an object with joints or with the polyhedral cone: the tree's kernel has neither.
     """
     q0, v0 = np.ascontiguousarray(q0, dtype=float), np.ascontiguousarray(v0, dtype=float)
     count = len(q0)
@@ -231,6 +233,8 @@ def simulate(
     )
 
     body = make_body(system) if n_directions == 0 else None
+    if body is None:
+        _refuse_effects(system, n_directions)
 
     def part(first: int, last: int) -> None:
         if body is not None:
@@ -248,3 +252,13 @@ def simulate(
 
     over_threads(part, count, n_threads)
     return out
+
+
+def _refuse_effects(system: System, n_directions: int) -> None:
+    """The tree's kernel has no forces of the state and no law of contact but a constant friction."""
+    if forces_of(system.forces).acts or law_of(system.law).acts:
+        what = "the polyhedral friction cone" if n_directions else "objects with joints"
+        raise InputError(
+            f"{what}: forces of the state (drag, wind, springs, …) and contact beyond a constant friction are not "
+            "supported"
+        )

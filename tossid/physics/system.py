@@ -42,6 +42,8 @@ class System(NamedTuple):
     relaxation: damping over stiffness of a corner [s]: what sank comes out as exp(-t / relaxation).
     cohesion: c of |f_t| <= mu f_n + c [N], of a corner that carried load in the step before; the bound stays
         below 2 mu f_n. The law is in `stepping`.
+    forces: the numbers of `forces.Forces` in their order (15,), empty for none.
+    law: the numbers of `forces.Law` in their order (6,), empty for a constant friction.
     """
 
     parent: NDArray[np.int64]
@@ -62,6 +64,8 @@ class System(NamedTuple):
     compliance: float = 0.0
     relaxation: float = 0.0
     cohesion: float = 0.0
+    forces: Array = np.zeros(0)
+    law: Array = np.zeros(0)
 
     @property
     def nv(self) -> int:

@@ -1,0 +1,351 @@
+"""The library of effects: what may be missing in a simulator, each declared once.
+
+An effect is a change of a `World` with a few parameters. At its nominal values it changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tossid.physics.effects.world import World
+from tossid.types import Phase
+
+FLIGHT, IMPACT, SLIDE, ROLL, REST = Phase.FLIGHT, Phase.IMPACT, Phase.SLIDE, Phase.ROLL, Phase.REST
+ALL = (FLIGHT, IMPACT, SLIDE, ROLL, REST)
+CONTACT = (IMPACT, SLIDE, ROLL, REST)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of an effect, SI.
+
+    nominal: the value that changes nothing, None for "as the world has it" (read by the effect). low, high: the
+    plausible range. step: a small change that matters, for differences and for scaling.
+    """
+
+    name: str
+    nominal: float | None
+    low: float
+    high: float
+    step: float
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One cause of a gap.
+
+    Attributes:
+        name: CONTRACT.md's.
+        family: body, environment, fluid, field, contact, joint or measurement.
+        parameters: its numbers.
+        phases: where it acts.
+        says: what it is, for the report.
+        apply: the world with the effect, given the parameters' values by name.
+        read: the parameters' values in a world (for those without a fixed nominal).
+    """
+
+    name: str
+    family: str
+    parameters: tuple[Parameter, ...]
+    phases: tuple[Phase, ...]
+    says: str
+    apply: Callable[[World, Mapping[str, float]], World]
+    read: Callable[[World], Mapping[str, float]] = lambda world: {}
+
+    def nominal(self, world: World) -> np.ndarray:
+        """Values (P,) at which the effect changes nothing in this world."""
+        here = self.read(world)
+        return np.array([here[p.name] if p.nominal is None else p.nominal for p in self.parameters])
+
+    def at(self, world: World, values: np.ndarray) -> World:
+        """The world with the effect at the values (P,), brought back into their range."""
+        named = {p.name: float(np.clip(x, p.low, p.high)) for p, x in zip(self.parameters, values, strict=True)}
+        return self.apply(world, named)
+
+
+def _body(world: World, **changes: object) -> World:
+    return replace(world, object=world.object.with_changes(**changes))
+
+
+def _com_offset(world: World, p: Mapping[str, float]) -> World:
+    com = world.object.com.copy()
+    com[0] += [p["x_m"], p["y_m"], p["z_m"]]
+    return _body(world, com=com)
+
+
+def _forces(**names: str) -> Callable[[World, Mapping[str, float]], World]:
+    """An effect whose parameters are numbers of `Forces`."""
+    return lambda world, p: replace(world, forces=world.forces._replace(**{k: p[n] for k, n in names.items()}))
+
+
+def _law(**names: str) -> Callable[[World, Mapping[str, float]], World]:
+    return lambda world, p: replace(world, law=world.law._replace(**{k: p[n] for k, n in names.items()}))
+
+
+def _compliance(world: World, p: Mapping[str, float]) -> World:
+    stiffness = float(np.exp(p["log_stiffness_npm"])) if "log_stiffness_npm" in p else p["stiffness_npm"]
+    return _body(world, compliance=1 / stiffness, relaxation=p["damping_nspm"] / stiffness, restitution=0.0)
+
+
+def _restitution(world: World, p: Mapping[str, float]) -> World:
+    return _body(world, restitution=p["e"], compliance=0.0, relaxation=0.0)
+
+
+def _anisotropic(world: World, p: Mapping[str, float]) -> World:
+    return replace(_body(world, friction=p["x_mu"]), law=world.law._replace(y_rel=p["y_mu"] / p["x_mu"]))
+
+
+def _velocity_friction(world: World, p: Mapping[str, float]) -> World:
+    law = world.law._replace(static_rel=p["static_mu"] / p["sliding_mu"], slip_speed=p["speed_ms"])
+    return replace(_body(world, friction=p["sliding_mu"]), law=law)
+
+
+def _recording(world: World, **changes: object) -> World:
+    return replace(world, recording=replace(world.recording, **changes))  # type: ignore[arg-type]
+
+
+def _mu(world: World) -> float:
+    return world.object.friction
+
+
+LIBRARY: tuple[Effect, ...] = (
+    Effect(
+        "com_offset",
+        "body",
+        tuple(Parameter(f"{a}_m", 0.0, -0.04, 0.04, 1e-3) for a in "xyz"),
+        ALL,
+        "the centre of mass is not where the object's model has it",
+        _com_offset,
+    ),
+    Effect(
+        "inertia",
+        "body",
+        (Parameter("scale_rel", 1.0, 0.2, 5.0, 0.03),),
+        CONTACT,
+        "the moments of inertia are larger or smaller than stated",
+        lambda w, p: _body(w, inertia=p["scale_rel"] * w.object.inertia),
+    ),
+    Effect(
+        "geometry",
+        "body",
+        (Parameter("size_rel", 1.0, 0.8, 1.25, 2e-3),),
+        CONTACT,
+        "the object is larger or smaller than stated",
+        lambda w, p: _body(w, corner_pos=p["size_rel"] * w.object.corner_pos),
+    ),
+    Effect(
+        "gravity",
+        "environment",
+        (Parameter("g_ms2", None, 0.0, 25.0, 0.05),),
+        ALL,
+        "gravity differs from the simulator's",
+        lambda w, p: replace(w, gravity=p["g_ms2"]),
+        lambda w: {"g_ms2": w.gravity},
+    ),
+    Effect(
+        "ground_tilt",
+        "environment",
+        tuple(Parameter(f"{a}_rad", 0.0, -0.2, 0.2, 2e-3) for a in "xy"),
+        CONTACT,
+        "the ground is not level",
+        lambda w, p: replace(w, ground_tilt=(p["x_rad"], p["y_rad"])),
+    ),
+    Effect(
+        "ground_height",
+        "environment",
+        (Parameter("z_m", 0.0, -0.05, 0.05, 5e-4),),
+        CONTACT,
+        "the ground is not at z = 0",
+        lambda w, p: replace(w, ground_height=p["z_m"]),
+    ),
+    Effect(
+        "linear_drag",
+        "fluid",
+        (Parameter("c_nspm", 0.0, 0.0, 2.0, 5e-3),),
+        ALL,
+        "a resistance in proportion to speed",
+        _forces(linear="c_nspm"),
+    ),
+    Effect(
+        "quadratic_drag",
+        "fluid",
+        (Parameter("c_ns2pm2", 0.0, 0.0, 2.0, 5e-3),),
+        ALL,
+        "a resistance in proportion to speed squared, as air's",
+        _forces(quadratic="c_ns2pm2"),
+    ),
+    Effect(
+        "spin_drag",
+        "fluid",
+        (Parameter("c_nms", 0.0, 0.0, 0.02, 2e-5),),
+        ALL,
+        "a torque against spin",
+        _forces(spin="c_nms"),
+    ),
+    Effect(
+        "wind",
+        "fluid",
+        (*(Parameter(f"{a}_ms", 0.0, -10.0, 10.0, 0.2) for a in "xy"), Parameter("c_nspm", 0.02, 1e-3, 1.0, 5e-3)),
+        ALL,
+        "moving air",
+        _forces(wind_x="x_ms", wind_y="y_ms", linear="c_nspm"),
+    ),
+    Effect(
+        "magnus",
+        "fluid",
+        (Parameter("c_ns2pm", 0.0, -0.1, 0.1, 1e-3),),
+        ALL,
+        "a sideways force of a spinning body in air",
+        _forces(magnus="c_ns2pm"),
+    ),
+    Effect(
+        "uniform_force",
+        "field",
+        tuple(Parameter(f"{a}_n", 0.0, -5.0, 5.0, 0.02) for a in "xyz"),
+        ALL,
+        "a constant force",
+        _forces(x="x_n", y="y_n", z="z_n"),
+    ),
+    Effect(
+        "position_force",
+        "field",
+        (
+            Parameter("k_npm", 0.0, 0.0, 50.0, 0.1),
+            *(Parameter(f"{a}_m", 0.0, -2.0, 2.0, 0.05) for a in "xyz"),
+        ),
+        ALL,
+        "a pull towards a point, as of a spring or a magnet",
+        _forces(spring="k_npm", center_x="x_m", center_y="y_m", center_z="z_m"),
+    ),
+    Effect(
+        "vortex",
+        "field",
+        (Parameter("c_npm", 0.0, -20.0, 20.0, 0.05),),
+        ALL,
+        "a force around the world's vertical axis, in proportion to the distance from it",
+        _forces(vortex="c_npm"),
+    ),
+    Effect(
+        "turning_frame",
+        "field",
+        (Parameter("rate_ps", 0.0, -5.0, 5.0, 0.02),),
+        ALL,
+        "a sideways acceleration in proportion to velocity, as in a turning frame",
+        _forces(turning="rate_ps"),
+    ),
+    Effect(
+        "friction",
+        "contact",
+        (Parameter("mu", None, 0.005, 2.0, 5e-3),),
+        CONTACT,
+        "the coefficient of friction differs",
+        lambda w, p: _body(w, friction=p["mu"]),
+        lambda w: {"mu": _mu(w)},
+    ),
+    Effect(
+        "velocity_friction",
+        "contact",
+        (
+            Parameter("static_mu", None, 0.005, 2.0, 5e-3),
+            Parameter("sliding_mu", None, 0.005, 2.0, 5e-3),
+            Parameter("speed_ms", 0.2, 0.01, 3.0, 0.02),
+        ),
+        CONTACT,
+        "friction depends on the speed of sliding",
+        _velocity_friction,
+        lambda w: {"static_mu": _mu(w), "sliding_mu": _mu(w)},
+    ),
+    Effect(
+        "anisotropic_friction",
+        "contact",
+        tuple(Parameter(f"{a}_mu", None, 0.005, 2.0, 5e-3) for a in "xy"),
+        CONTACT,
+        "friction differs with direction",
+        _anisotropic,
+        lambda w: {"x_mu": _mu(w), "y_mu": _mu(w)},
+    ),
+    Effect(
+        "cohesion",
+        "contact",
+        (Parameter("c_n", 0.0, 0.0, 2.0, 5e-3),),
+        CONTACT,
+        "friction keeps a part that does not depend on the load",
+        lambda w, p: _body(w, cohesion=p["c_n"]),
+    ),
+    Effect(
+        "torsional_friction",
+        "contact",
+        (Parameter("radius_m", 0.0, 0.0, 0.1, 1e-3),),
+        CONTACT,
+        "a contact resists spin about the vertical",
+        _law(torsional="radius_m"),
+    ),
+    Effect(
+        "rolling_resistance",
+        "contact",
+        (Parameter("radius_m", 0.0, 0.0, 0.1, 1e-3),),
+        CONTACT,
+        "a contact resists rolling",
+        _law(rolling="radius_m"),
+    ),
+    Effect(
+        "restitution",
+        "contact",
+        (Parameter("e", None, 0.0, 0.95, 0.02),),
+        CONTACT,
+        "impacts bounce",
+        _restitution,
+        lambda w: {"e": w.object.restitution},
+    ),
+    Effect(
+        "compliance",
+        "contact",
+        (Parameter("stiffness_npm", 2e5, 200.0, 5e5, 1e3), Parameter("damping_nspm", 100.0, 0.0, 1e3, 2.0)),
+        CONTACT,
+        "contact yields like a spring and a damper",
+        _compliance,
+    ),
+    Effect(
+        "adhesion",
+        "contact",
+        (Parameter("force_n", 0.0, 0.0, 10.0, 0.02),),
+        CONTACT,
+        "the ground holds on to what touches it",
+        _law(adhesion="force_n"),
+    ),
+    Effect(
+        "length_scale",
+        "measurement",
+        (Parameter("scale_rel", 1.0, 0.7, 1.4, 1e-3),),
+        ALL,
+        "recorded lengths are too short or too long",
+        lambda w, p: _recording(w, length_scale=p["scale_rel"]),
+    ),
+    Effect(
+        "time_base",
+        "measurement",
+        (Parameter("rate_rel", 1.0, 0.7, 1.4, 1e-3),),
+        ALL,
+        "the recording's clock is too fast or too slow",
+        lambda w, p: _recording(w, clock_rate=p["rate_rel"]),
+    ),
+    Effect(
+        "body_frame_offset",
+        "measurement",
+        tuple(Parameter(f"{a}_m", 0.0, -0.05, 0.05, 5e-4) for a in "xyz"),
+        ALL,
+        "the recorded frame does not sit where the object's frame is",
+        lambda w, p: _recording(w, frame_offset=(p["x_m"], p["y_m"], p["z_m"])),
+    ),
+    Effect(
+        "world_tilt",
+        "measurement",
+        tuple(Parameter(f"{a}_rad", 0.0, -0.2, 0.2, 2e-3) for a in "xy"),
+        ALL,
+        "the recorded world is tilted against the vertical",
+        lambda w, p: _recording(w, world_tilt=(p["x_rad"], p["y_rad"])),
+    ),
+)

@@ -1,0 +1,227 @@
+"""Forces of the state on a single body, and contact beyond a constant friction: what `body` adds to its step.
+
+Forces act at the centre of mass p, with velocity u and world spin omega, and are taken at the step's middle.
+With O = magnus / m omega + turning e_z and k the drag per mass at the speed there,
+
+    u' = u + h (g + a(p + h u / 2) + O x U - k U),     U = (u + u') / 2, in magnus and drag less the wind
+
+is second order, conserves the energy of a spring over long times, and is stable for any drag: u' is solved for.
+Spin drag is likewise implicit in the mean spin.
+
+What contact adds depends on the contact itself, and is lagged so that the contact problem stays one of constant
+friction. All of it is known before the problem is solved:
+
+    speed in friction       the corner's slip at the step's start: before an impact, or at the end of the last step
+    direction in friction   the corner's slip without this step's contact forces; that is where the load pushes
+    load of resistance      the normal impulse of the step before, over all corners
+    adhesion                of corners that carried load in the step before or are within `ADHESION_REACH`
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_jit = numba.njit(cache=True, error_model="numpy", nogil=True)
+
+ADHESION_REACH = 5e-4
+"""Height [m] up to which a corner is held by adhesion."""
+
+
+class Forces(NamedTuple):
+    """Forces and torques of the state, at the centre of mass, in the world. u, omega: its velocity and spin there.
+
+    linear [N s/m], quadratic [N s²/m²]: drag -c w, -c |w| w of the velocity w = u - wind. spin [N m s]: torque
+    -c omega. wind_x, wind_y [m/s]. magnus [N s²/m]: c omega x w. x, y, z [N]: a uniform force. spring [N/m]
+    towards (center_x, center_y, center_z) [m]. vortex [N/m]: c e_z x p. turning [1/s]: m c e_z x u, as in a frame
+    that turns at -c/2.
+    """
+
+    linear: float = 0.0
+    quadratic: float = 0.0
+    spin: float = 0.0
+    wind_x: float = 0.0
+    wind_y: float = 0.0
+    magnus: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    spring: float = 0.0
+    center_x: float = 0.0
+    center_y: float = 0.0
+    center_z: float = 0.0
+    vortex: float = 0.0
+    turning: float = 0.0
+
+    @property
+    def acts(self) -> bool:
+        """Whether anything pulls; wind and the spring's centre alone do not."""
+        rest = Forces(
+            wind_x=self.wind_x,
+            wind_y=self.wind_y,
+            center_x=self.center_x,
+            center_y=self.center_y,
+            center_z=self.center_z,
+        )
+        return self != rest
+
+
+class Law(NamedTuple):
+    """Contact beyond a constant friction.
+
+    Friction at slip speed s is mu (1 + (static_rel - 1) exp(-(s / slip_speed)²)), static_rel = 1 for none;
+    y_rel: friction along the world's y over that along x, 1 / mu² = d_x² / mu_x² + d_y² / mu_y² for a slip along d.
+    torsional, rolling [m]: torque per normal force against spin about the vertical and about the horizontal.
+    adhesion [N]: pull of the ground on each touching corner.
+    """
+
+    static_rel: float = 1.0
+    slip_speed: float = 0.1
+    y_rel: float = 1.0
+    torsional: float = 0.0
+    rolling: float = 0.0
+    adhesion: float = 0.0
+
+    @property
+    def acts(self) -> bool:
+        """Whether contact differs from that of a constant friction; the slip speed alone does not."""
+        return self != Law(slip_speed=self.slip_speed)
+
+
+def forces_of(numbers: Array) -> Forces:
+    """Forces from their numbers in order (15,), none of an empty array."""
+    return Forces(*map(float, numbers))
+
+
+def law_of(numbers: Array) -> Law:
+    """The law from its numbers in order (6,), the nominal one of an empty array."""
+    return Law(*map(float, numbers))
+
+
+@_jit
+def damped(inertia, c):  # type: ignore[no-untyped-def]
+    """(I + c 1)^-1 (3, 3), by cofactors."""
+    A = inertia + c * np.eye(3)
+    out = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            k, l, m, n = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+            out[j, i] = A[k, m] * A[l, n] - A[k, n] * A[l, m]
+    return out / (A[0, 0] * out[0, 0] + A[0, 1] * out[1, 0] + A[0, 2] * out[2, 0])
+
+
+@_jit
+def push(forces, gravity, over_m, h, R, com, p0, p1, p2, v_0, v_1, v_2, w0, w1, w2, y0, y1, y2):  # type: ignore[no-untyped-def]
+    """What the forces add to the velocity of the centre of mass over a step [m/s, world], beside gravity's h g.
+
+    R (3, 3), p, v: orientation, place and velocity of the origin at the start; w, y: spin (body) before and after.
+    """
+    f = forces
+    c0, c1, c2 = com[0], com[1], com[2]
+    s0, s1, s2 = w1 * c2 - w2 * c1, w2 * c0 - w0 * c2, w0 * c1 - w1 * c0
+    u0 = v_0 + R[0, 0] * s0 + R[0, 1] * s1 + R[0, 2] * s2
+    u1 = v_1 + R[1, 0] * s0 + R[1, 1] * s1 + R[1, 2] * s2
+    u2 = v_2 + R[2, 0] * s0 + R[2, 1] * s1 + R[2, 2] * s2
+    # at the middle of the step: place, then the acceleration that does not depend on velocity
+    half = 0.5 * h
+    p0 += R[0, 0] * c0 + R[0, 1] * c1 + R[0, 2] * c2 + half * u0
+    p1 += R[1, 0] * c0 + R[1, 1] * c1 + R[1, 2] * c2 + half * u1
+    p2 += R[2, 0] * c0 + R[2, 1] * c1 + R[2, 2] * c2 + half * u2
+    a0 = gravity[0] + over_m * (f.x + f.spring * (f.center_x - p0) - f.vortex * p1)
+    a1 = gravity[1] + over_m * (f.y + f.spring * (f.center_y - p1) + f.vortex * p0)
+    a2 = gravity[2] + over_m * (f.z + f.spring * (f.center_z - p2))
+    # relative to the wind, in which turning adds a constant
+    a0, a1 = a0 - f.turning * f.wind_y, a1 + f.turning * f.wind_x
+    e0, e1, e2 = u0 - f.wind_x, u1 - f.wind_y, u2
+    k = over_m * (f.linear + f.quadratic * math.sqrt(e0 * e0 + e1 * e1 + e2 * e2))
+    s = 1.0 / (1.0 + half * k)
+    m0, m1, m2 = s * (e0 + half * a0), s * (e1 + half * a1), s * (e2 + half * a2)
+    k = over_m * (f.linear + f.quadratic * math.sqrt(m0 * m0 + m1 * m1 + m2 * m2))
+    # the mean velocity U: (1 + h/2 k) U - h/2 O x U = e + h/2 a
+    s0, s1, s2 = 0.5 * (w0 + y0), 0.5 * (w1 + y1), 0.5 * (w2 + y2)
+    b = 1.0 / (1.0 + half * k)
+    c = half * b * over_m * f.magnus
+    o0 = c * (R[0, 0] * s0 + R[0, 1] * s1 + R[0, 2] * s2)
+    o1 = c * (R[1, 0] * s0 + R[1, 1] * s1 + R[1, 2] * s2)
+    o2 = c * (R[2, 0] * s0 + R[2, 1] * s1 + R[2, 2] * s2) + half * b * f.turning
+    m0, m1, m2 = b * (e0 + half * a0), b * (e1 + half * a1), b * (e2 + half * a2)
+    # (1 - o x) U = m has the solution (m + o x m + o (o . m)) / (1 + |o|²)
+    b = 1.0 / (1.0 + o0 * o0 + o1 * o1 + o2 * o2)
+    s = o0 * m0 + o1 * m1 + o2 * m2
+    s0 = b * (m0 + o1 * m2 - o2 * m1 + o0 * s)
+    s1 = b * (m1 + o2 * m0 - o0 * m2 + o1 * s)
+    s2 = b * (m2 + o0 * m1 - o1 * m0 + o2 * s)
+    return 2.0 * (s0 - e0) - h * gravity[0], 2.0 * (s1 - e1) - h * gravity[1], 2.0 * (s2 - e2) - h * gravity[2]
+
+
+@_jit
+def hold(law, inverse, over_m, h, R, com, arm, p2, warm, cold, x0, x1, x2, y0, y1, y2):  # type: ignore[no-untyped-def]
+    """Free velocities x (origin, world) and y (spin, body) after adhesion's pull and the resistance to spin.
+
+    arm (n_c, 3): corners from the centre of mass. warm (n_c, 3): impulses of the step before, unless `cold`.
+    A resistance stops spin and never turns it: in contact the body is only harder to turn than it is free.
+    """
+    load, pull = 0.0, 0.0
+    m, y = np.zeros(3), np.array([y0, y1, y2])
+    z = p2 + R[2, 0] * com[0] + R[2, 1] * com[1] + R[2, 2] * com[2]
+    for c in range(arm.shape[0]):
+        carried = 0.0 if cold else warm[c, 0]
+        load += carried
+        d0, d1, d2 = arm[c, 0], arm[c, 1], arm[c, 2]
+        if carried > 0.0 or z + R[2, 0] * d0 + R[2, 1] * d1 + R[2, 2] * d2 < ADHESION_REACH:
+            f = h * law.adhesion
+            pull += f
+            m[0] -= f * (d1 * R[2, 2] - d2 * R[2, 1])
+            m[1] -= f * (d2 * R[2, 0] - d0 * R[2, 2])
+            m[2] -= f * (d0 * R[2, 1] - d1 * R[2, 0])
+    for i in range(3):
+        y[i] += inverse[i, 0] * m[0] + inverse[i, 1] * m[1] + inverse[i, 2] * m[2]
+    if load > 0.0:
+        _resist(law.torsional * load, 0.0, 0.0, 1.0, inverse, R, y)
+        spin0 = R[0, 0] * y[0] + R[0, 1] * y[1] + R[0, 2] * y[2]
+        spin1 = R[1, 0] * y[0] + R[1, 1] * y[1] + R[1, 2] * y[2]
+        size = math.sqrt(spin0 * spin0 + spin1 * spin1)
+        if size > 0.0:
+            _resist(law.rolling * load, spin0 / size, spin1 / size, 0.0, inverse, R, y)
+    # the origin moves with the body: what the spin gained, it gained about the centre of mass
+    g0, g1, g2 = y[0] - y0, y[1] - y1, y[2] - y2
+    s0, s1, s2 = g1 * com[2] - g2 * com[1], g2 * com[0] - g0 * com[2], g0 * com[1] - g1 * com[0]
+    x0 -= R[0, 0] * s0 + R[0, 1] * s1 + R[0, 2] * s2
+    x1 -= R[1, 0] * s0 + R[1, 1] * s1 + R[1, 2] * s2
+    x2 -= R[2, 0] * s0 + R[2, 1] * s1 + R[2, 2] * s2 + over_m * pull
+    return x0, x1, x2, y[0], y[1], y[2]
+
+
+@_jit
+def _resist(impulse, d0, d1, d2, inverse, R, y):  # type: ignore[no-untyped-def]
+    """Take an angular impulse [N m s] against the spin about the world axis d from y, no more than stops it."""
+    a0 = R[0, 0] * d0 + R[1, 0] * d1 + R[2, 0] * d2
+    a1 = R[0, 1] * d0 + R[1, 1] * d1 + R[2, 1] * d2
+    a2 = R[0, 2] * d0 + R[1, 2] * d1 + R[2, 2] * d2
+    g0 = inverse[0, 0] * a0 + inverse[0, 1] * a1 + inverse[0, 2] * a2
+    g1 = inverse[1, 0] * a0 + inverse[1, 1] * a1 + inverse[1, 2] * a2
+    g2 = inverse[2, 0] * a0 + inverse[2, 1] * a1 + inverse[2, 2] * a2
+    spin = a0 * y[0] + a1 * y[1] + a2 * y[2]
+    s = math.copysign(min(impulse, abs(spin) / (a0 * g0 + a1 * g1 + a2 * g2)), spin)
+    y[0] -= s * g0
+    y[1] -= s * g1
+    y[2] -= s * g2
+
+
+@_jit
+def friction_of(law, mu, before_x, before_y, free_x, free_y):  # type: ignore[no-untyped-def]
+    """A corner's friction coefficient in this step, of its slips [m/s] at the start and without contact forces."""
+    if law.static_rel != 1.0:
+        s = (before_x * before_x + before_y * before_y) / (law.slip_speed * law.slip_speed)
+        mu *= 1.0 + (law.static_rel - 1.0) * math.exp(-s)
+    if law.y_rel != 1.0:
+        s = free_x * free_x + free_y * free_y
+        if s > 0.0:
+            mu *= math.sqrt(s / (free_x * free_x + free_y * free_y / (law.y_rel * law.y_rel)))
+    return mu
