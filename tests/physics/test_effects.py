@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 from tossid.errors import InputError
 from tossid.objects import ObjectModel, load_object
 from tossid.physics import Simulation, make_system, simulate
-from tossid.physics.effects import LIBRARY, Forces, Law, World
-from tossid.rotations import quat_exp, quat_rotate
+from tossid.physics.effects import LIBRARY, Forces, Law, Recording, World
+from tossid.rotations import matrix_to_quat, quat_boxminus, quat_exp, quat_mul, quat_rotate, quat_to_matrix
 
 Array = NDArray[np.float64]
 
@@ -304,3 +304,115 @@ def test_plain_systems_carry_no_forces(cube: ObjectModel) -> None:
     system = make_system(cube)
     assert system.forces.size == 0
     assert system.law.size == 0
+
+
+# ---------------------------------------------------------------- ground and recording
+
+STRANGE = World(
+    object=load_object(CONF / "cube.xml"),
+    ground_height=0.03,
+    ground_tilt=(0.05, -0.08),
+    recording=Recording(length_scale=1.1, clock_rate=0.9, frame_offset=(0.01, -0.02, 0.03), world_tilt=(-0.06, 0.1)),
+)
+
+
+def states(count: int) -> tuple[Array, Array]:
+    rng = np.random.default_rng(3)
+    q = np.concatenate([rng.uniform(-0.2, 0.2, (count, 3)), rng.normal(size=(count, 4))], axis=1)
+    q[:, 2] += 0.5
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    return q, rng.normal(size=(count, 6)) * [1, 1, 1, 5, 5, 5]
+
+
+def test_states_come_back_from_the_ground_s_frame() -> None:
+    q, v = states(50)
+    back_q, back_v = STRANGE.recorded(*STRANGE.to_ground(q, v))
+    np.testing.assert_allclose(back_q, q, atol=1e-12)
+    np.testing.assert_allclose(back_v, v, atol=1e-12)
+
+
+def test_recorded_velocities_are_the_rates_of_recorded_poses() -> None:
+    """Of tosses in the ground's frame, at small steps."""
+    q0, v0 = STRANGE.to_ground(*states(10))
+    dt = 1e-5
+    done = simulate(STRANGE.system(), q0, v0, n_steps=2, dt=dt)
+    q, v = STRANGE.recorded(done.q, done.v)
+    between = 2 * dt * STRANGE.recording.clock_rate
+    np.testing.assert_allclose((q[:, 2, :3] - q[:, 0, :3]) / between, v[:, 1, :3], atol=1e-5)
+    np.testing.assert_allclose(quat_boxminus(q[:, 2, 3:], q[:, 0, 3:]) / between, v[:, 1, 3:], atol=1e-5)
+
+
+def by_hand(world: World, q: Array) -> Array:
+    """Recorded poses of true ones, with matrices: p_rec = s W (p + R offset)."""
+    r = world.recording
+    W = quat_to_matrix(quat_exp(np.array([*r.world_tilt, 0.0])))
+    R = quat_to_matrix(q[..., 3:])
+    place = r.length_scale * (W @ (q[..., :3, None] + R @ np.array(r.frame_offset)[:, None]))[..., 0]
+    return np.concatenate([place, matrix_to_quat(W @ R)], axis=-1)
+
+
+@pytest.mark.parametrize(
+    "recording",
+    [
+        Recording(length_scale=1.07),
+        Recording(clock_rate=0.93),
+        Recording(frame_offset=(0.01, -0.02, 0.015)),
+        Recording(world_tilt=(0.08, -0.05)),
+        STRANGE.recording,
+    ],
+)
+def test_a_recording_is_the_true_motion_transformed(cube: ObjectModel, recording: Recording) -> None:
+    q, v = states(8)
+    world = World(cube, recording=recording)
+    r = recording
+    # true motion in true time, and its recording by hand
+    true = simulate(World(cube).system(), q, v, n_steps=40, dt=DT / r.clock_rate, substeps=2)
+    seen = by_hand(world, true.q)
+    # the first recorded state: positions and turns as poses say, rates by differences of the recorded pose
+    tiny = 1e-7
+    ahead, behind = q.copy(), q.copy()
+    for place, sign in ((ahead, 1), (behind, -1)):
+        place[:, :3] += sign * tiny * v[:, :3]
+        place[:, 3:] = quat_mul(q[:, 3:], quat_exp(sign * tiny * v[:, 3:]))
+    rate = 0.5 / tiny / r.clock_rate
+    first_v = np.concatenate(
+        [
+            (by_hand(world, ahead)[:, :3] - by_hand(world, behind)[:, :3]) * rate,
+            quat_boxminus(by_hand(world, ahead)[:, 3:], by_hand(world, behind)[:, 3:]) * rate,
+        ],
+        axis=1,
+    )
+    exact_v = world.recorded(q, v)[1]
+    np.testing.assert_allclose(first_v, exact_v, atol=1e-6)
+    rolled = world.roll_out(seen[:, 0], exact_v, n_steps=40, dt=DT, substeps=2)
+    np.testing.assert_allclose(rolled[..., :3], seen[..., :3], atol=1e-9)
+    assert quat_boxminus(rolled[..., 3:], seen[..., 3:]) == pytest.approx(0, abs=1e-8)
+
+
+def test_world_tilt_turns_true_coordinates_into_recorded_ones(cube: ObjectModel) -> None:
+    """Turned by +a about x, the vertical leans to -y: a falling body drifts to +y in the recording."""
+    world = World(cube, recording=Recording(world_tilt=(0.1, 0.0)))
+    q = np.array([[0.0, 0, 5, 1, 0, 0, 0]])
+    seen = world.roll_out(q, np.zeros((1, 6)), n_steps=30, dt=DT, substeps=1)[0, -1]
+    way = 0.5 * 9.81 * (30 * DT) ** 2
+    np.testing.assert_allclose(seen[:3] - q[0, :3], way * np.array([0, np.sin(0.1), -np.cos(0.1)]), atol=1e-9)
+
+
+@pytest.mark.parametrize("height", [-0.02, 0.03])
+def test_the_ground_lies_at_its_height(cube: ObjectModel, height: float) -> None:
+    q = np.array([[0.0, 0, HALF + height + 0.05, 1, 0, 0, 0]])
+    seen = World(cube, ground_height=height).roll_out(q, np.zeros((1, 6)), n_steps=100, dt=DT, substeps=2)
+    np.testing.assert_allclose(seen[0, -1, 2], HALF + height, atol=1e-6)
+
+
+def test_forces_stay_in_the_true_world_whatever_the_ground(cube: ObjectModel) -> None:
+    """In flight the ground is nothing."""
+    forces = Forces(x=0.5, y=-0.3, z=0.7, spring=6.0, center_x=0.2, center_y=-0.3, center_z=0.8, quadratic=0.1)
+    q, v = np.array([[0.0, 0, 3, 1, 0, 0, 0]]), np.array([[1.0, 0.5, 1, 3, 0, -2]])
+    ends = [
+        World(cube, forces=forces, ground_tilt=tilt, ground_height=height).roll_out(
+            q, v, n_steps=30, dt=DT, substeps=20
+        )
+        for tilt, height in (((0.0, 0.0), 0.0), ((0.1, -0.15), 0.04))
+    ]
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)

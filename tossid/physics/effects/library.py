@@ -1,6 +1,7 @@
 """The library of effects: what may be missing in a simulator, each declared once.
 
-An effect is a change of a `World` with a few parameters. At its nominal values it changes nothing.
+An effect is a change of a `World` with a few parameters. At its nominal values it changes nothing; two
+have none such, and begin near: wind, which without drag is no effect, and compliance, whose nothing is infinite.
 """
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ from tossid.types import Phase
 FLIGHT, IMPACT, SLIDE, ROLL, REST = Phase.FLIGHT, Phase.IMPACT, Phase.SLIDE, Phase.ROLL, Phase.REST
 ALL = (FLIGHT, IMPACT, SLIDE, ROLL, REST)
 CONTACT = (IMPACT, SLIDE, ROLL, REST)
+
+LEAST_DRAG = 0.02
+"""[N s/m] that wind is searched from in a world without drag."""
 
 
 @dataclass(frozen=True)
@@ -188,10 +192,11 @@ LIBRARY: tuple[Effect, ...] = (
     Effect(
         "wind",
         "fluid",
-        (*(Parameter(f"{a}_ms", 0.0, -10.0, 10.0, 0.2) for a in "xy"), Parameter("c_nspm", 0.02, 1e-3, 1.0, 5e-3)),
+        (*(Parameter(f"{a}_ms", 0.0, -10.0, 10.0, 0.2) for a in "xy"), Parameter("c_nspm", None, 1e-3, 1.0, 5e-3)),
         ALL,
         "moving air",
         _forces(wind_x="x_ms", wind_y="y_ms", linear="c_nspm"),
+        lambda w: {"c_nspm": w.forces.linear or LEAST_DRAG},
     ),
     Effect(
         "magnus",

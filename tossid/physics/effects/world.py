@@ -2,7 +2,7 @@
 
 Recorded motion and the simulator's are tied by a `Recording`: lengths, clock, the frame on the body and the
 world's tilt. Ground that is tilted or not at z = 0 is handled as a change of frame too: the simulator's ground stays
-z = 0, and gravity is what tilts.
+z = 0, and gravity is what tilts. So there are three frames: recorded, true (z is up), and the ground's.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Recording:
-    """From true motion to recorded.
+    """From true motion to recorded: p_recorded = length_scale R(world_tilt) (p + R(q) frame_offset).
 
     length_scale: recorded length per true. clock_rate: recorded time per true. frame_offset (3,) [m]: the recorded
-    frame's origin in the body's true frame. world_tilt (2,) [rad]: turn about x and y from the true world to the
-    recorded one.
+    frame's origin in the body's true frame. world_tilt (2,) [rad about x, y]: what turns true coordinates into
+    recorded ones.
     """
 
     length_scale: float = 1.0
@@ -41,7 +41,9 @@ class Recording:
 class World:
     """An object, what pulls at it, what it lands on, and how that is recorded. SI units.
 
-    gravity: downward [m/s²]. ground_height [m] and ground_tilt (2,) [rad about x, y] of the ground in the true world.
+    gravity: downward [m/s²]. ground_height [m], over the true world's origin, and ground_tilt (2,) [rad about x, y]
+    of the ground: p = R(ground_tilt) p_ground + (0, 0, ground_height). Forces are in the true world, except that on
+    tilted ground the wind blows along it, and the axis of vortex and turning is its normal.
     """
 
     object: ObjectModel
@@ -54,14 +56,59 @@ class World:
     residual: Residual | None = None
 
     def with_changes(self, **changes: Any) -> World:
-        """A copy with other values; those of `forces`, `law`, `recording` and the object by their own names."""
+        """A copy with fields replaced."""
         return replace(self, **changes)
+
+    def gravity_on_ground(self) -> Array:
+        """(3,) acceleration of gravity in the ground's frame [m/s²]."""
+        return quat_rotate(quat_conj(_turn(self.ground_tilt)), np.array([0.0, 0.0, -self.gravity]))
+
+    def forces_on_ground(self) -> Forces:
+        """The forces in the ground's frame."""
+        f, back = self.forces, quat_conj(_turn(self.ground_tilt))
+        x, y, z = quat_rotate(back, np.array([f.x, f.y, f.z])).tolist()
+        center = np.array([f.center_x, f.center_y, f.center_z - self.ground_height])
+        center_x, center_y, center_z = quat_rotate(back, center).tolist()
+        return f._replace(x=x, y=y, z=z, center_x=center_x, center_y=center_y, center_z=center_z)
 
     def system(self) -> System:
         """The simulator, in the ground's frame."""
-        down = quat_rotate(quat_conj(_tilt(self.ground_tilt)), np.array([0.0, 0.0, -self.gravity]))
-        system = make_system(self.object, gravity=down, residual=self.residual)
-        return system._replace(forces=np.array(self.forces, dtype=float), law=np.array(self.law, dtype=float))
+        system = make_system(self.object, gravity=self.gravity_on_ground(), residual=self.residual)
+        return system._replace(
+            forces=np.array(self.forces_on_ground(), dtype=float), law=np.array(self.law, dtype=float)
+        )
+
+    def to_ground(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """True states in the ground's frame, of recorded ones: q (*b, nq), v (*b, nv)."""
+        r = self.recording
+        true, tilt = quat_conj(_turn(r.world_tilt)), quat_conj(_turn(self.ground_tilt))
+        turn = quat_mul(tilt, true)
+        q, v, recorded = q.copy(), v * r.clock_rate, q
+        q[..., 3:7] = quat_mul(turn, recorded[..., 3:7])
+        arm, sweep = self._arm(q, v)
+        place = quat_rotate(true, recorded[..., :3]) / r.length_scale - self._lift
+        q[..., :3] = quat_rotate(tilt, place) - arm
+        v[..., :3] = quat_rotate(turn, v[..., :3]) / r.length_scale - sweep
+        return q, v
+
+    def recorded_poses(self, q: Array) -> Array:
+        """Recorded poses of true ones in the ground's frame: (*b, nq)."""
+        r = self.recording
+        tilt, world = _turn(self.ground_tilt), _turn(r.world_tilt)
+        place = quat_rotate(tilt, q[..., :3] + quat_rotate(q[..., 3:7], np.array(r.frame_offset)))
+        out = q.copy()
+        out[..., :3] = quat_rotate(world, place + self._lift) * r.length_scale
+        out[..., 3:7] = quat_mul(quat_mul(world, tilt), q[..., 3:7])
+        return out
+
+    def recorded(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Recorded states of true ones in the ground's frame, the inverse of `to_ground`."""
+        r = self.recording
+        turn = quat_mul(_turn(r.world_tilt), _turn(self.ground_tilt))
+        _, sweep = self._arm(q, v)
+        out = v / r.clock_rate
+        out[..., :3] = quat_rotate(turn, v[..., :3] + sweep) * (r.length_scale / r.clock_rate)
+        return self.recorded_poses(q), out
 
     def roll_out(
         self,
@@ -73,30 +120,34 @@ class World:
         substeps: int,
         n_threads: int = 1,
     ) -> Array:
-        """Recorded motions (B, T + 1, nq) from recorded first states (B, nq), (B, nv); NaN where one diverges."""
-        r = self.recording
-        turn = quat_mul(_tilt(self.ground_tilt, inverse=True), _tilt(r.world_tilt, inverse=True))
-        offset = np.array(r.frame_offset)
-        lift = np.array([0.0, 0.0, self.ground_height])
-        q, v = q0.copy(), v0.copy()
-        q[:, 3:7] = quat_mul(turn, q0[:, 3:7])
-        v[:, 3:] *= r.clock_rate
-        arm = quat_rotate(q[:, 3:7], offset)
-        spin = quat_rotate(q[:, 3:7], v[:, 3:6])
-        q[:, :3] = quat_rotate(turn, q0[:, :3]) / r.length_scale - arm - lift
-        v[:, :3] = quat_rotate(turn, v0[:, :3]) * (r.clock_rate / r.length_scale) - np.cross(spin, arm)
+        """Recorded motions (B, T + 1, nq) from recorded first states (B, nq), (B, nv); NaN where one diverges.
+
+        dt: between recorded frames, on the recording's clock [s].
+        """
+        q, v = self.to_ground(q0, v0)
         run = simulate(
-            self.system(), q, v, n_steps=n_steps, dt=dt / r.clock_rate, substeps=substeps, n_threads=n_threads
+            self.system(),
+            q,
+            v,
+            n_steps=n_steps,
+            dt=dt / self.recording.clock_rate,
+            substeps=substeps,
+            n_threads=n_threads,
         )
-        out = run.q
-        back = quat_conj(turn)
-        p = out[..., :3] + quat_rotate(out[..., 3:7], offset) + lift
-        out[..., :3] = quat_rotate(back, p) * r.length_scale
-        out[..., 3:7] = quat_mul(back, out[..., 3:7])
+        out = self.recorded_poses(run.q)
         out[~run.finite] = np.nan
         return out
 
+    @property
+    def _lift(self) -> Array:
+        return np.array([0.0, 0.0, self.ground_height])
 
-def _tilt(angles: tuple[float, float], *, inverse: bool = False) -> Array:
-    vector = np.array([angles[0], angles[1], 0.0])
-    return quat_exp(-vector if inverse else vector)
+    def _arm(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """From the object's origin to the recorded frame's, and its velocity over the origin's: (*b, 3) each."""
+        offset = np.array(self.recording.frame_offset)
+        return quat_rotate(q[..., 3:7], offset), quat_rotate(q[..., 3:7], np.cross(v[..., 3:6], offset))
+
+
+def _turn(angles: tuple[float, float]) -> Array:
+    """Quaternion of the rotation vector (x, y, 0) [rad]."""
+    return quat_exp(np.array([angles[0], angles[1], 0.0]))
