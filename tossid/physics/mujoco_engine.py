@@ -17,7 +17,7 @@ further from Coulomb's law, since friction then comes too late in an impact; it 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import mujoco
@@ -72,34 +72,92 @@ def simulate_mujoco(
         InputError: a count or a time that is not positive.
         DivergedError: MuJoCo gave up on a toss (it resets a state that explodes); carries the toss's start.
     """
+    if n_steps < 1 or not dt > 0 or (substeps is not None and substeps < 1):
+        raise InputError(f"{n_steps} steps of {dt} s in {substeps} substeps; expected positive numbers")
+    if substeps is None:
+        substeps = math.ceil(dt / RIGID_STEP)
+    step = dt / substeps
+    compiled = compile_scene(model, np.array([0.0, 0.0, -gravity]), step, solref or (2 * step, RIGID_DAMPING), solimp)
+    return run_scene(compiled, model, q0, v0, n_steps, substeps, n_threads=n_threads)
+
+
+def run_scene(
+    compiled: mujoco.MjModel,
+    model: ObjectModel,
+    q0: Array,
+    v0: Array,
+    n_steps: int,
+    substeps: int,
+    *,
+    push: Callable[[Array, Array], Array] | None = None,
+    hold: int = 1,
+    n_threads: int = 1,
+) -> tuple[Array, Array]:
+    """Run a compiled scene, whose time step is a `substeps`-th of a frame, from B states at once.
+
+    Args:
+        model: the object in it; its order of q and v is the scene's.
+        push: from states q (B, nq), v (B, nv) to the force [N] and torque [N m] on each of the scene's bodies,
+            (B, nbody, 6), world axes, at its centre of mass.
+        hold: time steps for which a push is held; a divisor of substeps.
+
+    Returns and raises as `simulate_mujoco`.
+    """
     q0, v0 = np.atleast_2d(np.asarray(q0, dtype=float)), np.atleast_2d(np.asarray(v0, dtype=float))
     if q0.shape[1] != model.nq or v0.shape != (len(q0), model.nv):
         raise MotionError(f"start of shapes {q0.shape} and {v0.shape}, expected (B, {model.nq}) and (B, {model.nv})")
     bad = ~(np.isfinite(q0).all(axis=1) & np.isfinite(v0).all(axis=1))
     if bad.any():
         raise MotionError("start is not finite (NaN or infinity)", row=int(np.argmax(bad)))
-    if n_steps < 1 or not dt > 0 or (substeps is not None and substeps < 1):
-        raise InputError(f"{n_steps} steps of {dt} s in {substeps} substeps; expected positive numbers")
-    if substeps is None:
-        substeps = math.ceil(dt / RIGID_STEP)
-    step = dt / substeps
-    compiled = _compile(model, gravity, step, solref or (2 * step, RIGID_DAMPING), solimp)
     data = [mujoco.MjData(compiled) for _ in range(max(1, n_threads))]
     start = np.concatenate([np.zeros((len(q0), 1)), q0, v0], axis=1)
     q, v = np.empty((len(q0), n_steps + 1, model.nq)), np.empty((len(q0), n_steps + 1, model.nv))
     q[:, 0], v[:, 0] = q0, v0
     at_once = max(n_threads, _ROWS_AT_ONCE // (n_steps * substeps), 1)
+    duration = n_steps * substeps * compiled.opt.timestep
     for first in range(0, len(q0), at_once):
         part = slice(first, first + at_once)
         with _quiet():
-            states, _ = rollout.rollout(
-                compiled, data, start[part], nstep=n_steps * substeps, persistent_pool=n_threads > 1
-            )
-        frames = np.asarray(states)[:, substeps - 1 :: substeps]
-        _check_reached(frames, start[part], first, n_steps * dt)
+            if push is None:
+                states, _ = rollout.rollout(
+                    compiled, data, start[part], nstep=n_steps * substeps, persistent_pool=n_threads > 1
+                )
+                frames = np.asarray(states)[:, substeps - 1 :: substeps]
+            else:
+                frames = _pushed(compiled, data, start[part], n_steps, substeps, push, hold)
+        _check_reached(frames, start[part], first, duration)
         q[part, 1:], v[part, 1:] = frames[..., 1 : 1 + model.nq], frames[..., 1 + model.nq :]
     q[..., 3:7] /= np.linalg.norm(q[..., 3:7], axis=-1, keepdims=True)
     return q, v
+
+
+def _pushed(
+    compiled: mujoco.MjModel,
+    data: list[mujoco.MjData],
+    start: Array,
+    n_steps: int,
+    substeps: int,
+    push: Callable[[Array, Array], Array],
+    hold: int,
+) -> Array:
+    """Frames (B, n_steps, 1 + nq + nv) with forces of the state, each held for some steps."""
+    nq, state = compiled.nq, start
+    frames = np.empty((len(start), n_steps, start.shape[1]))
+    for frame in range(n_steps):
+        for _ in range(substeps // hold):
+            wrench = push(state[:, 1 : 1 + nq], state[:, 1 + nq :]).reshape(len(start), 1, -1)
+            states, _ = rollout.rollout(
+                compiled,
+                data,
+                state,
+                wrench,
+                control_spec=int(mujoco.mjtState.mjSTATE_XFRC_APPLIED),
+                nstep=hold,
+                persistent_pool=len(data) > 1,
+            )
+            state = np.ascontiguousarray(np.asarray(states)[:, -1])
+        frames[:, frame] = state
+    return frames
 
 
 @contextmanager
@@ -113,18 +171,17 @@ def _quiet() -> Iterator[None]:
         mujoco.set_mju_user_warning(before)
 
 
-def _compile(
+def compile_scene(
     model: ObjectModel,
-    gravity: float,
+    gravity: Array,
     step: float,
     solref: tuple[float, float],
     solimp: tuple[float, ...],
 ) -> mujoco.MjModel:
-    compiled = mujoco.MjModel.from_xml_string(
-        to_mjcf(model, gravity=gravity, timestep=step, solref=solref, solimp=solimp)
-    )
+    """The object over the ground plane z = 0, with gravity (3,) [m/s²] and time steps [s]; see `simulate_mujoco`."""
+    compiled = mujoco.MjModel.from_xml_string(to_mjcf(model, timestep=step, solref=solref, solimp=solimp))
     # MJCF text rounds numbers; frames must fall on their times.
-    compiled.opt.timestep, compiled.opt.gravity[:] = step, (0.0, 0.0, -gravity)
+    compiled.opt.timestep, compiled.opt.gravity[:] = step, gravity
     size = mujoco.mj_stateSize(compiled, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     if size != 1 + model.nq + model.nv:
         raise InputError(f"MuJoCo's state of '{model.name}' has {size} numbers, expected {1 + model.nq + model.nv}")

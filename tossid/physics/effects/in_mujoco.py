@@ -1,0 +1,199 @@
+"""Worlds in MuJoCo: which effects it can express, and how.
+
+Forces of the state are applied from outside, each held for at most `PUSH_STEP`. Contact is as
+rigid as `mujoco_engine` has it, unless the world says otherwise:
+
+restitution e: solref (-w², -2 z w), a spring and a damper in acceleration's units. Of their oscillation the contact
+    keeps what is no pull, which makes e a function of z (Schwager and Poeschel, "Coefficient of restitution and linear
+    dashpot model revisited", Granular Matter 2007). w is a share of the time step's rate: the softer, the deeper.
+compliance k [N/m] and damping d [N s/m] of a corner: MuJoCo's force is (a_ref - a) / R with a_ref = -B v - K D r,
+    so that (K, B) = R (k / D, d) makes it k r + d v, but for an added mass 1 / R at the corner. The impedance D
+    keeps that to 0.2 % of the object's mass. Friction has a reference of its own, which knows no compliance.
+torsional friction and rolling resistance: MuJoCo's own, of 4 or 6 dimensions of contact. There they share one cone
+    with friction, so that a sliding contact resists turning less than a resting one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from tossid.errors import InputError
+from tossid.objects import to_mjcf
+from tossid.physics.effects.world import World
+from tossid.physics.forces import Forces
+from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, RIGID_STEP, compile_scene, run_scene
+from tossid.rotations import quat_rotate
+
+Array = NDArray[np.float64]
+
+PUSH_STEP = 2e-4
+"""Longest time [s] for which a force of the state is held."""
+SOFT_IMPEDANCE = 0.002
+"""Impedance of a compliant contact: its added mass, over the object's."""
+BOUNCE_RATE = 0.125
+"""A bouncing contact's frequency w times the time step."""
+
+
+def inexpressible(world: World) -> tuple[str, ...]:
+    """The effects in a world that MuJoCo cannot express, by name."""
+    law = world.law
+    found = {
+        "velocity_friction": law.static_rel != 1.0,
+        "anisotropic_friction": law.y_rel != 1.0,
+        "adhesion": law.adhesion != 0.0,
+        "cohesion": world.object.cohesion != 0.0,
+        "residual": world.residual is not None,
+    }
+    return tuple(name for name, there in found.items() if there)
+
+
+def toss_in_mujoco(
+    world: World,
+    q0: Array,
+    v0: Array,
+    n_steps: int,
+    dt: float,
+    *,
+    substeps: int | None = None,
+    n_threads: int = 1,
+) -> tuple[Array, Array]:
+    """Toss a world's object in MuJoCo, from B true states in the ground's frame.
+
+    Args:
+        q0: (B, nq). v0: (B, nv).
+        n_steps: frames after the first. dt: between frames, true time [s].
+        substeps: MuJoCo steps a frame; None for as many as keep contact near rigid.
+
+    Returns:
+        q (B, n_steps + 1, nq) and v (B, n_steps + 1, nv), true, in the ground's frame.
+
+    Raises:
+        InputError: an effect that MuJoCo cannot express, or forces on an object with joints.
+        MotionError, DivergedError: as `simulate_mujoco`.
+    """
+    missing = inexpressible(world)
+    if missing:
+        raise InputError(f"MuJoCo cannot express {', '.join(missing)}")
+    if n_steps < 1 or not dt > 0 or (substeps is not None and substeps < 1):
+        raise InputError(f"{n_steps} steps of {dt} s in {substeps} substeps; expected positive numbers")
+    bouncy, forced = world.object.restitution > 0, world.forces.acts
+    if substeps is None:
+        substeps = math.ceil(dt / (0.5 * RIGID_STEP if bouncy else RIGID_STEP))
+    hold = 1
+    if forced:
+        if world.object.n_joints:
+            raise InputError("objects with joints: forces of the state (drag, wind, springs, …) are not supported")
+        pushes = min(substeps, math.ceil(dt / PUSH_STEP))
+        hold = math.ceil(substeps / pushes)
+        substeps = hold * pushes
+    return run_scene(
+        scene(world, dt / substeps),
+        world.object,
+        q0,
+        v0,
+        n_steps,
+        substeps,
+        push=pusher(world, hold * dt / substeps) if forced else None,
+        hold=hold,
+        n_threads=n_threads,
+    )
+
+
+def scene(world: World, step: float) -> mujoco.MjModel:
+    """The world's ground frame, but for its forces, in MuJoCo at time steps of `step` [s]."""
+    model, law, gravity = world.object, world.law, world.gravity_on_ground()
+    if model.compliance > 0:
+        compiled = _compliant(world, gravity, step)
+    elif model.restitution > 0:
+        ratio = damping_ratio(model.restitution)
+        rate = min(BOUNCE_RATE, 0.5 / ratio) / step
+        compiled = compile_scene(model, gravity, step, (-(rate**2), -2 * ratio * rate), RIGID_SOLIMP)
+    else:
+        compiled = compile_scene(model, gravity, step, (2 * step, RIGID_DAMPING), RIGID_SOLIMP)
+    if law.torsional > 0 or law.rolling > 0:
+        dimensions = 6 if law.rolling > 0 else 4
+        compiled.geom_condim[:], compiled.pair_dim[:] = dimensions, dimensions
+        compiled.geom_friction[:, 1:] = law.torsional, law.rolling
+        compiled.pair_friction[:, 2], compiled.pair_friction[:, 3:] = law.torsional, law.rolling
+    return compiled
+
+
+def damping_ratio(restitution: float) -> float:
+    """Damping ratio z of a contact that bounces with `restitution` e, 0 < e <= 1, and does not pull."""
+
+    def excess(z: float) -> float:
+        w = math.sqrt(abs(1 - z * z))
+        angle = math.pi - math.atan2(2 * z * w, 1 - 2 * z * z) if z < 1 else 2 * math.log(z + w)
+        return (math.exp(-z / w * angle) if w > 0 else math.exp(-2)) - restitution
+
+    return float(brentq(excess, 1e-9, 1e4)) if excess(1e-9) > 0 else 1e-9
+
+
+def _compliant(world: World, gravity: Array, step: float) -> mujoco.MjModel:
+    model, d = world.object, SOFT_IMPEDANCE
+    solimp = (d, d, 0.001, 0.5, 2.0)
+    spec = mujoco.MjSpec.from_string(to_mjcf(model, timestep=step, solimp=solimp))
+    for body in range(model.n_bodies):
+        if (model.corner_body == body).any():
+            spec.add_pair(
+                name=f"contact_{body}",
+                geomname1="ground",
+                geomname2=f"hull_{body}",
+                condim=3,
+                friction=[model.friction, model.friction, 0.0, 0.0, 0.0],
+                solimp=list(solimp),
+            )
+    for geom in spec.geoms:
+        geom.contype, geom.conaffinity = 0, 0
+    compiled = spec.compile()
+    compiled.opt.timestep, compiled.opt.gravity[:] = step, gravity
+    compiled.opt.impratio = 100 * (1 - d) / d  # friction is a hundred times as stiff as what would creep
+    for pair in range(compiled.npair):
+        # MuJoCo's estimate of a corner's inverse mass, from which it makes R = (1 - d) / d of it
+        inverse = compiled.body_invweight0[compiled.geom_bodyid[compiled.pair_geom2[pair]], 0]
+        stiffness = 1 / model.compliance
+        spring = stiffness * (1 - d) * inverse
+        compiled.pair_solref[pair] = -spring, -max(model.relaxation * spring, 1e-9)
+        # its friction stops in a few time steps
+        compiled.pair_solreffriction[pair] = -1e-9, -0.5 * d / step
+    return compiled
+
+
+def pusher(world: World, hold: float) -> Callable[[Array, Array], Array]:
+    """From states q (B, 7), v (B, 6) of a single body to its wrench in MuJoCo (B, 2, 6), the ground's first.
+
+    hold: for how long [s] it is held; it is the wrench at half that time, as if nothing touched.
+    """
+    forces, model, gravity = world.forces_on_ground(), world.object, world.gravity_on_ground()
+    mass, com = float(model.mass[0]), model.com[0]
+
+    def push(q: Array, v: Array) -> Array:
+        force, _ = wrench(forces, mass, com, q, v)
+        middle_q, middle_v = q.copy(), v.copy()
+        middle_q[:, :3] += 0.5 * hold * v[:, :3]
+        middle_v[:, :3] += 0.5 * hold * (gravity + force / mass)
+        out = np.zeros((len(q), 2, 6))
+        out[:, 1, :3], out[:, 1, 3:] = wrench(forces, mass, com, middle_q, middle_v)
+        return out
+
+    return push
+
+
+def wrench(f: Forces, mass: float, com: Array, q: Array, v: Array) -> tuple[Array, Array]:
+    """Force [N] at the centre of mass and torque [N m], world axes, (*b, 3) each, of states q (*b, 7), v (*b, 6)."""
+    omega = quat_rotate(q[..., 3:7], v[..., 3:6])
+    arm = quat_rotate(q[..., 3:7], com)
+    p, u = q[..., :3] + arm, v[..., :3] + np.cross(omega, arm)
+    up = np.array([0.0, 0.0, 1.0])
+    air = u - [f.wind_x, f.wind_y, 0.0]
+    speed = np.linalg.norm(air, axis=-1, keepdims=True)
+    force = -(f.linear + f.quadratic * speed) * air + f.magnus * np.cross(omega, air) + [f.x, f.y, f.z]
+    force += f.spring * (np.array([f.center_x, f.center_y, f.center_z]) - p)
+    force += f.vortex * np.cross(up, p) + mass * f.turning * np.cross(up, u)
+    return force, -f.spin * omega
