@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from pipelines.datasets import save
 from pipelines.outputs import output_folder
 from pipelines.project import RECORDINGS, load_object, write_object
 from pipelines.schemas import SynthesizeConfig
-from pipelines.tossing import add_noise, make_tosses
+from pipelines.tossing import add_noise, label_as_seen, make_tosses, world_of
 from tossid.errors import ConfigError
 from tossid.store import draw_splits, file_sha256
 
@@ -31,10 +32,14 @@ def run(config: SynthesizeConfig, console: Console) -> dict[str, Any]:
         raise ConfigError(
             "object.tags", f"'{model.name}' has no tags that a camera could see; give them, or frames=false."
         )
+    if config.effects:
+        world_of(config, model)  # refuses what will not do, before anything is written
     out = config.out or RECORDINGS / f"{config.object.name}-{config.engine.name}-{config.seed}"
     motion, noise, images = np.random.default_rng(config.seed).spawn(3)
     with output_folder(out, made_by="tossid synthesize") as folder:
         console.say(f"tossing '{model.name}' {config.tosses} times with engine {config.engine.name}")
+        if config.effects:
+            console.say(f"effects: {', '.join(config.effects)}")
         tosses, unsolved = make_tosses(config, model, motion)
         if unsolved:
             console.warn(f"the contact problem missed its tolerance in {unsolved} time steps")
@@ -45,8 +50,12 @@ def run(config: SynthesizeConfig, console: Console) -> dict[str, Any]:
             tosses = made.tosses
             facts = {"n_images": made.n_images, "cameras": made.cameras}
         else:
-            seen = draw_splits(add_noise(tosses, model, config.noise, noise), fractions=config.splits, seed=config.seed)
-            _save(config, seen, model, folder / TOSSES, unsolved)
+            seen = add_noise(tosses, model, config.noise, noise)
+            if config.effects:
+                seen = label_as_seen(seen, model, config)
+            seen = draw_splits(seen, fractions=config.splits, seed=config.seed)
+            # what a diagnosis is to find stands in the truth alone
+            _save(replace(config, effects={}), seen, model, folder / TOSSES, unsolved)
             facts = {"dataset": str(out / TOSSES), "n_images": 0}
         write_object(config.object, folder)
         _save(config, tosses, model, folder / TRUTH, unsolved)

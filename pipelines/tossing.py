@@ -1,19 +1,28 @@
-"""Synthetic tosses: how they begin, how an engine carries them on, where they end, what noise is added."""
+"""Synthetic tosses: in which world they happen, how they begin, how an engine carries them on, where they end, what
+noise is added.
+
+Tosses are simulated in the ground's frame of their world, and written as that world records them.
+"""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.keys import nearest
 from pipelines.schemas import MujocoEngine, NoiseConfig, ReleaseConfig, SynthesizeConfig
-from tossid.errors import DivergedError
+from tossid.errors import ConfigError, DivergedError
 from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import quat_exp, quat_mul
 from tossid.types import Toss
+
+if TYPE_CHECKING:
+    from tossid.physics.effects import World
 
 Array = NDArray[np.float64]
 
@@ -55,8 +64,54 @@ def draw_releases(
     return q, v
 
 
-def simulate(config: SynthesizeConfig, model: ObjectModel, q0: Array, v0: Array) -> tuple[Array, Array, int]:
-    """Motions from the given states.
+def world_of(config: SynthesizeConfig, model: ObjectModel) -> World:
+    """The world of a call: the nominal one with the effects of its keys, in their order.
+
+    Raises:
+        ConfigError: an effect or a parameter that is not in the library, a value out of its range, or an effect that
+            the engine does not have.
+    """
+    from tossid.physics.effects import LIBRARY, World
+
+    library = {effect.name: effect for effect in LIBRARY}
+    world = World(model, gravity=config.gravity)
+    for name, given in config.effects.items():
+        effect = library.get(name)
+        if effect is None:
+            raise ConfigError(
+                f"effects.{name}", "there is no such effect in the library.", suggestion=nearest(name, library)
+            )
+        values = dict(zip((p.name for p in effect.parameters), effect.nominal(world), strict=True))
+        for parameter, value in given.items():
+            key = f"effects.{name}.{parameter}"
+            if parameter not in values:
+                near = nearest(parameter, values)
+                raise ConfigError(key, f"is no parameter of {name}, which has {', '.join(values)}.", suggestion=near)
+            own = next(p for p in effect.parameters if p.name == parameter)
+            if not own.low <= value <= own.high:
+                raise ConfigError(key, f"{value:g} is out of range; expected {own.low:g} to {own.high:g}.")
+            values[parameter] = value
+        world = effect.at(world, np.array(list(values.values())))
+        _refuse_engine(config, world, name)
+    return world
+
+
+def _refuse_engine(config: SynthesizeConfig, world: World, name: str) -> None:
+    """Say that the world, which has just got the effect, is beyond the engine."""
+    forced, lawful = world.forces.acts, world.law.acts
+    if (forced or lawful) and world.object.n_joints:
+        raise ConfigError(f"effects.{name}", "no engine has it for objects with joints.")
+    if isinstance(config.engine, MujocoEngine):
+        from tossid.physics.effects.in_mujoco import inexpressible
+
+        if inexpressible(world):
+            raise ConfigError(f"effects.{name}", "engine=mujoco cannot express it; engine=lcp can.")
+    elif (forced or lawful) and config.engine.directions:
+        raise ConfigError(f"effects.{name}", "engine=lcp has it with the exact cone only; engine.directions=0.")
+
+
+def simulate(config: SynthesizeConfig, world: World, q0: Array, v0: Array) -> tuple[Array, Array, int]:
+    """Motions in the ground's frame, at the times of recorded frames, from the given states.
 
     Args:
         q0: (n, nq). v0: (n, nv).
@@ -69,20 +124,17 @@ def simulate(config: SynthesizeConfig, model: ObjectModel, q0: Array, v0: Array)
         DivergedError: a motion became non-finite.
     """
     n_steps = max(2, round(config.seconds * config.rate_hz))
-    dt, engine = 1.0 / config.rate_hz, config.engine
+    dt, engine = 1.0 / (config.rate_hz * world.recording.clock_rate), config.engine
     threads = os.cpu_count() or 1
     if isinstance(engine, MujocoEngine):
-        from tossid.physics.mujoco_engine import simulate_mujoco
+        from tossid.physics.effects.in_mujoco import toss_in_mujoco
 
-        q, v = simulate_mujoco(
-            model, q0, v0, n_steps, dt, substeps=engine.substeps, gravity=config.gravity, n_threads=threads
-        )
+        q, v = toss_in_mujoco(world, q0, v0, n_steps, dt, substeps=engine.substeps, n_threads=threads)
         return q, v, 0
-    from tossid.physics import make_system
     from tossid.physics import simulate as simulate_lcp
 
     done = simulate_lcp(
-        make_system(model, gravity=config.gravity),
+        world.system(),
         q0,
         v0,
         n_steps=n_steps,
@@ -107,16 +159,22 @@ def cut_at_rest(model: ObjectModel, q: Array, v: Array, *, rate_hz: float, rest_
 
 
 def make_tosses(config: SynthesizeConfig, model: ObjectModel, rng: np.random.Generator) -> tuple[tuple[Toss, ...], int]:
-    """True tosses, each from time 0 until it rests, and the number of unsolved time steps."""
+    """Tosses as they are recorded without noise, each from time 0 until it rests; and the number of unsolved steps.
+
+    Their phases are the true ones.
+    """
     from tossid.motion import label_phases
 
-    q0, v0 = draw_releases(model, config.release, config.tosses, gravity=config.gravity, rng=rng)
-    q, v, unsolved = simulate(config, model, q0, v0)
+    world = world_of(config, model)
+    q0, v0 = draw_releases(world.object, config.release, config.tosses, gravity=world.gravity, rng=rng)
+    true_q, true_v, unsolved = simulate(config, world, q0, v0)
+    q, v = world.recorded(true_q, true_v)
     width = len(str(config.tosses - 1))
     tosses = []
     for i in range(config.tosses):
         n = cut_at_rest(model, q[i], v[i], rate_hz=config.rate_hz, rest_s=config.rest_s)
         t = np.arange(n) / config.rate_hz
+        true_t = t / world.recording.clock_rate
         tosses.append(
             Toss(
                 name=f"{i:0{width}d}",
@@ -125,10 +183,21 @@ def make_tosses(config: SynthesizeConfig, model: ObjectModel, rng: np.random.Gen
                 v=v[i, :n],
                 q_cov=_constant_cov(np.full(model.nv, _Q_FLOOR), n),
                 v_cov=_constant_cov(np.full(model.nv, _V_FLOOR), n),
-                phase=label_phases(model, t, q[i, :n], v[i, :n], gravity=config.gravity),
+                phase=label_phases(world.object, true_t, true_q[i, :n], true_v[i, :n], gravity=world.gravity),
             )
         )
     return tuple(tosses), unsolved
+
+
+def label_as_seen(tosses: Sequence[Toss], model: ObjectModel, config: SynthesizeConfig) -> tuple[Toss, ...]:
+    """Tosses with the phases that the nominal object's recorded motion shows, in place of the true ones."""
+    from tossid.motion import label_phases
+
+    sigma = float(np.hypot(config.noise.velocity, 0.5 * model.width * config.noise.spin))
+    return tuple(
+        replace(toss, phase=label_phases(model, toss.t, toss.q, toss.v, gravity=config.gravity, v_sigma=sigma))
+        for toss in tosses
+    )
 
 
 def add_noise(

@@ -136,6 +136,8 @@ class SynthesizeConfig:
     """frames a second"""
     gravity: NonNegative
     """downward [m/s²]"""
+    effects: dict[str, dict[str, float]]
+    """what differs from the nominal world: {NAME: {PARAM: VALUE}}, of the library of effects, SI; others' nominal"""
     seconds: Positive
     """the longest that a toss may take [s]"""
     rest_s: NonNegative
