@@ -100,6 +100,12 @@ def evaluate(
     _run("evaluate", [*(keys or []), *([f"sweep={sweep}"] if sweep is not None else [])], json=json, quiet=quiet)
 
 
+@app.command(cls=KeyedCommand)
+def diagnose(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Say where a simulator misses the tosses, which effect causes it, and how far that closes the gap."""
+    _run("diagnose", keys, json=json, quiet=quiet)
+
+
 @app.command()
 def info(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Dataset, pose file or recording folder.")],

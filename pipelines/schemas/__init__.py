@@ -11,6 +11,7 @@ Nothing heavy is imported here: help pages read this module.
 
 from __future__ import annotations
 
+from pipelines.schemas.diagnosis import DiagnoseConfig, MjcfSim, NominalSim, RunSim, Sim
 from pipelines.schemas.ingestion import (
     ContactNetsSource,
     DetectConfig,
@@ -50,6 +51,7 @@ from pipelines.schemas.synthesis import (
 
 COMMANDS: dict[str, type] = {
     "detect": DetectStageConfig,
+    "diagnose": DiagnoseConfig,
     "evaluate": EvaluateConfig,
     "ingest": IngestConfig,
     "segment": SegmentStageConfig,
@@ -67,15 +69,18 @@ __all__ = [
     "Count",
     "DetectConfig",
     "DetectStageConfig",
+    "DiagnoseConfig",
     "Engine",
     "EvaluateConfig",
     "Fraction",
     "FramesSource",
     "IngestConfig",
     "LcpEngine",
+    "MjcfSim",
     "ModelConfig",
     "MujocoEngine",
     "NoiseConfig",
+    "NominalSim",
     "NonNegative",
     "ObjectConfig",
     "Ordered",
@@ -83,9 +88,11 @@ __all__ = [
     "Positive",
     "Range",
     "ReleaseConfig",
+    "RunSim",
     "Seed",
     "SegmentConfig",
     "SegmentStageConfig",
+    "Sim",
     "Source",
     "Span",
     "SweepConfig",

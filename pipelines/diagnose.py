@@ -1,0 +1,297 @@
+"""`tossid diagnose`: where a simulator misses the tosses, which effect causes it, how far that closes the gap."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipelines.console import Console
+from pipelines.project import dataset_path
+from pipelines.schemas import DiagnoseConfig, MjcfSim, NominalSim
+from tossid.errors import ConfigError, InputError, TossidError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from tossid.diagnosis.findings import Diagnosis
+    from tossid.objects import ObjectModel
+    from tossid.physics.effects import Effect, World
+    from tossid.types import Toss
+
+FOLDER = Path("outputs/diagnose")
+FEWEST_TOSSES = 6
+"""Fewer than this leave halves of which neither fits nor judges."""
+
+
+@dataclass(frozen=True)
+class Simulator:
+    """What is judged. about: in words. mjcf: the user's own file. run: id of the run. left_out: what is told of it."""
+
+    world: World
+    about: str
+    mjcf: Path | None = None
+    run: str | None = None
+    left_out: tuple[str, ...] = ()
+
+
+def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
+    """Diagnose; returns gap.json's content, and where the report lies."""
+    from pipelines.calling import jsonable
+    from pipelines.outputs import output_folder
+    from pipelines.tracking import tracked_run
+    from tossid.diagnosis.attribution import diagnose
+    from tossid.diagnosis.windows import SUBSTEPS
+    from tossid.store import file_sha256, read_dataset
+
+    data = dataset_path(config.data)
+    library = _library(config)
+    dataset, sha256 = read_dataset(data), file_sha256(data)
+    threads = config.threads or os.cpu_count() or 1
+    simulator = _simulator(config, dataset.object)
+    tosses, remarks = _usable(dataset.tosses, data, console)
+    tosses, lost = _survived(simulator, dataset.object, tosses, data, substeps=SUBSTEPS, threads=threads)
+    remarks += [*lost, *(f"Not in this diagnosis: {text}." for text in simulator.left_out)]
+    for text in [*lost, *(f"not in this diagnosis: {text}" for text in simulator.left_out)]:
+        console.warn(text)
+    folder = config.out or FOLDER / f"{_dataset_name(data)}-{config.sim.name}"
+    with (
+        output_folder(folder, made_by="tossid diagnose") as temporary,
+        tracked_run(folder.name, config, command="diagnose") as tracked,
+    ):
+        tracked.data(data, sha256, context="diagnosis")
+        with console.progress(f"diagnosing {simulator.about}", 100, unit="%") as bar:
+            done = 0.0
+
+            def progress(text: str, share: float) -> None:
+                nonlocal done
+                bar.advance(max(0.0, 100 * share - done), note=text)
+                done = max(done, 100 * share)
+
+            found = diagnose(
+                tosses, simulator.world, library=library, n_threads=threads, seed=config.seed, progress=progress
+            )
+            progress("next toss and patch", 0.95)
+            extra = _beside(config, found, simulator, tosses, dataset.object, threads, console)
+            progress("report", 0.99)
+            gap = {
+                **found.as_json(),
+                **extra,
+                "simulator": {"sim": config.sim.name, "about": simulator.about, "run": simulator.run},
+                "data": {"path": str(data), "sha256": sha256, "object": dataset.object.name},
+                "remarks": remarks,
+            }
+            figures = _write(temporary, gap, found, data, simulator, remarks)
+            progress("done", 1.0)
+        tracked.metrics(_metrics(found))
+        tracked.tag("verdict", found.verdict)
+        tracked.tag("effects", ", ".join(found.named))
+        for name in ("gap.json", "gap.html", "figures"):
+            tracked.artifact(temporary / name)
+        if (temporary / "patched.xml").is_file():
+            tracked.artifact(temporary / "patched.xml")
+    _say(found, gap, folder, console)
+    where: dict[str, Any] = {
+        "out": str(folder),
+        "report": str(folder / "gap.html"),
+        "gap_json": str(folder / "gap.json"),
+        "figures": [str(folder / "figures" / name) for name in figures],
+        "run": tracked.id,
+    }
+    if gap["patch"].get("mjcf"):
+        where["patched_mjcf"] = str(folder / "patched.xml")
+    plain: dict[str, Any] = jsonable(gap)
+    return {**plain, **where}
+
+
+# ---------------------------------------------------------------- what is judged, and on what
+
+
+def _library(config: DiagnoseConfig) -> tuple[Effect, ...]:
+    from pipelines.keys import nearest
+    from tossid.physics.effects import LIBRARY
+
+    names = [effect.name for effect in LIBRARY]
+    for name in config.without:
+        if name not in names:
+            raise ConfigError("without", f"there is no effect '{name}'.", suggestion=nearest(name, names))
+    return tuple(effect for effect in LIBRARY if effect.name not in config.without)
+
+
+def _simulator(config: DiagnoseConfig, recorded: ObjectModel) -> Simulator:
+    from tossid.physics.effects import World
+
+    sim = config.sim
+    if isinstance(sim, NominalSim):
+        return Simulator(World(recorded, gravity=sim.gravity), f"the stated '{recorded.name}', rigid")
+    if isinstance(sim, MjcfSim):
+        from tossid.diagnosis.simulators import world_of_mjcf
+
+        try:
+            world, left_out = world_of_mjcf(sim.path, width=recorded.width)
+        except InputError as error:
+            raise InputError(f"sim.path: {error}") from error
+        return Simulator(world, f"the MuJoCo model {sim.path}", mjcf=sim.path, left_out=tuple(left_out))
+    from pipelines.checkpoints import load_checkpoint
+    from pipelines.runs import find_run
+    from tossid.diagnosis.simulators import world_of_model
+
+    record = find_run(sim.path)
+    if record.checkpoint is None:
+        raise InputError(f"run {record.name} ({record.id or record.folder}) has no checkpoint")
+    about = f"run {record.name}" + (f" ({record.id[:8]})" if record.id else "")
+    world = world_of_model(load_checkpoint(record.checkpoint).model)
+    return Simulator(world, about, run=record.id or None)
+
+
+def _usable(tosses: tuple[Toss, ...], data: Path, console: Console) -> tuple[tuple[Toss, ...], list[str]]:
+    """Tosses that are long enough to predict from.
+
+    Raises:
+        InputError: fewer than `FEWEST_TOSSES`.
+    """
+    from tossid.diagnosis.windows import LENGTH
+
+    least = LENGTH // 2 + 1
+    kept = tuple(toss for toss in tosses if len(toss) >= least)
+    short = len(tosses) - len(kept)
+    if len(kept) < FEWEST_TOSSES:
+        which = f" of at least {least} frames" if short else ""
+        raise InputError(
+            f"{data}: has {len(kept)} tosses{which}; a diagnosis needs at least {FEWEST_TOSSES}, to fit effects to one "
+            "half and judge them on the other"
+        )
+    if short:
+        text = f"{short} of {len(tosses)} tosses are shorter than {least} frames and are left out"
+        console.warn(text)
+        return kept, [f"{text}."]
+    return kept, []
+
+
+def _survived(
+    simulator: Simulator, recorded: ObjectModel, tosses: tuple[Toss, ...], data: Path, *, substeps: int, threads: int
+) -> tuple[tuple[Toss, ...], list[str]]:
+    """The tosses, after the simulator has shown that it is of the same object and survives them."""
+    from tossid.diagnosis.simulators import check_runs, check_same_object
+
+    check_same_object(simulator.world, recorded, where=str(data))
+    lost = check_runs(simulator.world, tosses, where=simulator.about, substeps=substeps, n_threads=threads)
+    return tosses, [
+        f"The simulator diverges on {len(lost)} of {len(tosses)} tosses: {', '.join(lost)}."
+    ] if lost else []
+
+
+def _dataset_name(data: Path) -> str:
+    """ "cube" for data/datasets/cube.h5, "cube-lcp-0" for data/raw/cube-lcp-0/tosses.h5"""
+    return data.resolve().parent.name if data.name == "tosses.h5" else data.stem
+
+
+# ---------------------------------------------------------------- what stands beside the diagnosis
+
+
+def _beside(
+    config: DiagnoseConfig,
+    found: Diagnosis,
+    simulator: Simulator,
+    tosses: tuple[Toss, ...],
+    recorded: ObjectModel,
+    threads: int,
+    console: Console,
+) -> dict[str, Any]:
+    """gap.json's next_toss and patch."""
+    import numpy as np
+
+    from tossid.diagnosis.next_toss import next_toss
+    from tossid.diagnosis.patch import make_patch
+    from tossid.diagnosis.patch_rerun import rerun
+
+    following = next_toss(
+        found.hypothesis,
+        found.alternatives,
+        tosses,
+        recorded,
+        rng=np.random.default_rng(config.seed),
+        n_threads=threads,
+    )
+    patch = make_patch(found.hypothesis, mjcf=simulator.mjcf)
+    report: dict[str, Any] = patch.as_json()
+    report["rerun"] = None
+    if patch.changes or patch.recording or simulator.mjcf is not None:
+        try:
+            report["rerun"] = rerun(patch, found.hypothesis, tosses, recorded, n_threads=threads)
+        except TossidError as error:
+            console.warn(f"the patch was not rerun in MuJoCo: {error}")
+            report["rerun"] = {"problem": str(error)}
+    return {"next_toss": following, "patch": report}
+
+
+def _write(
+    folder: Path,
+    gap: dict[str, Any],
+    found: Diagnosis,
+    data: Path,
+    simulator: Simulator,
+    remarks: list[str],
+) -> list[str]:
+    """gap.json, gap.html, the figures and the patched MJCF; returns the figures' names."""
+    from pipelines.calling import jsonable
+    from pipelines.pictures import write_figures
+    from tossid.diagnosis.figures import report_figures
+    from tossid.diagnosis.report import report_html
+
+    figures: dict[str, Figure] = report_figures(found)
+    about = f"Simulator: {simulator.about}. Tosses: {found.n_tosses} of {data}."
+    page = report_html(found, figures, about=about, patch=gap["patch"], next_toss=gap["next_toss"], remarks=remarks)
+    (folder / "gap.html").write_text(page)
+    (folder / "gap.json").write_text(json.dumps(jsonable(gap), indent=2, allow_nan=False) + "\n")
+    if gap["patch"].get("mjcf"):
+        (folder / "patched.xml").write_text(gap["patch"]["mjcf"])
+    return [path.name for path in write_figures(figures, folder / "figures")]
+
+
+def _metrics(found: Diagnosis) -> dict[str, float]:
+    """What is tracked: the gap, how much of it is closed, the last rollouts' errors."""
+    numbers = {
+        "gap_total": found.gap.total.value,
+        "gap_left": found.left.total.value,
+        "noise_floor": found.gap.noise_floor,
+        "gap_closed": found.gap_closed.value,
+        "n_effects": float(len(found.named)),
+        "seconds": found.seconds,
+    }
+    for when, step in (("before", found.steps[:1]), ("after", found.steps[-1:])):
+        for each in step:
+            numbers[f"position_error_pct/{when}"] = each.position_error_pct.value
+            numbers[f"rotation_error_deg/{when}"] = each.rotation_error_deg.value
+    for finding in found.findings:
+        if finding.name in found.named:
+            numbers |= {f"{finding.name}/{key}": value.value for key, value in finding.parameters.items()}
+    return {name: value for name, value in numbers.items() if math.isfinite(value)}
+
+
+def _say(found: Diagnosis, gap: dict[str, Any], folder: Path, console: Console) -> None:
+    """The verdict in words, the effects in a table."""
+    from tossid.diagnosis.words import headline, in_units, parameter, percent, sentences, verdict_of
+
+    console.say(headline(found))
+    for text in sentences(found):
+        console.say(f"  {text}")
+    shown = [f for f in found.findings if f.verdict in ("identified", "confusable")]
+    rows = [
+        [
+            f.name,
+            ", ".join(f"{parameter(k)} {in_units(k, v)}" for k, v in f.parameters.items()),
+            percent(f.gap_closed.value),
+            verdict_of(f),
+        ]
+        for f in shown
+    ]
+    if rows:
+        console.table(["effect", "found (95 % interval)", "closes alone", "verdict"], rows)
+    release = gap["next_toss"].get("release")
+    if release:
+        console.say(f"next toss: see {folder / 'gap.html'}")
+    console.say(f"report: {folder / 'gap.html'}")

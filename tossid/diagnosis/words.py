@@ -1,0 +1,239 @@
+"""A diagnosis in words: what a person is told first, and the same in the console as on the page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from tossid.diagnosis.findings import Diagnosis, Finding, Interval, Share
+
+_UNITS = {
+    "m": ("mm", 1e3),
+    "rad": ("deg", 180 / math.pi),
+    "rel": ("", 1.0),
+    "ms2": ("m/s²", 1.0),
+    "ms": ("m/s", 1.0),
+    "n": ("N", 1.0),
+    "npm": ("N/m", 1.0),
+    "nspm": ("N s/m", 1.0),
+    "ns2pm2": ("N s²/m²", 1.0),
+    "ns2pm": ("N s²/m", 1.0),
+    "nms": ("N m s", 1.0),
+    "ps": ("1/s", 1.0),
+}
+_CHANNELS = {
+    "p_x": "position along x",
+    "p_y": "position along y",
+    "p_z": "height",
+    "r_x": "rotation about the body's x",
+    "r_y": "rotation about the body's y",
+    "r_z": "rotation about the body's z",
+}
+_VERDICTS = {
+    "no_gap": "No gap to speak of",
+    "explained": "The gap is explained",
+    "partly_explained": "The gap is explained in part",
+    "unexplained": "The gap is not explained",
+}
+_FINDINGS = {
+    "identified": "identified",
+    "confusable": "confusable",
+    "not_supported": "not supported",
+    "not_identifiable": "not identifiable",
+}
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The verdict in one line."""
+    line = _VERDICTS[diagnosis.verdict]
+    return f"{line}: {listed(diagnosis.named)}" if diagnosis.named else line
+
+
+def sentences(diagnosis: Diagnosis) -> list[str]:
+    """What the gap is, which effects explain it, what cannot be told apart, and what is left."""
+    said = [_the_gap(diagnosis)]
+    said += [_one_effect(diagnosis, name) for name in diagnosis.named]
+    if diagnosis.named:
+        said.append(_how_far(diagnosis))
+        said += _not_told_apart(diagnosis)
+    said.append(_what_is_left(diagnosis))
+    if diagnosis.gap.odd:
+        s = "" if len(diagnosis.gap.odd) == 1 else "s"
+        said.append(f"Look at toss{'es' if s else ''} {listed(diagnosis.gap.odd)}: far from all others.")
+    return said
+
+
+def _the_gap(diagnosis: Diagnosis) -> str:
+    gap = diagnosis.gap
+    text = (
+        f"Over short windows the simulator misses the tosses by {short(gap.total.value)} standard deviations of the "
+        f"measurement's noise, where noise alone would leave {short(gap.noise_floor)}."
+    )
+    if diagnosis.verdict == "no_gap":
+        return text + f" On {diagnosis.n_tosses} tosses that is no difference."
+    return text + _mostly("It misses", gap.by_phase, "in") + _mostly("It shows", gap.by_channel, "in")
+
+
+def _mostly(begin: str, shares: Sequence[Share], preposition: str) -> str:
+    """ " It misses mostly in impact (60 %) and slide (25 %)." """
+    order = sorted((s for s in shares if s.share.value > 0.1), key=lambda s: -s.share.value)[:2]
+    if not order:
+        return ""
+    parts = [f"{_CHANNELS.get(s.name, s.name)} ({percent(s.share.value)})" for s in order]
+    return f" {begin} mostly {preposition} {listed(parts)}."
+
+
+def _one_effect(diagnosis: Diagnosis, name: str) -> str:
+    finding = next((f for f in diagnosis.findings if f.name == name), None)
+    if finding is None:
+        return f"{name}."
+    stated = stated_values(diagnosis, name)
+    found = [_found(key, value, stated.get(key)) for key, value in finding.parameters.items()]
+    return f"{name}: {finding.says}. Found: {'; '.join(found)}." if found else f"{name}: {finding.says}."
+
+
+def _found(key: str, value: Interval, stated: float | None) -> str:
+    text = f"{parameter(key)} = {in_units(key, value)}"
+    return text if stated is None else f"{text}, the simulator has {quantity(key, stated)}"
+
+
+def _how_far(diagnosis: Diagnosis) -> str:
+    closed = diagnosis.gap_closed
+    together = "them" if len(diagnosis.named) > 1 else "it"
+    text = (
+        f"With {together} in, {percent(closed.value)} ({percent(closed.low)} to {percent(closed.high)}) of what lies "
+        "above the noise is closed, on tosses that took no part in the fit."
+    )
+    if len(diagnosis.steps) > 1:
+        first, last = diagnosis.steps[0], diagnosis.steps[-1]
+        text += (
+            " Whole tosses, rolled out open loop from their flight, are then missed by "
+            f"{short(last.position_error_pct.value)} % of the width and {short(last.rotation_error_deg.value)} deg; "
+            f"before it was {short(first.position_error_pct.value)} % and "
+            f"{short(first.rotation_error_deg.value)} deg."
+        )
+    return text
+
+
+def _not_told_apart(diagnosis: Diagnosis) -> list[str]:
+    said = []
+    for name in diagnosis.named:
+        finding = next((f for f in diagnosis.findings if f.name == name), None)
+        if finding is not None and finding.confusable_with:
+            others = listed(finding.confusable_with, "or")
+            said.append(
+                f"These tosses cannot tell {name} from {others}: it may be that instead. See the next toss below."
+            )
+    return said
+
+
+def _what_is_left(diagnosis: Diagnosis) -> str:
+    if diagnosis.verdict == "no_gap":
+        return "No effect of the library is needed. The table below says what size of each would have shown."
+    left = max(0.0, 1.0 - diagnosis.gap_closed.value) if diagnosis.named else 1.0
+    if not diagnosis.unexplained:
+        if diagnosis.verdict == "explained":
+            return f"Left is {percent(left)}, and no phase in which it clearly gathers."
+        return f"Left is {percent(left)}; no effect of the library explains it."
+    where = [f"{share.name} ({percent(share.share.value)} of the first gap)" for share in diagnosis.unexplained]
+    return f"Left is {percent(left)}, clearly so in {listed(where)}: something there that the library has no name for."
+
+
+def stated_values(diagnosis: Diagnosis, name: str) -> dict[str, float]:
+    """The parameters of a fitted effect as the simulator had them."""
+    effect = next((e for e in diagnosis.hypothesis.effects if e.name == name), None)
+    if effect is None:
+        return {}
+    values = effect.nominal(diagnosis.hypothesis.base)
+    # a nominal value that only stands for "none" would be read as a statement
+    return {
+        p.name: float(x)
+        for p, x in zip(effect.parameters, values, strict=True)
+        if p.nominal is None or p.nominal in (0.0, 1.0)
+    }
+
+
+def listed(words: Sequence[str], last: str = "and") -> str:
+    """ "a, b and c" """
+    return ", ".join(words) if len(words) < 2 else f"{', '.join(words[:-1])} {last} {words[-1]}"
+
+
+def percent(share: float) -> str:
+    """A share in percent, with a proper minus."""
+    return f"{100 * share:.0f} %".replace("-0 %", "0 %").replace("-", "−") if math.isfinite(share) else "unknown"
+
+
+def short(value: float) -> str:
+    """Three digits, no exponent for everyday sizes."""
+    if not math.isfinite(value):
+        return "unknown"
+    if value == 0 or 1e-3 <= abs(value) < 1e6:
+        decimals = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
+        return f"{value:,.{decimals}f}".replace("-", "−").replace(",", "\u202f")
+    return f"{value:.2e}".replace("-", "−")
+
+
+def parameter(key: str) -> str:
+    """A parameter's name without its unit: "x_m" is "x", "static_mu" is "static mu"."""
+    head, _, tail = key.rpartition("_")
+    return (head if head and tail in _UNITS else key).replace("_", " ")
+
+
+def unit(key: str) -> tuple[str, float]:
+    """Unit in which a parameter is shown, and the factor to it."""
+    return _UNITS.get(key.rpartition("_")[2], ("", 1.0)) if "_" in key else ("", 1.0)
+
+
+def quantity(key: str, value: float) -> str:
+    """A value in its unit."""
+    name, factor = unit(key)
+    return f"{short(factor * value)} {name}".rstrip()
+
+
+def in_units(key: str, value: Interval) -> str:
+    """ "0.299 (0.297 to 0.301)" """
+    name, factor = unit(key)
+    v, low, high = (factor * x for x in (value.value, value.low, value.high))
+    digits = _decimals(v, high - low)
+    texts = [f"{x:,.{digits}f}".replace("-", "−").replace(",", "\u202f") for x in (v, low, high)]
+    return f"{texts[0]} {name}".rstrip() + f" ({texts[1]} to {texts[2]})"
+
+
+def _decimals(value: float, width: float) -> int:
+    """Decimals that two digits of an interval's width ask for."""
+    size = width if width > 0 and math.isfinite(width) else abs(value)
+    if not size > 0:
+        return 0
+    return int(min(max(0, 1 - math.floor(math.log10(size))), 8))
+
+
+def verdict_of(finding: Finding) -> str:
+    """A finding's verdict in words."""
+    text = _FINDINGS[finding.verdict]
+    return f"{text} with {listed(finding.confusable_with)}" if finding.confusable_with else text
+
+
+def next_toss_words(found: dict[str, Any]) -> list[str]:
+    """The next toss in words."""
+    release = found.get("release")
+    if release is None:
+        return [f"None proposed: {found.get('reason', 'nothing is confusable')}."]
+    between = listed(found["between"])
+    w, x, y, z = release["attitude_wxyz"]
+    vx, vy, _ = release["velocity_ms"]
+    heading = math.degrees(math.atan2(vy, vx))
+    return [
+        f"To tell {between} apart, make this toss:",
+        f"release with the lowest corner {100 * release['lowest_corner_m']:.0f} cm above the ground, at "
+        f"x = {release['position_m'][0]:.2f} m, y = {release['position_m'][1]:.2f} m;",
+        f"throw at {release['horizontal_speed_ms']:.2f} m/s towards {heading:.0f} degrees from x, "
+        f"{abs(release['vertical_speed_ms']):.2f} m/s {'up' if release['vertical_speed_ms'] > 0 else 'down'};",
+        f"spin it at {release['spin_rads']:.1f} rad/s, ("
+        + ", ".join(f"{s:.1f}" for s in release["spin_body_rads"])
+        + ") about its own axes;",
+        f"attitude (quaternion w x y z) {w:.2f} {x:.2f} {y:.2f} {z:.2f}.",
+        f"Expected: the two nearest explanations are {found['separation_sd']:.1f} standard deviations apart in this "
+        f"toss; a toss like those seen gives {found['separation_of_tosses_seen_sd']:.1f}. (An upper bound: a refit "
+        "takes some of it back.)",
+    ]
