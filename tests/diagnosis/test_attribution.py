@@ -1,0 +1,103 @@
+"""Whitened misses are noise at the truth, effects come back by name and value, and nothing is named of nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.tossed import seen
+from tests.models.conftest import cube
+from tossid.diagnosis.attribution import diagnose, one_sided
+from tossid.diagnosis.fitting import Evidence, Hypothesis, fit
+from tossid.diagnosis.windows import linearise, make_windows
+from tossid.objects import ObjectModel
+from tossid.physics.effects import LIBRARY, Effect, Recording, World
+from tossid.types import Phase
+
+__all__ = ["cube"]
+
+NAMES = {effect.name: effect for effect in LIBRARY}
+FEW = [NAMES[name] for name in ("com_offset", "gravity", "friction", "restitution", "length_scale", "linear_drag")]
+
+
+def evidence(world: World, cube: ObjectModel, tosses: list) -> Evidence:
+    return Evidence(*linearise(make_windows(tosses), world))
+
+
+def test_whitened_misses_are_noise_at_the_truth(cube: ObjectModel) -> None:
+    world = World(cube)
+    e = evidence(world, cube, seen(world, cube, 12, seed=0))
+    residual = e.residual(world)
+    free = np.isin(e.windows.phase, (Phase.FLIGHT, Phase.REST)) & e.windows.inside
+    assert 0.8 < np.sqrt((residual[free] ** 2).mean()) < 1.2
+    assert np.abs(residual[~e.windows.inside]).max(initial=0.0) == 0.0
+    assert np.median(np.abs(residual[e.windows.inside])) < 0.8
+    wrong = replace(world, gravity=8.5)
+    assert np.abs(e.residual(wrong))[free].mean() > 1.5 * np.abs(residual)[free].mean()
+
+
+@pytest.mark.parametrize(
+    ("name", "truth", "tolerance"),
+    [
+        ("friction", [0.25], 0.004),
+        ("com_offset", [2e-3, -3e-3, 5e-3], 8e-4),
+        ("gravity", [9.3], 0.06),
+        ("length_scale", [0.98], 2e-3),
+    ],
+)
+def test_parameters_come_back(cube: ObjectModel, name: str, truth: list[float], tolerance: float) -> None:
+    nominal = World(cube)
+    effect = NAMES[name]
+    tosses = seen(effect.at(nominal, np.array(truth)), cube, 16, seed=1)
+    hypothesis, windows = Hypothesis(nominal).plus(effect), make_windows(tosses)
+    for _ in range(4):
+        windows, whitening = linearise(windows, hypothesis.world(), refine=1)
+        hypothesis = fit(Evidence(windows, whitening), hypothesis, n_tosses=len(tosses)).hypothesis
+    np.testing.assert_allclose(hypothesis.flat(), truth, atol=tolerance)
+
+
+def test_the_right_effect_is_named(cube: ObjectModel) -> None:
+    truth = NAMES["friction"].at(World(cube), np.array([0.25]))
+    found = diagnose(seen(truth, cube, 16, seed=2), World(cube), library=FEW)
+    assert found.named == ("friction",)
+    assert found.findings[0].verdict == "identified"
+    mu = found.findings[0].parameters["mu"]
+    assert mu.low - 0.002 < 0.25 < mu.high + 0.002
+    assert found.gap_closed.value > 0.8
+    slide = next(share for share in found.gap.by_phase if share.name == "slide")
+    assert slide.share.value > 0.4
+
+
+def test_nothing_is_named_of_nothing(cube: ObjectModel) -> None:
+    found = diagnose(seen(World(cube), cube, 14, seed=3), World(cube), library=FEW)
+    assert found.named == ()
+    assert found.verdict == "no_gap"
+
+
+def test_two_effects_are_both_named(cube: ObjectModel) -> None:
+    truth = NAMES["gravity"].at(NAMES["friction"].at(World(cube), np.array([0.25])), np.array([9.2]))
+    found = diagnose(seen(truth, cube, 16, seed=4), World(cube), library=FEW)
+    assert set(found.named) == {"friction", "gravity"}
+
+
+def test_an_effect_out_of_the_library_does_not_explain(cube: ObjectModel) -> None:
+    truth = NAMES["restitution"].at(World(cube), np.array([0.5]))
+    library: list[Effect] = [effect for effect in FEW if effect.name != "restitution"]
+    found = diagnose(seen(truth, cube, 14, seed=5), World(cube), library=library)
+    assert found.verdict != "explained"
+    assert found.gap_closed.value < 0.6
+
+
+def test_recording_effects_move_what_is_recorded(cube: ObjectModel) -> None:
+    tosses = seen(World(cube, recording=Recording(clock_rate=1.02)), cube, 14, seed=6)
+    found = diagnose(tosses, World(cube), library=[NAMES["time_base"], NAMES["friction"], NAMES["com_offset"]])
+    assert found.named[0] == "time_base"
+    assert found.findings[0].parameters["rate_rel"].value == pytest.approx(1.02, abs=2e-3)
+
+
+def test_one_sided() -> None:
+    assert one_sided(np.array([1.0, 1.1, 0.9, 1.0])) < 1e-3
+    assert one_sided(np.array([-1.0, 1.0, -1.0, 1.0])) == pytest.approx(0.5, abs=0.01)
+    assert one_sided(np.array([1.0, 2.0])) == 1.0

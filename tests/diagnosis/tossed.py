@@ -1,0 +1,45 @@
+"""Tosses of known truth, as a tracker would see them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tossid.motion import label_phases
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World
+from tossid.rotations import quat_boxminus, quat_exp, quat_mul
+from tossid.types import Toss
+
+DT = 1 / 148
+POSITION, ROTATION = 1.5e-4, 1.5e-3
+"""Standard deviations of the noise [m], [rad]."""
+
+
+def seen(world: World, nominal: ObjectModel, count: int, *, seed: int, frames: int = 90) -> list[Toss]:
+    """Tosses of a world, recorded with noise; velocities are those of the truth, off by 3 cm/s and 0.3 rad/s."""
+    rng = np.random.default_rng(seed)
+    q = np.zeros((count, 7))
+    q[:, 2] = rng.uniform(0.12, 0.3, count)
+    q[:, 3:] = rng.normal(size=(count, 4))
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    v = np.concatenate([rng.normal(size=(count, 3)), 4 * rng.normal(size=(count, 3))], axis=1)
+    run = world.roll_out(q, v, n_steps=frames, dt=DT, substeps=4)
+    t = np.arange(frames + 1) * DT
+    q_cov = np.broadcast_to(np.diag([POSITION**2] * 3 + [ROTATION**2] * 3), (frames + 1, 6, 6)).copy()
+    v_cov = np.broadcast_to(np.diag([0.03**2] * 3 + [0.3**2] * 3), (frames + 1, 6, 6)).copy()
+    out = []
+    for i in range(count):
+        poses = run[i].copy()
+        speed = np.gradient(poses[:, :3], DT, axis=0) + 0.03 * rng.normal(size=(frames + 1, 3))
+        poses[:, :3] += POSITION * rng.normal(size=(frames + 1, 3))
+        poses[:, 3:] = quat_mul(poses[:, 3:], quat_exp(ROTATION * rng.normal(size=(frames + 1, 3))))
+        velocity = np.concatenate([speed, np.zeros((frames + 1, 3))], axis=1)
+        velocity[:, 3:] = _spin(poses) + 0.3 * rng.normal(size=(frames + 1, 3))
+        phase = label_phases(nominal, t, poses, velocity, gravity=9.81)
+        out.append(Toss(str(i), t, poses, velocity, q_cov, v_cov, phase))
+    return out
+
+
+def _spin(poses: np.ndarray) -> np.ndarray:
+    rate = quat_boxminus(poses[1:, 3:], poses[:-1, 3:]) / DT
+    return np.concatenate([rate, rate[-1:]])

@@ -1,0 +1,163 @@
+"""What a diagnosis says. Frozen, plain values and arrays; `as_json` gives CONTRACT.md's gap.json."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.fitting import Hypothesis
+
+Array = NDArray[np.float64]
+
+SCHEMA = "tossid.gap/1"
+EffectVerdict = Literal["identified", "confusable", "not_supported", "not_identifiable"]
+Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained"]
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A value with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def as_json(self) -> dict[str, Any]:
+        """{"value", "ci95"}."""
+        return {"value": self.value, "ci95": [self.low, self.high]}
+
+
+@dataclass(frozen=True)
+class Share:
+    """Part `name` (a phase, a channel) of the gap above the noise floor; `rms_mm` where it is a length."""
+
+    name: str
+    share: Interval
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far predictions miss, in standard deviations of what noise alone would leave.
+
+    total: root mean square of whitened misses over tosses; noise_floor: what it would be were the simulator right
+    (computed by simulation). by_phase, by_channel: shares of the excess of squares. by_length: root mean square for
+    windows of so many frames, with the floor's. frames: one row a whitened frame (toss, time [s], phase, excess),
+    for pictures. odd: names of tosses that miss far more than the others.
+    """
+
+    total: Interval
+    noise_floor: float
+    by_phase: tuple[Share, ...]
+    by_channel: tuple[Share, ...]
+    by_length: tuple[tuple[int, float, float], ...]
+    frames: Array
+    odd: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What the tosses say of one effect.
+
+    parameters: values with intervals, of the effects that are named or confusable. evidence: gain of log-likelihood
+    on tosses that took no part in the fit, p-value, number of tosses. gap_closed: by it alone. detectable: the
+    smallest size of each parameter that these tosses would have shown.
+    """
+
+    name: str
+    verdict: EffectVerdict
+    says: str
+    phases: tuple[str, ...]
+    parameters: dict[str, Interval]
+    evidence: dict[str, float]
+    gap_closed: Interval
+    confusable_with: tuple[str, ...] = ()
+    detectable: dict[str, float] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """One of gap.json's "effects"."""
+        return {
+            "name": self.name,
+            "verdict": self.verdict,
+            "says": self.says,
+            "phases": list(self.phases),
+            "parameters": {name: value.as_json() for name, value in self.parameters.items()},
+            "evidence": self.evidence,
+            "gap_closed": self.gap_closed.as_json(),
+            "confusable_with": list(self.confusable_with),
+            "detectable": self.detectable,
+        }
+
+
+@dataclass(frozen=True)
+class Step:
+    """Rollout errors on tosses that took no part in the fit, with these effects in."""
+
+    effects: tuple[str, ...]
+    position_error_pct: Interval
+    rotation_error_deg: Interval
+    gap_left: Interval
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All of it. named: the effects that explain the gap, in the order in which they were found.
+
+    gap_closed: by all named together; unexplained: phases (by name) in which clearly something is left, with the
+    share of the first gap that is left there. hypothesis: the world with all of them, fitted to all tosses.
+    alternatives: the same with a confusable effect swapped in.
+    """
+
+    verdict: Verdict
+    gap: Gap
+    left: Gap
+    findings: tuple[Finding, ...]
+    named: tuple[str, ...]
+    gap_closed: Interval
+    unexplained: tuple[Share, ...]
+    steps: tuple[Step, ...]
+    hypothesis: Hypothesis
+    n_tosses: int
+    seconds: float
+    alternatives: tuple[Hypothesis, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """gap.json but for next_toss and patch."""
+        gap = {
+            "total": {**self.gap.total.as_json(), "unit": "standard deviations of noise"},
+            "noise_floor": self.gap.noise_floor,
+            "by_phase": [{"phase": s.name, **_share(s)} for s in self.gap.by_phase],
+            "by_channel": [{"channel": s.name, **_share(s)} for s in self.gap.by_channel],
+            "by_length": [{"frames": n, "rms": rms, "floor": floor} for n, rms, floor in self.gap.by_length],
+            "odd_tosses": list(self.gap.odd),
+        }
+        return {
+            "schema": SCHEMA,
+            "n_tosses": self.n_tosses,
+            "gap": gap,
+            "gap_left": {**self.left.total.as_json(), "noise_floor": self.left.noise_floor},
+            "effects": [finding.as_json() for finding in self.findings],
+            "explanation": {
+                "verdict": self.verdict,
+                "effects": list(self.named),
+                "gap_closed": self.gap_closed.as_json(),
+                "unexplained_share": max(0.0, 1.0 - self.gap_closed.value),
+                "unexplained_where": [{"phase": s.name, **_share(s)} for s in self.unexplained],
+            },
+            "steps": [
+                {
+                    "effects": list(step.effects),
+                    "position_error_pct": step.position_error_pct.as_json(),
+                    "rotation_error_deg": step.rotation_error_deg.as_json(),
+                    "gap_left": step.gap_left.as_json(),
+                }
+                for step in self.steps
+            ],
+            "seconds": self.seconds,
+        }
+
+
+def _share(share: Share) -> dict[str, Any]:
+    return {"share": share.share.value, "ci95": [share.share.low, share.share.high]}

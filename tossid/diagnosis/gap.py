@@ -1,0 +1,220 @@
+"""The gap: how far a world's predictions miss, where, and how much of it is left when effects are in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.findings import Gap, Interval, Share, Step
+from tossid.diagnosis.fitting import N_PHASES, NU, Evidence
+from tossid.diagnosis.windows import SUBSTEPS, linearise, make_windows
+from tossid.motion import flight_states
+from tossid.physics.effects import World
+from tossid.rotations import geodesic_angle, quat_exp, quat_mul
+from tossid.types import Phase, Toss
+
+if TYPE_CHECKING:
+    from tossid.diagnosis.attribution import Candidate, _Search
+
+Array = NDArray[np.float64]
+
+CAP = 30.0
+"""Whitened misses beyond this count as this: a chaotic impact is one impact."""
+PHASES = (Phase.FLIGHT, Phase.IMPACT, Phase.SLIDE, Phase.ROLL, Phase.REST)
+CHANNELS = ("p_x", "p_y", "p_z", "r_x", "r_y", "r_z")
+LENGTHS = (5, 10, 20, 40)
+RESAMPLES = 500
+LEFT = 0.15
+"""Share of a phase's first gap above which something is left there."""
+
+
+def deviance(evidence: Evidence, residual: Array) -> Array:
+    """(W, L, 6) Student's deviance of whitened misses, which a chaotic impact does not drown; 0 outside the windows."""
+    value = (NU + 1) * np.log1p(residual**2 / NU)
+    return np.where(evidence.windows.inside[..., None], value, 0.0)
+
+
+def by_toss(evidence: Evidence, values: Array, n: int) -> Array:
+    """(n,) sums over each toss's windows of (W, ...)."""
+    sums = np.bincount(evidence.windows.toss, weights=values.reshape(len(values), -1).sum(1), minlength=n)
+    return sums.astype(float)
+
+
+def bootstrap_ratio(above: Array, below: Array, *, seed: int = 0) -> Interval:
+    """sum(above) / sum(below) with its percentile interval over tosses."""
+    rng = np.random.default_rng(seed)
+    n = len(above)
+    index = rng.integers(0, n, (RESAMPLES, n))
+    bottom = below[index].sum(1)
+    ratio = above[index].sum(1) / np.where(np.abs(bottom) > 1e-9, bottom, 1e-9)
+    low, high = np.percentile(ratio, [2.5, 97.5])
+    total = below.sum()
+    return Interval(float(above.sum() / (total if abs(total) > 1e-9 else 1e-9)), float(low), float(high))
+
+
+@dataclass(frozen=True)
+class Floor:
+    """What noise and uncertain first states alone leave: deviance (W, L, 6), and the root mean square."""
+
+    deviance: Array
+    rms: float
+
+
+def measure_gap(tosses: Sequence[Toss], state: Candidate, world: World, search: _Search, floor: Floor) -> Gap:
+    """The gap of a world, in all its cuts."""
+    n, e, residual = search.n, state.evidence, state.fitted.residual
+    w = e.windows
+    squares = np.where(w.inside[..., None], np.minimum(residual**2, CAP**2), 0.0)
+    per_toss = by_toss(e, squares, n)
+    count = by_toss(e, np.where(w.inside[..., None], np.ones_like(residual), 0.0), n)
+    ratio = bootstrap_ratio(per_toss, count)
+    total = Interval(*(float(np.sqrt(max(x, 0.0))) for x in (ratio.value, ratio.low, ratio.high)))
+    excess = deviance(e, residual) - floor.deviance
+    whole = by_toss(e, excess, n)
+    share = []
+    for phase in PHASES:
+        inside = (w.phase == phase)[..., None]
+        share.append(Share(phase.name.lower(), bootstrap_ratio(by_toss(e, np.where(inside, excess, 0.0), n), whole)))
+    channels = []
+    for c, name in enumerate(CHANNELS):
+        channels.append(Share(name, bootstrap_ratio(by_toss(e, excess[..., c], n), whole)))
+    frame = w.frame[:, None] + 1 + np.arange(w.inside.shape[1])
+    rows = np.stack([np.broadcast_to(w.toss[:, None], frame.shape), frame * w.dt, w.phase, excess.mean(-1)], axis=-1)[
+        w.inside
+    ]
+    mean = per_toss / np.maximum(count, 1)
+    middle = np.median(mean)
+    far = middle + 8 * np.median(np.abs(mean - middle)) + 1.0
+    odd = tuple(toss.name for toss, size in zip(tosses, mean, strict=True) if size > far)
+    lengths = []
+    for length in LENGTHS:
+        if length == w.inside.shape[1]:
+            lengths.append((length, total.value, floor.rms))
+            continue
+        cut = make_windows(tosses, length=length)
+        kept, whitening = linearise(cut, world, refine=2, n_threads=search.n_threads)
+        r = Evidence(kept, whitening, search.n_threads).residual(world)
+        lengths.append((length, float(np.sqrt(np.minimum(r[kept.inside] ** 2, CAP**2).mean())), 1.0))
+    return Gap(total, floor.rms, tuple(share), tuple(channels), tuple(lengths), rows, odd)
+
+
+def noise_floor(state: Candidate, world: World, search: _Search, *, seed: int) -> Floor:
+    """The floor, from motions that the world itself makes from the windows' states, measured as the tosses were."""
+    e = state.evidence
+    w = e.windows
+    rng = np.random.default_rng(seed + 1)
+    truth = w.predicted(world, n_threads=search.n_threads)
+    truth = np.where(np.isfinite(truth), truth, w.y)
+    noise = w.noise * rng.normal(size=w.noise.shape)
+    y = truth.copy()
+    y[..., :3] += noise[..., :3]
+    y[..., 3:7] = quat_mul(truth[..., 3:7], quat_exp(noise[..., 3:]))
+    first = w.prior[:, :6] * rng.normal(size=(len(w.prior), 6))
+    q, v = w.at_q.copy(), w.v  # velocities as far off as those recorded
+    q[:, :3] += first[:, :3]
+    q[:, 3:7] = quat_mul(w.at_q[:, 3:7], quat_exp(first[:, 3:]))
+    made = replace(w, y=y, q=q, v=v, at_q=q, at_v=v)
+    kept, whitening = linearise(made, world, refine=2, n_threads=search.n_threads)
+    r = Evidence(kept, whitening, search.n_threads).residual(world)
+    values, out = deviance(e, r), np.zeros_like(r)
+    for phase in range(N_PHASES):
+        chosen = (w.phase == phase) & w.inside
+        if chosen.any():
+            out[chosen] = values[chosen].mean(0)
+    return Floor(out, float(np.sqrt(np.minimum(r[w.inside] ** 2, CAP**2).mean())))
+
+
+def share_left(first: Candidate, last: Candidate, search: _Search, floor: Floor) -> tuple[Interval, tuple[Share, ...]]:
+    """Share of the first excess that is closed, each toss at the other half's values; and phases with some left."""
+    n = search.n
+    before = deviance(first.evidence, first.fitted.residual) - floor.deviance
+    after = deviance(last.evidence, cross_fitted(last, search)) - floor.deviance
+    closed = bootstrap_ratio(
+        by_toss(first.evidence, before, n) - by_toss(last.evidence, after, n), by_toss(first.evidence, before, n)
+    )
+    whole = by_toss(first.evidence, before, n)
+    left = []
+    for phase in PHASES:
+        there = np.where((last.evidence.windows.phase == phase)[..., None], after, 0.0)
+        share = bootstrap_ratio(by_toss(last.evidence, there, n), whole)
+        if share.low > 0 and share.value > LEFT:
+            left.append(Share(phase.name.lower(), share))
+    return closed, tuple(left)
+
+
+def cross_fitted(state: Candidate, search: _Search) -> Array:
+    """(W, L, 6) whitened misses of every toss at values fitted to the other half."""
+    fitted, e = state.fitted, state.evidence
+    flat, steps = fitted.hypothesis.flat(), fitted.hypothesis.steps
+    if not len(flat):
+        return fitted.residual
+    low, high = fitted.hypothesis.bounds
+    out = fitted.residual.copy()
+    for part in (search.half, ~search.half):
+        H, g = fitted.H[part].sum(0), fitted.g[part].sum(0)
+        delta = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(flat))) @ g
+        there = fitted.hypothesis.at(np.clip(flat + np.clip(delta, -50, 50) * steps, low, high))
+        rows = ~part[e.windows.toss]
+        out[rows] = e.of_tosses(~part).residual(there.world())
+    return out
+
+
+def rollout_errors(tosses: Sequence[Toss], state: Candidate, search: _Search) -> Step:
+    """Full-length rollouts from first states as flight tells them, at values fitted to the other half."""
+    hypothesis = state.fitted.hypothesis
+    position, rotation = np.full(search.n, np.nan), np.full(search.n, np.nan)
+    fitted, low, high = state.fitted, *hypothesis.bounds
+    dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
+    for part in (search.half, ~search.half):
+        at = hypothesis
+        if len(hypothesis.flat()):
+            H, g = fitted.H[part].sum(0), fitted.g[part].sum(0)
+            delta = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(g))) @ g
+            at = hypothesis.at(np.clip(hypothesis.flat() + np.clip(delta, -50, 50) * hypothesis.steps, low, high))
+        world = at.world()
+        index = [int(i) for i in np.flatnonzero(~part)]
+        chosen = [tosses[i] for i in index]
+        q0, v0 = first_states(chosen, world)
+        steps = np.array([len(toss) - 1 for toss in chosen])
+        run = world.roll_out(q0, v0, n_steps=steps, dt=dt, substeps=SUBSTEPS, n_threads=search.n_threads)
+        for row, (i, toss) in enumerate(zip(index, chosen, strict=True)):
+            q = run[row, : len(toss)]
+            width = world.object.width
+            position[i] = 100 * np.linalg.norm(q[:, :3] - toss.q[:, :3], axis=1).mean() / width
+            rotation[i] = np.rad2deg(geodesic_angle(q[:, 3:7], toss.q[:, 3:7])).mean()
+    ones = np.ones(search.n)
+    good = np.isfinite(position)
+    left = np.minimum(cross_fitted(state, search) ** 2, CAP**2)
+    left = np.where(state.evidence.windows.inside[..., None], left, 0.0)
+    names = tuple(effect.name for effect in hypothesis.effects)
+    inside = np.broadcast_to(state.evidence.windows.inside[..., None], left.shape).astype(float)
+    return Step(
+        names,
+        bootstrap_ratio(position[good], ones[good]),
+        bootstrap_ratio(rotation[good], ones[good]),
+        bootstrap_ratio(by_toss(state.evidence, left, search.n), by_toss(state.evidence, inside, search.n)),
+    )
+
+
+def first_states(tosses: Sequence[Toss], world: World) -> tuple[Array, Array]:
+    """Recorded first states (B, 7), (B, 6) as each toss's flight tells them under the world's own recording."""
+    r = world.recording
+    states = flight_states(tosses, world.object, gravity=world.gravity * r.length_scale / r.clock_rate**2)
+    return np.stack([s.q for s in states]), np.stack([s.v for s in states])
+
+
+__all__ = [
+    "bootstrap_ratio",
+    "by_toss",
+    "cross_fitted",
+    "deviance",
+    "first_states",
+    "measure_gap",
+    "noise_floor",
+    "rollout_errors",
+    "share_left",
+]
