@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -57,7 +58,7 @@ def where_it_lies(diagnosis: Diagnosis, *, title: str = "Where the gap is") -> F
     before, after = diagnosis.gap, diagnosis.left
     scale = _left_of(before, after) if diagnosis.named else None
     figure = new_figure(title, "Share of the gap above the noise, before and with the named effects in.", height=4.6)
-    axes = panel_grid(figure, 1, 2, left=0.85, right=1.0, top=1.25, bottom=0.85, between=1.75)[0]
+    axes = panel_grid(figure, 1, 2, left=0.7, right=1.0, top=1.25, bottom=0.85, between=2.45)[0]
     groups = (
         ("By phase of the motion", before.by_phase, after.by_phase, lambda name: name),
         ("By channel", before.by_channel, after.by_channel, lambda name: CHANNELS.get(name, name)),
@@ -111,11 +112,28 @@ def _bars(
             color=INK,
             fontsize=9,
         )
-    ax.set_yticks(rows, [words(name) for name in names])
+    _name_rows(ax, rows, [words(name) for name in names])
     ax.set_ylim(-0.6, len(names) - 0.4)
     ax.axvline(0, color=MUTED, lw=0.8)
     ax.grid(axis="y", visible=False)
     ax.set_xlabel("share of the first gap [%]")
+
+
+def _name_rows(ax: Axes, rows: NDArray[Any], names: Sequence[str], *, bold: Sequence[str] = ()) -> None:
+    """Names to the left of rows."""
+    ax.set_yticks([])
+    for row, name in zip(rows, names, strict=True):
+        ax.annotate(
+            name,
+            (0.0, float(row)),
+            (-7, 0),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            ha="right",
+            va="center",
+            fontsize=9,
+            weight="bold" if name in bold else "normal",
+        )
 
 
 def _bar(ax: Axes, row: float, share: Share, scale: float, color: str, ends: tuple[float, float]) -> None:
@@ -181,7 +199,9 @@ def over_time(diagnosis: Diagnosis, *, title: str = "When the simulator misses")
         w = figure.get_figwidth()
         box = axes[0, -1].get_position()
         bar = figure.add_axes((box.x1 + 0.15 / w, box.y0, 0.13 / w, box.height))
-        figure.colorbar(image, cax=bar).set_label("excess over noise [1]", fontsize=8.5)
+        colors = figure.colorbar(image, cax=bar)
+        colors.ax.yaxis.set_major_formatter(_plain)
+        colors.set_label("excess over noise [1]", fontsize=8.5)
     key_row(figure, [(Swatch(color=color), name) for name, color in PHASES.items()], y=0.72)
     footnote(
         figure,
@@ -190,7 +210,7 @@ def over_time(diagnosis: Diagnosis, *, title: str = "When the simulator misses")
     return figure
 
 
-def _plain(value: float, _: int) -> str:
+def _plain(value: float, _: float) -> str:
     """A tick as a person writes it."""
     return f"{value:g}".replace("-", "−")
 
@@ -261,7 +281,7 @@ def evidence(diagnosis: Diagnosis, *, title: str = "Which effect explains it") -
         ax.plot([max(low, -0.5), high], [row, row], color=color, lw=3, alpha=0.55, solid_capstyle="butt")
         ax.plot([value], [row], "o", color=color, ms=6)
         text = f"{value:.1f}" if abs(value) < 100 else f"{value:.0f}"
-        closes = finding.gap_closed.value
+        closes = min(finding.gap_closed.value, 1.0)
         ax.annotate(
             f"{text}, closes {100 * closes:.0f} %".replace("-", "−"),
             (1.0, row),
@@ -275,10 +295,7 @@ def evidence(diagnosis: Diagnosis, *, title: str = "Which effect explains it") -
     ax.set_xscale("symlog", linthresh=1.0, linscale=0.4)
     ax.set_xlim(-0.6, top * 1.6)
     ax.xaxis.set_major_formatter(_plain)
-    ax.set_yticks(rows, [f.name for f in tried])
-    for label, finding in zip(ax.get_yticklabels(), tried, strict=True):
-        if finding.name in diagnosis.named:
-            label.set_fontweight("bold")
+    _name_rows(ax, rows, [f.name for f in tried], bold=diagnosis.named)
     ax.set_ylim(-0.7, max(len(tried), 1) - 0.3)
     ax.grid(axis="y", visible=False)
     ax.axvline(0, color=GRID, lw=1.5)

@@ -13,6 +13,8 @@ from matplotlib.figure import Figure
 from tossid.diagnosis.figures import VERDICTS, gain_per_toss
 from tossid.diagnosis.findings import Diagnosis, Finding, Interval
 from tossid.diagnosis.words import (
+    change,
+    closes,
     headline,
     in_units,
     listed,
@@ -46,6 +48,7 @@ table { border-collapse: collapse; font-size: .92rem; margin: .4rem 0 1rem; }
 th, td { text-align: left; vertical-align: top; padding: .3rem .9rem .3rem 0; border-bottom: 1px solid #e3e5e8; }
 th { font-weight: 600; border-bottom: 1.5px solid #9aa0a8; }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+.nb { white-space: nowrap; }
 .dot { display: inline-block; width: .7em; height: .7em; border-radius: 50%; margin-right: .4em; }
 details { border-top: 1px solid #e3e5e8; padding: .55rem 0; }
 summary { cursor: pointer; font-weight: 600; }
@@ -141,7 +144,7 @@ def _named_table(diagnosis: Diagnosis) -> str:
                 escape(f.says),
                 "<br>".join(f"{escape(parameter(k))} = {escape(in_units(k, f.parameters[k]))}" for k in keys),
                 "<br>".join(escape(quantity(k, stated[k])) if k in stated else "" for k in keys),
-                escape(percent(f.gap_closed.value)),
+                escape(closes(f.gap_closed)),
                 escape(verdict_of(f)),
             ]
         )
@@ -163,6 +166,10 @@ def _patch(patch: Mapping[str, Any] | None) -> str:
     if not patch or not (patch["changes"] or patch["recording"] or patch["not_expressed"]):
         return ""
     parts = ["<h2>The patch for your simulator</h2>"]
+    scalars = {k: v for k, v in patch["keys"].items() if isinstance(v["before"], float)}
+    if scalars:
+        texts = [f"{k} {short(v['before'])} → {short(v['after'], 4)}" for k, v in scalars.items()]
+        parts.append(f"<p>In tossid's own terms: {escape(listed(texts))}.</p>")
     if patch["changes"]:
         rows = [
             [
@@ -211,6 +218,7 @@ def _rerun(run: Mapping[str, Any]) -> str:
     )
     if run["not_in_it"]:
         text += f" Without {listed(run['not_in_it'])}, for which MJCF has no word."
+    text += " What is left includes what MuJoCo's own contact does otherwise: it is soft, and its friction lifts."
     return f"<p>{escape(text)}</p>" + _table(["in MuJoCo", "before", "after"], rows, numbers=[1, 2])
 
 
@@ -220,19 +228,19 @@ def _all_effects(diagnosis: Diagnosis) -> str:
         value, low, high = gain_per_toss(f)
         tried = f.evidence.get("gain", 0.0) != 0.0
         gain = f"{short(value)} ({short(low)} to {short(high)})" if tried else "screened only"
-        sizes = [f"{parameter(k)} {quantity(k, v)}" for k, v in f.detectable.items()]
+        sizes = [f"{parameter(k)} {change(k, v)}" for k, v in f.detectable.items()]
         p = f.evidence.get("p_value", 1.0)
         rows.append(
             [
-                _dot(f) + escape(f.name),
-                escape(verdict_of(f)),
+                f'<span class="nb">{_dot(f)}{escape(f.name)}</span>',
+                f'<span class="nb">{escape(verdict_of(f))}</span>' if not f.confusable_with else escape(verdict_of(f)),
                 escape(gain),
                 (f"{p:.2g}" if p >= 1e-4 else "&lt; 0.0001") if tried else "",
-                escape(percent(f.gap_closed.value)) if tried else "",
+                escape(closes(f.gap_closed)) if tried else "",
                 escape(", ".join(sizes)) or "none within reason",
             ]
         )
-    head = ["effect", "verdict", "gain per toss [nats]", "p", "closes", "smallest change that would have shown"]
+    head = ["effect", "verdict", "gain per toss [nats]", "p", "closes", "smallest change that shows"]
     note = (
         '<p class="note">Gains are of held-out log-likelihood, with 95 % intervals over tosses. A change that would '
         "have shown is one of four standard errors.</p>"

@@ -30,6 +30,13 @@ _CHANNELS = {
     "r_y": "rotation about the body's y",
     "r_z": "rotation about the body's z",
 }
+_PHASES = {
+    "flight": "in flight",
+    "impact": "at impacts",
+    "slide": "while sliding",
+    "roll": "while rolling or pivoting",
+    "rest": "at rest",
+}
 _VERDICTS = {
     "no_gap": "No gap to speak of",
     "explained": "The gap is explained",
@@ -72,16 +79,17 @@ def _the_gap(diagnosis: Diagnosis) -> str:
     )
     if diagnosis.verdict == "no_gap":
         return text + f" On {diagnosis.n_tosses} tosses that is no difference."
-    return text + _mostly("It misses", gap.by_phase, "in") + _mostly("It shows", gap.by_channel, "in")
+    return text + _mostly("It misses mostly", gap.by_phase) + _mostly("It shows mostly in", gap.by_channel)
 
 
-def _mostly(begin: str, shares: Sequence[Share], preposition: str) -> str:
-    """ " It misses mostly in impact (60 %) and slide (25 %)." """
+def _mostly(begin: str, shares: Sequence[Share]) -> str:
+    """ " It misses mostly at impacts (60 %) and while sliding (25 %)." """
     order = sorted((s for s in shares if s.share.value > 0.1), key=lambda s: -s.share.value)[:2]
     if not order:
         return ""
-    parts = [f"{_CHANNELS.get(s.name, s.name)} ({percent(s.share.value)})" for s in order]
-    return f" {begin} mostly {preposition} {listed(parts)}."
+    words = {**_PHASES, **_CHANNELS}
+    parts = [f"{words.get(s.name, s.name)} ({percent(s.share.value)})" for s in order]
+    return f" {begin} {listed(parts)}."
 
 
 def _one_effect(diagnosis: Diagnosis, name: str) -> str:
@@ -102,16 +110,17 @@ def _how_far(diagnosis: Diagnosis) -> str:
     closed = diagnosis.gap_closed
     together = "them" if len(diagnosis.named) > 1 else "it"
     text = (
-        f"With {together} in, {percent(closed.value)} ({percent(closed.low)} to {percent(closed.high)}) of what lies "
-        "above the noise is closed, on tosses that took no part in the fit."
+        f"With {together} in, {closes(closed)} ({closes(closed, closed.low)} to {closes(closed, closed.high)}) of what "
+        "lies above the noise is closed, on tosses that took no part in the fit."
     )
     if len(diagnosis.steps) > 1:
         first, last = diagnosis.steps[0], diagnosis.steps[-1]
+        now, was = (
+            (short(step.position_error_pct.value, 2), short(step.rotation_error_deg.value, 2)) for step in (last, first)
+        )
         text += (
-            " Whole tosses, rolled out open loop from their flight, are then missed by "
-            f"{short(last.position_error_pct.value)} % of the width and {short(last.rotation_error_deg.value)} deg; "
-            f"before it was {short(first.position_error_pct.value)} % and "
-            f"{short(first.rotation_error_deg.value)} deg."
+            f" Whole tosses, predicted open loop from their flight, are then missed by {now[0]} % of the width and "
+            f"{now[1]} deg; before it was {was[0]} % and {was[1]} deg."
         )
     return text
 
@@ -136,8 +145,11 @@ def _what_is_left(diagnosis: Diagnosis) -> str:
         if diagnosis.verdict == "explained":
             return f"Left is {percent(left)}, and no phase in which it clearly gathers."
         return f"Left is {percent(left)}; no effect of the library explains it."
-    where = [f"{share.name} ({percent(share.share.value)} of the first gap)" for share in diagnosis.unexplained]
-    return f"Left is {percent(left)}, clearly so in {listed(where)}: something there that the library has no name for."
+    where = [
+        f"{_PHASES.get(share.name, share.name)} ({percent(share.share.value)} of the first gap)"
+        for share in diagnosis.unexplained
+    ]
+    return f"Left is {percent(left)}, clearly so {listed(where)}: something there that the library has no name for."
 
 
 def stated_values(diagnosis: Diagnosis, name: str) -> dict[str, float]:
@@ -164,14 +176,19 @@ def percent(share: float) -> str:
     return f"{100 * share:.0f} %".replace("-0 %", "0 %").replace("-", "−") if math.isfinite(share) else "unknown"
 
 
-def short(value: float) -> str:
-    """Three digits, no exponent for everyday sizes."""
+def closes(closed: Interval, value: float | None = None) -> str:
+    """A closed share (or one end of its interval): beyond all of the gap is all of it."""
+    return percent(min(closed.value if value is None else value, 1.0))
+
+
+def short(value: float, digits: int = 3) -> str:
+    """So many digits, no exponent for everyday sizes."""
     if not math.isfinite(value):
         return "unknown"
-    if value == 0 or 1e-3 <= abs(value) < 1e6:
-        decimals = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
+    if value == 0 or 1e-4 <= abs(value) < 1e6:
+        decimals = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if value else 0
         return f"{value:,.{decimals}f}".replace("-", "−").replace(",", "\u202f")
-    return f"{value:.2e}".replace("-", "−")
+    return f"{value:.{digits - 1}e}".replace("-", "−")
 
 
 def parameter(key: str) -> str:
@@ -189,6 +206,12 @@ def quantity(key: str, value: float) -> str:
     """A value in its unit."""
     name, factor = unit(key)
     return f"{short(factor * value)} {name}".rstrip()
+
+
+def change(key: str, size: float) -> str:
+    """The size of a change in its unit; of relative parameters in percent."""
+    name, factor = ("%", 100.0) if key.endswith("_rel") else unit(key)
+    return f"{short(factor * size, 2)} {name}".rstrip()
 
 
 def in_units(key: str, value: Interval) -> str:

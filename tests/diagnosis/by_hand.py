@@ -1,0 +1,110 @@
+"""A diagnosis made by hand, for what is done with one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tossid.diagnosis.findings import Diagnosis, Finding, Gap, Interval, Share, Step
+from tossid.diagnosis.fitting import Hypothesis
+from tossid.objects import ObjectModel
+from tossid.physics.effects import LIBRARY, Effect, World
+
+EFFECTS: dict[str, Effect] = {effect.name: effect for effect in LIBRARY}
+
+
+def hypothesis(model: ObjectModel, **values: list[float]) -> Hypothesis:
+    """The nominal world with effects: `friction=[0.3]`."""
+    made = Hypothesis(World(model))
+    for name, numbers in values.items():
+        made = made.plus(EFFECTS[name], np.array(numbers, dtype=float))
+    return made
+
+
+def gap(rms: float, *, n: int, seed: int = 0) -> Gap:
+    """A gap in sliding, of n tosses."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for toss in range(n):
+        touch = int(rng.integers(20, 40))
+        for k in range(1, int(rng.integers(60, 100))):
+            phase = 1 if k < touch else 2 if k < touch + 2 else 3 if k < touch + 25 else 5
+            rows.append((toss, k / 148, phase, (rms**2 - 1) * (phase == 3) + 0.1 * rng.normal()))
+    phases = tuple(
+        Share(name, Interval(x, x - 0.05, x + 0.05))
+        for name, x in (("flight", 0.0), ("impact", 0.2), ("slide", 0.7), ("roll", 0.05), ("rest", 0.05))
+    )
+    channels = tuple(
+        Share(name, Interval(x, x - 0.05, x + 0.05))
+        for name, x in (("p_x", 0.4), ("p_y", 0.3), ("p_z", 0.1), ("r_x", 0.05), ("r_y", 0.05), ("r_z", 0.1))
+    )
+    lengths = tuple((k, rms, 1.0) for k in (5, 10, 20, 40))
+    return Gap(Interval(rms, 0.9 * rms, 1.1 * rms), 1.0, phases, channels, lengths, np.array(rows), ())
+
+
+def finding(effect: Effect, verdict: str, **changes: Any) -> Finding:
+    """What the tosses say of an effect, as if it had been fitted."""
+    phases = tuple(phase.name.lower() for phase in effect.phases)
+    evidence = {"gain": 0.0, "p_value": 1.0, "n_tosses": 20.0}
+    plain = Finding(effect.name, verdict, effect.says, phases, {}, evidence, Interval(0, 0, 0))  # type: ignore[arg-type]
+    return replace(plain, detectable={p.name: p.step for p in effect.parameters}, **changes)
+
+
+def diagnosis(model: ObjectModel, *, n: int = 20) -> Diagnosis:
+    """Friction is 0.3, or it may be cohesion."""
+    found = [
+        finding(
+            EFFECTS["friction"],
+            "confusable",
+            parameters={"mu": Interval(0.3, 0.297, 0.303)},
+            evidence={"gain": 400.0, "p_value": 1e-8, "n_tosses": 20.0},
+            gap_closed=Interval(0.93, 0.85, 0.98),
+            confusable_with=("cohesion",),
+        ),
+        finding(
+            EFFECTS["cohesion"],
+            "confusable",
+            parameters={"c_n": Interval(0.2, 0.15, 0.25)},
+            evidence={"gain": 380.0, "p_value": 1e-7, "n_tosses": 20.0},
+            gap_closed=Interval(0.88, 0.8, 0.95),
+            confusable_with=("friction",),
+        ),
+        finding(EFFECTS["gravity"], "not_supported", evidence={"gain": -3.0, "p_value": 0.9, "n_tosses": 20.0}),
+        finding(EFFECTS["magnus"], "not_identifiable"),
+    ]
+    steps = (
+        Step((), Interval(12.5, 9.2, 16.0), Interval(5.5, 2.5, 10.6), Interval(13, 10, 17)),
+        Step(("friction",), Interval(0.6, 0.5, 0.8), Interval(0.4, 0.3, 0.6), Interval(0.9, 0.3, 1.9)),
+    )
+    return Diagnosis(
+        verdict="explained",
+        gap=gap(5.0, n=n),
+        left=gap(1.2, n=n, seed=1),
+        findings=tuple(found),
+        named=("friction",),
+        gap_closed=Interval(0.93, 0.85, 0.98),
+        unexplained=(),
+        steps=steps,
+        hypothesis=hypothesis(model, friction=[0.3]),
+        n_tosses=n,
+        seconds=12.0,
+        alternatives=(hypothesis(model, cohesion=[0.2]),),
+    )
+
+
+def without_effects(model: ObjectModel, verdict: str, *, n: int = 20) -> Diagnosis:
+    """Nothing is named."""
+    made = diagnosis(model, n=n)
+    return replace(
+        made,
+        verdict=verdict,  # type: ignore[arg-type]
+        left=made.gap,
+        findings=tuple(finding(effect, "not_supported") for effect in LIBRARY),
+        named=(),
+        gap_closed=Interval(0, 0, 0),
+        steps=made.steps[:1],
+        hypothesis=Hypothesis(World(model)),
+        alternatives=(),
+    )
