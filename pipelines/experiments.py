@@ -21,10 +21,10 @@ RECORDED = {"contactnets_cube": ("source=contactnets", "object=cube")}
 SIMULATED = {
     "simulated_cube": (
         "engine=lcp", "frames=false", "tosses=200", "seed=1",
-        "noise.position=0.0003", "noise.rotation=0.002", "noise.velocity=0.01", "noise.spin=0.05",
+        "noise.position=0.00005", "noise.rotation=0.0005", "noise.velocity=0.005", "noise.spin=0.05",
     )
 }  # fmt: skip
-"""Dataset: keys of synthesize. The noise is somewhat more than the real cube's, as its flights show it."""
+"""Dataset: keys of synthesize. The noise is that of the real cube, as its flights show it, and somewhat more."""
 
 STUDIES = (
     ("contactnets_cube", "gravity_full"),

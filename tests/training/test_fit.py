@@ -59,6 +59,19 @@ def test_inertia_and_contact_law_come_back_from_rollouts(cube: ObjectModel) -> N
     assert model.parameters_report()["stiffness_npm"] == pytest.approx(1 / learned.compliance)
 
 
+def test_contact_stays_rigid_where_a_softer_one_explains_little(cube: ObjectModel) -> None:
+    """What a soft contact would gain at a wrong inertia is the inertia's."""
+    made = tosses(cube.with_changes(com=COM), 40, seed=3, substeps=SUBSTEPS)
+    settings = ContactNetsSettings(learn_geometry=False, learn_inertia=True, learn_contact_law=True, implicit=False)
+    model = ContactNets(cube.with_changes(inertia=1.08 * cube.inertia), settings)
+    list(Fit(model, made[:30], made[30:]).epochs())
+    learned = model.learned_object()
+    assert learned.compliance < 1e-7
+    assert learned.cohesion < 1e-3
+    assert np.abs(learned.com - COM).max() < 2e-4
+    np.testing.assert_allclose(learned.inertia[0], cube.inertia[0], atol=0.01 * cube.inertia[0, 0, 0])
+
+
 def test_rollouts_that_feel_nothing_teach_nothing(cube: ObjectModel) -> None:
     """Without gravity a toss that still climbs never lands: friction stays as the implicit loss left it."""
     rising = [replace(toss, v=toss.v + np.array([0, 0, 3.0, 0, 0, 0])) for toss in tosses(cube, 4, seed=1)]
@@ -83,4 +96,4 @@ def test_short_lengths_and_late_velocities_do_not_spoil_what_is_learned(cube: Ob
     fit = Fit(model, recorded[:20], recorded[20:], FitSettings(epochs=25))
     list(fit.epochs())
     assert model.flight_gravity(fit._transitions[0]) == pytest.approx(9.81, rel=0.01)
-    assert np.abs(model.learned_object().com - COM).max() < 5e-4
+    assert np.abs(model.learned_object().com - COM).max() < 1e-3

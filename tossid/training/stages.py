@@ -23,6 +23,15 @@ from tossid.models.transitions import Transitions
 
 Array = NDArray[np.float64]
 
+ALL_BUT_RIGID = (0.05, 0.02, 1e-4)
+"""Contact time [ms], damping, and cohesion in tenths of the weight, of a contact that is as stiff as the law can say.
+
+Where contact is rigid (simulated tosses), a softer one would have its effect explained by a wrong inertia."""
+
+
+def _all_but_rigid() -> Tensor:
+    return torch.tensor(ALL_BUT_RIGID, dtype=torch.float64).log()
+
 
 class Pass(NamedTuple):
     """What one epoch of a stage did: losses after it, the loss's parts, and how often the data were gone through."""
@@ -162,8 +171,10 @@ class RolloutStage:
 
     SCALE = 0.1
     """Miss [half widths, rad] up to which errors count quadratically."""
-    DIFFERENCE = 0.03
-    """Step of the finite differences, in the parameters' own units of order one."""
+    DIFFERENCE = 0.015
+    """Step of the central differences, to either side, in the parameters' own units of order one."""
+    SOFTER = 0.9
+    """Share of the all but rigid contact's loss that a softer one must stay below."""
     CHAOTIC = 0.2
     LARGEST_STEP = 0.3
     CONVERGED = 2e-3
@@ -188,18 +199,22 @@ class RolloutStage:
         self._damping = 1e-2
 
     def begin(self) -> None:
-        """Look through the starts of a contact law that is to be learned: the loss over it has ridges."""
+        """Look through the starts of a contact law that is to be learned: the loss over it has ridges.
+
+        All but rigid is what it starts from unless a softer one is clearly better.
+        """
         value = self._model.contact_law.value
         if not any(value is parameter for parameter in self._parameters):
             return
-        starts = [value.detach().clone(), *self._model.contact_law.starts()]
+        starts = [value.detach().clone(), *self._model.contact_law.starts(), _all_but_rigid()]
         losses = []
         for start in starts:
             with torch.no_grad():
                 value.copy_(start)
             losses.append(self._loss(self._misses(self._train), self._train))
+        best = int(np.argmin(losses))
         with torch.no_grad():
-            value.copy_(starts[int(np.argmin(losses))])
+            value.copy_(starts[best if losses[best] < self.SOFTER * losses[-1] else -1])
 
     def step(self) -> Pass:
         """One step of Levenberg-Marquardt; `done` when it gains little, when no damping makes it better, and when
@@ -212,10 +227,10 @@ class RolloutStage:
         H, g = sensitivity.H.sum(0), sensitivity.g.sum(0)
         if not H.any():  # rollouts that never land, say, as gravity is given too weak
             held_out = self._loss(self._misses(self._validation), self._validation)
-            return Pass(loss, held_out, {"prediction": loss}, len(x) + 1, done=True)
+            return Pass(loss, held_out, {"prediction": loss}, 2 * len(x) + 1, done=True)
         scale = np.diag(H) + 1e-6 * np.trace(H) / len(x)
-        passes, better = len(x) + 1, False
-        while not better and passes < len(x) + 1 + self.TRIALS:
+        passes, better = 2 * len(x) + 1, False
+        while not better and passes < 2 * len(x) + 1 + self.TRIALS:
             step = -np.linalg.solve(H + self._damping * np.diag(scale), g)
             self._set(x + np.clip(step, -self.LARGEST_STEP, self.LARGEST_STEP))
             trial = self._loss(self._misses(self._train), self._train)
@@ -238,10 +253,9 @@ class RolloutStage:
         miss = self._misses(shots) if miss is None else miss
         J = np.empty((*miss.shape, len(x)))
         for j in range(len(x)):
-            moved = x.copy()
-            moved[j] += self.DIFFERENCE
-            self._set(moved)
-            J[..., j] = (self._misses(shots) - miss) / self.DIFFERENCE
+            J[..., j] = (self._moved(x, j, self.DIFFERENCE) - self._moved(x, j, -self.DIFFERENCE)) / (
+                2 * self.DIFFERENCE
+            )
         self._set(x)
         size = np.einsum("slip,slip->sl", J, J)
         calm = size <= np.quantile(size[shots.inside], 1 - self.CHAOTIC)
@@ -257,6 +271,13 @@ class RolloutStage:
     def set_parameters(self, x: Array) -> None:
         """Put the flat vector x (P,) into the model."""
         self._set(x)
+
+    def _moved(self, x: Array, j: int, by: float) -> Array:
+        """Misses of the training shots with parameter j moved."""
+        moved = x.copy()
+        moved[j] += by
+        self._set(moved)
+        return self._misses(self._train)
 
     def _misses(self, shots: Shots) -> Array:
         return prediction_misses(self._model.simulator(), shots, n_threads=self._n_threads)
