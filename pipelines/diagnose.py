@@ -148,27 +148,32 @@ def _simulator(config: DiagnoseConfig, recorded: ObjectModel) -> Simulator:
 
 
 def _usable(tosses: tuple[Toss, ...], data: Path, console: Console) -> tuple[tuple[Toss, ...], list[str]]:
-    """Tosses that are long enough to predict from.
+    """Tosses that are long enough to predict from, and in which anything moves; and what is said of the others.
 
     Raises:
         InputError: fewer than `FEWEST_TOSSES`.
     """
+    from tossid.diagnosis.simulators import moves
     from tossid.diagnosis.windows import LENGTH
 
     least = LENGTH // 2 + 1
-    kept = tuple(toss for toss in tosses if len(toss) >= least)
-    short = len(tosses) - len(kept)
+    long = tuple(toss for toss in tosses if len(toss) >= least)
+    kept = tuple(toss for toss in long if moves(toss))
+    why = []
+    if len(long) < len(tosses):
+        why.append(f"{len(tosses) - len(long)} of {len(tosses)} are shorter than {least} frames")
+    if len(kept) < len(long):
+        why.append(f"in {len(long) - len(kept)} of {len(tosses)} nothing moves")
     if len(kept) < FEWEST_TOSSES:
-        which = f" of at least {least} frames" if short else ""
+        which = f" that serve ({', '.join(why)})" if why else ""
         raise InputError(
             f"{data}: has {len(kept)} tosses{which}; a diagnosis needs at least {FEWEST_TOSSES}, to fit effects to one "
             "half and judge them on the other"
         )
-    if short:
-        text = f"{short} of {len(tosses)} tosses are shorter than {least} frames and are left out"
-        console.warn(text)
-        return kept, [f"{text}."]
-    return kept, []
+    if not why:
+        return kept, []
+    console.warn(f"tosses left out: {', '.join(why)}")
+    return kept, [f"Tosses left out: {', '.join(why)}."]
 
 
 def _survived(
@@ -274,7 +279,7 @@ def _metrics(found: Diagnosis) -> dict[str, float]:
 
 def _say(found: Diagnosis, gap: dict[str, Any], folder: Path, console: Console) -> None:
     """The verdict in words, the effects in a table."""
-    from tossid.diagnosis.words import headline, in_units, parameter, percent, sentences, verdict_of
+    from tossid.diagnosis.words import closes, headline, in_units, parameter, sentences, verdict_of
 
     console.say(headline(found))
     for text in sentences(found):
@@ -284,7 +289,7 @@ def _say(found: Diagnosis, gap: dict[str, Any], folder: Path, console: Console) 
         [
             f.name,
             ", ".join(f"{parameter(k)} {in_units(k, v)}" for k, v in f.parameters.items()),
-            percent(f.gap_closed.value),
+            closes(f.gap_closed),
             verdict_of(f),
         ]
         for f in shown

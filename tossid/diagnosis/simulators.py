@@ -11,14 +11,16 @@ from tossid.diagnosis.patch import read_spec
 from tossid.errors import InputError
 from tossid.models.contactnets import ContactNets
 from tossid.models.protocol import DynamicsModel
-from tossid.objects import GRAVITY, ObjectModel, load_object
+from tossid.objects import ObjectModel, load_object
 from tossid.physics.effects import Recording, World
 from tossid.physics.forces import Forces
-from tossid.rotations import quat_rotate
+from tossid.rotations import geodesic_angle, quat_rotate
 from tossid.types import Toss
 
 ANOTHER = 1.6
 """Ratio of the edges of two objects beyond which one is not a wrong statement of the other."""
+STILL = 10.0
+"""Standard deviations of poses within which nothing moves."""
 
 
 def world_of_model(model: DynamicsModel) -> World:
@@ -134,4 +136,9 @@ def check_runs(world: World, tosses: tuple[Toss, ...], *, where: str, substeps: 
     return lost
 
 
-__all__ = ["GRAVITY", "check_runs", "check_same_object", "world_of_mjcf", "world_of_model"]
+def moves(toss: Toss) -> bool:
+    """Whether anything moves in a toss: farther than `STILL` times the noise of its poses, from its first frame."""
+    std = np.sqrt(np.median(np.einsum("nii->ni", toss.q_cov), axis=0))
+    far = np.linalg.norm(toss.q[:, :3] - toss.q[0, :3], axis=1).max()
+    turned = geodesic_angle(toss.q[:, 3:7], toss.q[0, 3:7]).max()
+    return bool(far > STILL * max(std[:3].max(), 1e-4) or turned > STILL * max(std[3:6].max(), 1e-3))

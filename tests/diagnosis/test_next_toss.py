@@ -1,0 +1,98 @@
+"""The next toss is feasible, and separates what it is to separate, by as much as a fit would see."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.by_hand import hypothesis
+from tossid.diagnosis.next_toss import Releases, draw_releases, next_toss, separations
+from tossid.motion import lowest_corner
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World
+from tossid.types import Phase, Toss
+
+FRAMES = 41
+
+
+@pytest.fixture(scope="module")
+def tosses(cube: ObjectModel) -> list[Toss]:
+    """Eight tosses without spin, seen exactly as the noise says."""
+    rng = np.random.default_rng(1)
+    n = 8
+    q0, v0 = np.zeros((n, 7)), np.zeros((n, 6))
+    q0[:, 3:] = rng.normal(size=(n, 4))
+    q0[:, 3:] /= np.linalg.norm(q0[:, 3:], axis=1, keepdims=True)
+    q0[:, 2] = rng.uniform(0.2, 0.3, n)
+    v0[:, :2] = rng.normal(size=(n, 2)) * 0.6
+    v0[:, 3:] = rng.normal(size=(n, 3)) * 3
+    run = World(cube).roll_out(q0, v0, n_steps=np.full(n, FRAMES - 1), dt=1 / 148, substeps=4)
+    cov = np.broadcast_to(np.diag([1.5e-4**2] * 3 + [1.5e-3**2] * 3), (FRAMES, 6, 6)).copy()
+    phase = np.full(FRAMES, int(Phase.UNKNOWN), dtype=np.uint8)
+    v = np.repeat(v0[:, None], FRAMES, axis=1)
+    return [Toss(str(i), np.arange(FRAMES) / 148, run[i], v[i], cov, cov, phase) for i in range(n)]
+
+
+def test_releases_are_feasible(cube: ObjectModel, tosses: list[Toss]) -> None:
+    drawn = draw_releases(tosses, cube, 300, rng=np.random.default_rng(0))
+    seen = np.stack([toss.q[0] for toss in tosses])
+    low, high = lowest_corner(cube, seen).min(), lowest_corner(cube, seen).max()
+    heights = lowest_corner(cube, drawn.q)
+    room = 0.25 * (high - low) + 1e-9
+    assert heights.min() >= max(low - room, 0.02) - 1e-9
+    assert heights.max() <= high + room
+    assert heights.max() > high  # wider than what was seen
+    np.testing.assert_allclose(np.linalg.norm(drawn.q[:, 3:], axis=1), 1, atol=1e-12)
+
+
+def test_alike_hypotheses_are_not_separated(cube: ObjectModel, tosses: list[Toss]) -> None:
+    one = hypothesis(cube, friction=[0.3])
+    drawn = draw_releases(tosses, cube, 5, rng=np.random.default_rng(0))
+    np.testing.assert_allclose(separations([one, one], drawn, tosses, 30), 0, atol=1e-6)
+    found = next_toss(one, [one], tosses, cube, rng=np.random.default_rng(0))
+    assert found["release"] is None
+    assert "none of 200 feasible releases" in found["reason"]
+
+
+def test_nothing_confusable_needs_no_toss(cube: ObjectModel, tosses: list[Toss]) -> None:
+    found = next_toss(hypothesis(cube, friction=[0.3]), [], tosses, cube, rng=np.random.default_rng(0))
+    assert found["release"] is None
+    assert "no two effects are confusable" in found["reason"]
+
+
+def test_magnus_shows_with_spin_across_the_velocity_only(cube: ObjectModel, tosses: list[Toss]) -> None:
+    rivals = [hypothesis(cube), hypothesis(cube, magnus=[0.02])]
+    q = np.tile([0.0, 0.0, 1.5, 1.0, 0.0, 0.0, 0.0], (3, 1))
+    v = np.zeros((3, 6))
+    v[1, 3], v[2, 5] = 20.0, 20.0  # it falls: spin about a horizontal axis is across, about the vertical along
+    still, across, along = separations(rivals, Releases(q, v), tosses, 60)
+    assert across > 10
+    assert along < 1e-3 * across
+    assert still < 1e-6
+
+
+def test_a_separation_is_what_a_fit_would_see(cube: ObjectModel, tosses: list[Toss]) -> None:
+    """A uniform force in flight: deviations c_k = a t_k² / 2 with first state unknown, whitened by hand."""
+    force, n, dt, sigma = 0.002, 20, 1 / 148, 1.5e-4
+    rivals = [hypothesis(cube), hypothesis(cube, uniform_force=[force, 0.0, 0.0])]
+    q = np.array([[0.0, 0.0, 1.5, 1.0, 0.0, 0.0, 0.0]])
+    found = float(separations(rivals, Releases(q, np.zeros((1, 6))), tosses, n)[0])
+    t = dt * np.arange(1, n + 1)
+    c = 0.5 * force / 0.37 * t**2
+    S = np.stack([np.ones(n), t], axis=1)
+    cov = sigma**2 * np.eye(n) + S @ np.diag([sigma**2, 0.5**2]) @ S.T
+    expected = float(np.sqrt(c @ np.linalg.solve(cov, c)))
+    assert found == pytest.approx(expected, rel=0.05)
+
+
+def test_the_best_release_beats_a_usual_toss(cube: ObjectModel, tosses: list[Toss]) -> None:
+    one, other = hypothesis(cube, friction=[0.3]), hypothesis(cube, velocity_friction=[0.33, 0.28, 0.3])
+    found = next_toss(one, [other], tosses, cube, rng=np.random.default_rng(0))
+    assert found["between"] == ["friction", "velocity_friction"]
+    assert found["separation_sd"] > 1.5 * found["separation_of_tosses_seen_sd"]
+    release = found["release"]
+    again = Releases(
+        np.array([release["position_m"] + release["attitude_wxyz"]]),
+        np.array([release["velocity_ms"] + release["spin_body_rads"]]),
+    )
+    np.testing.assert_allclose(separations([one, other], again, tosses, FRAMES - 1), found["separation_sd"], rtol=1e-6)
