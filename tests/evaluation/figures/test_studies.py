@@ -153,3 +153,14 @@ def test_the_inertia_study_counts_who_reached_the_truth() -> None:
     intervals = [one.get_ydata() for one in lines(upper, "_interval")]
     np.testing.assert_allclose(intervals, np.tile([0.9, 1.2], (19, 1)))
     assert_legible(figure)
+
+
+def test_one_offset_is_drawn_over_the_scales() -> None:
+    common = {"parameterisation": "direct", "com_offset_m": 0.01, "inertia_error_rel": 0.02}
+    found = ((0.25, 1e-4), (1.0, 2e-4), (4.0, 3e-4))
+    cells = [{**common, "inertia_scale": scale, "com_error_m": error} for scale, error in found]
+    _, lower = inertia_study(cells).axes
+    assert lower.get_xlabel() == "start: inertia / true inertia [1]"
+    np.testing.assert_allclose(line(lower, "learned").get_xdata(), [0.25, 1, 4])
+    np.testing.assert_allclose(line(lower, "learned").get_ydata(), [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(line(lower, "start").get_ydata(), 10.0)

@@ -29,7 +29,8 @@ def inertia_study(cells: Sequence[Cell], *, title: str = "From a wrong inertia t
     """For each parameterisation: the error each start had (open) and the error that was learned (filled).
 
     Upper row: relative error of the inertia against the start's scale. Lower
-    row: error of the centre of mass against the start's offset. The band of
+    row: error of the centre of mass against the start's offset, or against the scale
+    too where all starts have one offset. The band of
     starts that reached the truth (5 %, 1 mm) is marked and counted.
 
     Args:
@@ -67,13 +68,19 @@ def inertia_study(cells: Sequence[Cell], *, title: str = "From a wrong inertia t
             upper, np.array([float(c["inertia_scale"]) for c in own]), inertia, 100 * REACHED_INERTIA, tops[0],
             style.color, log2=True,
         )  # fmt: skip
-        step = float(np.diff(offsets).min()) if len(offsets) > 1 else 1.0
-        lower.set_xlim(offsets.min() - 0.5 * step, offsets.max() + 0.5 * step)
-        if len(offsets) <= 7:
-            lower.set_xticks(offsets, [f"{o:g}" for o in offsets])
-        lower.set_xlabel("start: offset of centre of mass [mm]")
-        _starts(lower, np.array([1e3 * float(c["com_offset_m"]) for c in own]), com, 1e3 * REACHED_COM_M, tops[1],
-                style.color, log2=False, step=step)  # fmt: skip
+        start = np.array([float(c["inertia_scale"]) for c in own])
+        if len(offsets) > 1:
+            step = float(np.diff(offsets).min())
+            lower.set_xlim(offsets.min() - 0.5 * step, offsets.max() + 0.5 * step)
+            if len(offsets) <= 7:
+                lower.set_xticks(offsets, [f"{o:.3g}" for o in offsets])
+            lower.set_xlabel("start: offset of centre of mass [mm]")
+            start = np.array([1e3 * float(c["com_offset_m"]) for c in own])
+        else:
+            step = 1.0
+            log2_axis(lower, scales.tolist(), room=0.5)
+            lower.set_xlabel("start: inertia / true inertia [1]")
+        _starts(lower, start, com, 1e3 * REACHED_COM_M, tops[1], style.color, log2=len(offsets) == 1, step=step)
         upper.set_ylabel("error of the inertia [%]" if j == 0 else "")
         lower.set_ylabel("error of the centre of mass [mm]" if j == 0 else "")
         if j:
