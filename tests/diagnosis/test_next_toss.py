@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.diagnosis.by_hand import hypothesis
+from tests.diagnosis.by_hand import EFFECTS, hypothesis
 from tossid.diagnosis.next_toss import Releases, draw_releases, next_toss, separations
 from tossid.motion import lowest_corner
 from tossid.objects import ObjectModel
@@ -90,6 +90,9 @@ def test_the_best_release_beats_a_usual_toss(cube: ObjectModel, tosses: list[Tos
     found = next_toss(one, [other], tosses, cube, rng=np.random.default_rng(0))
     assert found["between"] == ["friction", "velocity_friction"]
     assert found["separation_sd"] > 1.5 * found["separation_of_tosses_seen_sd"]
+    both = [rival.plus(EFFECTS["gravity"]) for rival in (one, other)]
+    named = next_toss(both[0], both[1:], tosses[:6], cube, rng=np.random.default_rng(0))["between"]
+    assert named == ["friction", "velocity_friction"]  # what both have is not said
     release = found["release"]
     again = Releases(
         np.array([release["position_m"] + release["attitude_wxyz"]]),

@@ -66,7 +66,7 @@ def next_toss(
     if not alternatives:
         return {"release": None, "reason": "no two effects are confusable: no toss is needed to separate them"}
     rivals = [hypothesis, *alternatives][:LARGEST]
-    names = [" + ".join(e.name for e in rival.effects) for rival in rivals]
+    names = _what_differs(rivals)
     candidates = draw_releases(tosses, stated, CANDIDATES, rng=rng)
     seen = Releases(np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses]))
     frames = int(np.median([len(toss) for toss in tosses])) - 1
@@ -98,6 +98,14 @@ def next_toss(
         "separation_of_tosses_seen_sd": usual,
         "candidates": len(candidates),
     }
+
+
+def _what_differs(rivals: Sequence[Hypothesis]) -> list[str]:
+    """The effects of each that not all have."""
+    all_of = [{effect.name for effect in rival.effects} for rival in rivals]
+    common = set.intersection(*all_of)
+    kept = [[e.name for e in rival.effects if e.name not in common] for rival in rivals]
+    return [" + ".join(names) or "neither" for names in kept]
 
 
 def draw_releases(tosses: Sequence[Toss], stated: ObjectModel, n: int, *, rng: np.random.Generator) -> Releases:

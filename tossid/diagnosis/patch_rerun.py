@@ -27,7 +27,7 @@ from tossid.types import Toss
 Array = NDArray[np.float64]
 
 _ROWS_AT_ONCE = 1_000_000
-MOST_STEPS = 4_000_000
+MOST_STEPS = 1_200_000
 """MuJoCo steps of a rerun beyond which fewer tosses are rerun."""
 LARGEST = 1e3
 """[m] beyond which a motion counts as lost."""

@@ -140,7 +140,7 @@ def _named_table(diagnosis: Diagnosis) -> str:
         keys = list(f.parameters)
         rows.append(
             [
-                _dot(f) + f"<b>{escape(f.name)}</b>",
+                f'<span class="nb">{_dot(f)}<b>{escape(f.name)}</b></span>',
                 escape(f.says),
                 "<br>".join(f"{escape(parameter(k))} = {escape(in_units(k, f.parameters[k]))}" for k in keys),
                 "<br>".join(escape(quantity(k, stated[k])) if k in stated else "" for k in keys),
@@ -168,7 +168,7 @@ def _patch(patch: Mapping[str, Any] | None) -> str:
     parts = ["<h2>The patch for your simulator</h2>"]
     scalars = {k: v for k, v in patch["keys"].items() if isinstance(v["before"], float)}
     if scalars:
-        texts = [f"{k} {short(v['before'])} → {short(v['after'], 4)}" for k, v in scalars.items()]
+        texts = [f"{k} {v['before']:.4g} → {v['after']:.4g}" for k, v in scalars.items()]
         parts.append(f"<p>In tossid's own terms: {escape(listed(texts))}.</p>")
     if patch["changes"]:
         rows = [
