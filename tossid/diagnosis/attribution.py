@@ -31,7 +31,7 @@ Progress = Callable[[str, float], None]
 
 LEVEL = 0.05
 """Family-wise level of naming an effect in a round."""
-MATTERS = 0.02
+MATTERS = 0.004
 """Share of the gap that an effect must close to be named."""
 MOST_EFFECTS = 7
 CANDIDATES = 6
