@@ -106,6 +106,12 @@ def diagnose(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug:
     _run("diagnose", keys, json=json, quiet=quiet)
 
 
+@app.command(cls=KeyedCommand)
+def audit(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Check diagnose on tosses whose effect is withheld from it."""
+    _run("audit", keys, json=json, quiet=quiet)
+
+
 @app.command()
 def info(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Dataset, pose file or recording folder.")],

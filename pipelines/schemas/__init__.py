@@ -11,6 +11,7 @@ Nothing heavy is imported here: help pages read this module.
 
 from __future__ import annotations
 
+from pipelines.schemas.auditing import AuditConfig
 from pipelines.schemas.diagnosis import DiagnoseConfig, MjcfSim, NominalSim, RunSim, Sim
 from pipelines.schemas.ingestion import (
     ContactNetsSource,
@@ -50,6 +51,7 @@ from pipelines.schemas.synthesis import (
 )
 
 COMMANDS: dict[str, type] = {
+    "audit": AuditConfig,
     "detect": DetectStageConfig,
     "diagnose": DiagnoseConfig,
     "evaluate": EvaluateConfig,
@@ -62,6 +64,7 @@ COMMANDS: dict[str, type] = {
 """The schema of each command that takes keys."""
 
 __all__ = [
+    "AuditConfig",
     "Bounds",
     "COMMANDS",
     "CameraConfig",

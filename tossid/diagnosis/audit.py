@@ -1,0 +1,475 @@
+"""The audit's cases, drawn with a seed, and how what a diagnosis says of them is scored.
+
+A case has an effect of the library in it, two, none, a force that is no effect of the library, or an effect that is
+then taken out of the library. Strengths are such that the object moves by a drawn multiple of the position noise:
+the median over frames and tosses of the way between the same throw with and without the effect.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.attribution import CONTAINS, _Search, halves
+from tossid.diagnosis.fitting import Hypothesis
+from tossid.diagnosis.gap import noise_floor, share_left
+from tossid.diagnosis.windows import SUBSTEPS, make_windows
+from tossid.errors import InputError
+from tossid.physics import simulate
+from tossid.physics.effects import LIBRARY, Effect, World
+from tossid.types import Phase, Toss
+
+Array = NDArray[np.float64]
+Push = Callable[[float, Array, Array], Array]
+"""From time [s], q (B, 7), v (B, 6) to the force on the centre of mass (B, 3) [N]."""
+Values = dict[str, float]
+Kind = Literal["effect", "null", "pair", "outside", "without", "spoilt"]
+
+KINDS: tuple[Kind, ...] = ("effect",) * 5 + ("null",) * 2 + ("pair", "outside", "without")
+"""Every ten cases are these, in a drawn order."""
+REST = 0.01
+"""Speed [m/s] below which the object rests."""
+LARGEST_CLASS = 3
+RESTORED = 0.05
+"""Share by which a spoilt parameter may be off."""
+TRIES = 8
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a case is, but for the strengths, which `settled` finds. targets: ways over the position noise."""
+
+    index: int
+    kind: Kind
+    engine: str
+    effects: tuple[str, ...]
+    targets: tuple[float, ...]
+    seed: int
+
+    @property
+    def without(self) -> tuple[str, ...]:
+        """What is taken out of the library: the effect, and all that contain it."""
+        if self.kind != "without":
+            return ()
+        return tuple(
+            e.name for e in LIBRARY if e.name in self.effects or set(self.effects) & {*CONTAINS.get(e.name, ())}
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return {**asdict(self), "effects": list(self.effects), "targets": list(self.targets)}
+
+
+# ---------------------------------------------------------------- strengths
+
+
+@dataclass(frozen=True)
+class Strength:
+    """Sizes that are tried, from the smallest to the largest, and the parameters of a size and of (8,) draws of -1..1.
+
+    Draws turn the signs and directions, and set what has no size.
+    """
+
+    low: float
+    high: float
+    values: Callable[[float, Array], Values]
+
+
+def _sign(u: Array) -> float:
+    return 1.0 if u[0] > 0 else -1.0
+
+
+def _signed(name: str, middle: float = 0.0) -> Callable[[float, Array], Values]:
+    return lambda size, u: {name: middle + _sign(u) * size}
+
+
+def _plain(name: str) -> Callable[[float, Array], Values]:
+    return lambda size, u: {name: size}
+
+
+def _scaled(name: str, middle: float = 1.0) -> Callable[[float, Array], Values]:
+    return lambda size, u: {name: middle * math.exp(_sign(u) * size)}
+
+
+def _directed(*names: str) -> Callable[[float, Array], Values]:
+    n = len(names)
+    return lambda size, u: dict(zip(names, (size / np.linalg.norm(u[:n]) * u[:n]).tolist(), strict=True))
+
+
+def _between(low: float, high: float, u: float) -> float:
+    """Log-uniform, of u in -1..1."""
+    return low * (high / low) ** (0.5 * (1 + u))
+
+
+def _wind(size: float, u: Array) -> Values:
+    return {**_directed("x_ms", "y_ms")(_between(2, 6, u[2]), u), "c_nspm": size}
+
+
+def _pull(size: float, u: Array) -> Values:
+    return {"k_npm": size, "x_m": float(u[0]), "y_m": float(u[1]), "z_m": 0.5 + 0.5 * float(u[2])}
+
+
+def _velocity_friction(size: float, u: Array) -> Values:
+    return {
+        "static_mu": 0.18 * math.exp(size),
+        "sliding_mu": 0.18 * math.exp(-0.5 * size),
+        "speed_ms": _between(0.1, 0.6, u[1]),
+    }
+
+
+def _compliance(size: float, u: Array) -> Values:
+    stiffness = 1 / size
+    return {"stiffness_npm": stiffness, "damping_nspm": 2 * _between(0.1, 0.8, u[1]) * math.sqrt(stiffness * 0.37)}
+
+
+STRENGTHS: dict[str, Strength] = {
+    "com_offset": Strength(3e-4, 0.02, _directed("x_m", "y_m", "z_m")),
+    "inertia": Strength(0.04, 1.0, _scaled("scale_rel")),
+    "geometry": Strength(3e-3, 0.1, _scaled("size_rel")),
+    "gravity": Strength(0.05, 4.0, _signed("g_ms2", 9.81)),
+    "ground_tilt": Strength(2e-3, 0.1, _directed("x_rad", "y_rad")),
+    "ground_height": Strength(5e-4, 0.03, _signed("z_m")),
+    "linear_drag": Strength(5e-3, 0.6, _plain("c_nspm")),
+    "quadratic_drag": Strength(5e-3, 0.6, _plain("c_ns2pm2")),
+    "spin_drag": Strength(3e-5, 6e-3, _plain("c_nms")),
+    "wind": Strength(5e-3, 0.4, _wind),
+    "magnus": Strength(1e-3, 0.08, _signed("c_ns2pm")),
+    "uniform_force": Strength(0.01, 2.0, _directed("x_n", "y_n", "z_n")),
+    "position_force": Strength(0.05, 15.0, _pull),
+    "vortex": Strength(0.1, 15.0, _signed("c_npm")),
+    "turning_frame": Strength(0.03, 3.0, _signed("rate_ps")),
+    "friction": Strength(0.05, 1.5, _scaled("mu", 0.18)),
+    "velocity_friction": Strength(0.15, 1.5, _velocity_friction),
+    "anisotropic_friction": Strength(
+        0.1, 1.2, lambda s, u: {"x_mu": 0.18 * math.exp(_sign(u) * s), "y_mu": 0.18 * math.exp(-_sign(u) * s)}
+    ),
+    "cohesion": Strength(0.01, 1.5, _plain("c_n")),
+    "torsional_friction": Strength(2e-3, 0.08, _plain("radius_m")),
+    "rolling_resistance": Strength(5e-4, 0.05, _plain("radius_m")),
+    "restitution": Strength(0.04, 0.7, _plain("e")),
+    "compliance": Strength(1e-5, 1e-3, _compliance),
+    "adhesion": Strength(0.02, 3.0, _plain("force_n")),
+    "length_scale": Strength(2e-3, 0.2, _scaled("scale_rel")),
+    "time_base": Strength(2e-3, 0.2, _scaled("rate_rel")),
+    "body_frame_offset": Strength(7e-4, 0.03, _directed("x_m", "y_m", "z_m")),
+    "world_tilt": Strength(2e-3, 0.1, _directed("x_rad", "y_rad")),
+}
+
+OUTSIDE: dict[str, Strength] = {
+    "cubic_drag": Strength(5e-3, 0.8, _plain("c_ns3pm3")),
+    "pulsing_force": Strength(
+        0.03, 5.0, lambda s, u: {**_directed("x_n", "y_n")(s, u), "period_s": _between(0.08, 0.25, u[2])}
+    ),
+    "telegraph_force": Strength(
+        0.03, 5.0, lambda s, u: {**_directed("x_n", "y_n")(s, u), "switches_ps": _between(8, 30, u[2])}
+    ),
+}
+"""Forces that the library has not: -c |u|² u; to and fro, from a phase drawn a toss; changing sign at random."""
+
+SPOILT: dict[str, Strength] = {
+    "gravity": Strength(0.3, 1.5, _signed("g_ms2")),
+    "com_offset": Strength(2e-3, 8e-3, _directed("x_m", "y_m", "z_m")),
+    "inertia": Strength(0.1, 0.4, _scaled("scale_rel")),
+    "friction": Strength(0.2, 0.6, _scaled("mu")),
+    "geometry": Strength(0.01, 0.04, _scaled("size_rel")),
+}
+"""What a simulator's own parameters are spoiled by: gravity by so much, friction by a factor."""
+
+
+# ---------------------------------------------------------------- drawing
+
+
+def draw_cases(
+    n: int, *, seed: int, engines: Sequence[str], displacement: tuple[float, float], only_lcp: Sequence[str] = ()
+) -> tuple[Case, ...]:
+    """The first n cases of a seed; those of a smaller n are the first of them.
+
+    Args:
+        engines: to take turns. displacement: least and largest target, over the position noise (log-uniform).
+        only_lcp: effects that engine lcp alone has.
+    """
+    rng = np.random.default_rng([seed, 1])
+    order = {kind: _endless(list(STRENGTHS), rng) for kind in ("effect", "without")}
+    pairs, outside = _endless(list(STRENGTHS), rng), _endless(list(OUTSIDE), rng)
+    kinds: list[Kind] = []
+    cases = []
+    turn = dict.fromkeys(KINDS, 0)
+    for index in range(n):
+        if not kinds:
+            kinds = [KINDS[i] for i in rng.permutation(len(KINDS))]
+        kind = kinds.pop()
+        names: tuple[str, ...] = ()
+        if kind in order:
+            names = (next(order[kind]),)
+        elif kind == "pair":
+            names = _pair(pairs)
+        elif kind == "outside":
+            names = (next(outside),)
+        engine = engines[turn[kind] % len(engines)]
+        turn[kind] += 1
+        if "lcp" in engines and (kind == "outside" or set(names) & set(only_lcp)):
+            engine = "lcp"
+        low, high = np.log(displacement)
+        targets = tuple(float(x) for x in np.exp(rng.uniform(low, high, len(names))))
+        cases.append(Case(index, kind, engine, names, targets, int(rng.integers(2**32))))
+    return tuple(cases)
+
+
+def draw_spoilt(n: int, *, seed: int) -> tuple[Case, ...]:
+    """The first n cases of spoiled simulators."""
+    rng = np.random.default_rng([seed, 2])
+    names = _endless(list(SPOILT), rng)
+    return tuple(Case(i, "spoilt", "real", (next(names),), (), int(rng.integers(2**32))) for i in range(n))
+
+
+def _endless(names: list[str], rng: np.random.Generator) -> Iterator[str]:
+    """All names in a drawn order, again and again. The order does not depend on when they are taken."""
+    own = np.random.default_rng(rng.integers(2**32))
+    while True:
+        yield from (names[i] for i in own.permutation(len(names)))
+
+
+def _pair(names: Iterator[str]) -> tuple[str, str]:
+    """Two effects of different families, of which none contains the other."""
+    family = {effect.name: effect.family for effect in LIBRARY}
+    first = next(names)
+    while True:
+        second = next(names)
+        contained = second in CONTAINS.get(first, ()) or first in CONTAINS.get(second, ())
+        if family[first] != family[second] and not contained:
+            return first, second
+
+
+# ---------------------------------------------------------------- strengths that move the object so far
+
+
+def effect_named(name: str) -> Effect:
+    """The library's effect of that name."""
+    return next(effect for effect in LIBRARY if effect.name == name)
+
+
+def world_with(world: World, effects: Mapping[str, Values]) -> World:
+    """The world with effects at values, their other parameters nominal."""
+    for name, given in effects.items():
+        effect = effect_named(name)
+        values = dict(zip((p.name for p in effect.parameters), effect.nominal(world), strict=True)) | dict(given)
+        world = effect.at(world, np.array(list(values.values())))
+    return world
+
+
+def push_of(name: str, values: Values, *, count: int, seconds: float, seed: int) -> Push:
+    """A force that the library has not, on `count` tosses of at most so many seconds."""
+    rng = np.random.default_rng(seed)
+    if name == "cubic_drag":
+        return lambda t, q, v: -values["c_ns3pm3"] * (v[:, :3] ** 2).sum(1, keepdims=True) * v[:, :3]
+    force = np.array([values["x_n"], values["y_n"], 0.0])
+    if name == "pulsing_force":
+        phase = rng.uniform(0, 2 * np.pi, count)
+        return lambda t, q, v: np.sin(2 * np.pi * t / values["period_s"] + phase)[:, None] * force
+    if name == "telegraph_force":
+        step = 1e-3
+        n = math.ceil(seconds / step) + 2
+        flips = rng.uniform(size=(count, n)) < values["switches_ps"] * step
+        signs = np.where((flips.cumsum(1) + rng.integers(0, 2, (count, 1))) % 2, 1.0, -1.0)
+        return lambda t, q, v: signs[:, min(int(t / step), n - 1), None] * force
+    raise InputError(f"there is no force '{name}' in the audit")
+
+
+def motion(
+    world: World, q0: Array, v0: Array, *, n_steps: int, dt: float, push: Push | None = None
+) -> tuple[Array, Array]:
+    """True motions in the ground's frame, (B, n_steps + 1, nq) and (…, nv), from true states there.
+
+    A push acts in kicks at the ends of half frames, second order in time; it goes through the body's origin, where
+    the stated object has its centre of mass.
+    """
+    system = world.system()
+    if push is None:
+        run = simulate(system, q0, v0, n_steps=n_steps, dt=dt, substeps=SUBSTEPS)
+        return run.q, run.v
+    q, v = np.empty((len(q0), n_steps + 1, q0.shape[1])), np.empty((len(q0), n_steps + 1, v0.shape[1]))
+    q[:, 0], v[:, 0] = q0, v0
+    h, mass = 0.5 * dt, float(world.object.mass.sum())
+    for frame in range(n_steps):
+        q1, v1 = q[:, frame], v[:, frame]
+        for half in range(2):
+            t = frame * dt + half * h
+            v1 = v1.copy()
+            v1[:, :3] += 0.5 * h / mass * push(t, q1, v1)
+            run = simulate(system, q1, v1, n_steps=1, dt=h, substeps=max(1, SUBSTEPS // 2))
+            q1, v1 = run.q[:, 1], run.v[:, 1].copy()
+            v1[:, :3] += 0.5 * h / mass * push(t + h, q1, v1)
+        q[:, frame + 1], v[:, frame + 1] = q1, v1
+    return q, v
+
+
+def way_between(one: Array, other: Array, dt: float) -> float:
+    """Median over tosses of the median over frames, until `one` rests, of the way between recorded positions [m].
+
+    one, other: (B, T, nq).
+    """
+    speed = np.linalg.norm(np.diff(one[..., :3], axis=1), axis=-1) / dt
+    ways = []
+    for i in range(len(one)):
+        moving = np.flatnonzero(speed[i] > REST)
+        n = int(moving[-1]) + 2 if len(moving) else 2
+        ways.append(float(np.median(np.linalg.norm(one[i, :n, :3] - other[i, :n, :3], axis=-1))))
+    return float(np.median(ways))
+
+
+def settled(
+    name: str, target: float, world: World, q0: Array, v0: Array, *, noise: float, n_steps: int, dt: float, seed: int
+) -> tuple[Values, float]:
+    """Values of an effect (or of a force outside the library) that move the object by `target` times the noise.
+
+    Args:
+        q0, v0: (B, 7), (B, 6) true states that throws begin with. noise: [m].
+
+    Returns:
+        the values, and the multiple that they reach; it is another where the effect's range has no better.
+    """
+    strength = STRENGTHS[name] if name in STRENGTHS else OUTSIDE[name]
+    u = np.random.default_rng([seed, 3]).uniform(-1, 1, 8)
+    plain = world.recorded_poses(motion(world, q0, v0, n_steps=n_steps, dt=dt)[0])
+    low, high = math.log(strength.low), math.log(strength.high)
+    at, best = 0.5 * (low + high), None
+    for _ in range(TRIES):
+        values = {key: float(x) for key, x in strength.values(math.exp(at), u).items()}
+        if name in STRENGTHS:
+            there = world_with(world, {name: values})
+            clocked = dt / there.recording.clock_rate
+            moved = there.recorded_poses(motion(there, q0, v0, n_steps=n_steps, dt=clocked)[0])
+        else:
+            push = push_of(name, values, count=len(q0), seconds=n_steps * dt, seed=seed)
+            moved = world.recorded_poses(motion(world, q0, v0, n_steps=n_steps, dt=dt, push=push)[0])
+        ratio = way_between(plain, moved, dt) / noise
+        off = math.log(max(ratio, 1e-3) / target)
+        if best is None or abs(off) < best[0]:
+            best = (abs(off), values, ratio)
+        if abs(off) < 0.2:
+            break
+        low, high = (at, high) if off < 0 else (low, at)
+        at = at - off if low < at - off < high else 0.5 * (low + high)
+    assert best is not None
+    return best[1], best[2]
+
+
+# ---------------------------------------------------------------- scoring
+
+
+def closable_share(
+    tosses: Sequence[Toss], world: World, effects: Mapping[str, Values], *, seed: int, n_threads: int = 1
+) -> float:
+    """Share of the gap that the true effects close: what is left then is not the diagnosis's to close."""
+    n = len(tosses)
+    search = _Search(make_windows(tosses), n, halves(n, np.random.default_rng(seed)), n_threads)
+    first, last = search.start(Hypothesis(world)), search.start(Hypothesis(world_with(world, effects)))
+    floor = noise_floor(last, last.fitted.hypothesis.world(), search, seed=seed)
+    return share_left(first, last, search, floor)[0].value
+
+
+def score(truth: Mapping[str, Any], gap: Mapping[str, Any], *, closable: float | None = None) -> dict[str, Any]:
+    """What is right and wrong in a diagnosis.
+
+    Args:
+        truth: `case` (`Case.as_json`), `effects` ({name: values}; for a spoilt simulator the values to be found).
+        gap: gap.json. closable: share of the gap that the true effects close.
+
+    Returns:
+        right: by the measure of the case's kind (None for what is not judged). named: in order. false: names that
+        neither are true nor share a class with a true one. missed: true ones that are not found. parameters: true
+        values with what was found. closed: share of the closable gap. phase_right: where the gap is largest (for
+        what must stay unexplained: where something is left), the effect acts.
+    """
+    kind, true = truth["case"]["kind"], dict(truth["effects"])
+    found = {finding["name"]: finding for finding in gap["effects"]}
+    named, verdict = list(gap["explanation"]["effects"]), gap["explanation"]["verdict"]
+    classes = {name: [name, *found[name]["confusable_with"]] for name in named}
+    inside = {t: any(t in group[:LARGEST_CLASS] for group in classes.values()) for t in true}
+    out: dict[str, Any] = {
+        "kind": kind,
+        "verdict": verdict,
+        "named": named,
+        "classes": classes,
+        "false": [name for name, group in classes.items() if not set(group) & set(true)],
+        "missed": [],
+        "parameters": [],
+        "closed": None,
+        "phase_right": None,
+    }
+    where = [share["phase"] for share in gap["explanation"]["unexplained_where"]]
+    if kind in ("null", "outside"):
+        # what is no effect of the library must get no name
+        return {**out, "right": not named, "hedged": kind == "null" or verdict != "explained", "false": named}
+    phases = {Phase(p).name.lower() for name in true for p in effect_named(name).phases}
+    if kind == "without":
+        left = verdict in ("unexplained", "partly_explained")
+        return {**out, "right": left, "phase_right": bool(set(where) & phases), "false": named}
+    first = classes[named[0]] if named else []
+    right = bool(true) and (any(t in first for t in true) and len(first) <= LARGEST_CLASS)
+    if kind == "pair":
+        right = all(inside.values())
+    shares = [share for share in gap["gap"]["by_phase"] if share["share"] is not None]
+    largest = max(shares, key=lambda share: share["share"])["phase"] if shares else None
+    parameters = [
+        _parameter(name, key, value, found.get(name, {}).get("parameters", {}).get(key), spoilt=kind == "spoilt")
+        for name, values in true.items()
+        for key, value in values.items()
+        if inside[name]
+    ]
+    closed = gap["explanation"]["gap_closed"]["value"]
+    if closable is not None and closed is not None:
+        closed = closed / closable if closable > 0.05 else None
+    return {
+        **out,
+        "right": right,
+        "missed": [name for name, there in inside.items() if not there],
+        "parameters": [p for p in parameters if p is not None],
+        "closed": closed,
+        "phase_right": largest in phases,
+    }
+
+
+def _parameter(name: str, key: str, true: float, found: Mapping[str, Any] | None, *, spoilt: bool) -> Any:
+    if found is None:
+        return None
+    value, (low, high) = found["value"], found["ci95"]
+    covered = all(x is not None for x in (value, low, high)) and low <= true <= high
+    entry = {"effect": name, "name": key, "true": true, "value": value, "ci95": [low, high], "covered": covered}
+    if spoilt:
+        entry["restored"] = value is not None and abs(value - true) <= RESTORED * abs(true)
+    return entry
+
+
+def summarise(scores: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The audit's measures over scored cases: how many of how many, and what is wanted."""
+    of = {kind: [s for s in scores if s["kind"] == kind] for kind in (*dict.fromkeys(KINDS), "spoilt")}
+    covered = [p["covered"] for s in scores for p in s["parameters"]]
+    closed = [s["closed"] for s in scores if s["closed"] is not None]
+    phase = [s["phase_right"] for s in scores if s["phase_right"] is not None]
+    out = {
+        "right_name": _count([s["right"] for s in of["effect"]], 0.9),
+        "false_names_on_nulls": {"count": sum(not s["right"] for s in of["null"]), "of": len(of["null"])},
+        "further_false_names": _count([bool(s["false"]) for s in of["effect"]], None),
+        "coverage": _count(covered, 0.85),
+        "closed_median": {"value": float(np.median(closed)) if closed else None, "of": len(closed), "wanted": 0.9},
+        "pairs_both_named": _count([s["right"] for s in of["pair"]], 0.7),
+        "outside_not_named": _count([s["right"] for s in of["outside"]], 0.75),
+        "outside_not_explained": _count([s["hedged"] for s in of["outside"]], None),
+        "without_unexplained": _count([s["right"] for s in of["without"]], None),
+        "phases_right": _count(phase, None),
+    }
+    if of["spoilt"]:
+        out["spoilt_named"] = _count([s["right"] for s in of["spoilt"]], 1.0)
+        out["spoilt_restored"] = _count([p["restored"] for s in of["spoilt"] for p in s["parameters"]], 1.0)
+    return out
+
+
+def _count(values: Sequence[bool], wanted: float | None) -> dict[str, Any]:
+    n = len(values)
+    return {"count": int(sum(values)), "of": n, "share": sum(values) / n if n else None, "wanted": wanted}
