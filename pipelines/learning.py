@@ -61,10 +61,13 @@ def learning_keys(config: TrainConfig) -> dict[str, Any]:
     return {name: value for name, value in as_plain(config).items() if name not in NOT_LEARNING}
 
 
-def prepare(dataset: Dataset, config: TrainConfig) -> Fit:
+def prepare(dataset: Dataset, config: TrainConfig, *, n_threads: int = 1) -> Fit:
     """The untrained fit of the model that the keys name to the dataset's training tosses.
 
     One torch thread does it: the tensors are small, and the numbers are the same on every machine.
+
+    Args:
+        n_threads: for rollouts, which part tosses among them; the numbers do not depend on it.
 
     Raises:
         InputError: a split is empty, or has fewer tosses than asked for.
@@ -82,6 +85,7 @@ def prepare(dataset: Dataset, config: TrainConfig) -> Fit:
             optimizer=config.optimizer,
             learning_rate=config.learning_rate,
             horizons=config.model.horizons,
+            n_threads=n_threads,
         ),
     )
 

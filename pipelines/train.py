@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -36,7 +37,7 @@ def run(config: TrainConfig, console: Console) -> dict[str, Any]:
 
     dataset, sha256 = read_dataset(data), file_sha256(data)
     try:
-        fit = prepare(dataset, config)
+        fit = prepare(dataset, config, n_threads=os.cpu_count() or 1)
     except InputError as error:
         raise InputError(f"{data}: {error}") from error
     digest = hashlib.sha256(json.dumps([learning_keys(config), sha256], sort_keys=True).encode()).hexdigest()[:12]
