@@ -1,9 +1,9 @@
 """The toss to make next: the release that best separates the hypotheses which the tosses so far cannot tell apart.
 
-For a release, tosses are predicted under one hypothesis, noise-free but with the data's noise stated, and cut into
-the same windows as real ones; the misses of another hypothesis there, whitened so that the first states stay the
-nuisances that they are, have the squared length that a diagnosis would find on average beyond noise. Misses count by
-Student's density, as in the fit, so that one chaotic impact is one impact. Both hypotheses keep the values that they
+For a release, tosses are predicted under the first hypothesis, noise-free but with the data's noise stated, and cut
+into the same windows as real ones. What two hypotheses differ by there, whitened so that the first states stay the
+nuisances that they are, has the squared length that a diagnosis would find on average beyond noise. Misses count by
+Student's density, as in the fit, so that one chaotic impact is one impact. All hypotheses keep the values that they
 were fitted with: what a refit would take back is not counted, and separations are upper bounds.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,10 @@ CLEARANCE = 0.02
 """Least height [m] of the lowest corner at release."""
 LARGEST = 3
 """Hypotheses that are compared."""
+MOST_FRAMES = 100
+"""Frames of a toss that are predicted."""
+MOST_SEEN = 20
+"""Tosses seen that releases are compared with."""
 ENOUGH = 3.0
 """Expected separation [standard deviations] below which no toss is worth its while."""
 
@@ -68,7 +73,8 @@ def next_toss(
     rivals = [hypothesis, *alternatives][:LARGEST]
     names = _what_differs(rivals)
     candidates = draw_releases(tosses, stated, CANDIDATES, rng=rng)
-    seen = Releases(np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses]))
+    some = tosses[:: -(-len(tosses) // MOST_SEEN)]
+    seen = Releases(np.stack([toss.q[0] for toss in some]), np.stack([toss.v[0] for toss in some]))
     frames = int(np.median([len(toss) for toss in tosses])) - 1
     expected = separations(rivals, candidates, tosses, frames, n_threads=n_threads)
     usual = float(np.median(separations(rivals, seen, tosses, frames, n_threads=n_threads)))
@@ -144,26 +150,25 @@ def separations(
     """(B,) expected separation of the two nearest rivals by one toss from each release [standard deviations]."""
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
     cov = np.median(np.concatenate([toss.q_cov for toss in tosses]), axis=0)
-    worlds = [rival.world() for rival in rivals]
-    nearest = np.full(len(releases), np.inf)
-    steps = np.full(len(releases), frames)
-    for i, world in enumerate(worlds[:-1]):
-        run = world.roll_out(releases.q, releases.v, n_steps=steps, dt=dt, substeps=SUBSTEPS, n_threads=n_threads)
-        good = np.flatnonzero(np.isfinite(run).all((1, 2)))
-        nearest[~np.isfinite(run).all((1, 2))] = 0.0
-        if not len(good):
-            break
-        windows = make_windows([_as_toss(run[b], releases.v[b], dt, cov) for b in good])
-        windows, whitening = linearise(windows, world, refine=1, n_threads=n_threads)
-        own = whitening(windows.misses(windows.predicted(world, n_threads=n_threads)))
-        for other in worlds[i + 1 :]:
-            theirs = whitening(windows.misses(windows.predicted(other, n_threads=n_threads)))
-            r = np.where(windows.inside[..., None], theirs - own, 0.0)
-            # 2 log-likelihood ratio of Student's density; r² for small r
-            squares = NU * np.log1p(r**2 / NU)
-            total = np.bincount(windows.toss, weights=squares.sum((1, 2)), minlength=len(good))
-            nearest[good] = np.minimum(nearest[good], np.sqrt(total))
-    return np.where(np.isfinite(nearest), nearest, 0.0)
+    first, *others = [rival.world() for rival in rivals]
+    steps = np.full(len(releases), min(frames, MOST_FRAMES))
+    run = first.roll_out(releases.q, releases.v, n_steps=steps, dt=dt, substeps=SUBSTEPS, n_threads=n_threads)
+    good = np.flatnonzero(np.isfinite(run).all((1, 2)))
+    out = np.zeros(len(releases))
+    if not len(good):
+        return out
+    windows = make_windows([_as_toss(run[b], releases.v[b], dt, cov) for b in good])
+    windows, whitening = linearise(windows, first, refine=0, n_threads=n_threads)
+    missed = [whitening(windows.misses(windows.predicted(w, n_threads=n_threads))) for w in (first, *others)]
+    nearest = np.full(len(good), np.inf)
+    for one, other in combinations(missed, 2):
+        r = np.where(windows.inside[..., None], other - one, 0.0)
+        # twice the log-likelihood ratio of Student's density; r² for small r
+        squares = NU * np.log1p(r**2 / NU)
+        total = np.bincount(windows.toss, weights=squares.sum((1, 2)), minlength=len(good))
+        nearest = np.minimum(nearest, np.sqrt(total))
+    out[good] = nearest
+    return out
 
 
 def _as_toss(q: Array, v0: Array, dt: float, cov: Array) -> Toss:
