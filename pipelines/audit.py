@@ -96,18 +96,19 @@ def run(config: AuditConfig, console: Console) -> dict[str, Any]:
 
 
 def _jobs(config: AuditConfig, out: Path, pool: ProcessPoolExecutor, console: Console) -> list[Job]:
+    from pipelines.project import dataset_path
     from tossid.diagnosis.audit import draw_cases, draw_spoilt
     from tossid.store import file_sha256
 
     answer = None
     settings: dict[str, Any] = {"object": asdict(config.object), "code": _code()}
     if config.data is not None:
-        settings["data"] = file_sha256(config.data)
+        settings |= {"data": file_sha256(dataset_path(config.data)), "tosses": config.tosses, "seed": config.seed}
         key = _digest(settings)
         answer = _answer(out, key)
         if answer is None:
             console.say(f"{config.data}: diagnosing the unspoilt simulator")
-            answer = pool.submit(find_answer, config.data, config.seed, os.cpu_count() or 1).result()
+            answer = pool.submit(find_answer, config, os.cpu_count() or 1).result()
             _write(out / ANSWER, json.dumps({"key": key, "effects": answer}, indent=1) + "\n")
         console.say(f"the unspoilt simulator has {', '.join(answer) or 'no effects'}")
         cases = draw_spoilt(config.cases, seed=config.seed)
@@ -204,18 +205,13 @@ def _one(job: Job, out: Path, pool: ProcessPoolExecutor) -> dict[str, Any]:
             gap = pool.submit(diagnose_case, folder / "tosses.h5", job.case.without, job.case.seed).result()
         else:
             simulator = pool.submit(spoilt_world, job).result()
-            gap = pool.submit(diagnose_spoilt, _data(job), simulator, job.case.seed).result()
+            gap = pool.submit(diagnose_spoilt, job.config, simulator, job.case.seed).result()
         (folder / GAP).write_text(json.dumps(jsonable(gap), indent=1, allow_nan=False) + "\n")
         truth = _unseal(sealed, folder)
         result = pool.submit(judge, folder, truth, jsonable(gap), job.case.seed).result()
         result |= {"digest": job.digest, "name": job.name, "seconds": time.perf_counter() - started}
         (folder / RESULT).write_text(json.dumps(jsonable(result), indent=1, allow_nan=False) + "\n")
     return dict(jsonable(result))
-
-
-def _data(job: Job) -> Path:
-    assert job.config.data is not None
-    return job.config.data
 
 
 def seal(truth: dict[str, Any]) -> tuple[bytes, str]:
@@ -373,12 +369,23 @@ def _short(gap: dict[str, Any]) -> dict[str, Any]:
 # ---------------------------------------------------------------- spoilt simulators on real tosses
 
 
-def find_answer(data: Path, seed: int, threads: int) -> dict[str, dict[str, float]]:
+def _real(config: AuditConfig) -> tuple[Any, World]:
+    """As many of the real tosses as the keys say, drawn by the seed, and the nominal simulator of their object."""
+    import numpy as np
+
+    from pipelines.project import dataset_path
+
+    tosses, world = _read(dataset_path(config.data))
+    chosen = np.random.default_rng([config.seed, 6]).permutation(len(tosses))[: config.tosses]
+    return tuple(tosses[i] for i in sorted(chosen)), world
+
+
+def find_answer(config: AuditConfig, threads: int) -> dict[str, dict[str, float]]:
     """The effects that a diagnosis of the nominal simulator finds, fitted to all tosses: the unspoilt simulator."""
     from tossid.diagnosis.attribution import diagnose
 
-    tosses, world = _read(data)
-    found = diagnose(tosses, world, seed=seed % 1000, n_threads=threads).hypothesis
+    tosses, world = _real(config)
+    found = diagnose(tosses, world, seed=config.seed % 1000, n_threads=threads).hypothesis
     return {
         effect.name: dict(zip((p.name for p in effect.parameters), map(float, values), strict=True))
         for effect, values in zip(found.effects, found.values, strict=True)
@@ -388,7 +395,7 @@ def find_answer(data: Path, seed: int, threads: int) -> dict[str, dict[str, floa
 def _unspoilt(job: Job) -> World:
     from tossid.diagnosis.audit import world_with
 
-    return world_with(_read(_data(job))[1], job.answer or {})
+    return world_with(_real(job.config)[1], job.answer or {})
 
 
 def _spoil(job: Job, unspoilt: World) -> dict[str, float]:
@@ -425,11 +432,11 @@ def _spoilt_truth(job: Job) -> dict[str, Any]:
     return {"case": job.case.as_json(), "effects": {job.case.effects[0]: found}, "spoilt": spoilt, "displacement": {}}
 
 
-def diagnose_spoilt(data: Path, simulator: World, seed: int) -> dict[str, Any]:
+def diagnose_spoilt(config: AuditConfig, simulator: World, seed: int) -> dict[str, Any]:
     """gap.json of a simulator on real tosses."""
     from tossid.diagnosis.attribution import diagnose
 
-    return diagnose(_read(data)[0], simulator, seed=seed % 1000).as_json()
+    return diagnose(_real(config)[0], simulator, seed=seed % 1000).as_json()
 
 
 # ---------------------------------------------------------------- the whole

@@ -24,7 +24,7 @@ class AuditConfig:
     data: Path | None
     """a dataset of real tosses: the simulator is spoilt instead, relative to what a first diagnosis finds"""
     tosses: Annotated[int, Bounds(low=6)]
-    """tosses a case"""
+    """tosses a case; of real ones so many are drawn"""
     engines: tuple[Literal["lcp", "mujoco"], ...]
     """what simulates, in turns; lcp alone where MuJoCo cannot express the effect"""
     position_noise: Positive

@@ -37,6 +37,8 @@ REST = 0.01
 LARGEST_CLASS = 3
 RESTORED = 0.05
 """Share by which a spoilt parameter may be off."""
+CLOSABLE = 0.3
+"""Least share of the gap that the true effects must close for the share that was closed to mean anything."""
 TRIES = 8
 
 
@@ -107,11 +109,13 @@ def _between(low: float, high: float, u: float) -> float:
 
 
 def _wind(size: float, u: Array) -> Values:
-    return {**_directed("x_ms", "y_ms")(_between(2, 6, u[2]), u), "c_nspm": size}
+    # no faster than throws are: a gale in thin air is a uniform force
+    return {**_directed("x_ms", "y_ms")(_between(1, 4, u[2]), u), "c_nspm": size}
 
 
 def _pull(size: float, u: Array) -> Values:
-    return {"k_npm": size, "x_m": float(u[0]), "y_m": float(u[1]), "z_m": 0.5 + 0.5 * float(u[2])}
+    # no farther than throws are: a weak pull from afar is a uniform force
+    return {"k_npm": size, "x_m": 0.4 * float(u[0]), "y_m": 0.4 * float(u[1]), "z_m": 0.3 + 0.3 * float(u[2])}
 
 
 def _velocity_friction(size: float, u: Array) -> Values:
@@ -424,7 +428,7 @@ def score(truth: Mapping[str, Any], gap: Mapping[str, Any], *, closable: float |
     ]
     closed = gap["explanation"]["gap_closed"]["value"]
     if closable is not None and closed is not None:
-        closed = closed / closable if closable > 0.05 else None
+        closed = closed / closable if closable > CLOSABLE else None
     return {
         **out,
         "right": right,
