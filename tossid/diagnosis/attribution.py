@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from tossid.diagnosis.findings import Diagnosis, Finding, Interval, Step, Verdict
+from tossid.diagnosis.findings import Diagnosis, Finding, Interval, Verdict
 from tossid.diagnosis.fitting import Evidence, Fitted, Hypothesis, derivatives, fit, toss_sums
 from tossid.diagnosis.gap import Floor, deviance, measure_gap, noise_floor, rollout_errors, share_left
-from tossid.diagnosis.windows import SUBSTEPS, Windows, linearise, make_windows
+from tossid.diagnosis.windows import Windows, linearise, make_windows
 from tossid.physics.effects import LIBRARY, Effect, World
 from tossid.types import Phase, Toss
 
@@ -157,7 +157,7 @@ def diagnose(
         alike = [each for each in good if each is not best and _alike(best, each)]
         alike.sort(key=lambda each: -each.total)
         classes[best.effect.name] = tuple(alike[: LARGEST_CLASS - 1])
-        present = search.settled(best)
+        present = best
         history.append(present)
         judged.setdefault(best.effect.name, best)
         pruned = search.pruned(present, len(library))
@@ -294,10 +294,8 @@ class _Search:
             if moved.max(initial=0.0) < 0.2:
                 break
             evidence = self.around(hypothesis, evidence.windows, refine=1)
-        residual = evidence.residual(hypothesis.world())
         done = fit(evidence, hypothesis, n_tosses=self.n, iterations=2)
         ll = evidence.log_likelihood(done.residual, done.scales, self.n).sum()
-        del residual
         assert best is not None
         return (done, evidence) if ll >= best[2] else (best[0], best[1])
 
@@ -323,10 +321,6 @@ class _Search:
         """Fitted again until the states refined under it stay as they are."""
         fitted, evidence = self._converged(present.fitted.hypothesis, present.evidence.windows, rounds=6)
         return Candidate(present.effect, fitted, evidence, self.held_out(evidence, fitted), present.gain)
-
-    def settled(self, best: Candidate) -> Candidate:
-        """The chosen candidate as the state of the next round."""
-        return Candidate(best.effect, best.fitted, best.evidence, best.log_likelihood, best.gain)
 
     def pruned(self, present: Candidate, n_library: int) -> Candidate:
         """Without the effects that the others have made superfluous."""
@@ -490,6 +484,3 @@ def _detectable(search: _Search, present: Candidate, effect: Effect) -> tuple[di
         sizes[parameter.name] = size
         seen = seen or size < 0.5 * (parameter.high - parameter.low)
     return {k: v for k, v in sizes.items() if np.isfinite(v)}, seen
-
-
-__all__ = ["SUBSTEPS", "Candidate", "Step", "diagnose", "halves", "intervals", "one_sided"]

@@ -165,7 +165,6 @@ def toss_sums(evidence: Evidence, residual: Array, J: Array, scales: Array, n_to
     s = scales[w.phase][..., None]
     weight = (NU + 1) / (NU + (residual / s) ** 2) / s**2
     weight = np.where(w.inside[..., None], weight, 0.0)
-    # where a step moves the misses by more than they can be trusted to be linear, they say nothing of its size
     H_w = np.einsum("wlc,wlci,wlcj->wij", weight, J, J, optimize=True)
     g_w = np.einsum("wlc,wlci,wlc->wi", weight, J, residual, optimize=True)
     H, g = np.zeros((n_tosses, *H_w.shape[1:])), np.zeros((n_tosses, g_w.shape[1]))
