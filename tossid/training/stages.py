@@ -11,6 +11,7 @@ differences of whole rollouts through the fast kernel.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import log
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -27,10 +28,8 @@ ALL_BUT_RIGID = (0.05, 0.02, 1e-4)
 """Contact time [ms], damping, and cohesion in tenths of the weight, of a contact that is as stiff as the law can say.
 
 Where contact is rigid (simulated tosses), a softer one would have its effect explained by a wrong inertia."""
-
-
-def _all_but_rigid() -> Tensor:
-    return torch.tensor(ALL_BUT_RIGID, dtype=torch.float64).log()
+STIFF = 0.6
+"""Contact times [ms] up to which contact is rigid for all that a simulator's step of 1.7 ms can tell."""
 
 
 class Pass(NamedTuple):
@@ -173,7 +172,7 @@ class RolloutStage:
     """Miss [half widths, rad] up to which errors count quadratically."""
     DIFFERENCE = 0.015
     """Step of the central differences, to either side, in the parameters' own units of order one."""
-    SOFTER = 0.9
+    SOFTER = 0.97
     """Share of the all but rigid contact's loss that a softer one must stay below."""
     CHAOTIC = 0.2
     LARGEST_STEP = 0.3
@@ -206,7 +205,8 @@ class RolloutStage:
         value = self._model.contact_law.value
         if not any(value is parameter for parameter in self._parameters):
             return
-        starts = [value.detach().clone(), *self._model.contact_law.starts(), _all_but_rigid()]
+        soft = [value.detach().clone(), *self._model.contact_law.starts()]
+        starts = [start for start in soft if start[0] > log(STIFF)] + [torch.tensor(ALL_BUT_RIGID).double().log()]
         losses = []
         for start in starts:
             with torch.no_grad():
