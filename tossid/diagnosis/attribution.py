@@ -302,17 +302,10 @@ class _Search:
     def held_out(self, evidence: Evidence, fitted: Fitted) -> Array:
         """(n,) log-likelihood of each toss at values and scales fitted to the other half."""
         out = np.zeros(self.n)
-        low, high = fitted.hypothesis.bounds
-        flat, steps = fitted.hypothesis.flat(), fitted.hypothesis.steps
         for part in (self.half, ~self.half):
             other = ~part
-            H, g = fitted.H[part].sum(0), fitted.g[part].sum(0)
-            delta = np.zeros(len(flat))
-            if len(flat):
-                delta = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(flat))) @ g
-            there = fitted.hypothesis.at(np.clip(flat + np.clip(delta, -50, 50) * steps, low, high))
             judge, learn = evidence.of_tosses(other), evidence.of_tosses(part)
-            residual = judge.residual(there.world())
+            residual = judge.residual(fitted.of_part(part).world())
             scales = learn.scales(fitted.residual[part[evidence.windows.toss]])
             out[other] = judge.log_likelihood(residual, scales, self.n)[other]
         return out

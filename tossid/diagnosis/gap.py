@@ -149,17 +149,12 @@ def share_left(first: Candidate, last: Candidate, search: _Search, floor: Floor)
 def cross_fitted(state: Candidate, search: _Search) -> Array:
     """(W, L, 6) whitened misses of every toss at values fitted to the other half."""
     fitted, e = state.fitted, state.evidence
-    flat, steps = fitted.hypothesis.flat(), fitted.hypothesis.steps
-    if not len(flat):
+    if not fitted.hypothesis.effects:
         return fitted.residual
-    low, high = fitted.hypothesis.bounds
     out = fitted.residual.copy()
     for part in (search.half, ~search.half):
-        H, g = fitted.H[part].sum(0), fitted.g[part].sum(0)
-        delta = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(flat))) @ g
-        there = fitted.hypothesis.at(np.clip(flat + np.clip(delta, -50, 50) * steps, low, high))
         rows = ~part[e.windows.toss]
-        out[rows] = e.of_tosses(~part).residual(there.world())
+        out[rows] = e.of_tosses(~part).residual(fitted.of_part(part).world())
     return out
 
 
@@ -167,15 +162,9 @@ def rollout_errors(tosses: Sequence[Toss], state: Candidate, search: _Search) ->
     """Full-length rollouts from first states as flight tells them, at values fitted to the other half."""
     hypothesis = state.fitted.hypothesis
     position, rotation = np.full(search.n, np.nan), np.full(search.n, np.nan)
-    fitted, low, high = state.fitted, *hypothesis.bounds
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
     for part in (search.half, ~search.half):
-        at = hypothesis
-        if len(hypothesis.flat()):
-            H, g = fitted.H[part].sum(0), fitted.g[part].sum(0)
-            delta = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(g))) @ g
-            at = hypothesis.at(np.clip(hypothesis.flat() + np.clip(delta, -50, 50) * hypothesis.steps, low, high))
-        world = at.world()
+        world = state.fitted.of_part(part).world()
         index = [int(i) for i in np.flatnonzero(~part)]
         chosen = [tosses[i] for i in index]
         q0, v0 = first_states(chosen, world)
