@@ -79,7 +79,7 @@ class SweepConfig:
     values: tuple[float, ...]
     """its values"""
     models: tuple[str, ...]
-    """the models, of conf/model"""
+    """the models, of conf/model; one may carry keys of its own: 'cn optimizer=adam'"""
     seeds: tuple[Seed, ...]
     """the seeds"""
     train: tuple[str, ...]

@@ -53,7 +53,7 @@ class LossWeights:
 
     complementarity: float = 1.0
     dissipation: float = 100.0
-    penetration: float = 1.0
+    penetration: float = 0.1
     gap_scale: float = 1e-3
 
 
