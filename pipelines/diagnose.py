@@ -17,6 +17,7 @@ from tossid.errors import ConfigError, InputError, TossidError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from tossid.diagnosis.engines import Engine
     from tossid.diagnosis.findings import Diagnosis
     from tossid.objects import ObjectModel
     from tossid.physics.effects import Effect, World
@@ -29,13 +30,13 @@ FEWEST_TOSSES = 6
 
 @dataclass(frozen=True)
 class Simulator:
-    """What is judged. about: in words. mjcf: the user's own file. run: id of the run. left_out: what is told of it."""
+    """What is judged. about: in words. mjcf: the user's own file, engine: as MuJoCo runs it. run: id of the run."""
 
     world: World
     about: str
     mjcf: Path | None = None
     run: str | None = None
-    left_out: tuple[str, ...] = ()
+    engine: Engine | None = None
 
 
 def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
@@ -54,8 +55,8 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
     simulator = _simulator(config, dataset.object)
     tosses, remarks = _usable(dataset.tosses, data, console)
     tosses, lost = _survived(simulator, dataset.object, tosses, data, substeps=SUBSTEPS, threads=threads)
-    remarks += [*lost, *(f"Not in this diagnosis: {text}." for text in simulator.left_out)]
-    for text in [*lost, *(f"not in this diagnosis: {text}" for text in simulator.left_out)]:
+    remarks += lost
+    for text in lost:
         console.warn(text)
     folder = config.out or FOLDER / f"{_dataset_name(data)}-{config.sim.name}"
     with (
@@ -72,7 +73,13 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
                 done = max(done, 100 * share)
 
             found = diagnose(
-                tosses, simulator.world, library=library, n_threads=threads, seed=config.seed, progress=progress
+                tosses,
+                simulator.world,
+                library=library,
+                engine=simulator.engine,
+                n_threads=threads,
+                seed=config.seed,
+                progress=progress,
             )
             progress("next toss and patch", 0.95)
             extra = _beside(config, found, simulator, tosses, dataset.object, threads, console)
@@ -131,10 +138,10 @@ def _simulator(config: DiagnoseConfig, recorded: ObjectModel) -> Simulator:
         from tossid.diagnosis.simulators import world_of_mjcf
 
         try:
-            world, left_out = world_of_mjcf(sim.path, width=recorded.width)
+            world, engine = world_of_mjcf(sim.path, width=recorded.width)
         except InputError as error:
             raise InputError(f"sim.path: {error}") from error
-        return Simulator(world, f"the MuJoCo model {sim.path}", mjcf=sim.path, left_out=tuple(left_out))
+        return Simulator(world, f"the MuJoCo model {sim.path}", mjcf=sim.path, engine=engine)
     from pipelines.checkpoints import load_checkpoint
     from pipelines.runs import find_run
     from tossid.diagnosis.simulators import world_of_model

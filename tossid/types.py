@@ -87,6 +87,8 @@ class Toss:
     """One toss: t (n,), q (n, nq), v (n, nv), covariances (n, nv, nv), phase (n,) of `Phase`.
 
     split: one of "train", "validation", "test", or "" where none was drawn.
+    q_measured (n, nq), q_measured_cov (n, nv, nv): the single poses that a smoother made q of, whose errors are
+    independent from frame to frame; None where q itself is what was measured.
     """
 
     name: str
@@ -97,11 +99,20 @@ class Toss:
     v_cov: Array
     phase: NDArray[np.uint8]
     split: str = ""
+    q_measured: Array | None = None
+    q_measured_cov: Array | None = None
 
     def __post_init__(self) -> None:
         check_motion(self.t, self.q, self.v)
         n, nv = self.v.shape
         _check_cov("q_cov", self.q_cov, n, nv)
+        if (self.q_measured is None) != (self.q_measured_cov is None):
+            raise MotionError("q_measured and q_measured_cov come together or not at all")
+        if self.q_measured is not None and self.q_measured_cov is not None:
+            if self.q_measured.shape != self.q.shape:
+                raise MotionError(f"q_measured has shape {self.q_measured.shape}, expected {self.q.shape}")
+            check_motion(self.t, self.q_measured, None)
+            _check_cov("q_measured_cov", self.q_measured_cov, n, nv)
         _check_cov("v_cov", self.v_cov, n, nv)
         if self.phase.shape != (n,):
             raise MotionError(f"phase has shape {self.phase.shape}, expected ({n},)")
@@ -110,6 +121,28 @@ class Toss:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    @property
+    def measured(self) -> tuple[Array, Array]:
+        """Poses (n, nq) with independent errors, and their covariances (n, nv, nv)."""
+        if self.q_measured is None or self.q_measured_cov is None:
+            return self.q, self.q_cov
+        return self.q_measured, self.q_measured_cov
+
+    def frames(self, which: slice) -> Toss:
+        """A stretch of it."""
+        return Toss(
+            self.name,
+            self.t[which],
+            self.q[which],
+            self.v[which],
+            self.q_cov[which],
+            self.v_cov[which],
+            self.phase[which],
+            self.split,
+            None if self.q_measured is None else self.q_measured[which],
+            None if self.q_measured_cov is None else self.q_measured_cov[which],
+        )
 
 
 @dataclass(frozen=True, slots=True)

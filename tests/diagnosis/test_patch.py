@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.by_hand import EFFECTS, hypothesis
+from tossid.diagnosis.engines import MujocoWorld
 from tossid.diagnosis.fitting import Hypothesis
 from tossid.diagnosis.patch import Patch, make_patch
-from tossid.diagnosis.patch_rerun import MujocoWorld, rerun
+from tossid.diagnosis.patch_rerun import rerun
 from tossid.diagnosis.simulators import world_of_mjcf
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
@@ -237,13 +238,12 @@ def test_a_users_model_is_read_as_mujoco_combines_it(tmp_path: Path) -> None:
     text = text.replace('timestep="0.002"', 'timestep="0.002" gravity="0.5 0 -9.7"')
     path = tmp_path / "a.xml"
     path.write_text(text.replace('mass="0.37" friction="0.18', 'mass="0.37" friction="0.4'))
-    world, left_out = world_of_mjcf(path, width=0.1048)
+    world, _ = world_of_mjcf(path, width=0.1048)
     assert world.object.friction == 0.4  # the larger of the two
     assert world.gravity == pytest.approx(9.7)
     assert world.forces.x == pytest.approx(0.37 * 0.5)
     assert world.ground_height == pytest.approx(0.02)
     assert world.object.mass.sum() == pytest.approx(0.37)
-    assert left_out == []
 
 
 def test_a_model_without_ground_is_refused(tmp_path: Path) -> None:
@@ -285,7 +285,7 @@ def test_recorded_motion_of_a_mujoco_world_is_that_of_a_world(cube: ObjectModel,
     """In flight both simulators are exact: only the recording can differ."""
     recording = Recording(1.05, 1.02, (0.004, -0.003, 0.002), (0.01, -0.02))
     ours = World(cube, recording=recording)
-    theirs = MujocoWorld(make_patch(Hypothesis(World(cube))).after, recording)
+    theirs = MujocoWorld(make_patch(Hypothesis(World(cube))).after, ours)
     q0 = np.array([[0.0, 0.0, 3.0, 0.6, 0.0, 0.8, 0.0]])
     v0 = np.array([[0.5, -0.3, 0.4, 2.0, -1.0, 3.0]])
     steps = np.array([40])
@@ -299,7 +299,7 @@ def test_a_motion_that_explodes_is_lost_and_said(cube: ObjectModel) -> None:
     q0 = np.tile([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0], (2, 1))
     v0 = np.zeros((2, 6))
     v0[1, 0] = 1e9
-    run = MujocoWorld(m, Recording()).roll_out(q0, v0, n_steps=np.array([5, 5]), dt=0.01)
+    run = MujocoWorld(m, World(cube)).roll_out(q0, v0, n_steps=np.array([5, 5]), dt=0.01)
     assert np.isfinite(run[0]).all()
     assert np.isnan(run[1, -1]).all()
 

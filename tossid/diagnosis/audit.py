@@ -15,9 +15,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.attribution import CONTAINS, _Search, halves
 from tossid.diagnosis.fitting import Hypothesis
 from tossid.diagnosis.gap import noise_floor, share_left
+from tossid.diagnosis.search import Search, halves
 from tossid.diagnosis.windows import SUBSTEPS, make_windows
 from tossid.errors import InputError
 from tossid.physics import simulate
@@ -58,9 +58,7 @@ class Case:
         """What is taken out of the library: the effect, and all that contain it."""
         if self.kind != "without":
             return ()
-        return tuple(
-            e.name for e in LIBRARY if e.name in self.effects or set(self.effects) & {*CONTAINS.get(e.name, ())}
-        )
+        return tuple(e.name for e in LIBRARY if e.name in self.effects or set(self.effects) & set(e.contains))
 
     def as_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -244,7 +242,7 @@ def _pair(names: Iterator[str]) -> tuple[str, str]:
     first = next(names)
     while True:
         second = next(names)
-        contained = second in CONTAINS.get(first, ()) or first in CONTAINS.get(second, ())
+        contained = second in effect_named(first).contains or first in effect_named(second).contains
         if family[first] != family[second] and not contained:
             return first, second
 
@@ -371,9 +369,9 @@ def closable_share(
 ) -> float:
     """Share of the gap that the true effects close: what is left then is not the diagnosis's to close."""
     n = len(tosses)
-    search = _Search(make_windows(tosses), n, halves(n, np.random.default_rng(seed)), n_threads)
+    search = Search(make_windows(tosses), n, halves(n, np.random.default_rng(seed)), n_threads)
     first, last = search.start(Hypothesis(world)), search.start(Hypothesis(world_with(world, effects)))
-    floor = noise_floor(last, last.fitted.hypothesis.world(), search, seed=seed)
+    floor = noise_floor(last, search, seed=seed)
     return share_left(first, last, search, floor)[0].value
 
 

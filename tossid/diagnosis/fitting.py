@@ -3,18 +3,20 @@
 loss(z) = sum over entries of nu-Student's -log density of r / s_phase, r the whitened misses of the world at z.
 s_phase >= 1 is what the simulator misses in a phase beyond noise: while an impact is badly modelled, its entries
 must not drown what flight says. Fitted by Gauss-Newton with the density's weights (iteratively reweighted least
-squares), derivatives by differences of whole predictions.
+squares), derivatives by differences of whole predictions. The windows' first states follow in every step (variable
+projection, Golub and Pereyra 1973): states that fit another world hold a fit back.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.windows import Whitening, Windows
+from tossid.diagnosis.windows import Whitening, Windows, linearise
 from tossid.physics.effects import Effect, World
 
 Array = NDArray[np.float64]
@@ -23,8 +25,18 @@ NU = 4.0
 """Degrees of freedom of Student's density."""
 N_PHASES = 6
 ITERATIONS = 8
-CONVERGED = 0.02
-"""Change in units of the parameters' steps, or in standard errors, at which a fit ends."""
+CONVERGED = 0.05
+"""Change in standard errors at which a fit ends."""
+ENOUGH = 0.05
+"""Gain of log-likelihood at which a fit ends."""
+NARROWEST, WIDEST = 0.5, 8.0
+"""Of differences, in steps: contact is rough at scales that the tosses cannot resolve."""
+LEVERAGE = 4.0
+"""Most information of a window, over the 90 % quantile of those in which a parameter acts."""
+FEWEST_ACTING = 10
+DOUBLINGS = 3
+TRIALS = 5
+"""Dampings that are tried in an iteration."""
 
 
 @dataclass(frozen=True)
@@ -79,11 +91,15 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Windows with their whitening, ready to judge worlds."""
+    """Windows with their whitening, ready to judge worlds.
+
+    engines: as `linearise` has it, the difference to another engine and how often it is expected.
+    """
 
     windows: Windows
     whitening: Whitening
     n_threads: int = 1
+    engines: tuple[Array, float] | None = None
 
     def residual(self, world: World) -> Array:
         """(W, L, 6) whitened misses."""
@@ -92,8 +108,21 @@ class Evidence:
     def of_tosses(self, chosen: NDArray[np.bool_]) -> Evidence:
         """The windows of the tosses that are chosen (n_tosses,)."""
         rows = np.flatnonzero(chosen[self.windows.toss])
-        w = self.whitening
-        return Evidence(self.windows.rows(rows), Whitening(w.root[rows], w.mean[rows], w.volume[rows]), self.n_threads)
+        engines = None if self.engines is None else (self.engines[0][rows], self.engines[1])
+        return Evidence(self.windows.rows(rows), self.whitening.rows(rows), self.n_threads, engines)
+
+    def renewed(self, world: World, *, refine: int = 1, restarts: int = 0) -> Evidence:
+        """With states and whitening as they are under another world near by."""
+        windows, whitening = linearise(
+            self.windows,
+            world,
+            refine=refine,
+            restarts=restarts,
+            by_state=self.whitening.by_state,
+            engines=self.engines,
+            n_threads=self.n_threads,
+        )
+        return Evidence(windows, whitening, self.n_threads, self.engines)
 
     def scales(self, residual: Array) -> Array:
         """(N_PHASES,) robust size of whitened misses a phase, at least 1."""
@@ -122,9 +151,11 @@ def _student_scale(r: Array) -> float:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fitted hypothesis, and Gauss-Newton's sums there, toss by toss, in units of the parameters' steps."""
+    """A fitted hypothesis, the evidence as it is there, and Gauss-Newton's sums, toss by toss, in units of the
+    parameters' steps."""
 
     hypothesis: Hypothesis
+    evidence: Evidence
     residual: Array
     scales: Array
     H: Array
@@ -155,77 +186,128 @@ class Fitted:
 
 
 def derivatives(
-    evidence: Evidence, hypothesis: Hypothesis, residual: Array, which: Sequence[int] | None = None
+    evidence: Evidence,
+    hypothesis: Hypothesis,
+    residual: Array,
+    which: Sequence[int] | None = None,
+    sizes: Array | None = None,
 ) -> Array:
-    """(W, L, 6, P) of the whitened misses by the parameters, a step each; those not in `which` are 0."""
+    """(W, L, 6, P) of the whitened misses by the parameters, a step each; those not in `which` are 0.
+
+    Args:
+        sizes: (P,) of central differences, in steps; None for one-sided ones of a step.
+    """
     flat, steps = hypothesis.flat(), hypothesis.steps
-    _, high = hypothesis.bounds
+    low, high = hypothesis.bounds
+
+    def at(j: int, value: float) -> Array:
+        moved = flat.copy()
+        moved[j] = value
+        return evidence.residual(hypothesis.at(moved).world())
+
     J = np.zeros((*residual.shape, len(flat)))
     for j in range(len(flat)) if which is None else which:
-        sign = 1.0 if flat[j] + steps[j] <= high[j] else -1.0
-        moved = flat.copy()
-        moved[j] += sign * steps[j]
-        J[..., j] = sign * (evidence.residual(hypothesis.at(moved).world()) - residual)
+        if sizes is None:
+            up = flat[j] + steps[j] if flat[j] + steps[j] <= high[j] else flat[j] - steps[j]
+            J[..., j] = (at(j, up) - residual) * (steps[j] / (up - flat[j]))
+        else:
+            ends = np.clip(flat[j] + np.array([-0.5, 0.5]) * sizes[j] * steps[j], low[j], high[j])
+            J[..., j] = (at(j, ends[1]) - at(j, ends[0])) * (steps[j] / (ends[1] - ends[0]))
     return J
 
 
 def toss_sums(evidence: Evidence, residual: Array, J: Array, scales: Array, n_tosses: int) -> tuple[Array, Array]:
-    """Gauss-Newton's H (n, P, P) and g (n, P) of each toss, with Student's weights."""
+    """Gauss-Newton's H (n, P, P) and g (n, P) of each toss, with Student's weights.
+
+    A window's leverage is bounded (as Krasker and Welsch do, JASA 1982): where contact amplifies a parameter beyond
+    what it does elsewhere, derivatives hold nowhere but there, and one such window would have all the weight.
+    """
     w = evidence.windows
     s = scales[w.phase][..., None]
     weight = (NU + 1) / (NU + (residual / s) ** 2) / s**2
     weight = np.where(w.inside[..., None], weight, 0.0)
     H_w = np.einsum("wlc,wlci,wlcj->wij", weight, J, J, optimize=True)
     g_w = np.einsum("wlc,wlci,wlc->wi", weight, J, residual, optimize=True)
+    share = _leverage(np.einsum("wii->wi", H_w))
+    H_w, g_w = H_w * share[:, None, None], g_w * share[:, None]
     H, g = np.zeros((n_tosses, *H_w.shape[1:])), np.zeros((n_tosses, g_w.shape[1]))
     np.add.at(H, w.toss, H_w)
     np.add.at(g, w.toss, g_w)
     return H, g
 
 
-def fit(
-    evidence: Evidence,
-    start: Hypothesis,
-    *,
-    n_tosses: int,
-    scales: Array | None = None,
-    iterations: int = ITERATIONS,
-) -> Fitted:
-    """Fit all parameters of a hypothesis.
+def _leverage(size: Array) -> Array:
+    """(W,) weights of windows of which each parameter's information is `size` (W, P)."""
+    share = np.ones(len(size))
+    for column in size.T:
+        acts = column > 1e-6 * column.max(initial=0.0)
+        if acts.sum() >= FEWEST_ACTING:
+            most = LEVERAGE * np.quantile(column[acts], 0.9)
+            share = np.minimum(share, most / np.maximum(column, most))
+    return share
+
+
+def fit(evidence: Evidence, start: Hypothesis, *, n_tosses: int, iterations: int = ITERATIONS) -> Fitted:
+    """Fit all parameters of a hypothesis, and the windows' first states with them.
 
     Args:
-        scales: of the phases while fitting; those at the start if None. The result has its own.
+        evidence: around a hypothesis near by.
+        start: values to begin with.
     """
     hypothesis, steps = start, start.steps
     low, high = start.bounds
-    residual = evidence.residual(hypothesis.world())
-    scales = evidence.scales(residual) if scales is None else scales
-    damping = 1e-3
-    value = evidence.log_likelihood(residual, scales, n_tosses).sum()
-    H, g = np.zeros((n_tosses, len(steps), len(steps))), np.zeros((n_tosses, len(steps)))
-    for _ in range(iterations):
-        J = derivatives(evidence, hypothesis, residual)
-        H, g = toss_sums(evidence, residual, J, scales, n_tosses)
-        total, slope, better = H.sum(0), g.sum(0), False
-        for _ in range(5):
+    evidence = evidence.renewed(start.world())
+    residual = evidence.residual(start.world())
+    scales = evidence.scales(residual)
+    damping, stale, sizes = 1e-3, True, np.full(len(steps), WIDEST)
+    for _ in range(iterations if len(steps) else 0):
+        if stale:
+            J = derivatives(evidence, hypothesis, residual, sizes=sizes)
+            H, g = toss_sums(evidence, residual, J, scales, n_tosses)
+            sizes = _difference_sizes(H)
+        total, slope = H.sum(0), g.sum(0)
+        gained = partial(_total, evidence, scales, n_tosses)
+        value = gained(residual)
+        for _ in range(TRIALS):
             lhs = total + damping * np.diag(np.diag(total)) + 1e-9 * max(np.trace(total), 1e-12) * np.eye(len(steps))
             delta = np.clip(-np.linalg.solve(lhs, slope), -100, 100)
             moved = hypothesis.at(np.clip(hypothesis.flat() + delta * steps, low, high))
             trial = evidence.residual(moved.world())
-            now = evidence.log_likelihood(trial, scales, n_tosses).sum()
-            if now > value:
-                better = True
+            better = gained(trial) > value
+            if better:
                 break
             damping = max(damping, 1e-2) * 8
         if not better:
             break
-        gain = now - value
-        hypothesis, residual, value = moved, trial, now
+        for _ in range(DOUBLINGS):
+            # states that have not followed yet hold a step back
+            further = hypothesis.at(np.clip(2 * moved.flat() - hypothesis.flat(), low, high))
+            beyond = evidence.residual(further.world())
+            if not gained(beyond) > gained(trial):
+                break
+            moved, trial = further, beyond
+        there = evidence.renewed(moved.world())
+        renewed = there.residual(moved.world())
+        gain = there.log_likelihood(renewed, scales, n_tosses).sum() - value
+        if gain <= 0:
+            # better around the states of before only
+            damping, stale = max(damping, 1e-2) * 30, False
+            continue
+        change = np.abs(moved.flat() - hypothesis.flat()) / steps * np.sqrt(np.maximum(np.diag(total), 0.0))
+        hypothesis, evidence, residual, stale = moved, there, renewed, True
         scales = np.minimum(scales, evidence.scales(residual))
-        value = evidence.log_likelihood(residual, scales, n_tosses).sum()
         damping *= 0.2
-        if gain < 0.05 or np.abs(delta).max() < CONVERGED:
+        if gain < ENOUGH or change.max() < CONVERGED:
             break
-    J = derivatives(evidence, hypothesis, residual)
+    J = derivatives(evidence, hypothesis, residual, sizes=sizes)
     H, g = toss_sums(evidence, residual, J, scales, n_tosses)
-    return Fitted(hypothesis, residual, evidence.scales(residual), H, g)
+    return Fitted(hypothesis, evidence, residual, evidence.scales(residual), H, g)
+
+
+def _total(evidence: Evidence, scales: Array, n_tosses: int, residual: Array) -> float:
+    return float(evidence.log_likelihood(residual, scales, n_tosses).sum())
+
+
+def _difference_sizes(H: Array) -> Array:
+    """(P,) of central differences, in steps: two standard errors either way, over which curvature is to hold."""
+    return np.clip(4.0 / np.sqrt(np.maximum(np.diagonal(H.sum(0)), 1e-12)), NARROWEST, WIDEST)

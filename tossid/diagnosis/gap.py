@@ -18,7 +18,7 @@ from tossid.rotations import geodesic_angle, quat_exp, quat_mul
 from tossid.types import Phase, Toss
 
 if TYPE_CHECKING:
-    from tossid.diagnosis.attribution import Candidate, _Search
+    from tossid.diagnosis.search import Candidate, Search
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ class Floor:
     rms: float
 
 
-def measure_gap(tosses: Sequence[Toss], state: Candidate, world: World, search: _Search, floor: Floor) -> Gap:
+def measure_gap(tosses: Sequence[Toss], state: Candidate, search: Search, floor: Floor) -> Gap:
     """The gap of a world, in all its cuts."""
     n, e, residual = search.n, state.evidence, state.fitted.residual
     w = e.windows
@@ -96,15 +96,18 @@ def measure_gap(tosses: Sequence[Toss], state: Candidate, world: World, search: 
             lengths.append((length, total.value, floor.rms))
             continue
         cut = make_windows(tosses, length=length)
-        kept, whitening = linearise(cut, world, refine=2, n_threads=search.n_threads)
-        r = Evidence(kept, whitening, search.n_threads).residual(world)
-        lengths.append((length, float(np.sqrt(np.minimum(r[kept.inside] ** 2, CAP**2).mean())), 1.0))
+        other = type(search)(cut, n, search.half, search.n_threads, search.engine).start(state.hypothesis).fitted
+        r = other.residual[other.evidence.windows.inside]
+        lengths.append((length, float(np.sqrt(np.minimum(r**2, CAP**2).mean())), 1.0))
     return Gap(total, floor.rms, tuple(share), tuple(channels), tuple(lengths), rows, odd)
 
 
-def noise_floor(state: Candidate, world: World, search: _Search, *, seed: int) -> Floor:
-    """The floor, from motions that the world itself makes from the windows' states, measured as the tosses were."""
-    e = state.evidence
+def noise_floor(state: Candidate, search: Search, *, seed: int) -> Floor:
+    """The floor, from motions that the world itself makes from the windows' states, measured as the tosses were.
+
+    It is never above what the world leaves: noise that is smaller than stated is no gap that closes twice.
+    """
+    e, world = state.evidence, state.hypothesis.world()
     w = e.windows
     rng = np.random.default_rng(seed + 1)
     truth = w.predicted(world, n_threads=search.n_threads)
@@ -118,17 +121,20 @@ def noise_floor(state: Candidate, world: World, search: _Search, *, seed: int) -
     q[:, :3] += first[:, :3]
     q[:, 3:7] = quat_mul(w.at_q[:, 3:7], quat_exp(first[:, 3:]))
     made = replace(w, y=y, q=q, v=v, at_q=q, at_v=v)
-    kept, whitening = linearise(made, world, refine=2, n_threads=search.n_threads)
+    # the other engine's share is part of what windows may show, and here there is none
+    engines = None if e.engines is None else (e.engines[0], 0.0)
+    kept, whitening = linearise(made, world, refine=2, engines=engines, n_threads=search.n_threads)
     r = Evidence(kept, whitening, search.n_threads).residual(world)
-    values, out = deviance(e, r), np.zeros_like(r)
+    values, achieved, out = deviance(e, r), deviance(e, state.fitted.residual), np.zeros_like(r)
     for phase in range(N_PHASES):
         chosen = (w.phase == phase) & w.inside
         if chosen.any():
-            out[chosen] = values[chosen].mean(0)
-    return Floor(out, float(np.sqrt(np.minimum(r[w.inside] ** 2, CAP**2).mean())))
+            out[chosen] = np.minimum(values[chosen].mean(0), achieved[chosen].mean(0))
+    rms = (np.sqrt(np.minimum(x[w.inside] ** 2, CAP**2).mean()) for x in (r, state.fitted.residual))
+    return Floor(out, float(min(rms)))
 
 
-def share_left(first: Candidate, last: Candidate, search: _Search, floor: Floor) -> tuple[Interval, tuple[Share, ...]]:
+def share_left(first: Candidate, last: Candidate, search: Search, floor: Floor) -> tuple[Interval, tuple[Share, ...]]:
     """Share of the first excess that is closed, each toss at the other half's values; and phases with some left."""
     n = search.n
     before = deviance(first.evidence, first.fitted.residual) - floor.deviance
@@ -146,7 +152,7 @@ def share_left(first: Candidate, last: Candidate, search: _Search, floor: Floor)
     return closed, tuple(left)
 
 
-def cross_fitted(state: Candidate, search: _Search) -> Array:
+def cross_fitted(state: Candidate, search: Search) -> Array:
     """(W, L, 6) whitened misses of every toss at values fitted to the other half."""
     fitted, e = state.fitted, state.evidence
     if not fitted.hypothesis.effects:
@@ -158,9 +164,9 @@ def cross_fitted(state: Candidate, search: _Search) -> Array:
     return out
 
 
-def rollout_errors(tosses: Sequence[Toss], state: Candidate, search: _Search) -> Step:
+def rollout_errors(tosses: Sequence[Toss], state: Candidate, search: Search) -> Step:
     """Full-length rollouts from first states as flight tells them, at values fitted to the other half."""
-    hypothesis = state.fitted.hypothesis
+    hypothesis = state.hypothesis
     position, rotation = np.full(search.n, np.nan), np.full(search.n, np.nan)
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
     for part in (search.half, ~search.half):

@@ -149,7 +149,7 @@ def separations(
 ) -> Array:
     """(B,) expected separation of the two nearest rivals by one toss from each release [standard deviations]."""
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
-    cov = np.median(np.concatenate([toss.q_cov for toss in tosses]), axis=0)
+    cov = np.median(np.concatenate([toss.measured[1] for toss in tosses]), axis=0)
     first, *others = [rival.world() for rival in rivals]
     steps = np.full(len(releases), min(frames, MOST_FRAMES))
     run = first.roll_out(releases.q, releases.v, n_steps=steps, dt=dt, substeps=SUBSTEPS, n_threads=n_threads)

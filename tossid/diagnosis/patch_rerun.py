@@ -4,98 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
-from mujoco import rollout
 from numpy.typing import NDArray
 
+from tossid.diagnosis.engines import MujocoWorld
 from tossid.diagnosis.fitting import NU, Evidence, Hypothesis
 from tossid.diagnosis.gap import CAP, bootstrap_ratio, by_toss, deviance, first_states
 from tossid.diagnosis.patch import Patch
 from tossid.diagnosis.windows import Windows, linearise, make_windows
-from tossid.errors import InputError
 from tossid.evaluation.metrics import summarize
 from tossid.objects import ObjectModel, center_positions
-from tossid.physics.effects import Recording, World
-from tossid.physics.mujoco_engine import _quiet
-from tossid.rotations import geodesic_angle, quat_conj, quat_exp, quat_mul, quat_rotate
+from tossid.physics.effects import World
+from tossid.rotations import geodesic_angle
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
 
-_ROWS_AT_ONCE = 1_000_000
 MOST_STEPS = 1_200_000
 """MuJoCo steps of a rerun beyond which fewer tosses are rerun."""
-LARGEST = 1e3
-"""[m] beyond which a motion counts as lost."""
-
-
-@dataclass(frozen=True)
-class MujocoWorld:
-    """A compiled MuJoCo model of one free body, with its own options, and how its motion is recorded."""
-
-    model: mujoco.MjModel
-    recording: Recording
-
-    def roll_out(self, q0: Array, v0: Array, *, n_steps: NDArray[np.int64], dt: float, n_threads: int = 1) -> Array:
-        """Recorded motions (B, T + 1, 7) from recorded first states (B, 7), (B, 6); NaN where MuJoCo gave up.
-
-        The time step is the model's own, shortened so that a whole number of steps makes a frame.
-
-        Raises:
-            InputError: the model has more state than one free body.
-        """
-        m, r = self.model, self.recording
-        if mujoco.mj_stateSize(m, mujoco.mjtState.mjSTATE_FULLPHYSICS) != 14 or m.nq != 7:
-            raise InputError(f"the MuJoCo model has {m.nq} coordinates and actuators or plugins beside one free body")
-        kept = m.opt.timestep
-        count = math.ceil(dt / r.clock_rate / kept - 1e-9)
-        q, v = _true_states(r, q0, v0)
-        start = np.concatenate([np.zeros((len(q), 1)), q, v], axis=1)
-        steps = int(np.max(n_steps))
-        out = np.full((len(q), steps + 1, 7), np.nan)
-        out[:, 0] = q
-        data = [mujoco.MjData(m) for _ in range(max(1, n_threads))]
-        at_once = max(n_threads, _ROWS_AT_ONCE // (steps * count), 1)
-        try:
-            m.opt.timestep = dt / r.clock_rate / count
-            for first in range(0, len(q), at_once):
-                part = slice(first, first + at_once)
-                with _quiet():
-                    states, _ = rollout.rollout(m, data, start[part], nstep=steps * count)
-                frames = np.asarray(states)[:, count - 1 :: count]
-                # a toss on which MuJoCo gave up begins anew: its clock falls behind
-                clock = np.arange(1, steps + 1) * count * m.opt.timestep
-                good = np.isfinite(frames).all(-1) & (np.abs(frames[..., 0] - clock) < 1e-6 * clock[-1])
-                good &= np.abs(frames[..., 1:4]).max(-1) < LARGEST
-                good = np.logical_and.accumulate(good, axis=1)
-                out[part, 1:] = np.where(good[..., None], frames[..., 1:8], np.nan)
-        finally:
-            m.opt.timestep = kept
-        return _recorded(r, out)
-
-
-def _true_states(r: Recording, q0: Array, v0: Array) -> tuple[Array, Array]:
-    """As `World.roll_out` has it, but for the ground, which is the model's own."""
-    turn, offset = quat_exp(-np.array([*r.world_tilt, 0.0])), np.array(r.frame_offset)
-    q, v = q0.copy(), v0.copy()
-    q[:, 3:7] = quat_mul(turn, q0[:, 3:7])
-    v[:, 3:] *= r.clock_rate
-    arm, spin = quat_rotate(q[:, 3:7], offset), quat_rotate(q[:, 3:7], v[:, 3:6])
-    q[:, :3] = quat_rotate(turn, q0[:, :3]) / r.length_scale - arm
-    v[:, :3] = quat_rotate(turn, v0[:, :3]) * (r.clock_rate / r.length_scale) - np.cross(spin, arm)
-    return q, v
-
-
-def _recorded(r: Recording, q: Array) -> Array:
-    """True motions (B, T, 7) as they would be recorded."""
-    back, out = quat_conj(quat_exp(-np.array([*r.world_tilt, 0.0]))), q.copy()
-    out[..., :3] = quat_rotate(back, q[..., :3] + quat_rotate(q[..., 3:7], np.array(r.frame_offset))) * r.length_scale
-    out[..., 3:7] = quat_mul(back, q[..., 3:7])
-    return out
 
 
 def rerun(
@@ -129,7 +59,7 @@ def rerun(
     }
     excess = {}
     for name, model in models.items():
-        simulated = MujocoWorld(model, worlds[name].recording)
+        simulated = MujocoWorld(model, replace(worlds[name], ground_height=0.0, ground_tilt=(0.0, 0.0)))
         evidence, residual = _misses(windows, worlds[name], simulated, n_threads=n_threads)
         excess[name] = by_toss(evidence, _excess(evidence, residual), n)
         inside = evidence.windows.inside[..., None] * np.ones(6)

@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from tossid.diagnosis.engines import Engine
 from tossid.diagnosis.patch import read_spec
 from tossid.errors import InputError
 from tossid.models.contactnets import ContactNets
@@ -40,8 +41,8 @@ def world_of_model(model: DynamicsModel) -> World:
     )
 
 
-def world_of_mjcf(path: Path, *, width: float) -> tuple[World, list[str]]:
-    """The world of a user's MuJoCo model, with contact as if it were rigid, and what of the model it leaves out.
+def world_of_mjcf(path: Path, *, width: float) -> tuple[World, Engine]:
+    """The world of a user's MuJoCo model, with contact as if it were rigid, and what MuJoCo makes of the model itself.
 
     Args:
         width: of the dataset's object [m], which errors refer to.
@@ -52,7 +53,6 @@ def world_of_mjcf(path: Path, *, width: float) -> tuple[World, list[str]]:
     """
     given = load_object(path, width=width)
     m = read_spec(path).compile()
-    left_out = []
     grounds = [g for g in range(m.ngeom) if m.geom_bodyid[g] == 0 and (m.geom_contype[g] or m.geom_conaffinity[g])]
     own = [g for g in range(m.ngeom) if m.geom_bodyid[g] != 0 and (m.geom_contype[g] or m.geom_conaffinity[g])]
     if len(grounds) != 1 or m.geom_type[grounds[0]] != mujoco.mjtGeom.mjGEOM_PLANE:
@@ -60,8 +60,6 @@ def world_of_mjcf(path: Path, *, width: float) -> tuple[World, list[str]]:
     ground = grounds[0]
     normal = quat_rotate(m.geom_quat[ground], np.array([0.0, 0.0, 1.0]))
     tilt = _tilt_of(normal)
-    if m.opt.density or m.opt.viscosity:
-        left_out.append("the medium's density and viscosity")
     g, mass = m.opt.gravity, float(given.mass.sum())
     world = World(
         given.with_changes(friction=_friction(m, ground, own[0])),
@@ -70,7 +68,7 @@ def world_of_mjcf(path: Path, *, width: float) -> tuple[World, list[str]]:
         ground_height=float(m.geom_pos[ground] @ normal),
         ground_tilt=tilt,
     )
-    return world, left_out
+    return world, Engine(m, world)
 
 
 def _tilt_of(normal: np.ndarray) -> tuple[float, float]:
@@ -138,7 +136,7 @@ def check_runs(world: World, tosses: tuple[Toss, ...], *, where: str, substeps: 
 
 def moves(toss: Toss) -> bool:
     """Whether anything moves in a toss: farther than `STILL` times the noise of its poses, from its first frame."""
-    std = np.sqrt(np.median(np.einsum("nii->ni", toss.q_cov), axis=0))
+    std = np.sqrt(np.median(np.einsum("nii->ni", toss.measured[1]), axis=0))
     far = np.linalg.norm(toss.q[:, :3] - toss.q[0, :3], axis=1).max()
     turned = geodesic_angle(toss.q[:, 3:7], toss.q[0, 3:7]).max()
     return bool(far > STILL * max(std[:3].max(), 1e-4) or turned > STILL * max(std[3:6].max(), 1e-3))

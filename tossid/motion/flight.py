@@ -123,9 +123,10 @@ def _padded(tosses: Sequence[Toss], n: NDArray[np.int64]) -> tuple[Array, Array,
     B, N = len(tosses), int(n.max())
     t, q, roots = np.empty((B, N)), np.empty((B, N, 7)), np.zeros((B, N, 6, 6))
     for k, (toss, m) in enumerate(zip(tosses, n, strict=True)):
+        measured, cov = toss.measured
         t[k, :m], t[k, m:] = toss.t[:m] - toss.t[0], toss.t[m - 1] - toss.t[0]
-        q[k, :m], q[k, m:] = toss.q[:m], toss.q[m - 1]
-        roots[k, :m] = np.linalg.inv(np.linalg.cholesky(_regular(toss.q_cov[:m])))
+        q[k, :m], q[k, m:] = measured[:m], measured[m - 1]
+        roots[k, :m] = np.linalg.inv(np.linalg.cholesky(_regular(cov[:m])))
     return t, q, roots
 
 

@@ -55,11 +55,23 @@ class Measurement:
             return toss
         weight_q, weight_v = (np.ones(toss.q_cov.shape[-1]) for _ in range(2))
         weight_q[:3] = weight_v[:3] = 1 / s
-        q, v = toss.q.copy(), toss.v.copy()
-        q[:, :3] /= s
-        v[:, :3] /= s
-        q_cov = weight_q[:, None] * toss.q_cov * weight_q
-        return replace(toss, q=q, v=v, q_cov=q_cov, v_cov=weight_v[:, None] * toss.v_cov * weight_v)
+
+        def shrunk(values: Array) -> Array:
+            out = values.copy()
+            out[:, :3] /= s
+            return out
+
+        true = replace(
+            toss,
+            q=shrunk(toss.q),
+            v=shrunk(toss.v),
+            q_cov=weight_q[:, None] * toss.q_cov * weight_q,
+            v_cov=weight_v[:, None] * toss.v_cov * weight_v,
+        )
+        if toss.q_measured is None or toss.q_measured_cov is None:
+            return true
+        cov = weight_q[:, None] * toss.q_measured_cov * weight_q
+        return replace(true, q_measured=shrunk(toss.q_measured), q_measured_cov=cov)
 
     def recorded_q(self, q: Array) -> Array:
         """True configurations (*b, nq) as they would be recorded."""

@@ -38,7 +38,7 @@ def tosses_from_tracks(
     Where tracks carry velocities, poses and velocities stay as recorded; the
     noise of the poses is found from flight, that of the velocities, for each
     phase, from their distance to the smoother's. Where they carry none, the
-    smoother gives poses, velocities and covariances.
+    smoother gives poses, velocities and covariances, and the track's own poses stay beside them.
 
     Args:
         tracks: of one object; all or none with velocities.
@@ -63,8 +63,18 @@ def tosses_from_tracks(
     else:
         smoothed = smooth_tracks(tracks, model, q_cov, gravity=gravity)
         tosses = [
-            Toss(track.name, track.t, s.q, s.v, s.q_cov, s.v_cov, _label(model, track.t, s, gravity))
-            for track, s in zip(tracks, smoothed, strict=True)
+            Toss(
+                track.name,
+                track.t,
+                s.q,
+                s.v,
+                s.q_cov,
+                s.v_cov,
+                _label(model, track.t, s, gravity),
+                q_measured=track.q,
+                q_measured_cov=cov,
+            )
+            for track, s, cov in zip(tracks, smoothed, q_cov, strict=True)
         ]
     return tuple(_until_rest(toss) if end_at_rest else toss for toss in tosses)
 
@@ -136,13 +146,4 @@ def _until_rest(toss: Toss) -> Toss:
     moving = np.flatnonzero(toss.phase != Phase.REST)
     last = int(moving[-1]) + 1 if len(moving) else 0
     stop = max(2, int(np.searchsorted(toss.t, toss.t[min(last, len(toss) - 1)] + REST_KEPT, side="right")))
-    return Toss(
-        toss.name,
-        toss.t[:stop],
-        toss.q[:stop],
-        toss.v[:stop],
-        toss.q_cov[:stop],
-        toss.v_cov[:stop],
-        toss.phase[:stop],
-        toss.split,
-    )
+    return toss.frames(slice(stop))

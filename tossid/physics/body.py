@@ -22,7 +22,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.physics.contact import BOUNCE_SPEED, CLOSING_SPEED, TANGENTIAL, solve_exact
+from tossid.physics.contact import BOUNCE_SPEED, CLOSING_SPEED, TANGENTIAL, UNKNOWN, above_ground, solve_exact
 from tossid.physics.forces import Forces, Law, damped, forces_of, friction_of, hold, law_of, push
 from tossid.physics.solvers.workspace import LAM, MU, B
 from tossid.physics.system import System
@@ -134,7 +134,8 @@ def simulate_body(  # type: ignore[no-untyped-def]
     held = lawful and (law.torsional != 0.0 or law.rolling != 0.0 or law.adhesion != 0.0)
     turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
     f, h0, h1, extra = np.empty(9), np.empty(b0.shape[0]), np.empty(b0.shape[0]), np.zeros(6)
-    height, state, chosen = np.empty(nc), np.zeros(nc, np.int64), np.zeros(nc, np.int64)
+    height, sunk = np.empty(nc), np.empty(nc)
+    state, chosen = np.zeros(nc, np.int64), np.zeros(nc, np.int64)
     tau, G, A = np.empty((nc, 3, 3)), np.empty((3 * nc, 3)), np.empty((3 * nc, 3 * nc))
     warm, R = np.zeros((nc, 3)), np.empty((3, 3))
     axis = np.array([2, 0, 1])  # the world axis of a contact's rows: normal, t1, t2
@@ -145,6 +146,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
         v_0, v_1, v_2 = v0[toss, 0], v0[toss, 1], v0[toss, 2]
         w0, w1, w2 = v0[toss, 3], v0[toss, 4], v0[toss, 5]
         cold = True
+        sunk[:] = UNKNOWN
         for i in range(7):
             qs[toss, 0, i] = q0[toss, i]
         for i in range(6):
@@ -201,6 +203,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                 low = False
                 for c in range(nc):
                     z = p2 + r20 * corner[0, c] + r21 * corner[1, c] + r22 * corner[2, c]
+                    z = above_ground(z, c, sunk, compliance, h)
                     height[c] = z
                     low = low or z < reach
                 touched, status, residual, n = False, 0, 0.0, 0

@@ -32,6 +32,10 @@ CLOSING_SPEED = 1.0
 """A corner joins the contact problem at once if it would touch within this speed [m/s]; others when they are hit."""
 BOUNCE_SPEED = 0.02
 """Approach [m/s] below which restitution does not act."""
+RECOVERY_SPEED = 0.02
+"""[m/s] at which a corner that a toss starts with in rigid ground comes out of it."""
+UNKNOWN = 1.0
+"""Depth of a corner whose toss has not begun."""
 TANGENTIAL = 1e-3
 """Slack of a compliant corner's tangential rows over that of its normal row: sigma of Castro et al."""
 
@@ -40,6 +44,7 @@ class Scratch(NamedTuple):
     """What a contact problem is built and solved in; corners in their own order, candidates contact-major."""
 
     height: Array  # (n_c,)
+    sunk: Array  # (n_c,) how far the ground gives way below each: 0, or less where the toss began in it
     state: NDArray[np.int64]  # (n_c,) 0 far, 1 low, 2 candidate
     chosen: NDArray[np.int64]  # (n_c,) corner of each candidate
     tau: Array  # (n_c, 3, n_x) rows of every low corner: normal, t1, t2
@@ -60,6 +65,7 @@ def make_scratch(system: System, n_directions: int) -> Scratch:
     lemke_work, lemke_index = lcp_work(nc, k) if k else (np.zeros((1, 1)), np.zeros((1, 1), dtype=np.int64))
     z = np.zeros
     return Scratch(
+        z(nc),
         z(nc),
         z(nc, dtype=np.int64),
         z(nc, dtype=np.int64),
@@ -94,6 +100,20 @@ def _polyhedral(A, V, n, directions, tolerance, work, index):  # type: ignore[no
     for r in range(3 * n):
         V[LAM, r] = lam[order[r]]
     return status, residual
+
+
+@jit
+def above_ground(z, c, sunk, compliance, h):  # type: ignore[no-untyped-def]
+    """Height of a corner at z over the ground as it is below it.
+
+    Recorded states lie in the ground by their noise. Rigid contact would throw the object out within a step, with all
+    that depth per step as its velocity; here it comes out at `RECOVERY_SPEED`. What gives way needs no such care.
+    """
+    if sunk[c] == UNKNOWN:
+        sunk[c] = min(z, 0.0) if compliance == 0.0 else 0.0
+    elif sunk[c] < 0.0:
+        sunk[c] = min(sunk[c] + RECOVERY_SPEED * h, 0.0)
+    return z - sunk[c]
 
 
 @jit
@@ -209,7 +229,7 @@ def _assemble(  # type: ignore[no-untyped-def]
 def resolve_contact(  # type: ignore[no-untyped-def]
     parent, joint_type, corner_body, corner_pos, mu, restitution, compliance, relaxation, cohesion,
     P, E, R, L, z0, reach, u, u_before, xi, xi_before, h, tolerance, cold,
-    height, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
+    height, sunk, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
 ):  # fmt: skip
     """Contact impulses of one step: u (3: z, x, y) and xi (n_x,) become those after it.
 
@@ -221,7 +241,7 @@ def resolve_contact(  # type: ignore[no-untyped-def]
         b = corner_body[c]
         r0, r1, r2 = turned(E, b, corner_pos[c, 0], corner_pos[c, 1], corner_pos[c, 2])
         r0, r1, r2 = P[b, X] + r0, P[b, X + 1] + r1, P[b, X + 2] + r2
-        height[c] = z0 + R[2, 0] * r0 + R[2, 1] * r1 + R[2, 2] * r2
+        height[c] = above_ground(z0 + R[2, 0] * r0 + R[2, 1] * r1 + R[2, 2] * r2, c, sunk, compliance, h)
         state[c] = 0
         if not height[c] < reach:
             continue

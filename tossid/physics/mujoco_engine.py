@@ -117,7 +117,7 @@ def run_scene(
     duration = n_steps * substeps * compiled.opt.timestep
     for first in range(0, len(q0), at_once):
         part = slice(first, first + at_once)
-        with _quiet():
+        with quiet():
             if push is None:
                 states, _ = rollout.rollout(
                     compiled, data, start[part], nstep=n_steps * substeps, persistent_pool=n_threads > 1
@@ -161,7 +161,7 @@ def _pushed(
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Keep MuJoCo's warnings out of a log file in the working directory; `_check_reached` finds what they say."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)

@@ -27,6 +27,9 @@ a thousandth of the slack (their sigma): several compliant corners that stick wo
 else leave only slips of 1e-6 m/s to balance their loads, which no solver finds soon.
 A sticking corner creeps by that slack times lam_t, 1e-5 m/s for a newton at 33 kN/m.
 
+Where a toss begins with a corner in rigid ground, the ground is as deep below that corner and rises at 2 cm/s
+(`above_ground`): recorded states are noisy, and phi / h of a depth that is noise would be a kick.
+
 Cohesion c lets friction grow less than in proportion to load (Mohr and Coulomb),
 |lam_t| <= mu lam_n + c h, with the load of the step before in place of this one's:
 the friction coefficient of the step is min(2 mu, mu + c h / lam_n of the step before),
@@ -54,7 +57,7 @@ from tossid.physics.articulated import (
     tree_features,
 )
 from tossid.physics.body import make_body, network, simulate_body
-from tossid.physics.contact import make_scratch, resolve_contact
+from tossid.physics.contact import UNKNOWN, make_scratch, resolve_contact
 from tossid.physics.forces import forces_of, law_of
 from tossid.physics.solvers import cone_work
 from tossid.physics.solvers.batches import over_threads
@@ -90,7 +93,7 @@ def _simulate(  # type: ignore[no-untyped-def]
     parent, joint_type, turn, place, axis, anchor, mass, com, inertia, corner_body, corner_pos, mu, restitution,
     compliance, relaxation, cohesion, gravity, linear, W0, b0, W1, b1, W2,
     q0, v0, n_steps, dt, substeps, tolerance, first, last, qs, vs, lam_n, unsolved, worst, finite,
-    height, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
+    height, sunk, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
 ):  # fmt: skip
     """Simulate tosses first..last-1 of any tree; arguments and results as in `simulate`."""
     nq, nv, nb = q0.shape[1], v0.shape[1], parent.shape[0]
@@ -107,6 +110,7 @@ def _simulate(  # type: ignore[no-untyped-def]
         for i in range(nv):
             v[i] = vs[toss, 0, i] = v0[toss, i]
         cold = True
+        sunk[:] = UNKNOWN
         reached = 0
         for step in range(n_steps[toss]):
             for _ in range(substeps):
@@ -140,7 +144,7 @@ def _simulate(  # type: ignore[no-untyped-def]
                 n, touched, status, residual = resolve_contact(
                     parent, joint_type, corner_body, corner_pos, mu, restitution, compliance, relaxation, cohesion,
                     P, E, R, L, q[2], reach, u, u_before, xi, before, h, tolerance, cold,
-                    height, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
+                    height, sunk, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
                 )  # fmt: skip
                 cold = n == 0
                 if n > 0:

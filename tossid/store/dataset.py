@@ -202,7 +202,10 @@ def _fill(file: h5py.File, dataset: Dataset, text: str) -> None:
         into = group.create_group(toss.name)
         into.attrs["index"], into.attrs["split"] = index, toss.split
         for member in MEMBERS:
-            data = np.ascontiguousarray(getattr(toss, member.name), dtype=member.dtype)
+            value = getattr(toss, member.name)
+            if value is None:
+                continue
+            data = np.ascontiguousarray(value, dtype=member.dtype)
             made = _put(into, member.name, data)
             made.attrs["unit"], made.attrs["meaning"] = member.unit, member.meaning
 
@@ -251,6 +254,8 @@ def _toss_groups(path: Path, file: h5py.File) -> list[h5py.Group]:
 def _checked_members(path: Path, group: h5py.Group, nq: int, nv: int) -> Iterator[tuple[str, h5py.Dataset]]:
     sizes: dict[str, int | None] = {"n": None, "nq": nq, "nv": nv}
     for member in MEMBERS:
+        if member.optional and member.name not in group:
+            continue
         data = child(path, group, member.name, h5py.Dataset)
         check_stored(path, data, np.dtype(member.dtype), tuple(sizes[name] for name in member.shape))
         if sizes["n"] is None:

@@ -8,6 +8,7 @@
     /provenance       attributes: a flat dictionary, what the dataset was made from
     /tosses/NAME      attributes: index (its place), split ("" where none was drawn)
         t (n)  q (n, nq)  v (n, nv)  q_cov (n, nv, nv)  v_cov (n, nv, nv)  phase (n)
+        q_measured (n, nq)  q_measured_cov (n, nv, nv)  (only where q was smoothed)
 
 Each array carries its unit and frame as attributes. Why this schema:
 docs/adr/0003-dataset-schema.md.
@@ -49,13 +50,14 @@ TAG_DTYPE = np.dtype([("id", "<i8"), ("body", "<i8"), ("size_m", "<f8"), ("T_bod
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """One array of a toss. shape: names of its dimensions, "n", "nq" or "nv"."""
+    """One array of a toss. shape: names of its dimensions, "n", "nq" or "nv". optional: it may be absent."""
 
     name: str
     shape: tuple[str, ...]
     dtype: str
     unit: str
     meaning: str
+    optional: bool = False
 
 
 MEMBERS = (
@@ -65,6 +67,8 @@ MEMBERS = (
     Member("q_cov", ("n", "nv", "nv"), "<f8", "(m, rad, rad)^2", "covariance of q: world, body, joints"),
     Member("v_cov", ("n", "nv", "nv"), "<f8", "(m/s, rad/s, rad/s)^2", "covariance of v: world, body, joints"),
     Member("phase", ("n",), "|u1", "1", "0 unknown, 1 flight, 2 impact, 3 slide, 4 roll, 5 rest"),
+    Member("q_measured", ("n", "nq"), "<f8", "m, 1, rad", "the single poses that q was smoothed from", True),
+    Member("q_measured_cov", ("n", "nv", "nv"), "<f8", "(m, rad, rad)^2", "covariance of q_measured", True),
 )
 
 

@@ -49,6 +49,8 @@ class Effect:
         says: what it is, for the report.
         apply: the world with the effect, given the parameters' values by name.
         read: the parameters' values in a world (for those without a fixed nominal).
+        contains: effects that are special cases of it.
+        starts: values from which it is also looked for, where what it does is far from linear.
     """
 
     name: str
@@ -58,6 +60,8 @@ class Effect:
     says: str
     apply: Callable[[World, Mapping[str, float]], World]
     read: Callable[[World], Mapping[str, float]] = lambda world: {}
+    contains: tuple[str, ...] = ()
+    starts: tuple[Mapping[str, float], ...] = ()
 
     def nominal(self, world: World) -> np.ndarray:
         """Values (P,) at which the effect changes nothing in this world."""
@@ -131,6 +135,7 @@ LIBRARY: tuple[Effect, ...] = (
         CONTACT,
         "the moments of inertia are larger or smaller than stated",
         lambda w, p: _body(w, inertia=p["scale_rel"] * w.object.inertia),
+        starts=({"scale_rel": 0.45}, {"scale_rel": 2.0}),
     ),
     Effect(
         "geometry",
@@ -197,6 +202,7 @@ LIBRARY: tuple[Effect, ...] = (
         "moving air",
         _forces(wind_x="x_ms", wind_y="y_ms", linear="c_nspm"),
         lambda w: {"c_nspm": w.forces.linear or LEAST_DRAG},
+        contains=("linear_drag",),
     ),
     Effect(
         "magnus",
@@ -213,6 +219,7 @@ LIBRARY: tuple[Effect, ...] = (
         ALL,
         "a constant force",
         _forces(x="x_n", y="y_n", z="z_n"),
+        contains=("gravity",),
     ),
     Effect(
         "position_force",
@@ -224,6 +231,8 @@ LIBRARY: tuple[Effect, ...] = (
         ALL,
         "a pull towards a point, as of a spring or a magnet",
         _forces(spring="k_npm", center_x="x_m", center_y="y_m", center_z="z_m"),
+        contains=("uniform_force", "gravity"),
+        starts=({"k_npm": 0.5}, {"k_npm": 5.0}),
     ),
     Effect(
         "vortex",
@@ -249,6 +258,7 @@ LIBRARY: tuple[Effect, ...] = (
         "the coefficient of friction differs",
         lambda w, p: _body(w, friction=p["mu"]),
         lambda w: {"mu": _mu(w)},
+        starts=({"mu": 0.08}, {"mu": 0.35}, {"mu": 0.8}),
     ),
     Effect(
         "velocity_friction",
@@ -262,6 +272,12 @@ LIBRARY: tuple[Effect, ...] = (
         "friction depends on the speed of sliding",
         _velocity_friction,
         lambda w: {"static_mu": _mu(w), "sliding_mu": _mu(w)},
+        contains=("friction",),
+        starts=(
+            {"static_mu": 0.3, "sliding_mu": 0.15, "speed_ms": 0.2},
+            {"static_mu": 0.1, "sliding_mu": 0.25, "speed_ms": 0.4},
+            {"static_mu": 0.5, "sliding_mu": 0.12, "speed_ms": 0.3},
+        ),
     ),
     Effect(
         "anisotropic_friction",
@@ -271,6 +287,13 @@ LIBRARY: tuple[Effect, ...] = (
         "friction differs with direction",
         _anisotropic,
         lambda w: {"x_mu": _mu(w), "y_mu": _mu(w)},
+        contains=("friction",),
+        starts=(
+            {"x_mu": 0.1, "y_mu": 0.3},
+            {"x_mu": 0.3, "y_mu": 0.1},
+            {"x_mu": 0.07, "y_mu": 0.5},
+            {"x_mu": 0.5, "y_mu": 0.07},
+        ),
     ),
     Effect(
         "cohesion",
@@ -279,6 +302,7 @@ LIBRARY: tuple[Effect, ...] = (
         CONTACT,
         "friction keeps a part that does not depend on the load",
         lambda w, p: _body(w, cohesion=p["c_n"]),
+        starts=({"c_n": 0.1}, {"c_n": 0.4}, {"c_n": 1.2}),
     ),
     Effect(
         "torsional_friction",
@@ -287,6 +311,7 @@ LIBRARY: tuple[Effect, ...] = (
         CONTACT,
         "a contact resists spin about the vertical",
         _law(torsional="radius_m"),
+        starts=({"radius_m": 0.01}, {"radius_m": 0.04}),
     ),
     Effect(
         "rolling_resistance",
@@ -295,6 +320,7 @@ LIBRARY: tuple[Effect, ...] = (
         CONTACT,
         "a contact resists rolling",
         _law(rolling="radius_m"),
+        starts=({"radius_m": 0.003}, {"radius_m": 0.02}),
     ),
     Effect(
         "restitution",
@@ -304,6 +330,7 @@ LIBRARY: tuple[Effect, ...] = (
         "impacts bounce",
         _restitution,
         lambda w: {"e": w.object.restitution},
+        starts=({"e": 0.15}, {"e": 0.4}, {"e": 0.65}),
     ),
     Effect(
         "compliance",
@@ -312,6 +339,10 @@ LIBRARY: tuple[Effect, ...] = (
         CONTACT,
         "contact yields like a spring and a damper",
         _compliance,
+        starts=tuple(
+            {"stiffness_npm": k, "damping_nspm": d}
+            for k, d in ((6e4, 60.0), (2e4, 40.0), (2e4, 10.0), (5e3, 30.0), (5e3, 8.0), (1.5e3, 10.0))
+        ),
     ),
     Effect(
         "adhesion",
@@ -320,6 +351,7 @@ LIBRARY: tuple[Effect, ...] = (
         CONTACT,
         "the ground holds on to what touches it",
         _law(adhesion="force_n"),
+        starts=({"force_n": 0.3}, {"force_n": 2.0}),
     ),
     Effect(
         "length_scale",

@@ -1,0 +1,131 @@
+"""Other engines' contact: what two good simulators of the same rigid body disagree on is not evidence of an effect.
+
+Rigid contact with friction is not one law but several. MuJoCo's is the convex relaxation of Coulomb's (Anitescu 2006):
+what slips also lifts off, a cube that slides at 1 m/s by 1.5 mm; impacts on several corners, and how much contact
+gives way, are an engine's own as well. So each window has one nuisance more, c: how many times the difference between
+another engine and ours, both with the same body, friction and gravity, is in the misses. It is as far from 0 as from
+1 for nobody to say, c ~ N(0, 1), where our own engine is asked about; it is expected at 1 where MuJoCo's is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+from numpy.typing import NDArray
+
+from tossid.diagnosis.windows import SUBSTEPS, Windows
+from tossid.errors import InputError
+from tossid.physics.effects import World
+from tossid.physics.effects.in_mujoco import scene
+from tossid.physics.forces import Forces, Law
+from tossid.physics.mujoco_engine import quiet
+
+Array = NDArray[np.float64]
+
+NEAR_RIGID_SUBSTEPS = 17
+"""MuJoCo steps a frame of near-rigid contact; 135 give differences that are the same to a few percent."""
+LARGEST = 1e3
+"""[m] beyond which a motion counts as lost."""
+_ROWS_AT_ONCE = 1_000_000
+
+
+@dataclass(frozen=True)
+class MujocoWorld:
+    """A compiled MuJoCo model of one free body, with its own options and its own ground.
+
+    recorded: the world whose frames tie its motion to the recorded one; that world's ground is the model's z = 0.
+    """
+
+    model: mujoco.MjModel
+    recorded: World
+
+    def roll_out(self, q0: Array, v0: Array, *, n_steps: NDArray[np.int64], dt: float, n_threads: int = 1) -> Array:
+        """Recorded motions (B, T + 1, 7) from recorded first states (B, 7), (B, 6); NaN where MuJoCo gave up.
+
+        The time step is the model's own, shortened so that a whole number of steps makes a frame.
+
+        Raises:
+            InputError: the model has more state than one free body.
+        """
+        m, rate = self.model, self.recorded.recording.clock_rate
+        if mujoco.mj_stateSize(m, mujoco.mjtState.mjSTATE_FULLPHYSICS) != 14 or m.nq != 7:
+            raise InputError(f"the MuJoCo model has {m.nq} coordinates and actuators or plugins beside one free body")
+        kept = m.opt.timestep
+        count = math.ceil(dt / rate / kept - 1e-9)
+        q, v = self.recorded.to_ground(q0, v0)
+        start = np.concatenate([np.zeros((len(q), 1)), q, v], axis=1)
+        steps = int(np.max(n_steps))
+        out = np.full((len(q), steps + 1, 7), np.nan)
+        out[:, 0] = q
+        data = [mujoco.MjData(m) for _ in range(max(1, n_threads))]
+        at_once = max(n_threads, _ROWS_AT_ONCE // (steps * count), 1)
+        try:
+            m.opt.timestep = dt / rate / count
+            for first in range(0, len(q), at_once):
+                part = slice(first, first + at_once)
+                with quiet():
+                    states, _ = rollout.rollout(m, data, start[part], nstep=steps * count)
+                frames = np.asarray(states)[:, count - 1 :: count]
+                # a toss on which MuJoCo gave up begins anew: its clock falls behind
+                clock = np.arange(1, steps + 1) * count * m.opt.timestep
+                good = np.isfinite(frames).all(-1) & (np.abs(frames[..., 0] - clock) < 1e-6 * clock[-1])
+                good &= np.abs(frames[..., 1:4]).max(-1) < LARGEST
+                good = np.logical_and.accumulate(good, axis=1)
+                out[part, 1:] = np.where(good[..., None], frames[..., 1:8], np.nan)
+        finally:
+            m.opt.timestep = kept
+        return self.recorded.recorded_poses(out)
+
+
+@dataclass(frozen=True)
+class Engine:
+    """The other engine. model: a MuJoCo model that is asked about, with the world that it is read as; None: MuJoCo
+    with contact as rigid as it bears, of whatever body and ground are at hand."""
+
+    model: mujoco.MjModel | None = None
+    world: World | None = None
+
+    @property
+    def expected(self) -> float:
+        """The mean of c."""
+        return 0.0 if self.model is None else 1.0
+
+    def difference(self, windows: Windows, world: World, *, n_threads: int = 1) -> Array:
+        """(W, L, 6) its predictions less ours, from the windows' states of linearisation; 0 where it gave up."""
+        if self.model is None or self.world is None:
+            ours = rigid(world)
+            step = windows.dt / ours.recording.clock_rate / NEAR_RIGID_SUBSTEPS
+            model, theirs = scene(ours, step), ours
+        else:
+            # its own ground is in the model
+            model, ours = self.model, replace(self.world, recording=world.recording)
+            theirs = replace(ours, ground_height=0.0, ground_tilt=(0.0, 0.0))
+        steps = windows.inside.sum(1)
+        other = MujocoWorld(model, theirs).roll_out(
+            windows.at_q, windows.at_v, n_steps=steps, dt=windows.dt, n_threads=n_threads
+        )
+        own = ours.roll_out(
+            windows.at_q, windows.at_v, n_steps=steps, dt=windows.dt, substeps=SUBSTEPS, n_threads=n_threads
+        )
+        length = windows.y.shape[1]
+        misses = [windows.misses(_padded(run[:, 1 : length + 1], length)) for run in (own, other)]
+        lost = ~(np.isfinite(own).all((1, 2)) & np.isfinite(other).all((1, 2)))
+        out: Array = misses[0] - misses[1]
+        out[lost] = 0.0
+        return out
+
+
+def rigid(world: World) -> World:
+    """The world's body, gravity and ground, with rigid contact and plain friction, and no other force."""
+    body = world.object.with_changes(compliance=0.0, relaxation=0.0, restitution=0.0, cohesion=0.0)
+    return replace(world, object=body, forces=Forces(), law=Law(), residual=None)
+
+
+def _padded(run: Array, length: int) -> Array:
+    if run.shape[1] == length:
+        return run
+    return np.concatenate([run, np.repeat(run[:, -1:], length - run.shape[1], axis=1)], axis=1)
