@@ -174,8 +174,8 @@ def _usable(tosses: tuple[Toss, ...], data: Path, console: Console) -> tuple[tup
     if len(kept) < FEWEST_TOSSES:
         which = f" that serve ({', '.join(why)})" if why else ""
         raise InputError(
-            f"{data}: has {len(kept)} tosses{which}; a diagnosis needs at least {FEWEST_TOSSES}, to fit effects to one "
-            "half and judge them on the other"
+            f"{data}: has {len(kept)} tosses{which}; a diagnosis needs at least {FEWEST_TOSSES}, to fit effects to "
+            "some and judge them on others"
         )
     if not why:
         return kept, []

@@ -17,7 +17,7 @@ from tossid.diagnosis.engines import Engine
 from tossid.diagnosis.findings import Diagnosis, Finding, Interval, Verdict
 from tossid.diagnosis.fitting import Fitted, Hypothesis, derivatives, toss_sums
 from tossid.diagnosis.gap import Floor, measure_gap, noise_floor, rollout_errors, share_left
-from tossid.diagnosis.search import Candidate, Found, Search, halves, one_sided
+from tossid.diagnosis.search import Candidate, Found, Search, folds, one_sided
 from tossid.diagnosis.windows import make_windows
 from tossid.physics.effects import LIBRARY, Effect, World
 from tossid.types import Phase, Toss
@@ -43,15 +43,15 @@ def diagnose(
         world: the simulator that is asked about.
         library: effects to choose from.
         engine: the other engine, whose differences are no evidence; near-rigid MuJoCo if None.
-        seed: of the halves and of the simulated noise floor.
+        seed: of the folds and of the simulated noise floor.
         progress: told what is under way, and which share is done.
     """
     started = time.perf_counter()
     tell = progress or (lambda text, share: None)
     n = len(tosses)
-    search = Search(make_windows(tosses), n, halves(n, np.random.default_rng(seed)), n_threads, engine)
+    search = Search(make_windows(tosses), n, folds(n, np.random.default_rng(seed)), n_threads, engine)
     tell("the gap", 0.02)
-    found = search.run(Hypothesis(world), library, tell)
+    found = search.run(Hypothesis(search.with_contact(world)), library, tell)
     tell("what is left", 0.93)
     return _report(tosses, library, search, found, started, seed)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.fitting import Hypothesis
 from tossid.diagnosis.gap import noise_floor, share_left
-from tossid.diagnosis.search import Search, halves
+from tossid.diagnosis.search import Search, folds
 from tossid.diagnosis.windows import SUBSTEPS, make_windows
 from tossid.errors import InputError
 from tossid.physics import simulate
@@ -369,7 +369,8 @@ def closable_share(
 ) -> float:
     """Share of the gap that the true effects close: what is left then is not the diagnosis's to close."""
     n = len(tosses)
-    search = Search(make_windows(tosses), n, halves(n, np.random.default_rng(seed)), n_threads)
+    search = Search(make_windows(tosses), n, folds(n, np.random.default_rng(seed)), n_threads)
+    world = search.with_contact(world)
     first, last = search.start(Hypothesis(world)), search.start(Hypothesis(world_with(world, effects)))
     floor = noise_floor(last, search, seed=seed)
     return share_left(first, last, search, floor)[0].value

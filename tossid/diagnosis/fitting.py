@@ -10,7 +10,7 @@ projection, Golub and Pereyra 1973): states that fit another world hold a fit ba
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 NU = 4.0
 """Degrees of freedom of Student's density."""
 N_PHASES = 6
+CAP = 30.0
+"""Whitened misses beyond this count as this: a chaotic impact is one impact."""
 ITERATIONS = 8
 CONVERGED = 0.05
 """Change in standard errors at which a fit ends."""
@@ -35,6 +37,8 @@ LEVERAGE = 4.0
 """Most information of a window, over the 90 % quantile of those in which a parameter acts."""
 FEWEST_ACTING = 10
 DOUBLINGS = 3
+LARGE = 8.0
+"""Gain of log-likelihood of a window that is large."""
 TRIALS = 5
 """Dampings that are tried in an iteration."""
 
@@ -94,12 +98,15 @@ class Evidence:
     """Windows with their whitening, ready to judge worlds.
 
     engines: as `linearise` has it, the difference to another engine and how often it is expected.
+    trust (W,): least scale of each window's misses, ones if None. Where contact is rough, a window may fit badly for
+    want of a better first state, and in another way under each hypothesis; `with_trust` makes it count for less.
     """
 
     windows: Windows
     whitening: Whitening
     n_threads: int = 1
     engines: tuple[Array, float] | None = None
+    trust: Array | None = None
 
     def residual(self, world: World) -> Array:
         """(W, L, 6) whitened misses."""
@@ -109,7 +116,19 @@ class Evidence:
         """The windows of the tosses that are chosen (n_tosses,)."""
         rows = np.flatnonzero(chosen[self.windows.toss])
         engines = None if self.engines is None else (self.engines[0][rows], self.engines[1])
-        return Evidence(self.windows.rows(rows), self.whitening.rows(rows), self.n_threads, engines)
+        trust = None if self.trust is None else self.trust[rows]
+        return Evidence(self.windows.rows(rows), self.whitening.rows(rows), self.n_threads, engines, trust)
+
+    def with_trust(self, residual: Array) -> Evidence:
+        """With each window trusted as far as it fits: the root mean square of its misses, at least 1."""
+        inside = self.windows.inside[..., None]
+        squares = np.where(inside, np.minimum(residual**2, CAP**2), 0.0).sum((1, 2)) / (6 * self.windows.inside.sum(1))
+        return replace(self, trust=np.sqrt(np.maximum(squares, 1.0)))
+
+    def spread(self, scales: Array) -> Array:
+        """(W, L, 1) scale of each miss, for those of the phases."""
+        s = scales[self.windows.phase]
+        return (s if self.trust is None else np.maximum(s, self.trust[:, None]))[..., None]
 
     def renewed(self, world: World, *, refine: int = 1, restarts: int = 0) -> Evidence:
         """With states and whitening as they are under another world near by."""
@@ -122,7 +141,7 @@ class Evidence:
             engines=self.engines,
             n_threads=self.n_threads,
         )
-        return Evidence(windows, whitening, self.n_threads, self.engines)
+        return Evidence(windows, whitening, self.n_threads, self.engines, self.trust)
 
     def scales(self, residual: Array) -> Array:
         """(N_PHASES,) robust size of whitened misses a phase, at least 1."""
@@ -133,12 +152,12 @@ class Evidence:
                 out[phase] = max(1.0, _student_scale(residual[chosen].ravel()))
         return out
 
-    def log_likelihood(self, residual: Array, scales: Array, n_tosses: int) -> Array:
-        """(n_tosses,) of Student's density, but for constants."""
-        s = scales[self.windows.phase][..., None]
+    def log_likelihood(self, residual: Array, scales: Array) -> Array:
+        """(W,) of Student's density, but for constants."""
+        s = self.spread(scales)
         ll = -0.5 * (NU + 1) * np.log1p((residual / s) ** 2 / NU) - np.log(s)
-        ll = np.where(self.windows.inside[..., None], ll, 0.0).sum((1, 2)) + self.whitening.volume
-        return np.bincount(self.windows.toss, weights=ll, minlength=n_tosses).astype(float)
+        out: Array = np.where(self.windows.inside[..., None], ll, 0.0).sum((1, 2)) + self.whitening.volume
+        return out
 
 
 def _student_scale(r: Array) -> float:
@@ -223,7 +242,7 @@ def toss_sums(evidence: Evidence, residual: Array, J: Array, scales: Array, n_to
     what it does elsewhere, derivatives hold nowhere but there, and one such window would have all the weight.
     """
     w = evidence.windows
-    s = scales[w.phase][..., None]
+    s = evidence.spread(scales)
     weight = (NU + 1) / (NU + (residual / s) ** 2) / s**2
     weight = np.where(w.inside[..., None], weight, 0.0)
     H_w = np.einsum("wlc,wlci,wlcj->wij", weight, J, J, optimize=True)
@@ -266,14 +285,14 @@ def fit(evidence: Evidence, start: Hypothesis, *, n_tosses: int, iterations: int
             H, g = toss_sums(evidence, residual, J, scales, n_tosses)
             sizes = _difference_sizes(H)
         total, slope = H.sum(0), g.sum(0)
-        gained = partial(_total, evidence, scales, n_tosses)
-        value = gained(residual)
+        before = evidence.log_likelihood(residual, scales)
+        gained = partial(_gained, evidence, scales, before)
         for _ in range(TRIALS):
             lhs = total + damping * np.diag(np.diag(total)) + 1e-9 * max(np.trace(total), 1e-12) * np.eye(len(steps))
             delta = np.clip(-np.linalg.solve(lhs, slope), -100, 100)
             moved = hypothesis.at(np.clip(hypothesis.flat() + delta * steps, low, high))
             trial = evidence.residual(moved.world())
-            better = gained(trial) > value
+            better = gained(trial) > 0
             if better:
                 break
             damping = max(damping, 1e-2) * 8
@@ -288,7 +307,7 @@ def fit(evidence: Evidence, start: Hypothesis, *, n_tosses: int, iterations: int
             moved, trial = further, beyond
         there = evidence.renewed(moved.world())
         renewed = there.residual(moved.world())
-        gain = there.log_likelihood(renewed, scales, n_tosses).sum() - value
+        gain = gains(there.log_likelihood(renewed, scales), before).sum()
         if gain <= 0:
             # better around the states of before only
             damping, stale = max(damping, 1e-2) * 30, False
@@ -304,8 +323,16 @@ def fit(evidence: Evidence, start: Hypothesis, *, n_tosses: int, iterations: int
     return Fitted(hypothesis, evidence, residual, evidence.scales(residual), H, g)
 
 
-def _total(evidence: Evidence, scales: Array, n_tosses: int, residual: Array) -> float:
-    return float(evidence.log_likelihood(residual, scales, n_tosses).sum())
+def gains(after: Array, before: Array) -> Array:
+    """(W,) by how much windows' log-likelihoods grow, in proportion up to `LARGE`, logarithmically beyond: what an
+    effect explains, it explains in many windows; one that falls into another minimum of its first state does not
+    decide."""
+    grown: Array = LARGE * np.arcsinh((after - before) / LARGE)
+    return grown
+
+
+def _gained(evidence: Evidence, scales: Array, before: Array, residual: Array) -> float:
+    return float(gains(evidence.log_likelihood(residual, scales), before).sum())
 
 
 def _difference_sizes(H: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Gap, Interval, Share, Step
-from tossid.diagnosis.fitting import N_PHASES, NU, Evidence
+from tossid.diagnosis.fitting import CAP, N_PHASES, NU, Evidence
 from tossid.diagnosis.windows import SUBSTEPS, linearise, make_windows
 from tossid.motion import flight_states
 from tossid.physics.effects import World
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-CAP = 30.0
-"""Whitened misses beyond this count as this: a chaotic impact is one impact."""
 PHASES = (Phase.FLIGHT, Phase.IMPACT, Phase.SLIDE, Phase.ROLL, Phase.REST)
 CHANNELS = ("p_x", "p_y", "p_z", "r_x", "r_y", "r_z")
 LENGTHS = (5, 10, 20, 40)
@@ -82,21 +80,16 @@ def measure_gap(tosses: Sequence[Toss], state: Candidate, search: Search, floor:
     channels = []
     for c, name in enumerate(CHANNELS):
         channels.append(Share(name, bootstrap_ratio(by_toss(e, excess[..., c], n), whole)))
-    frame = w.frame[:, None] + 1 + np.arange(w.inside.shape[1])
-    rows = np.stack([np.broadcast_to(w.toss[:, None], frame.shape), frame * w.dt, w.phase, excess.mean(-1)], axis=-1)[
-        w.inside
-    ]
+    toss = np.broadcast_to(w.toss[:, None], w.frame.shape)
+    rows = np.stack([toss, w.frame * w.dt, w.phase, excess.mean(-1)], axis=-1)[w.inside]
     mean = per_toss / np.maximum(count, 1)
     middle = np.median(mean)
     far = middle + 8 * np.median(np.abs(mean - middle)) + 1.0
     odd = tuple(toss.name for toss, size in zip(tosses, mean, strict=True) if size > far)
     lengths = []
     for length in LENGTHS:
-        if length == w.inside.shape[1]:
-            lengths.append((length, total.value, floor.rms))
-            continue
-        cut = make_windows(tosses, length=length)
-        other = type(search)(cut, n, search.half, search.n_threads, search.engine).start(state.hypothesis).fitted
+        cut = make_windows(tosses, length=length, flight=0)
+        other = type(search)(cut, n, search.folds, search.n_threads, search.engine).start(state.hypothesis).fitted
         r = other.residual[other.evidence.windows.inside]
         lengths.append((length, float(np.sqrt(np.minimum(r**2, CAP**2).mean())), 1.0))
     return Gap(total, floor.rms, tuple(share), tuple(channels), tuple(lengths), rows, odd)
@@ -111,8 +104,8 @@ def noise_floor(state: Candidate, search: Search, *, seed: int) -> Floor:
     w = e.windows
     rng = np.random.default_rng(seed + 1)
     truth = w.predicted(world, n_threads=search.n_threads)
-    truth = np.where(np.isfinite(truth), truth, w.y)
-    noise = w.noise * rng.normal(size=w.noise.shape)
+    truth = np.where(np.isfinite(truth), truth, w.y[:, : truth.shape[1]])
+    noise = w.y_noise[:, : truth.shape[1]] * rng.normal(size=(*truth.shape[:2], 6))
     y = truth.copy()
     y[..., :3] += noise[..., :3]
     y[..., 3:7] = quat_mul(truth[..., 3:7], quat_exp(noise[..., 3:]))
@@ -135,7 +128,7 @@ def noise_floor(state: Candidate, search: Search, *, seed: int) -> Floor:
 
 
 def share_left(first: Candidate, last: Candidate, search: Search, floor: Floor) -> tuple[Interval, tuple[Share, ...]]:
-    """Share of the first excess that is closed, each toss at the other half's values; and phases with some left."""
+    """Share of the first excess that is closed, each toss at the other folds' values; and phases with some left."""
     n = search.n
     before = deviance(first.evidence, first.fitted.residual) - floor.deviance
     after = deviance(last.evidence, cross_fitted(last, search)) - floor.deviance
@@ -153,25 +146,24 @@ def share_left(first: Candidate, last: Candidate, search: Search, floor: Floor) 
 
 
 def cross_fitted(state: Candidate, search: Search) -> Array:
-    """(W, L, 6) whitened misses of every toss at values fitted to the other half."""
+    """(W, L, 6) whitened misses of every toss at values fitted to the other folds."""
     fitted, e = state.fitted, state.evidence
     if not fitted.hypothesis.effects:
         return fitted.residual
     out = fitted.residual.copy()
-    for part in (search.half, ~search.half):
-        rows = ~part[e.windows.toss]
-        out[rows] = e.of_tosses(~part).residual(fitted.of_part(part).world())
+    for held in search.folds:
+        out[held[e.windows.toss]] = e.of_tosses(held).residual(fitted.of_part(~held).world())
     return out
 
 
 def rollout_errors(tosses: Sequence[Toss], state: Candidate, search: Search) -> Step:
-    """Full-length rollouts from first states as flight tells them, at values fitted to the other half."""
+    """Full-length rollouts from first states as flight tells them, at values fitted to the other folds."""
     hypothesis = state.hypothesis
     position, rotation = np.full(search.n, np.nan), np.full(search.n, np.nan)
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
-    for part in (search.half, ~search.half):
-        world = state.fitted.of_part(part).world()
-        index = [int(i) for i in np.flatnonzero(~part)]
+    for held in search.folds:
+        world = state.fitted.of_part(~held).world()
+        index = [int(i) for i in np.flatnonzero(held)]
         chosen = [tosses[i] for i in index]
         q0, v0 = first_states(chosen, world)
         steps = np.array([len(toss) - 1 for toss in chosen])

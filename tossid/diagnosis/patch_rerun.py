@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.engines import MujocoWorld
-from tossid.diagnosis.fitting import NU, Evidence, Hypothesis
-from tossid.diagnosis.gap import CAP, bootstrap_ratio, by_toss, deviance, first_states
+from tossid.diagnosis.fitting import CAP, NU, Evidence, Hypothesis
+from tossid.diagnosis.gap import bootstrap_ratio, by_toss, deviance, first_states
 from tossid.diagnosis.patch import Patch
 from tossid.diagnosis.windows import Windows, linearise, make_windows
 from tossid.evaluation.metrics import summarize
@@ -98,13 +98,8 @@ def _affordable(tosses: Sequence[Toss], timestep: float) -> Sequence[Toss]:
 def _misses(windows: Windows, world: World, simulated: MujocoWorld, *, n_threads: int) -> tuple[Evidence, Array]:
     """Whitened misses (W, L, 6) of MuJoCo in windows whose first states are refined under tossid's own simulator."""
     kept, whitening = linearise(windows, world, refine=2, n_threads=n_threads)
-    length = kept.y.shape[1]
-    n_steps = kept.inside.sum(1)
-    run = simulated.roll_out(kept.at_q, kept.at_v, n_steps=n_steps, dt=kept.dt, n_threads=n_threads)
-    evidence = Evidence(kept, whitening, n_threads)
-    padded = np.full((len(run), length, 7), np.nan)
-    padded[:, : run.shape[1] - 1] = run[:, 1:]
-    return evidence, whitening(kept.misses(padded))
+    run = simulated.roll_out(kept.at_q, kept.at_v, n_steps=kept.steps, dt=kept.dt, n_threads=n_threads)
+    return Evidence(kept, whitening, n_threads), whitening(kept.misses(run[:, 1:]))
 
 
 def _rollouts(

@@ -260,7 +260,7 @@ def _steps(diagnosis: Diagnosis) -> str:
     head = ["effects", "position error [% of width]", "rotation error [deg]"]
     note = (
         '<p class="note">Open loop over whole tosses, from first states as flight tells them, at values fitted to '
-        "the other half of the tosses. Means with 95 % intervals over tosses.</p>"
+        "other tosses. Means with 95 % intervals over tosses.</p>"
     )
     return _table(head, rows, numbers=[1, 2]) + note
 
@@ -295,7 +295,7 @@ def _reading() -> str:
     texts = (
         "The gap is the root mean square of prediction errors over short windows, in standard deviations of the "
         "measurement's noise. Each window's first state is uncertain, and what that alone explains does not count.",
-        "An effect is named if, fitted to one half of the tosses, it predicts the other half clearly better, with "
+        "An effect is named if, fitted to seven eighths of the tosses, it predicts the others clearly better, with "
         "all effects of the library counted as tries. Confusable effects predict about equally well.",
         "Not identifiable: these tosses would not show the effect at any plausible size (no spin, no slide).",
     )

@@ -1,7 +1,7 @@
 """The search for effects: screened, fitted, judged on held-out tosses, joined, and left out again.
 
 One round: every effect of the library is screened by the gain of one step (a score test, but measured), the
-promising ones are fitted, and judged by the log-likelihood of the half of the tosses that took no part. The best
+promising ones are fitted, and judged by the log-likelihood of tosses that took no part (eight folds). The best
 joins if the gain is significant over tosses (signed ranks, Bonferroni over the library) and matters; the next round
 starts from there. Effects whose gain is not clearly below the best's are its confusable class; a special case
 is preferred to what contains it. Effects that the others have made superfluous leave, after every round and at the
@@ -18,15 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import wilcoxon
 
-from tossid.diagnosis.engines import Engine
-from tossid.diagnosis.fitting import Evidence, Fitted, Hypothesis, derivatives, fit, toss_sums
+from tossid.diagnosis.engines import LIFTING, Engine
+from tossid.diagnosis.fitting import Evidence, Fitted, Hypothesis, derivatives, fit, gains, toss_sums
 from tossid.diagnosis.gap import deviance
 from tossid.diagnosis.windows import Windows, linearise
-from tossid.physics.effects import Effect
+from tossid.physics.effects import Effect, World
 
 Array = NDArray[np.float64]
 Tell = Callable[[str], None]
 
+FOLDS = 8
+CURVATURE = 0.65
+"""Of Student's log-likelihood on Gaussian misses, over the weighted squares that Gauss-Newton has of it."""
 LEVEL = 0.05
 """Family-wise level of naming an effect in a round."""
 MATTERS = 0.004
@@ -40,9 +43,13 @@ CLASS_LEVEL = 0.05
 """An effect whose gain is below the best's at this level (one-sided) is out of its class."""
 CLASS_SHARE = 0.8
 """And so is one that gains less than this share of what the best gains."""
+MORE_GENERAL = 0.2
+"""An effect that contains the best is in its class only if it is better at this level."""
 LARGEST_CLASS = 3
 STEP_SHARES = (1.0, 0.3, 0.1, 0.03)
 """Parts of a screening step that are tried: impacts are far from linear."""
+ENGINE_ROUNDS = 2
+"""Of first states and the other engine's differences, each with the other as it was."""
 RESTARTS = 2
 """Of windows that fit badly, at the start and whenever an effect has joined."""
 POLISH = 16
@@ -53,13 +60,16 @@ POLISH = 16
 class Candidate:
     """A hypothesis fitted and judged. effect: the one that joined last, None for none.
 
-    log_likelihood (n,): of every toss, at values fitted to the other half. gain (n,): that over the hypothesis before.
+    log_likelihood (W,): of every window, at values fitted to the other folds. gain (n,): of every toss, over the
+    hypothesis before.
+    shown (n,): the gain but for what a fit to nothing would lose.
     """
 
     effect: Effect | None
     fitted: Fitted
     log_likelihood: Array
     gain: Array
+    shown: Array
 
     @property
     def evidence(self) -> Evidence:
@@ -75,8 +85,8 @@ class Candidate:
 
     @property
     def p_value(self) -> float:
-        """One-sided, of a mean gain of zero."""
-        return one_sided(self.gain)
+        """One-sided, that the tosses show nothing of the effect."""
+        return one_sided(self.shown)
 
     @property
     def deviance(self) -> float:
@@ -111,57 +121,103 @@ def one_sided(values: Array) -> float:
     return float(wilcoxon(values, alternative="greater", method="auto").pvalue)
 
 
-def halves(n: int, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """(n,) a random half of the tosses."""
-    out = np.zeros(n, dtype=bool)
-    out[rng.permutation(n)[: n // 2]] = True
-    return out
+def folds(n: int, rng: np.random.Generator) -> tuple[NDArray[np.bool_], ...]:
+    """Parts of the tosses (n,), drawn, of which each in turn takes no part."""
+    place = rng.permutation(n)
+    return tuple(place % FOLDS == k for k in range(min(FOLDS, n)))
 
 
 class Search:
     """The tosses' windows, and the fits and judgements made with them."""
 
     def __init__(
-        self, windows: Windows, n: int, half: NDArray[np.bool_], n_threads: int = 1, engine: Engine | None = None
+        self,
+        windows: Windows,
+        n: int,
+        folds: tuple[NDArray[np.bool_], ...],
+        n_threads: int = 1,
+        engine: Engine | None = None,
     ) -> None:
-        self.windows, self.n, self.half, self.n_threads = windows, n, half, n_threads
+        self.windows, self.n, self.folds, self.n_threads = windows, n, folds, n_threads
         self.engine = Engine() if engine is None else engine
 
     # ------------------------------------------------------------ one hypothesis
+
+    def with_contact(self, world: World) -> World:
+        """The world with Coulomb's law or its relaxation, whichever the tosses follow (the engine's own, if it is
+        MuJoCo's that is asked about)."""
+        relaxed = replace(world, law=world.law._replace(lifting=LIFTING))
+        if self.engine.model is not None:
+            return relaxed
+        return max((world, relaxed), key=self._plain_log_likelihood)
+
+    def _plain_log_likelihood(self, world: World) -> float:
+        kept, whitening = linearise(self.windows, world, refine=4, n_threads=self.n_threads)
+        evidence = Evidence(kept, whitening, self.n_threads)
+        residual = evidence.residual(world)
+        return float(evidence.log_likelihood(residual, evidence.scales(residual)).sum())
 
     def start(self, hypothesis: Hypothesis) -> Candidate:
         """A hypothesis as it stands, fitted to nothing but the windows' first states."""
         world = hypothesis.world()
         kept, whitening = linearise(self.windows, world, refine=6, restarts=RESTARTS, n_threads=self.n_threads)
-        evidence = self.with_engine(Evidence(kept, whitening, self.n_threads), hypothesis)
+        evidence = Evidence(kept, whitening, self.n_threads)
+        for _ in range(ENGINE_ROUNDS):
+            evidence = self.with_engine(evidence, hypothesis)
         residual = evidence.residual(world)
-        scales = evidence.scales(residual)
+        evidence, scales = evidence.with_trust(residual), evidence.scales(residual)
         size = len(hypothesis.flat())
         empty = np.zeros((self.n, size, size)), np.zeros((self.n, size))
-        ll = evidence.log_likelihood(residual, scales, self.n)
-        return Candidate(None, Fitted(hypothesis, evidence, residual, scales, *empty), ll, np.zeros(self.n))
+        ll = evidence.log_likelihood(residual, scales)
+        return Candidate(None, Fitted(hypothesis, evidence, residual, scales, *empty), ll, *np.zeros((2, self.n)))
 
     def with_engine(self, evidence: Evidence, hypothesis: Hypothesis) -> Evidence:
-        """Evidence that knows what another engine makes of its windows."""
+        """Evidence that knows what another engine makes of its windows, from first states that know it too."""
         world = hypothesis.world()
         other = self.engine.difference(evidence.windows, world, n_threads=self.n_threads)
-        return replace(evidence, engines=(other, self.engine.expected)).renewed(world, refine=2, restarts=RESTARTS)
+        evidence = replace(evidence, engines=(other, self.engine.expected))
+        return evidence.renewed(world, refine=2, restarts=RESTARTS)
 
     def judged(self, present: Candidate, effect: Effect | None, start: Hypothesis, iterations: int = 8) -> Candidate:
         """A hypothesis fitted to all tosses, and judged across the halves."""
         fitted = fit(present.evidence, start, n_tosses=self.n, iterations=iterations)
         held = self.held_out(fitted)
-        return Candidate(effect, fitted, held, held - present.log_likelihood)
+        gain = self.gains(held, present.log_likelihood)
+        nothing = np.zeros(0) if effect is None else effect.nominal(present.hypothesis.world())
+        return Candidate(effect, fitted, held, gain, self._shown(effect, fitted, nothing, gain))
 
     def held_out(self, fitted: Fitted) -> Array:
-        """(n,) log-likelihood of each toss at values and scales fitted to the other half."""
-        out, evidence = np.zeros(self.n), fitted.evidence
-        for part in (self.half, ~self.half):
-            other = ~part
-            judge, learn = evidence.of_tosses(other), evidence.of_tosses(part)
-            residual = judge.residual(fitted.of_part(part).world())
-            scales = learn.scales(fitted.residual[part[evidence.windows.toss]])
-            out[other] = judge.log_likelihood(residual, scales, self.n)[other]
+        """(W,) log-likelihood of each window at values and scales fitted to the other folds."""
+        evidence = fitted.evidence
+        out = np.zeros(len(evidence.windows.toss))
+        for held in self.folds:
+            judge, learn = evidence.of_tosses(held), evidence.of_tosses(~held)
+            residual = judge.residual(fitted.of_part(~held).world())
+            rows = held[evidence.windows.toss]
+            out[rows] = judge.log_likelihood(residual, learn.scales(fitted.residual[~rows]))
+        return out
+
+    def gains(self, after: Array, before: Array) -> Array:
+        """(n,) of tosses, for log-likelihoods of windows."""
+        sums = np.bincount(self.windows.toss, weights=gains(after, before), minlength=self.n)
+        return sums.astype(float)
+
+    def better(self, one: Candidate, other: Candidate) -> float:
+        """p-value that one predicts the tosses no better than another."""
+        return one_sided(self.gains(one.log_likelihood, other.log_likelihood))
+
+    def _shown(self, effect: Effect | None, fitted: Fitted, nothing: Array, gain: Array) -> Array:
+        """(n,) gains as they would be zero on average if the effect were not there.
+
+        A fit to noise loses half of d^T H d on tosses that took no part, d its values over `nothing`. That is so near
+        nothing: what is also looked for from afar is left to gain what it loses.
+        """
+        if effect is None or effect.starts:
+            return gain
+        out, own, steps = gain.copy(), len(effect.parameters), fitted.hypothesis.steps
+        for held in self.folds:
+            d = (fitted.of_part(~held).flat()[-own:] - nothing) / steps[-own:]
+            out[held] += 0.5 * CURVATURE * np.einsum("i,nij,j->n", d, fitted.H[held][:, -own:, -own:], d)
         return out
 
     # ------------------------------------------------------------ one round
@@ -184,11 +240,11 @@ class Search:
         First states are as they are for the present hypothesis, but for the starts: those are far from it.
         """
         now = present.fitted
-        base = present.evidence.log_likelihood(now.residual, now.scales, self.n).sum()
+        base = present.evidence.log_likelihood(now.residual, now.scales)
 
         def gain_of(e: Evidence, hypothesis: Hypothesis) -> tuple[float, Array]:
             residual = e.residual(hypothesis.world())
-            return float(e.log_likelihood(residual, now.scales, self.n).sum() - base), residual
+            return float(gains(e.log_likelihood(residual, now.scales), base).sum()), residual
 
         nothing = now.hypothesis.plus(effect)
         best = (0.0, effect, nothing)
@@ -237,8 +293,8 @@ class Search:
             good = [each for each in fitted if self._belongs(first, present, each, len(library))]
             if not good:
                 break
-            best = simplest(good)
-            alike = sorted((each for each in fitted if is_alike(best, each)), key=lambda each: -each.total)
+            best = self._simplest(good)
+            alike = sorted((each for each in fitted if self._alike(present, best, each)), key=lambda each: -each.total)
             classes[best.name] = tuple(each.name for each in alike)
             tried.setdefault(best.name, best)
             present = self._refreshed(best)
@@ -251,15 +307,19 @@ class Search:
         found_classes: dict[str, tuple[Candidate, ...]] = {}
         if present is not first:
             tell("all effects together", 0.8)
-            present = self._refreshed(present, POLISH)
-            present, needed = self._pruned(first, present, len(library))
-            tell("what could stand in for each", 0.88)
-            names = {effect.name: effect for effect in library}
-            for effect in present.hypothesis.effects:
-                found_classes[effect.name] = self._rivals(
-                    present, effect, [names[name] for name in classes.get(effect.name, ())], needed[effect.name]
-                )
+            present, less = self._pruned(first, self._refreshed(present, POLISH), len(library))
             history[-1] = present
+            tell("what could stand in for each", 0.88)
+            inside = {effect.name for effect in present.hypothesis.effects}
+            others = {effect.name: effect for effect in library if effect.name not in inside}
+            for effect in present.hypothesis.effects:
+                gain = self.gains(present.log_likelihood, less[effect.name].log_likelihood)
+                needed[effect.name] = gain
+                found_classes[effect.name] = self._rivals(
+                    less[effect.name],
+                    replace(present, effect=effect, gain=gain, shown=gain),
+                    [others[name] for name in classes.get(effect.name, ()) if name in others],
+                )
         return Found(first, present, tuple(history), tried, needed, found_classes)
 
     def _belongs(self, first: Candidate, present: Candidate, each: Candidate, n_library: int) -> bool:
@@ -275,43 +335,53 @@ class Search:
             n_tosses=self.n,
             iterations=iterations,
         )
-        return Candidate(present.effect, fitted, self.held_out(fitted), present.gain)
+        fitted = replace(fitted, evidence=fitted.evidence.with_trust(fitted.residual))
+        return Candidate(present.effect, fitted, self.held_out(fitted), present.gain, present.shown)
 
-    def _pruned(self, first: Candidate, present: Candidate, n_library: int) -> tuple[Candidate, dict[str, Array]]:
-        """Without the effects that the others have made superfluous; and what is lost without each that stays (n,)."""
+    def _pruned(self, first: Candidate, present: Candidate, n_library: int) -> tuple[Candidate, dict[str, Candidate]]:
+        """Without the effects that the others have made superfluous; and what remains without each that stays."""
         while True:
             effects = present.hypothesis.effects
-            if not effects:
-                return present, {}
-            if len(effects) == 1:
-                return present, {effects[0].name: present.log_likelihood - first.log_likelihood}
-            less = {e.name: self.judged(present, present.effect, present.hypothesis.minus(e.name), 5) for e in effects}
-            needed = {name: -each.gain for name, each in less.items()}
+            less = {e.name: self.judged(present, None, present.hypothesis.minus(e.name), 5) for e in effects}
             useless = [
                 name
                 for name, each in less.items()
-                if one_sided(needed[name]) > LEVEL / n_library
-                or (each.deviance - present.deviance) < MATTERS * first.deviance
+                if self.better(present, each) > LEVEL / n_library
+                or each.deviance - present.deviance < MATTERS * first.deviance
             ]
-            if not useless:
-                return present, needed
-            present = less[min(useless, key=lambda name: float(needed[name].sum()))]
+            if len(effects) < 2 or not useless:
+                return present, less
+            present = less[max(useless, key=lambda name: less[name].total)]
 
-    def _rivals(
-        self, present: Candidate, effect: Effect, others: Sequence[Effect], needed: Array
-    ) -> tuple[Candidate, ...]:
+    def _simplest(self, good: Sequence[Candidate]) -> Candidate:
+        """The best, or a special case of it that is as good."""
+        best = good[0]
+        for each in good[1:]:
+            if self.gains(each.log_likelihood, best.log_likelihood).sum() > 0:
+                best = each
+        while True:
+            special = () if best.effect is None else best.effect.contains
+            inner = [each for each in good if each.name in special and self.better(best, each) > CLASS_LEVEL]
+            if not inner:
+                return best
+            best = max(inner, key=lambda each: each.total)
+
+    def _alike(self, before: Candidate, best: Candidate, other: Candidate) -> bool:
+        """Whether the tosses cannot tell `other` from `best`; a more general effect always fits as well."""
+        if other.effect is None or other is best or not other.total > 0:
+            return False
+        if best.name in other.effect.contains:
+            return self.better(other, best) < MORE_GENERAL
+        close = before.deviance - other.deviance > CLASS_SHARE * (before.deviance - best.deviance)
+        return close or self.better(best, other) > CLASS_LEVEL
+
+    def _rivals(self, without: Candidate, best: Candidate, others: Sequence[Effect]) -> tuple[Candidate, ...]:
         """Which of its class could still stand in for an effect, with all others in."""
-        inside = {e.name for e in present.hypothesis.effects}
-        base = Candidate(effect, present.fitted, present.log_likelihood, needed)
         out = []
-        without = replace(present, fitted=replace(present.fitted, hypothesis=present.hypothesis.minus(effect.name)))
         for other in others:
-            if other.name in inside:
-                continue
-            _, _, start = self._screened(_unfitted(without), other)
-            each = self.judged(present, other, start)
-            each = replace(each, gain=needed + each.gain)
-            if is_alike(base, each):
+            _, _, start = self._screened(without, other)
+            each = self.judged(without, other, start)
+            if self._alike(without, best, each):
                 out.append(each)
         out.sort(key=lambda each: -each.total)
         return tuple(out[: LARGEST_CLASS - 1])
@@ -319,31 +389,3 @@ class Search:
 
 def _tell_of_round(tell: Callable[[str, float], None], turn: int, name: str) -> None:
     tell(f"round {turn + 1}: {name}", 0.08 + 0.1 * turn)
-
-
-def _unfitted(present: Candidate) -> Candidate:
-    """With the misses of its hypothesis as it stands."""
-    evidence, world = present.evidence, present.hypothesis.world()
-    return replace(present, fitted=replace(present.fitted, residual=evidence.residual(world)))
-
-
-def simplest(good: Sequence[Candidate]) -> Candidate:
-    """The best, or a special case of it that is as good."""
-    best = max(good, key=lambda each: each.total)
-    while True:
-        inner = [
-            each
-            for each in good
-            if best.effect and each.name in best.effect.contains and one_sided(best.gain - each.gain) > CLASS_LEVEL
-        ]
-        if not inner:
-            return best
-        best = max(inner, key=lambda each: each.total)
-
-
-def is_alike(best: Candidate, other: Candidate) -> bool:
-    """Whether the tosses cannot tell `other` from `best`; a more general effect would have to be clearly better."""
-    if other.effect is None or other is best or best.name in other.effect.contains or not other.total > 0:
-        return False
-    close = other.total > CLASS_SHARE * best.total
-    return close or one_sided(best.gain - other.gain) > CLASS_LEVEL

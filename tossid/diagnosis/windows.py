@@ -15,8 +15,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +24,16 @@ from scipy.linalg.lapack import dtrtri
 from tossid.errors import SolverError
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize
-from tossid.types import Toss
+from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
 
 LENGTH = 20
-"""Frames of a window."""
+"""Frames of a window in contact; rows of any."""
+FLIGHT = 60
+"""Frames of a window that is all flight."""
+BEFORE_LANDING = 10
+"""Frames of flight that are left to the window with the landing, whose first velocity they tell."""
 SUBSTEPS = 4
 """Simulator steps a frame."""
 SPEED_PRIOR, SPIN_PRIOR = 0.5, 5.0
@@ -49,11 +52,15 @@ _STEPS = np.array([2e-4] * 3 + [2e-3] * 3 + [5e-3] * 3 + [3e-2] * 3)
 
 @dataclass(frozen=True)
 class Windows:
-    """W windows of at most L frames after their first, of tosses of a single body.
+    """W windows of tosses of a single body: a first frame, and at most F frames after it, in at most L rows.
+
+    In contact a row is a frame. In flight, where nothing is sudden, windows are longer and a row is the mean of a few
+    frames: a weak force shows only over the whole of it.
 
     q (W, 7), v (W, 6): recorded first states. at_q, at_v: states around which predictions are linearised.
-    y (W, L, 7): measured poses; noise (W, L, 6): their standard deviations [m, rad]; inside (W, L).
-    toss (W,), frame (W,): whose, and from where. phase (W, L): of `Phase`. dt [s].
+    y (W, F, 7): measured poses; y_noise (W, F, 6): their standard deviations [m, rad]; steps (W,): frames after the
+    first. mix (W, L, F): rows' means of frames. noise (W, L, 6): of rows; inside (W, L): which rows there are.
+    toss (W,): whose; frame (W, L): of a row's first frame. phase (W, L): of `Phase`. dt [s].
     prior (W, 12): standard deviations of the recorded states.
     """
 
@@ -62,6 +69,9 @@ class Windows:
     at_q: Array
     at_v: Array
     y: Array
+    y_noise: Array
+    steps: NDArray[np.int64]
+    mix: Array
     noise: Array
     inside: NDArray[np.bool_]
     toss: NDArray[np.int64]
@@ -75,66 +85,89 @@ class Windows:
         return int(self.toss.max()) + 1
 
     def predicted(self, world: World, q: Array | None = None, v: Array | None = None, *, n_threads: int = 1) -> Array:
-        """(W, L, 7) recorded poses as the world predicts them from (q, v), or from the states of linearisation."""
-        n = self.inside.sum(1)
+        """(W, F, 7) recorded poses as the world predicts them from (q, v), or from the states of linearisation."""
         q, v = (self.at_q if q is None else q), (self.at_v if v is None else v)
-        times = len(q) // len(n)
-        run = world.roll_out(q, v, n_steps=np.tile(n, times), dt=self.dt, substeps=SUBSTEPS, n_threads=n_threads)
-        return run[:, 1 : self.y.shape[1] + 1]
+        steps = np.tile(self.steps, len(q) // len(self.steps))
+        run = world.roll_out(q, v, n_steps=steps, dt=self.dt, substeps=SUBSTEPS, n_threads=n_threads)
+        return run[:, 1:]
 
     def misses(self, predicted: Array) -> Array:
         """(·, L, 6) measured less predicted: position [m], rotation vector in the body's frame [rad]; 0 outside."""
-        times = len(predicted) // len(self.y)
-        y, inside = np.tile(self.y, (times, 1, 1)), np.tile(self.inside, (times, 1))
+        times, F = len(predicted) // len(self.y), predicted.shape[1]
+        y = np.tile(self.y[:, :F], (times, 1, 1))
         out = np.concatenate([y[..., :3] - predicted[..., :3], quat_boxminus(y[..., 3:7], predicted[..., 3:7])], -1)
         out = np.clip(np.where(np.isfinite(out), out, LOST), -LOST, LOST)
-        out[~inside] = 0.0
-        return out
+        return np.tile(self.mix[..., :F], (times, 1, 1)) @ out
 
     def rows(self, index: NDArray[np.int64]) -> Windows:
         """The windows of the given rows."""
-        names = ("q", "v", "at_q", "at_v", "y", "noise", "inside", "toss", "frame", "phase", "prior")
+        names = (field.name for field in fields(self) if field.name != "dt")
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
 
-def make_windows(tosses: Sequence[Toss], *, length: int = LENGTH) -> Windows:
+def make_windows(tosses: Sequence[Toss], *, length: int = LENGTH, flight: int = FLIGHT) -> Windows:
     """Cut tosses into windows that follow one another, and end where frames are missing; what is left at the end of
-    a stretch is kept if half a window long."""
+    a stretch is kept if half a window long.
+
+    Args:
+        length: rows of a window, and frames of one that is not all flight.
+        flight: frames of one that is.
+    """
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
-    parts: dict[str, list[Any]] = {
-        name: [] for name in ("q", "v", "y", "noise", "inside", "toss", "frame", "phase", "first")
-    }
-    for i, toss in enumerate(tosses):
-        measured, cov = toss.measured
-        std = np.sqrt(np.maximum(np.einsum("nii->ni", cov)[:, :6], 1e-14))
-        missing = np.abs(np.diff(toss.t) / dt - 1) > UNEVEN
-        for first, n in _stretches(missing, length):
-            rows = np.minimum(np.arange(first + 1, first + length + 1), first + n)
-            parts["q"].append(measured[first])
-            parts["v"].append(toss.v[first])
-            parts["y"].append(measured[rows])
-            parts["noise"].append(std[rows])
-            parts["inside"].append(np.arange(length) < n)
-            parts["phase"].append(toss.phase[rows])
-            parts["toss"].append(np.int64(i))
-            parts["frame"].append(np.int64(first))
-            parts["first"].append(std[first])
-    done: dict[str, Any] = {name: np.array(values) for name, values in parts.items()}
-    first_noise = done.pop("first")
-    speeds = np.array([SPEED_PRIOR] * 3 + [SPIN_PRIOR] * 3)
-    prior = np.concatenate([first_noise, np.tile(speeds, (len(first_noise), 1))], axis=1)
-    return Windows(at_q=done["q"].copy(), at_v=done["v"].copy(), dt=dt, prior=prior, **done)
+    most = max(length, flight)
+    cuts = [(i, first, n) for i, toss in enumerate(tosses) for first, n in _cuts(toss, dt, length, flight)]
+    W = len(cuts)
+    q, v, y = np.empty((W, 7)), np.empty((W, 6)), np.empty((W, most, 7))
+    y_noise, first_noise = np.empty((W, most, 6)), np.empty((W, 6))
+    mix, frame, phase = np.zeros((W, length, most)), np.zeros((W, length), int), np.zeros((W, length), np.uint8)
+    for w, (i, first, n) in enumerate(cuts):
+        toss = tosses[i]
+        poses, cov = toss.measured
+        at = np.minimum(np.arange(first + 1, first + most + 1), first + n)
+        std = np.sqrt(np.maximum(np.einsum("nii->ni", cov[first : first + n + 1])[:, :6], 1e-14))
+        q[w], v[w], y[w] = poses[first], toss.v[first], poses[at]
+        first_noise[w], y_noise[w] = std[0], std[at - first]
+        each = -(-n // length)
+        for row in range(-(-n // each)):
+            some = np.arange(row * each, min((row + 1) * each, n))
+            mix[w, row, some] = 1 / len(some)
+            frame[w, row], phase[w, row] = first + 1 + some[0], toss.phase[first + 1 + some[0]]
+    inside = np.asarray(mix.any(axis=2))
+    noise = np.where(inside[..., None], np.sqrt(mix**2 @ y_noise**2), 1.0)
+    speeds = np.tile([SPEED_PRIOR] * 3 + [SPIN_PRIOR] * 3, (W, 1))
+    return Windows(
+        q=q,
+        v=v,
+        at_q=q.copy(),
+        at_v=v.copy(),
+        y=y,
+        y_noise=y_noise,
+        steps=np.array([n for _, _, n in cuts]),
+        mix=mix,
+        noise=noise,
+        inside=inside,
+        toss=np.array([i for i, _, _ in cuts]),
+        frame=frame,
+        phase=phase,
+        dt=dt,
+        prior=np.concatenate([first_noise, speeds], axis=1),
+    )
 
 
-def _stretches(missing: NDArray[np.bool_], length: int) -> list[tuple[int, int]]:
-    """First frames and numbers of further frames of a toss's windows. missing (n - 1,): steps that are none."""
-    edges = [-1, *np.flatnonzero(missing).tolist(), len(missing)]
+def _cuts(toss: Toss, dt: float, length: int, flight: int) -> list[tuple[int, int]]:
+    """First frames and numbers of further frames of a toss's windows."""
+    missing = np.flatnonzero(np.abs(np.diff(toss.t) / dt - 1) > UNEVEN)
+    flying = toss.phase == Phase.FLIGHT
     out = []
-    for begin, end in itertools.pairwise(edges):
-        for first in range(begin + 1, end, length):
-            n = min(length, end - first)
-            if n >= length // 2:
-                out.append((first, n))
+    for begin, end in itertools.pairwise([-1, *missing.tolist(), len(toss) - 1]):
+        first = begin + 1
+        while end - first >= length // 2:
+            landing = int(np.argmin(np.append(flying[first : end + 1], False)))
+            n = min(landing - 1 - BEFORE_LANDING, flight)
+            if n <= length:
+                n = min(length, end - first)
+            out.append((first, n))
+            first += n
     return out
 
 

@@ -22,8 +22,17 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.physics.contact import BOUNCE_SPEED, CLOSING_SPEED, TANGENTIAL, UNKNOWN, above_ground, solve_exact
+from tossid.physics.contact import (
+    BOUNCE_SPEED,
+    CLOSING_SPEED,
+    MAX_ITERATIONS,
+    TANGENTIAL,
+    UNKNOWN,
+    above_ground,
+    solve_exact,
+)
 from tossid.physics.forces import Forces, Law, damped, forces_of, friction_of, hold, law_of, push
+from tossid.physics.solvers.cone_qp import qp_solve
 from tossid.physics.solvers.workspace import LAM, MU, B
 from tossid.physics.system import System
 
@@ -279,7 +288,14 @@ def simulate_body(  # type: ignore[no-untyped-def]
                             A[i, i] += soft
                             A[i + 1, i + 1] += TANGENTIAL * soft
                             A[i + 2, i + 2] += TANGENTIAL * soft
-                        status, residual = solve_exact(A, V, index, n, tolerance)
+                        lifts = False
+                        if lawful and law.lifting > 0.0:
+                            for c in range(nc):
+                                lifts = lifts or (state[c] == 2 and height[c] < law.lifting)
+                        if lifts:
+                            status, residual, _ = qp_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
+                        else:
+                            status, residual = solve_exact(A, V, index, n, tolerance)
                         f0, f1, f2, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                         touched = False
                         for i in range(n):

@@ -79,6 +79,8 @@ class Law(NamedTuple):
     y_rel: friction along the world's y over that along x, 1 / mu² = d_x² / mu_x² + d_y² / mu_y² for a slip along d.
     torsional, rolling [m]: torque per normal force against spin about the vertical and about the horizontal.
     adhesion [N]: pull of the ground on each touching corner.
+    lifting [m]: height of a corner below which a step's contact problem is the convex relaxation of Coulomb's (Anitescu
+    2006), as MuJoCo has it: what slips at s leaves the ground at mu s. 0: Coulomb's law throughout.
     """
 
     static_rel: float = 1.0
@@ -87,6 +89,7 @@ class Law(NamedTuple):
     torsional: float = 0.0
     rolling: float = 0.0
     adhesion: float = 0.0
+    lifting: float = 0.0
 
     @property
     def acts(self) -> bool:
@@ -100,7 +103,7 @@ def forces_of(numbers: Array) -> Forces:
 
 
 def law_of(numbers: Array) -> Law:
-    """The law from its numbers in order (6,), the nominal one of an empty array."""
+    """The law from its numbers in order (7,), the nominal one of an empty array."""
     return Law(*map(float, numbers))
 
 
