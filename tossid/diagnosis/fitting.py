@@ -307,7 +307,9 @@ def fit(evidence: Evidence, start: Hypothesis, *, n_tosses: int, iterations: int
             moved, trial = further, beyond
         there = evidence.renewed(moved.world())
         renewed = there.residual(moved.world())
-        gain = gains(there.log_likelihood(renewed, scales), before).sum()
+        # from the states of before, and from those that suit the step
+        plain = there.log_likelihood(there.residual(hypothesis.world()), scales)
+        gain = 0.5 * (gained(trial) + gains(there.log_likelihood(renewed, scales), plain).sum())
         if gain <= 0:
             # better around the states of before only
             damping, stale = max(damping, 1e-2) * 30, False

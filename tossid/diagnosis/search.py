@@ -181,30 +181,38 @@ class Search:
     def judged(self, present: Candidate, effect: Effect | None, start: Hypothesis, iterations: int = 8) -> Candidate:
         """A hypothesis fitted to all tosses, and judged across the halves."""
         fitted = fit(present.evidence, start, n_tosses=self.n, iterations=iterations)
-        held = self.held_out(fitted)
-        gain = self.gains(held, present.log_likelihood)
+        made = Candidate(effect, fitted, self.held_out(fitted), *np.zeros((2, self.n)))
+        gain = self.contest(made, present)
         nothing = np.zeros(0) if effect is None else effect.nominal(present.hypothesis.world())
-        return Candidate(effect, fitted, held, gain, self._shown(effect, fitted, nothing, gain))
+        return replace(made, gain=gain, shown=self._shown(effect, fitted, nothing, gain))
 
-    def held_out(self, fitted: Fitted) -> Array:
-        """(W,) log-likelihood of each window at values and scales fitted to the other folds."""
-        evidence = fitted.evidence
+    def held_out(self, fitted: Fitted, evidence: Evidence | None = None) -> Array:
+        """(W,) log-likelihood of each window at values fitted to the other folds.
+
+        Args:
+            evidence: around which first states; the hypothesis's own if None.
+        """
+        evidence = fitted.evidence if evidence is None else evidence
         out = np.zeros(len(evidence.windows.toss))
         for held in self.folds:
-            judge, learn = evidence.of_tosses(held), evidence.of_tosses(~held)
+            judge = evidence.of_tosses(held)
             residual = judge.residual(fitted.of_part(~held).world())
-            rows = held[evidence.windows.toss]
-            out[rows] = judge.log_likelihood(residual, learn.scales(fitted.residual[~rows]))
+            out[held[evidence.windows.toss]] = judge.log_likelihood(residual, fitted.scales)
         return out
 
-    def gains(self, after: Array, before: Array) -> Array:
-        """(n,) of tosses, for log-likelihoods of windows."""
-        sums = np.bincount(self.windows.toss, weights=gains(after, before), minlength=self.n)
-        return sums.astype(float)
+    def contest(self, one: Candidate, other: Candidate) -> Array:
+        """(n,) by how much log-likelihoods of tosses are better under one hypothesis than under another.
+
+        Each is tried from the first states that suit the one and from those that suit the other: where contact is
+        rough, how well first states were found differs by more than the hypotheses do.
+        """
+        here = gains(one.log_likelihood, self.held_out(other.fitted, one.evidence))
+        there = gains(self.held_out(one.fitted, other.evidence), other.log_likelihood)
+        return np.bincount(self.windows.toss, weights=0.5 * (here + there), minlength=self.n).astype(float)
 
     def better(self, one: Candidate, other: Candidate) -> float:
         """p-value that one predicts the tosses no better than another."""
-        return one_sided(self.gains(one.log_likelihood, other.log_likelihood))
+        return one_sided(self.contest(one, other))
 
     def _shown(self, effect: Effect | None, fitted: Fitted, nothing: Array, gain: Array) -> Array:
         """(n,) gains as they would be zero on average if the effect were not there.
@@ -240,41 +248,41 @@ class Search:
         First states are as they are for the present hypothesis, but for the starts: those are far from it.
         """
         now = present.fitted
-        base = present.evidence.log_likelihood(now.residual, now.scales)
 
-        def gain_of(e: Evidence, hypothesis: Hypothesis) -> tuple[float, Array]:
-            residual = e.residual(hypothesis.world())
-            return float(gains(e.log_likelihood(residual, now.scales), base).sum()), residual
+        def gain(e: Evidence, hypothesis: Hypothesis) -> float:
+            before = e.log_likelihood(e.residual(now.hypothesis.world()), now.scales)
+            return float(gains(e.log_likelihood(e.residual(hypothesis.world()), now.scales), before).sum())
 
         nothing = now.hypothesis.plus(effect)
-        best = (0.0, effect, nothing)
         here = dict(zip([p.name for p in effect.parameters], nothing.values[-1], strict=True))
-        begun = [(0.0, nothing, present.evidence, now.residual)]
+        begun = [(0.0, nothing, present.evidence)]
         tried = []
         for start in effect.starts:
             values = {**here, **start}
             hypothesis = now.hypothesis.plus(effect, np.array([values[p.name] for p in effect.parameters]))
             e = present.evidence.renewed(hypothesis.world(), refine=2)
-            gain, residual = gain_of(e, hypothesis)
-            tried.append((gain, hypothesis, e, residual))
+            tried.append((0.5 * (gain(e, hypothesis) + gain(present.evidence, hypothesis)), hypothesis, e))
         if tried:
             begun.append(max(tried, key=lambda each: each[0]))
-        for gain, hypothesis, e, residual in begun:
-            if gain > best[0]:
-                best = (gain, effect, hypothesis)
+        best = (0.0, effect, nothing)
+        for begin, hypothesis, e in begun:
+            if begin > best[0]:
+                best = (begin, effect, hypothesis)
             size = len(hypothesis.flat())
             own = list(range(size - len(effect.parameters), size))
+            residual = e.residual(hypothesis.world())
             J = derivatives(e, hypothesis, residual, own)[..., own]
             H, g = (each.sum(0) for each in toss_sums(e, residual, J, now.scales, self.n))
             delta = np.zeros(size)
             delta[own] = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(own))) @ g
             low, high = hypothesis.bounds
+            before = e.log_likelihood(residual, now.scales)
             for share in STEP_SHARES:
                 there = hypothesis.at(np.clip(hypothesis.flat() + share * delta * hypothesis.steps, low, high))
-                gained, _ = gain_of(e, there)
+                gained = begin + float(gains(e.log_likelihood(e.residual(there.world()), now.scales), before).sum())
                 if gained > best[0]:
                     best = (gained, effect, there)
-                elif gained > gain:
+                elif gained > begin:
                     break
         return best
 
@@ -313,7 +321,7 @@ class Search:
             inside = {effect.name for effect in present.hypothesis.effects}
             others = {effect.name: effect for effect in library if effect.name not in inside}
             for effect in present.hypothesis.effects:
-                gain = self.gains(present.log_likelihood, less[effect.name].log_likelihood)
+                gain = self.contest(present, less[effect.name])
                 needed[effect.name] = gain
                 found_classes[effect.name] = self._rivals(
                     less[effect.name],
@@ -324,8 +332,9 @@ class Search:
 
     def _belongs(self, first: Candidate, present: Candidate, each: Candidate, n_library: int) -> bool:
         """Whether an effect's gain is significant, and matters."""
-        closes = (present.deviance - each.deviance) / max(first.deviance, 1e-9)
-        return each.p_value < LEVEL / n_library and each.total > 0 and closes > MATTERS
+        if not (each.p_value < LEVEL / n_library and each.total > 0):
+            return False
+        return self._closed(present, each) > MATTERS * first.deviance
 
     def _refreshed(self, present: Candidate, iterations: int = 4) -> Candidate:
         """Fitted on, with the other engine's difference as it is for these values."""
@@ -347,17 +356,25 @@ class Search:
                 name
                 for name, each in less.items()
                 if self.better(present, each) > LEVEL / n_library
-                or each.deviance - present.deviance < MATTERS * first.deviance
+                or self._closed(each, present) < MATTERS * first.deviance
             ]
             if len(effects) < 2 or not useless:
                 return present, less
             present = less[max(useless, key=lambda name: less[name].total)]
 
+    def _closed(self, before: Candidate, after: Candidate) -> float:
+        """How much deviance a hypothesis has less than another, around the first states of either."""
+        closed = 0.0
+        for evidence in (before.evidence, after.evidence):
+            one, other = (evidence.residual(each.hypothesis.world()) for each in (before, after))
+            closed += 0.5 * float((deviance(evidence, one) - deviance(evidence, other)).sum())
+        return closed
+
     def _simplest(self, good: Sequence[Candidate]) -> Candidate:
         """The best, or a special case of it that is as good."""
         best = good[0]
         for each in good[1:]:
-            if self.gains(each.log_likelihood, best.log_likelihood).sum() > 0:
+            if self.contest(each, best).sum() > 0:
                 best = each
         while True:
             special = () if best.effect is None else best.effect.contains
@@ -372,7 +389,7 @@ class Search:
             return False
         if best.name in other.effect.contains:
             return self.better(other, best) < MORE_GENERAL
-        close = before.deviance - other.deviance > CLASS_SHARE * (before.deviance - best.deviance)
+        close = self._closed(before, other) > CLASS_SHARE * self._closed(before, best)
         return close or self.better(best, other) > CLASS_LEVEL
 
     def _rivals(self, without: Candidate, best: Candidate, others: Sequence[Effect]) -> tuple[Candidate, ...]:
