@@ -32,6 +32,9 @@ def test_poses_alone_give_velocities(cube: ObjectModel, tracks: list[PoseTrack])
         assert toss.phase[0] == Phase.FLIGHT
         assert (toss.phase == Phase.IMPACT).any()
         assert (np.linalg.eigvalsh(toss.v_cov) > 0).all()
+        poses, cov = toss.measured
+        np.testing.assert_array_equal(poses, track.q)
+        assert (np.diagonal(cov, axis1=1, axis2=2) > np.diagonal(toss.q_cov, axis1=1, axis2=2)).mean() > 0.9
     assert covariance_source(tracks) == "q, v: smoother (measurement: residuals in flight)"
     assert median_rate(tracks) == pytest.approx(148.0)
 

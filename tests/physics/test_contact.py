@@ -8,6 +8,10 @@ import pytest
 from tossid.errors import ObjectError
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import Simulation, make_system, simulate
+from tossid.physics.contact import RECOVERY_SPEED
+from tossid.physics.effects import World
+from tossid.physics.forces import Law
+from tossid.physics.mujoco_engine import simulate_mujoco
 
 HALF = 0.0524
 STIFFNESS = 33e3
@@ -141,3 +145,30 @@ def test_cohesion_waits_for_load(cube: ObjectModel, n_directions: int) -> None:
 def test_restitution_beside_a_spring_is_refused(cube: ObjectModel, other: str) -> None:
     with pytest.raises(ObjectError, match=f"restitution 0.2.*{other} 0.001"):
         make_system(cube.with_changes(restitution=0.2, **{other: 1e-3}))
+
+
+@both_kernels
+def test_what_begins_in_rigid_ground_comes_out_slowly(cube: ObjectModel, n_directions: int) -> None:
+    """Recorded states lie in the ground by their noise; depth over a step would be a kick of 1 m/s."""
+    system = make_system(cube)
+    run = simulate(system, FLAT - [0, 0, 1e-3, 0, 0, 0, 0], np.zeros((1, 6)), n_steps=80, dt=1e-3,
+                   tolerance=1e-11, n_directions=n_directions)  # fmt: skip
+    assert np.abs(run.v[0, :, 2]).max() < 1.05 * RECOVERY_SPEED
+    np.testing.assert_allclose(HALF - run.q[0, 10, 2], 1e-3 - 0.010 * RECOVERY_SPEED, atol=5e-5)
+    np.testing.assert_allclose(run.q[0, 70:, 2], HALF, atol=1e-5)
+
+
+def test_relaxed_friction_lifts_what_slides(cube: ObjectModel) -> None:
+    """As MuJoCo has it: a slip at s leaves the ground at mu s; Coulomb's law keeps it there. Both slow down alike."""
+    v0 = np.array([[1.0, 0, 0, 0, 0, 0]])
+    speed, height = {}, {}
+    for lifting in (0.0, 1e-4):
+        world = World(cube, law=Law(lifting=lifting))
+        run = simulate(world.system(), FLAT, v0, n_steps=30, dt=1 / 148, substeps=4)
+        speed[lifting], height[lifting] = run.v[0, -1, 0], run.q[0, :, 2].max() - HALF
+    q, v = simulate_mujoco(cube, FLAT, v0, 30, 1 / 148, n_threads=1)
+    theirs = q[0, :, 2].max() - HALF
+    assert height[0.0] < 1e-6
+    assert 0.5 < height[1e-4] / theirs < 1.5
+    np.testing.assert_allclose(speed[1e-4], v[0, -1, 0], atol=0.04)
+    np.testing.assert_allclose(speed[1e-4], speed[0.0], atol=0.05)

@@ -80,6 +80,8 @@ def plain_step(system: System, q: np.ndarray, v: np.ndarray, h: float) -> tuple[
         point, rows = work.xpos[body] + work.xmat[body] @ system.corner_pos[c], np.zeros((3, system.nv))
         tree.point_jacobian(system, work, body, point, rows)
         phi[c], J[c], J[n + 2 * c : n + 2 * c + 2] = point[2], rows[2], rows[:2]
+    if system.compliance == 0 and system.relaxation == 0:
+        phi = np.maximum(phi, 0.0)  # rigid ground gives way below what begins in it
     b = J @ vf
     soft = (phi < 0) | (phi + h * b[:n] < 0)
     b[:n] += phi / np.where(soft, h + system.relaxation, h)

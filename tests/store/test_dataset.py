@@ -61,6 +61,22 @@ def path(dataset: Dataset, tmp_path: Path) -> Path:
 # --- there and back ---
 
 
+def test_measured_poses_stay_beside_smoothed_ones(dataset: Dataset, tmp_path: Path) -> None:
+    smoothed = [replace(toss, q_measured=toss.q + 0.0, q_measured_cov=2 * toss.q_cov) for toss in dataset.tosses]
+    given = replace(dataset, tosses=(dataset.tosses[0], *smoothed[1:]))
+    write_dataset(given, tmp_path / "both.h5")
+    again = read_dataset(tmp_path / "both.h5")
+    assert again.tosses[0].q_measured is None
+    assert again.tosses[0].measured[0] is again.tosses[0].q
+    for before, after in zip(given.tosses[1:], again.tosses[1:], strict=True):
+        np.testing.assert_array_equal(before.q_measured, after.q_measured)
+        np.testing.assert_array_equal(before.q_measured_cov, after.measured[1])
+    with h5py.File(tmp_path / "both.h5", "a") as file:
+        del file[f"tosses/{given.tosses[1].name}/q_measured_cov"]
+    with pytest.raises(FileError, match="come together"):
+        read_dataset(tmp_path / "both.h5")
+
+
 def test_a_dataset_survives(dataset: Dataset, path: Path) -> None:
     again = read_dataset(path)
     assert_same(dataset, again)

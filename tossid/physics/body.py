@@ -139,6 +139,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
     h = dt / substeps
     over_m = 1.0 / mass
     soft = compliance / (h * (h + relaxation))
+    rigid = compliance == 0.0 and relaxation == 0.0
     learned = linear.shape[0] > 0
     held = lawful and (law.torsional != 0.0 or law.rolling != 0.0 or law.adhesion != 0.0)
     turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
@@ -212,7 +213,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                 low = False
                 for c in range(nc):
                     z = p2 + r20 * corner[0, c] + r21 * corner[1, c] + r22 * corner[2, c]
-                    z = above_ground(z, c, sunk, compliance, h)
+                    z = above_ground(z, c, sunk, rigid, h)
                     height[c] = z
                     low = low or z < reach
                 touched, status, residual, n = False, 0, 0.0, 0

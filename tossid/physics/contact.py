@@ -103,14 +103,14 @@ def _polyhedral(A, V, n, directions, tolerance, work, index):  # type: ignore[no
 
 
 @jit
-def above_ground(z, c, sunk, compliance, h):  # type: ignore[no-untyped-def]
+def above_ground(z, c, sunk, rigid, h):  # type: ignore[no-untyped-def]
     """Height of a corner at z over the ground as it is below it.
 
     Recorded states lie in the ground by their noise. Rigid contact would throw the object out within a step, with all
     that depth per step as its velocity; here it comes out at `RECOVERY_SPEED`. What gives way needs no such care.
     """
     if sunk[c] == UNKNOWN:
-        sunk[c] = min(z, 0.0) if compliance == 0.0 else 0.0
+        sunk[c] = min(z, 0.0) if rigid else 0.0
     elif sunk[c] < 0.0:
         sunk[c] = min(sunk[c] + RECOVERY_SPEED * h, 0.0)
     return z - sunk[c]
@@ -236,12 +236,12 @@ def resolve_contact(  # type: ignore[no-untyped-def]
     Returns (candidates, 0 if none is hit; touched, status, residual).
     """
     nx, over_m = xi.shape[0], 1.0 / P[0, MASS]
-    low = False
+    low, rigid = False, compliance == 0.0 and relaxation == 0.0
     for c in range(state.shape[0]):
         b = corner_body[c]
         r0, r1, r2 = turned(E, b, corner_pos[c, 0], corner_pos[c, 1], corner_pos[c, 2])
         r0, r1, r2 = P[b, X] + r0, P[b, X + 1] + r1, P[b, X + 2] + r2
-        height[c] = above_ground(z0 + R[2, 0] * r0 + R[2, 1] * r1 + R[2, 2] * r2, c, sunk, compliance, h)
+        height[c] = above_ground(z0 + R[2, 0] * r0 + R[2, 1] * r1 + R[2, 2] * r2, c, sunk, rigid, h)
         state[c] = 0
         if not height[c] < reach:
             continue
