@@ -81,6 +81,16 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
                 seed=config.seed,
                 progress=progress,
             )
+            if found.contact == "relaxed" and simulator.mjcf is None:
+                remarks.append(
+                    "Friction is taken as MuJoCo has it (relaxed: what slides lifts off); these tosses follow it more "
+                    "than Coulomb's law."
+                )
+            if found.contact != "own" and simulator.mjcf is not None:
+                remarks.append(
+                    "Contact is taken as rigid; these tosses follow that more than your model's own contact. Make it "
+                    "stiffer (solref, solimp) and its time step shorter."
+                )
             progress("next toss and patch", 0.95)
             extra = _beside(config, found, simulator, tosses, dataset.object, threads, console)
             progress("report", 0.99)

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from tossid.diagnosis.engines import Engine
-from tossid.diagnosis.findings import Diagnosis, Finding, Interval, Verdict
-from tossid.diagnosis.fitting import Fitted, Hypothesis, derivatives, toss_sums
+from tossid.diagnosis.findings import Contact, Diagnosis, Finding, Interval, Verdict
+from tossid.diagnosis.fitting import Fitted, Hypothesis, derivatives, fit, toss_sums
 from tossid.diagnosis.gap import Floor, measure_gap, noise_floor, rollout_errors, share_left
-from tossid.diagnosis.search import Candidate, Found, Search, folds, one_sided
-from tossid.diagnosis.windows import make_windows
+from tossid.diagnosis.search import POLISH, Candidate, Found, Search, folds, one_sided
+from tossid.diagnosis.windows import LENGTH, make_windows
 from tossid.physics.effects import LIBRARY, Effect, World
 from tossid.types import Phase, Toss
 
@@ -52,17 +52,35 @@ def diagnose(
     search = Search(make_windows(tosses), n, folds(n, np.random.default_rng(seed)), n_threads, engine)
     tell("the gap", 0.02)
     found = search.run(Hypothesis(search.with_contact(world)), library, tell)
-    tell("what is left", 0.93)
-    return _report(tosses, library, search, found, started, seed)
+    tell("cut elsewhere", 0.92)
+    again = _cut_elsewhere(tosses, search, found.present.hypothesis)
+    tell("what is left", 0.95)
+    return _report(tosses, library, search, found, again, started, seed)
 
 
-def intervals(fitted: Fitted, n: int) -> dict[str, dict[str, Interval]]:
-    """95 % intervals of every effect's parameters (sandwich over tosses, Student's quantile)."""
+def _cut_elsewhere(tosses: Sequence[Toss], search: Search, hypothesis: Hypothesis) -> Fitted | None:
+    """The same hypothesis fitted to other windows of the same tosses."""
+    if not hypothesis.effects:
+        return None
+    other = Search(make_windows(tosses, skip=LENGTH // 2), search.n, search.folds, search.n_threads, search.engine)
+    return fit(other.start(hypothesis).evidence, hypothesis, n_tosses=search.n, iterations=POLISH)
+
+
+def intervals(fitted: Fitted, n: int, again: Fitted | None = None) -> dict[str, dict[str, Interval]]:
+    """95 % intervals of every effect's parameters: sandwich over tosses, Student's quantile.
+
+    Args:
+        again: the fit to other windows. Contact makes the likelihood rough, and where a fit ends on it depends on where
+            tosses were cut: half the square of the difference is one more variance.
+    """
     out: dict[str, dict[str, Interval]] = {}
     if not fitted.hypothesis.effects:
         return out
     cov = fitted.covariance()
-    error = np.sqrt(np.maximum(np.diag(cov), 0.0))
+    variance = np.maximum(np.diag(cov), 0.0)
+    if again is not None:
+        variance = variance + 0.5 * (again.hypothesis.flat() - fitted.hypothesis.flat()) ** 2
+    error = np.sqrt(variance)
     quantile = float(student.ppf(0.975, max(1, n - len(error))))
     low, high = fitted.hypothesis.bounds
     k = 0
@@ -77,7 +95,13 @@ def intervals(fitted: Fitted, n: int) -> dict[str, dict[str, Interval]]:
 
 
 def _report(
-    tosses: Sequence[Toss], library: Sequence[Effect], search: Search, found: Found, started: float, seed: int
+    tosses: Sequence[Toss],
+    library: Sequence[Effect],
+    search: Search,
+    found: Found,
+    again: Fitted | None,
+    started: float,
+    seed: int,
 ) -> Diagnosis:
     n, first, present = search.n, found.first, found.present
     floor = noise_floor(present, search, seed=seed)
@@ -98,7 +122,7 @@ def _report(
         verdict=verdict,
         gap=gap,
         left=left,
-        findings=_findings(library, search, found, named, floor),
+        findings=_findings(library, search, found, named, floor, again),
         named=named,
         gap_closed=closed,
         unexplained=unexplained,
@@ -107,14 +131,21 @@ def _report(
         n_tosses=n,
         seconds=time.perf_counter() - started,
         alternatives=tuple(swapped),
+        contact=_contact(search, found),
     )
 
 
+def _contact(search: Search, found: Found) -> Contact:
+    if search.engine.model is not None:
+        return "own"
+    return "relaxed" if found.first.hypothesis.base.law.lifting > 0 else "coulomb"
+
+
 def _findings(
-    library: Sequence[Effect], search: Search, found: Found, named: Sequence[str], floor: Floor
+    library: Sequence[Effect], search: Search, found: Found, named: Sequence[str], floor: Floor, again: Fitted | None
 ) -> tuple[Finding, ...]:
     n, present = search.n, found.present
-    known = intervals(present.fitted, n)
+    known = intervals(present.fitted, n, again)
     stands_for = {each.name: (name, each) for name, group in found.classes.items() for each in group}
     out = []
     for effect in library:

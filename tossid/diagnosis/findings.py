@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 SCHEMA = "tossid.gap/1"
 EffectVerdict = Literal["identified", "confusable", "not_supported", "not_identifiable"]
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained"]
+Contact = Literal["coulomb", "relaxed", "own"]
 
 
 @dataclass(frozen=True)
@@ -103,10 +104,11 @@ class Step:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """All of it. named: the effects that explain the gap, in the order in which they were found.
+    """All of it. named: the effects that explain the gap, in order of what is lost without each.
 
     gap_closed: by all named together; unexplained: phases (by name) in which clearly something is left, with the
     share of the first gap that is left there. hypothesis: the world with all of them, fitted to all tosses.
+    contact: what the tosses follow most of Coulomb's law, its relaxation and a MuJoCo model's own; it is no effect.
     alternatives: the same with a confusable effect swapped in.
     """
 
@@ -122,6 +124,7 @@ class Diagnosis:
     n_tosses: int
     seconds: float
     alternatives: tuple[Hypothesis, ...] = ()
+    contact: Contact = "coulomb"
 
     def as_json(self) -> dict[str, Any]:
         """gap.json but for next_toss and patch."""
@@ -136,6 +139,7 @@ class Diagnosis:
         return {
             "schema": SCHEMA,
             "n_tosses": self.n_tosses,
+            "contact": self.contact,
             "gap": gap,
             "gap_left": {**self.left.total.as_json(), "noise_floor": self.left.noise_floor},
             "effects": [finding.as_json() for finding in self.findings],

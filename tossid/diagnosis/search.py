@@ -144,18 +144,23 @@ class Search:
     # ------------------------------------------------------------ one hypothesis
 
     def with_contact(self, world: World) -> World:
-        """The world with Coulomb's law or its relaxation, whichever the tosses follow (the engine's own, if it is
-        MuJoCo's that is asked about)."""
+        """The world with the contact that the tosses follow most: Coulomb's law, its relaxation, or, where a MuJoCo
+        model is asked about, that model's own; the last only together with the engine."""
         relaxed = replace(world, law=world.law._replace(lifting=LIFTING))
+        tried = [(world, Engine()), (relaxed, Engine())]
         if self.engine.model is not None:
-            return relaxed
-        return max((world, relaxed), key=self._plain_log_likelihood)
-
-    def _plain_log_likelihood(self, world: World) -> float:
-        kept, whitening = linearise(self.windows, world, refine=4, n_threads=self.n_threads)
-        evidence = Evidence(kept, whitening, self.n_threads)
-        residual = evidence.residual(world)
-        return float(evidence.log_likelihood(residual, evidence.scales(residual)).sum())
+            tried.append((relaxed, self.engine))
+        best = -np.inf
+        for each, engine in tried:
+            self.engine = engine
+            kept, whitening = linearise(self.windows, each, refine=4, n_threads=self.n_threads)
+            evidence = self.with_engine(Evidence(kept, whitening, self.n_threads), Hypothesis(each))
+            residual = evidence.residual(each)
+            value = float(evidence.log_likelihood(residual, evidence.scales(residual)).sum())
+            if value > best:
+                best, world, chosen = value, each, engine
+        self.engine = chosen
+        return world
 
     def start(self, hypothesis: Hypothesis) -> Candidate:
         """A hypothesis as it stands, fitted to nothing but the windows' first states."""

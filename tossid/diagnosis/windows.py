@@ -105,17 +105,18 @@ class Windows:
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
 
-def make_windows(tosses: Sequence[Toss], *, length: int = LENGTH, flight: int = FLIGHT) -> Windows:
+def make_windows(tosses: Sequence[Toss], *, length: int = LENGTH, flight: int = FLIGHT, skip: int = 0) -> Windows:
     """Cut tosses into windows that follow one another, and end where frames are missing; what is left at the end of
     a stretch is kept if half a window long.
 
     Args:
         length: rows of a window, and frames of one that is not all flight.
         flight: frames of one that is.
+        skip: frames of each toss that are left out at its beginning, to cut it elsewhere.
     """
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
     most = max(length, flight)
-    cuts = [(i, first, n) for i, toss in enumerate(tosses) for first, n in _cuts(toss, dt, length, flight)]
+    cuts = [(i, first, n) for i, toss in enumerate(tosses) for first, n in _cuts(toss, dt, length, flight, skip)]
     W = len(cuts)
     q, v, y = np.empty((W, 7)), np.empty((W, 6)), np.empty((W, most, 7))
     y_noise, first_noise = np.empty((W, most, 6)), np.empty((W, 6))
@@ -154,13 +155,13 @@ def make_windows(tosses: Sequence[Toss], *, length: int = LENGTH, flight: int = 
     )
 
 
-def _cuts(toss: Toss, dt: float, length: int, flight: int) -> list[tuple[int, int]]:
+def _cuts(toss: Toss, dt: float, length: int, flight: int, skip: int) -> list[tuple[int, int]]:
     """First frames and numbers of further frames of a toss's windows."""
     missing = np.flatnonzero(np.abs(np.diff(toss.t) / dt - 1) > UNEVEN)
     flying = toss.phase == Phase.FLIGHT
     out = []
     for begin, end in itertools.pairwise([-1, *missing.tolist(), len(toss) - 1]):
-        first = begin + 1
+        first = max(begin + 1, skip)
         while end - first >= length // 2:
             landing = int(np.argmin(np.append(flying[first : end + 1], False)))
             n = min(landing - 1 - BEFORE_LANDING, flight)
