@@ -51,7 +51,7 @@ def diagnose(
     n = len(tosses)
     search = Search(make_windows(tosses), n, folds(n, np.random.default_rng(seed)), n_threads, engine)
     tell("the gap", 0.02)
-    found = search.run(Hypothesis(search.with_contact(world)), library, tell)
+    found = search.run(Hypothesis(search.with_contact(world, library)), library, tell)
     tell("cut elsewhere", 0.92)
     again = _cut_elsewhere(tosses, search, found.present.hypothesis)
     tell("what is left", 0.95)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -370,7 +370,8 @@ def closable_share(
     """Share of the gap that the true effects close: what is left then is not the diagnosis's to close."""
     n = len(tosses)
     search = Search(make_windows(tosses), n, folds(n, np.random.default_rng(seed)), n_threads)
-    world = search.with_contact(world)
+    lifting = search.with_contact(world_with(world, effects)).law.lifting
+    world = replace(world, law=world.law._replace(lifting=lifting))
     first, last = search.start(Hypothesis(world)), search.start(Hypothesis(world_with(world, effects)))
     floor = noise_floor(last, search, seed=seed)
     return share_left(first, last, search, floor)[0].value

@@ -143,9 +143,13 @@ class Search:
 
     # ------------------------------------------------------------ one hypothesis
 
-    def with_contact(self, world: World) -> World:
+    def with_contact(self, world: World, library: Sequence[Effect] = ()) -> World:
         """The world with the contact that the tosses follow most: Coulomb's law, its relaxation, or, where a MuJoCo
-        model is asked about, that model's own; the last only together with the engine."""
+        model is asked about, that model's own; the last only together with the engine.
+
+        The relaxation lifts what slides, and so makes up for some of what a missing bounce leaves: it is taken only if
+        no effect of the library explains more under Coulomb's law.
+        """
         relaxed = replace(world, law=world.law._replace(lifting=LIFTING))
         tried = [(world, Engine()), (relaxed, Engine())]
         if self.engine.model is not None:
@@ -158,9 +162,14 @@ class Search:
             residual = evidence.residual(each)
             value = float(evidence.log_likelihood(residual, evidence.scales(residual)).sum())
             if value > best:
-                best, world, chosen = value, each, engine
+                best, taken, chosen = value, each, engine
         self.engine = chosen
-        return world
+        if taken is relaxed and chosen.model is None:
+            other = self.start(Hypothesis(relaxed))
+            for fitted in self.round(self.start(Hypothesis(world)), library, lambda name: None):
+                if self.contest(fitted, other).sum() > 0:
+                    return world
+        return taken
 
     def start(self, hypothesis: Hypothesis) -> Candidate:
         """A hypothesis as it stands, fitted to nothing but the windows' first states."""
