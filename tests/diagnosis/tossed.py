@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from tests.models.made import DT, thrown
 from tossid.motion import label_phases
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul
 from tossid.types import Toss
 
-DT = 1 / 148
 POSITION, ROTATION = 1.5e-4, 1.5e-3
 """Standard deviations of the noise [m], [rad]."""
 
@@ -18,11 +18,7 @@ POSITION, ROTATION = 1.5e-4, 1.5e-3
 def seen(world: World, nominal: ObjectModel, count: int, *, seed: int, frames: int = 90) -> list[Toss]:
     """Tosses of a world, recorded with noise; velocities are those of the truth, off by 3 cm/s and 0.3 rad/s."""
     rng = np.random.default_rng(seed)
-    q = np.zeros((count, 7))
-    q[:, 2] = rng.uniform(0.12, 0.3, count)
-    q[:, 3:] = rng.normal(size=(count, 4))
-    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
-    v = np.concatenate([rng.normal(size=(count, 3)), 4 * rng.normal(size=(count, 3))], axis=1)
+    q, v = thrown(rng, count)
     run = world.roll_out(q, v, n_steps=frames, dt=DT, substeps=4)
     t = np.arange(frames + 1) * DT
     q_cov = np.broadcast_to(np.diag([POSITION**2] * 3 + [ROTATION**2] * 3), (frames + 1, 6, 6)).copy()

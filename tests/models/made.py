@@ -11,14 +11,18 @@ from tossid.types import Toss
 DT = 1 / 148
 
 
-def tosses(model: ObjectModel, count: int, *, seed: int, frames: int = 70, substeps: int = 1) -> list[Toss]:
-    """Tosses by the LCP engine, without noise."""
-    rng = np.random.default_rng(seed)
+def thrown(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """States (count, 7), (count, 6) above the ground, turned and thrown anyhow."""
     q = np.zeros((count, 7))
     q[:, 2] = rng.uniform(0.12, 0.3, count)
     q[:, 3:] = rng.normal(size=(count, 4))
     q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
-    v = np.concatenate([rng.normal(size=(count, 3)), 4 * rng.normal(size=(count, 3))], axis=1)
+    return q, np.concatenate([rng.normal(size=(count, 3)), 4 * rng.normal(size=(count, 3))], axis=1)
+
+
+def tosses(model: ObjectModel, count: int, *, seed: int, frames: int = 70, substeps: int = 1) -> list[Toss]:
+    """Tosses by the LCP engine, without noise."""
+    q, v = thrown(np.random.default_rng(seed), count)
     run = simulate(make_system(model), q, v, n_steps=frames, dt=DT, substeps=substeps)
     zero, phase = np.zeros((frames + 1, 6, 6)), np.zeros(frames + 1, dtype=np.uint8)
     t = np.arange(frames + 1) * DT

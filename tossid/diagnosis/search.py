@@ -193,7 +193,7 @@ class Search:
         return evidence.renewed(world, refine=2, restarts=RESTARTS)
 
     def judged(self, present: Candidate, effect: Effect | None, start: Hypothesis, iterations: int = 8) -> Candidate:
-        """A hypothesis fitted to all tosses, and judged across the halves."""
+        """A hypothesis fitted to all tosses, and judged across the folds."""
         fitted = fit(present.evidence, start, n_tosses=self.n, iterations=iterations)
         made = Candidate(effect, fitted, self.held_out(fitted), *np.zeros((2, self.n)))
         gain = self.contest(made, present)
@@ -262,9 +262,9 @@ class Search:
         First states are as they are for the present hypothesis, but for the starts: those are far from it.
         """
         now = present.fitted
+        base = present.evidence.log_likelihood(now.residual, now.scales)
 
-        def gain(e: Evidence, hypothesis: Hypothesis) -> float:
-            before = e.log_likelihood(e.residual(now.hypothesis.world()), now.scales)
+        def gain(e: Evidence, hypothesis: Hypothesis, before: Array) -> float:
             return float(gains(e.log_likelihood(e.residual(hypothesis.world()), now.scales), before).sum())
 
         nothing = now.hypothesis.plus(effect)
@@ -275,7 +275,8 @@ class Search:
             values = {**here, **start}
             hypothesis = now.hypothesis.plus(effect, np.array([values[p.name] for p in effect.parameters]))
             e = present.evidence.renewed(hypothesis.world(), refine=2)
-            tried.append((0.5 * (gain(e, hypothesis) + gain(present.evidence, hypothesis)), hypothesis, e))
+            there = gain(e, hypothesis, e.log_likelihood(e.residual(now.hypothesis.world()), now.scales))
+            tried.append((0.5 * (there + gain(present.evidence, hypothesis, base)), hypothesis, e))
         if tried:
             begun.append(max(tried, key=lambda each: each[0]))
         best = (0.0, effect, nothing)
@@ -292,10 +293,10 @@ class Search:
             low, high = hypothesis.bounds
             before = e.log_likelihood(residual, now.scales)
             for share in STEP_SHARES:
-                there = hypothesis.at(np.clip(hypothesis.flat() + share * delta * hypothesis.steps, low, high))
-                gained = begin + float(gains(e.log_likelihood(e.residual(there.world()), now.scales), before).sum())
+                moved = hypothesis.at(np.clip(hypothesis.flat() + share * delta * hypothesis.steps, low, high))
+                gained = begin + gain(e, moved, before)
                 if gained > best[0]:
-                    best = (gained, effect, there)
+                    best = (gained, effect, moved)
                 elif gained > begin:
                     break
         return best
