@@ -444,9 +444,9 @@ def diagnose_spoilt(config: AuditConfig, simulator: World, seed: int) -> dict[st
 
 def _workers(count: int) -> Any:
     """Processes with one thread each, which share nothing but files."""
-    from pipelines.cells import _processes
+    from pipelines.cells import worker_processes
 
-    return _processes(None, count)  # type: ignore[arg-type]
+    return worker_processes(None, count)
 
 
 def _report(out: Path, results: list[dict[str, Any]], failed: dict[str, str], console: Console) -> dict[str, Any]:

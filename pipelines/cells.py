@@ -155,7 +155,7 @@ def compute_all(
             except TossidError as error:
                 yield cell, error
         return
-    with _processes(dataset, count) as pool:
+    with worker_processes(dataset, count) as pool:
         waiting: dict[Future[Computed], Cell] = {pool.submit(_compute, cell.config): cell for cell in cells}
         for done in as_completed(waiting):
             try:
@@ -168,8 +168,8 @@ def compute_all(
 
 
 @contextmanager
-def _processes(dataset: Dataset, count: int) -> Iterator[ProcessPoolExecutor]:
-    """Worker processes that hold the dataset; whatever ends the study ends them at once."""
+def worker_processes(dataset: Dataset | None, count: int) -> Iterator[ProcessPoolExecutor]:
+    """Worker processes, which hold the dataset if there is one; whatever ends the study ends them at once."""
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # libraries read it when a worker imports them
     context = multiprocessing.get_context("spawn")
@@ -193,7 +193,7 @@ _dataset: Dataset | None = None
 """A worker's dataset."""
 
 
-def _begin(dataset: Dataset) -> None:
+def _begin(dataset: Dataset | None) -> None:
     """Begin a worker: Ctrl-C is its parent's business, and it does not outlive its parent."""
     global _dataset
     _dataset = dataset

@@ -80,10 +80,6 @@ class Windows:
     dt: float
     prior: Array
 
-    @property
-    def n_tosses(self) -> int:
-        return int(self.toss.max()) + 1
-
     def predicted(self, world: World, q: Array | None = None, v: Array | None = None, *, n_threads: int = 1) -> Array:
         """(W, F, 7) recorded poses as the world predicts them from (q, v), or from the states of linearisation."""
         q, v = (self.at_q if q is None else q), (self.at_v if v is None else v)
