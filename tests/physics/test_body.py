@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tossid.errors import InputError
 from tossid.objects import ObjectModel, load_object
 from tossid.physics import Residual, System, make_system, simulate, stepping
 
@@ -80,3 +81,33 @@ def test_an_inertia_that_is_no_body_s_is_reported(cube: ObjectModel) -> None:
     system = make_system(cube.with_changes(inertia=-cube.inertia))
     run = simulate(system, np.array([[0, 0, 0.2, 1, 0, 0, 0]]), np.zeros((1, 6)), n_steps=5, dt=DT)
     assert not run.finite[0]
+
+
+@pytest.mark.parametrize("name", ["odd", "soft"])
+def test_impacts_in_parts_are_nearer_to_what_short_steps_give(cube: ObjectModel, name: str) -> None:
+    system = systems(cube)[name]
+    rng = np.random.default_rng(4)
+    q = np.zeros((200, 7))
+    q[:, 2] = rng.uniform(0.1, 0.15, 200)
+    q[:, 3:] = rng.normal(size=(200, 4))
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    v = rng.normal(size=(200, 6)) * [1, 1, 0.3, 6, 6, 6] - [0, 0, 1, 0, 0, 0]
+
+    def run(substeps: int, parts: int) -> np.ndarray:
+        out = simulate(system, q, v, n_steps=6, dt=DT, substeps=substeps, impact_parts=parts)
+        assert out.finite.all()
+        return out.q[:, 1:, :3]
+
+    exact = run(256, 1)
+    whole, cut, short = (
+        float(np.linalg.norm(run(*each) - exact, axis=-1).mean()) for each in ((4, 1), (4, 8), (32, 1))
+    )
+    assert cut < 0.4 * whole
+    assert cut < 2 * short
+
+
+def test_steps_are_not_cut_where_that_is_not_known(cube: ObjectModel) -> None:
+    system, q, v = make_system(cube), np.zeros((1, 7)), np.zeros((1, 6))
+    q[:, 2:4] = 1.0
+    with pytest.raises(InputError, match="single body"):
+        simulate(system, q, v, n_steps=2, dt=DT, n_directions=4, impact_parts=4)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tossid.diagnosis.fitting import Hypothesis
 from tossid.diagnosis.gap import noise_floor, share_left
 from tossid.diagnosis.search import Search, folds
-from tossid.diagnosis.windows import SUBSTEPS, make_windows
+from tossid.diagnosis.windows import make_windows
 from tossid.errors import InputError
 from tossid.physics import simulate
 from tossid.physics.effects import LIBRARY, Effect, World
@@ -32,6 +32,8 @@ Kind = Literal["effect", "null", "pair", "outside", "without", "spoilt"]
 
 KINDS: tuple[Kind, ...] = ("effect",) * 5 + ("null",) * 2 + ("pair", "outside", "without")
 """Every ten cases are these, in a drawn order."""
+SUBSTEPS = 32
+"""Simulator steps a frame of engine lcp: far more than the diagnosis takes, whose errors the truth must not share."""
 REST = 0.01
 """Speed [m/s] below which the object rests."""
 LARGEST_CLASS = 3

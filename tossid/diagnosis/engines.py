@@ -18,7 +18,7 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
-from tossid.diagnosis.windows import SUBSTEPS, Windows
+from tossid.diagnosis.windows import IMPACT_PARTS, SUBSTEPS, Windows
 from tossid.errors import InputError
 from tossid.physics.effects import World
 from tossid.physics.effects.in_mujoco import scene
@@ -112,7 +112,7 @@ class Engine:
             windows.at_q, windows.at_v, n_steps=steps, dt=windows.dt, n_threads=n_threads
         )
         own = ours.roll_out(
-            windows.at_q, windows.at_v, n_steps=steps, dt=windows.dt, substeps=SUBSTEPS, n_threads=n_threads
+            windows.at_q, windows.at_v, n_steps=steps, dt=windows.dt, substeps=SUBSTEPS, impact_parts=IMPACT_PARTS, n_threads=n_threads
         )
         misses = [windows.misses(run[:, 1:]) for run in (own, other)]
         lost = ~(np.isfinite(own).all((1, 2)) & np.isfinite(other).all((1, 2)))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Gap, Interval, Share, Step
 from tossid.diagnosis.fitting import CAP, N_PHASES, NU, Evidence
-from tossid.diagnosis.windows import SUBSTEPS, linearise, make_windows
+from tossid.diagnosis.windows import IMPACT_PARTS, SUBSTEPS, linearise, make_windows
 from tossid.motion import flight_states
 from tossid.physics.effects import World
 from tossid.rotations import geodesic_angle, quat_exp, quat_mul
@@ -167,7 +167,7 @@ def rollout_errors(tosses: Sequence[Toss], state: Candidate, search: Search) -> 
         chosen = [tosses[i] for i in index]
         q0, v0 = first_states(chosen, world)
         steps = np.array([len(toss) - 1 for toss in chosen])
-        run = world.roll_out(q0, v0, n_steps=steps, dt=dt, substeps=SUBSTEPS, n_threads=search.n_threads)
+        run = world.roll_out(q0, v0, n_steps=steps, dt=dt, substeps=SUBSTEPS, impact_parts=IMPACT_PARTS, n_threads=search.n_threads)
         for row, (i, toss) in enumerate(zip(index, chosen, strict=True)):
             q = run[row, : len(toss)]
             width = world.object.width

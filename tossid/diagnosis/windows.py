@@ -36,6 +36,9 @@ BEFORE_LANDING = 10
 """Frames of flight that are left to the window with the landing, whose first velocity they tell."""
 SUBSTEPS = 4
 """Simulator steps a frame."""
+IMPACT_PARTS = 8
+"""Parts of a step with an impact: with whole steps, near-rigid MuJoCo tosses miss by 1.49 standard deviations, in parts
+by 1.28 to 1.33, and halving all steps costs more and brings less. Of contact that yields, they are a third of the error."""
 SPEED_PRIOR, SPIN_PRIOR = 0.5, 5.0
 """Standard deviations [m/s], [rad/s] of recorded velocities, as far as windows trust them."""
 LOST = 3.0
@@ -84,7 +87,7 @@ class Windows:
         """(W, F, 7) recorded poses as the world predicts them from (q, v), or from the states of linearisation."""
         q, v = (self.at_q if q is None else q), (self.at_v if v is None else v)
         steps = np.tile(self.steps, len(q) // len(self.steps))
-        run = world.roll_out(q, v, n_steps=steps, dt=self.dt, substeps=SUBSTEPS, n_threads=n_threads)
+        run = world.roll_out(q, v, n_steps=steps, dt=self.dt, substeps=SUBSTEPS, impact_parts=IMPACT_PARTS, n_threads=n_threads)
         return run[:, 1:]
 
     def misses(self, predicted: Array) -> Array:

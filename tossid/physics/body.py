@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from tossid.physics.contact import (
     BOUNCE_SPEED,
     CLOSING_SPEED,
+    IMPACT_SPEED,
     MAX_ITERATIONS,
     TANGENTIAL,
     UNKNOWN,
@@ -131,7 +132,7 @@ def network(linear, W0, b0, W1, b1, W2, f, h0, h1, out):  # type: ignore[no-unty
 def simulate_body(  # type: ignore[no-untyped-def]
     mass, com, inertia, inverse, root, corner, arm, mu, restitution, compliance, relaxation, cohesion, gravity,
     forced, forces, lawful, law, linear, W0, b0, W1, b1, W2,
-    q0, v0, n_steps, dt, substeps, tolerance, first, last,
+    q0, v0, n_steps, dt, substeps, impact_parts, tolerance, first, last,
     qs, vs, lam_n, unsolved, worst, finite, V, index,
 ):  # fmt: skip
     """Simulate tosses first..last-1; arguments and results as in `stepping`. V, index: from `cone_work(n_c)`."""
@@ -139,6 +140,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
     h = dt / substeps
     over_m = 1.0 / mass
     soft = compliance / (h * (h + relaxation))
+    parts, left = 1, 0
     rigid = compliance == 0.0 and relaxation == 0.0
     learned = linear.shape[0] > 0
     held = lawful and (law.torsional != 0.0 or law.rolling != 0.0 or law.adhesion != 0.0)
@@ -163,13 +165,29 @@ def simulate_body(  # type: ignore[no-untyped-def]
             vs[toss, 0, i] = v0[toss, i]
         reached = 0
         for step in range(n_steps[toss]):
-            for _ in range(substeps):
+            done, left = 0, 0
+            while done < substeps:
                 r00, r01, r02 = 1.0 - 2.0 * (d * d + e * e), 2.0 * (b * d - a * e), 2.0 * (b * e + a * d)
                 r10, r11, r12 = 2.0 * (b * d + a * e), 1.0 - 2.0 * (b * b + e * e), 2.0 * (d * e - a * b)
                 r20, r21, r22 = 2.0 * (b * e - a * d), 2.0 * (d * e + a * b), 1.0 - 2.0 * (b * b + d * d)
                 R[0, 0], R[0, 1], R[0, 2] = r00, r01, r02
                 R[1, 0], R[1, 1], R[1, 2] = r10, r11, r12
                 R[2, 0], R[2, 1], R[2, 2] = r20, r21, r22
+                if impact_parts > 1 and left == 0:
+                    parts = 1
+                    for c in range(nc):
+                        d0, d1, d2 = corner[0, c], corner[1, c], corner[2, c]
+                        z = p2 + r20 * d0 + r21 * d1 + r22 * d2
+                        vn = v_2 + r20 * (w1 * d2 - w2 * d1) + r21 * (w2 * d0 - w0 * d2) + r22 * (w0 * d1 - w1 * d0)
+                        if abs(vn) > IMPACT_SPEED and z - min(sunk[c], 0.0) + dt / substeps * min(vn, 0.0) < 0.0:
+                            parts = impact_parts
+                    if h * parts * substeps != dt:
+                        # the same forces, over steps of another length
+                        warm *= dt / (substeps * parts) / h
+                        h = dt / (substeps * parts)
+                        soft = compliance / (h * (h + relaxation))
+                        turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
+                    left = parts
                 # free motion: Newton and Euler about the centre of mass, then the origin's velocity
                 l0 = inertia[0, 0] * w0 + inertia[0, 1] * w1 + inertia[0, 2] * w2
                 l1 = inertia[1, 0] * w0 + inertia[1, 1] * w1 + inertia[1, 2] * w2
@@ -368,6 +386,9 @@ def simulate_body(  # type: ignore[no-untyped-def]
                     unsolved[toss] += 1
                 if residual > worst[toss]:
                     worst[toss] = residual
+                left -= 1
+                if left <= 0:
+                    done, left = done + 1, 0
             if not finite[toss]:
                 break
             reached = step + 1

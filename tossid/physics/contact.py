@@ -30,6 +30,8 @@ PROGRAMMES = 8
 """Cone programmes that a problem is tried again from."""
 CLOSING_SPEED = 1.0
 """A corner joins the contact problem at once if it would touch within this speed [m/s]; others when they are hit."""
+IMPACT_SPEED = 0.1
+"""[m/s] at which a corner has to cross the ground for a step to be cut in parts."""
 BOUNCE_SPEED = 0.02
 """Approach [m/s] below which restitution does not act."""
 RECOVERY_SPEED = 0.02

@@ -30,6 +30,9 @@ A sticking corner creeps by that slack times lam_t, 1e-5 m/s for a newton at 33 
 Where a toss begins with a corner in rigid ground, the ground is as deep below that corner and rises at 2 cm/s
 (`above_ground`): recorded states are noisy, and phi / h of a depth that is noise would be a kick.
 
+An impact is felt at the end of the step that it falls into. `impact_parts` cuts such steps: what it costs is
+impacts' share, and the error in their time falls in proportion.
+
 Cohesion c lets friction grow less than in proportion to load (Mohr and Coulomb),
 |lam_t| <= mu lam_n + c h, with the load of the step before in place of this one's:
 the friction coefficient of the step is min(2 mu, mu + c h / lam_n of the step before),
@@ -195,6 +198,7 @@ def simulate(
     n_steps: int | NDArray[np.int64],
     dt: float,
     substeps: int = 1,
+    impact_parts: int = 1,
     n_directions: int = 0,
     tolerance: float = TOLERANCE,
     n_threads: int = 1,
@@ -206,6 +210,8 @@ def simulate(
         q0: (B, nq), v0: (B, nv) initial states.
         n_steps: frames to simulate, one number or one a toss (B,), at least 1.
         dt: time between frames [s], at least `substeps` steps each.
+        impact_parts: a step in which a corner crosses the ground at more than 0.1 m/s is cut in so many: an impact
+            is felt at the end of its step, and what it does until then is an error of first order. Of a single body.
         n_directions: 0 for the exact friction cone; k >= 4 (even) for the polyhedral
             cone of k directions, solved as an LCP by Lemke's algorithm.
         tolerance: on the contact problem's residual [m/s].
@@ -222,8 +228,8 @@ def simulate(
             f"initial states of shapes {q0.shape} and {v0.shape}, expected (B, {system.nq}) and (B, {system.nv})"
         )
     steps = np.ascontiguousarray(np.broadcast_to(np.asarray(n_steps, dtype=np.int64), (count,)))
-    if (steps < 1).any() or substeps < 1 or not dt > 0:
-        raise InputError("a simulation needs dt > 0, at least one step a toss and at least one substep a step")
+    if (steps < 1).any() or substeps < 1 or impact_parts < 1 or not dt > 0:
+        raise InputError("a simulation needs dt > 0, and at least one step a toss, one substep a step and one part")
     if n_directions and (n_directions < 4 or n_directions % 2):
         raise InputError(f"n_directions is {n_directions}, expected 0 (exact cone) or an even number from 4")
     T = int(steps.max())
@@ -238,13 +244,13 @@ def simulate(
 
     body = make_body(system) if n_directions == 0 else None
     if body is None:
-        _refuse_effects(system, n_directions)
+        _refuse_effects(system, n_directions, impact_parts)
 
     def part(first: int, last: int) -> None:
         if body is not None:
             simulate_body(
-                *body, *system.residual, q0, v0, steps, float(dt), substeps, tolerance, first, last, *out,
-                *cone_work(system.n_corners),
+                *body, *system.residual, q0, v0, steps, float(dt), substeps, impact_parts, tolerance, first, last,
+                *out, *cone_work(system.n_corners),
             )  # fmt: skip
             return
         _simulate(
@@ -258,8 +264,10 @@ def simulate(
     return out
 
 
-def _refuse_effects(system: System, n_directions: int) -> None:
-    """The tree's kernel has no forces of the state and no law of contact but a constant friction."""
+def _refuse_effects(system: System, n_directions: int, impact_parts: int) -> None:
+    """The tree's kernel has no forces of the state, no law of contact but a constant friction, and no cut steps."""
+    if impact_parts > 1:
+        raise InputError("steps with impacts are cut in parts for a single body with the exact friction cone only")
     if forces_of(system.forces).acts or law_of(system.law).acts:
         what = "the polyhedral friction cone" if n_directions else "objects with joints"
         raise InputError(

@@ -118,6 +118,7 @@ class World:
         n_steps: int | NDArray[np.int64],
         dt: float,
         substeps: int,
+        impact_parts: int = 1,
         n_threads: int = 1,
     ) -> Array:
         """Recorded motions (B, T + 1, nq) from recorded first states (B, nq), (B, nv); NaN where one diverges.
@@ -132,6 +133,7 @@ class World:
             n_steps=n_steps,
             dt=dt / self.recording.clock_rate,
             substeps=substeps,
+            impact_parts=impact_parts,
             n_threads=n_threads,
         )
         out = self.recorded_poses(run.q)
