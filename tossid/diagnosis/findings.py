@@ -59,6 +59,90 @@ class Gap:
 
 
 @dataclass(frozen=True)
+class Corner:
+    """What of the gap above the floor comes in frames in which a corner touches, of all frames in contact.
+
+    place [m], in its body's frame. frames: in which it touches, alone or with others. per_frame: its share over its
+    share of the frames, 1 for as much as in any contact; None for a corner that never touches.
+    """
+
+    place: tuple[float, float, float]
+    share: Interval
+    frames: int
+    per_frame: float | None
+
+    def as_json(self) -> dict[str, Any]:
+        """One of gap.json's "by_corner"."""
+        interval = [self.share.low, self.share.high]
+        return {
+            "corner": list(self.place),
+            "share": self.share.value,
+            "ci95": interval,
+            "frames": self.frames,
+            "per_frame": self.per_frame,
+        }
+
+
+@dataclass(frozen=True)
+class Relation:
+    """The residual wrench of the windows in a phase, and the state that explains one component of it best.
+
+    component, state: names of `wrench`. r2: share of the component's squares that a curve over the state (its mean, if
+    no state is clear) explains on tosses that took no part; p_value: that signs drawn by toss give as good a best pair;
+    clear: whether that is a finding. r2_state, p_state, state_clear: the same beyond the component's mean.
+    means: of all components over the windows [N], [N m]. points (windows, 4): state, component, its standard error,
+    toss. curve (m, 4): state, fitted component, its 95 % band.
+    """
+
+    phase: str
+    windows: int
+    tosses: int
+    component: str
+    state: str
+    r2: Interval
+    p_value: float
+    clear: bool
+    r2_state: Interval
+    p_state: float
+    state_clear: bool
+    means: dict[str, Interval]
+    points: Array
+    curve: Array
+
+    def as_json(self) -> dict[str, Any]:
+        """One of gap.json's "wrench"; the curve at its ends and between, forces in N, torques in N m."""
+        some = self.curve[np.linspace(0, len(self.curve) - 1, 5).round().astype(int)]
+        return {
+            "phase": self.phase,
+            "windows": self.windows,
+            "tosses": self.tosses,
+            "component": self.component,
+            "state": self.state,
+            "r2": self.r2.as_json(),
+            "p_value": self.p_value,
+            "clear": self.clear,
+            "r2_state": self.r2_state.as_json(),
+            "p_state": self.p_state,
+            "state_clear": self.state_clear,
+            "curve": [{"state": x, "value": y, "ci95": [low, high]} for x, y, low, high in some.tolist()],
+            "means": {name: mean.as_json() for name, mean in self.means.items()},
+        }
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where in the state and on the object the gap is: of the stated simulator, and with the named effects in.
+
+    wrench: residual wrenches by phase. corners: shares of the first gap's excess in contact.
+    """
+
+    wrench: tuple[Relation, ...] = ()
+    corners: tuple[Corner, ...] = ()
+    wrench_left: tuple[Relation, ...] = ()
+    corners_left: tuple[Corner, ...] = ()
+
+
+@dataclass(frozen=True)
 class Finding:
     """What the tosses say of one effect.
 
@@ -109,7 +193,7 @@ class Diagnosis:
     gap_closed: by all named together; unexplained: phases (by name) in which clearly something is left, with the
     share of the first gap that is left there. hypothesis: the world with all of them, fitted to all tosses.
     contact: what the tosses follow most of Coulomb's law, its relaxation and a MuJoCo model's own; it is no effect.
-    alternatives: the same with a confusable effect swapped in.
+    alternatives: the same with a confusable effect swapped in. place: where in the state and on the object.
     """
 
     verdict: Verdict
@@ -125,6 +209,7 @@ class Diagnosis:
     seconds: float
     alternatives: tuple[Hypothesis, ...] = ()
     contact: Contact = "coulomb"
+    place: Place = field(default_factory=Place)
 
     def as_json(self) -> dict[str, Any]:
         """gap.json but for next_toss and patch."""
@@ -135,13 +220,21 @@ class Diagnosis:
             "by_channel": [{"channel": s.name, **_share(s)} for s in self.gap.by_channel],
             "by_length": [{"frames": n, "rms": rms, "floor": floor} for n, rms, floor in self.gap.by_length],
             "odd_tosses": list(self.gap.odd),
+            "by_corner": [corner.as_json() for corner in self.place.corners],
+            "wrench": [relation.as_json() for relation in self.place.wrench],
+        }
+        left = {
+            **self.left.total.as_json(),
+            "noise_floor": self.left.noise_floor,
+            "by_corner": [corner.as_json() for corner in self.place.corners_left],
+            "wrench": [relation.as_json() for relation in self.place.wrench_left],
         }
         return {
             "schema": SCHEMA,
             "n_tosses": self.n_tosses,
             "contact": self.contact,
             "gap": gap,
-            "gap_left": {**self.left.total.as_json(), "noise_floor": self.left.noise_floor},
+            "gap_left": left,
             "effects": [finding.as_json() for finding in self.findings],
             "explanation": {
                 "verdict": self.verdict,
