@@ -188,7 +188,7 @@ def over_time(diagnosis: Diagnosis, *, title: str = "When the simulator misses")
     for j in range(columns):
         axes[1, j].set_yscale("symlog", linthresh=1.0, linscale=0.5)
         axes[1, j].set_ylim(-0.5, 2.0 * highest)
-        axes[1, j].yaxis.set_major_formatter(_plain)
+        axes[1, j].yaxis.set_major_formatter(plain)
         axes[1, j].set_xlim(0, end)
         axes[1, j].set_xlabel("time since release [s]")
         axes[1, j].axhline(0, color=MUTED, lw=0.8)
@@ -200,7 +200,7 @@ def over_time(diagnosis: Diagnosis, *, title: str = "When the simulator misses")
         box = axes[0, -1].get_position()
         bar = figure.add_axes((box.x1 + 0.15 / w, box.y0, 0.13 / w, box.height))
         colors = figure.colorbar(image, cax=bar)
-        colors.ax.yaxis.set_major_formatter(_plain)
+        colors.ax.yaxis.set_major_formatter(plain)
         colors.set_label("excess over noise [1]", fontsize=8.5)
     key_row(figure, [(Swatch(color=color), name) for name, color in PHASES.items()], y=0.72)
     footnote(
@@ -210,7 +210,7 @@ def over_time(diagnosis: Diagnosis, *, title: str = "When the simulator misses")
     return figure
 
 
-def _plain(value: float, _: float) -> str:
+def plain(value: float, _: float) -> str:
     """A tick as a person writes it."""
     return f"{value:g}".replace("-", "−")
 
@@ -294,7 +294,7 @@ def evidence(diagnosis: Diagnosis, *, title: str = "Which effect explains it") -
         )
     ax.set_xscale("symlog", linthresh=1.0, linscale=0.4)
     ax.set_xlim(-0.6, top * 1.6)
-    ax.xaxis.set_major_formatter(_plain)
+    ax.xaxis.set_major_formatter(plain)
     _name_rows(ax, rows, [f.name for f in tried], bold=diagnosis.named)
     ax.set_ylim(-0.7, max(len(tried), 1) - 0.3)
     ax.grid(axis="y", visible=False)

@@ -21,17 +21,21 @@ from tossid.diagnosis.words import (
     next_toss_words,
     parameter,
     percent,
+    place_of,
     quantity,
     sentences,
     short,
     stated_values,
     verdict_of,
+    where_words,
 )
 
 ALT = {
     "gap_where": "Shares of the gap by phase and by channel, before and after.",
     "gap_when": "Misses of every toss over time, before and after, and their mean by phase.",
     "gap_which": "Gain of likelihood by effect, with intervals, coloured by verdict.",
+    "gap_wrench": "The residual force or torque over the state that explains it best, in flight and in contact.",
+    "gap_corners": "The object's corners, coloured by their share of the gap per frame of contact, and the shares.",
 }
 
 _STYLE = """
@@ -62,6 +66,7 @@ def report_html(
     figures: Mapping[str, Figure],
     *,
     about: str,
+    details: Mapping[str, Figure] | None = None,
     patch: Mapping[str, Any] | None = None,
     next_toss: Mapping[str, Any] | None = None,
     remarks: Sequence[str] = (),
@@ -71,14 +76,13 @@ def report_html(
     Args:
         figures: by name (`figures.report_figures`), in the order in which they are read.
         about: which simulator, which tosses.
+        details: more of them (`place_figures.place_figures`), for the details.
         patch, next_toss: as in gap.json.
         remarks: what the reader should know beside (tosses left out, say).
     """
     verdict = "".join(f"<p>{escape(text)}</p>" for text in [*sentences(diagnosis), *remarks])
-    pictures = "".join(
-        f'<img src="data:image/png;base64,{_png(figure)}" alt="{escape(ALT.get(name, name))}">'
-        for name, figure in figures.items()
-    )
+    pictures = "".join(_image(name, figure) for name, figure in figures.items())
+    more = {name: _image(name, figure) for name, figure in (details or {}).items()}
     parts = [
         f"<h1>{escape(headline(diagnosis))}</h1>",
         f'<p class="about">{escape(about)}</p>',
@@ -92,6 +96,8 @@ def report_html(
         _section("All effects, and what size would have shown", _all_effects(diagnosis)),
         _section("Rollout errors, step by step", _steps(diagnosis)),
         _section("Where the gap is, in numbers", _where(diagnosis)),
+        _section("Which force or torque is missing, and with which state", _wrench(diagnosis, more.get("gap_wrench"))),
+        _section("On which corner", _corners(diagnosis, more.get("gap_corners"))),
         _section("The gap by length of prediction", _lengths(diagnosis)),
         _section("How to read this", _reading()),
     ]
@@ -102,6 +108,10 @@ def report_html(
         + "\n".join(part for part in parts if part)
         + "\n</body></html>\n"
     )
+
+
+def _image(name: str, figure: Figure) -> str:
+    return f'<img src="data:image/png;base64,{_png(figure)}" alt="{escape(ALT.get(name, name))}">'
 
 
 def _png(figure: Figure) -> str:
@@ -279,6 +289,39 @@ def _where(diagnosis: Diagnosis) -> str:
         for share in (*diagnosis.gap.by_phase, *diagnosis.gap.by_channel)
     ]
     return _table(["phase or channel", "share of the gap", "95 % interval"], rows, numbers=[1, 2])
+
+
+def _wrench(diagnosis: Diagnosis, image: str | None) -> str:
+    if image is None:
+        return ""
+    parts = [("Before:", diagnosis.place.wrench)]
+    if diagnosis.named:
+        parts.append((f"With {listed(diagnosis.named)}:", diagnosis.place.wrench_left))
+    said = "".join(f"<p>{escape(' '.join([when, *where_words(found)]))}</p>" for when, found in parts if found)
+    note = (
+        '<p class="note">A force and a torque, constant over each window, that would make up for its misses best '
+        "(least squares, first states uncertain). Of all components and states the pair is shown of which the state "
+        "explains most on tosses that took no part; it is called clear if signs drawn by toss give as good a best pair "
+        "in at most one of a hundred draws. Along the path: along the horizontal velocity.</p>"
+    )
+    return said + image + note
+
+
+def _corners(diagnosis: Diagnosis, image: str | None) -> str:
+    place = diagnosis.place
+    if image is None:
+        return "" if not place.wrench else "<p>No gap in contact that could be shared out among the corners.</p>"
+    touched = [c for c in place.corners if c.frames]
+    first = max(touched, key=lambda c: c.per_frame or 0.0)
+    times = first.per_frame or 0.0
+    said = (
+        f"Per frame, most comes while the corner at {place_of(first.place)} touches: {short(times, 2)} times the mean, "
+        f"{percent(first.share.value)} ({percent(first.share.low)} to {percent(first.share.high)}) of the gap in "
+        f"contact, in {first.frames} frames."
+    )
+    if not times * first.share.low > first.share.value:
+        said += " That is not clearly more than the other corners have."
+    return f"<p>{escape(said)}</p>" + image
 
 
 def _lengths(diagnosis: Diagnosis) -> str:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from tossid.diagnosis.findings import Diagnosis, Finding, Interval, Share
+from tossid.diagnosis.findings import Diagnosis, Finding, Interval, Relation, Share
 
 _UNITS = {
     "m": ("mm", 1e3),
@@ -36,6 +36,32 @@ _PHASES = {
     "slide": "while sliding",
     "roll": "while rolling or pivoting",
     "rest": "at rest",
+}
+_WRENCH = {
+    "force_x": "force along x",
+    "force_y": "force along y",
+    "force_z": "force upwards",
+    "force_along": "force along the path",
+    "force_left": "force to the path's left",
+    "torque_x": "torque about x",
+    "torque_y": "torque about y",
+    "torque_z": "torque about the vertical",
+    "torque_spin": "torque along the spin",
+    "torque_left": "torque rolling forward",
+}
+_STATES = {
+    "time": ("time since release", "s"),
+    "x": ("position x", "m"),
+    "y": ("position y", "m"),
+    "height": ("height", "m"),
+    "lowest_corner": ("height of the lowest corner", "m"),
+    "velocity_x": ("velocity along x", "m/s"),
+    "velocity_y": ("velocity along y", "m/s"),
+    "velocity_z": ("velocity upwards", "m/s"),
+    "horizontal_speed": ("horizontal speed", "m/s"),
+    "speed": ("speed", "m/s"),
+    "spin": ("spin", "rad/s"),
+    "spin_vertical": ("spin about the vertical", "rad/s"),
 }
 _VERDICTS = {
     "no_gap": "No gap to speak of",
@@ -235,6 +261,45 @@ def verdict_of(finding: Finding) -> str:
     """A finding's verdict in words."""
     text = _FINDINGS[finding.verdict]
     return f"{text} with {listed(finding.confusable_with)}" if finding.confusable_with else text
+
+
+def wrench_words(component: str) -> str:
+    """A component of the residual wrench; the path is that of the horizontal velocity."""
+    return _WRENCH.get(component, component)
+
+
+def state_words(state: str) -> tuple[str, str]:
+    """A state that a wrench may depend on, and its unit."""
+    return _STATES.get(state, (state, "1"))
+
+
+def place_of(place: Sequence[float]) -> str:
+    """A point on a body: "(+52, +52, −52) mm"."""
+    return f"({', '.join(f'{1e3 * x:+.0f}' for x in place)}) mm".replace("-", "−").replace("+0,", "0,")
+
+
+def where_words(relations: Sequence[Relation]) -> list[str]:
+    """What the residual wrenches of one hypothesis say, a sentence a phase."""
+    said = []
+    for r in relations:
+        name, mean = wrench_words(r.component), r.means[r.component]
+        unit = "N" if r.component.startswith("force") else "N m"
+        size = f"{short(mean.value, 2)} {unit} ({short(mean.low, 2)} to {short(mean.high, 2)}) on average"
+        share = percent(max(r.r2.value, 0.0))
+        if r.state_clear:
+            said.append(
+                f"In {r.phase} a {name} is missing that depends on the {state_words(r.state)[0]}: that explains "
+                f"{share} of it. It is {size}."
+            )
+        elif r.clear:
+            said.append(f"In {r.phase} a {name} is missing, {size}: that explains {share} of it, and no state more.")
+        else:
+            said.append(
+                f"In {r.phase} no force or torque is clearly missing, on average or with any state "
+                f"(the best explains {share}, {percent(max(r.r2.low, 0.0))} to {percent(max(r.r2.high, 0.0))}; "
+                f"p = {short(r.p_value, 2)})."
+            )
+    return said
 
 
 def next_toss_words(found: dict[str, Any]) -> list[str]:
