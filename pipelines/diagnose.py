@@ -45,7 +45,6 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
     from pipelines.outputs import output_folder
     from pipelines.tracking import tracked_run
     from tossid.diagnosis.attribution import diagnose
-    from tossid.diagnosis.windows import SUBSTEPS
     from tossid.store import file_sha256, read_dataset
 
     data = dataset_path(config.data)
@@ -54,7 +53,7 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
     threads = config.threads or os.cpu_count() or 1
     simulator = _simulator(config, dataset.object)
     tosses, remarks = _usable(dataset.tosses, data, console)
-    tosses, lost = _survived(simulator, dataset.object, tosses, data, substeps=SUBSTEPS, threads=threads)
+    tosses, lost = _survived(simulator, dataset.object, tosses, data, threads=threads)
     remarks += lost
     for text in lost:
         console.warn(text)
@@ -194,13 +193,13 @@ def _usable(tosses: tuple[Toss, ...], data: Path, console: Console) -> tuple[tup
 
 
 def _survived(
-    simulator: Simulator, recorded: ObjectModel, tosses: tuple[Toss, ...], data: Path, *, substeps: int, threads: int
+    simulator: Simulator, recorded: ObjectModel, tosses: tuple[Toss, ...], data: Path, *, threads: int
 ) -> tuple[tuple[Toss, ...], list[str]]:
     """The tosses, after the simulator has shown that it is of the same object and survives them."""
     from tossid.diagnosis.simulators import check_runs, check_same_object
 
     check_same_object(simulator.world, recorded, where=str(data))
-    lost = check_runs(simulator.world, tosses, where=simulator.about, substeps=substeps, n_threads=threads)
+    lost = check_runs(simulator.world, tosses, where=simulator.about, n_threads=threads)
     return tosses, [
         f"The simulator diverges on {len(lost)} of {len(tosses)} tosses: {', '.join(lost)}."
     ] if lost else []
@@ -262,16 +261,26 @@ def _write(
     from pipelines.calling import jsonable
     from pipelines.pictures import write_figures
     from tossid.diagnosis.figures import report_figures
+    from tossid.diagnosis.place_figures import place_figures
     from tossid.diagnosis.report import report_html
 
     figures: dict[str, Figure] = report_figures(found)
+    details: dict[str, Figure] = place_figures(found)
     about = f"Simulator: {simulator.about}. Tosses: {found.n_tosses} of {data}."
-    page = report_html(found, figures, about=about, patch=gap["patch"], next_toss=gap["next_toss"], remarks=remarks)
+    page = report_html(
+        found,
+        figures,
+        about=about,
+        details=details,
+        patch=gap["patch"],
+        next_toss=gap["next_toss"],
+        remarks=remarks,
+    )
     (folder / "gap.html").write_text(page)
     (folder / "gap.json").write_text(json.dumps(jsonable(gap), indent=2, allow_nan=False) + "\n")
     if gap["patch"].get("mjcf"):
         (folder / "patched.xml").write_text(gap["patch"]["mjcf"])
-    return [path.name for path in write_figures(figures, folder / "figures")]
+    return [path.name for path in write_figures(figures | details, folder / "figures")]
 
 
 def _metrics(found: Diagnosis) -> dict[str, float]:

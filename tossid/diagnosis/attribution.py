@@ -17,13 +17,20 @@ from tossid.diagnosis.engines import Engine
 from tossid.diagnosis.findings import Contact, Diagnosis, Finding, Interval, Verdict
 from tossid.diagnosis.fitting import Fitted, Hypothesis, derivatives, fit, toss_sums
 from tossid.diagnosis.gap import Floor, measure_gap, noise_floor, rollout_errors, share_left
-from tossid.diagnosis.search import POLISH, Candidate, Found, Search, folds, one_sided
+from tossid.diagnosis.place import located
+from tossid.diagnosis.search import Candidate, Found, Search, folds
 from tossid.diagnosis.windows import LENGTH, make_windows
+from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, Effect, World
 from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
+
+FLOOR_REACHED = 1.03
+"""Times the noise floor, at which nothing is left to explain."""
+CUTS = (LENGTH // 4, LENGTH // 2, 3 * LENGTH // 4)
+"""Frames by which tosses are cut elsewhere."""
 
 
 def diagnose(
@@ -49,37 +56,50 @@ def diagnose(
     started = time.perf_counter()
     tell = progress or (lambda text, share: None)
     n = len(tosses)
-    search = Search(make_windows(tosses), n, folds(n, np.random.default_rng(seed)), n_threads, engine)
+    search = Search(make_windows(tosses, world.object), n, folds(n, np.random.default_rng(seed)), n_threads, engine)
     tell("the gap", 0.02)
-    found = search.run(Hypothesis(search.with_contact(world, library)), library, tell)
+    found = search.run(Hypothesis(search.with_contact(world)), library, tell)
     tell("cut elsewhere", 0.92)
-    again = _cut_elsewhere(tosses, search, found.present.hypothesis)
-    tell("what is left", 0.95)
-    return _report(tosses, library, search, found, again, started, seed)
+    found, spread = _cut_elsewhere(tosses, world.object, search, found)
+    tell("what is left", 0.97)
+    return _report(tosses, library, search, found, spread, started, seed)
 
 
-def _cut_elsewhere(tosses: Sequence[Toss], search: Search, hypothesis: Hypothesis) -> Fitted | None:
-    """The same hypothesis fitted to other windows of the same tosses."""
-    if not hypothesis.effects:
-        return None
-    other = Search(make_windows(tosses, skip=LENGTH // 2), search.n, search.folds, search.n_threads, search.engine)
-    return fit(other.start(hypothesis).evidence, hypothesis, n_tosses=search.n, iterations=POLISH)
+def _cut_elsewhere(
+    tosses: Sequence[Toss], model: ObjectModel, search: Search, found: Found
+) -> tuple[Found, Array | None]:
+    """The search's result at values that do not depend on where tosses are cut: medians of fits to several sets of
+    windows, and their standard deviations (P,).
+
+    Contact makes the likelihood rough, and where on it a fit ends is as good as drawn.
+    """
+    present = found.present
+    if not present.hypothesis.effects:
+        return found, None
+    values = [present.hypothesis.flat()]
+    for skip in CUTS:
+        windows = make_windows(tosses, model, skip=skip)
+        other = Search(windows, search.n, search.folds, search.n_threads, search.engine)
+        start = other.start(present.hypothesis).evidence
+        values.append(fit(start, present.hypothesis, n_tosses=search.n).hypothesis.flat())
+    middle = present.hypothesis.at(np.median(values, axis=0))
+    settled = search.judged(present, present.effect, middle, 0)
+    return found.ending(settled), np.std(values, axis=0, ddof=1)
 
 
-def intervals(fitted: Fitted, n: int, again: Fitted | None = None) -> dict[str, dict[str, Interval]]:
+def intervals(fitted: Fitted, n: int, spread: Array | None = None) -> dict[str, dict[str, Interval]]:
     """95 % intervals of every effect's parameters: sandwich over tosses, Student's quantile.
 
     Args:
-        again: the fit to other windows. Contact makes the likelihood rough, and where a fit ends on it depends on where
-            tosses were cut: half the square of the difference is one more variance.
+        spread: (P,) standard deviations over where tosses were cut, one more source of error.
     """
     out: dict[str, dict[str, Interval]] = {}
     if not fitted.hypothesis.effects:
         return out
     cov = fitted.covariance()
     variance = np.maximum(np.diag(cov), 0.0)
-    if again is not None:
-        variance = variance + 0.5 * (again.hypothesis.flat() - fitted.hypothesis.flat()) ** 2
+    if spread is not None:
+        variance = variance + spread**2
     error = np.sqrt(variance)
     quantile = float(student.ppf(0.975, max(1, n - len(error))))
     low, high = fitted.hypothesis.bounds
@@ -99,21 +119,21 @@ def _report(
     library: Sequence[Effect],
     search: Search,
     found: Found,
-    again: Fitted | None,
+    spread: Array | None,
     started: float,
     seed: int,
 ) -> Diagnosis:
     n, first, present = search.n, found.first, found.present
     floor = noise_floor(present, search, seed=seed)
     gap = measure_gap(tosses, first, search, floor)
-    left = measure_gap(tosses, present, search, floor)
-    named = tuple(sorted((e.name for e in present.hypothesis.effects), key=lambda name: -found.needed[name].sum()))
+    left = measure_gap(tosses, present, search, floor) if present.hypothesis.effects else gap
+    named = tuple(sorted((e.name for e in present.hypothesis.effects), key=lambda name: -found.needed[name].total))
     closed, unexplained = share_left(first, present, search, floor)
     verdict: Verdict
     if not named:
         nothing = gap.total.value < 1.15 * gap.noise_floor or gap.total.low < gap.noise_floor
         verdict = "no_gap" if nothing else "unexplained"
-    elif closed.value > 0.9 and not unexplained:
+    elif not unexplained and (closed.value > 0.9 or left.total.value < FLOOR_REACHED * left.noise_floor):
         verdict = "explained"
     else:
         verdict = "partly_explained" if closed.value > 0.5 else "unexplained"
@@ -122,7 +142,7 @@ def _report(
         verdict=verdict,
         gap=gap,
         left=left,
-        findings=_findings(library, search, found, named, floor, again),
+        findings=_findings(library, search, found, named, floor, spread),
         named=named,
         gap_closed=closed,
         unexplained=unexplained,
@@ -132,6 +152,7 @@ def _report(
         seconds=time.perf_counter() - started,
         alternatives=tuple(swapped),
         contact=_contact(search, found),
+        place=located(tosses, first, present, gap, left, seed=seed),
     )
 
 
@@ -142,32 +163,36 @@ def _contact(search: Search, found: Found) -> Contact:
 
 
 def _findings(
-    library: Sequence[Effect], search: Search, found: Found, named: Sequence[str], floor: Floor, again: Fitted | None
+    library: Sequence[Effect], search: Search, found: Found, named: Sequence[str], floor: Floor, spread: Array | None
 ) -> tuple[Finding, ...]:
     n, present = search.n, found.present
-    known = intervals(present.fitted, n, again)
+    known = intervals(present.fitted, n, spread)
     stands_for = {each.name: (name, each) for name, group in found.classes.items() for each in group}
     out = []
     for effect in library:
         alone = found.tried.get(effect.name)
-        gain = np.zeros(n) if alone is None else alone.gain
+        shown = alone or found.in_flight.get(effect.name)
         closes = Interval(0.0, 0.0, 0.0) if alone is None else share_left(found.first, alone, search, floor)[0]
         group: tuple[str, ...] = ()
         parameters: dict[str, Interval] = {}
         sizes, seen = _detectable(search, present, effect)
         if effect.name in named:
-            gain, parameters = found.needed[effect.name], known[effect.name]
+            shown, parameters = found.needed[effect.name], known[effect.name]
             group = tuple(each.name for each in found.classes[effect.name])
             verdict = "confusable" if group else "identified"
         elif effect.name in stands_for:
             name, each = stands_for[effect.name]
-            gain, parameters = each.gain, intervals(each.fitted, n)[effect.name]
+            shown, parameters = each, intervals(each.fitted, n)[effect.name]
             closes = share_left(found.first, each, search, floor)[0]
             group = (name, *(o.name for o in found.classes[name] if o.name != effect.name))
             verdict = "confusable"
         else:
             verdict = "not_supported" if seen else "not_identifiable"
-        evidence = {"gain": float(gain.sum()), "p_value": one_sided(gain), "n_tosses": float(n)}
+        evidence = {
+            "gain": 0.0 if shown is None else shown.total,
+            "p_value": 1.0 if shown is None else shown.p_value,
+            "n_tosses": float(n),
+        }
         phases = tuple(Phase(phase).name.lower() for phase in effect.phases)
         out.append(
             Finding(effect.name, verdict, effect.says, phases, parameters, evidence, closes, group, sizes)  # type: ignore[arg-type]

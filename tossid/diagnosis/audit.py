@@ -371,7 +371,7 @@ def closable_share(
 ) -> float:
     """Share of the gap that the true effects close: what is left then is not the diagnosis's to close."""
     n = len(tosses)
-    search = Search(make_windows(tosses), n, folds(n, np.random.default_rng(seed)), n_threads)
+    search = Search(make_windows(tosses, world.object), n, folds(n, np.random.default_rng(seed)), n_threads)
     lifting = search.with_contact(world_with(world, effects)).law.lifting
     world = replace(world, law=world.law._replace(lifting=lifting))
     first, last = search.start(Hypothesis(world)), search.start(Hypothesis(world_with(world, effects)))

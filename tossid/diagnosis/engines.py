@@ -18,7 +18,7 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
-from tossid.diagnosis.windows import IMPACT_PARTS, SUBSTEPS, Windows
+from tossid.diagnosis.windows import LENGTH, Windows
 from tossid.errors import InputError
 from tossid.physics.effects import World
 from tossid.physics.effects.in_mujoco import scene
@@ -107,18 +107,24 @@ class Engine:
             # its own ground is in the model
             model, ours = self.model, replace(self.world, recording=world.recording)
             theirs = replace(ours, ground_height=0.0, ground_tilt=(0.0, 0.0))
-        steps = windows.steps
-        other = MujocoWorld(model, theirs).roll_out(
-            windows.at_q, windows.at_v, n_steps=steps, dt=windows.dt, n_threads=n_threads
-        )
-        own = ours.roll_out(
-            windows.at_q, windows.at_v, n_steps=steps, dt=windows.dt, substeps=SUBSTEPS, impact_parts=IMPACT_PARTS, n_threads=n_threads
-        )
-        misses = [windows.misses(run[:, 1:]) for run in (own, other)]
-        lost = ~(np.isfinite(own).all((1, 2)) & np.isfinite(other).all((1, 2)))
-        out: Array = misses[0] - misses[1]
-        out[lost] = 0.0
+        out = np.zeros((*windows.inside.shape, 6))
+        # one free flight is as good as another, but for what a user's model has in it
+        asked = np.full(len(windows.steps), self.model is not None) | ~windows.free
+        for some in (asked & (windows.steps <= LENGTH), asked & (windows.steps > LENGTH)):
+            rows = np.flatnonzero(some)
+            if len(rows):
+                out[rows] = _difference(windows.rows(rows), MujocoWorld(model, theirs), ours, n_threads)
         return out
+
+
+def _difference(windows: Windows, other: MujocoWorld, ours: World, n_threads: int) -> Array:
+    q, v, steps, dt = windows.at_q, windows.at_v, windows.steps, windows.dt
+    theirs = other.roll_out(q, v, n_steps=steps, dt=dt, n_threads=n_threads)[:, 1:]
+    own = windows.predicted(ours, n_threads=n_threads)
+    lost = ~(np.isfinite(own).all((1, 2)) & np.isfinite(theirs).all((1, 2)))
+    out: Array = windows.misses(own) - windows.misses(theirs)
+    out[lost] = 0.0
+    return out
 
 
 def rigid(world: World) -> World:

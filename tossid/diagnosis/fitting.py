@@ -24,6 +24,11 @@ Array = NDArray[np.float64]
 NU = 4.0
 """Degrees of freedom of Student's density."""
 N_PHASES = 6
+FREE = 0
+"""Place of free flight's windows among the phases."""
+FLIGHT_WEIGHT = 100.0
+"""What a window of free flight counts for, over one with contact. Contact is never modelled as well as flight: what
+both speak of, flight decides (cut feedback; Plummer, Stat. Comput. 2015), but where it knows it ten times less well."""
 CAP = 30.0
 """Whitened misses beyond this count as this: a chaotic impact is one impact."""
 ITERATIONS = 8
@@ -119,6 +124,11 @@ class Evidence:
         trust = None if self.trust is None else self.trust[rows]
         return Evidence(self.windows.rows(rows), self.whitening.rows(rows), self.n_threads, engines, trust)
 
+    @property
+    def weights(self) -> Array:
+        """(W,) what each window counts for: where only flight speaks clearly, contact is to add little."""
+        return np.where(self.windows.free, FLIGHT_WEIGHT, 1.0)
+
     def with_trust(self, residual: Array) -> Evidence:
         """With each window trusted as far as it fits: the root mean square of its misses, at least 1."""
         inside = self.windows.inside[..., None]
@@ -127,27 +137,29 @@ class Evidence:
 
     def spread(self, scales: Array) -> Array:
         """(W, L, 1) scale of each miss, for those of the phases."""
-        s = scales[self.windows.phase]
+        s = scales[np.where(self.windows.free[:, None], FREE, self.windows.phase)]
         return (s if self.trust is None else np.maximum(s, self.trust[:, None]))[..., None]
 
-    def renewed(self, world: World, *, refine: int = 1, restarts: int = 0) -> Evidence:
-        """With states and whitening as they are under another world near by."""
+    def renewed(self, world: World, *, refine: int = 1, restarts: int = 0, anew: bool = True) -> Evidence:
+        """With states and whitening as they are under another world near by; `anew` as for `linearise`."""
         windows, whitening = linearise(
             self.windows,
             world,
             refine=refine,
             restarts=restarts,
             by_state=self.whitening.by_state,
+            anew=anew,
             engines=self.engines,
             n_threads=self.n_threads,
         )
         return Evidence(windows, whitening, self.n_threads, self.engines, self.trust)
 
     def scales(self, residual: Array) -> Array:
-        """(N_PHASES,) robust size of whitened misses a phase, at least 1."""
+        """(N_PHASES,) robust size of whitened misses a phase, at least 1; first that of the windows of free flight."""
         out = np.ones(N_PHASES)
+        w = self.windows
         for phase in range(N_PHASES):
-            chosen = (self.windows.phase == phase) & self.windows.inside
+            chosen = w.inside & w.free[:, None] if phase == FREE else w.counted & (w.phase == phase)
             if chosen.any():
                 out[phase] = max(1.0, _student_scale(residual[chosen].ravel()))
         return out
@@ -247,7 +259,7 @@ def toss_sums(evidence: Evidence, residual: Array, J: Array, scales: Array, n_to
     weight = np.where(w.inside[..., None], weight, 0.0)
     H_w = np.einsum("wlc,wlci,wlcj->wij", weight, J, J, optimize=True)
     g_w = np.einsum("wlc,wlci,wlc->wi", weight, J, residual, optimize=True)
-    share = _leverage(np.einsum("wii->wi", H_w))
+    share = _leverage(np.einsum("wii->wi", H_w)) * evidence.weights
     H_w, g_w = H_w * share[:, None, None], g_w * share[:, None]
     H, g = np.zeros((n_tosses, *H_w.shape[1:])), np.zeros((n_tosses, g_w.shape[1]))
     np.add.at(H, w.toss, H_w)
@@ -309,7 +321,8 @@ def fit(evidence: Evidence, start: Hypothesis, *, n_tosses: int, iterations: int
         renewed = there.residual(moved.world())
         # from the states of before, and from those that suit the step
         plain = there.log_likelihood(there.residual(hypothesis.world()), scales)
-        gain = 0.5 * (gained(trial) + gains(there.log_likelihood(renewed, scales), plain).sum())
+        followed = gains(there.log_likelihood(renewed, scales), plain) @ there.weights
+        gain = 0.5 * (gained(trial) + float(followed))
         if gain <= 0:
             # better around the states of before only
             damping, stale = max(damping, 1e-2) * 30, False
@@ -334,7 +347,7 @@ def gains(after: Array, before: Array) -> Array:
 
 
 def _gained(evidence: Evidence, scales: Array, before: Array, residual: Array) -> float:
-    return float(gains(evidence.log_likelihood(residual, scales), before).sum())
+    return float(gains(evidence.log_likelihood(residual, scales), before) @ evidence.weights)
 
 
 def _difference_sizes(H: Array) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Gap, Interval, Share, Step
 from tossid.diagnosis.fitting import CAP, N_PHASES, NU, Evidence
-from tossid.diagnosis.windows import IMPACT_PARTS, SUBSTEPS, linearise, make_windows
+from tossid.diagnosis.windows import STEPS, linearise, make_windows
 from tossid.motion import flight_states
 from tossid.physics.effects import World
 from tossid.rotations import geodesic_angle, quat_exp, quat_mul
@@ -33,7 +33,7 @@ LEFT = 0.15
 def deviance(evidence: Evidence, residual: Array) -> Array:
     """(W, L, 6) Student's deviance of whitened misses, which a chaotic impact does not drown; 0 outside the windows."""
     value = (NU + 1) * np.log1p(residual**2 / NU)
-    return np.where(evidence.windows.inside[..., None], value, 0.0)
+    return np.where(evidence.windows.counted[..., None], value, 0.0)
 
 
 def by_toss(evidence: Evidence, values: Array, n: int) -> Array:
@@ -66,9 +66,9 @@ def measure_gap(tosses: Sequence[Toss], state: Candidate, search: Search, floor:
     """The gap of a world, in all its cuts."""
     n, e, residual = search.n, state.evidence, state.fitted.residual
     w = e.windows
-    squares = np.where(w.inside[..., None], np.minimum(residual**2, CAP**2), 0.0)
+    squares = np.where(w.counted[..., None], np.minimum(residual**2, CAP**2), 0.0)
     per_toss = by_toss(e, squares, n)
-    count = by_toss(e, np.where(w.inside[..., None], np.ones_like(residual), 0.0), n)
+    count = by_toss(e, np.where(w.counted[..., None], np.ones_like(residual), 0.0), n)
     ratio = bootstrap_ratio(per_toss, count)
     total = Interval(*(float(np.sqrt(max(x, 0.0))) for x in (ratio.value, ratio.low, ratio.high)))
     excess = deviance(e, residual) - floor.deviance
@@ -81,18 +81,22 @@ def measure_gap(tosses: Sequence[Toss], state: Candidate, search: Search, floor:
     for c, name in enumerate(CHANNELS):
         channels.append(Share(name, bootstrap_ratio(by_toss(e, excess[..., c], n), whole)))
     toss = np.broadcast_to(w.toss[:, None], w.frame.shape)
-    rows = np.stack([toss, w.frame * w.dt, w.phase, excess.mean(-1)], axis=-1)[w.inside]
+    rows = np.stack([toss, w.frame * w.dt, w.phase, excess.mean(-1)], axis=-1)[w.counted]
     mean = per_toss / np.maximum(count, 1)
     middle = np.median(mean)
     far = middle + 8 * np.median(np.abs(mean - middle)) + 1.0
     odd = tuple(toss.name for toss, size in zip(tosses, mean, strict=True) if size > far)
-    lengths = []
-    for length in LENGTHS:
-        cut = make_windows(tosses, length=length, flight=0)
-        other = type(search)(cut, n, search.folds, search.n_threads, search.engine).start(state.hypothesis).fitted
-        r = other.residual[other.evidence.windows.inside]
-        lengths.append((length, float(np.sqrt(np.minimum(r**2, CAP**2).mean())), 1.0))
-    return Gap(total, floor.rms, tuple(share), tuple(channels), tuple(lengths), rows, odd)
+    lengths = tuple((length, _rms_of(tosses, length, state, search), 1.0) for length in LENGTHS)
+    return Gap(total, floor.rms, tuple(share), tuple(channels), lengths, rows, odd)
+
+
+def _rms_of(tosses: Sequence[Toss], length: int, state: Candidate, search: Search) -> float:
+    """Root mean square of whitened misses in windows of so many frames."""
+    world = state.hypothesis.world()
+    kept, whitening = linearise(make_windows(tosses, length=length, flight=0), world, n_threads=search.n_threads)
+    evidence = search.with_engine(Evidence(kept, whitening, search.n_threads), state.hypothesis)
+    r = evidence.residual(world)[evidence.windows.inside]
+    return float(np.sqrt(np.minimum(r**2, CAP**2).mean()))
 
 
 def noise_floor(state: Candidate, search: Search, *, seed: int) -> Floor:
@@ -120,10 +124,10 @@ def noise_floor(state: Candidate, search: Search, *, seed: int) -> Floor:
     r = Evidence(kept, whitening, search.n_threads).residual(world)
     values, achieved, out = deviance(e, r), deviance(e, state.fitted.residual), np.zeros_like(r)
     for phase in range(N_PHASES):
-        chosen = (w.phase == phase) & w.inside
+        chosen = (w.phase == phase) & w.counted
         if chosen.any():
             out[chosen] = np.minimum(values[chosen].mean(0), achieved[chosen].mean(0))
-    rms = (np.sqrt(np.minimum(x[w.inside] ** 2, CAP**2).mean()) for x in (r, state.fitted.residual))
+    rms = (np.sqrt(np.minimum(x[w.counted] ** 2, CAP**2).mean()) for x in (r, state.fitted.residual))
     return Floor(out, float(min(rms)))
 
 
@@ -167,7 +171,7 @@ def rollout_errors(tosses: Sequence[Toss], state: Candidate, search: Search) -> 
         chosen = [tosses[i] for i in index]
         q0, v0 = first_states(chosen, world)
         steps = np.array([len(toss) - 1 for toss in chosen])
-        run = world.roll_out(q0, v0, n_steps=steps, dt=dt, substeps=SUBSTEPS, impact_parts=IMPACT_PARTS, n_threads=search.n_threads)
+        run = world.roll_out(q0, v0, n_steps=steps, dt=dt, **STEPS, n_threads=search.n_threads)
         for row, (i, toss) in enumerate(zip(index, chosen, strict=True)):
             q = run[row, : len(toss)]
             width = world.object.width
@@ -176,9 +180,9 @@ def rollout_errors(tosses: Sequence[Toss], state: Candidate, search: Search) -> 
     ones = np.ones(search.n)
     good = np.isfinite(position)
     left = np.minimum(cross_fitted(state, search) ** 2, CAP**2)
-    left = np.where(state.evidence.windows.inside[..., None], left, 0.0)
+    left = np.where(state.evidence.windows.counted[..., None], left, 0.0)
     names = tuple(effect.name for effect in hypothesis.effects)
-    inside = np.broadcast_to(state.evidence.windows.inside[..., None], left.shape).astype(float)
+    inside = np.broadcast_to(state.evidence.windows.counted[..., None], left.shape).astype(float)
     return Step(
         names,
         bootstrap_ratio(position[good], ones[good]),

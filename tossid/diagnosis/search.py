@@ -1,5 +1,8 @@
 """The search for effects: screened, fitted, judged on held-out tosses, joined, and left out again.
 
+First flight alone, whose model is right but for what is looked for: what acts there is found and named from windows
+with no contact in them. Then all windows, with that in, where contact has its say on which of a class it is.
+
 One round: every effect of the library is screened by the gain of one step (a score test, but measured), the
 promising ones are fitted, and judged by the log-likelihood of tosses that took no part (eight folds). The best
 joins if the gain is significant over tosses (signed ranks, Bonferroni over the library) and matters; the next round
@@ -10,7 +13,7 @@ end; then classes are looked at once more, with everything else in.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -19,10 +22,20 @@ from numpy.typing import NDArray
 from scipy.stats import wilcoxon
 
 from tossid.diagnosis.engines import LIFTING, Engine
-from tossid.diagnosis.fitting import Evidence, Fitted, Hypothesis, derivatives, fit, gains, toss_sums
-from tossid.diagnosis.gap import deviance
+from tossid.diagnosis.fitting import (
+    FLIGHT_WEIGHT,
+    NU,
+    Evidence,
+    Fitted,
+    Hypothesis,
+    derivatives,
+    fit,
+    gains,
+    toss_sums,
+)
 from tossid.diagnosis.windows import Windows, linearise
 from tossid.physics.effects import Effect, World
+from tossid.types import Phase
 
 Array = NDArray[np.float64]
 Tell = Callable[[str], None]
@@ -39,6 +52,8 @@ CANDIDATES = 6
 """Effects fitted in full in a round."""
 PROMISING = 3.0
 """Gain of log-likelihood by one step, to all tosses, from which an effect is fitted."""
+LIKELY = 0.3
+"""Share of what a fit is to gain that one step has to."""
 CLASS_LEVEL = 0.05
 """An effect whose gain is below the best's at this level (one-sided) is out of its class."""
 CLASS_SHARE = 0.8
@@ -60,9 +75,9 @@ POLISH = 16
 class Candidate:
     """A hypothesis fitted and judged. effect: the one that joined last, None for none.
 
-    log_likelihood (W,): of every window, at values fitted to the other folds. gain (n,): of every toss, over the
+    log_likelihood (W,): of every window, at values fitted to the other folds. gain (W,): of every window, over the
     hypothesis before.
-    shown (n,): the gain but for what a fit to nothing would lose.
+    shown (n,): of every toss, weighted, but for what a fit to nothing would lose.
     """
 
     effect: Effect | None
@@ -81,17 +96,14 @@ class Candidate:
 
     @property
     def total(self) -> float:
-        return float(self.gain.sum())
+        """Log-likelihood gained; of what acts in flight, contact counts as little for it as in the fit."""
+        share = FLIGHT_WEIGHT if self.effect is not None and Phase.FLIGHT in self.effect.phases else 1.0
+        return float(self.gain @ self.evidence.weights) / share
 
     @property
     def p_value(self) -> float:
         """One-sided, that the tosses show nothing of the effect."""
         return one_sided(self.shown)
-
-    @property
-    def deviance(self) -> float:
-        """Of all whitened misses."""
-        return float(deviance(self.evidence, self.fitted.residual).sum())
 
     @property
     def name(self) -> str:
@@ -102,15 +114,20 @@ class Candidate:
 class Found:
     """What a search leaves. first: without effects. present: with all that joined and stayed. history: the hypotheses
     on the way, the first and the last among them. tried: effects by name, as judged in the first round, or when
-    they joined. needed: named effects, how much of the log-likelihood is lost without each (n,). classes: named
-    effects, what could stand in for each."""
+    they joined. in_flight: the same of flight alone. needed: named effects, against the hypothesis without each.
+    classes: named effects, what could stand in for each."""
 
     first: Candidate
     present: Candidate
     history: tuple[Candidate, ...]
     tried: dict[str, Candidate]
-    needed: dict[str, Array]
+    in_flight: dict[str, Candidate]
+    needed: dict[str, Candidate]
     classes: dict[str, tuple[Candidate, ...]]
+
+    def ending(self, present: Candidate) -> Found:
+        """The same, with another last hypothesis."""
+        return replace(self, present=present, history=(*self.history[:-1], present))
 
 
 def one_sided(values: Array) -> float:
@@ -143,13 +160,9 @@ class Search:
 
     # ------------------------------------------------------------ one hypothesis
 
-    def with_contact(self, world: World, library: Sequence[Effect] = ()) -> World:
+    def with_contact(self, world: World) -> World:
         """The world with the contact that the tosses follow most: Coulomb's law, its relaxation, or, where a MuJoCo
-        model is asked about, that model's own; the last only together with the engine.
-
-        The relaxation lifts what slides, and so makes up for some of what a missing bounce leaves: it is taken only if
-        no effect of the library explains more under Coulomb's law.
-        """
+        model is asked about, that model's own; the last only together with the engine."""
         relaxed = replace(world, law=world.law._replace(lifting=LIFTING))
         tried = [(world, Engine()), (relaxed, Engine())]
         if self.engine.model is not None:
@@ -158,47 +171,51 @@ class Search:
         for each, engine in tried:
             self.engine = engine
             kept, whitening = linearise(self.windows, each, refine=4, n_threads=self.n_threads)
-            evidence = self.with_engine(Evidence(kept, whitening, self.n_threads), Hypothesis(each))
+            evidence = self.with_engine(Evidence(kept, whitening, self.n_threads), Hypothesis(each), restarts=0)
             residual = evidence.residual(each)
             value = float(evidence.log_likelihood(residual, evidence.scales(residual)).sum())
             if value > best:
                 best, taken, chosen = value, each, engine
         self.engine = chosen
-        if taken is relaxed and chosen.model is None:
-            other = self.start(Hypothesis(relaxed))
-            for fitted in self.round(self.start(Hypothesis(world)), library, lambda name: None):
-                if self.contest(fitted, other).sum() > 0:
-                    return world
         return taken
 
-    def start(self, hypothesis: Hypothesis) -> Candidate:
-        """A hypothesis as it stands, fitted to nothing but the windows' first states."""
+    def start(self, hypothesis: Hypothesis, near: Candidate | None = None) -> Candidate:
+        """A hypothesis as it stands, fitted to nothing but the windows' first states.
+
+        Args:
+            near: one from whose first states those of this one are not far.
+        """
         world = hypothesis.world()
-        kept, whitening = linearise(self.windows, world, refine=6, restarts=RESTARTS, n_threads=self.n_threads)
-        evidence = Evidence(kept, whitening, self.n_threads)
-        for _ in range(ENGINE_ROUNDS):
+        if near is None:
+            kept, whitening = linearise(self.windows, world, refine=6, restarts=RESTARTS, n_threads=self.n_threads)
+            evidence = Evidence(kept, whitening, self.n_threads)
+        else:
+            evidence = near.evidence.renewed(world, refine=4)
+        for _ in range(ENGINE_ROUNDS if near is None else 1):
             evidence = self.with_engine(evidence, hypothesis)
         residual = evidence.residual(world)
         evidence, scales = evidence.with_trust(residual), evidence.scales(residual)
         size = len(hypothesis.flat())
         empty = np.zeros((self.n, size, size)), np.zeros((self.n, size))
         ll = evidence.log_likelihood(residual, scales)
-        return Candidate(None, Fitted(hypothesis, evidence, residual, scales, *empty), ll, *np.zeros((2, self.n)))
+        fitted = Fitted(hypothesis, evidence, residual, scales, *empty)
+        return Candidate(None, fitted, ll, np.zeros(len(ll)), np.zeros(self.n))
 
-    def with_engine(self, evidence: Evidence, hypothesis: Hypothesis) -> Evidence:
+    def with_engine(self, evidence: Evidence, hypothesis: Hypothesis, restarts: int = RESTARTS) -> Evidence:
         """Evidence that knows what another engine makes of its windows, from first states that know it too."""
         world = hypothesis.world()
         other = self.engine.difference(evidence.windows, world, n_threads=self.n_threads)
         evidence = replace(evidence, engines=(other, self.engine.expected))
-        return evidence.renewed(world, refine=2, restarts=RESTARTS)
+        return evidence.renewed(world, refine=2, restarts=restarts)
 
     def judged(self, present: Candidate, effect: Effect | None, start: Hypothesis, iterations: int = 8) -> Candidate:
         """A hypothesis fitted to all tosses, and judged across the folds."""
         fitted = fit(present.evidence, start, n_tosses=self.n, iterations=iterations)
-        made = Candidate(effect, fitted, self.held_out(fitted), *np.zeros((2, self.n)))
+        ll = self.held_out(fitted)
+        made = Candidate(effect, fitted, ll, np.zeros(len(ll)), np.zeros(self.n))
         gain = self.contest(made, present)
         nothing = np.zeros(0) if effect is None else effect.nominal(present.hypothesis.world())
-        return replace(made, gain=gain, shown=self._shown(effect, fitted, nothing, gain))
+        return replace(made, gain=gain, shown=self._shown(effect, fitted, nothing, self.of_tosses(gain)))
 
     def held_out(self, fitted: Fitted, evidence: Evidence | None = None) -> Array:
         """(W,) log-likelihood of each window at values fitted to the other folds.
@@ -209,24 +226,31 @@ class Search:
         evidence = fitted.evidence if evidence is None else evidence
         out = np.zeros(len(evidence.windows.toss))
         for held in self.folds:
+            if not held[evidence.windows.toss].any():
+                continue
             judge = evidence.of_tosses(held)
             residual = judge.residual(fitted.of_part(~held).world())
             out[held[evidence.windows.toss]] = judge.log_likelihood(residual, fitted.scales)
         return out
 
     def contest(self, one: Candidate, other: Candidate) -> Array:
-        """(n,) by how much log-likelihoods of tosses are better under one hypothesis than under another.
+        """(W,) by how much log-likelihoods of windows are better under one hypothesis than under another.
 
-        Each is tried from the first states that suit the one and from those that suit the other: where contact is
-        rough, how well first states were found differs by more than the hypotheses do.
+        Each is tried from the first states that suit the one and from those that suit the other, and has the better
+        of both: where contact is rough, how well first states were found differs by more than the hypotheses do.
         """
-        here = gains(one.log_likelihood, self.held_out(other.fitted, one.evidence))
-        there = gains(self.held_out(one.fitted, other.evidence), other.log_likelihood)
-        return np.bincount(self.windows.toss, weights=0.5 * (here + there), minlength=self.n).astype(float)
+        here = np.maximum(one.log_likelihood, self.held_out(one.fitted, other.evidence))
+        there = np.maximum(other.log_likelihood, self.held_out(other.fitted, one.evidence))
+        return gains(here, there)
+
+    def of_tosses(self, gain: Array) -> Array:
+        """(n,) weighted sums over each toss's windows."""
+        weights = np.where(self.windows.free, FLIGHT_WEIGHT, 1.0)
+        return np.bincount(self.windows.toss, weights=gain * weights, minlength=self.n).astype(float)
 
     def better(self, one: Candidate, other: Candidate) -> float:
         """p-value that one predicts the tosses no better than another."""
-        return one_sided(self.contest(one, other))
+        return one_sided(self.of_tosses(self.contest(one, other)))
 
     def _shown(self, effect: Effect | None, fitted: Fitted, nothing: Array, gain: Array) -> Array:
         """(n,) gains as they would be zero on average if the effect were not there.
@@ -244,14 +268,16 @@ class Search:
 
     # ------------------------------------------------------------ one round
 
-    def round(self, present: Candidate, library: Sequence[Effect], tell: Tell) -> list[Candidate]:
-        """The promising effects, fitted and judged."""
+    def round(
+        self, present: Candidate, library: Sequence[Effect], tell: Tell, at_least: float = PROMISING
+    ) -> list[Candidate]:
+        """The promising effects, of which one step gains so much at least, fitted and judged."""
         inside = {effect.name for effect in present.hypothesis.effects}
         scored = [self._screened(present, effect) for effect in library if effect.name not in inside]
         scored.sort(key=lambda each: -each[0])
         out = []
         for gain, effect, start in scored[:CANDIDATES]:
-            if gain > PROMISING:
+            if gain > max(at_least, PROMISING):
                 tell(effect.name)
                 out.append(self.judged(present, effect, start))
         return out
@@ -259,28 +285,36 @@ class Search:
     def _screened(self, present: Candidate, effect: Effect) -> tuple[float, Effect, Hypothesis]:
         """Gain of a step of Gauss-Newton or a part of it, from nothing or from the best start, and the values there.
 
-        First states are as they are for the present hypothesis, but for the starts: those are far from it.
+        First states are as they are for the present hypothesis, or as they are for a start, whichever suit: starts
+        are far from it.
         """
-        now = present.fitted
-        base = present.evidence.log_likelihood(now.residual, now.scales)
+        now, e0 = present.fitted, present.evidence
+        weights = e0.weights
 
-        def gain(e: Evidence, hypothesis: Hypothesis, before: Array) -> float:
-            return float(gains(e.log_likelihood(e.residual(hypothesis.world()), now.scales), before).sum())
+        def ll(e: Evidence, hypothesis: Hypothesis, residual: Array | None = None) -> Array:
+            return e.log_likelihood(e.residual(hypothesis.world()) if residual is None else residual, now.scales)
+
+        def worth(gain: Array) -> float:
+            return max(float(gain.sum()), float(gain @ weights) / FLIGHT_WEIGHT)
 
         nothing = now.hypothesis.plus(effect)
         here = dict(zip([p.name for p in effect.parameters], nothing.values[-1], strict=True))
-        begun = [(0.0, nothing, present.evidence)]
+        base = ll(e0, now.hypothesis, now.residual)
+        begun = [(0.0, nothing, e0, base)]
         tried = []
         for start in effect.starts:
             values = {**here, **start}
             hypothesis = now.hypothesis.plus(effect, np.array([values[p.name] for p in effect.parameters]))
-            e = present.evidence.renewed(hypothesis.world(), refine=2)
-            there = gain(e, hypothesis, e.log_likelihood(e.residual(now.hypothesis.world()), now.scales))
-            tried.append((0.5 * (there + gain(present.evidence, hypothesis, base)), hypothesis, e))
+            e = e0.renewed(hypothesis.world(), refine=2, anew=False)
+            tried.append((float(gains(ll(e, hypothesis), base) @ weights), hypothesis, e))
         if tried:
-            begun.append(max(tried, key=lambda each: each[0]))
+            _, hypothesis, e = max(tried, key=lambda each: each[0])
+            e = e.renewed(hypothesis.world())
+            before = np.maximum(base, ll(e, now.hypothesis))
+            gain = gains(np.maximum(ll(e0, hypothesis), ll(e, hypothesis)), before)
+            begun.append((worth(gain), hypothesis, e, before))
         best = (0.0, effect, nothing)
-        for begin, hypothesis, e in begun:
+        for begin, hypothesis, e, before in begun:
             if begin > best[0]:
                 best = (begin, effect, hypothesis)
             size = len(hypothesis.flat())
@@ -291,10 +325,9 @@ class Search:
             delta = np.zeros(size)
             delta[own] = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(own))) @ g
             low, high = hypothesis.bounds
-            before = e.log_likelihood(residual, now.scales)
             for share in STEP_SHARES:
                 moved = hypothesis.at(np.clip(hypothesis.flat() + share * delta * hypothesis.steps, low, high))
-                gained = begin + gain(e, moved, before)
+                gained = worth(gains(ll(e, moved), before))
                 if gained > best[0]:
                     best = (gained, effect, moved)
                 elif gained > begin:
@@ -305,13 +338,107 @@ class Search:
 
     def run(self, hypothesis: Hypothesis, library: Sequence[Effect], tell: Callable[[str, float], None]) -> Found:
         """From a hypothesis without effects to those that belong."""
-        present = first = self.start(hypothesis)
-        history, tried = [first], {}
+        seen = self._flown(hypothesis, library, tell)
+        tell("what flight shows, in contact", 0.15)
+        hypothesis = self._with_law(hypothesis, seen, library, tell)
+        first = self.start(hypothesis)
+        history: list[Candidate] = [first]
         classes: dict[str, tuple[str, ...]] = {}
-        for turn in range(MOST_EFFECTS):
-            tell(f"round {turn + 1}: screening {len(library)} effects", 0.05 + 0.1 * turn)
-            fitted = self.round(present, library, partial(_tell_of_round, tell, turn))
-            if turn == 0:
+        if seen is not None and seen.present.hypothesis.effects:
+            effects, values = seen.present.hypothesis.effects, seen.present.hypothesis.values
+            for k in range(1, len(effects) + 1):
+                history.append(self.start(Hypothesis(hypothesis.base, effects[:k], values[:k]), history[-1]))
+            history[-1], classes = self._decided(history[-1], seen)
+        in_flight = {} if seen is None else seen.tried
+        path = self._forward(first, history, classes, library, partial(_tell_of_round, tell))
+        present, history = path.history[-1], list(path.history)
+        needed: dict[str, Candidate] = {}
+        found: dict[str, tuple[Candidate, ...]] = {}
+        if present.hypothesis.effects:
+            tell("all effects together", 0.8)
+            present, less = self._pruned(first, self._refreshed(present, POLISH), len(library))
+            history[-1] = present
+            tell("what could stand in for each", 0.88)
+            needed, found = self._stand_ins(present, less, library, path.classes)
+        return Found(first, present, tuple(history), path.tried, in_flight, needed, found)
+
+    def _flown(
+        self, hypothesis: Hypothesis, library: Sequence[Effect], tell: Callable[[str, float], None]
+    ) -> Found | None:
+        """What the windows of free flight alone show; None without such windows."""
+        free = np.flatnonzero(self.windows.free)
+        if not len(free):
+            return None
+        tell("flight alone", 0.04)
+        search = Search(self.windows.rows(free), self.n, self.folds, self.n_threads, self.engine)
+        library = [effect for effect in library if Phase.FLIGHT in effect.phases]
+        first = search.start(hypothesis)
+        path = search._forward(first, [first], {}, library, lambda turn, name: None)
+        present, less = search._pruned(first, path.history[-1], len(library))
+        needed, found = search._stand_ins(present, less, library, path.classes)
+        return Found(first, present, path.history, path.tried, {}, needed, found)
+
+    def _with_law(
+        self,
+        hypothesis: Hypothesis,
+        seen: Found | None,
+        library: Sequence[Effect],
+        tell: Callable[[str, float], None],
+    ) -> Hypothesis:
+        """The hypothesis, with Coulomb's law in place of its relaxation if an effect of contact explains more under it.
+
+        What is relaxed lifts what slides, and so makes up for some of what a missing bounce leaves.
+        """
+        relaxed = hypothesis.base
+        if relaxed.law.lifting == 0 or self.engine.model is not None:
+            return hypothesis
+        base = replace(relaxed, law=relaxed.law._replace(lifting=0.0))
+        effects, values = (
+            ((), ()) if seen is None else (seen.present.hypothesis.effects, seen.present.hypothesis.values)
+        )
+        other = self.start(Hypothesis(relaxed, effects, values))
+        contact = [effect for effect in library if Phase.FLIGHT not in effect.phases]
+        tell("Coulomb's law", 0.16)
+        rigid = self.start(Hypothesis(base, effects, values))
+        enough = LIKELY * self.contest(other, rigid).sum()
+        for each in self.round(rigid, contact, lambda name: None, at_least=enough):
+            if self.of_tosses(self.contest(each, other)).sum() > 0:
+                return Hypothesis(base)
+        return hypothesis
+
+    def _decided(self, leader: Candidate, seen: Found) -> tuple[Candidate, dict[str, tuple[str, ...]]]:
+        """Flight's hypothesis on all windows, with what flight cannot tell apart decided by contact where it can."""
+        leader = self.judged(leader, None, leader.hypothesis)
+        classes: dict[str, tuple[str, ...]] = {}
+        for name, others in seen.classes.items():
+            best, best_name = leader, name
+            for other in others:
+                k = [effect.name for effect in best.hypothesis.effects].index(best_name)
+                effects, values = list(best.hypothesis.effects), list(best.hypothesis.values)
+                effects[k], values[k] = other.hypothesis.effects[-1], other.hypothesis.values[-1]
+                there = Hypothesis(leader.hypothesis.base, tuple(effects), tuple(values))
+                each = self.judged(self.start(there, leader), None, there)
+                if self.better(each, best) < CLASS_LEVEL:
+                    best, best_name = each, other.name
+            leader = best
+            classes[best_name] = tuple(n for n in (name, *(o.name for o in others)) if n != best_name)
+        return self._refreshed(leader), classes
+
+    def _forward(
+        self,
+        first: Candidate,
+        history: Sequence[Candidate],
+        classes: dict[str, tuple[str, ...]],
+        library: Sequence[Effect],
+        tell: Callable[[int, str], None],
+    ) -> Path:
+        """Rounds from the last hypothesis of a history until no effect belongs."""
+        history, classes, present = list(history), dict(classes), history[-1]
+        tried: dict[str, Candidate] = {}
+        for k in range(MOST_EFFECTS - len(present.hypothesis.effects)):
+            tell(k, "")
+            fitted = self.round(present, library, partial(tell, k))
+            if k == 0:
                 tried = {each.name: each for each in fitted}
             good = [each for each in fitted if self._belongs(first, present, each, len(library))]
             if not good:
@@ -326,30 +453,37 @@ class Search:
             if pruned is not present:
                 present = pruned
                 history[-1] = present
-        needed: dict[str, Array] = {}
-        found_classes: dict[str, tuple[Candidate, ...]] = {}
-        if present is not first:
-            tell("all effects together", 0.8)
-            present, less = self._pruned(first, self._refreshed(present, POLISH), len(library))
-            history[-1] = present
-            tell("what could stand in for each", 0.88)
-            inside = {effect.name for effect in present.hypothesis.effects}
-            others = {effect.name: effect for effect in library if effect.name not in inside}
-            for effect in present.hypothesis.effects:
-                gain = self.contest(present, less[effect.name])
-                needed[effect.name] = gain
-                found_classes[effect.name] = self._rivals(
-                    less[effect.name],
-                    replace(present, effect=effect, gain=gain, shown=gain),
-                    [others[name] for name in classes.get(effect.name, ()) if name in others],
-                )
-        return Found(first, present, tuple(history), tried, needed, found_classes)
+        return Path(tuple(history), tried, classes)
+
+    def _stand_ins(
+        self,
+        present: Candidate,
+        less: Mapping[str, Candidate],
+        library: Sequence[Effect],
+        classes: Mapping[str, Sequence[str]],
+    ) -> tuple[dict[str, Candidate], dict[str, tuple[Candidate, ...]]]:
+        """Each effect against the hypothesis without it, and what of its class could still stand in for it."""
+        inside = {effect.name for effect in present.hypothesis.effects}
+        others = {effect.name: effect for effect in library if effect.name not in inside}
+        needed, found = {}, {}
+        for effect in present.hypothesis.effects:
+            gain = self.contest(present, less[effect.name])
+            needed[effect.name] = replace(present, effect=effect, gain=gain, shown=self.of_tosses(gain))
+            rivals = [others[name] for name in classes.get(effect.name, ()) if name in others]
+            found[effect.name] = self._rivals(less[effect.name], needed[effect.name], rivals)
+        return needed, found
 
     def _belongs(self, first: Candidate, present: Candidate, each: Candidate, n_library: int) -> bool:
         """Whether an effect's gain is significant, and matters."""
         if not (each.p_value < LEVEL / n_library and each.total > 0):
             return False
-        return self._closed(present, each) > MATTERS * first.deviance
+        return self._matters(first, present, each)
+
+    def _matters(self, first: Candidate, before: Candidate, after: Candidate) -> bool:
+        """Whether a share of the deviance worth naming is closed, in flight alone or in all windows."""
+        closed, free = self._closed(before, after), self.windows.free
+        whole = deviances(first.evidence, first.fitted.residual)
+        return any(part.any() and closed[part].sum() > MATTERS * whole[part].sum() for part in (free, ~free))
 
     def _refreshed(self, present: Candidate, iterations: int = 4) -> Candidate:
         """Fitted on, with the other engine's difference as it is for these values."""
@@ -370,26 +504,28 @@ class Search:
             useless = [
                 name
                 for name, each in less.items()
-                if self.better(present, each) > LEVEL / n_library
-                or self._closed(each, present) < MATTERS * first.deviance
+                if self.better(present, each) > LEVEL / n_library or not self._matters(first, each, present)
             ]
-            if len(effects) < 2 or not useless:
+            if not useless:
                 return present, less
-            present = less[max(useless, key=lambda name: less[name].total)]
+            present = less[max(useless, key=lambda name: self.of_tosses(less[name].gain).sum())]
 
-    def _closed(self, before: Candidate, after: Candidate) -> float:
-        """How much deviance a hypothesis has less than another, around the first states of either."""
-        closed = 0.0
-        for evidence in (before.evidence, after.evidence):
-            one, other = (evidence.residual(each.hypothesis.world()) for each in (before, after))
-            closed += 0.5 * float((deviance(evidence, one) - deviance(evidence, other)).sum())
-        return closed
+    def _closed(self, before: Candidate, after: Candidate) -> Array:
+        """(W,) how much deviance a hypothesis has less than another, each from the better of both's first states."""
+        one, other = (
+            np.min(
+                [deviances(e, e.residual(each.hypothesis.world())) for e in (before.evidence, after.evidence)], axis=0
+            )
+            for each in (before, after)
+        )
+        out: Array = one - other
+        return out
 
     def _simplest(self, good: Sequence[Candidate]) -> Candidate:
         """The best, or a special case of it that is as good."""
         best = good[0]
         for each in good[1:]:
-            if self.contest(each, best).sum() > 0:
+            if self.of_tosses(self.contest(each, best)).sum() > 0:
                 best = each
         while True:
             special = () if best.effect is None else best.effect.contains
@@ -404,8 +540,8 @@ class Search:
             return False
         if best.name in other.effect.contains:
             return self.better(other, best) < MORE_GENERAL
-        close = self._closed(before, other) > CLASS_SHARE * self._closed(before, best)
-        return close or self.better(best, other) > CLASS_LEVEL
+        closes = (self.of_tosses(self._closed(before, each)).sum() for each in (other, best))
+        return next(closes) > CLASS_SHARE * next(closes) or self.better(best, other) > CLASS_LEVEL
 
     def _rivals(self, without: Candidate, best: Candidate, others: Sequence[Effect]) -> tuple[Candidate, ...]:
         """Which of its class could still stand in for an effect, with all others in."""
@@ -419,5 +555,21 @@ class Search:
         return tuple(out[: LARGEST_CLASS - 1])
 
 
+@dataclass(frozen=True)
+class Path:
+    """How a search went: hypotheses on the way, what its first round tried, and by name what seemed alike."""
+
+    history: tuple[Candidate, ...]
+    tried: dict[str, Candidate]
+    classes: dict[str, tuple[str, ...]]
+
+
+def deviances(evidence: Evidence, residual: Array) -> Array:
+    """(W,) Student's deviance of all windows' misses."""
+    value = np.where(evidence.windows.inside[..., None], NU * np.log1p(residual**2 / NU), 0.0)
+    out: Array = (NU + 1) / NU * value.sum((1, 2))
+    return out
+
+
 def _tell_of_round(tell: Callable[[str, float], None], turn: int, name: str) -> None:
-    tell(f"round {turn + 1}: {name}", 0.08 + 0.1 * turn)
+    tell(f"round {turn + 1}: {name or 'screening'}", 0.2 + 0.09 * turn)

@@ -9,6 +9,7 @@ import numpy as np
 
 from tossid.diagnosis.engines import Engine
 from tossid.diagnosis.patch import read_spec
+from tossid.diagnosis.windows import STEPS
 from tossid.errors import InputError
 from tossid.models.contactnets import ContactNets
 from tossid.models.protocol import DynamicsModel
@@ -114,7 +115,7 @@ def check_same_object(world: World, recorded: ObjectModel, *, where: str) -> Non
         )
 
 
-def check_runs(world: World, tosses: tuple[Toss, ...], *, where: str, substeps: int, n_threads: int) -> list[str]:
+def check_runs(world: World, tosses: tuple[Toss, ...], *, where: str, n_threads: int) -> list[str]:
     """Names of the tosses that the simulator does not survive, where they are few.
 
     Raises:
@@ -123,7 +124,7 @@ def check_runs(world: World, tosses: tuple[Toss, ...], *, where: str, substeps: 
     q, v = np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses])
     steps = np.array([len(toss) - 1 for toss in tosses])
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
-    run = world.roll_out(q, v, n_steps=steps, dt=dt, substeps=substeps, n_threads=n_threads)
+    run = world.roll_out(q, v, n_steps=steps, dt=dt, **STEPS, n_threads=n_threads)
     far = np.nanmax(np.abs(np.where(np.isfinite(run[..., :3]), run[..., :3], np.inf)), axis=(1, 2))
     lost = [toss.name for toss, size in zip(tosses, far, strict=True) if not size < 1e3]
     if len(lost) > 0.1 * len(tosses):

@@ -1,8 +1,8 @@
 """Short predictions from states that are known as well as they were measured, and their whitened misses.
 
-A toss is cut into windows. In each, the simulator f starts from a state x that is a nuisance: its pose is known as
-well as poses are measured, its velocity hardly at all (recorded velocities lag, and are smeared over impacts). With
-S = df/dx and poses y with noise R, to first order around x_0,
+A toss is cut into windows, and its first flight is in one more. In each, the simulator f starts from a state x that is
+a nuisance: its pose is known as well as poses are measured, its velocity hardly at all (recorded velocities lag, and
+are smeared over impacts). With S = df/dx and poses y with noise R, to first order around x_0,
 
     y - f(x_0) - S (x_rec - x_0) ~ N(0, R + S P S^T),
 
@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dtrtri
 
 from tossid.errors import SolverError
+from tossid.motion.flight import flight_frames
+from tossid.objects import GRAVITY, ObjectModel
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize
 from tossid.types import Phase, Toss
@@ -32,13 +34,16 @@ LENGTH = 20
 """Frames of a window in contact; rows of any."""
 FLIGHT = 60
 """Frames of a window that is all flight."""
+SHORTEST_FLIGHT = 6
+"""Frames of a first flight that gets a window of its own."""
+JUMP = 3.0
+"""Accelerations of gravity, beside noise, by which a frame differs from its flight's others where something is hit."""
 BEFORE_LANDING = 10
 """Frames of flight that are left to the window with the landing, whose first velocity they tell."""
-SUBSTEPS = 4
-"""Simulator steps a frame."""
-IMPACT_PARTS = 8
-"""Parts of a step with an impact: with whole steps, near-rigid MuJoCo tosses miss by 1.49 standard deviations, in parts
-by 1.28 to 1.33, and halving all steps costs more and brings less. Of contact that yields, they are a third of the error."""
+STEPS = {"substeps": 4, "impact_parts": 8}
+"""Simulator steps a frame, and parts of a step with an impact. With whole steps, near-rigid MuJoCo tosses miss by 1.49
+standard deviations, in parts by 1.28 to 1.33; halving all steps costs more and brings less. Where contact yields, parts
+leave a quarter of the error."""
 SPEED_PRIOR, SPIN_PRIOR = 0.5, 5.0
 """Standard deviations [m/s], [rad/s] of recorded velocities, as far as windows trust them."""
 LOST = 3.0
@@ -65,6 +70,8 @@ class Windows:
     first. mix (W, L, F): rows' means of frames. noise (W, L, 6): of rows; inside (W, L): which rows there are.
     toss (W,): whose; frame (W, L): of a row's first frame. phase (W, L): of `Phase`. dt [s].
     prior (W, 12): standard deviations of the recorded states.
+    free (W,): windows of first flights, up to the landing and with nothing else in them. Their frames are in the other
+    windows once more: what flight alone shows needs no model of contact.
     """
 
     q: Array
@@ -82,21 +89,29 @@ class Windows:
     phase: NDArray[np.uint8]
     dt: float
     prior: Array
+    free: NDArray[np.bool_]
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """(W, L) rows of the windows that follow one another, in which each frame is once."""
+        return self.inside & ~self.free[:, None]
 
     def predicted(self, world: World, q: Array | None = None, v: Array | None = None, *, n_threads: int = 1) -> Array:
         """(W, F, 7) recorded poses as the world predicts them from (q, v), or from the states of linearisation."""
         q, v = (self.at_q if q is None else q), (self.at_v if v is None else v)
         steps = np.tile(self.steps, len(q) // len(self.steps))
-        run = world.roll_out(q, v, n_steps=steps, dt=self.dt, substeps=SUBSTEPS, impact_parts=IMPACT_PARTS, n_threads=n_threads)
+        run = world.roll_out(q, v, n_steps=steps, dt=self.dt, **STEPS, n_threads=n_threads)
         return run[:, 1:]
 
     def misses(self, predicted: Array) -> Array:
         """(·, L, 6) measured less predicted: position [m], rotation vector in the body's frame [rad]; 0 outside."""
-        times, F = len(predicted) // len(self.y), predicted.shape[1]
-        y = np.tile(self.y[:, :F], (times, 1, 1))
-        out = np.concatenate([y[..., :3] - predicted[..., :3], quat_boxminus(y[..., 3:7], predicted[..., 3:7])], -1)
+        W, F = len(self.y), predicted.shape[1]
+        run = predicted.reshape(-1, W, F, 7)
+        y = self.y[:, :F]
+        out = np.concatenate([y[..., :3] - run[..., :3], quat_boxminus(y[..., 3:7], run[..., 3:7])], -1)
         out = np.clip(np.where(np.isfinite(out), out, LOST), -LOST, LOST)
-        return np.tile(self.mix[..., :F], (times, 1, 1)) @ out
+        rows: Array = self.mix[..., :F] @ out
+        return rows.reshape(-1, *rows.shape[2:])
 
     def rows(self, index: NDArray[np.int64]) -> Windows:
         """The windows of the given rows."""
@@ -104,11 +119,19 @@ class Windows:
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
 
-def make_windows(tosses: Sequence[Toss], *, length: int = LENGTH, flight: int = FLIGHT, skip: int = 0) -> Windows:
+def make_windows(
+    tosses: Sequence[Toss],
+    model: ObjectModel | None = None,
+    *,
+    length: int = LENGTH,
+    flight: int = FLIGHT,
+    skip: int = 0,
+) -> Windows:
     """Cut tosses into windows that follow one another, and end where frames are missing; what is left at the end of
     a stretch is kept if half a window long.
 
     Args:
+        model: whose first flights get windows of their own; without, there are none.
         length: rows of a window, and frames of one that is not all flight.
         flight: frames of one that is.
         skip: frames of each toss that are left out at its beginning, to cut it elsewhere.
@@ -116,6 +139,9 @@ def make_windows(tosses: Sequence[Toss], *, length: int = LENGTH, flight: int = 
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
     most = max(length, flight)
     cuts = [(i, first, n) for i, toss in enumerate(tosses) for first, n in _cuts(toss, dt, length, flight, skip)]
+    following = len(cuts)
+    if model is not None:
+        cuts += [(i, first, n) for i, toss in enumerate(tosses) for first, n in _first_flight(toss, model, dt, flight)]
     W = len(cuts)
     q, v, y = np.empty((W, 7)), np.empty((W, 6)), np.empty((W, most, 7))
     y_noise, first_noise = np.empty((W, most, 6)), np.empty((W, 6))
@@ -151,7 +177,31 @@ def make_windows(tosses: Sequence[Toss], *, length: int = LENGTH, flight: int = 
         phase=phase,
         dt=dt,
         prior=np.concatenate([first_noise, speeds], axis=1),
+        free=np.arange(W) >= following,
     )
+
+
+def _first_flight(toss: Toss, model: ObjectModel, dt: float, flight: int) -> list[tuple[int, int]]:
+    """First frames and numbers of further frames of windows over the flight that a toss begins with.
+
+    It ends where the stated object may touch the stated ground, or, as neither may be right, where the acceleration
+    jumps or a frame is missing.
+    """
+    end = flight_frames(toss, model) - 1
+    missing = np.flatnonzero(np.abs(np.diff(toss.t[: end + 1]) / dt - 1) > UNEVEN)
+    end = min(end, int(missing[0])) if len(missing) else end
+    if end < SHORTEST_FLIGHT:
+        return []
+    poses, cov = toss.measured
+    bend = np.diff(poses[: end + 1, :3], n=2, axis=0) / dt**2
+    noise = np.sqrt(np.maximum(np.einsum("nii->ni", cov[1:end])[:, :3].max(1), 0.0) * 6) / dt**2
+    jumped = np.flatnonzero(np.linalg.norm(bend - np.median(bend, axis=0), axis=1) > JUMP * GRAVITY + 6 * noise)
+    end = min(end, int(jumped[0])) if len(jumped) else end
+    if end < SHORTEST_FLIGHT:
+        return []
+    parts = -(-end // flight)
+    edges = [end * k // parts for k in range(parts + 1)]
+    return [(first, last - first) for first, last in itertools.pairwise(edges)]
 
 
 def _cuts(toss: Toss, dt: float, length: int, flight: int, skip: int) -> list[tuple[int, int]]:
@@ -202,6 +252,7 @@ def linearise(
     refine: int = 2,
     restarts: int = 0,
     by_state: Array | None = None,
+    anew: bool = True,
     engines: tuple[Array, float] | None = None,
     n_threads: int = 1,
 ) -> tuple[Windows, Whitening]:
@@ -212,6 +263,7 @@ def linearise(
         restarts: how often windows that fit badly are begun anew from states near by: where contact opens or closes,
             the first state has several minima.
         by_state: (W, 6 L, 12) derivatives near here, which spare those before the last.
+        anew: whether the last are taken; if not, the whitening has `by_state` too.
         engines: how another engine's predictions of the same rigid contact differ (W, L, 6), and how many times
             that is expected in the misses: the number is a nuisance of standard deviation 1.
     """
@@ -241,7 +293,7 @@ def linearise(
             now[better],
         )
         kept = replace(kept, at_q=at_q, at_v=at_v)
-    if by_state is not None:
+    if by_state is not None and anew:
         _, S = _sensitivity(kept, world, n_threads=n_threads)
     return kept, _whitening(kept, S, other.reshape(W, 6 * L), center)
 

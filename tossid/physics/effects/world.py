@@ -80,6 +80,8 @@ class World:
 
     def to_ground(self, q: Array, v: Array) -> tuple[Array, Array]:
         """True states in the ground's frame, of recorded ones: q (*b, nq), v (*b, nv)."""
+        if self._as_is:
+            return q.copy(), v.copy()
         r = self.recording
         true, tilt = quat_conj(_turn(r.world_tilt)), quat_conj(_turn(self.ground_tilt))
         turn = quat_mul(tilt, true)
@@ -93,6 +95,8 @@ class World:
 
     def recorded_poses(self, q: Array) -> Array:
         """Recorded poses of true ones in the ground's frame: (*b, nq)."""
+        if self._as_is:
+            return q.copy()
         r = self.recording
         tilt, world = _turn(self.ground_tilt), _turn(r.world_tilt)
         place = quat_rotate(tilt, q[..., :3] + quat_rotate(q[..., 3:7], np.array(r.frame_offset)))
@@ -139,6 +143,11 @@ class World:
         out = self.recorded_poses(run.q)
         out[~run.finite] = np.nan
         return out
+
+    @property
+    def _as_is(self) -> bool:
+        """Whether true motion in the ground's frame is what is recorded."""
+        return self.recording == Recording() and self.ground_height == 0.0 and self.ground_tilt == (0.0, 0.0)
 
     @property
     def _lift(self) -> Array:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,5 +47,15 @@ def over_threads(part: Callable[[int, int], None], count: int, n_threads: int) -
         part(0, count)
         return
     edges = np.linspace(0, count, 4 * n_threads + 1).astype(int)
-    with ThreadPoolExecutor(n_threads) as pool:
-        list(pool.map(part, edges[:-1].tolist(), edges[1:].tolist()))
+    list(_pool(n_threads).map(part, edges[:-1].tolist(), edges[1:].tolist()))
+
+
+@lru_cache
+def _pool(n_threads: int) -> ThreadPoolExecutor:
+    """One for all calls: to start threads takes longer than many a batch."""
+    return ThreadPoolExecutor(n_threads, thread_name_prefix="batches")
+
+
+if hasattr(os, "register_at_fork"):
+    # a forked process has the pools but not their threads
+    os.register_at_fork(after_in_child=_pool.cache_clear)

@@ -1,0 +1,74 @@
+"""Names and intervals as statistics: how often nothing gets a name, intervals cover, and an effect is found.
+
+By simulation with fixed seeds. The quick version is a few cases, enough to see that something broke; `-m slow` has
+enough of them for the rates themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from tests.diagnosis.tossed import seen
+from tests.models.conftest import cube
+from tossid.diagnosis.attribution import diagnose
+from tossid.diagnosis.findings import Diagnosis
+from tossid.objects import ObjectModel
+from tossid.physics.effects import LIBRARY, World
+
+__all__ = ["cube"]
+
+EFFECTS = {effect.name: effect for effect in LIBRARY}
+SOME = [EFFECTS[name] for name in ("com_offset", "gravity", "linear_drag", "friction", "rolling_resistance")]
+TOSSES = 12
+QUICK = 3
+MANY = 40
+
+
+def diagnoses(cube: ObjectModel, name: str, truth: list[float], count: int, *, first: int) -> Iterator[Diagnosis]:
+    """Diagnoses of tosses with an effect in them ("" for none), each with its own seed."""
+    world = World(cube)
+    there = EFFECTS[name].at(world, np.array(truth)) if name else world
+    for seed in range(first, first + count):
+        yield diagnose(seen(there, cube, TOSSES, seed=seed), world, library=SOME, n_threads=2, seed=seed)
+
+
+def most(count: int, rate: float) -> int:
+    """How often something of that rate happens at most, but for one time in a hundred."""
+    return int(binom.ppf(0.99, count, rate))
+
+
+COUNTS = [QUICK, pytest.param(MANY, marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_nothing_rarely_gets_a_name(cube: ObjectModel, count: int) -> None:
+    named = [found.named for found in diagnoses(cube, "", [], count, first=100)]
+    assert sum(bool(names) for names in named) <= most(count, 0.05)
+
+
+@pytest.mark.parametrize("count", COUNTS)
+@pytest.mark.parametrize(
+    ("name", "truth"),
+    [("gravity", [9.7]), ("com_offset", [2e-3, -1e-3, 3e-3]), ("friction", [0.25])],
+    ids=["gravity", "com_offset", "friction"],
+)
+def test_intervals_cover(cube: ObjectModel, name: str, truth: list[float], count: int) -> None:
+    inside = []
+    for found in diagnoses(cube, name, truth, count, first=200):
+        assert found.named[:1] == (name,)
+        intervals = found.findings[0].parameters.values()
+        inside += [each.low <= value <= each.high for each, value in zip(intervals, truth, strict=True)]
+    assert len(inside) - sum(inside) <= most(len(inside), 0.15)
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_a_larger_effect_is_found_more_often(cube: ObjectModel, count: int) -> None:
+    # a gravity that twelve tosses know to 1 mm/s², and one that they cannot know
+    found = {g: [each.named for each in diagnoses(cube, "gravity", [g], count, first=300)] for g in (9.8098, 9.79)}
+    rate = {g: float(np.mean(["gravity" in names for names in each])) for g, each in found.items()}
+    assert rate[9.79] >= 0.9
+    assert rate[9.8098] <= 0.34
