@@ -147,7 +147,7 @@ class Evidence:
             world,
             refine=refine,
             restarts=restarts,
-            by_state=self.whitening.by_state,
+            near=self.whitening,
             anew=anew,
             engines=self.engines,
             n_threads=self.n_threads,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Gap, Interval, Share, Step
 from tossid.diagnosis.fitting import CAP, N_PHASES, NU, Evidence
-from tossid.diagnosis.windows import STEPS, linearise, make_windows
+from tossid.diagnosis.windows import linearise, make_windows, steps_of
 from tossid.motion import flight_states
 from tossid.physics.effects import World
 from tossid.rotations import geodesic_angle, quat_exp, quat_mul
@@ -94,7 +94,7 @@ def _rms_of(tosses: Sequence[Toss], length: int, state: Candidate, search: Searc
     """Root mean square of whitened misses in windows of so many frames."""
     world = state.hypothesis.world()
     kept, whitening = linearise(make_windows(tosses, length=length, flight=0), world, n_threads=search.n_threads)
-    evidence = search.with_engine(Evidence(kept, whitening, search.n_threads), state.hypothesis)
+    evidence = search.with_engine(Evidence(kept, whitening, search.n_threads), state.hypothesis, restarts=0)
     r = evidence.residual(world)[evidence.windows.inside]
     return float(np.sqrt(np.minimum(r**2, CAP**2).mean()))
 
@@ -171,7 +171,7 @@ def rollout_errors(tosses: Sequence[Toss], state: Candidate, search: Search) -> 
         chosen = [tosses[i] for i in index]
         q0, v0 = first_states(chosen, world)
         steps = np.array([len(toss) - 1 for toss in chosen])
-        run = world.roll_out(q0, v0, n_steps=steps, dt=dt, **STEPS, n_threads=search.n_threads)
+        run = world.roll_out(q0, v0, n_steps=steps, dt=dt, **steps_of(world), n_threads=search.n_threads)
         for row, (i, toss) in enumerate(zip(index, chosen, strict=True)):
             q = run[row, : len(toss)]
             width = world.object.width

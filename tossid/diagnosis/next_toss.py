@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.fitting import NU, Hypothesis
-from tossid.diagnosis.windows import STEPS, linearise, make_windows
+from tossid.diagnosis.windows import linearise, make_windows, steps_of
 from tossid.motion import lowest_corner
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_boxminus, quat_rotate
@@ -152,7 +152,7 @@ def separations(
     cov = np.median(np.concatenate([toss.measured[1] for toss in tosses]), axis=0)
     first, *others = [rival.world() for rival in rivals]
     steps = np.full(len(releases), min(frames, MOST_FRAMES))
-    run = first.roll_out(releases.q, releases.v, n_steps=steps, dt=dt, **STEPS, n_threads=n_threads)
+    run = first.roll_out(releases.q, releases.v, n_steps=steps, dt=dt, **steps_of(first), n_threads=n_threads)
     good = np.flatnonzero(np.isfinite(run).all((1, 2)))
     out = np.zeros(len(releases))
     if not len(good):

@@ -9,7 +9,7 @@ import numpy as np
 
 from tossid.diagnosis.engines import Engine
 from tossid.diagnosis.patch import read_spec
-from tossid.diagnosis.windows import STEPS
+from tossid.diagnosis.windows import steps_of
 from tossid.errors import InputError
 from tossid.models.contactnets import ContactNets
 from tossid.models.protocol import DynamicsModel
@@ -124,7 +124,7 @@ def check_runs(world: World, tosses: tuple[Toss, ...], *, where: str, n_threads:
     q, v = np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses])
     steps = np.array([len(toss) - 1 for toss in tosses])
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
-    run = world.roll_out(q, v, n_steps=steps, dt=dt, **STEPS, n_threads=n_threads)
+    run = world.roll_out(q, v, n_steps=steps, dt=dt, **steps_of(world), n_threads=n_threads)
     far = np.nanmax(np.abs(np.where(np.isfinite(run[..., :3]), run[..., :3], np.inf)), axis=(1, 2))
     lost = [toss.name for toss, size in zip(tosses, far, strict=True) if not size < 1e3]
     if len(lost) > 0.1 * len(tosses):

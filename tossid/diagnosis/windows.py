@@ -40,10 +40,6 @@ JUMP = 3.0
 """Accelerations of gravity, beside noise, by which a frame differs from its flight's others where something is hit."""
 BEFORE_LANDING = 10
 """Frames of flight that are left to the window with the landing, whose first velocity they tell."""
-STEPS = {"substeps": 4, "impact_parts": 8}
-"""Simulator steps a frame, and parts of a step with an impact. With whole steps, near-rigid MuJoCo tosses miss by 1.49
-standard deviations, in parts by 1.28 to 1.33; halving all steps costs more and brings less. Where contact yields, parts
-leave a quarter of the error."""
 SPEED_PRIOR, SPIN_PRIOR = 0.5, 5.0
 """Standard deviations [m/s], [rad/s] of recorded velocities, as far as windows trust them."""
 LOST = 3.0
@@ -53,9 +49,23 @@ UNEVEN = 0.3
 BAD = 3.0
 """Standard deviations of chi-squared by which a window's cost may exceed its mean."""
 RESTART_STEPS = 4
+SETTLED = 0.02
+"""By how much a window's cost falls at least in a step, for another one."""
+MOST_DAMPED = 1e3
+SAME = 0.3
+"""Standard deviations of poses by which predictions differ, for derivatives to be taken again."""
 _MOST = np.array([0.01] * 3 + [0.1] * 3 + [1.0] * 3 + [10.0] * 3)
 """By how much a first state moves in a step."""
 _STEPS = np.array([2e-4] * 3 + [2e-3] * 3 + [5e-3] * 3 + [3e-2] * 3)
+
+
+def steps_of(world: World) -> dict[str, int]:
+    """Simulator steps a frame, and parts of a step with an impact.
+
+    With whole steps, near-rigid MuJoCo tosses miss by 1.49 standard deviations, in eight parts by 1.28 to 1.33; halving
+    all steps costs more and brings less. Where contact yields, eight leave 5 mm after 40 frames and 32 leave 1.5 mm.
+    """
+    return {"substeps": 4, "impact_parts": 8 if world.object.compliance == 0 else 32}
 
 
 @dataclass(frozen=True)
@@ -100,7 +110,7 @@ class Windows:
         """(W, F, 7) recorded poses as the world predicts them from (q, v), or from the states of linearisation."""
         q, v = (self.at_q if q is None else q), (self.at_v if v is None else v)
         steps = np.tile(self.steps, len(q) // len(self.steps))
-        run = world.roll_out(q, v, n_steps=steps, dt=self.dt, **STEPS, n_threads=n_threads)
+        run = world.roll_out(q, v, n_steps=steps, dt=self.dt, **steps_of(world), n_threads=n_threads)
         return run[:, 1:]
 
     def misses(self, predicted: Array) -> Array:
@@ -226,13 +236,16 @@ class Whitening:
     """Inverse Cholesky factors (W, 6 L, 6 L) of the misses' covariance, and the misses' mean (W, 6 L) at a right model.
 
     volume (W,): log determinant of the factors, which densities of different whitenings need to be compared.
-    by_state (W, 6 L, 12): the predictions' derivatives by the first states there.
+    by_state (W, 6 L, 12): the predictions' derivatives by the first states, taken where misses were `at` (W, 6 L).
+    other (W, 6 L): the other engine's difference.
     """
 
     root: Array
     mean: Array
     volume: Array
     by_state: Array
+    at: Array
+    other: Array
 
     def __call__(self, misses: Array) -> Array:
         """(W, L, 6) -> whitened (W, L, 6)."""
@@ -242,7 +255,7 @@ class Whitening:
 
     def rows(self, index: NDArray[np.int64]) -> Whitening:
         """Those of some windows."""
-        return Whitening(self.root[index], self.mean[index], self.volume[index], self.by_state[index])
+        return Whitening(*(getattr(self, field.name)[index] for field in fields(self)))
 
 
 def linearise(
@@ -251,7 +264,7 @@ def linearise(
     *,
     refine: int = 2,
     restarts: int = 0,
-    by_state: Array | None = None,
+    near: Whitening | None = None,
     anew: bool = True,
     engines: tuple[Array, float] | None = None,
     n_threads: int = 1,
@@ -262,40 +275,54 @@ def linearise(
         refine: steps of Gauss and Newton, damped as Marquardt does, of the first states.
         restarts: how often windows that fit badly are begun anew from states near by: where contact opens or closes,
             the first state has several minima.
-        by_state: (W, 6 L, 12) derivatives near here, which spare those before the last.
-        anew: whether the last are taken; if not, the whitening has `by_state` too.
+        near: the whitening of a world and states near by. Its derivatives spare those before the last; and those too
+            in windows whose predictions are still the same.
+        anew: whether the last are taken; if not, the whitening has the derivatives of `near`.
         engines: how another engine's predictions of the same rigid contact differ (W, L, 6), and how many times
             that is expected in the misses: the number is a nuisance of standard deviation 1.
     """
     W, L = windows.inside.shape
     none = np.zeros((W, L, 6)), 0.0
     other, center = engines or none
-    kept, S, cost = _estimated(windows, world, (other, center), refine, by_state, n_threads)
+    other = other.reshape(W, 6 * L)
+    kept, miss, S, cost = _estimated(windows, world, (other, center), refine, near, n_threads)
     n = 6 * windows.inside.sum(1)
     rng = np.random.default_rng(0)
+    fresh = np.full(W, near is None)
     for _ in range(restarts):
         bad = np.flatnonzero(cost > n + BAD * np.sqrt(2 * n))
         if not len(bad):
             break
         some = kept.rows(bad)
-        delta = _near(some, S[bad], rng)
-        at_q, at_v = _moved(some.at_q, some.at_v, delta)
-        tried, there, now = _estimated(
+        at_q, at_v = _moved(some.at_q, some.at_v, _near(some, S[bad], rng))
+        tried, *there = _estimated(
             replace(some, at_q=at_q, at_v=at_v), world, (other[bad], center), RESTART_STEPS, None, n_threads
         )
-        better = now < cost[bad]
-        index = bad[better]
-        at_q, at_v, S, cost = kept.at_q.copy(), kept.at_v.copy(), S.copy(), cost.copy()
-        at_q[index], at_v[index], S[index], cost[index] = (
-            tried.at_q[better],
-            tried.at_v[better],
-            there[better],
-            now[better],
-        )
-        kept = replace(kept, at_q=at_q, at_v=at_v)
-    if by_state is not None and anew:
-        _, S = _sensitivity(kept, world, n_threads=n_threads)
-    return kept, _whitening(kept, S, other.reshape(W, 6 * L), center)
+        better = there[-1] < cost[bad]
+        kept = _with_states(kept, bad[better], tried.at_q[better], tried.at_v[better])
+        miss, S, cost = (_with(old, bad[better], new[better]) for old, new in zip((miss, S, cost), there, strict=True))
+        fresh[bad[better]] = True
+    at, stale = miss, np.zeros(0, int)
+    if near is not None:
+        moved = (np.abs(miss - near.at) / np.sqrt(_variances(windows))).max(1)
+        stale = np.flatnonzero((moved > SAME) & ~fresh) if anew else stale
+        if len(stale):
+            S = _with(S, stale, _sensitivity(kept.rows(stale), world, n_threads=n_threads)[1])
+        fresh[stale] = True
+        at = np.where(fresh[:, None], miss, near.at)
+    return kept, _whitening(kept, S, at, other, center, near, fresh)
+
+
+def _with(values: Array, index: NDArray[np.int64], new: Array) -> Array:
+    """A copy with rows replaced."""
+    out = values.copy()
+    out[index] = new
+    return out
+
+
+def _with_states(windows: Windows, index: NDArray[np.int64], at_q: Array, at_v: Array) -> Windows:
+    """The windows, some of them at other states."""
+    return replace(windows, at_q=_with(windows.at_q, index, at_q), at_v=_with(windows.at_v, index, at_v))
 
 
 def _near(at: Windows, S: Array, rng: np.random.Generator) -> Array:
@@ -314,37 +341,45 @@ def _variances(windows: Windows) -> Array:
 
 
 def _estimated(
-    windows: Windows, world: World, engines: tuple[Array, float], refine: int, by_state: Array | None, n_threads: int
-) -> tuple[Windows, Array, Array]:
-    """Windows at refined states, derivatives S (W, 6 L, 12), and costs (W,): -2 log posterior, but for constants."""
+    windows: Windows,
+    world: World,
+    engines: tuple[Array, float],
+    refine: int,
+    near: Whitening | None,
+    n_threads: int,
+) -> tuple[Windows, Array, Array, Array]:
+    """Windows at refined states, misses there (W, 6 L), derivatives S (W, 6 L, 12), and costs (W,): -2 log posterior,
+    but for constants. A window whose cost falls no more is left as it is."""
     W, L = windows.inside.shape
-    R, other, center = _variances(windows), engines[0].reshape(W, 6 * L), engines[1]
+    R, (other, center) = _variances(windows), engines
 
-    def examined(at: Windows) -> tuple[Array, Array, Array]:
-        if by_state is None:
+    def examined(at: Windows, rows: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+        if near is None:
             miss, S = _sensitivity(at, world, n_threads=n_threads)
         else:
-            miss, S = at.misses(at.predicted(world, n_threads=n_threads)).reshape(W, 6 * L), by_state
-        miss = miss - center * other
-        along = (other * miss / R).sum(1) ** 2 / (1 + (other**2 / R).sum(1))
-        cost = np.minimum(miss**2 / R, 1e6).sum(1) - np.minimum(along, 1e6)
+            miss, S = at.misses(at.predicted(world, n_threads=n_threads)).reshape(len(rows), 6 * L), near.by_state[rows]
+        off = miss - center * other[rows]
+        along = (other[rows] * off / R[rows]).sum(1) ** 2 / (1 + (other[rows] ** 2 / R[rows]).sum(1))
+        cost = np.minimum(off**2 / R[rows], 1e6).sum(1) - np.minimum(along, 1e6)
         return miss, S, cost + (_off(at) ** 2 / at.prior**2).sum(1)
 
-    kept, damping = windows, np.zeros(W)
-    miss, S, cost = examined(kept)
+    kept, damping, rows = windows, np.zeros(W), np.arange(W)
+    miss, S, cost = examined(kept, rows)
     for _ in range(refine):
-        trial = _refined(kept, miss, S, R, other, damping)
-        trial_miss, trial_S, trial_cost = examined(trial)
-        better = trial_cost < cost
-        damping = np.where(better, damping / 10, np.maximum(10 * damping, 1.0))
-        kept = replace(
-            kept,
-            at_q=np.where(better[:, None], trial.at_q, kept.at_q),
-            at_v=np.where(better[:, None], trial.at_v, kept.at_v),
-        )
-        miss, cost = np.where(better[:, None], trial_miss, miss), np.where(better, trial_cost, cost)
-        S = np.where(better[:, None, None], trial_S, S)
-    return kept, S, cost
+        some = kept.rows(rows)
+        trial = _refined(some, miss[rows] - center * other[rows], S[rows], R[rows], other[rows], damping[rows])
+        trial_miss, trial_S, trial_cost = examined(trial, rows)
+        better = trial_cost < cost[rows]
+        falls = cost[rows] - trial_cost > SETTLED
+        damping[rows] = np.where(better, damping[rows] / 10, np.maximum(10 * damping[rows], 1.0))
+        index = rows[better]
+        kept = _with_states(kept, index, trial.at_q[better], trial.at_v[better])
+        miss, cost = _with(miss, index, trial_miss[better]), _with(cost, index, trial_cost[better])
+        S = _with(S, index, trial_S[better]) if near is None else S
+        rows = rows[falls | (~better & (damping[rows] < MOST_DAMPED))]
+        if not len(rows):
+            break
+    return kept, miss, S, cost
 
 
 def _refined(at: Windows, miss: Array, S: Array, R: Array, other: Array, damping: Array) -> Windows:
@@ -366,15 +401,27 @@ def _refined(at: Windows, miss: Array, S: Array, R: Array, other: Array, damping
     return replace(at, at_q=at_q, at_v=at_v)
 
 
-def _whitening(at: Windows, S: Array, other: Array, center: float) -> Whitening:
-    mean = (S @ _off(at)[..., None])[..., 0] + center * other
-    SP = np.concatenate([S * at.prior[:, None, :], other[..., None]], axis=2)
+def _whitening(
+    windows: Windows,
+    S: Array,
+    at: Array,
+    other: Array,
+    center: float,
+    near: Whitening | None,
+    fresh: NDArray[np.bool_],
+) -> Whitening:
+    """Whitening of windows; `near` has the factors where no derivatives are fresh and the other engine is as it was."""
+    mean = (S @ _off(windows)[..., None])[..., 0] + center * other
+    mean[~np.repeat(windows.inside, 6, axis=1)] = 0.0
+    new = np.arange(len(S)) if near is None else np.flatnonzero(fresh | (other != near.other).any(1))
+    SP = np.concatenate([S[new] * windows.prior[new, None, :], other[new, :, None]], axis=2)
     cov = SP @ SP.mT
     index = np.arange(cov.shape[1])
-    cov[:, index, index] += _variances(at)
-    root = np.stack([_inverse_lower(factor) for factor in np.linalg.cholesky(cov)])
-    mean[~np.repeat(at.inside, 6, axis=1)] = 0.0
-    return Whitening(root, mean, np.log(np.einsum("wii->wi", root)).sum(1), S)
+    cov[:, index, index] += _variances(windows)[new]
+    root = np.zeros((len(S), *cov.shape[1:])) if near is None else near.root.copy()
+    for k, factor in zip(new, np.linalg.cholesky(cov), strict=True):
+        root[k] = _inverse_lower(factor)
+    return Whitening(root, mean, np.log(np.einsum("wii->wi", root)).sum(1), S, at, other)
 
 
 def _inverse_lower(factor: Array) -> Array:

@@ -147,6 +147,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
     turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
     f, h0, h1, extra = np.empty(9), np.empty(b0.shape[0]), np.empty(b0.shape[0]), np.zeros(6)
     height, sunk = np.empty(nc), np.empty(nc)
+    carried = np.zeros(nc)  # normal impulses over the parts of a step
     state, chosen = np.zeros(nc, np.int64), np.zeros(nc, np.int64)
     tau, G, A = np.empty((nc, 3, 3)), np.empty((3 * nc, 3)), np.empty((3 * nc, 3 * nc))
     warm, R = np.zeros((nc, 3)), np.empty((3, 3))
@@ -182,12 +183,22 @@ def simulate_body(  # type: ignore[no-untyped-def]
                         if abs(vn) > IMPACT_SPEED and z - min(sunk[c], 0.0) + dt / substeps * min(vn, 0.0) < 0.0:
                             parts = impact_parts
                     if h * parts * substeps != dt:
-                        # the same forces, over steps of another length
-                        warm *= dt / (substeps * parts) / h
+                        # the same forces over steps of another length; but an impact's impulse has none
+                        ratio = dt / (substeps * parts) / h
+                        for c in range(nc):
+                            scale = ratio
+                            if ratio > 1.0 and warm[c, 0] > 0.0:
+                                scale = min(ratio, carried[c] / warm[c, 0])
+                            warm[c, 0], warm[c, 1], warm[c, 2] = (
+                                scale * warm[c, 0],
+                                scale * warm[c, 1],
+                                scale * warm[c, 2],
+                            )
                         h = dt / (substeps * parts)
                         soft = compliance / (h * (h + relaxation))
                         turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
                     left = parts
+                    carried[:] = 0.0
                 # free motion: Newton and Euler about the centre of mass, then the origin's velocity
                 l0 = inertia[0, 0] * w0 + inertia[0, 1] * w1 + inertia[0, 2] * w2
                 l1 = inertia[1, 0] * w0 + inertia[1, 1] * w1 + inertia[1, 2] * w2
@@ -355,6 +366,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                 if touched:
                     for i in range(n):
                         lam_n[toss, step, chosen[i]] += V[LAM, 3 * i]
+                        carried[chosen[i]] += V[LAM, 3 * i]
                     m0, m1, m2, f0, f1, f2 = x0, x1, x2, y0, y1, y2
                 else:
                     m0, m1, m2 = 0.5 * (v_0 + x0), 0.5 * (v_1 + x1), 0.5 * (v_2 + x2)
