@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Gap, Interval, Share, Step
 from tossid.diagnosis.fitting import CAP, N_PHASES, NU, Evidence
-from tossid.diagnosis.windows import linearise, make_windows, steps_of
+from tossid.diagnosis.windows import Windows, linearise, make_windows, steps_of
 from tossid.motion import flight_states
 from tossid.physics.effects import World
 from tossid.rotations import geodesic_angle, quat_exp, quat_mul
@@ -92,8 +92,9 @@ def measure_gap(tosses: Sequence[Toss], state: Candidate, search: Search, floor:
 
 def _rms_of(tosses: Sequence[Toss], length: int, state: Candidate, search: Search) -> float:
     """Root mean square of whitened misses in windows of so many frames."""
-    world = state.hypothesis.world()
-    kept, whitening = linearise(make_windows(tosses, length=length, flight=0), world, n_threads=search.n_threads)
+    world, model = state.hypothesis.world(), state.hypothesis.base.object
+    windows = make_windows(tosses, model, length=length, flight=0, first_flights=False)
+    kept, whitening = linearise(windows, world, n_threads=search.n_threads)
     evidence = search.with_engine(Evidence(kept, whitening, search.n_threads), state.hypothesis, restarts=0)
     r = evidence.residual(world)[evidence.windows.inside]
     return float(np.sqrt(np.minimum(r**2, CAP**2).mean()))
@@ -109,11 +110,12 @@ def noise_floor(state: Candidate, search: Search, *, seed: int) -> Floor:
     rng = np.random.default_rng(seed + 1)
     truth = w.predicted(world, n_threads=search.n_threads)
     truth = np.where(np.isfinite(truth), truth, w.y[:, : truth.shape[1]])
-    noise = w.y_noise[:, : truth.shape[1]] * rng.normal(size=(*truth.shape[:2], 6))
+    before, slow = _slow_errors(w, truth.shape[1], rng)
+    noise = w.y_noise[:, : truth.shape[1]] * rng.normal(size=(*truth.shape[:2], 6)) + slow
     y = truth.copy()
     y[..., :3] += noise[..., :3]
     y[..., 3:7] = quat_mul(truth[..., 3:7], quat_exp(noise[..., 3:]))
-    first = w.prior[:, :6] * rng.normal(size=(len(w.prior), 6))
+    first = w.prior[:, :6] * rng.normal(size=(len(w.prior), 6)) + before
     q, v = w.at_q.copy(), w.v  # velocities as far off as those recorded
     q[:, :3] += first[:, :3]
     q[:, 3:7] = quat_mul(w.at_q[:, 3:7], quat_exp(first[:, 3:]))
@@ -129,6 +131,19 @@ def noise_floor(state: Candidate, search: Search, *, seed: int) -> Floor:
             out[chosen] = np.minimum(values[chosen].mean(0), achieved[chosen].mean(0))
     rms = (np.sqrt(np.minimum(x[w.counted] ** 2, CAP**2).mean()) for x in (r, state.fitted.residual))
     return Floor(out, float(min(rms)))
+
+
+def _slow_errors(w: Windows, frames: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Errors that turn with the object (`Windows.slow`): of first poses (W, 6) and of frames (W, frames, 6)."""
+    W, L = w.inside.shape
+    drawn = np.zeros((W, L + 1, 6))
+    if w.slow.any():
+        cov = np.repeat(w.slow, 3, axis=1)
+        index = np.arange(L + 1)
+        cov[..., index, index] += 1e-9 * cov[..., :1, 0] + 1e-30
+        drawn = (np.linalg.cholesky(cov) @ rng.normal(size=(W, 6, L + 1, 1)))[..., 0].transpose(0, 2, 1)
+    row = 1 + w.mix[..., :frames].argmax(axis=1)
+    return drawn[:, 0], np.take_along_axis(drawn, row[..., None], axis=1)
 
 
 def share_left(first: Candidate, last: Candidate, search: Search, floor: Floor) -> tuple[Interval, tuple[Share, ...]]:

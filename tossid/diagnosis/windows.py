@@ -23,6 +23,7 @@ from scipy.linalg.lapack import dtrtri
 
 from tossid.errors import SolverError
 from tossid.motion.flight import flight_frames
+from tossid.motion.resting import rest_scatter
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize
@@ -37,7 +38,7 @@ FLIGHT = 60
 SHORTEST_FLIGHT = 6
 """Frames of a first flight that gets a window of its own."""
 JUMP = 3.0
-"""Accelerations of gravity, beside noise, by which a frame differs from its flight's others where something is hit."""
+"""Gravity's change of velocity in a frame, times which, beside noise, a velocity jumps where something is hit."""
 BEFORE_LANDING = 10
 """Frames of flight that are left to the window with the landing, whose first velocity they tell."""
 SPEED_PRIOR, SPIN_PRIOR = 0.5, 5.0
@@ -52,8 +53,11 @@ RESTART_STEPS = 4
 SETTLED = 0.02
 """By how much a window's cost falls at least in a step, for another one."""
 MOST_DAMPED = 1e3
+TURN = 1.0
+"""[rad] by which an object turns until a tracker's slow errors are others: other tags come into view."""
 SAME = 0.3
 """Standard deviations of poses by which predictions differ, for derivatives to be taken again."""
+_SPEEDS = np.arange(6, 12)
 _MOST = np.array([0.01] * 3 + [0.1] * 3 + [1.0] * 3 + [10.0] * 3)
 """By how much a first state moves in a step."""
 _STEPS = np.array([2e-4] * 3 + [2e-3] * 3 + [5e-3] * 3 + [3e-2] * 3)
@@ -80,6 +84,9 @@ class Windows:
     first. mix (W, L, F): rows' means of frames. noise (W, L, 6): of rows; inside (W, L): which rows there are.
     toss (W,): whose; frame (W, L): of a row's first frame. phase (W, L): of `Phase`. dt [s].
     prior (W, 12): standard deviations of the recorded states.
+    slow (W, 2, L + 1, L + 1): covariances, of positions and of rotations, between the first pose and all rows, of
+    errors that turn with the object: a tracker's calibration. Zeros: none. root (W, 6, L + 1, L + 1): inverse Cholesky
+    factors of each channel's whole covariance, these errors and the noise.
     free (W,): windows of first flights, up to the landing and with nothing else in them. Their frames are in the other
     windows once more: what flight alone shows needs no model of contact.
     """
@@ -99,6 +106,8 @@ class Windows:
     phase: NDArray[np.uint8]
     dt: float
     prior: Array
+    slow: Array
+    root: Array
     free: NDArray[np.bool_]
 
     @property
@@ -136,21 +145,25 @@ def make_windows(
     length: int = LENGTH,
     flight: int = FLIGHT,
     skip: int = 0,
+    first_flights: bool = True,
 ) -> Windows:
     """Cut tosses into windows that follow one another, and end where frames are missing; what is left at the end of
     a stretch is kept if half a window long.
 
     Args:
-        model: whose first flights get windows of their own; without, there are none.
+        model: whose first flights get windows of their own, and whose poses at rest tell static errors; without, there
+            are neither.
         length: rows of a window, and frames of one that is not all flight.
         flight: frames of one that is.
         skip: frames of each toss that are left out at its beginning, to cut it elsewhere.
+        first_flights: whether they get windows.
     """
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
     most = max(length, flight)
     cuts = [(i, first, n) for i, toss in enumerate(tosses) for first, n in _cuts(toss, dt, length, flight, skip)]
     following = len(cuts)
-    if model is not None:
+    scatter = (0.0, 0.0) if model is None else rest_scatter(tosses, model)
+    if model is not None and first_flights:
         cuts += [(i, first, n) for i, toss in enumerate(tosses) for first, n in _first_flight(toss, model, dt, flight)]
     W = len(cuts)
     q, v, y = np.empty((W, 7)), np.empty((W, 6)), np.empty((W, most, 7))
@@ -169,6 +182,7 @@ def make_windows(
             mix[w, row, some] = 1 / len(some)
             frame[w, row], phase[w, row] = first + 1 + some[0], toss.phase[first + 1 + some[0]]
     inside = np.asarray(mix.any(axis=2))
+    slow = _slow(q[:, 3:], y[..., 3:], mix, scatter)
     noise = np.where(inside[..., None], np.sqrt(mix**2 @ y_noise**2), 1.0)
     speeds = np.tile([SPEED_PRIOR] * 3 + [SPIN_PRIOR] * 3, (W, 1))
     return Windows(
@@ -187,8 +201,40 @@ def make_windows(
         phase=phase,
         dt=dt,
         prior=np.concatenate([first_noise, speeds], axis=1),
+        slow=slow,
+        root=_noise_root(slow, np.concatenate([first_noise[:, None], noise], axis=1)),
         free=np.arange(W) >= following,
     )
+
+
+def _slow(first: Array, then: Array, mix: Array, scatter: tuple[float, float]) -> Array:
+    """(W, 2, L + 1, L + 1) covariances of errors that change with attitude as a smooth Gaussian process does.
+
+    Args:
+        first: (W, 4) attitudes; then: (W, F, 4), of which a row has that of the frame in its middle (mix (W, L, F)).
+        scatter: standard deviations [m], [rad].
+    """
+    W, L, _ = mix.shape
+    out = np.zeros((W, 2, L + 1, L + 1))
+    if not any(scatter):
+        return out
+    middle = np.rint((mix * np.arange(mix.shape[2])).sum(2)).astype(int)
+    attitude = np.concatenate([first[:, None], np.take_along_axis(then, middle[..., None], axis=1)], axis=1)
+    # of the chord between rotation matrices, 1 - cos(angle): of the angle itself, the process would be none
+    apart = 2 * (1 - (attitude @ attitude.mT) ** 2)
+    there = np.concatenate([np.ones((W, 1), bool), mix.any(axis=2)], axis=1)
+    alike = np.exp(-apart / TURN**2) * there[:, :, None] * there[:, None, :]
+    out[:, 0], out[:, 1] = scatter[0] ** 2 * alike, scatter[1] ** 2 * alike
+    return out
+
+
+def _noise_root(slow: Array, noise: Array) -> Array:
+    """(W, 6, L + 1, L + 1) inverse Cholesky factors of slow errors and noise; noise (W, L + 1, 6)."""
+    cov = np.repeat(slow, 3, axis=1)
+    index = np.arange(cov.shape[-1])
+    cov[..., index, index] += noise.transpose(0, 2, 1) ** 2
+    out: Array = np.linalg.inv(np.linalg.cholesky(cov))
+    return out
 
 
 def _first_flight(toss: Toss, model: ObjectModel, dt: float, flight: int) -> list[tuple[int, int]]:
@@ -203,10 +249,12 @@ def _first_flight(toss: Toss, model: ObjectModel, dt: float, flight: int) -> lis
     if end < SHORTEST_FLIGHT:
         return []
     poses, cov = toss.measured
-    bend = np.diff(poses[: end + 1, :3], n=2, axis=0) / dt**2
-    noise = np.sqrt(np.maximum(np.einsum("nii->ni", cov[1:end])[:, :3].max(1), 0.0) * 6) / dt**2
-    jumped = np.flatnonzero(np.linalg.norm(bend - np.median(bend, axis=0), axis=1) > JUMP * GRAVITY + 6 * noise)
-    end = min(end, int(jumped[0])) if len(jumped) else end
+    # velocities over three frames, after less before
+    place, s = poses[: end + 1, :3], 3
+    bend = (place[2 * s :] - 2 * place[s:-s] + place[: -2 * s]) / (s * dt)
+    noise = np.sqrt(6 * np.maximum(np.einsum("nii->ni", cov[: end + 1])[:, :3].max(), 0.0)) / (s * dt)
+    jumped = np.flatnonzero(np.linalg.norm(bend - np.median(bend, axis=0), axis=1) > JUMP * GRAVITY * dt + 6 * noise)
+    end = min(end, s + int(jumped[0])) if len(jumped) else end
     if end < SHORTEST_FLIGHT:
         return []
     parts = -(-end // flight)
@@ -327,8 +375,9 @@ def _with_states(windows: Windows, index: NDArray[np.int64], at_q: Array, at_v: 
 
 def _near(at: Windows, S: Array, rng: np.random.Generator) -> Array:
     """(W, 12) moves of first states, drawn from twice their posterior's spread."""
-    H = S.mT @ (S / _variances(at)[..., None])
-    H[:, np.arange(12), np.arange(12)] += at.prior**-2.0
+    columns, _ = _whitened(at, S.reshape(len(S), -1, 6, 12), np.zeros((len(S), *at.inside.shape[1:], 6)))
+    H = columns.mT @ columns
+    H[:, _SPEEDS, _SPEEDS] += at.prior[:, 6:] ** -2.0
     # H = L L^T, so that L^-T z has covariance H^-1
     draw = rng.normal(size=(len(S), 12, 1))
     return 2 * np.linalg.solve(np.linalg.cholesky(H).mT, draw)[..., 0]
@@ -351,23 +400,21 @@ def _estimated(
     """Windows at refined states, misses there (W, 6 L), derivatives S (W, 6 L, 12), and costs (W,): -2 log posterior,
     but for constants. A window whose cost falls no more is left as it is."""
     W, L = windows.inside.shape
-    R, (other, center) = _variances(windows), engines
+    other, center = engines
 
     def examined(at: Windows, rows: NDArray[np.int64]) -> tuple[Array, Array, Array]:
         if near is None:
             miss, S = _sensitivity(at, world, n_threads=n_threads)
         else:
             miss, S = at.misses(at.predicted(world, n_threads=n_threads)).reshape(len(rows), 6 * L), near.by_state[rows]
-        off = miss - center * other[rows]
-        along = (other[rows] * off / R[rows]).sum(1) ** 2 / (1 + (other[rows] ** 2 / R[rows]).sum(1))
-        cost = np.minimum(off**2 / R[rows], 1e6).sum(1) - np.minimum(along, 1e6)
-        return miss, S, cost + (_off(at) ** 2 / at.prior**2).sum(1)
+        return miss, S, _cost(at, (miss - center * other[rows]).reshape(-1, L, 6), other[rows].reshape(-1, L, 6))
 
     kept, damping, rows = windows, np.zeros(W), np.arange(W)
     miss, S, cost = examined(kept, rows)
     for _ in range(refine):
         some = kept.rows(rows)
-        trial = _refined(some, miss[rows] - center * other[rows], S[rows], R[rows], other[rows], damping[rows])
+        off = (miss[rows] - center * other[rows]).reshape(-1, L, 6)
+        trial = _refined(some, off, S[rows], other[rows].reshape(-1, L, 6), damping[rows])
         trial_miss, trial_S, trial_cost = examined(trial, rows)
         better = trial_cost < cost[rows]
         falls = cost[rows] - trial_cost > SETTLED
@@ -382,20 +429,52 @@ def _estimated(
     return kept, miss, S, cost
 
 
-def _refined(at: Windows, miss: Array, S: Array, R: Array, other: Array, damping: Array) -> Windows:
+def _whitened(at: Windows, by_state: Array | None, miss: Array) -> tuple[Array, Array]:
+    """What the first state (W, L, 6, 12) and anything else (W, L, 6) put into the first recorded pose and into the
+    misses, in standard deviations of the poses' errors: (W, 6 (L + 1), 12) and (W, 6 (L + 1)).
+
+    Before `miss` comes the recorded first pose less that of linearisation, and before by_state's columns their 1.
+    """
+    W = len(miss)
+    if by_state is None:
+        columns = np.zeros((W, 0, 0))
+    else:
+        first = np.broadcast_to(np.eye(6, 12), (W, 1, 6, 12))
+        stacked = np.concatenate([first, by_state], axis=1).transpose(0, 2, 1, 3)
+        columns = (at.root @ stacked).reshape(W, -1, 12)
+    whole = np.concatenate([_off(at)[:, None, :6], miss], axis=1).transpose(0, 2, 1)
+    return columns, (at.root @ whole[..., None]).reshape(W, -1)
+
+
+def _other(at: Windows, other: Array) -> Array:
+    """(W, 6 (L + 1)) the other engine's difference (W, L, 6), whitened as misses are."""
+    whole = np.concatenate([np.zeros_like(other[:, :1]), other], axis=1).transpose(0, 2, 1)
+    out: Array = (at.root @ whole[..., None]).reshape(len(other), -1)
+    return out
+
+
+def _cost(at: Windows, miss: Array, other: Array) -> Array:
+    """(W,) -2 log posterior of first states, but for constants, with the best share of the other engine."""
+    _, r = _whitened(at, None, miss)
+    o = _other(at, other)
+    along = (o * r).sum(1) ** 2 / (1 + (o**2).sum(1))
+    out: Array = np.minimum(r**2, 1e6).sum(1) - np.minimum(along, 1e6)
+    return out + (_off(at)[:, 6:] ** 2 / at.prior[:, 6:] ** 2).sum(1)
+
+
+def _refined(at: Windows, miss: Array, S: Array, other: Array, damping: Array) -> Windows:
     """States moved toward their posterior mean, by information: 12 numbers a window, and the other engine's share.
 
     damping (W,): Marquardt's.
     """
-    W = len(S)
-    columns = np.concatenate([S, other[..., None]], axis=2)
-    weighted = columns / R[..., None]
-    H = columns.mT @ weighted
-    prior = np.concatenate([at.prior**-2.0, np.ones((W, 1))], axis=1)
+    columns, r = _whitened(at, S.reshape(len(S), -1, 6, 12), miss)
+    columns = np.concatenate([columns, _other(at, other)[..., None]], axis=2)
+    H, g = columns.mT @ columns, (columns.mT @ r[..., None])[..., 0]
+    H[:, _SPEEDS, _SPEEDS] += at.prior[:, 6:] ** -2.0
+    H[:, 12, 12] += 1.0
+    g[:, 6:12] += _off(at)[:, 6:] / at.prior[:, 6:] ** 2
     index = np.arange(13)
-    H[:, index, index] = (H[:, index, index] + prior) * (1 + damping[:, None])
-    g = (weighted.mT @ miss[..., None])[..., 0]
-    g[:, :12] += prior[:, :12] * _off(at)
+    H[:, index, index] *= 1 + damping[:, None]
     delta = np.linalg.solve(H, g[..., None])[:, :12, 0]
     at_q, at_v = _moved(at.at_q, at.at_v, np.clip(delta, -_MOST, _MOST))
     return replace(at, at_q=at_q, at_v=at_v)
@@ -414,10 +493,23 @@ def _whitening(
     mean = (S @ _off(windows)[..., None])[..., 0] + center * other
     mean[~np.repeat(windows.inside, 6, axis=1)] = 0.0
     new = np.arange(len(S)) if near is None else np.flatnonzero(fresh | (other != near.other).any(1))
-    SP = np.concatenate([S[new] * windows.prior[new, None, :], other[new, :, None]], axis=2)
+    some, by_pose = windows.rows(new), S[new, :, :6]
+    W, L = some.inside.shape
+    slow = np.repeat(some.slow, 3, axis=1)
+    # the first pose's own error (its noise and slow part), its speeds, and the other engine
+    first = np.sqrt(some.prior[:, :6] ** 2 + slow[:, :, 0, 0])
+    speeds = S[new, :, 6:] * some.prior[:, None, 6:]
+    SP = np.concatenate([by_pose * first[:, None], speeds, other[new, :, None]], axis=2)
     cov = SP @ SP.mT
     index = np.arange(cov.shape[1])
-    cov[:, index, index] += _variances(windows)[new]
+    cov[:, index, index] += _variances(some)
+    if slow.any():
+        # rows' slow errors are those of the first pose, as far as they are alike
+        shared = (by_pose[:, :, None, :] * slow[:, :, 0, 1:].transpose(0, 2, 1)[:, None]).reshape(W, 6 * L, 6 * L)
+        cov -= shared + shared.mT
+        blocks = cov.reshape(W, L, 6, L, 6)
+        for c in range(6):
+            blocks[:, :, c, :, c] += slow[:, c, 1:, 1:]
     root = np.zeros((len(S), *cov.shape[1:])) if near is None else near.root.copy()
     for k, factor in zip(new, np.linalg.cholesky(cov), strict=True):
         root[k] = _inverse_lower(factor)

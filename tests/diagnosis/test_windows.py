@@ -1,0 +1,63 @@
+"""Windows: first flights end before anything is hit, and slow errors of a tracker are no misses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.tossed import seen
+from tests.models.conftest import cube
+from tossid.diagnosis.windows import TURN, linearise, make_windows
+from tossid.objects import ObjectModel, corner_positions
+from tossid.physics.effects import World
+from tossid.rotations import quat_exp, quat_mul
+from tossid.types import Toss
+
+__all__ = ["cube"]
+
+
+@pytest.mark.parametrize("raised", [0.0, 0.02])
+def test_first_flights_end_before_the_ground_wherever_it_is(cube: ObjectModel, raised: float) -> None:
+    tosses = seen(World(cube, ground_height=raised), cube, 20, seed=0)
+    windows = make_windows(tosses, cube)
+    assert windows.free.sum() >= 8
+    for i in np.flatnonzero(windows.free):
+        last = windows.y[i, windows.steps[i] - 1]
+        assert corner_positions(cube, last)[:, 2].min() > raised - 1e-3
+        assert windows.frame[i, 0] == 1
+    assert not windows.counted[windows.free].any()
+
+
+def with_slow_errors(tosses: list[Toss], size: tuple[float, float]) -> list[Toss]:
+    """Tosses with errors that turn with the object."""
+    rng, out = np.random.default_rng(3), []
+    for toss in tosses:
+        quat = toss.q[:, 3:7]
+        alike = np.exp(-2 * (1 - (quat @ quat.T) ** 2) / TURN**2) + 1e-9 * np.eye(len(toss))
+        error = np.linalg.cholesky(alike) @ rng.normal(size=(len(toss), 6)) * np.repeat(size, 3)
+        q = toss.q.copy()
+        q[:, :3] += error[:, :3]
+        q[:, 3:7] = quat_mul(quat, quat_exp(error[:, 3:]))
+        out.append(replace(toss, q=q))
+    return out
+
+
+def test_slow_errors_are_known_from_rest_and_are_no_misses(cube: ObjectModel) -> None:
+    world = World(cube)
+    tosses = with_slow_errors(seen(world, cube, 24, seed=1, frames=150), (5e-4, 1e-2))
+
+    def rms(windows: object) -> float:
+        kept, whitening = linearise(windows, world, refine=6)  # type: ignore[arg-type]
+        r = whitening(kept.misses(kept.predicted(world)))[kept.inside]
+        return float(np.sqrt(np.minimum(r**2, 900.0).mean()))
+
+    known = make_windows(tosses, cube)
+    assert known.slow.any()
+    there = rms(known)
+    unknown = replace(
+        known, slow=0 * known.slow, root=make_windows(seen(world, cube, 24, seed=1, frames=150), cube).root
+    )
+    assert there < 1.6
+    assert rms(unknown) > 1.5 * there

@@ -1,0 +1,53 @@
+"""Scatter of resting poses: found where it is, none of noise, none of what all tosses share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.tossed import seen
+from tests.models.conftest import cube
+from tossid.motion.resting import FEWEST, FRAMES, rest_scatter
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World
+from tossid.rotations import quat_exp, quat_mul
+from tossid.types import Toss
+
+__all__ = ["cube"]
+
+
+@pytest.fixture(scope="module")
+def tosses(cube: ObjectModel) -> list[Toss]:
+    return seen(World(cube, ground_height=2e-3, ground_tilt=(0.01, 0.0)), cube, 24, seed=11, frames=150)
+
+
+def shifted(toss: Toss, up: float, turn: np.ndarray) -> Toss:
+    q = toss.q.copy()
+    q[:, 2] += up
+    q[:, 3:7] = quat_mul(q[:, 3:7], quat_exp(turn))
+    return replace(toss, q=q, q_measured=None, q_measured_cov=None)
+
+
+def test_noise_and_what_all_tosses_share_are_no_scatter(cube: ObjectModel, tosses: list[Toss]) -> None:
+    assert rest_scatter(tosses, cube) == (0.0, 0.0)
+
+
+def test_scatter_comes_back(cube: ObjectModel, tosses: list[Toss]) -> None:
+    rng = np.random.default_rng(0)
+    moved = [shifted(toss, 5e-4 * rng.normal(), 8e-3 * rng.normal(size=3)) for toss in tosses]
+    height, tilt = rest_scatter(moved, cube)
+    assert height == pytest.approx(5e-4, rel=0.6)
+    assert tilt == pytest.approx(8e-3, rel=0.6)
+
+
+def test_few_resting_tosses_tell_nothing(cube: ObjectModel, tosses: list[Toss]) -> None:
+    rng = np.random.default_rng(1)
+    moved = [shifted(toss, 5e-3 * rng.normal(), np.zeros(3)) for toss in tosses]
+    assert rest_scatter(moved[: FEWEST - 1], cube) == (0.0, 0.0)
+    short = [
+        replace(toss, **{k: getattr(toss, k)[: FRAMES - 1] for k in ("t", "q", "v", "q_cov", "v_cov", "phase")})
+        for toss in tosses
+    ]
+    assert rest_scatter(short, cube) == (0.0, 0.0)
