@@ -23,8 +23,8 @@ __all__ = ["cube"]
 
 EFFECTS = {effect.name: effect for effect in LIBRARY}
 SOME = [EFFECTS[name] for name in ("com_offset", "gravity", "linear_drag", "friction", "rolling_resistance")]
-TOSSES = 12
-QUICK = 3
+TOSSES = 16
+QUICK = 2
 MANY = 40
 
 
@@ -53,8 +53,12 @@ def test_nothing_rarely_gets_a_name(cube: ObjectModel, count: int) -> None:
 @pytest.mark.parametrize("count", COUNTS)
 @pytest.mark.parametrize(
     ("name", "truth"),
-    [("gravity", [9.7]), ("com_offset", [2e-3, -1e-3, 3e-3]), ("friction", [0.25])],
-    ids=["gravity", "com_offset", "friction"],
+    [
+        ("gravity", [9.6]),
+        ("friction", [0.25]),
+        pytest.param("com_offset", [2e-3, -1e-3, 3e-3], marks=pytest.mark.slow),
+    ],
+    ids=["gravity", "friction", "com_offset"],
 )
 def test_intervals_cover(cube: ObjectModel, name: str, truth: list[float], count: int) -> None:
     inside = []
@@ -65,10 +69,13 @@ def test_intervals_cover(cube: ObjectModel, name: str, truth: list[float], count
     assert len(inside) - sum(inside) <= most(len(inside), 0.15)
 
 
-@pytest.mark.parametrize("count", COUNTS)
-def test_a_larger_effect_is_found_more_often(cube: ObjectModel, count: int) -> None:
-    # a gravity that twelve tosses know to 1 mm/s², and one that they cannot know
-    found = {g: [each.named for each in diagnoses(cube, "gravity", [g], count, first=300)] for g in (9.8098, 9.79)}
-    rate = {g: float(np.mean(["gravity" in names for names in each])) for g, each in found.items()}
-    assert rate[9.79] >= 0.9
-    assert rate[9.8098] <= 0.34
+@pytest.mark.slow
+def test_a_larger_effect_is_found_more_often(cube: ObjectModel) -> None:
+    # flights of a fifth of a second in sixteen tosses know gravity to 1 cm/s²
+    found = {
+        g: [each.named for each in diagnoses(cube, "gravity", [g], MANY // 2, first=300)] for g in (9.809, 9.77, 9.5)
+    }
+    rates = [float(np.mean(["gravity" in names for names in each])) for each in found.values()]
+    assert rates[0] <= 0.15
+    assert rates[-1] >= 0.9
+    assert rates == sorted(rates)
