@@ -133,7 +133,7 @@ def _report(
     if not named:
         nothing = gap.total.value < 1.15 * gap.noise_floor or gap.total.low < gap.noise_floor
         verdict = "no_gap" if nothing else "unexplained"
-    elif not unexplained and (closed.value > 0.9 or left.total.value < FLOOR_REACHED * left.noise_floor):
+    elif left.total.value < FLOOR_REACHED * left.noise_floor or (closed.value > 0.9 and not unexplained):
         verdict = "explained"
     else:
         verdict = "partly_explained" if closed.value > 0.5 else "unexplained"

@@ -210,12 +210,27 @@ class Search:
 
     def judged(self, present: Candidate, effect: Effect | None, start: Hypothesis, iterations: int = 8) -> Candidate:
         """A hypothesis fitted to all tosses, and judged across the folds."""
-        fitted = fit(present.evidence, start, n_tosses=self.n, iterations=iterations)
+        begin = present.evidence
+        if effect is not None and effect.starts:
+            # far from the present hypothesis, and so are its first states
+            begin = replace(self.start(start, present).evidence, trust=begin.trust)
+        fitted = self._settled(fit(begin, start, n_tosses=self.n, iterations=iterations))
         ll = self.held_out(fitted)
         made = Candidate(effect, fitted, ll, np.zeros(len(ll)), np.zeros(self.n))
         gain = self.contest(made, present)
         nothing = np.zeros(0) if effect is None else effect.nominal(present.hypothesis.world())
         return replace(made, gain=gain, shown=self._shown(effect, fitted, nothing, self.of_tosses(gain)))
+
+    def _settled(self, fitted: Fitted) -> Fitted:
+        """With windows that fit badly begun anew, and all trusted as far as they fit under this hypothesis.
+
+        As far as they fitted under another would be a bias for that one: where misses only change, what grows costs
+        more than what shrinks brings.
+        """
+        evidence = self.with_engine(fitted.evidence, fitted.hypothesis)
+        residual = evidence.residual(fitted.hypothesis.world())
+        evidence = evidence.with_trust(residual)
+        return replace(fitted, evidence=evidence, residual=residual, scales=evidence.scales(residual))
 
     def held_out(self, fitted: Fitted, evidence: Evidence | None = None) -> Array:
         """(W,) log-likelihood of each window at values fitted to the other folds.
@@ -236,12 +251,15 @@ class Search:
     def contest(self, one: Candidate, other: Candidate) -> Array:
         """(W,) by how much log-likelihoods of windows are better under one hypothesis than under another.
 
-        Each is tried from the first states that suit the one and from those that suit the other, and has the better
-        of both: where contact is rough, how well first states were found differs by more than the hypotheses do.
+        Each is judged at its own first states, for which it has tried as hard as the other: states and their
+        uncertainty as they are for a rigid contact would not do for one that yields. Flight has no say on what does not
+        act in it: its windows count so much that how well their states were found would decide.
         """
-        here = np.maximum(one.log_likelihood, self.held_out(one.fitted, other.evidence))
-        there = np.maximum(other.log_likelihood, self.held_out(other.fitted, one.evidence))
-        return gains(here, there)
+        gain = gains(one.log_likelihood, other.log_likelihood)
+        flying = [{e.name for e in each.hypothesis.effects if Phase.FLIGHT in e.phases} for each in (one, other)]
+        if flying[0] == flying[1]:
+            gain = np.where(one.evidence.windows.free, 0.0, gain)
+        return gain
 
     def of_tosses(self, gain: Array) -> Array:
         """(n,) weighted sums over each toss's windows."""
@@ -511,15 +529,8 @@ class Search:
             present = less[max(useless, key=lambda name: self.of_tosses(less[name].gain).sum())]
 
     def _closed(self, before: Candidate, after: Candidate) -> Array:
-        """(W,) how much deviance a hypothesis has less than another, each from the better of both's first states."""
-        one, other = (
-            np.min(
-                [deviances(e, e.residual(each.hypothesis.world())) for e in (before.evidence, after.evidence)], axis=0
-            )
-            for each in (before, after)
-        )
-        out: Array = one - other
-        return out
+        """(W,) how much deviance a hypothesis has less than another."""
+        return deviances(before.evidence, before.fitted.residual) - deviances(after.evidence, after.fitted.residual)
 
     def _simplest(self, good: Sequence[Candidate]) -> Candidate:
         """The best, or a special case of it that is as good."""

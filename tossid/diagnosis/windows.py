@@ -49,7 +49,7 @@ UNEVEN = 0.3
 """Share by which a time step may differ from the median one."""
 BAD = 3.0
 """Standard deviations of chi-squared by which a window's cost may exceed its mean."""
-RESTART_STEPS = 4
+RESTART_STEPS, AFRESH_STEPS = 4, 6
 SETTLED = 0.02
 """By how much a window's cost falls at least in a step, for another one."""
 MOST_DAMPED = 1e3
@@ -321,8 +321,8 @@ def linearise(
 
     Args:
         refine: steps of Gauss and Newton, damped as Marquardt does, of the first states.
-        restarts: how often windows that fit badly are begun anew from states near by: where contact opens or closes,
-            the first state has several minima.
+        restarts: how often windows that fit badly are begun anew, from the recorded states and from states near by:
+            where contact opens or closes, the first state has several minima.
         near: the whitening of a world and states near by. Its derivatives spare those before the last; and those too
             in windows whose predictions are still the same.
         anew: whether the last are taken; if not, the whitening has the derivatives of `near`.
@@ -337,14 +337,22 @@ def linearise(
     n = 6 * windows.inside.sum(1)
     rng = np.random.default_rng(0)
     fresh = np.full(W, near is None)
-    for _ in range(restarts):
+    led = not np.array_equal(windows.at_v, windows.v)
+    for turn in range(restarts):
         bad = np.flatnonzero(cost > n + BAD * np.sqrt(2 * n))
         if not len(bad):
             break
         some = kept.rows(bad)
-        at_q, at_v = _moved(some.at_q, some.at_v, _near(some, S[bad], rng))
+        # once from what was recorded, if another hypothesis has led to where they are; then from near by
+        afresh = led and turn == 0
+        at_q, at_v = (some.q, some.v) if afresh else _moved(some.at_q, some.at_v, _near(some, S[bad], rng))
         tried, *there = _estimated(
-            replace(some, at_q=at_q, at_v=at_v), world, (other[bad], center), RESTART_STEPS, None, n_threads
+            replace(some, at_q=at_q, at_v=at_v),
+            world,
+            (other[bad], center),
+            AFRESH_STEPS if afresh else RESTART_STEPS,
+            None,
+            n_threads,
         )
         better = there[-1] < cost[bad]
         kept = _with_states(kept, bad[better], tried.at_q[better], tried.at_v[better])

@@ -341,7 +341,7 @@ LIBRARY: tuple[Effect, ...] = (
         _compliance,
         starts=tuple(
             {"stiffness_npm": k, "damping_nspm": d}
-            for k, d in ((6e4, 60.0), (2e4, 40.0), (2e4, 10.0), (5e3, 30.0), (5e3, 8.0), (1.5e3, 10.0))
+            for k, d in ((6e4, 120.0), (2e4, 60.0), (2e4, 15.0), (5e3, 30.0), (5e3, 8.0), (1.5e3, 10.0))
         ),
     ),
     Effect(
