@@ -217,7 +217,7 @@ class Search:
         fitted = self._settled(fit(begin, start, n_tosses=self.n, iterations=iterations))
         ll = self.held_out(fitted)
         made = Candidate(effect, fitted, ll, np.zeros(len(ll)), np.zeros(self.n))
-        gain = self.contest(made, present)
+        gain = self.contest(made, replace(present, log_likelihood=self._best_of(present, made.evidence)))
         nothing = np.zeros(0) if effect is None else effect.nominal(present.hypothesis.world())
         return replace(made, gain=gain, shown=self._shown(effect, fitted, nothing, self.of_tosses(gain)))
 
@@ -231,6 +231,14 @@ class Search:
         residual = evidence.residual(fitted.hypothesis.world())
         evidence = evidence.with_trust(residual)
         return replace(fitted, evidence=evidence, residual=residual, scales=evidence.scales(residual))
+
+    def _best_of(self, present: Candidate, evidence: Evidence) -> Array:
+        """(W,) log-likelihoods of a hypothesis at its own first states or at those of another, whichever suit it: what
+        was found on the way to the other must not count for the other."""
+        world = present.hypothesis.world()
+        there = evidence.renewed(world, refine=2)
+        there = there.with_trust(there.residual(world))
+        return np.maximum(present.log_likelihood, self.held_out(present.fitted, there))
 
     def held_out(self, fitted: Fitted, evidence: Evidence | None = None) -> Array:
         """(W,) log-likelihood of each window at values fitted to the other folds.
@@ -420,7 +428,8 @@ class Search:
         rigid = self.start(Hypothesis(base, effects, values))
         enough = LIKELY * self.contest(other, rigid).sum()
         for each in self.round(rigid, contact, lambda name: None, at_least=enough):
-            if self.of_tosses(self.contest(each, other)).sum() > 0:
+            belongs = self._belongs(rigid, rigid, each, len(library))
+            if belongs and self.better(each, other) < LEVEL / len(library):
                 return Hypothesis(base)
         return hypothesis
 
