@@ -40,16 +40,20 @@ def systems(cube: ObjectModel) -> dict[str, System]:
     }
 
 
+def falling(rng: np.random.Generator, count: int, *, lowest: float) -> tuple[np.ndarray, np.ndarray]:
+    """States (count, 7), (count, 6) a little above the ground, on their way down."""
+    q = np.zeros((count, 7))
+    q[:, 2] = rng.uniform(lowest, 0.15, count)
+    q[:, 3:] = rng.normal(size=(count, 4))
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    return q, rng.normal(size=(count, 6)) * [1, 1, 0.3, 6, 6, 6] - [0, 0, 1, 0, 0, 0]
+
+
 @pytest.mark.parametrize("name", ["nominal", "odd", "soft", "cohesive", "soft and cohesive", "slow"])
 @pytest.mark.parametrize("substeps", [1, 3])
 def test_it_agrees_with_the_tree(cube: ObjectModel, name: str, substeps: int, monkeypatch: pytest.MonkeyPatch) -> None:
     system = systems(cube)[name]
-    rng = np.random.default_rng(1)
-    q = np.zeros((40, 7))
-    q[:, 2] = rng.uniform(0.09, 0.15, 40)
-    q[:, 3:] = rng.normal(size=(40, 4))
-    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
-    v = rng.normal(size=(40, 6)) * [1, 1, 0.3, 6, 6, 6] - [0, 0, 1, 0, 0, 0]
+    q, v = falling(np.random.default_rng(1), 40, lowest=0.09)
     runs = []
     for _ in range(2):
         runs.append(simulate(system, q, v, n_steps=25, dt=DT, substeps=substeps, tolerance=1e-11))
@@ -86,12 +90,7 @@ def test_an_inertia_that_is_no_body_s_is_reported(cube: ObjectModel) -> None:
 @pytest.mark.parametrize("name", ["odd", "soft"])
 def test_impacts_in_parts_are_nearer_to_what_short_steps_give(cube: ObjectModel, name: str) -> None:
     system = systems(cube)[name]
-    rng = np.random.default_rng(4)
-    q = np.zeros((200, 7))
-    q[:, 2] = rng.uniform(0.1, 0.15, 200)
-    q[:, 3:] = rng.normal(size=(200, 4))
-    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
-    v = rng.normal(size=(200, 6)) * [1, 1, 0.3, 6, 6, 6] - [0, 0, 1, 0, 0, 0]
+    q, v = falling(np.random.default_rng(4), 200, lowest=0.1)
 
     def run(substeps: int, parts: int) -> np.ndarray:
         out = simulate(system, q, v, n_steps=6, dt=DT, substeps=substeps, impact_parts=parts)

@@ -26,9 +26,6 @@ NU = 4.0
 N_PHASES = 6
 FREE = 0
 """Place of free flight's windows among the phases."""
-FLIGHT_WEIGHT = 100.0
-"""What a window of free flight counts for, over one with contact. Contact is never modelled as well as flight: what
-both speak of, flight decides (cut feedback; Plummer, Stat. Comput. 2015), but where it knows it ten times less well."""
 CAP = 30.0
 """Whitened misses beyond this count as this: a chaotic impact is one impact."""
 ITERATIONS = 8
@@ -123,11 +120,6 @@ class Evidence:
         engines = None if self.engines is None else (self.engines[0][rows], self.engines[1])
         trust = None if self.trust is None else self.trust[rows]
         return Evidence(self.windows.rows(rows), self.whitening.rows(rows), self.n_threads, engines, trust)
-
-    @property
-    def weights(self) -> Array:
-        """(W,) what each window counts for: where only flight speaks clearly, contact is to add little."""
-        return np.where(self.windows.free, FLIGHT_WEIGHT, 1.0)
 
     def with_trust(self, residual: Array) -> Evidence:
         """With each window trusted as far as it fits: the root mean square of its misses, at least 1."""
@@ -262,7 +254,7 @@ def toss_sums(evidence: Evidence, residual: Array, J: Array, scales: Array, n_to
     weight = np.where(w.inside[..., None], weight, 0.0)
     H_w = np.einsum("wlc,wlci,wlcj->wij", weight, J, J, optimize=True)
     g_w = np.einsum("wlc,wlci,wlc->wi", weight, J, residual, optimize=True)
-    share = _leverage(np.einsum("wii->wi", H_w)) * evidence.weights
+    share = _leverage(np.einsum("wii->wi", H_w)) * evidence.windows.weights
     H_w, g_w = H_w * share[:, None, None], g_w * share[:, None]
     H, g = np.zeros((n_tosses, *H_w.shape[1:])), np.zeros((n_tosses, g_w.shape[1]))
     np.add.at(H, w.toss, H_w)
@@ -324,7 +316,7 @@ def fit(evidence: Evidence, start: Hypothesis, *, n_tosses: int, iterations: int
         renewed = there.residual(moved.world())
         # from the states of before, and from those that suit the step
         plain = there.log_likelihood(there.residual(hypothesis.world()), scales)
-        followed = gains(there.log_likelihood(renewed, scales), plain) @ there.weights
+        followed = gains(there.log_likelihood(renewed, scales), plain) @ there.windows.weights
         gain = 0.5 * (gained(trial) + float(followed))
         if gain <= 0:
             # better around the states of before only
@@ -341,6 +333,12 @@ def fit(evidence: Evidence, start: Hypothesis, *, n_tosses: int, iterations: int
     return Fitted(hypothesis, evidence, residual, evidence.scales(residual), H, g)
 
 
+def student_deviance(residual: Array) -> Array:
+    """Student's deviance of whitened misses, which a chaotic impact does not drown."""
+    value: Array = (NU + 1) * np.log1p(residual**2 / NU)
+    return value
+
+
 def gains(after: Array, before: Array) -> Array:
     """(W,) by how much windows' log-likelihoods grow, in proportion up to `LARGE`, logarithmically beyond: what an
     effect explains, it explains in many windows; one that falls into another minimum of its first state does not
@@ -350,7 +348,7 @@ def gains(after: Array, before: Array) -> Array:
 
 
 def _gained(evidence: Evidence, scales: Array, before: Array, residual: Array) -> float:
-    return float(gains(evidence.log_likelihood(residual, scales), before) @ evidence.weights)
+    return float(gains(evidence.log_likelihood(residual, scales), before) @ evidence.windows.weights)
 
 
 def _difference_sizes(H: Array) -> Array:

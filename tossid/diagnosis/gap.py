@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Gap, Interval, Share, Step
-from tossid.diagnosis.fitting import CAP, N_PHASES, NU, Evidence
+from tossid.diagnosis.fitting import CAP, N_PHASES, Evidence, student_deviance
 from tossid.diagnosis.windows import Windows, linearise, make_windows, steps_of
 from tossid.motion import flight_states
 from tossid.physics.effects import World
@@ -31,9 +31,8 @@ LEFT = 0.15
 
 
 def deviance(evidence: Evidence, residual: Array) -> Array:
-    """(W, L, 6) Student's deviance of whitened misses, which a chaotic impact does not drown; 0 outside the windows."""
-    value = (NU + 1) * np.log1p(residual**2 / NU)
-    return np.where(evidence.windows.counted[..., None], value, 0.0)
+    """(W, L, 6) Student's deviance of whitened misses, in the windows that follow one another; 0 outside them."""
+    return np.where(evidence.windows.counted[..., None], student_deviance(residual), 0.0)
 
 
 def by_toss(evidence: Evidence, values: Array, n: int) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.engines import MujocoWorld
-from tossid.diagnosis.fitting import CAP, NU, Evidence, Hypothesis
+from tossid.diagnosis.fitting import CAP, Evidence, Hypothesis, student_deviance
 from tossid.diagnosis.gap import bootstrap_ratio, by_toss, deviance, first_states
 from tossid.diagnosis.patch import Patch
 from tossid.diagnosis.windows import Windows, linearise, make_windows
@@ -62,7 +62,7 @@ def rerun(
         simulated = MujocoWorld(model, replace(worlds[name], ground_height=0.0, ground_tilt=(0.0, 0.0)))
         evidence, residual = _misses(windows, worlds[name], simulated, n_threads=n_threads)
         excess[name] = by_toss(evidence, _excess(evidence, residual), n)
-        inside = evidence.windows.counted[..., None] * np.ones(6)
+        inside = evidence.windows.inside[..., None] * np.ones(6)
         squares = np.where(inside > 0, np.minimum(residual**2, CAP**2), 0.0)
         ratio = bootstrap_ratio(by_toss(evidence, squares, n), by_toss(evidence, inside, n))
         out["gap"][name] = {"value": math.sqrt(ratio.value), "ci95": [math.sqrt(ratio.low), math.sqrt(ratio.high)]}
@@ -79,13 +79,8 @@ def rerun(
 def _excess(evidence: Evidence, residual: Array) -> Array:
     """(W, L, 6) deviance above what a standard normal has on average; 0 outside the windows."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(60)
-    floor = float(weights @ _deviance_of(nodes) / weights.sum())
-    return np.where(evidence.windows.counted[..., None], deviance(evidence, residual) - floor, 0.0)
-
-
-def _deviance_of(r: Array) -> Array:
-    value: Array = (NU + 1) * np.log1p(r**2 / NU)
-    return value
+    floor = float(weights @ student_deviance(nodes) / weights.sum())
+    return np.where(evidence.windows.inside[..., None], deviance(evidence, residual) - floor, 0.0)
 
 
 def _affordable(tosses: Sequence[Toss], timestep: float) -> Sequence[Toss]:

@@ -23,17 +23,16 @@ from scipy.stats import wilcoxon
 
 from tossid.diagnosis.engines import LIFTING, Engine
 from tossid.diagnosis.fitting import (
-    FLIGHT_WEIGHT,
-    NU,
     Evidence,
     Fitted,
     Hypothesis,
     derivatives,
     fit,
     gains,
+    student_deviance,
     toss_sums,
 )
-from tossid.diagnosis.windows import Windows, linearise
+from tossid.diagnosis.windows import FLIGHT_WEIGHT, Windows, linearise
 from tossid.physics.effects import Effect, World
 from tossid.types import Phase
 
@@ -98,7 +97,7 @@ class Candidate:
     def total(self) -> float:
         """Log-likelihood gained; of what acts in flight, contact counts as little for it as in the fit."""
         share = FLIGHT_WEIGHT if self.effect is not None and Phase.FLIGHT in self.effect.phases else 1.0
-        return float(self.gain @ self.evidence.weights) / share
+        return float(self.gain @ self.evidence.windows.weights) / share
 
     @property
     def p_value(self) -> float:
@@ -271,8 +270,8 @@ class Search:
 
     def of_tosses(self, gain: Array) -> Array:
         """(n,) weighted sums over each toss's windows."""
-        weights = np.where(self.windows.free, FLIGHT_WEIGHT, 1.0)
-        return np.bincount(self.windows.toss, weights=gain * weights, minlength=self.n).astype(float)
+        weights = gain * self.windows.weights
+        return np.bincount(self.windows.toss, weights=weights, minlength=self.n).astype(float)
 
     def better(self, one: Candidate, other: Candidate) -> float:
         """p-value that one predicts the tosses no better than another."""
@@ -315,7 +314,7 @@ class Search:
         are far from it.
         """
         now, e0 = present.fitted, present.evidence
-        weights = e0.weights
+        weights = e0.windows.weights
 
         def ll(e: Evidence, hypothesis: Hypothesis, residual: Array | None = None) -> Array:
             return e.log_likelihood(e.residual(hypothesis.world()) if residual is None else residual, now.scales)
@@ -400,8 +399,8 @@ class Search:
         library = [effect for effect in library if Phase.FLIGHT in effect.phases]
         first = search.start(hypothesis)
         path = search._forward(first, [first], {}, library, lambda turn, name: None)
-        present, less = search._pruned(first, path.history[-1], len(library))
-        needed, found = search._stand_ins(present, less, library, path.classes)
+        present = path.history[-1]
+        needed, found = search._stand_ins(present, path.less, library, path.classes)
         return Found(first, present, path.history, path.tried, {}, needed, found)
 
     def _with_law(
@@ -462,6 +461,7 @@ class Search:
         """Rounds from the last hypothesis of a history until no effect belongs."""
         history, classes, present = list(history), dict(classes), history[-1]
         tried: dict[str, Candidate] = {}
+        less: dict[str, Candidate] = {}
         for k in range(MOST_EFFECTS - len(present.hypothesis.effects)):
             tell(k, "")
             fitted = self.round(present, library, partial(tell, k))
@@ -474,13 +474,9 @@ class Search:
             alike = sorted((each for each in fitted if self._alike(present, best, each)), key=lambda each: -each.total)
             classes[best.name] = tuple(each.name for each in alike)
             tried.setdefault(best.name, best)
-            present = self._refreshed(best)
+            present, less = self._pruned(first, self._refreshed(best), len(library))
             history.append(present)
-            pruned, _ = self._pruned(first, present, len(library))
-            if pruned is not present:
-                present = pruned
-                history[-1] = present
-        return Path(tuple(history), tried, classes)
+        return Path(tuple(history), tried, classes, less)
 
     def _stand_ins(
         self,
@@ -577,17 +573,18 @@ class Search:
 
 @dataclass(frozen=True)
 class Path:
-    """How a search went: hypotheses on the way, what its first round tried, and by name what seemed alike."""
+    """How a search went: hypotheses on the way, what its first round tried, by name what seemed alike, and the last
+    hypothesis without each effect (none if nothing joined)."""
 
     history: tuple[Candidate, ...]
     tried: dict[str, Candidate]
     classes: dict[str, tuple[str, ...]]
+    less: dict[str, Candidate]
 
 
 def deviances(evidence: Evidence, residual: Array) -> Array:
     """(W,) Student's deviance of all windows' misses."""
-    value = np.where(evidence.windows.inside[..., None], NU * np.log1p(residual**2 / NU), 0.0)
-    out: Array = (NU + 1) / NU * value.sum((1, 2))
+    out: Array = np.where(evidence.windows.inside[..., None], student_deviance(residual), 0.0).sum((1, 2))
     return out
 
 

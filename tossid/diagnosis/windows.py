@@ -39,6 +39,9 @@ SHORTEST_FLIGHT = 6
 """Frames of a first flight that gets a window of its own."""
 JUMP = 3.0
 """Gravity's change of velocity in a frame, times which, beside noise, a velocity jumps where something is hit."""
+FLIGHT_WEIGHT = 100.0
+"""What a window of free flight counts for, over one with contact. Contact is never modelled as well as flight: what
+both speak of, flight decides (cut feedback; Plummer, Stat. Comput. 2015), but where it knows it ten times less well."""
 BEFORE_LANDING = 10
 """Frames of flight that are left to the window with the landing, whose first velocity they tell."""
 SPEED_PRIOR, SPIN_PRIOR = 0.5, 5.0
@@ -114,6 +117,11 @@ class Windows:
     def counted(self) -> NDArray[np.bool_]:
         """(W, L) rows of the windows that follow one another, in which each frame is once."""
         return self.inside & ~self.free[:, None]
+
+    @property
+    def weights(self) -> Array:
+        """(W,) what each window counts for: where only flight speaks clearly, contact is to add little."""
+        return np.where(self.free, FLIGHT_WEIGHT, 1.0)
 
     def predicted(self, world: World, q: Array | None = None, v: Array | None = None, *, n_threads: int = 1) -> Array:
         """(W, F, 7) recorded poses as the world predicts them from (q, v), or from the states of linearisation."""

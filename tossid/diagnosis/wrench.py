@@ -25,7 +25,7 @@ from tossid.diagnosis.windows import Windows
 from tossid.objects import GRAVITY, ObjectModel, corner_positions
 from tossid.physics import Residual, n_features
 from tossid.physics.effects import World
-from tossid.rotations import quat_boxminus, quat_rotate
+from tossid.rotations import quat_boxminus, quat_conj, quat_rotate
 from tossid.types import Phase
 
 Array = NDArray[np.float64]
@@ -196,7 +196,7 @@ def _components(wrench: Array, cov: Array, velocity: Array, spin: Array, turned:
     left = np.cross(z, along)
     rate = np.linalg.norm(spin, axis=1)
     about = spin / np.maximum(rate, STILL)[:, None]
-    back = turned * np.array([1.0, -1.0, -1.0, -1.0])
+    back = quat_conj(turned)
     always, moving, turning = np.ones(W, dtype=bool), speed > SLOW, rate > STILL
     force = [(x, always), (y, always), (z, always), (along, moving), (left, moving)]
     torque = [(x, always), (y, always), (z, always), (about, turning), (left, moving)]

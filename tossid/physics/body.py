@@ -140,7 +140,6 @@ def simulate_body(  # type: ignore[no-untyped-def]
     h = dt / substeps
     over_m = 1.0 / mass
     soft = compliance / (h * (h + relaxation))
-    parts, left = 1, 0
     rigid = compliance == 0.0 and relaxation == 0.0
     learned = linear.shape[0] > 0
     held = lawful and (law.torsional != 0.0 or law.rolling != 0.0 or law.adhesion != 0.0)
