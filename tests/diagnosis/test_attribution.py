@@ -11,7 +11,7 @@ from tests.diagnosis.tossed import seen
 from tests.models.conftest import cube
 from tossid.diagnosis.attribution import diagnose
 from tossid.diagnosis.fitting import Evidence, Hypothesis, fit
-from tossid.diagnosis.search import one_sided
+from tossid.diagnosis.judging import one_sided
 from tossid.diagnosis.windows import linearise, make_windows
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, Effect, Recording, World

@@ -18,11 +18,11 @@ from tossid.diagnosis import gap as gaps
 from tossid.diagnosis.findings import Corner, Diagnosis, Gap, Interval, Place, Relation
 from tossid.diagnosis.fitting import Evidence, Hypothesis
 from tossid.diagnosis.gap import measure_gap, noise_floor
+from tossid.diagnosis.judging import Judge, folds
 from tossid.diagnosis.place import corner_shares
 from tossid.diagnosis.place_figures import corners, place_figures
 from tossid.diagnosis.place_figures import residual_wrench as wrench_figure
 from tossid.diagnosis.report import report_html
-from tossid.diagnosis.search import Search, folds
 from tossid.diagnosis.windows import linearise, make_windows
 from tossid.diagnosis.words import place_of, where_words
 from tossid.diagnosis.wrench import (
@@ -226,10 +226,10 @@ def test_a_wrong_corner_has_the_gap(cube: ObjectModel, monkeypatch: pytest.Monke
     places = cube.corner_pos.copy()
     places[wrong] *= 0.95
     tosses = seen(World(cube.with_changes(corner_pos=places)), cube, n, seed=2)
-    search = Search(make_windows(tosses, cube), n, folds(n, np.random.default_rng(0)))
-    first = search.start(Hypothesis(World(cube)))
+    judge = Judge(make_windows(tosses, cube), n, folds(n, np.random.default_rng(0)))
+    first = judge.start(Hypothesis(World(cube)))
     monkeypatch.setattr(gaps, "LENGTHS", ())
-    measured = measure_gap(tosses, first, search, noise_floor(first, search, seed=0))
+    measured = measure_gap(tosses, first, judge, noise_floor(first, judge, seed=0))
     shares = corner_shares(tosses, World(cube), measured, 1 / 148)
     assert shares[wrong].share.value > 0.6
     assert shares[wrong].share.low > 0.4

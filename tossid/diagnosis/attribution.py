@@ -6,8 +6,10 @@ was not found the smallest size that these tosses would have shown.
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +19,9 @@ from tossid.diagnosis.engines import Engine
 from tossid.diagnosis.findings import Contact, Diagnosis, Finding, Interval, Verdict
 from tossid.diagnosis.fitting import Fitted, Hypothesis, derivatives, fit, toss_sums
 from tossid.diagnosis.gap import Floor, measure_gap, noise_floor, rollout_errors, share_left
+from tossid.diagnosis.judging import Candidate, Judge, folds
 from tossid.diagnosis.place import located
-from tossid.diagnosis.search import Candidate, Found, Search, folds
+from tossid.diagnosis.search import Found, Search
 from tossid.diagnosis.windows import LENGTH, make_windows
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, Effect, World
@@ -56,17 +59,19 @@ def diagnose(
     started = time.perf_counter()
     tell = progress or (lambda text, share: None)
     n = len(tosses)
-    search = Search(make_windows(tosses, world.object), n, folds(n, np.random.default_rng(seed)), n_threads, engine)
+    parts = folds(n, np.random.default_rng(seed))
+    judge = Judge(make_windows(tosses, world.object), n, parts, n_threads, engine or Engine())
     tell("the gap", 0.02)
-    found = search.run(Hypothesis(search.with_contact(world)), library, tell)
+    judge, world = judge.with_contact(world)
+    found = Search(judge, library, tell).run(Hypothesis(world))
     tell("cut elsewhere", 0.92)
-    found, spread = _cut_elsewhere(tosses, world.object, search, found)
+    found, spread = _cut_elsewhere(tosses, world.object, judge, found)
     tell("what is left", 0.97)
-    return _report(tosses, library, search, found, spread, started, seed)
+    return _report(tosses, library, judge, found, spread, started, seed)
 
 
 def _cut_elsewhere(
-    tosses: Sequence[Toss], model: ObjectModel, search: Search, found: Found
+    tosses: Sequence[Toss], model: ObjectModel, judge: Judge, found: Found
 ) -> tuple[Found, Array | None]:
     """The search's result at values that do not depend on where tosses are cut: medians of fits to several sets of
     windows, and their standard deviations (P,).
@@ -76,14 +81,15 @@ def _cut_elsewhere(
     present = found.present
     if not present.hypothesis.effects:
         return found, None
-    values = [present.hypothesis.flat()]
-    for skip in CUTS:
-        windows = make_windows(tosses, model, skip=skip)
-        other = Search(windows, search.n, search.folds, search.n_threads, search.engine)
+
+    def fitted(skip: int) -> Array:
+        other = replace(judge, windows=make_windows(tosses, model, skip=skip))
         start = other.start(present.hypothesis).evidence
-        values.append(fit(start, present.hypothesis, n_tosses=search.n).hypothesis.flat())
+        return fit(start, present.hypothesis, n_tosses=judge.n).hypothesis.flat()
+
+    values = np.array([present.hypothesis.flat(), *judge.each(fitted, CUTS)])
     middle = present.hypothesis.at(np.median(values, axis=0))
-    settled = search.judged(present, present.effect, middle, 0)
+    settled = judge.judged(present, present.effect, middle, 0)
     return found.ending(settled), np.std(values, axis=0, ddof=1)
 
 
@@ -117,18 +123,18 @@ def intervals(fitted: Fitted, n: int, spread: Array | None = None) -> dict[str, 
 def _report(
     tosses: Sequence[Toss],
     library: Sequence[Effect],
-    search: Search,
+    judge: Judge,
     found: Found,
     spread: Array | None,
     started: float,
     seed: int,
 ) -> Diagnosis:
-    n, first, present = search.n, found.first, found.present
-    floor = noise_floor(present, search, seed=seed)
-    gap = measure_gap(tosses, first, search, floor)
-    left = measure_gap(tosses, present, search, floor) if present.hypothesis.effects else gap
+    n, first, present = judge.n, found.first, found.present
+    floor = noise_floor(present, judge, seed=seed)
+    gap = measure_gap(tosses, first, judge, floor)
+    left = measure_gap(tosses, present, judge, floor) if present.hypothesis.effects else gap
     named = tuple(sorted((e.name for e in present.hypothesis.effects), key=lambda name: -found.needed[name].total))
-    closed, unexplained = share_left(first, present, search, floor)
+    closed, unexplained = share_left(first, present, judge, floor)
     verdict: Verdict
     if not named:
         nothing = gap.total.value < 1.15 * gap.noise_floor or gap.total.low < gap.noise_floor
@@ -137,45 +143,47 @@ def _report(
         verdict = "explained"
     else:
         verdict = "partly_explained" if closed.value > 0.5 else "unexplained"
-    swapped = [each.hypothesis for others in found.classes.values() for each in others]
     return Diagnosis(
         verdict=verdict,
         gap=gap,
         left=left,
-        findings=_findings(library, search, found, named, floor, spread),
+        findings=_findings(library, judge, found, named, floor, spread),
         named=named,
         gap_closed=closed,
         unexplained=unexplained,
-        steps=tuple(rollout_errors(tosses, each, search) for each in found.history),
+        steps=tuple(rollout_errors(tosses, each, judge) for each in found.history),
         hypothesis=present.hypothesis,
         n_tosses=n,
         seconds=time.perf_counter() - started,
-        alternatives=tuple(swapped),
-        contact=_contact(search, found),
+        alternatives=found.swapped,
+        contact=_contact(judge, found),
         place=located(tosses, first, present, gap, left, seed=seed),
     )
 
 
-def _contact(search: Search, found: Found) -> Contact:
-    if search.engine.model is not None:
+def _contact(judge: Judge, found: Found) -> Contact:
+    if judge.engine.model is not None:
         return "own"
     return "relaxed" if found.first.hypothesis.base.law.lifting > 0 else "coulomb"
 
 
 def _findings(
-    library: Sequence[Effect], search: Search, found: Found, named: Sequence[str], floor: Floor, spread: Array | None
+    library: Sequence[Effect], judge: Judge, found: Found, named: Sequence[str], floor: Floor, spread: Array | None
 ) -> tuple[Finding, ...]:
-    n, present = search.n, found.present
+    n, present = judge.n, found.present
     known = intervals(present.fitted, n, spread)
     stands_for = {each.name: (name, each) for name, group in found.classes.items() for each in group}
+    flown = _closed_by_flown(judge, found, floor)
     out = []
     for effect in library:
         alone = found.tried.get(effect.name)
         shown = alone or found.in_flight.get(effect.name)
-        closes = Interval(0.0, 0.0, 0.0) if alone is None else share_left(found.first, alone, search, floor)[0]
+        closes = flown.get(effect.name, Interval(0.0, 0.0, 0.0))
+        if alone is not None:
+            closes = share_left(found.first, alone, judge, floor)[0]
         group: tuple[str, ...] = ()
         parameters: dict[str, Interval] = {}
-        sizes, seen = _detectable(search, present, effect)
+        sizes, seen = _detectable(judge, present, effect)
         if effect.name in named:
             shown, parameters = found.needed[effect.name], known[effect.name]
             group = tuple(each.name for each in found.classes[effect.name])
@@ -183,7 +191,7 @@ def _findings(
         elif effect.name in stands_for:
             name, each = stands_for[effect.name]
             shown, parameters = each, intervals(each.fitted, n)[effect.name]
-            closes = share_left(found.first, each, search, floor)[0]
+            closes = flown[name] if name in flown else share_left(found.first, each, judge, floor)[0]
             group = (name, *(o.name for o in found.classes[name] if o.name != effect.name))
             verdict = "confusable"
         else:
@@ -208,7 +216,18 @@ def _findings(
     return tuple(out)
 
 
-def _detectable(search: Search, present: Candidate, effect: Effect) -> tuple[dict[str, float], bool]:
+def _closed_by_flown(judge: Judge, found: Found, floor: Floor) -> dict[str, Interval]:
+    """Shares of the gap that each effect which flight has shown closes beyond those before it."""
+    out = {}
+    for before, after in itertools.pairwise(found.history[: found.flown + 1]):
+        more = share_left(found.first, after, judge, floor)[0]
+        less = Interval(0.0, 0.0, 0.0) if before is found.first else share_left(found.first, before, judge, floor)[0]
+        name = found.present.hypothesis.effects[len(before.hypothesis.effects)].name
+        out[name] = Interval(more.value - less.value, more.low - less.value, more.high - less.value)
+    return out
+
+
+def _detectable(judge: Judge, present: Candidate, effect: Effect) -> tuple[dict[str, float], bool]:
     """Smallest size of each parameter that would have shown, and whether any of it lies within the plausible range."""
     hypothesis = present.hypothesis
     names = [other.name for other in hypothesis.effects]
@@ -219,7 +238,7 @@ def _detectable(search: Search, present: Candidate, effect: Effect) -> tuple[dic
     own = list(range(start, start + len(effect.parameters)))
     residual = present.fitted.residual
     J = derivatives(present.evidence, hypothesis, residual, own)[..., own]
-    H, _ = toss_sums(present.evidence, residual, J, present.fitted.scales, search.n)
+    H, _ = toss_sums(present.evidence, residual, J, present.fitted.scales, judge.n)
     total = H.sum(0)
     sizes, seen = {}, False
     for i, parameter in enumerate(effect.parameters):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.fitting import Hypothesis
 from tossid.diagnosis.gap import noise_floor, share_left
-from tossid.diagnosis.search import Search, folds
+from tossid.diagnosis.judging import Judge, folds
 from tossid.diagnosis.windows import make_windows
 from tossid.errors import InputError
 from tossid.physics import simulate
@@ -372,12 +372,12 @@ def closable_share(
 ) -> float:
     """Share of the gap that the true effects close: what is left then is not the diagnosis's to close."""
     n = len(tosses)
-    search = Search(make_windows(tosses, world.object), n, folds(n, np.random.default_rng(seed)), n_threads)
-    lifting = search.with_contact(world_with(world, effects)).law.lifting
-    world = replace(world, law=world.law._replace(lifting=lifting))
-    first, last = search.start(Hypothesis(world)), search.start(Hypothesis(world_with(world, effects)))
-    floor = noise_floor(last, search, seed=seed)
-    return share_left(first, last, search, floor)[0].value
+    judge = Judge(make_windows(tosses, world.object), n, folds(n, np.random.default_rng(seed)), n_threads)
+    judge, best = judge.with_contact(world_with(world, effects))
+    world = replace(world, law=world.law._replace(lifting=best.law.lifting))
+    first, last = judge.start(Hypothesis(world)), judge.start(Hypothesis(world_with(world, effects)))
+    floor = noise_floor(last, judge, seed=seed)
+    return share_left(first, last, judge, floor)[0].value
 
 
 def score(truth: Mapping[str, Any], gap: Mapping[str, Any], *, closable: float | None = None) -> dict[str, Any]:

@@ -10,6 +10,7 @@ c ~ N(0, 1). Where a MuJoCo model is asked about, its difference to our reading 
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, replace
 
@@ -54,11 +55,11 @@ class MujocoWorld:
         Raises:
             InputError: the model has more state than one free body.
         """
-        m, rate = self.model, self.recorded.recording.clock_rate
+        m, rate = copy.copy(self.model), self.recorded.recording.clock_rate
         if mujoco.mj_stateSize(m, mujoco.mjtState.mjSTATE_FULLPHYSICS) != 14 or m.nq != 7:
             raise InputError(f"the MuJoCo model has {m.nq} coordinates and actuators or plugins beside one free body")
-        kept = m.opt.timestep
-        count = math.ceil(dt / rate / kept - 1e-9)
+        count = math.ceil(dt / rate / m.opt.timestep - 1e-9)
+        m.opt.timestep = dt / rate / count
         q, v = self.recorded.to_ground(q0, v0)
         start = np.concatenate([np.zeros((len(q), 1)), q, v], axis=1)
         steps = int(np.max(n_steps))
@@ -66,21 +67,17 @@ class MujocoWorld:
         out[:, 0] = q
         data = [mujoco.MjData(m) for _ in range(max(1, n_threads))]
         at_once = max(n_threads, _ROWS_AT_ONCE // (steps * count), 1)
-        try:
-            m.opt.timestep = dt / rate / count
-            for first in range(0, len(q), at_once):
-                part = slice(first, first + at_once)
-                with quiet():
-                    states, _ = rollout.rollout(m, data, start[part], nstep=steps * count)
-                frames = np.asarray(states)[:, count - 1 :: count]
-                # a toss on which MuJoCo gave up begins anew: its clock falls behind
-                clock = np.arange(1, steps + 1) * count * m.opt.timestep
-                good = np.isfinite(frames).all(-1) & (np.abs(frames[..., 0] - clock) < 1e-6 * clock[-1])
-                good &= np.abs(frames[..., 1:4]).max(-1) < LARGEST
-                good = np.logical_and.accumulate(good, axis=1)
-                out[part, 1:] = np.where(good[..., None], frames[..., 1:8], np.nan)
-        finally:
-            m.opt.timestep = kept
+        for first in range(0, len(q), at_once):
+            part = slice(first, first + at_once)
+            with quiet():
+                states, _ = rollout.rollout(m, data, start[part], nstep=steps * count)
+            frames = np.asarray(states)[:, count - 1 :: count]
+            # a toss on which MuJoCo gave up begins anew: its clock falls behind
+            clock = np.arange(1, steps + 1) * count * m.opt.timestep
+            good = np.isfinite(frames).all(-1) & (np.abs(frames[..., 0] - clock) < 1e-6 * clock[-1])
+            good &= np.abs(frames[..., 1:4]).max(-1) < LARGEST
+            good = np.logical_and.accumulate(good, axis=1)
+            out[part, 1:] = np.where(good[..., None], frames[..., 1:8], np.nan)
         return self.recorded.recorded_poses(out)
 
 

@@ -71,6 +71,17 @@ class Hypothesis:
         kept = [(e, v) for e, v in zip(self.effects, self.values, strict=True) if e.name != name]
         return Hypothesis(self.base, tuple(e for e, _ in kept), tuple(v for _, v in kept))
 
+    def values_of(self, name: str) -> Array:
+        """(P,) of the effect of that name."""
+        return next(values for effect, values in zip(self.effects, self.values, strict=True) if effect.name == name)
+
+    def with_instead(self, name: str, effect: Effect, values: Array) -> Hypothesis:
+        """With another effect in the place of the effect of that name."""
+        k = [each.name for each in self.effects].index(name)
+        effects, all_values = list(self.effects), list(self.values)
+        effects[k], all_values[k] = effect, values
+        return Hypothesis(self.base, tuple(effects), tuple(all_values))
+
     @property
     def steps(self) -> Array:
         """(P,) units of all parameters, in order."""
@@ -273,22 +284,32 @@ def _leverage(size: Array) -> Array:
     return share
 
 
-def fit(evidence: Evidence, start: Hypothesis, *, n_tosses: int, iterations: int = ITERATIONS) -> Fitted:
-    """Fit all parameters of a hypothesis, and the windows' first states with them.
+def fit(
+    evidence: Evidence,
+    start: Hypothesis,
+    *,
+    n_tosses: int,
+    iterations: int = ITERATIONS,
+    held: frozenset[str] = frozenset(),
+) -> Fitted:
+    """Fit a hypothesis's parameters, and the windows' first states with them.
 
     Args:
         evidence: around a hypothesis near by.
         start: values to begin with.
+        held: names of effects whose values stay as they are.
     """
     hypothesis, steps = start, start.steps
+    names = [effect.name for effect in start.effects for _ in effect.parameters]
+    free = [j for j, name in enumerate(names) if name not in held]
     low, high = start.bounds
     evidence = evidence.renewed(start.world())
     residual = evidence.residual(start.world())
     scales = evidence.scales(residual)
     damping, stale, sizes = 1e-3, True, np.full(len(steps), WIDEST)
-    for _ in range(iterations if len(steps) else 0):
+    for _ in range(iterations if free else 0):
         if stale:
-            J = derivatives(evidence, hypothesis, residual, sizes=sizes)
+            J = derivatives(evidence, hypothesis, residual, free, sizes)
             H, g = toss_sums(evidence, residual, J, scales, n_tosses)
             sizes = _difference_sizes(H)
         total, slope = H.sum(0), g.sum(0)
@@ -328,7 +349,7 @@ def fit(evidence: Evidence, start: Hypothesis, *, n_tosses: int, iterations: int
         damping *= 0.2
         if gain < ENOUGH or change.max() < CONVERGED:
             break
-    J = derivatives(evidence, hypothesis, residual, sizes=sizes)
+    J = derivatives(evidence, hypothesis, residual, free, sizes)
     H, g = toss_sums(evidence, residual, J, scales, n_tosses)
     return Fitted(hypothesis, evidence, residual, evidence.scales(residual), H, g)
 

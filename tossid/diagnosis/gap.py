@@ -18,7 +18,7 @@ from tossid.rotations import geodesic_angle, quat_exp, quat_mul
 from tossid.types import Phase, Toss
 
 if TYPE_CHECKING:
-    from tossid.diagnosis.search import Candidate, Search
+    from tossid.diagnosis.judging import Candidate, Judge
 
 Array = NDArray[np.float64]
 
@@ -61,9 +61,9 @@ class Floor:
     rms: float
 
 
-def measure_gap(tosses: Sequence[Toss], state: Candidate, search: Search, floor: Floor) -> Gap:
+def measure_gap(tosses: Sequence[Toss], state: Candidate, judge: Judge, floor: Floor) -> Gap:
     """The gap of a world, in all its cuts."""
-    n, e, residual = search.n, state.evidence, state.fitted.residual
+    n, e, residual = judge.n, state.evidence, state.fitted.residual
     w = e.windows
     squares = np.where(w.counted[..., None], np.minimum(residual**2, CAP**2), 0.0)
     per_toss = by_toss(e, squares, n)
@@ -85,21 +85,21 @@ def measure_gap(tosses: Sequence[Toss], state: Candidate, search: Search, floor:
     middle = np.median(mean)
     far = middle + 8 * np.median(np.abs(mean - middle)) + 1.0
     odd = tuple(toss.name for toss, size in zip(tosses, mean, strict=True) if size > far)
-    lengths = tuple((length, _rms_of(tosses, length, state, search), 1.0) for length in LENGTHS)
+    lengths = tuple((length, _rms_of(tosses, length, state, judge), 1.0) for length in LENGTHS)
     return Gap(total, floor.rms, tuple(share), tuple(channels), lengths, rows, odd)
 
 
-def _rms_of(tosses: Sequence[Toss], length: int, state: Candidate, search: Search) -> float:
+def _rms_of(tosses: Sequence[Toss], length: int, state: Candidate, judge: Judge) -> float:
     """Root mean square of whitened misses in windows of so many frames."""
     world, model = state.hypothesis.world(), state.hypothesis.base.object
     windows = make_windows(tosses, model, length=length, flight=0, first_flights=False)
-    kept, whitening = linearise(windows, world, n_threads=search.n_threads)
-    evidence = search.with_engine(Evidence(kept, whitening, search.n_threads), state.hypothesis, restarts=0)
+    kept, whitening = linearise(windows, world, n_threads=judge.n_threads)
+    evidence = judge.with_engine(Evidence(kept, whitening, judge.n_threads), state.hypothesis, restarts=0)
     r = evidence.residual(world)[evidence.windows.inside]
     return float(np.sqrt(np.minimum(r**2, CAP**2).mean()))
 
 
-def noise_floor(state: Candidate, search: Search, *, seed: int) -> Floor:
+def noise_floor(state: Candidate, judge: Judge, *, seed: int) -> Floor:
     """The floor, from motions that the world itself makes from the windows' states, measured as the tosses were.
 
     It is never above what the world leaves: noise that is smaller than stated is no gap that closes twice.
@@ -107,7 +107,7 @@ def noise_floor(state: Candidate, search: Search, *, seed: int) -> Floor:
     e, world = state.evidence, state.hypothesis.world()
     w = e.windows
     rng = np.random.default_rng(seed + 1)
-    truth = w.predicted(world, n_threads=search.n_threads)
+    truth = w.predicted(world, n_threads=judge.n_threads)
     truth = np.where(np.isfinite(truth), truth, w.y[:, : truth.shape[1]])
     before, slow = _slow_errors(w, truth.shape[1], rng)
     noise = w.y_noise[:, : truth.shape[1]] * rng.normal(size=(*truth.shape[:2], 6)) + slow
@@ -121,8 +121,8 @@ def noise_floor(state: Candidate, search: Search, *, seed: int) -> Floor:
     made = replace(w, y=y, q=q, v=v, at_q=q, at_v=v)
     # the other engine's share is part of what windows may show, and here there is none
     engines = None if e.engines is None else (e.engines[0], 0.0)
-    kept, whitening = linearise(made, world, refine=2, engines=engines, n_threads=search.n_threads)
-    r = Evidence(kept, whitening, search.n_threads).residual(world)
+    kept, whitening = linearise(made, world, refine=2, engines=engines, n_threads=judge.n_threads)
+    r = Evidence(kept, whitening, judge.n_threads).residual(world)
     values, achieved, out = deviance(e, r), deviance(e, state.fitted.residual), np.zeros_like(r)
     for phase in range(N_PHASES):
         chosen = (w.phase == phase) & w.counted
@@ -145,11 +145,11 @@ def _slow_errors(w: Windows, frames: int, rng: np.random.Generator) -> tuple[Arr
     return drawn[:, 0], np.take_along_axis(drawn, row[..., None], axis=1)
 
 
-def share_left(first: Candidate, last: Candidate, search: Search, floor: Floor) -> tuple[Interval, tuple[Share, ...]]:
+def share_left(first: Candidate, last: Candidate, judge: Judge, floor: Floor) -> tuple[Interval, tuple[Share, ...]]:
     """Share of the first excess that is closed, each toss at the other folds' values; and phases with some left."""
-    n = search.n
+    n = judge.n
     before = deviance(first.evidence, first.fitted.residual) - floor.deviance
-    after = deviance(last.evidence, cross_fitted(last, search)) - floor.deviance
+    after = deviance(last.evidence, cross_fitted(last, judge)) - floor.deviance
     closed = bootstrap_ratio(
         by_toss(first.evidence, before, n) - by_toss(last.evidence, after, n), by_toss(first.evidence, before, n)
     )
@@ -163,37 +163,37 @@ def share_left(first: Candidate, last: Candidate, search: Search, floor: Floor) 
     return closed, tuple(left)
 
 
-def cross_fitted(state: Candidate, search: Search) -> Array:
+def cross_fitted(state: Candidate, judge: Judge) -> Array:
     """(W, L, 6) whitened misses of every toss at values fitted to the other folds."""
     fitted, e = state.fitted, state.evidence
     if not fitted.hypothesis.effects:
         return fitted.residual
     out = fitted.residual.copy()
-    for held in search.folds:
+    for held in judge.folds:
         out[held[e.windows.toss]] = e.of_tosses(held).residual(fitted.of_part(~held).world())
     return out
 
 
-def rollout_errors(tosses: Sequence[Toss], state: Candidate, search: Search) -> Step:
+def rollout_errors(tosses: Sequence[Toss], state: Candidate, judge: Judge) -> Step:
     """Full-length rollouts from first states as flight tells them, at values fitted to the other folds."""
     hypothesis = state.hypothesis
-    position, rotation = np.full(search.n, np.nan), np.full(search.n, np.nan)
+    position, rotation = np.full(judge.n, np.nan), np.full(judge.n, np.nan)
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
-    for held in search.folds:
+    for held in judge.folds:
         world = state.fitted.of_part(~held).world()
         index = [int(i) for i in np.flatnonzero(held)]
         chosen = [tosses[i] for i in index]
         q0, v0 = first_states(chosen, world)
         steps = np.array([len(toss) - 1 for toss in chosen])
-        run = world.roll_out(q0, v0, n_steps=steps, dt=dt, **steps_of(world), n_threads=search.n_threads)
+        run = world.roll_out(q0, v0, n_steps=steps, dt=dt, **steps_of(world), n_threads=judge.n_threads)
         for row, (i, toss) in enumerate(zip(index, chosen, strict=True)):
             q = run[row, : len(toss)]
             width = world.object.width
             position[i] = 100 * np.linalg.norm(q[:, :3] - toss.q[:, :3], axis=1).mean() / width
             rotation[i] = np.rad2deg(geodesic_angle(q[:, 3:7], toss.q[:, 3:7])).mean()
-    ones = np.ones(search.n)
+    ones = np.ones(judge.n)
     good = np.isfinite(position)
-    left = np.minimum(cross_fitted(state, search) ** 2, CAP**2)
+    left = np.minimum(cross_fitted(state, judge) ** 2, CAP**2)
     left = np.where(state.evidence.windows.counted[..., None], left, 0.0)
     names = tuple(effect.name for effect in hypothesis.effects)
     inside = np.broadcast_to(state.evidence.windows.counted[..., None], left.shape).astype(float)
@@ -201,7 +201,7 @@ def rollout_errors(tosses: Sequence[Toss], state: Candidate, search: Search) -> 
         names,
         bootstrap_ratio(position[good], ones[good]),
         bootstrap_ratio(rotation[good], ones[good]),
-        bootstrap_ratio(by_toss(state.evidence, left, search.n), by_toss(state.evidence, inside, search.n)),
+        bootstrap_ratio(by_toss(state.evidence, left, judge.n), by_toss(state.evidence, inside, judge.n)),
     )
 
 

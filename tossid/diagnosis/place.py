@@ -17,7 +17,7 @@ from tossid.physics.effects import World
 from tossid.types import Phase, Toss
 
 if TYPE_CHECKING:
-    from tossid.diagnosis.search import Candidate
+    from tossid.diagnosis.judging import Candidate
 
 Array = NDArray[np.float64]
 

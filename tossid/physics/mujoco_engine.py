@@ -17,6 +17,7 @@ further from Coulomb's law, since friction then comes too late in an impact; it 
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -38,6 +39,7 @@ RIGID_DAMPING = 10.0
 
 RIGID_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 _ROWS_AT_ONCE = 1_000_000
+_one_at_a_time = threading.RLock()
 
 
 def simulate_mujoco(
@@ -163,12 +165,13 @@ def _pushed(
 @contextmanager
 def quiet() -> Iterator[None]:
     """Keep MuJoCo's warnings out of a log file in the working directory; `_check_reached` finds what they say."""
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda message: None)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(before)
+    with _one_at_a_time:
+        before = mujoco.get_mju_user_warning()
+        mujoco.set_mju_user_warning(lambda message: None)
+        try:
+            yield
+        finally:
+            mujoco.set_mju_user_warning(before)
 
 
 def compile_scene(
