@@ -300,6 +300,29 @@ def test_adhesion_adds_to_friction(cube: ObjectModel) -> None:
         assert (done.q[0, -1, 0] > 0.5 * way) == moves
 
 
+def test_a_cube_whose_corners_are_one_ball_rolls_as_a_ball(cube: ObjectModel) -> None:
+    """Down a slope b without slipping: a = g sin(b) / (1 + I / (m r²))."""
+    slope, m, inertia = 0.05, float(cube.mass[0]), float(cube.inertia[0, 1, 1])
+    ball = cube.with_changes(corner_pos=HALF * np.sign(cube.corner_pos), friction=1.0)
+    world = World(ball, ground_tilt=(0.0, slope), law=Law(rounding=HALF))
+    done = run(world, flat(), [0.0] * 6, seconds=44 * DT)
+    expected = 9.81 * np.sin(slope) / (1 + inertia / (m * HALF**2))
+    assert done.v[0, -1, 0] / (44 * DT) == pytest.approx(expected, rel=1e-3)
+    assert done.v[0, -1, 4] * HALF == pytest.approx(done.v[0, -1, 0], rel=1e-6)
+    np.testing.assert_allclose(done.q[0, :, 2], HALF, atol=1e-6)
+
+
+def test_an_edge_with_rounded_corners_stands_lower(cube: ObjectModel) -> None:
+    """Balanced on an edge, the centre is at sqrt(2) (a - r) + r; on a face it is at a."""
+    radius, turned = 0.006, np.array([np.cos(np.pi / 8), np.sin(np.pi / 8), 0.0, 0.0])
+    height = np.sqrt(2) * (HALF - radius) + radius
+    world = World(cube, law=Law(rounding=radius))
+    on_edge = run(world, np.concatenate([[0, 0, height], turned]), [0.0] * 6, seconds=0.05)
+    np.testing.assert_allclose(on_edge.q[0, :, 2], height, atol=1e-5)
+    on_face = run(world, flat(), [0.0] * 6, seconds=0.05)
+    np.testing.assert_allclose(on_face.q[0, :, 2], HALF, atol=1e-7)
+
+
 def test_plain_systems_carry_no_forces(cube: ObjectModel) -> None:
     system = make_system(cube)
     assert system.forces.size == 0

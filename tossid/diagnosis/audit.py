@@ -136,6 +136,7 @@ STRENGTHS: dict[str, Strength] = {
     "com_offset": Strength(3e-4, 0.02, _directed("x_m", "y_m", "z_m")),
     "inertia": Strength(0.04, 1.0, _scaled("scale_rel")),
     "geometry": Strength(3e-3, 0.1, _scaled("size_rel")),
+    "rounded_corners": Strength(1e-3, 0.02, _plain("radius_m")),
     "gravity": Strength(0.05, 4.0, _signed("g_ms2", 9.81)),
     "ground_tilt": Strength(2e-3, 0.1, _directed("x_rad", "y_rad")),
     "ground_height": Strength(5e-4, 0.03, _signed("z_m")),

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Gap, Interval, Share, Step
 from tossid.diagnosis.fitting import CAP, N_PHASES, Evidence, student_deviance
+from tossid.diagnosis.judging import RESTARTS, Candidate, Judge
 from tossid.diagnosis.windows import Windows, linearise, make_windows, steps_of
 from tossid.motion import flight_states
 from tossid.physics.effects import World
 from tossid.rotations import geodesic_angle, quat_exp, quat_mul
 from tossid.types import Phase, Toss
-
-if TYPE_CHECKING:
-    from tossid.diagnosis.judging import Candidate, Judge
 
 Array = NDArray[np.float64]
 
@@ -121,7 +118,7 @@ def noise_floor(state: Candidate, judge: Judge, *, seed: int) -> Floor:
     made = replace(w, y=y, q=q, v=v, at_q=q, at_v=v)
     # the other engine's share is part of what windows may show, and here there is none
     engines = None if e.engines is None else (e.engines[0], 0.0)
-    kept, whitening = linearise(made, world, refine=2, engines=engines, n_threads=judge.n_threads)
+    kept, whitening = linearise(made, world, refine=6, restarts=RESTARTS, engines=engines, n_threads=judge.n_threads)
     r = Evidence(kept, whitening, judge.n_threads).residual(world)
     values, achieved, out = deviance(e, r), deviance(e, state.fitted.residual), np.zeros_like(r)
     for phase in range(N_PHASES):

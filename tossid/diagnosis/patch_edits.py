@@ -353,6 +353,7 @@ EDITS: Mapping[str, Callable[[Edit, World, World], None]] = {
 REASONS = {
     "velocity_friction": "MuJoCo's friction does not depend on speed",
     "cohesion": "MuJoCo's friction is in proportion to the load",
+    "rounded_corners": "it takes other geoms: spheres of this radius in the corners of smaller boxes",
     "spin_drag": "MuJoCo's fluid resists spin only together with velocity",
     "magnus": "MuJoCo has it for ellipsoids only",
     "vortex": "MJCF has no force of this form",

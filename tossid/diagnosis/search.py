@@ -44,7 +44,9 @@ LIKELY = 0.3
 CLASS_LEVEL = 0.05
 """An effect whose gain is below the best's at this level (one-sided) is out of its class."""
 CLASS_SHARE = 0.8
-"""And so is one that gains less than this share of what the best gains."""
+"""Or closes less than this share of the gap that the best closes,"""
+CLASS_GAIN = 0.4
+"""or gains less than this share of its log-likelihood."""
 MORE_GENERAL = 0.2
 """An effect that contains the best is in its class only if it is better at this level."""
 LARGEST_CLASS = 3
@@ -347,7 +349,7 @@ class Search:
             if effect.name in self.judge.held:
                 continue
             gain = self.judge.contest(present, less[effect.name])
-            needed[effect.name] = replace(present, effect=effect, gain=gain, shown=self.judge.of_tosses(gain))
+            needed[effect.name] = replace(present, effect=effect, gain=gain, shown=self.judge.parts(gain))
             rivals = [others[name] for name in classes.get(effect.name, ()) if name in others]
             found[effect.name] = self._rivals(less[effect.name], needed[effect.name], rivals)
         return needed, found
@@ -359,8 +361,10 @@ class Search:
             return False
         if best.name in other.effect.contains:
             return judge.better(other, best) < MORE_GENERAL
+        if judge.better(best, other) > CLASS_LEVEL:
+            return True
         closes = (judge.of_tosses(_closed(before, each)).sum() for each in (other, best))
-        return next(closes) > CLASS_SHARE * next(closes) or judge.better(best, other) > CLASS_LEVEL
+        return other.total > CLASS_GAIN * best.total and next(closes) > CLASS_SHARE * next(closes)
 
     def _rivals(self, without: Candidate, best: Candidate, others: Sequence[Effect]) -> tuple[Candidate, ...]:
         """Which of its class could still stand in for an effect, with all others in."""

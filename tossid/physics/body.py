@@ -46,7 +46,8 @@ class Body(NamedTuple):
     """What the kernel reads of a single body, as plain arrays.
 
     mass [kg]; com (3,); inertia (3, 3) about it; inverse (3, 3) = root root^T; root (3, 3) lower triangular;
-    corner (3, n_c) from the origin; arm (n_c, 3) from the centre of mass; mu (n_c,); gravity (3,);
+    corner (3, n_c) from the origin; arm (n_c, 3) from the centre of mass; mu (n_c,); gravity (3,). Of rounded corners
+    both are to their spheres' centres.
     restitution, compliance, relaxation and cohesion as in `System`. forced, lawful: whether `forces` and `law` act.
     """
 
@@ -84,14 +85,15 @@ def make_body(system: System) -> Body | None:
         return None
     com = np.ascontiguousarray(system.com[0])
     forces, law = forces_of(system.forces), law_of(system.law)
+    corner = inset(system.corner_pos, law.rounding)
     return Body(
         mass=mass,
         com=com,
         inertia=inertia,
         inverse=inverse,
         root=np.ascontiguousarray(root),
-        corner=np.ascontiguousarray(system.corner_pos.T),
-        arm=np.ascontiguousarray(system.corner_pos - com),
+        corner=np.ascontiguousarray(corner.T),
+        arm=np.ascontiguousarray(corner - com),
         mu=np.ascontiguousarray(system.mu),
         restitution=float(system.restitution),
         compliance=float(system.compliance),
@@ -103,6 +105,13 @@ def make_body(system: System) -> Body | None:
         lawful=law.acts,
         law=law,
     )
+
+
+def inset(corner_pos: Array, radius: float) -> Array:
+    """Centres (n_c, 3) of spheres in the corners (n_c, 3) of a box along the axes, that touch its faces [m]."""
+    middle = 0.5 * (corner_pos.min(axis=0) + corner_pos.max(axis=0))
+    out: Array = corner_pos - radius * np.sign(corner_pos - middle)
+    return out
 
 
 @_jit
@@ -141,6 +150,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
     over_m = 1.0 / mass
     soft = compliance / (h * (h + relaxation))
     rigid = compliance == 0.0 and relaxation == 0.0
+    radius = law.rounding if lawful else 0.0
     learned = linear.shape[0] > 0
     held = lawful and (law.torsional != 0.0 or law.rolling != 0.0 or law.adhesion != 0.0)
     turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
@@ -177,7 +187,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                     parts = 1
                     for c in range(nc):
                         d0, d1, d2 = corner[0, c], corner[1, c], corner[2, c]
-                        z = p2 + r20 * d0 + r21 * d1 + r22 * d2
+                        z = p2 - radius + r20 * d0 + r21 * d1 + r22 * d2
                         vn = v_2 + r20 * (w1 * d2 - w2 * d1) + r21 * (w2 * d0 - w0 * d2) + r22 * (w0 * d1 - w1 * d0)
                         if abs(vn) > IMPACT_SPEED and z - min(sunk[c], 0.0) + dt / substeps * min(vn, 0.0) < 0.0:
                             parts = impact_parts
@@ -233,14 +243,14 @@ def simulate_body(  # type: ignore[no-untyped-def]
                     x0, x1, x2 = x0 + m0, x1 + m1, x2 + m2
                 if held:
                     x0, x1, x2, y0, y1, y2 = hold(
-                        law, inverse, over_m, h, R, com, arm, p2, warm, cold, x0, x1, x2, y0, y1, y2
+                        law, inverse, over_m, h, R, com, arm, p2 - radius, warm, cold, x0, x1, x2, y0, y1, y2
                     )
 
                 # which corners could be hit
                 reach = 0.02 + 3.0 * h * (abs(x2) + 0.2 * (abs(y0) + abs(y1) + abs(y2)))
                 low = False
                 for c in range(nc):
-                    z = p2 + r20 * corner[0, c] + r21 * corner[1, c] + r22 * corner[2, c]
+                    z = p2 - radius + r20 * corner[0, c] + r21 * corner[1, c] + r22 * corner[2, c]
                     z = above_ground(z, c, sunk, rigid, h)
                     height[c] = z
                     low = low or z < reach
@@ -259,7 +269,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                     for c in range(nc):
                         state[c] = 0
                         if height[c] < reach:
-                            d0, d1, d2 = arm[c, 0], arm[c, 1], arm[c, 2]
+                            d0, d1, d2 = arm[c, 0] - radius * r20, arm[c, 1] - radius * r21, arm[c, 2] - radius * r22
                             for k in range(3):
                                 i = axis[k]
                                 tau[c, k, 0] = d1 * R[i, 2] - d2 * R[i, 1]

@@ -81,6 +81,7 @@ class Law(NamedTuple):
     adhesion [N]: pull of the ground on each touching corner.
     lifting [m]: height of a corner below which a step's contact problem is the convex relaxation of Coulomb's (Anitescu
     2006), as MuJoCo has it: what slips at s leaves the ground at mu s. 0: Coulomb's law throughout.
+    rounding [m]: radius of the corners, spheres that touch the faces of a box with sharp ones (`inset`).
     """
 
     static_rel: float = 1.0
@@ -90,6 +91,7 @@ class Law(NamedTuple):
     rolling: float = 0.0
     adhesion: float = 0.0
     lifting: float = 0.0
+    rounding: float = 0.0
 
     @property
     def acts(self) -> bool:
@@ -103,7 +105,7 @@ def forces_of(numbers: Array) -> Forces:
 
 
 def law_of(numbers: Array) -> Law:
-    """The law from its numbers in order (7,), the nominal one of an empty array."""
+    """The law from its numbers in order (8,), the nominal one of an empty array."""
     return Law(*map(float, numbers))
 
 

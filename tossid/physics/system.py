@@ -43,7 +43,7 @@ class System(NamedTuple):
     cohesion: c of |f_t| <= mu f_n + c [N], of a corner that carried load in the step before; the bound stays
         below 2 mu f_n. The law is in `stepping`.
     forces: the numbers of `forces.Forces` in their order (15,), empty for none.
-    law: the numbers of `forces.Law` in their order (6,), empty for a constant friction.
+    law: the numbers of `forces.Law` in their order (8,), empty for a constant friction.
     """
 
     parent: NDArray[np.int64]

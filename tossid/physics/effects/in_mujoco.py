@@ -48,6 +48,7 @@ def inexpressible(world: World) -> tuple[str, ...]:
         "anisotropic_friction": law.y_rel != 1.0,
         "adhesion": law.adhesion != 0.0,
         "cohesion": world.object.cohesion != 0.0,
+        "rounded_corners": law.rounding != 0.0,
         "residual": world.residual is not None,
     }
     return tuple(name for name, there in found.items() if there)

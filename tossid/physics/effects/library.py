@@ -146,6 +146,15 @@ LIBRARY: tuple[Effect, ...] = (
         lambda w, p: _body(w, corner_pos=p["size_rel"] * w.object.corner_pos),
     ),
     Effect(
+        "rounded_corners",
+        "body",
+        (Parameter("radius_m", 0.0, 0.0, 0.025, 5e-4),),
+        CONTACT,
+        "corners and edges are rounded",
+        _law(rounding="radius_m"),
+        starts=({"radius_m": 0.002}, {"radius_m": 0.008}),
+    ),
+    Effect(
         "gravity",
         "environment",
         (Parameter("g_ms2", None, 0.0, 25.0, 0.05),),
