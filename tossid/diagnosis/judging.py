@@ -176,7 +176,7 @@ class Judge:
         fitted = self._settled(fit(begin, start, n_tosses=self.n, iterations=iterations, held=self.held))
         ll = self.held_out(fitted)
         made = Candidate(effect, fitted, ll, np.zeros(len(ll)), np.zeros((1, self.n)))
-        gain = self.contest(made, replace(present, log_likelihood=self._best_of(present, made.evidence)))
+        gain = self.contest(self._at_best(made, present.evidence), self._at_best(present, made.evidence))
         nothing = np.zeros(0) if effect is None else effect.nominal(present.hypothesis.world())
         return replace(made, gain=gain, shown=self._shown(effect, fitted, nothing, self.parts(gain)))
 
@@ -191,13 +191,13 @@ class Judge:
         evidence = evidence.with_trust(residual)
         return replace(fitted, evidence=evidence, residual=residual, scales=evidence.scales(residual))
 
-    def _best_of(self, present: Candidate, evidence: Evidence) -> Array:
-        """(W,) log-likelihoods of a hypothesis at its own first states or at those of another, whichever suit it: what
-        was found on the way to the other must not count for the other."""
-        world = present.hypothesis.world()
+    def _at_best(self, one: Candidate, evidence: Evidence) -> Candidate:
+        """A hypothesis with (W,) log-likelihoods at its own first states or at those of another, whichever suit it:
+        contact is rough, and what was found on the way to the other must not count for the other."""
+        world = one.hypothesis.world()
         there = evidence.renewed(world, refine=2)
         there = there.with_trust(there.residual(world))
-        return np.maximum(present.log_likelihood, self.held_out(present.fitted, there))
+        return replace(one, log_likelihood=np.maximum(one.log_likelihood, self.held_out(one.fitted, there)))
 
     def held_out(self, fitted: Fitted, evidence: Evidence | None = None) -> Array:
         """(W,) log-likelihood of each window at values fitted to the other folds.

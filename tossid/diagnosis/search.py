@@ -42,11 +42,11 @@ PROMISING = 3.0
 LIKELY = 0.3
 """Share of what a fit is to gain that one step has to."""
 CLASS_LEVEL = 0.05
-"""An effect whose gain is below the best's at this level (one-sided) is out of its class."""
+"""An effect whose gain is below the best's at this level (one-sided) is out of its class,"""
 CLASS_SHARE = 0.8
-"""Or closes less than this share of the gap that the best closes,"""
+"""if it also closes less than this share of what the best closes of the gap;"""
 CLASS_GAIN = 0.4
-"""or gains less than this share of its log-likelihood."""
+"""and so is any that gains less than this share of the best's log-likelihood."""
 MORE_GENERAL = 0.2
 """An effect that contains the best is in its class only if it is better at this level."""
 LARGEST_CLASS = 3
@@ -357,14 +357,12 @@ class Search:
     def _alike(self, before: Candidate, best: Candidate, other: Candidate) -> bool:
         """Whether the tosses cannot tell `other` from `best`; a more general effect always fits as well."""
         judge = self.judge
-        if other.effect is None or other is best or not other.total > 0:
+        if other.effect is None or other is best or not other.total > max(0.0, CLASS_GAIN * best.total):
             return False
         if best.name in other.effect.contains:
             return judge.better(other, best) < MORE_GENERAL
-        if judge.better(best, other) > CLASS_LEVEL:
-            return True
         closes = (judge.of_tosses(_closed(before, each)).sum() for each in (other, best))
-        return other.total > CLASS_GAIN * best.total and next(closes) > CLASS_SHARE * next(closes)
+        return next(closes) > CLASS_SHARE * next(closes) or judge.better(best, other) > CLASS_LEVEL
 
     def _rivals(self, without: Candidate, best: Candidate, others: Sequence[Effect]) -> tuple[Candidate, ...]:
         """Which of its class could still stand in for an effect, with all others in."""
