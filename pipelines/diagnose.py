@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tossid.diagnosis.findings import Diagnosis
     from tossid.objects import ObjectModel
     from tossid.physics.effects import Effect, World
-    from tossid.types import Toss
+    from tossid.types import Dataset, Toss
 
 FOLDER = Path("outputs/diagnose")
 FEWEST_TOSSES = 6
@@ -52,7 +52,8 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
     dataset, sha256 = read_dataset(data), file_sha256(data)
     threads = config.threads or os.cpu_count() or 1
     simulator = _simulator(config, dataset.object)
-    tosses, remarks = _usable(dataset.tosses, data, console)
+    tosses, unseen = _chosen(config, dataset)
+    tosses, remarks = _usable(tosses, data, console)
     tosses, lost = _survived(simulator, dataset.object, tosses, data, threads=threads)
     remarks += lost
     for text in lost:
@@ -78,6 +79,7 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
                 engine=simulator.engine,
                 n_threads=threads,
                 seed=config.seed,
+                unseen=unseen,
                 progress=progress,
             )
             if found.contact == "relaxed" and simulator.mjcf is None:
@@ -100,7 +102,7 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
                 "data": {"path": str(data), "sha256": sha256, "object": dataset.object.name},
                 "remarks": remarks,
             }
-            figures = _write(temporary, gap, found, data, simulator, remarks)
+            figures = _write(temporary, gap, found, _whose(config, data), simulator, remarks)
             progress("done", 1.0)
         tracked.metrics(_metrics(found))
         tracked.tag("verdict", found.verdict)
@@ -163,18 +165,41 @@ def _simulator(config: DiagnoseConfig, recorded: ObjectModel) -> Simulator:
     return Simulator(world, about, run=record.id or None)
 
 
+def _chosen(config: DiagnoseConfig, dataset: Dataset) -> tuple[tuple[Toss, ...], tuple[Toss, ...]]:
+    """The tosses that are diagnosed, and those of the test split, if others are."""
+    tosses = dataset.tosses if config.split is None else dataset.of_split(config.split)
+    last = None if config.tosses is None else config.skip + config.tosses
+    unseen = () if config.split in (None, "test") else _lasting(dataset.of_split("test"))[1]
+    return tosses[config.skip : last], unseen
+
+
+def _whose(config: DiagnoseConfig, data: Path) -> str:
+    """The tosses in words: the dataset, and which of it."""
+    which = [] if config.split is None else [f"{config.split} split"]
+    if config.skip or config.tosses:
+        which.append(f"from number {config.skip + 1}")
+    return f"{data}, {', '.join(which)}" if which else str(data)
+
+
+def _lasting(tosses: tuple[Toss, ...]) -> tuple[tuple[Toss, ...], tuple[Toss, ...]]:
+    """Tosses that are long enough to predict from, and those of them in which anything moves."""
+    from tossid.diagnosis.simulators import moves
+    from tossid.diagnosis.windows import LENGTH
+
+    long = tuple(toss for toss in tosses if len(toss) > LENGTH // 2)
+    return long, tuple(toss for toss in long if moves(toss))
+
+
 def _usable(tosses: tuple[Toss, ...], data: Path, console: Console) -> tuple[tuple[Toss, ...], list[str]]:
     """Tosses that are long enough to predict from, and in which anything moves; and what is said of the others.
 
     Raises:
         InputError: fewer than `FEWEST_TOSSES`.
     """
-    from tossid.diagnosis.simulators import moves
     from tossid.diagnosis.windows import LENGTH
 
     least = LENGTH // 2 + 1
-    long = tuple(toss for toss in tosses if len(toss) >= least)
-    kept = tuple(toss for toss in long if moves(toss))
+    long, kept = _lasting(tosses)
     why = []
     if len(long) < len(tosses):
         why.append(f"{len(tosses) - len(long)} of {len(tosses)} are shorter than {least} frames")
@@ -253,7 +278,7 @@ def _write(
     folder: Path,
     gap: dict[str, Any],
     found: Diagnosis,
-    data: Path,
+    of: str,
     simulator: Simulator,
     remarks: list[str],
 ) -> list[str]:
@@ -266,7 +291,7 @@ def _write(
 
     figures: dict[str, Figure] = report_figures(found)
     details: dict[str, Figure] = place_figures(found)
-    about = f"Simulator: {simulator.about}. Tosses: {found.n_tosses} of {data}."
+    about = f"Simulator: {simulator.about}. Tosses: {found.n_tosses} of {of}."
     page = report_html(
         found,
         figures,

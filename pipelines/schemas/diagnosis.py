@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from pipelines.schemas.kinds import Count, NonNegative, Seed
+from pipelines.schemas.kinds import Bounds, Count, NonNegative, Seed
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,12 @@ class DiagnoseConfig:
     """the simulator that is judged:"""
     data: Path | None
     """the dataset; null: the newest"""
+    split: Literal["train", "validation", "test"] | None
+    """only the tosses of this split; null: all. Of others than the test split, rollouts of that are shown, too"""
+    skip: Annotated[int, Bounds(low=0)]
+    """how many tosses are left out before the first"""
+    tosses: Count | None
+    """how many tosses; null: all that follow"""
     out: Path | None
     """folder of the report; null: outputs/diagnose/DATASET-SIM"""
     seed: Seed

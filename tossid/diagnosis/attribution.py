@@ -44,6 +44,7 @@ def diagnose(
     engine: Engine | None = None,
     n_threads: int = 1,
     seed: int = 0,
+    unseen: Sequence[Toss] = (),
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Where the world's predictions miss the tosses, which effects of the library explain it, and how far.
@@ -54,6 +55,7 @@ def diagnose(
         library: effects to choose from.
         engine: the other engine, whose differences are no evidence; near-rigid MuJoCo if None.
         seed: of the folds and of the simulated noise floor.
+        unseen: other tosses, on which rollouts are shown and nothing else.
         progress: told what is under way, and which share is done.
     """
     started = time.perf_counter()
@@ -67,7 +69,7 @@ def diagnose(
     tell("cut elsewhere", 0.92)
     found, spread = _cut_elsewhere(tosses, world.object, judge, found)
     tell("what is left", 0.97)
-    return _report(tosses, library, judge, found, spread, started, seed)
+    return _report(tosses, unseen, library, judge, found, spread, started, seed)
 
 
 def _cut_elsewhere(
@@ -122,6 +124,7 @@ def intervals(fitted: Fitted, n: int, spread: Array | None = None) -> dict[str, 
 
 def _report(
     tosses: Sequence[Toss],
+    unseen: Sequence[Toss],
     library: Sequence[Effect],
     judge: Judge,
     found: Found,
@@ -151,7 +154,7 @@ def _report(
         named=named,
         gap_closed=closed,
         unexplained=unexplained,
-        steps=tuple(rollout_errors(tosses, each, judge) for each in found.history),
+        steps=tuple(rollout_errors(tosses, unseen, each, judge) for each in found.history),
         hypothesis=present.hypothesis,
         n_tosses=n,
         seconds=time.perf_counter() - started,

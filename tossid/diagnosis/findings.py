@@ -178,12 +178,30 @@ class Finding:
 
 @dataclass(frozen=True)
 class Step:
-    """Rollout errors on tosses that took no part in the fit, with these effects in."""
+    """Rollout errors on tosses that took no part in the fit, with these effects in: each toss at values fitted to the
+    other folds, and (unseen) other tosses at values fitted to all of these, if there are any.
+
+    gap_left: mean square of whitened misses.
+    """
 
     effects: tuple[str, ...]
     position_error_pct: Interval
     rotation_error_deg: Interval
     gap_left: Interval
+    unseen_position_error_pct: Interval | None = None
+    unseen_rotation_error_deg: Interval | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """One of gap.json's "steps"."""
+        values = {
+            "position_error_pct": self.position_error_pct,
+            "rotation_error_deg": self.rotation_error_deg,
+            "gap_left": self.gap_left,
+            "unseen_position_error_pct": self.unseen_position_error_pct,
+            "unseen_rotation_error_deg": self.unseen_rotation_error_deg,
+        }
+        plain = {name: None if value is None else value.as_json() for name, value in values.items()}
+        return {"effects": list(self.effects), **plain}
 
 
 @dataclass(frozen=True)
@@ -243,15 +261,7 @@ class Diagnosis:
                 "unexplained_share": max(0.0, 1.0 - self.gap_closed.value),
                 "unexplained_where": [{"phase": s.name, **_share(s)} for s in self.unexplained],
             },
-            "steps": [
-                {
-                    "effects": list(step.effects),
-                    "position_error_pct": step.position_error_pct.as_json(),
-                    "rotation_error_deg": step.rotation_error_deg.as_json(),
-                    "gap_left": step.gap_left.as_json(),
-                }
-                for step in self.steps
-            ],
+            "steps": [step.as_json() for step in self.steps],
             "seconds": self.seconds,
         }
 

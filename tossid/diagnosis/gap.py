@@ -171,35 +171,41 @@ def cross_fitted(state: Candidate, judge: Judge) -> Array:
     return out
 
 
-def rollout_errors(tosses: Sequence[Toss], state: Candidate, judge: Judge) -> Step:
-    """Full-length rollouts from first states as flight tells them, at values fitted to the other folds."""
-    hypothesis = state.hypothesis
-    position, rotation = np.full(judge.n, np.nan), np.full(judge.n, np.nan)
-    dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
+def rollout_errors(tosses: Sequence[Toss], unseen: Sequence[Toss], state: Candidate, judge: Judge) -> Step:
+    """Full-length rollouts from first states as flight tells them: of these tosses at values fitted to the other
+    folds, of `unseen` ones at the hypothesis's own."""
+    errors = np.full((judge.n, 2), np.nan)
     for held in judge.folds:
-        world = state.fitted.of_part(~held).world()
-        index = [int(i) for i in np.flatnonzero(held)]
-        chosen = [tosses[i] for i in index]
-        q0, v0 = first_states(chosen, world)
-        steps = np.array([len(toss) - 1 for toss in chosen])
-        run = world.roll_out(q0, v0, n_steps=steps, dt=dt, **steps_of(world), n_threads=judge.n_threads)
-        for row, (i, toss) in enumerate(zip(index, chosen, strict=True)):
-            q = run[row, : len(toss)]
-            width = world.object.width
-            position[i] = 100 * np.linalg.norm(q[:, :3] - toss.q[:, :3], axis=1).mean() / width
-            rotation[i] = np.rad2deg(geodesic_angle(q[:, 3:7], toss.q[:, 3:7])).mean()
-    ones = np.ones(judge.n)
-    good = np.isfinite(position)
-    left = np.minimum(cross_fitted(state, judge) ** 2, CAP**2)
-    left = np.where(state.evidence.windows.counted[..., None], left, 0.0)
-    names = tuple(effect.name for effect in hypothesis.effects)
-    inside = np.broadcast_to(state.evidence.windows.counted[..., None], left.shape).astype(float)
-    return Step(
-        names,
-        bootstrap_ratio(position[good], ones[good]),
-        bootstrap_ratio(rotation[good], ones[good]),
-        bootstrap_ratio(by_toss(state.evidence, left, judge.n), by_toss(state.evidence, inside, judge.n)),
-    )
+        chosen = [tosses[i] for i in np.flatnonzero(held).tolist()]
+        errors[held] = _errors(chosen, state.fitted.of_part(~held).world(), judge.n_threads)
+    squares = np.minimum(cross_fitted(state, judge) ** 2, CAP**2)
+    counted = np.broadcast_to(state.evidence.windows.counted[..., None], squares.shape).astype(float)
+    left = bootstrap_ratio(*(by_toss(state.evidence, each, judge.n) for each in (squares * counted, counted)))
+    names = tuple(effect.name for effect in state.hypothesis.effects)
+    if not unseen:
+        return Step(names, *_means(errors), left)
+    return Step(names, *_means(errors), left, *_means(_errors(unseen, state.hypothesis.world(), judge.n_threads)))
+
+
+def _errors(tosses: Sequence[Toss], world: World, n_threads: int) -> Array:
+    """(B, 2) mean distance [% of the object's width] and angle [deg] of rollouts from the recorded poses."""
+    dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
+    q0, v0 = first_states(tosses, world)
+    steps = np.array([len(toss) - 1 for toss in tosses])
+    run = world.roll_out(q0, v0, n_steps=steps, dt=dt, **steps_of(world), n_threads=n_threads)
+    out = np.empty((len(tosses), 2))
+    for row, toss in enumerate(tosses):
+        q = run[row, : len(toss)]
+        out[row, 0] = 100 * np.linalg.norm(q[:, :3] - toss.q[:, :3], axis=1).mean() / world.object.width
+        out[row, 1] = np.rad2deg(geodesic_angle(q[:, 3:7], toss.q[:, 3:7])).mean()
+    return out
+
+
+def _means(errors: Array) -> tuple[Interval, Interval]:
+    """Over tosses (B, 2), of those whose rollouts did not diverge."""
+    good = errors[np.isfinite(errors).all(axis=1)]
+    ones = np.ones(len(good))
+    return bootstrap_ratio(good[:, 0], ones), bootstrap_ratio(good[:, 1], ones)
 
 
 def first_states(tosses: Sequence[Toss], world: World) -> tuple[Array, Array]:

@@ -39,6 +39,8 @@ CANDIDATES = 6
 """Effects fitted in full in a round."""
 PROMISING = 3.0
 """Gain of log-likelihood by one step, to all tosses, from which an effect is fitted."""
+FAR_LESS = 0.1
+"""Share of the best gain by one step, below which an effect waits."""
 LIKELY = 0.3
 """Share of what a fit is to gain that one step has to."""
 CLASS_LEVEL = 0.05
@@ -171,7 +173,7 @@ class Search:
         contact = Search(held, [effect for effect in self.library if Phase.FLIGHT not in effect.phases], _silent)
         rigid = self.judge.start(Hypothesis(base, effects, values))
         enough = LIKELY * self.judge.contest(other, rigid).sum()
-        for each in contact._round(rigid, at_least=enough):
+        for each in contact._round(rigid, rigid, at_least=enough):
             if self._belongs(rigid, rigid, each) and self.judge.better(each, other) < LEVEL / len(self.library):
                 return Hypothesis(base)
         return hypothesis
@@ -205,7 +207,7 @@ class Search:
         less: dict[str, Candidate] = {}
         for turn in range(MOST_EFFECTS - len(present.hypothesis.effects)):
             self.tell(f"round {turn + 1}", done + 0.08 * turn)
-            fitted = self._round(present)
+            fitted = self._round(first, present)
             if turn == 0:
                 tried = {each.name: each for each in fitted}
             good = [each for each in fitted if self._belongs(first, present, each)]
@@ -215,19 +217,24 @@ class Search:
             alike = sorted((each for each in fitted if self._alike(present, best, each)), key=lambda each: -each.total)
             classes[best.name] = tuple(each.name for each in alike)
             tried.setdefault(best.name, best)
-            present, less = self._pruned(first, self._refreshed(best))
+            present, less = self._pruned(first, self._refreshed(best), {best.name: present})
             history.append(present)
         return Path(tuple(history), tried, classes, less)
 
-    def _round(self, present: Candidate, at_least: float = PROMISING) -> list[Candidate]:
-        """The promising effects, of which one step gains so much at least, fitted and judged."""
+    def _round(self, first: Candidate, present: Candidate, at_least: float = PROMISING) -> list[Candidate]:
+        """The promising effects, of which one step gains so much at least, fitted and judged; those that gain far less
+        than another only if none of the others belongs."""
         inside = {effect.name for effect in present.hypothesis.effects}
         missing = [effect for effect in self.library if effect.name not in inside]
         scored = self.judge.each(partial(self._screened, present), missing)
+        scored = [each for each in scored if each.gain > max(at_least, PROMISING)]
         scored = sorted(scored, key=lambda each: -each.gain)[:CANDIDATES]
-        return self.judge.each(
-            partial(self._judged, present), [each for each in scored if each.gain > max(at_least, PROMISING)]
-        )
+        near = sum(each.gain > FAR_LESS * scored[0].gain for each in scored)
+        judged = partial(self._judged, present)
+        fitted = self.judge.each(judged, scored[:near])
+        if not any(self._belongs(first, present, each) for each in fitted):
+            fitted += self.judge.each(judged, scored[near:])
+        return fitted
 
     def _judged(self, present: Candidate, screened: Screened) -> Candidate:
         return self.judge.judged(present, screened.effect, screened.start, near=screened.near)
@@ -305,14 +312,20 @@ class Search:
         fitted = replace(fitted, evidence=fitted.evidence.with_trust(fitted.residual))
         return Candidate(present.effect, fitted, judge.held_out(fitted), present.gain, present.shown)
 
-    def _pruned(self, first: Candidate, present: Candidate) -> tuple[Candidate, dict[str, Candidate]]:
+    def _pruned(
+        self, first: Candidate, present: Candidate, known: Mapping[str, Candidate] | None = None
+    ) -> tuple[Candidate, dict[str, Candidate]]:
         """Without the effects that the others have made superfluous, but for those that are held; and what remains
-        without each that stays."""
-        judge = self.judge
+        without each that stays.
+
+        Args:
+            known: by name, what remains without an effect, where that has been fitted before.
+        """
+        judge, known = self.judge, dict(known or {})
         while True:
             names = [e.name for e in present.hypothesis.effects if e.name not in judge.held]
-            without = partial(_without, judge, present)
-            less = dict(zip(names, judge.each(without, names), strict=True))
+            asked = [name for name in names if name not in known]
+            less = {**known, **dict(zip(asked, judge.each(partial(_without, judge, present), asked), strict=True))}
             useless = [
                 name
                 for name, each in less.items()
@@ -320,7 +333,7 @@ class Search:
             ]
             if not useless:
                 return present, less
-            present = less[max(useless, key=lambda name: judge.of_tosses(less[name].gain).sum())]
+            present, known = max((less[name] for name in useless), key=lambda each: -_worth(judge, present, each)), {}
 
     def _simplest(self, good: Sequence[Candidate]) -> Candidate:
         """The best, or a special case of it that is as good."""
@@ -394,6 +407,10 @@ def _swapped(hypothesis: Hypothesis, name: str, other: Candidate) -> Hypothesis:
 
 def _without(judge: Judge, present: Candidate, name: str) -> Candidate:
     return judge.judged(present, None, present.hypothesis.minus(name), 5)
+
+
+def _worth(judge: Judge, present: Candidate, without: Candidate) -> float:
+    return float(judge.of_tosses(judge.contest(present, without)).sum())
 
 
 def _silent(text: str, share: float) -> None:
