@@ -24,8 +24,6 @@ Made = TypeVar("Made")
 FOLDS = 8
 CURVATURE = 0.65
 """Of Student's log-likelihood on Gaussian misses, over the weighted squares that Gauss-Newton has of it."""
-ENGINE_ROUNDS = 2
-"""Of first states and the other engine's differences, each with the other as it was."""
 RESTARTS = 2
 """Of windows that fit badly, at the start and whenever an effect has joined."""
 
@@ -140,8 +138,9 @@ class Judge:
             evidence = Evidence(kept, whitening, self.n_threads)
         else:
             evidence = near.evidence.renewed(world, refine=4)
-        for _ in range(ENGINE_ROUNDS if near is None else 1):
-            evidence = self.with_engine(evidence, hypothesis)
+        if near is None:
+            evidence = self.with_engine(evidence, hypothesis, restarts=0)
+        evidence = self.with_engine(evidence, hypothesis, restarts=1)
         residual = evidence.residual(world)
         evidence, scales = evidence.with_trust(residual), evidence.scales(residual)
         size = len(hypothesis.flat())

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.fitting import Evidence, Hypothesis, derivatives, fit, gains, student_deviance, toss_sums
-from tossid.diagnosis.judging import Candidate, Judge
+from tossid.diagnosis.judging import Candidate, Judge, anywhere
 from tossid.diagnosis.windows import FLIGHT_WEIGHT
 from tossid.physics.effects import Effect
 from tossid.types import Phase
@@ -52,6 +52,8 @@ CLASS_GAIN = 0.4
 MORE_GENERAL = 0.2
 """An effect that contains the best is in its class only if it is better at this level."""
 LARGEST_CLASS = 3
+SCREENING = 3
+"""Folds whose tosses screen what is far."""
 STEP_SHARES = (1.0, 0.3, 0.1, 0.03)
 """Parts of a screening step that are tried: impacts are far from linear."""
 POLISH = 16
@@ -98,12 +100,12 @@ class Path:
 
 @dataclass(frozen=True)
 class Screened:
-    """Gain of an effect's step, the values there, and the evidence around the start from which it was taken, if any."""
+    """Gain of an effect's step, the values there, and whether it was taken from a start far from nothing."""
 
     gain: float
     effect: Effect
     start: Hypothesis
-    near: Evidence | None
+    far: bool = False
 
 
 class Search:
@@ -217,7 +219,8 @@ class Search:
             alike = sorted((each for each in fitted if self._alike(present, best, each)), key=lambda each: -each.total)
             classes[best.name] = tuple(each.name for each in alike)
             tried.setdefault(best.name, best)
-            present, less = self._pruned(first, self._refreshed(best), {best.name: present})
+            without = {best.name: replace(present, gain=-best.gain)}
+            present, less = self._pruned(first, self._refreshed(best), without)
             history.append(present)
         return Path(tuple(history), tried, classes, less)
 
@@ -237,59 +240,67 @@ class Search:
         return fitted
 
     def _judged(self, present: Candidate, screened: Screened) -> Candidate:
-        return self.judge.judged(present, screened.effect, screened.start, near=screened.near)
+        near = present.evidence.renewed(screened.start.world(), refine=4, restarts=1) if screened.far else None
+        return self.judge.judged(present, screened.effect, screened.start, near=near)
 
     def _screened(self, present: Candidate, effect: Effect) -> Screened:
         """The gain of a step of Gauss-Newton or a part of it, from nothing or from the best start.
 
         First states are as they are for the present hypothesis, or as they are for a start, whichever suit: starts
-        are far from it.
+        are far from it, and are tried with some of the tosses.
         """
-        now, e0 = present.fitted, present.evidence
-        weights = e0.windows.weights
-
-        def ll(e: Evidence, hypothesis: Hypothesis, residual: Array | None = None) -> Array:
-            return e.log_likelihood(e.residual(hypothesis.world()) if residual is None else residual, now.scales)
-
-        def worth(gain: Array) -> float:
-            return max(float(gain.sum()), float(gain @ weights) / FLIGHT_WEIGHT)
-
+        now, whole = present.fitted, present.evidence
         nothing = now.hypothesis.plus(effect)
+        base = whole.log_likelihood(now.residual, now.scales)
+        best = self._stepped(present, nothing, whole, base, 0.0)
+        if not effect.starts:
+            return best
+        some = np.any(self.judge.folds[:SCREENING], axis=0)
+        share, e0 = float(some.mean()), whole.of_tosses(some)
+        base = base[some[whole.windows.toss]]
+
+        def ll(e: Evidence, hypothesis: Hypothesis) -> Array:
+            return e.log_likelihood(e.residual(hypothesis.world()), now.scales)
+
         here = dict(zip([p.name for p in effect.parameters], nothing.values[-1], strict=True))
-        base = ll(e0, now.hypothesis, now.residual)
-        begun: list[tuple[float, Hypothesis, Evidence | None, Array]] = [(0.0, nothing, None, base)]
         tried = []
         for start in effect.starts:
             values = {**here, **start}
             hypothesis = now.hypothesis.plus(effect, np.array([values[p.name] for p in effect.parameters]))
             e = e0.renewed(hypothesis.world(), refine=2, anew=False)
-            tried.append((float(gains(ll(e, hypothesis), base) @ weights), hypothesis, e))
-        if tried:
-            _, hypothesis, e = max(tried, key=lambda each: each[0])
-            e = e.renewed(hypothesis.world(), refine=4, restarts=1)
-            before = np.maximum(base, ll(e, now.hypothesis))
-            gain = gains(np.maximum(ll(e0, hypothesis), ll(e, hypothesis)), before)
-            begun.append((worth(gain), hypothesis, e, before))
-        best = Screened(0.0, effect, nothing, None)
-        for begin, hypothesis, near, before in begun:
-            if begin > best.gain:
-                best = Screened(begin, effect, hypothesis, near)
-            e = e0 if near is None else near
-            size = len(hypothesis.flat())
-            own = list(range(size - len(effect.parameters), size))
-            residual = e.residual(hypothesis.world())
-            J = derivatives(e, hypothesis, residual, own)[..., own]
-            H, g = (each.sum(0) for each in toss_sums(e, residual, J, now.scales, self.judge.n))
-            delta = np.zeros(size)
-            delta[own] = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(own))) @ g
-            low, high = hypothesis.bounds
-            for share in STEP_SHARES:
-                moved = hypothesis.at(np.clip(hypothesis.flat() + share * delta * hypothesis.steps, low, high))
-                gained = worth(gains(ll(e, moved), before))
-                if gained > best.gain:
-                    best = Screened(gained, effect, moved, near)
-                elif gained > begin:
-                    break
+            tried.append((_gain(gains(ll(e, hypothesis), base), e), hypothesis, e))
+        _, hypothesis, e = max(tried, key=lambda each: each[0])
+        e = e.renewed(hypothesis.world(), refine=4, restarts=1)
+        before = np.maximum(base, ll(e, now.hypothesis))
+        begin = _gain(gains(np.maximum(ll(e0, hypothesis), ll(e, hypothesis)), before), e)
+        far = self._stepped(present, hypothesis, e, before, begin)
+        return replace(far, gain=far.gain / share, far=True) if far.gain / share > best.gain else best
+
+    def _stepped(
+        self, present: Candidate, hypothesis: Hypothesis, e: Evidence, before: Array, begin: float
+    ) -> Screened:
+        """The last effect of a hypothesis after the best part of a step of Gauss-Newton.
+
+        Args:
+            before: (W,) log-likelihoods of the present hypothesis; begin: gain over them without a step.
+        """
+        effect, scales = hypothesis.effects[-1], present.fitted.scales
+        best = Screened(max(begin, 0.0), effect, hypothesis)
+        size = len(hypothesis.flat())
+        own = list(range(size - len(effect.parameters), size))
+        residual = e.residual(hypothesis.world())
+        J = derivatives(e, hypothesis, residual, own)[..., own]
+        H, g = (each.sum(0) for each in toss_sums(e, residual, J, scales, self.judge.n))
+        delta = np.zeros(size)
+        delta[own] = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(own))) @ g
+        low, high = hypothesis.bounds
+        for share in STEP_SHARES:
+            moved = hypothesis.at(np.clip(hypothesis.flat() + share * delta * hypothesis.steps, low, high))
+            gained = _gain(gains(e.log_likelihood(e.residual(moved.world()), scales), before), e)
+            if gained > best.gain:
+                best = Screened(gained, effect, moved)
+            elif gained > begin:
+                break
         return best
 
     def _belongs(self, first: Candidate, present: Candidate, each: Candidate) -> bool:
@@ -319,28 +330,27 @@ class Search:
         without each that stays.
 
         Args:
-            known: by name, what remains without an effect, where that has been fitted before.
+            known: what remains without effects that have just been found to belong.
         """
         judge, known = self.judge, dict(known or {})
         while True:
-            names = [e.name for e in present.hypothesis.effects if e.name not in judge.held]
-            asked = [name for name in names if name not in known]
-            less = {**known, **dict(zip(asked, judge.each(partial(_without, judge, present), asked), strict=True))}
+            asked = [e.name for e in present.hypothesis.effects if e.name not in judge.held | known.keys()]
+            found = dict(zip(asked, judge.each(partial(_without, judge, present), asked), strict=True))
+            gained = {name: judge.parts(-each.gain) for name, each in found.items()}
             useless = [
                 name
-                for name, each in less.items()
-                if judge.better(present, each) > LEVEL / len(self.library) or not self._matters(first, each, present)
+                for name, gain in gained.items()
+                if gain[0].sum() <= 0
+                or anywhere(gain) > LEVEL / len(self.library)
+                or not self._matters(first, found[name], present)
             ]
             if not useless:
-                return present, less
-            present, known = max((less[name] for name in useless), key=lambda each: -_worth(judge, present, each)), {}
+                return present, {**known, **found}
+            present, known = found[min(useless, key=lambda name: gained[name][0].sum())], {}
 
     def _simplest(self, good: Sequence[Candidate]) -> Candidate:
         """The best, or a special case of it that is as good."""
-        judge, best = self.judge, good[0]
-        for each in good[1:]:
-            if judge.of_tosses(judge.contest(each, best)).sum() > 0:
-                best = each
+        judge, best = self.judge, max(good, key=lambda each: each.total)
         while True:
             special = () if best.effect is None else best.effect.contains
             inner = [each for each in good if each.name in special and judge.better(best, each) > CLASS_LEVEL]
@@ -361,7 +371,7 @@ class Search:
         for effect in present.hypothesis.effects:
             if effect.name in self.judge.held:
                 continue
-            gain = self.judge.contest(present, less[effect.name])
+            gain = -less[effect.name].gain
             needed[effect.name] = replace(present, effect=effect, gain=gain, shown=self.judge.parts(gain))
             rivals = [others[name] for name in classes.get(effect.name, ()) if name in others]
             found[effect.name] = self._rivals(less[effect.name], needed[effect.name], rivals)
@@ -409,8 +419,9 @@ def _without(judge: Judge, present: Candidate, name: str) -> Candidate:
     return judge.judged(present, None, present.hypothesis.minus(name), 5)
 
 
-def _worth(judge: Judge, present: Candidate, without: Candidate) -> float:
-    return float(judge.of_tosses(judge.contest(present, without)).sum())
+def _gain(gain: Array, e: Evidence) -> float:
+    """Of windows (W,), by their weights, or by their number where contact shows more."""
+    return max(float(gain.sum()), float(gain @ e.windows.weights) / FLIGHT_WEIGHT)
 
 
 def _silent(text: str, share: float) -> None:
