@@ -23,6 +23,7 @@ from tossid.diagnosis.judging import Candidate, Judge, folds
 from tossid.diagnosis.place import located
 from tossid.diagnosis.search import Found, Search
 from tossid.diagnosis.windows import LENGTH, make_windows
+from tossid.diagnosis.witnesses import witnesses
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, Effect, World
 from tossid.types import Phase, Toss
@@ -161,6 +162,7 @@ def _report(
         alternatives=found.swapped,
         contact=_contact(judge, found),
         place=located(tosses, first, present, gap, left, seed=seed),
+        witnesses=witnesses(unseen or tosses, first.hypothesis.world(), present.hypothesis.world()),
     )
 
 

@@ -205,6 +205,30 @@ class Step:
 
 
 @dataclass(frozen=True)
+class Witness:
+    """A quantity that tosses show without a simulator (`witnesses`), beside what the stated simulator has for it and
+    what the diagnosis found. effect: of which it speaks. tosses: that show it."""
+
+    quantity: str
+    effect: str
+    stated: float
+    found: float
+    measured: Interval
+    tosses: int
+
+    def as_json(self) -> dict[str, Any]:
+        """One of gap.json's "witnesses"."""
+        return {
+            "quantity": self.quantity,
+            "effect": self.effect,
+            "stated": self.stated,
+            "found": self.found,
+            "measured": self.measured.as_json(),
+            "tosses": self.tosses,
+        }
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """All of it. named: the effects that explain the gap, in order of what is lost without each.
 
@@ -212,6 +236,7 @@ class Diagnosis:
     share of the first gap that is left there. hypothesis: the world with all of them, fitted to all tosses.
     contact: what the tosses follow most of Coulomb's law, its relaxation and a MuJoCo model's own; it is no effect.
     alternatives: the same with a confusable effect swapped in. place: where in the state and on the object.
+    witnesses: what tosses say of some effects without a simulator.
     """
 
     verdict: Verdict
@@ -228,6 +253,7 @@ class Diagnosis:
     alternatives: tuple[Hypothesis, ...] = ()
     contact: Contact = "coulomb"
     place: Place = field(default_factory=Place)
+    witnesses: tuple[Witness, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """gap.json but for next_toss and patch."""
@@ -262,6 +288,7 @@ class Diagnosis:
                 "unexplained_where": [{"phase": s.name, **_share(s)} for s in self.unexplained],
             },
             "steps": [step.as_json() for step in self.steps],
+            "witnesses": [witness.as_json() for witness in self.witnesses],
             "seconds": self.seconds,
         }
 

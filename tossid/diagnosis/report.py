@@ -95,6 +95,7 @@ def report_html(
         "<h2>Details</h2>",
         _section("All effects, and what size would have shown", _all_effects(diagnosis)),
         _section("Rollout errors, step by step", _steps(diagnosis)),
+        _section("What the tosses show without a simulator", _witnesses(diagnosis)),
         _section("Where the gap is, in numbers", _where(diagnosis)),
         _section("Which force or torque is missing, and with which state", _wrench(diagnosis, more.get("gap_wrench"))),
         _section("On which corner", _corners(diagnosis, more.get("gap_corners"))),
@@ -273,6 +274,22 @@ def _steps(diagnosis: Diagnosis) -> str:
         "other tosses. Means with 95 % intervals over tosses.</p>"
     )
     return _table(head, rows, numbers=[1, 2]) + note
+
+
+def _witnesses(diagnosis: Diagnosis) -> str:
+    rows = [
+        [escape(w.quantity), short(w.stated), short(w.found), escape(_span(w.measured)), str(w.tosses)]
+        for w in diagnosis.witnesses
+    ]
+    head = ["quantity", "the simulator as it is", "with the effects found", "the tosses themselves", "tosses"]
+    unseen = diagnosis.steps[0].unseen_position_error_pct is not None
+    note = (
+        '<p class="note">Impacts of a lone corner between two flights (momentum and its arm against spin, velocities '
+        "of the corner before and after) and parabolas through sliding. No window, no contact law and no fit is in "
+        f"these; they are of {'unseen tosses' if unseen else 'the same tosses'}. Medians over tosses, 95 % by "
+        "bootstrap.</p>"
+    )
+    return _table(head, rows, numbers=[1, 2, 3, 4]) + note if rows else ""
 
 
 def _span(value: Interval) -> str:
