@@ -53,7 +53,7 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
     threads = config.threads or os.cpu_count() or 1
     simulator = _simulator(config, dataset.object)
     tosses, unseen = _chosen(config, dataset)
-    tosses, remarks = _usable(tosses, data, console)
+    tosses, remarks = _usable(tosses, _whose(config, data), console)
     tosses, lost = _survived(simulator, dataset.object, tosses, data, threads=threads)
     remarks += lost
     for text in lost:
@@ -190,7 +190,7 @@ def _lasting(tosses: tuple[Toss, ...]) -> tuple[tuple[Toss, ...], tuple[Toss, ..
     return long, tuple(toss for toss in long if moves(toss))
 
 
-def _usable(tosses: tuple[Toss, ...], data: Path, console: Console) -> tuple[tuple[Toss, ...], list[str]]:
+def _usable(tosses: tuple[Toss, ...], of: str, console: Console) -> tuple[tuple[Toss, ...], list[str]]:
     """Tosses that are long enough to predict from, and in which anything moves; and what is said of the others.
 
     Raises:
@@ -208,7 +208,7 @@ def _usable(tosses: tuple[Toss, ...], data: Path, console: Console) -> tuple[tup
     if len(kept) < FEWEST_TOSSES:
         which = f" that serve ({', '.join(why)})" if why else ""
         raise InputError(
-            f"{data}: has {len(kept)} tosses{which}; a diagnosis needs at least {FEWEST_TOSSES}, to fit effects to "
+            f"{of}: has {len(kept)} tosses{which}; a diagnosis needs at least {FEWEST_TOSSES}, to fit effects to "
             "some and judge them on others"
         )
     if not why:

@@ -166,6 +166,29 @@ def test_two_tosses_are_too_few(project: Path, spoilt: Path, capfd: pytest.Captu
     assert "has 0 tosses that serve (in 12 of 12 nothing moves)" in refused(["data=still.h5"], capfd)
 
 
+def test_only_the_chosen_tosses_are_diagnosed(
+    project: Path, spoilt: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a split, from a place on; the test split is rolled out beside, unless it is what is asked about."""
+    taken: list[tuple[list[str], list[str]]] = []
+
+    def diagnosed(tosses: list[Toss], world: Any, *, unseen: list[Toss], **rest: Any) -> None:
+        taken.append(([toss.name for toss in tosses], [toss.name for toss in unseen]))
+        raise InputError("seen enough")
+
+    monkeypatch.setattr("tossid.diagnosis.attribution.diagnose", diagnosed)
+    dataset = read_dataset(spoilt)
+    whole, train, test = ([toss.name for toss in each] for each in (
+        dataset.tosses, dataset.of_split("train"), dataset.of_split("test")
+    ))  # fmt: skip
+    for keys in ([], ["skip=2", "tosses=7"], ["split=train"]):
+        assert "seen enough" in refused([f"data={spoilt}", *keys], capfd)
+    assert taken == [(whole, []), (whole[2:9], []), (train, test)]
+    assert f"test split: has {len(test)} tosses; a diagnosis needs" in refused([f"data={spoilt}", "split=test"], capfd)
+    assert "has 3 tosses" in refused([f"data={spoilt}", "split=train", "tosses=3"], capfd)
+    assert "split" in refused([f"data={spoilt}", "split=trian"], capfd)
+
+
 def test_an_object_with_joints_is_refused(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
     keys = ["object=elbow", "frames=false", "engine=lcp", "tosses=6", "seconds=0.3", "out=elbow", "--quiet"]
     assert app.run(["synthesize", *keys]) == 0
