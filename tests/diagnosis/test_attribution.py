@@ -12,7 +12,8 @@ from tests.models.conftest import cube
 from tossid.diagnosis.attribution import diagnose
 from tossid.diagnosis.fitting import Evidence, Hypothesis, fit
 from tossid.diagnosis.judging import one_sided
-from tossid.diagnosis.windows import linearise, make_windows
+from tossid.diagnosis.whitening import linearise
+from tossid.diagnosis.windows import make_windows
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, Effect, Recording, World
 from tossid.types import Phase

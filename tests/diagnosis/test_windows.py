@@ -9,7 +9,8 @@ import pytest
 
 from tests.diagnosis.tossed import seen
 from tests.models.conftest import cube
-from tossid.diagnosis.windows import TURN, linearise, make_windows
+from tossid.diagnosis.whitening import linearise
+from tossid.diagnosis.windows import TURN, make_windows
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics.effects import World
 from tossid.rotations import quat_exp, quat_mul

@@ -23,7 +23,8 @@ from tossid.diagnosis.place import corner_shares
 from tossid.diagnosis.place_figures import corners, place_figures
 from tossid.diagnosis.place_figures import residual_wrench as wrench_figure
 from tossid.diagnosis.report import report_html
-from tossid.diagnosis.windows import linearise, make_windows
+from tossid.diagnosis.whitening import linearise
+from tossid.diagnosis.windows import make_windows
 from tossid.diagnosis.words import place_of, where_words
 from tossid.diagnosis.wrench import (
     COMPONENTS,

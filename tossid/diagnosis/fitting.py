@@ -16,7 +16,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.windows import Whitening, Windows, linearise
+from tossid.diagnosis.whitening import Whitening, linearise
+from tossid.diagnosis.windows import Windows
 from tossid.physics.effects import Effect, World
 
 Array = NDArray[np.float64]

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from tossid.diagnosis.findings import Gap, Interval, Share, Step
 from tossid.diagnosis.fitting import CAP, N_PHASES, Evidence, student_deviance
 from tossid.diagnosis.judging import RESTARTS, Candidate, Judge
-from tossid.diagnosis.windows import Windows, linearise, make_windows, steps_of
+from tossid.diagnosis.whitening import linearise
+from tossid.diagnosis.windows import Windows, make_windows, steps_of
 from tossid.motion import flight_states
 from tossid.physics.effects import World
 from tossid.rotations import geodesic_angle, quat_exp, quat_mul

@@ -13,7 +13,8 @@ from scipy.stats import wilcoxon
 
 from tossid.diagnosis.engines import LIFTING, Engine
 from tossid.diagnosis.fitting import Evidence, Fitted, Hypothesis, fit, gains
-from tossid.diagnosis.windows import FLIGHT_WEIGHT, Windows, linearise
+from tossid.diagnosis.whitening import linearise
+from tossid.diagnosis.windows import FLIGHT_WEIGHT, Windows
 from tossid.physics.effects import Effect, World
 from tossid.types import Phase
 

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.fitting import NU, Hypothesis
-from tossid.diagnosis.windows import linearise, make_windows, steps_of
+from tossid.diagnosis.whitening import linearise
+from tossid.diagnosis.windows import make_windows, steps_of
 from tossid.motion import lowest_corner
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_boxminus, quat_rotate

@@ -15,7 +15,8 @@ from tossid.diagnosis.engines import MujocoWorld
 from tossid.diagnosis.fitting import CAP, Evidence, Hypothesis, student_deviance
 from tossid.diagnosis.gap import bootstrap_ratio, by_toss, deviance, first_states
 from tossid.diagnosis.patch import Patch
-from tossid.diagnosis.windows import Windows, linearise, make_windows
+from tossid.diagnosis.whitening import linearise
+from tossid.diagnosis.windows import Windows, make_windows
 from tossid.evaluation.metrics import summarize
 from tossid.objects import ObjectModel, center_positions
 from tossid.physics.effects import World

@@ -1,0 +1,310 @@
+"""First states that suit the windows, and misses whitened by how uncertain they are: variable projection, window by
+window (see `windows`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dtrtri
+
+from tossid.diagnosis.windows import Windows
+from tossid.errors import SolverError
+from tossid.physics.effects import World
+from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize
+
+Array = NDArray[np.float64]
+
+BAD = 3.0
+"""Standard deviations of chi-squared by which a window's cost may exceed its mean."""
+RESTART_STEPS, AFRESH_STEPS = 4, 6
+SETTLED = 0.02
+"""By how much a window's cost falls at least in a step, for another one."""
+MOST_DAMPED = 1e3
+SAME = 0.3
+"""Standard deviations of poses by which predictions differ, for derivatives to be taken again."""
+_SPEEDS = np.arange(6, 12)
+_MOST = np.array([0.01] * 3 + [0.1] * 3 + [1.0] * 3 + [10.0] * 3)
+"""By how much a first state moves in a step."""
+_STEPS = np.array([2e-4] * 3 + [2e-3] * 3 + [5e-3] * 3 + [3e-2] * 3)
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """Inverse Cholesky factors (W, 6 L, 6 L) of the misses' covariance, and the misses' mean (W, 6 L) at a right model.
+
+    volume (W,): log determinant of the factors, which densities of different whitenings need to be compared.
+    by_state (W, 6 L, 12): the predictions' derivatives by the first states, taken where misses were `at` (W, 6 L).
+    other (W, 6 L): the other engine's difference.
+    """
+
+    root: Array
+    mean: Array
+    volume: Array
+    by_state: Array
+    at: Array
+    other: Array
+
+    def __call__(self, misses: Array) -> Array:
+        """(W, L, 6) -> whitened (W, L, 6)."""
+        W, L, _ = misses.shape
+        flat = misses.reshape(W, -1) - self.mean
+        return (self.root @ flat[..., None])[..., 0].reshape(W, L, 6)
+
+    def rows(self, index: NDArray[np.int64]) -> Whitening:
+        """Those of some windows."""
+        return Whitening(*(getattr(self, field.name)[index] for field in fields(self)))
+
+
+def linearise(
+    windows: Windows,
+    world: World,
+    *,
+    refine: int = 2,
+    restarts: int = 0,
+    near: Whitening | None = None,
+    anew: bool = True,
+    engines: tuple[Array, float] | None = None,
+    n_threads: int = 1,
+) -> tuple[Windows, Whitening]:
+    """First states as the windows' own frames tell them under this world, and the whitening there.
+
+    Args:
+        refine: steps of Gauss and Newton, damped as Marquardt does, of the first states.
+        restarts: how often windows that fit badly are begun anew, from the recorded states and from states near by:
+            where contact opens or closes, the first state has several minima.
+        near: the whitening of a world and states near by. Its derivatives spare those before the last; and those too
+            in windows whose predictions are still the same.
+        anew: whether the last are taken; if not, the whitening has the derivatives of `near`.
+        engines: how another engine's predictions of the same rigid contact differ (W, L, 6), and how many times
+            that is expected in the misses: the number is a nuisance of standard deviation 1.
+    """
+    W, L = windows.inside.shape
+    none = np.zeros((W, L, 6)), 0.0
+    other, center = engines or none
+    other = other.reshape(W, 6 * L)
+    kept, miss, S, cost = _estimated(windows, world, (other, center), refine, near, n_threads)
+    n = 6 * windows.inside.sum(1)
+    rng = np.random.default_rng(0)
+    fresh = np.full(W, near is None)
+    led = not np.array_equal(windows.at_v, windows.v)
+    for turn in range(restarts):
+        bad = np.flatnonzero(cost > n + BAD * np.sqrt(2 * n))
+        if not len(bad):
+            break
+        some = kept.rows(bad)
+        # once from what was recorded, if another hypothesis has led to where they are; then from near by
+        afresh = led and turn == 0
+        at_q, at_v = (some.q, some.v) if afresh else _moved(some.at_q, some.at_v, _near(some, S[bad], rng))
+        tried, *there = _estimated(
+            replace(some, at_q=at_q, at_v=at_v),
+            world,
+            (other[bad], center),
+            AFRESH_STEPS if afresh else RESTART_STEPS,
+            None,
+            n_threads,
+        )
+        better = there[-1] < cost[bad]
+        kept = _with_states(kept, bad[better], tried.at_q[better], tried.at_v[better])
+        miss, S, cost = (_with(old, bad[better], new[better]) for old, new in zip((miss, S, cost), there, strict=True))
+        fresh[bad[better]] = True
+    at, stale = miss, np.zeros(0, int)
+    if near is not None:
+        moved = (np.abs(miss - near.at) / np.sqrt(_variances(windows))).max(1)
+        stale = np.flatnonzero((moved > SAME) & ~fresh) if anew else stale
+        if len(stale):
+            S = _with(S, stale, _sensitivity(kept.rows(stale), world, n_threads=n_threads)[1])
+        fresh[stale] = True
+        at = np.where(fresh[:, None], miss, near.at)
+    return kept, _whitening(kept, S, at, other, center, near, fresh)
+
+
+def _with(values: Array, index: NDArray[np.int64], new: Array) -> Array:
+    """A copy with rows replaced."""
+    out = values.copy()
+    out[index] = new
+    return out
+
+
+def _with_states(windows: Windows, index: NDArray[np.int64], at_q: Array, at_v: Array) -> Windows:
+    """The windows, some of them at other states."""
+    return replace(windows, at_q=_with(windows.at_q, index, at_q), at_v=_with(windows.at_v, index, at_v))
+
+
+def _near(at: Windows, S: Array, rng: np.random.Generator) -> Array:
+    """(W, 12) moves of first states, drawn from twice their posterior's spread."""
+    columns, _ = _whitened(at, S.reshape(len(S), -1, 6, 12), np.zeros((len(S), *at.inside.shape[1:], 6)))
+    H = columns.mT @ columns
+    H[:, _SPEEDS, _SPEEDS] += at.prior[:, 6:] ** -2.0
+    # H = L L^T, so that L^-T z has covariance H^-1
+    draw = rng.normal(size=(len(S), 12, 1))
+    return 2 * np.linalg.solve(np.linalg.cholesky(H).mT, draw)[..., 0]
+
+
+def _variances(windows: Windows) -> Array:
+    """(W, 6 L) of the poses; 1 outside."""
+    W, L = windows.inside.shape
+    return np.where(np.repeat(windows.inside, 6, axis=1), (windows.noise**2).reshape(W, 6 * L), 1.0)
+
+
+def _estimated(
+    windows: Windows,
+    world: World,
+    engines: tuple[Array, float],
+    refine: int,
+    near: Whitening | None,
+    n_threads: int,
+) -> tuple[Windows, Array, Array, Array]:
+    """Windows at refined states, misses there (W, 6 L), derivatives S (W, 6 L, 12), and costs (W,): -2 log posterior,
+    but for constants. A window whose cost falls no more is left as it is."""
+    W, L = windows.inside.shape
+    other, center = engines
+
+    def examined(at: Windows, rows: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+        if near is None:
+            miss, S = _sensitivity(at, world, n_threads=n_threads)
+        else:
+            miss, S = at.misses(at.predicted(world, n_threads=n_threads)).reshape(len(rows), 6 * L), near.by_state[rows]
+        return miss, S, _cost(at, (miss - center * other[rows]).reshape(-1, L, 6), other[rows].reshape(-1, L, 6))
+
+    kept, damping, rows = windows, np.zeros(W), np.arange(W)
+    miss, S, cost = examined(kept, rows)
+    for _ in range(refine):
+        some = kept.rows(rows)
+        off = (miss[rows] - center * other[rows]).reshape(-1, L, 6)
+        trial = _refined(some, off, S[rows], other[rows].reshape(-1, L, 6), damping[rows])
+        trial_miss, trial_S, trial_cost = examined(trial, rows)
+        better = trial_cost < cost[rows]
+        falls = cost[rows] - trial_cost > SETTLED
+        damping[rows] = np.where(better, damping[rows] / 10, np.maximum(10 * damping[rows], 1.0))
+        index = rows[better]
+        kept = _with_states(kept, index, trial.at_q[better], trial.at_v[better])
+        miss, cost = _with(miss, index, trial_miss[better]), _with(cost, index, trial_cost[better])
+        S = _with(S, index, trial_S[better]) if near is None else S
+        rows = rows[falls | (~better & (damping[rows] < MOST_DAMPED))]
+        if not len(rows):
+            break
+    return kept, miss, S, cost
+
+
+def _whitened(at: Windows, by_state: Array | None, miss: Array) -> tuple[Array, Array]:
+    """What the first state (W, L, 6, 12) and anything else (W, L, 6) put into the first recorded pose and into the
+    misses, in standard deviations of the poses' errors: (W, 6 (L + 1), 12) and (W, 6 (L + 1)).
+
+    Before `miss` comes the recorded first pose less that of linearisation, and before by_state's columns their 1.
+    """
+    W = len(miss)
+    if by_state is None:
+        columns = np.zeros((W, 0, 0))
+    else:
+        first = np.broadcast_to(np.eye(6, 12), (W, 1, 6, 12))
+        stacked = np.concatenate([first, by_state], axis=1).transpose(0, 2, 1, 3)
+        columns = (at.root @ stacked).reshape(W, -1, 12)
+    whole = np.concatenate([_off(at)[:, None, :6], miss], axis=1).transpose(0, 2, 1)
+    return columns, (at.root @ whole[..., None]).reshape(W, -1)
+
+
+def _other(at: Windows, other: Array) -> Array:
+    """(W, 6 (L + 1)) the other engine's difference (W, L, 6), whitened as misses are."""
+    whole = np.concatenate([np.zeros_like(other[:, :1]), other], axis=1).transpose(0, 2, 1)
+    out: Array = (at.root @ whole[..., None]).reshape(len(other), -1)
+    return out
+
+
+def _cost(at: Windows, miss: Array, other: Array) -> Array:
+    """(W,) -2 log posterior of first states, but for constants, with the best share of the other engine."""
+    _, r = _whitened(at, None, miss)
+    o = _other(at, other)
+    along = (o * r).sum(1) ** 2 / (1 + (o**2).sum(1))
+    out: Array = np.minimum(r**2, 1e6).sum(1) - np.minimum(along, 1e6)
+    return out + (_off(at)[:, 6:] ** 2 / at.prior[:, 6:] ** 2).sum(1)
+
+
+def _refined(at: Windows, miss: Array, S: Array, other: Array, damping: Array) -> Windows:
+    """States moved toward their posterior mean, by information: 12 numbers a window, and the other engine's share.
+
+    damping (W,): Marquardt's.
+    """
+    columns, r = _whitened(at, S.reshape(len(S), -1, 6, 12), miss)
+    columns = np.concatenate([columns, _other(at, other)[..., None]], axis=2)
+    H, g = columns.mT @ columns, (columns.mT @ r[..., None])[..., 0]
+    H[:, _SPEEDS, _SPEEDS] += at.prior[:, 6:] ** -2.0
+    H[:, 12, 12] += 1.0
+    g[:, 6:12] += _off(at)[:, 6:] / at.prior[:, 6:] ** 2
+    index = np.arange(13)
+    H[:, index, index] *= 1 + damping[:, None]
+    delta = np.linalg.solve(H, g[..., None])[:, :12, 0]
+    at_q, at_v = _moved(at.at_q, at.at_v, np.clip(delta, -_MOST, _MOST))
+    return replace(at, at_q=at_q, at_v=at_v)
+
+
+def _whitening(
+    windows: Windows,
+    S: Array,
+    at: Array,
+    other: Array,
+    center: float,
+    near: Whitening | None,
+    fresh: NDArray[np.bool_],
+) -> Whitening:
+    """Whitening of windows; `near` has the factors where no derivatives are fresh and the other engine is as it was."""
+    mean = (S @ _off(windows)[..., None])[..., 0] + center * other
+    mean[~np.repeat(windows.inside, 6, axis=1)] = 0.0
+    new = np.arange(len(S)) if near is None else np.flatnonzero(fresh | (other != near.other).any(1))
+    some, by_pose = windows.rows(new), S[new, :, :6]
+    W, L = some.inside.shape
+    slow = np.repeat(some.slow, 3, axis=1)
+    # the first pose's own error (its noise and slow part), its speeds, and the other engine
+    first = np.sqrt(some.prior[:, :6] ** 2 + slow[:, :, 0, 0])
+    speeds = S[new, :, 6:] * some.prior[:, None, 6:]
+    SP = np.concatenate([by_pose * first[:, None], speeds, other[new, :, None]], axis=2)
+    cov = SP @ SP.mT
+    index = np.arange(cov.shape[1])
+    cov[:, index, index] += _variances(some)
+    if slow.any():
+        # rows' slow errors are those of the first pose, as far as they are alike
+        shared = (by_pose[:, :, None, :] * slow[:, :, 0, 1:].transpose(0, 2, 1)[:, None]).reshape(W, 6 * L, 6 * L)
+        cov -= shared + shared.mT
+        blocks = cov.reshape(W, L, 6, L, 6)
+        for c in range(6):
+            blocks[:, :, c, :, c] += slow[:, c, 1:, 1:]
+    root = np.zeros((len(S), *cov.shape[1:])) if near is None else near.root.copy()
+    for k, factor in zip(new, np.linalg.cholesky(cov), strict=True):
+        root[k] = _inverse_lower(factor)
+    return Whitening(root, mean, np.log(np.einsum("wii->wi", root)).sum(1), S, at, other)
+
+
+def _inverse_lower(factor: Array) -> Array:
+    """Inverse of a lower triangular matrix; LAPACK's own is six times as fast as a general one."""
+    inverse, status = dtrtri(factor, lower=1)
+    if status:
+        raise SolverError("a window's covariance is singular", total=1)
+    return np.asarray(inverse)
+
+
+def _sensitivity(windows: Windows, world: World, *, n_threads: int) -> tuple[Array, Array]:
+    """Misses (W, 6 L) at the states of linearisation, and S (W, 6 L, 12)."""
+    W, L = windows.inside.shape
+    q, v = [windows.at_q], [windows.at_v]
+    for j in range(12):
+        delta = np.zeros((W, 12))
+        delta[:, j] = _STEPS[j]
+        moved_q, moved_v = _moved(windows.at_q, windows.at_v, delta)
+        q.append(moved_q)
+        v.append(moved_v)
+    run = windows.predicted(world, np.concatenate(q), np.concatenate(v), n_threads=n_threads)
+    miss = windows.misses(run).reshape(13, W, 6 * L)
+    S = (miss[0] - miss[1:]) / _STEPS[:, None, None]
+    return miss[0], np.moveaxis(S, 0, -1)
+
+
+def _off(at: Windows) -> Array:
+    """Recorded first states less those of linearisation (W, 12)."""
+    turned = quat_boxminus(at.q[:, 3:7], at.at_q[:, 3:7])
+    return np.concatenate([at.q[:, :3] - at.at_q[:, :3], turned, at.v - at.at_v], axis=1)
+
+
+def _moved(q: Array, v: Array, delta: Array) -> tuple[Array, Array]:
+    turned = quat_normalize(quat_mul(q[:, 3:7], quat_exp(delta[:, 3:6])))
+    return np.concatenate([q[:, :3] + delta[:, :3], turned], axis=1), v + delta[:, 6:]
