@@ -17,13 +17,12 @@ from tossid.diagnosis.audit import (
     draw_spoilt,
     motion,
     push_of,
-    score,
     settled,
-    summarise,
     way_between,
     world_with,
 )
 from tossid.diagnosis.audit_figures import audit_figures, wilson
+from tossid.diagnosis.audit_scores import score, summarise
 from tossid.physics.effects import LIBRARY, World
 
 DT = 1 / 148

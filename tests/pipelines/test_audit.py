@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from pipelines import app, audit
-from pipelines.audit import Job, _seal, _stored, _unseal, diagnose_case, make_case, seal
+from pipelines.audit import _seal, _stored, _unseal, seal
+from pipelines.audit_case import Job, diagnose_case, make_case
 from pipelines.config import load
 from pipelines.schemas import AuditConfig
 from tests.pipelines.conftest import one_line
