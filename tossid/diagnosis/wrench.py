@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import median_abs_deviation
 
 from tossid.diagnosis.findings import Interval, Relation
 from tossid.diagnosis.fitting import CAP, Evidence, Hypothesis
@@ -277,7 +278,7 @@ def _weighted(y: Array, variance: Array) -> tuple[Array, Array]:
     """Values without far ones, and weights by precision and by how much more than that they scatter (DerSimonian and
     Laird 1986): (n,), (n,)."""
     middle = np.median(y)
-    far = FAR * 1.4826 * np.median(np.abs(y - middle)) + 1e-12
+    far = FAR * float(median_abs_deviation(y, scale="normal")) + 1e-12
     y = np.clip(y, middle - far, middle + far)
     w = 1 / variance
     q = (w * (y - np.average(y, weights=w)) ** 2).sum()

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import median_abs_deviation
 
 from tossid.objects import ObjectModel, corner_positions
 from tossid.types import Toss
@@ -24,8 +25,6 @@ TOUCHING_REL = 0.05
 """Of the object's width: how much higher than its lowest corner a resting object's others are that touch."""
 FEWEST = 6
 """Resting tosses that are enough for a scatter."""
-MAD = 1.4826
-"""Standard deviations in a median absolute deviation."""
 CLEAR = 2.0
 """Scatter over that of the noise below which it counts as noise."""
 
@@ -56,8 +55,8 @@ def rest_scatter(tosses: Sequence[Toss], model: ObjectModel) -> tuple[float, flo
         noises.append([std[2], std[3:5].max()])
     if len(places) < FEWEST:
         return 0.0, 0.0
-    height = MAD * np.median(np.abs(_over_plane(np.array(places))))
-    tilt = MAD * np.median(np.abs(slopes - np.median(slopes, axis=0)))
+    height = median_abs_deviation(_over_plane(np.array(places)), scale="normal")
+    tilt = median_abs_deviation(slopes - np.median(slopes, axis=0), axis=None, scale="normal")
     noise = np.mean(noises, axis=0) / np.sqrt(FRAMES)
     found = [
         float(np.sqrt(size**2 - small**2)) if size > CLEAR * small else 0.0
