@@ -71,5 +71,5 @@ def _over_plane(places: Array) -> Array:
     for _ in range(3):
         plane = np.linalg.lstsq(A[kept], places[kept, 2], rcond=None)[0]
         off: Array = places[:, 2] - A @ plane
-        kept = np.abs(off) <= 3 * MAD * np.median(np.abs(off))
+        kept = np.abs(off) <= 3 * median_abs_deviation(off, scale="normal")
     return off
