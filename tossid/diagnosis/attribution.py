@@ -17,7 +17,7 @@ from scipy.stats import t as student
 
 from tossid.diagnosis.engines import Engine
 from tossid.diagnosis.findings import Contact, Diagnosis, Finding, Interval, Verdict
-from tossid.diagnosis.fitting import Fitted, Hypothesis, derivatives, fit, toss_sums
+from tossid.diagnosis.fitting import Fitted, Hypothesis, derivatives, toss_sums
 from tossid.diagnosis.gap import Floor, measure_gap, noise_floor, rollout_errors, share_left
 from tossid.diagnosis.judging import Candidate, Judge, folds
 from tossid.diagnosis.place import located
@@ -88,7 +88,7 @@ def _cut_elsewhere(
     def fitted(skip: int) -> Array:
         other = replace(judge, windows=make_windows(tosses, model, skip=skip))
         start = other.start(present.hypothesis).evidence
-        return fit(start, present.hypothesis, n_tosses=judge.n).hypothesis.flat()
+        return other.polished(start, present.hypothesis, 2).hypothesis.flat()
 
     values = np.array([present.hypothesis.flat(), *judge.each(fitted, CUTS)])
     middle = present.hypothesis.at(np.median(values, axis=0))

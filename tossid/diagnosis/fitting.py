@@ -42,6 +42,10 @@ FEWEST_ACTING = 10
 DOUBLINGS = 3
 LARGE = 8.0
 """Gain of log-likelihood of a window that is large."""
+NUDGED = 6
+"""Directions in which a fit is nudged."""
+FARTHEST = 16.0
+"""Standard errors that a nudge takes at most."""
 TRIALS = 5
 """Dampings that are tried in an iteration."""
 
@@ -353,6 +357,38 @@ def fit(
     J = derivatives(evidence, hypothesis, residual, free, sizes)
     H, g = toss_sums(evidence, residual, J, scales, n_tosses)
     return Fitted(hypothesis, evidence, residual, evidence.scales(residual), H, g)
+
+
+def nudged(fitted: Fitted) -> tuple[Evidence, Hypothesis]:
+    """A fitted hypothesis moved on along the directions that its likelihood says least of, by one standard error and
+    more, as long as that is better with first states that have followed, and the evidence there.
+
+    Steps of a fit are judged around first states that suit what they start from; there contact may hold a parameter
+    where no likelihood does.
+    """
+    evidence, hypothesis, scales = fitted.evidence, fitted.hypothesis, fitted.scales
+    low, high = hypothesis.bounds
+    size = np.sqrt(np.maximum(np.diagonal(fitted.H.sum(0)), 1e-12))
+    information, directions = np.linalg.eigh(fitted.H.sum(0) / np.outer(size, size))
+    weights = evidence.windows.weights
+
+    def ll(e: Evidence, h: Hypothesis) -> Array:
+        return e.log_likelihood(e.residual(h.world()), scales)
+
+    now = ll(evidence, hypothesis)
+    for i in range(min(len(size), NUDGED)):
+        # along an eigenvector of the correlations, a standard error long
+        move = directions[:, i] / np.sqrt(max(information[i], 1e-9)) / size * hypothesis.steps
+        for way in (move, -move):
+            length = 1.0
+            while length <= FARTHEST:
+                moved = hypothesis.at(np.clip(hypothesis.flat() + length * way, low, high))
+                there = evidence.renewed(moved.world(), refine=3)
+                after = np.maximum(ll(there, moved), ll(evidence, moved))
+                if not gains(after, np.maximum(now, ll(there, hypothesis))) @ weights > ENOUGH:
+                    break
+                hypothesis, evidence, now, length = moved, there, ll(there, moved), 2 * length
+    return evidence, hypothesis
 
 
 def student_deviance(residual: Array) -> Array:

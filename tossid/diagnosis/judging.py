@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import wilcoxon
 
 from tossid.diagnosis.engines import LIFTING, Engine
-from tossid.diagnosis.fitting import Evidence, Fitted, Hypothesis, fit, gains
+from tossid.diagnosis.fitting import Evidence, Fitted, Hypothesis, fit, gains, nudged
 from tossid.diagnosis.whitening import linearise
 from tossid.diagnosis.windows import FLIGHT_WEIGHT, Windows
 from tossid.physics.effects import Effect, World
@@ -25,6 +25,10 @@ Made = TypeVar("Made")
 FOLDS = 8
 CURVATURE = 0.65
 """Of Student's log-likelihood on Gaussian misses, over the weighted squares that Gauss-Newton has of it."""
+POLISH = 4
+"""Fits to a last hypothesis, each from where the last was nudged to."""
+POLISHED = 1.0
+"""Gain of log-likelihood below which no other follows."""
 RESTARTS = 2
 """Of windows that fit badly, at the start and whenever an effect has joined."""
 
@@ -179,6 +183,23 @@ class Judge:
         gain = self.contest(self._at_best(made, present.evidence), self._at_best(present, made.evidence))
         nothing = np.zeros(0) if effect is None else effect.nominal(present.hypothesis.world())
         return replace(made, gain=gain, shown=self._shown(effect, fitted, nothing, self.parts(gain)))
+
+    def polished(self, evidence: Evidence, hypothesis: Hypothesis, rounds: int = POLISH) -> Fitted:
+        """All parameters of a hypothesis fitted, windows that fit badly begun anew, and the fit nudged, as long as that
+        brings anything."""
+        fitted = fit(self.with_engine(evidence, hypothesis), hypothesis, n_tosses=self.n)
+        for _ in range(rounds - 1):
+            if not len(hypothesis.flat()):
+                break
+            near, moved = nudged(fitted)
+            again = fit(self.with_engine(near, moved), moved, n_tosses=self.n)
+            before, after = (each.evidence.log_likelihood(each.residual, fitted.scales) for each in (fitted, again))
+            gain = float(gains(after, before) @ evidence.windows.weights)
+            if gain > 0:
+                fitted = again
+            if gain < POLISHED:
+                break
+        return fitted
 
     def _settled(self, fitted: Fitted) -> Fitted:
         """With windows that fit badly begun anew, and all trusted as far as they fit under this hypothesis.

@@ -21,8 +21,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.fitting import Evidence, Hypothesis, derivatives, fit, gains, student_deviance, toss_sums
-from tossid.diagnosis.judging import Candidate, Judge, anywhere
+from tossid.diagnosis.fitting import Evidence, Hypothesis, derivatives, gains, student_deviance, toss_sums
+from tossid.diagnosis.judging import POLISH, Candidate, Judge, anywhere
 from tossid.diagnosis.windows import FLIGHT_WEIGHT
 from tossid.physics.effects import Effect
 from tossid.types import Phase
@@ -56,8 +56,6 @@ SCREENING = 3
 """Folds whose tosses screen what is far."""
 STEP_SHARES = (1.0, 0.3, 0.1, 0.03)
 """Parts of a screening step that are tried: impacts are far from linear."""
-POLISH = 16
-"""Iterations of the last fit."""
 
 
 @dataclass(frozen=True)
@@ -315,13 +313,11 @@ class Search:
         whole = deviances(first.evidence, first.fitted.residual)
         return any(part.any() and closed[part].sum() > MATTERS * whole[part].sum() for part in (free, ~free))
 
-    def _refreshed(self, present: Candidate, iterations: int = 4) -> Candidate:
+    def _refreshed(self, present: Candidate, rounds: int = 1) -> Candidate:
         """Everything fitted on, with the other engine's difference as it is for these values."""
-        judge = self.judge
-        near = judge.with_engine(present.evidence, present.hypothesis)
-        fitted = fit(near, present.hypothesis, n_tosses=judge.n, iterations=iterations)
+        fitted = self.judge.polished(present.evidence, present.hypothesis, rounds)
         fitted = replace(fitted, evidence=fitted.evidence.with_trust(fitted.residual))
-        return Candidate(present.effect, fitted, judge.held_out(fitted), present.gain, present.shown)
+        return Candidate(present.effect, fitted, self.judge.held_out(fitted), present.gain, present.shown)
 
     def _pruned(
         self, first: Candidate, present: Candidate, known: Mapping[str, Candidate] | None = None
