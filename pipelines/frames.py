@@ -38,7 +38,7 @@ from tossid.vision.detect import DetectSettings, detect_frames
 from tossid.vision.files import read_tracks
 from tossid.vision.recording import Recording, read_recording
 from tossid.vision.segment import SegmentSettings, segment
-from tossid.vision.tagslam import object_tags
+from tossid.vision.layout import object_tags
 from tossid.vision.track import TrackReport, TrackSettings, track
 
 STAGES = Path("outputs/stages")

@@ -17,18 +17,9 @@ from tossid.rotations import transform, transform_from_rotvec, transform_points,
 from tossid.vision.calibration import read_cameras, write_cameras
 from tossid.vision.camera import Camera
 from tossid.vision.faces import tag_corners
+from tossid.vision.layout import Body, BodyTag, TagLayout, layout_of, object_tags
 from tossid.vision.rig import default_rig, look_at
-from tossid.vision.tagslam import (
-    Body,
-    BodyTag,
-    TagLayout,
-    layout_of,
-    object_tags,
-    pose_mapping,
-    read_pose,
-    read_tagslam,
-    write_tagslam,
-)
+from tossid.vision.tagslam import pose_mapping, read_pose, read_tagslam, write_tagslam
 
 number = st.floats(-3.0, 3.0, allow_nan=False)
 

@@ -27,9 +27,10 @@ from tossid.vision.camera import Camera
 from tossid.vision.detect import detect_frames
 from tossid.vision.faces import default_tags, tag_corners
 from tossid.vision.files import read_tracks, write_tracks
+from tossid.vision.layout import object_tags
 from tossid.vision.pose_fit import observations, residuals
 from tossid.vision.rig import default_rig
-from tossid.vision.tagslam import object_tags, read_tagslam
+from tossid.vision.tagslam import read_tagslam
 from tossid.vision.track import TrackSettings, track
 
 

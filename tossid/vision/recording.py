@@ -23,7 +23,8 @@ from tossid.errors import FileError, InputError, OutputError
 from tossid.types import Frame
 from tossid.vision.calibration import read_cameras, write_cameras
 from tossid.vision.camera import Camera
-from tossid.vision.tagslam import TagLayout, read_tagslam, write_tagslam
+from tossid.vision.layout import TagLayout
+from tossid.vision.tagslam import read_tagslam, write_tagslam
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".pgm", ".tif", ".tiff")
 _ENDINGS = {b"\xff\xd8\xff": b"\xff\xd9", b"\x89PNG": b"IEND\xaeB`\x82"}
