@@ -28,7 +28,6 @@ from tossid.vision.detect import detect_frames
 from tossid.vision.faces import default_tags, tag_corners
 from tossid.vision.files import read_tracks, write_tracks
 from tossid.vision.layout import object_tags
-from tossid.vision.pose_fit import observations, residuals
 from tossid.vision.rig import default_rig
 from tossid.vision.tagslam import read_tagslam
 from tossid.vision.track import TrackSettings, track
@@ -115,20 +114,6 @@ def test_understated_noise_is_noticed(tagged: ObjectModel):
     found, report = track(detections, cameras, tagged)
     assert report.noise_scale == pytest.approx(3.0, rel=0.1)
     assert np.mean(_nees(found, q)) == pytest.approx(1.0, abs=0.3)
-
-
-def test_the_fits_jacobian_is_the_derivative(tagged: ObjectModel):
-    rng = np.random.default_rng(3)
-    cameras, q = default_rig(), _motion(1, rng)[0]
-    seen = list(_seen(cameras, tagged, 0.0, q, rng, 0.1))
-    obs = observations(seen, np.zeros(len(seen), dtype=np.int64), cameras, tagged.tags)
-    n, h = len(seen), 1e-6
-    p, quat = np.tile(q[:3], (n, 1)), np.tile(q[3:7], (n, 1))
-    _, J = residuals(obs, p, quat, jacobian=True)
-    for k, e in enumerate(np.eye(6)):
-        up = residuals(obs, p + h * e[:3], quat_mul(quat, quat_exp(h * e[3:])))[0]
-        down = residuals(obs, p - h * e[:3], quat_mul(quat, quat_exp(-h * e[3:])))[0]
-        np.testing.assert_allclose(J[..., k], (up - down) / (2 * h), atol=1e-3)
 
 
 def test_a_single_frontal_tag_does_not_flip(tagged: ObjectModel):

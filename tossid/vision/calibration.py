@@ -28,9 +28,9 @@ def read_cameras(folder: str | Path, *, layout: TagLayout | None = None) -> tupl
 
     `cameras.yaml` is Kalibr's form, with TagSLAM's topics, and `clock_offset` [s] where a camera's time
     stamps are late; poses on the rig come from `camera_poses.yaml` (T_rig_cam with R, the root of its
-    information), or from Kalibr's chain `T_cn_cnm1`, the first camera being the rig. The rig's own pose comes from `layout`, by
-    default the folder's `tagslam.yaml` if there is one; without either, the
-    rig is the world. A moving rig leaves `T_world_rig` None.
+    information), or from Kalibr's chain `T_cn_cnm1`, the first camera being the rig. The
+    rig's own pose comes from `layout`, by default the folder's `tagslam.yaml` if there is one; without
+    either, the rig is the world. A moving rig leaves `T_world_rig` None.
 
     Raises:
         FileError: a file is missing, damaged, or says what no camera can be.
@@ -110,10 +110,10 @@ def _rig_pose(path: Path, name: str, poses: dict[str, Any]) -> tuple[Array | Non
     T_rig_cam = read_pose(path, where, pose)
     if pose.get("R") is not None:
         root = numbers(path, f"{where}.R", pose["R"], 36).reshape(6, 6)
-        information = root.T @ root
+        information = root @ root.T  # TagSLAM's code takes the list column by column; its own files are meant so
         if np.linalg.cond(information) > 1e16:
             raise FileError(path, f"{where}.R is singular; expected the root of the pose's information")
-        return T_rig_cam, np.linalg.inv(information)
+        return T_rig_cam, np.asarray(np.linalg.inv(information))
     position, rotation = read_noise(path, where, pose)
     if position is None or rotation is None:
         return T_rig_cam, None
@@ -159,7 +159,7 @@ def write_cameras(cameras: Sequence[Camera], folder: str | Path) -> None:
         if camera.T_rig_cam is not None:
             pose: dict[str, Any] = dict(pose_mapping(camera.T_rig_cam))
             cov = EXACT**2 * np.eye(6) if camera.T_rig_cam_cov is None else camera.T_rig_cam_cov
-            pose["R"] = np.linalg.cholesky(np.linalg.inv(cov)).T.ravel().tolist()
+            pose["R"] = np.linalg.cholesky(np.linalg.inv(cov)).ravel().tolist()
             poses[camera.name] = {"pose": pose}
     (folder / "cameras.yaml").write_text(yaml.safe_dump(entries, sort_keys=False), encoding="utf-8")
     (folder / "camera_poses.yaml").write_text(yaml.safe_dump(poses, sort_keys=False), encoding="utf-8")

@@ -115,16 +115,13 @@ class TagLayout:
 def layout_of(model: ObjectModel, *, rigs: Sequence[str] = ("rig",)) -> TagLayout:
     """The scene of an object among fixed camera rigs that sit at the world's origin."""
     static = [Body(name, True, np.eye(4)) for name in rigs]
-    noise = np.full(3, 1e-5)
-    moving = [
-        Body(
-            name,
-            False,
-            tags=tuple(BodyTag(tag.id, tag.size, tag.T_body_tag, noise, noise) for tag in model.tags if tag.body == b),
-        )
-        for b, name in enumerate(model.body_names)
-    ]
+    moving = [Body(name, False, tags=body_tags(model, b)) for b, name in enumerate(model.body_names)]
     return TagLayout((*static, *moving), parameters={"pixel_noise": 1.0, "minimum_viewing_angle": 12.0})
+
+
+def body_tags(model: ObjectModel, body: int) -> tuple[BodyTag, ...]:
+    """The tags on one body of an object, at exactly known poses."""
+    return tuple(BodyTag(tag.id, tag.size, tag.T_body_tag) for tag in model.tags if tag.body == body)
 
 
 def object_tags(layout: TagLayout, body_names: Sequence[str]) -> tuple[Tag, ...]:

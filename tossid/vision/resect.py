@@ -88,7 +88,7 @@ class Resection:
     T: (g, 4, 4). information: (g, 6, 6) in the tangent (rotation, translation) of the target.
     cost: (g,) robust sum of squared whitened residuals. known: (g,) whether there is a pose at all.
     other, other_information, other_cost: the alternative, where `ambiguous` says that there is one.
-    whitened: (d,) rms whitened residual of each sighting's corners under T.
+    count: (g,) sightings of each.
     """
 
     T: Array
@@ -99,7 +99,7 @@ class Resection:
     other_information: Array
     other_cost: Array
     ambiguous: Bools
-    whitened: Array
+    count: Ints
 
 
 def tag_poses(seen: Array, half: Array) -> Array:
@@ -213,7 +213,7 @@ def fit(s: Sightings, T: Array, *, iterations: int = 8) -> Fit:
         over = np.maximum(np.linalg.norm(move[:, :3], axis=1) / 0.5, np.linalg.norm(move[:, 3:], axis=1) / reach)
         T = retract(T, move / np.maximum(over, 1.0)[:, None])
     robust = np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
-    ok &= np.isfinite(T).all(axis=(1, 2))
+    ok = np.asarray(ok & np.isfinite(T).all(axis=(1, 2)))
     return Fit(T, information, np.add.reduceat(robust.sum(axis=1), start), np.sqrt(np.mean(size**2, axis=1) / 2), ok)
 
 
@@ -251,10 +251,10 @@ def resect(s: Sightings, n: int) -> Resection:
         swap = ambiguous & (other_cost < cost)
         for mine, theirs in ((T, other), (cost, other_cost), (information, other_information)):
             mine[swap], theirs[swap] = theirs[swap], mine[swap].copy()
-    r, _ = residuals(s, T[s.group])
-    whitened = np.linalg.norm(np.squeeze(s.whiten @ r[..., None], -1), axis=-1)
-    whitened = np.sqrt(np.nan_to_num(np.mean(whitened**2, axis=1) / 2, nan=1e12))
-    return Resection(T, information, cost, best.ok, other, other_information, other_cost, ambiguous & best.ok, whitened)
+    ambiguous &= best.ok
+    return Resection(
+        T, information, cost, best.ok, other, other_information, other_cost, ambiguous, np.bincount(s.group)
+    )
 
 
 def _angle(A: Array, B: Array) -> Array:

@@ -1,0 +1,217 @@
+"""Detections sorted into a scene: which tag on which body was seen by which camera in which time step."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.errors import InputError
+from tossid.types import Detection
+from tossid.vision.camera import Camera
+from tossid.vision.layout import Body, BodyTag, Coordinate, Distance, TagLayout
+from tossid.vision.resect import tag_poses
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+SAME_STEP = 0.4
+"""Frames of different cameras within so many periods of the fastest camera are one time step."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Bodies, cameras and tags by number, and a row for each sighting, in order of time steps.
+
+    rig: (cameras,) the body that each camera sits on. body: (tags,) the body that each tag sits on.
+    t: (n,) the steps' times [s]. step, camera, tag: (d,). late: (d,) time of each frame after its step's [s].
+    pixels: (d, 4, 2). seen: (d, 4, 2) the same, normalised. to_pixels: (d, 4, 2, 2) takes small errors of these
+    to pixels. whiten: (d, 4, 2, 2) takes them to unit variance. T_cam_tag: (d, 2, 4, 4), of `tag_poses`.
+    measurements: between tags of static bodies.
+    """
+
+    cameras: tuple[Camera, ...]
+    bodies: tuple[Body, ...]
+    tags: tuple[BodyTag, ...]
+    rig: Ints
+    body: Ints
+    t: Array
+    step: Ints
+    camera: Ints
+    tag: Ints
+    late: Array
+    pixels: Array
+    seen: Array
+    to_pixels: Array
+    whiten: Array
+    T_cam_tag: Array
+    measurements: tuple[Distance | Coordinate, ...] = ()
+
+    @property
+    def half(self) -> Array:
+        """Half the size of each sighting's tag [m]. (d,)."""
+        return np.array([0.5 * tag.size for tag in self.tags])[self.tag]
+
+
+def observe(
+    detections: Iterable[Detection], cameras: Sequence[Camera], layout: TagLayout, *, dropped: Counter[str]
+) -> Scene:
+    """Sort detections into a scene.
+
+    Tags that the layout does not list belong to its default body, and their poses are unknown.
+
+    Args:
+        detections: in any order. dropped: counts, by reason, what is left out.
+
+    Raises:
+        InputError: a detection of a camera that is not calibrated, or of a rig that is no body; nothing to use.
+    """
+    names = {camera.name: c for c, camera in enumerate(cameras)}
+    bodies = {body.name: b for b, body in enumerate(layout.bodies)}
+    for model in cameras:
+        if model.rig_body not in bodies:
+            raise InputError(f"camera '{model.name}' sits on '{model.rig_body}', which is no body of the layout")
+    tags = [(b, tag) for b, body in enumerate(layout.bodies) for tag in body.tags]
+    number = {tag.id: i for i, (_, tag) in enumerate(tags)}
+    kept: list[Detection] = []
+    at: list[int] = []
+    for detection in _once(detections, layout, dropped):
+        if detection.camera not in names:
+            raise InputError(f"a detection is of camera '{detection.camera}', which is not calibrated")
+        if not (np.isfinite(detection.corners).all() and np.linalg.det(detection.corner_cov) > 0):
+            dropped["corners or covariance not finite"] += 1
+            continue
+        if detection.tag_id not in number:
+            new = _new_tag(detection.tag_id, layout)
+            if new is None:
+                dropped["id on no body"] += 1
+                continue
+            number[detection.tag_id] = len(tags)
+            tags.append((bodies[str(layout.default_body)], new))
+        kept.append(detection)
+        at.append(number[detection.tag_id])
+    if not kept:
+        raise InputError(f"no detection of any tag of the scene: nothing to track ({words(dropped)})")
+    order = np.argsort([detection.t for detection in kept], kind="stable")
+    kept, tag = [kept[i] for i in order], np.array(at, dtype=np.int64)[order]
+    camera = np.array([names[detection.camera] for detection in kept], dtype=np.int64)
+    times = np.array([detection.t for detection in kept])
+    step, t = time_steps(times, camera)
+    # of the frames of a step, the cameras' order matters, not which was a microsecond earlier
+    order = np.lexsort((tag, camera, step))
+    kept = [kept[i] for i in order]
+    tag, camera, times, step = tag[order], camera[order], times[order], step[order]
+    pixels = np.stack([detection.corners for detection in kept])
+    seen, to_pixels = _undistorted(cameras, camera, pixels)
+    lens = np.isfinite(seen).all(axis=(1, 2)) & np.isfinite(to_pixels).all(axis=(1, 2, 3))
+    if not lens.all():
+        dropped["outside the lens model"] += int((~lens).sum())
+    cov = np.stack([detection.corner_cov for detection in kept])
+    root = np.swapaxes(np.linalg.cholesky(np.linalg.inv(cov)), -1, -2)
+    half = np.array([0.5 * tags[i][1].size for i in tag])
+    return Scene(
+        tuple(cameras),
+        layout.bodies,
+        tuple(tag for _, tag in tags),
+        np.array([bodies[camera.rig_body] for camera in cameras], dtype=np.int64),
+        np.array([b for b, _ in tags], dtype=np.int64),
+        t,
+        step[lens],
+        camera[lens],
+        tag[lens],
+        (times - t[step])[lens],
+        pixels[lens],
+        seen[lens],
+        to_pixels[lens],
+        (root[:, None] @ to_pixels)[lens],
+        tag_poses(seen[lens], half[lens]),
+        layout.measurements,
+    )
+
+
+def _once(detections: Iterable[Detection], layout: TagLayout, dropped: Counter[str]) -> list[Detection]:
+    """Detections under their remapped ids, without the squashed and the doubtful ones."""
+    found: dict[tuple[str, float, int], Detection | None] = {}
+    for d in detections:
+        if layout.max_hamming is not None and d.hamming > layout.max_hamming:
+            dropped["too many corrected bits"] += 1
+            continue
+        if any(
+            d.tag_id in squash.tags
+            and squash.camera in (None, d.camera)
+            and (squash.time is None or abs(squash.time - d.t) < 1e-6)
+            for squash in layout.squashes
+        ):
+            dropped["squashed"] += 1
+            continue
+        tag_id = d.tag_id
+        for remap in layout.remaps:
+            if remap.id == d.tag_id and remap.start <= d.t <= remap.end and remap.camera in (None, d.camera):
+                tag_id = remap.new_id
+        if tag_id != d.tag_id:
+            d = Detection(d.camera, d.t, tag_id, d.corners, d.corner_cov, d.hamming, d.margin)
+        key = (d.camera, d.t, d.tag_id)
+        if key in found:  # at most one can be right, and nothing says which
+            dropped["id seen twice in a frame"] += 2 if found[key] is not None else 1
+            found[key] = None
+        else:
+            found[key] = d
+    return [d for d in found.values() if d is not None]
+
+
+def _new_tag(tag_id: int, layout: TagLayout) -> BodyTag | None:
+    body = layout.body(layout.default_body) if layout.default_body is not None else None
+    if body is None or tag_id in body.ignored_tags:
+        return None
+    if body.default_tag_size is None:
+        raise InputError(f"tag {tag_id} falls to default_body '{body.name}', which has no default_tag_size")
+    return BodyTag(tag_id, body.default_tag_size, None)
+
+
+def _undistorted(cameras: Sequence[Camera], camera: Ints, pixels: Array) -> tuple[Array, Array]:
+    """Normalised corners, and d pixel / d normalised. (d, 4, 2), (d, 4, 2, 2)."""
+    seen, slope = np.full(pixels.shape, np.nan), np.full((*pixels.shape, 2), np.nan)
+    for c, model in enumerate(cameras):
+        own = camera == c
+        if own.any():
+            seen[own] = model.undistort(pixels[own])
+            _, J = model.distort(np.concatenate([seen[own], np.ones((own.sum(), 4, 1))], axis=-1))
+            slope[own] = J[..., :2]
+    return seen, slope
+
+
+def time_steps(t: Array, camera: Ints) -> tuple[Ints, Array]:
+    """Time step of each sighting (sorted by time), and the steps' times.
+
+    Frames of several cameras within `SAME_STEP` of the fastest camera's period are one step; a camera has one
+    frame in a step. Cameras need not be synchronous, nor of one rate: a step may be one camera's alone.
+    """
+    gaps = []
+    for c in np.unique(camera):
+        steps = np.diff(np.unique(t[camera == c]))
+        if len(steps):
+            gaps.append(float(np.median(steps)))
+    window = SAME_STEP * min(gaps) if gaps else 0.0
+    step = np.zeros(len(t), dtype=np.int64)
+    first, index = t[0], 0
+    at: dict[int, float] = {}
+    for i in range(len(t)):
+        here = int(camera[i])
+        if t[i] - first > window or at.get(here, t[i]) != t[i]:
+            first, index, at = t[i], index + 1, {}
+        at[here] = t[i]
+        step[i] = index
+    # the mean over cameras, as one with many tags has no better clock than one with few
+    frames = np.unique(np.stack([step.astype(float), camera.astype(float), t]), axis=1)
+    at_step = frames[0].astype(np.int64)
+    start = frames[2][np.searchsorted(at_step, np.arange(index + 1))]
+    return step, start + np.bincount(at_step, frames[2] - start[at_step]) / np.bincount(at_step)
+
+
+def words(reasons: Counter[str]) -> str:
+    """Reasons and their counts, for a message."""
+    return ", ".join(f"{reason}: {count}" for reason, count in reasons.most_common()) or "none dropped"
