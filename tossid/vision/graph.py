@@ -41,6 +41,11 @@ class Prior:
     T: Array
     cov: Array | None
 
+    @property
+    def exact(self) -> bool:
+        """Whether the pose is a constant."""
+        return self.cov is None or bool(np.diag(self.cov).max() <= EXACT**2)
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -294,7 +299,7 @@ def _key(built: _Built, key: int, T: Array, known: dict[int, Prior]) -> int:
     if key in built.fixed or built.values.exists(key):
         return key
     prior = known.get(key)
-    if prior is not None and (prior.cov is None or np.diag(prior.cov).max() <= EXACT**2):
+    if prior is not None and prior.exact:
         built.fixed[key] = prior.T
     else:
         built.values.insert(key, gtsam.Pose3(T))

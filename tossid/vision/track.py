@@ -127,10 +127,10 @@ def track_scene(
 
 
 def _calibrates(scene: Scene, known: dict[int, Prior]) -> bool:
-    """Whether anything static is to be found."""
+    """Whether anything static is to be found, or found better than it is given."""
     keys = [camera_key(c) for c in range(len(scene.cameras))] + [tag_key(i) for i in range(len(scene.tags))]
     keys += [body_key(b, 0) for b, body in enumerate(scene.bodies) if body.is_static]
-    return any(key not in known for key in keys)
+    return not all(key in known and known[key].exact for key in keys)
 
 
 def _outliers(scene: Scene, errors: Errors, used: Bools, settings: TrackSettings) -> Bools:
