@@ -291,5 +291,5 @@ def _detect_batch(
     recording: Recording, files: Sequence[FrameFile], model: ObjectModel, settings: DetectSettings
 ) -> tuple[list[Detection], Counter[str], int]:
     finder = TagFinder(recording.camera(files[0].camera), model, settings)
-    found = [detection for file in files for detection in finder.find(recording.read(file))]
+    found = [detection for frame in recording.run(files) for detection in finder.find(frame)]
     return found, finder.tally, len(files)

@@ -12,13 +12,13 @@ import shutil
 import sqlite3
 import struct
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, cast
+from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
@@ -35,10 +35,7 @@ from tossid.types import Detection
 from tossid.vision.camera import Camera
 
 SUFFIXES = (".bag", ".mcap", ".db3", ".bag.bz2", ".bag.gz")
-PACKED: dict[str, Callable[[Path], BinaryIO]] = {
-    ".bz2": lambda path: cast(BinaryIO, bz2.open(path, "rb")),
-    ".gz": lambda path: cast(BinaryIO, gzip.open(path, "rb")),
-}
+PACKED: dict[str, type[bz2.BZ2File] | type[gzip.GzipFile]] = {".bz2": bz2.BZ2File, ".gz": gzip.GzipFile}
 
 APRILTAG_MSGS = {
     "apriltag_msgs/msg/ApriltagArrayStamped": "std_msgs/Header header\nApriltag[] apriltags\n",
