@@ -124,18 +124,21 @@ def body_tags(model: ObjectModel, body: int) -> tuple[BodyTag, ...]:
     return tuple(BodyTag(tag.id, tag.size, tag.T_body_tag) for tag in model.tags if tag.body == body)
 
 
-def object_tags(layout: TagLayout, body_names: Sequence[str]) -> tuple[Tag, ...]:
-    """The tags of known pose on the named bodies of an object.
+def object_body(layout: TagLayout, body_names: Sequence[str]) -> Body | None:
+    """The body of a scene that is an object's first one: by its name, or for a one-body object the scene's only
+    moving body with tags, whatever its name. None if there is none."""
+    named = layout.body(body_names[0])
+    moving = [body for body in layout.bodies if not body.is_static and body.tags]
+    return moving[0] if named is None and len(body_names) == 1 and len(moving) == 1 else named
 
-    A one-body object also takes the scene's only moving body with tags, whatever its name.
+
+def object_tags(layout: TagLayout, body_names: Sequence[str]) -> tuple[Tag, ...]:
+    """The tags of known pose on the named bodies of an object (`object_body`).
 
     Raises:
         ObjectError: no such body, or no tag of known pose on any.
     """
-    bodies = [layout.body(name) for name in body_names]
-    if len(body_names) == 1 and bodies[0] is None:
-        moving = [body for body in layout.bodies if not body.is_static and body.tags]
-        bodies = list(moving) if len(moving) == 1 else bodies
+    bodies = [object_body(layout, body_names), *(layout.body(name) for name in body_names[1:])]
     tags = [
         Tag(tag.id, tag.size, b, tag.T_body_tag)
         for b, body in enumerate(bodies)
