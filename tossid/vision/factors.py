@@ -29,8 +29,8 @@ class View:
     """What one camera saw of one body in one frame.
 
     camera, rig, body: keys of T_rig_cam, T_world_rig, T_world_body. tags: (m,) key of each sighting's T_body_tag.
-    half: (m,) [m]. seen: (m, 4, 2), whiten: (m, 4, 2, 2) as in `Scene`. late: how much later than the step's
-    poses the frame is [s]. rig_twist, body_twist: (6,) motion during it (rotation [rad/s], translation [m/s],
+    half: (m,) [m]. seen: (m, 4, 2), whiten: (m, 4, 2, 2), count: (m,) as in `Scene`. late: how much later than
+    the step's poses the frame is [s]. rig_twist, body_twist: (6,) motion during it (rotation [rad/s], translation [m/s],
     in the moving frame). clock: key of the camera's clock offset [s], None if that is known.
     """
 
@@ -41,6 +41,7 @@ class View:
     half: Array
     seen: Array
     whiten: Array
+    count: Array
     late: float
     rig_twist: Array
     body_twist: Array
@@ -66,6 +67,7 @@ def view_factor(view: View, fixed: dict[int, Array], noise: Noise) -> gtsam.Cust
     poses = np.stack([fixed.get(key, np.eye(4)) for key in chain])
     rows = 8 * len(view.tags)
     corners = view.half[:, None, None] * SQUARE
+    limit = HUBER * np.sqrt(view.count)
 
     def error(_: Any, values: gtsam.Values, H: list[Array] | None) -> Array:
         here = poses.copy()
@@ -73,7 +75,7 @@ def view_factor(view: View, fixed: dict[int, Array], noise: Noise) -> gtsam.Cust
             here[slot] = values.atPose3(key).matrix()
         late = view.late - (values.atDouble(view.clock) if view.clock is not None else 0.0)
         r, J = _reproject(
-            here, tag_slot, corners, view.seen, view.whiten, late, view.rig_twist, view.body_twist, noise.scale, HUBER
+            here, tag_slot, corners, view.seen, view.whiten, late, view.rig_twist, view.body_twist, noise.scale, limit
         )
         if H is not None:
             for i, slot in enumerate(slots):
@@ -137,7 +139,7 @@ def _reproject(
     rig_twist: Array,
     body_twist: Array,
     scale: float,
-    huber: float,
+    limit: Array,
 ) -> tuple[Array, Array]:
     """Robust whitened residuals (8 m,), and their derivatives by each pose of the chain and, last, by the frame's
     lateness (chain + 1, 8 m, 6)."""
@@ -150,7 +152,7 @@ def _reproject(
     A0, A1, A2, A3, A4 = np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3))
     block = np.empty((2, 6))
     for d in range(m):
-        T_body_tag = poses[3 + tag_slot[d]]
+        T_body_tag, huber = poses[3 + tag_slot[d]], limit[d]
         for c in range(4):
             x = corners[d, c]
             _apply(T_body_tag, x, y3)

@@ -265,6 +265,7 @@ def _build(
             half[group],
             scene.seen[group],
             scene.whiten[group],
+            scene.count[group],
             float(scene.late[first]) - (0.0 if motion.free[c] else float(motion.clock[c])),
             _twist(motion, rig, step),
             _twist(motion, body, step),

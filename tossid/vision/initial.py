@@ -156,8 +156,9 @@ def place(scene: Scene, state: State, *, decisions: Decisions, bold: bool = Fals
 def _resect(scene: Scene, rows: Ints, A: Array, B: Array, group: Ints, n: int) -> Resection:
     order = np.argsort(group, kind="stable")
     rows = rows[order]
+    whiten = scene.whiten[rows] / np.sqrt(scene.count[rows])[:, None, None, None]
     sightings = Sightings(
-        group[order], A[order], B[order], scene.half[rows], scene.seen[rows], scene.whiten[rows], scene.T_cam_tag[rows]
+        group[order], A[order], B[order], scene.half[rows], scene.seen[rows], whiten, scene.T_cam_tag[rows]
     )
     return resect(sightings, n)
 

@@ -80,7 +80,7 @@ def make_report(
     square = errors.pixels**2
 
     def rms(index: Bools) -> float:
-        return float(np.sqrt(np.mean(square[index]))) if index.any() else float("nan")
+        return float(np.sqrt(np.average(square[index], weights=scene.count[index]))) if index.any() else float("nan")
 
     cameras, tags = enumerate(scene.cameras), enumerate(scene.tags)
     by_camera = {camera.name: rms(believed & (scene.camera == c)) for c, camera in cameras}

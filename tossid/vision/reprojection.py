@@ -22,7 +22,7 @@ class Errors:
     """Reprojection of each sighting's four corners: NaN where something on the way is not placed.
 
     vector: (d, 4, 2) projected minus seen [px]. pixels: (d,) rms distance [px]. whitened: (d,) rms over the
-    eight components of the same at unit variance. promise: (d,) rms distance that the covariances promise [px].
+    eight components of the same, over what a single frame promises. promise: (d,) rms distance that it does [px].
     """
 
     vector: Array
@@ -64,8 +64,9 @@ def reproject(scene: Scene, state: State, motion: Motion | None = None) -> Error
     x = np.where(x[..., 2:] > 0, x, np.nan)
     flat = x[..., :2] / x[..., 2:] - scene.seen
     vector = np.squeeze(scene.to_pixels @ flat[..., None], -1)
-    whitened = np.squeeze(scene.whiten @ flat[..., None], -1)
-    root = scene.to_pixels @ np.linalg.inv(scene.whiten)
+    whiten = scene.whiten / np.sqrt(scene.count)[:, None, None, None]
+    whitened = np.squeeze(whiten @ flat[..., None], -1)
+    root = scene.to_pixels @ np.linalg.inv(whiten)
     return Errors(
         vector,
         np.sqrt(np.mean(np.sum(vector**2, axis=-1), axis=1)),

@@ -23,6 +23,10 @@ SAME_STEP = 0.4
 """Frames of different cameras within so many periods of the fastest camera are one time step."""
 
 
+SCATTER = 3.0
+"""A static tag in a static camera's images does not move by more [px]."""
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Bodies, cameras and tags by number, and a row for each sighting, in order of time steps.
@@ -30,8 +34,9 @@ class Scene:
     rig: (cameras,) the body that each camera sits on. body: (tags,) the body that each tag sits on.
     t: (n,) the steps' times [s]. step, camera, tag: (d,). late: (d,) time of each frame after its step's [s].
     pixels: (d, 4, 2). seen: (d, 4, 2) the same, normalised. to_pixels: (d, 4, 2, 2) takes small errors of these
-    to pixels. whiten: (d, 4, 2, 2) takes them to unit variance. T_cam_tag: (d, 2, 4, 4), of `tag_poses`.
-    measurements: between tags of static bodies.
+    to pixels. whiten: (d, 4, 2, 2) takes them to unit variance. count: (d,) frames that a row stands for: a
+    static camera's sightings of a static tag are one row, with their mean. T_cam_tag: (d, 2, 4, 4), of
+    `tag_poses`. measurements: between tags of static bodies.
     """
 
     cameras: tuple[Camera, ...]
@@ -48,6 +53,7 @@ class Scene:
     seen: Array
     to_pixels: Array
     whiten: Array
+    count: Array
     T_cam_tag: Array
     measurements: tuple[Distance | Coordinate, ...] = ()
 
@@ -106,31 +112,67 @@ def observe(
     kept = [kept[i] for i in order]
     tag, camera, times, step = tag[order], camera[order], times[order], step[order]
     pixels = np.stack([detection.corners for detection in kept])
-    seen, to_pixels = _undistorted(cameras, camera, pixels)
+    cov = np.stack([detection.corner_cov for detection in kept])
+    static = np.array([body.is_static for body in layout.bodies])
+    still = static[[bodies[model.rig_body] for model in cameras]] & [model.wiggle is None for model in cameras]
+    still_rows = still[camera] & static[[b for b, _ in tags]][tag]
+    rows, pixels, cov, count = _merged(pixels, cov, still_rows, camera, tag)
+    seen, to_pixels = _undistorted(cameras, camera[rows], pixels)
     lens = np.isfinite(seen).all(axis=(1, 2)) & np.isfinite(to_pixels).all(axis=(1, 2, 3))
     if not lens.all():
-        dropped["outside the lens model"] += int((~lens).sum())
-    cov = np.stack([detection.corner_cov for detection in kept])
+        dropped["outside the lens model"] += int(count[~lens].sum())
     root = np.swapaxes(np.linalg.cholesky(np.linalg.inv(cov)), -1, -2)
-    half = np.array([0.5 * tags[i][1].size for i in tag])
+    half = np.array([0.5 * tags[i][1].size for i in tag[rows]])
+    rows = rows[lens]
     return Scene(
         tuple(cameras),
         layout.bodies,
         tuple(tag for _, tag in tags),
-        np.array([bodies[camera.rig_body] for camera in cameras], dtype=np.int64),
+        np.array([bodies[model.rig_body] for model in cameras], dtype=np.int64),
         np.array([b for b, _ in tags], dtype=np.int64),
         t,
-        step[lens],
-        camera[lens],
-        tag[lens],
-        (times - t[step])[lens],
+        step[rows],
+        camera[rows],
+        tag[rows],
+        (times - t[step])[rows],
         pixels[lens],
         seen[lens],
         to_pixels[lens],
         (root[:, None] @ to_pixels)[lens],
+        count[lens],
         tag_poses(seen[lens], half[lens]),
         layout.measurements,
     )
+
+
+def _merged(pixels: Array, cov: Array, still: Bools, camera: Ints, tag: Ints) -> tuple[Ints, Array, Array, Array]:
+    """Rows with those of a static camera and a static tag merged into their first one.
+
+    The mean corners of n frames, with n times the information, have the same sum of squares as the n, but for a
+    constant. A tag that did move (by more than `SCATTER`) is left as it is.
+
+    Returns:
+        the rows left (r,), their pixels (r, 4, 2) and covariances (r, 2, 2), and how many each stands for (r,).
+    """
+    count = np.ones(len(pixels))
+    keep = np.ones(len(pixels), dtype=bool)
+    pixels, cov = pixels.copy(), cov.copy()
+    label = camera * (tag.max() + 1) + tag
+    for name in np.unique(label[still]):
+        rows = np.flatnonzero(still & (label == name))
+        if len(rows) < 2:
+            continue
+        middle = np.median(pixels[rows], axis=0)
+        near = rows[np.linalg.norm(pixels[rows] - middle, axis=-1).max(axis=1) < SCATTER]
+        if len(near) < 0.9 * len(rows):
+            continue
+        information = np.linalg.inv(cov[near])
+        cov[near[0]] = np.linalg.inv(information.sum(axis=0))
+        pixels[near[0]] = np.squeeze(cov[near[0]] @ (information[:, None] @ pixels[near][..., None]).sum(axis=0), -1)
+        count[near[0]] = len(near)
+        keep[near[1:]] = False
+    index = np.flatnonzero(keep)
+    return index, pixels[index], cov[index], count[index]
 
 
 def _once(detections: Iterable[Detection], layout: TagLayout, dropped: Counter[str]) -> list[Detection]:
