@@ -30,8 +30,8 @@ class View:
 
     camera, rig, body: keys of T_rig_cam, T_world_rig, T_world_body. tags: (m,) key of each sighting's T_body_tag.
     half: (m,) [m]. seen: (m, 4, 2), whiten: (m, 4, 2, 2), count: (m,) as in `Scene`. late: how much later than
-    the step's poses the frame is [s]. rig_twist, body_twist: (6,) motion during it (rotation [rad/s], translation [m/s],
-    in the moving frame). clock: key of the camera's clock offset [s], None if that is known.
+    the step's poses the frame is [s]. rig_twist, body_twist: (6,) motion during it (rotation [rad/s], translation
+    [m/s], in the moving frame). clock: key of the camera's clock offset [s], None if that is known.
     """
 
     camera: int

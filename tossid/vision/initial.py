@@ -26,6 +26,10 @@ Bools = NDArray[np.bool_]
 HUNCH = 2.0
 """Difference in scaled squared residuals that decides between two poses where nothing else does."""
 
+CLEAR = 3.0
+"""Least ratio of squared residuals at which the images alone decide between two poses: errors that a tag's
+sightings share (of a lens model, of a print) weigh on both."""
+
 
 @dataclass(frozen=True, slots=True)
 class Decisions:
@@ -99,10 +103,11 @@ def initialise(scene: Scene, *, decisions: Decisions = DEFAULT) -> State:
     """
     state = given(scene)
     while True:
-        moved = place(scene, state, decisions=decisions)
-        if _statics(scene, state, decisions, bold=False) or moved:
+        place(scene, state, decisions=decisions, again=True)
+        if _statics(scene, state, decisions, bold=False):
             continue
-        if place(scene, state, decisions=decisions, bold=True) or _statics(scene, state, decisions, bold=True):
+        place(scene, state, decisions=decisions, bold=True)
+        if _statics(scene, state, decisions, bold=False) or _statics(scene, state, decisions, bold=True):
             continue
         if not _anchor(scene, state):
             break
@@ -119,7 +124,6 @@ def place(scene: Scene, state: State, *, decisions: Decisions, bold: bool = Fals
     Args:
         bold: also where only a hunch tells two poses apart. again: place anew what moves and is known already.
     """
-    fresh = 0
     for b, body in enumerate(scene.bodies):
         if again and not body.is_static:
             if b in scene.rig and (scene.body == b).any():
@@ -149,8 +153,6 @@ def place(scene: Scene, state: State, *, decisions: Decisions, bold: bool = Fals
             T = chosen if seen else transform_inv(chosen)
             new = sure & ~there(state.world[b][slots])
             state.world[b][slots[new]] = T[new]
-            fresh += int(new.sum())
-    return fresh
 
 
 def _resect(scene: Scene, rows: Ints, A: Array, B: Array, group: Ints, n: int) -> Resection:
@@ -164,16 +166,23 @@ def _resect(scene: Scene, rows: Ints, A: Array, B: Array, group: Ints, n: int) -
 
 
 def _statics(scene: Scene, state: State, decisions: Decisions, *, bold: bool) -> int:
-    """Place unknown tags on their bodies and unknown cameras on their rigs; returns how many."""
+    """Place unknown tags on their bodies, or else an unknown camera on its rig; returns how many became known.
+
+    What was found before is found anew, by all that sees it now. Of cameras the one with the most to go by is
+    placed, one at a time, as the tags that two cameras see then place the next one better.
+    """
     T_rig_body = transform_inv(state.at(scene.rig[scene.camera], scene.step)) @ state.at(
         scene.body[scene.tag], scene.step
     )
-    placed, fresh = there(T_rig_body), 0
+    placed, start = there(T_rig_body), given(scene)
     for what in ("tag", "camera"):
         index = scene.tag if what == "tag" else scene.camera
-        poses = state.tag if what == "tag" else state.camera
+        poses, first = (state.tag, start.tag) if what == "tag" else (state.camera, start.camera)
         known = there(state.camera)[scene.camera] if what == "tag" else there(state.tag)[scene.tag]
-        rows = np.flatnonzero(placed & known & ~there(poses)[index])
+        open_ = ~there(first)
+        if what == "tag":
+            open_[state.gauge] = False
+        rows = np.flatnonzero(placed & known & open_[index])
         if not len(rows):
             continue
         eye = np.broadcast_to(np.eye(4), (len(rows), 4, 4))
@@ -184,13 +193,15 @@ def _statics(scene: Scene, state: State, decisions: Decisions, *, bold: bool) ->
         which, group = np.unique(index[rows], return_inverse=True)
         found = _resect(scene, rows, A, B, group, len(which))
         chosen, sure = choose(found, None, decisions, bold=bold)
-        if bold and sure.sum() > 1:  # one hunch at a time: what it opens may decide the next
-            sure &= np.arange(len(sure)) == np.argmax(np.where(sure, np.bincount(group), 0))
+        new = sure & ~there(poses[which])
+        if new.sum() > 1 and (bold or what == "camera"):
+            merit = found.gain if bold else found.count.astype(float)
+            sure &= ~new | (np.arange(len(sure)) == np.argmax(np.where(new, merit, -np.inf)))
+            new &= sure
         poses[which[sure]] = chosen[sure] if what == "tag" else transform_inv(chosen[sure])
-        fresh += int(sure.sum())
-        if fresh:
-            break  # the new tags place more bodies, and these the cameras better
-    return fresh
+        if new.any():
+            return int(new.sum())
+    return 0
 
 
 def _anchor(scene: Scene, state: State) -> bool:
@@ -215,8 +226,9 @@ def choose(found: Resection, t: Array | None, decisions: Decisions, *, bold: boo
         bold: where all else fails, neighbours further away decide, and hunches.
     """
     noise2 = noise_scale(found) ** 2
-    gain = (found.other_cost - found.cost) / noise2
-    sure = found.known & ~(found.ambiguous & (gain < decisions.evidence))
+    gain = found.gain / noise2
+    clear = (gain > decisions.evidence) & (found.other_cost > CLEAR * found.cost)
+    sure = found.known & (clear | ~found.ambiguous)
     T = found.T.copy()
     if t is not None:
         quat, other = matrix_to_quat(T[:, :3, :3]), matrix_to_quat(found.other[:, :3, :3])

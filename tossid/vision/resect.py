@@ -101,6 +101,11 @@ class Resection:
     ambiguous: Bools
     count: Ints
 
+    @property
+    def gain(self) -> Array:
+        """How much better the pose is than its alternative (infinite where there is none). (g,)."""
+        return np.where(self.ambiguous, self.other_cost - self.cost, np.inf)
+
 
 def tag_poses(seen: Array, half: Array) -> Array:
     """Both poses T_cam_tag that a tag alone allows: IPPE (Collins and Bartoli 2014).
