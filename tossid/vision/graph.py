@@ -31,6 +31,8 @@ EXACT = 2e-6
 """Standard deviation [m, rad] up to which a pose is taken as exactly known."""
 WINDOW = 3000
 """Time steps that are optimised at once."""
+ITERATIONS = 100
+"""Most steps of an optimisation."""
 _STEPS = 2**32
 
 
@@ -201,16 +203,7 @@ def _batch(
 ) -> None:
     """Optimise some steps at once, into the solution; `statics`: also what is static."""
     built = _build(scene, solution.state, used & np.isin(scene.step, steps), known, motion, statics=statics)
-    if built.values.size():
-        parameters = gtsam.LevenbergMarquardtParams()
-        parameters.setMaxIterations(100)
-        parameters.setRelativeErrorTol(1e-8)
-        parameters.setAbsoluteErrorTol(1e-7)
-        values = gtsam.LevenbergMarquardtOptimizer(built.graph, built.values, parameters).optimize()
-    else:
-        values = built.values
-    if not np.isfinite(built.graph.error(values)):
-        raise SolverError("the pose graph did not converge: its error is no number")
+    values = optimise(built.graph, built.values)
     built.noise.scale = scale
     marginals = gtsam.Marginals(built.graph, values) if covariances and values.size() else None
     state = solution.state
@@ -231,6 +224,49 @@ def _batch(
             solution.clock[c] = values.atDouble(clock_key(c))
             if marginals is not None:
                 solution.clock_sigma[c] = float(np.sqrt(marginals.marginalCovariance(clock_key(c))[0, 0]))
+
+
+def optimise(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Values:
+    """The nearest least squares, by Gauss-Newton steps that are damped where they fail (Levenberg).
+
+    GTSAM's own optimisers take time with the square of the number of time steps before they start.
+
+    Raises:
+        SolverError: the error is no number.
+    """
+    if not values.size():
+        return values
+    error, damping = graph.error(values), 0.0
+    for _ in range(ITERATIONS):
+        linear = graph.linearize(values)
+        while True:
+            try:
+                better = values.retract(_damped(linear, values, damping).optimize())
+                new = graph.error(better)
+            except RuntimeError:  # what the sightings do not tell, damping must hold
+                new = np.inf
+            if new <= error:
+                break
+            damping = max(100 * damping, 1.0)
+            if damping > 1e12:
+                if not np.isfinite(error):
+                    raise SolverError("the pose graph has no finite error at its first poses")
+                return values
+        gain, values, error, damping = error - new, better, new, damping / 10 if damping > 1 else 0.0
+        if gain <= 1e-7 + 1e-9 * error:
+            break
+    return values
+
+
+def _damped(linear: gtsam.GaussianFactorGraph, values: gtsam.Values, damping: float) -> gtsam.GaussianFactorGraph:
+    if not damping:
+        return linear
+    out = gtsam.GaussianFactorGraph()
+    out.push_back(linear)
+    for key in values.keys():  # noqa: SIM118  (not a dict)
+        n = 1 if gtsam.Symbol(key).chr() == ord("o") else 6
+        out.add(gtsam.JacobianFactor(key, np.sqrt(damping) * np.eye(n), np.zeros(n), gtsam.noiseModel.Unit.Create(n)))
+    return out
 
 
 def _build(

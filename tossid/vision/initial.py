@@ -118,8 +118,8 @@ def initialise(scene: Scene, *, decisions: Decisions = DEFAULT) -> State:
     return state
 
 
-def place(scene: Scene, state: State, *, decisions: Decisions, bold: bool = False, again: bool = False) -> int:
-    """Place bodies (and rigs) in the world by what is known of them; returns how many poses became known.
+def place(scene: Scene, state: State, *, decisions: Decisions, bold: bool = False, again: bool = False) -> None:
+    """Place bodies (and rigs) in the world by what is known of them.
 
     Args:
         bold: also where only a hunch tells two poses apart. again: place anew what moves and is known already.

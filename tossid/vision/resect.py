@@ -25,8 +25,8 @@ from tossid.rotations import (
     matrix_to_quat,
     quat_exp,
     quat_to_matrix,
-    rotvec_to_matrix,
     skew,
+    transform_from_rotvec,
     transform_inv,
     transform_points,
 )
@@ -118,16 +118,15 @@ def tag_poses(seen: Array, half: Array) -> Array:
     Returns:
         (d, 2, 4, 4), NaN where there is none.
     """
-    T = np.full((len(seen), 2, 4, 4), np.nan)
+    rotvecs, shifts = np.full((len(seen), 2, 3), np.nan), np.full((len(seen), 2, 3), np.nan)
     square, eye = SQUARE[::-1].copy(), np.eye(3)  # IPPE_SQUARE wants top-left first
     for row in np.flatnonzero(np.isfinite(seen).all(axis=(1, 2))):
-        count, rotvecs, shifts, _ = cv2.solvePnPGeneric(
+        count, turns, ways, _ = cv2.solvePnPGeneric(
             half[row] * square, seen[row, ::-1].copy(), eye, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
         )
         for k in range(min(int(count), 2)):
-            T[row, k] = np.eye(4)
-            T[row, k, :3, :3] = rotvec_to_matrix(rotvecs[k][:, 0])
-            T[row, k, :3, 3] = shifts[k][:, 0]
+            rotvecs[row, k], shifts[row, k] = turns[k][:, 0], ways[k][:, 0]
+    T = transform_from_rotvec(shifts, rotvecs)
     T[~np.isfinite(T).all(axis=(2, 3)) | (T[..., 2, 3] <= 0)] = np.nan
     return T
 
