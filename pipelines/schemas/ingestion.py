@@ -55,6 +55,8 @@ class TrackConfig:
     """fastest motion that is believed [m/s]"""
     max_gap: Positive
     """longest time over which neighbours decide between two poses [s]"""
+    clocks: bool
+    """look whether cameras' clocks are apart, and find by how much"""
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,7 @@ class TrackSettings:
     evidence: least difference in robust squared residuals between two hypotheses for the images alone to decide.
     max_spin [rad/s], max_speed [m/s]: motion between frames that is still believed.
     max_gap: longest time [s] over which a neighbour decides between hypotheses.
+    clocks: look whether cameras' clocks are apart, and find by how much.
     """
 
     max_rms: float = 1.5
@@ -50,6 +51,7 @@ class TrackSettings:
     max_spin: float = 50.0
     max_speed: float = 10.0
     max_gap: float = 0.06
+    clocks: bool = True
 
 
 class Kept:

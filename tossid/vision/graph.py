@@ -168,6 +168,7 @@ def solve(
     sample = steps[np.linspace(0, len(steps) - 1, window).astype(np.int64)]
     _batch(scene, solution, used, sample, known, motion, scale, True, statics=True)
     known = dict(known) | dict(_learned(scene, solution))
+    motion = Motion(motion.twist, solution.clock.copy(), _no(scene))
     for a in range(0, len(steps), window):
         _batch(scene, solution, used, steps[a : a + window], known, motion, scale, covariances, statics=False)
     return solution

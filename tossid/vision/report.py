@@ -42,6 +42,7 @@ class TrackReport:
     noise_scale: standard deviation of the residuals over what the detections' covariances promise (the poses'
     covariances are scaled with it). dropped_steps: time steps without a pose, by reason. dropped_tags: detections
     left out, by reason. cameras, tags: those calibrated. unplaced: what never was seen with anything known.
+    clocks: offset of each camera's clock that was found to be apart, taken off, and its standard deviation [s].
     """
 
     n_steps: int
@@ -57,6 +58,7 @@ class TrackReport:
     cameras: dict[str, Moved] = field(default_factory=dict)
     tags: dict[int, Moved] = field(default_factory=dict)
     unplaced: list[str] = field(default_factory=list)
+    clocks: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def make_report(
@@ -71,6 +73,7 @@ def make_report(
     n_poses: int,
     dropped_steps: Mapping[str, int],
     dropped_tags: Mapping[str, int],
+    clocks: Mapping[str, tuple[float, float]],
 ) -> TrackReport:
     """The report of a solved scene.
 
@@ -106,6 +109,7 @@ def make_report(
         {name: moved for name, moved in moved_cameras.items() if moved is not None},
         {tag_id: moved for tag_id, moved in moved_tags.items() if moved is not None},
         _unplaced(scene, state),
+        dict(clocks),
     )
 
 

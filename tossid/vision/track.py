@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,9 @@ from tossid.rotations import matrix_to_quat, quat_boxminus
 from tossid.types import Detection, PoseTrack
 from tossid.vision.believed import TrackSettings, believed_steps, pose_track
 from tossid.vision.camera import Camera
+from tossid.vision.clocks import clock_offsets
 from tossid.vision.graph import Motion, Prior, Solution, body_key, camera_key, priors, solve, tag_key
-from tossid.vision.initial import Decisions, initialise, place, there
+from tossid.vision.initial import Decisions, given, initialise, place, there
 from tossid.vision.layout import Body, TagLayout, body_tags
 from tossid.vision.report import Frames, TrackReport, found, frame_errors, make_report
 from tossid.vision.reprojection import Errors, reproject
@@ -68,7 +69,7 @@ def track(
     rigs = {camera.rig_body: camera for camera in cameras}
     bodies = [Body(rig, True, camera.T_world_rig) for rig, camera in rigs.items()]
     tracked = track_scene(
-        detections,
+        list(detections),
         cameras,
         TagLayout((*bodies, Body(model.body_names[0], False, tags=body_tags(model, 0)))),
         settings=settings,
@@ -78,7 +79,7 @@ def track(
 
 
 def track_scene(
-    detections: Iterable[Detection],
+    detections: Sequence[Detection],
     cameras: Sequence[Camera],
     layout: TagLayout,
     *,
@@ -88,7 +89,7 @@ def track_scene(
     """Find everything that is unknown in a scene: where its moving bodies are, and its unknown cameras and tags.
 
     Args:
-        detections: in any order, of cameras that need not be synchronous.
+        detections: in any order, of cameras that need not be synchronous, and whose clocks may be apart.
         cameras, layout: what is known of the scene.
         name: of the track, where there is one moving body; else each has its body's.
 
@@ -98,6 +99,9 @@ def track_scene(
     dropped: Counter[str] = Counter()
     scene = observe(detections, cameras, layout, dropped=dropped)
     decisions = Decisions(settings.evidence, settings.max_spin, settings.max_gap)
+    offsets = clock_offsets(scene, given(scene), decisions=decisions) if settings.clocks else {}
+    if offsets:
+        scene, dropped = _on_one_clock(detections, cameras, layout, offsets)
     state = initialise(scene, decisions=decisions)
     known = priors(scene) | {tag_key(i): Prior(np.eye(4), None) for i in state.gauge}
     used = np.ones(len(scene.step), dtype=bool)
@@ -106,24 +110,29 @@ def track_scene(
         state = solve(scene, state, used, known=known).state
         place(scene, state, decisions=decisions, bold=True, again=True)
     solution, motion = solve(scene, state, used, known=known), None
+    free = np.isin(np.arange(len(scene.cameras)), list(offsets))
     for _ in range(3):
-        motion = _motion(scene, solution, settings)
+        motion = _motion(scene, solution, settings, free)
         errors = reproject(scene, solution.state, motion)
         outlier = _outliers(scene, errors, used, settings)
-        late = motion is not None
-        if not outlier.any() and not late:
+        if not outlier.any() and motion is None:
             break
-        dropped["contradicts the other tags"] += int(outlier.sum())
+        if outlier.any():
+            dropped["contradicts the other tags"] += int(outlier.sum())
         used &= ~outlier
         solution = solve(scene, solution.state, used, known=known, motion=motion)
-        if not outlier.any():
+        if not outlier.any() and not free.any():
             break
     errors = reproject(scene, solution.state, motion)
     used &= np.isfinite(errors.pixels)
     scale = errors.scale(scene, used)
     solution = solve(scene, solution.state, used, scale=scale, known=known, motion=motion, covariances=True)
     errors = reproject(scene, solution.state, motion)
-    return _tracked(scene, solution, errors, used, scale, dropped, settings, layout, name)
+    clocks = {
+        scene.cameras[c].name: (offset + float(solution.clock[c]), float(solution.clock_sigma[c]))
+        for c, offset in offsets.items()
+    }
+    return _tracked(scene, solution, errors, used, scale, dropped, settings, layout, name, clocks)
 
 
 def _calibrates(scene: Scene, known: dict[int, Prior]) -> bool:
@@ -145,9 +154,23 @@ def _outliers(scene: Scene, errors: Errors, used: Bools, settings: TrackSettings
     return np.asarray(outlier & (whitened >= worst[scene.step]))
 
 
-def _motion(scene: Scene, solution: Solution, settings: TrackSettings) -> Motion | None:
-    """How bodies move while frames of one step differ in time; None if none differs."""
-    if np.abs(scene.late).max() < 1e-6:
+def _on_one_clock(
+    detections: Sequence[Detection], cameras: Sequence[Camera], layout: TagLayout, offsets: dict[int, float]
+) -> tuple[Scene, Counter[str]]:
+    """The scene again, with the clocks' offsets taken off."""
+    late = {cameras[c].name: offset for c, offset in offsets.items()}
+    dropped: Counter[str] = Counter()
+    shifted = [replace(d, t=d.t - late[d.camera]) if d.camera in late else d for d in detections]
+    return observe(shifted, cameras, layout, dropped=dropped), dropped
+
+
+def _motion(scene: Scene, solution: Solution, settings: TrackSettings, free: Bools) -> Motion | None:
+    """How bodies move while frames of one step differ in time; None if none differs, and no clock is to be found.
+
+    Args:
+        free: (cameras,) whose clock offset is to be found.
+    """
+    if np.abs(scene.late).max() < 1e-6 and not free.any():
         return None
     twists = []
     for T in solution.state.world:
@@ -171,8 +194,7 @@ def _motion(scene: Scene, solution: Solution, settings: TrackSettings) -> Motion
             count = np.isfinite(sides).sum(axis=0)
             twist[index] = np.nansum(sides, axis=0) / np.maximum(count, 1)
         twists.append(twist)
-    n = len(scene.cameras)
-    return Motion(twists, solution.clock.copy(), np.zeros(n, dtype=bool))
+    return Motion(twists, solution.clock.copy(), free)
 
 
 def _tracked(
@@ -185,6 +207,7 @@ def _tracked(
     settings: TrackSettings,
     layout: TagLayout,
     name: str | None,
+    clocks: dict[str, tuple[float, float]],
 ) -> Tracked:
     tracks: dict[str, PoseTrack] = {}
     reasons: Counter[str] = Counter()
@@ -219,6 +242,7 @@ def _tracked(
         n_poses=n_poses,
         dropped_steps=reasons,
         dropped_tags=dropped,
+        clocks=clocks,
     )
     cameras, layout = found(scene, solution, layout)
     return Tracked(tracks, cameras, layout, frames, report)
