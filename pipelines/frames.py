@@ -106,6 +106,10 @@ def track_stage(opened: Opened, detections: Sequence[Detection], config: TrackCo
     console.say(f"track: {report.n_poses} poses in {report.n_steps} frames, reprojection {report.rms:.2f} px rms")
     for reason, count in report.dropped_steps.items():
         console.say(f"  {count} frames without a pose: {reason}")
+    for suspect in report.suspects:
+        console.warn(suspect.message)
+    for camera, (offset, sigma) in report.clocks.items():
+        console.warn(f"camera {camera}'s clock is {offset * 1e3:.2f} ms late (± {sigma * 1e3:.2f}); that is taken off")
     for name in report.unplaced:
         console.warn(f"{name} was never seen together with anything of known pose")
     return tracked

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tossid.rotations import geodesic_angle, matrix_to_quat
 from tossid.vision.camera import Camera
+from tossid.vision.checks import Suspect
 from tossid.vision.graph import Solution
 from tossid.vision.initial import State, there
 from tossid.vision.layout import TagLayout
@@ -43,6 +44,7 @@ class TrackReport:
     covariances are scaled with it). dropped_steps: time steps without a pose, by reason. dropped_tags: detections
     left out, by reason. cameras, tags: those calibrated. unplaced: what never was seen with anything known.
     clocks: offset of each camera's clock that was found to be apart, taken off, and its standard deviation [s].
+    suspects: what of the set-up the images contradict, where the residuals are larger than noise.
     """
 
     n_steps: int
@@ -59,6 +61,7 @@ class TrackReport:
     tags: dict[int, Moved] = field(default_factory=dict)
     unplaced: list[str] = field(default_factory=list)
     clocks: dict[str, tuple[float, float]] = field(default_factory=dict)
+    suspects: list[Suspect] = field(default_factory=list)
 
 
 def make_report(
@@ -74,6 +77,7 @@ def make_report(
     dropped_steps: Mapping[str, int],
     dropped_tags: Mapping[str, int],
     clocks: Mapping[str, tuple[float, float]],
+    suspects: Sequence[Suspect],
 ) -> TrackReport:
     """The report of a solved scene.
 
@@ -110,6 +114,7 @@ def make_report(
         {tag_id: moved for tag_id, moved in moved_tags.items() if moved is not None},
         _unplaced(scene, state),
         dict(clocks),
+        list(suspects),
     )
 
 

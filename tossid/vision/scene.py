@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,11 @@ class Scene:
     count: Array
     T_cam_tag: Array
     measurements: tuple[Distance | Coordinate, ...] = ()
+
+    def take(self, rows: Ints) -> Scene:
+        """Some of its sightings."""
+        arrays = ("step", "camera", "tag", "late", "pixels", "seen", "to_pixels", "whiten", "count", "T_cam_tag")
+        return replace(self, **{name: getattr(self, name)[rows] for name in arrays})
 
     @property
     def half(self) -> Array:
@@ -252,6 +257,20 @@ def time_steps(t: Array, camera: Ints) -> tuple[Ints, Array]:
     at_step = frames[0].astype(np.int64)
     start = frames[2][np.searchsorted(at_step, np.arange(index + 1))]
     return step, start + np.bincount(at_step, frames[2] - start[at_step]) / np.bincount(at_step)
+
+
+def swapped(scene: Scene, a: int, c: int) -> Scene:
+    """The scene if what is said to be seen by camera a was seen by camera c, and the other way round."""
+    index = np.arange(len(scene.cameras))
+    index[[a, c]] = [c, a]
+    camera = index[scene.camera]
+    rows = np.flatnonzero(camera != scene.camera)
+    seen, to_pixels = scene.seen.copy(), scene.to_pixels.copy()
+    whiten, T_cam_tag = scene.whiten.copy(), scene.T_cam_tag.copy()
+    seen[rows], to_pixels[rows] = _undistorted(scene.cameras, camera[rows], scene.pixels[rows])
+    whiten[rows] = scene.whiten[rows] @ np.linalg.inv(scene.to_pixels[rows]) @ to_pixels[rows]
+    T_cam_tag[rows] = tag_poses(seen[rows], scene.half[rows])
+    return replace(scene, camera=camera, seen=seen, to_pixels=to_pixels, whiten=whiten, T_cam_tag=T_cam_tag)
 
 
 def words(reasons: Counter[str]) -> str:

@@ -15,6 +15,7 @@ from tossid.rotations import matrix_to_quat, quat_boxminus
 from tossid.types import Detection, PoseTrack
 from tossid.vision.believed import TrackSettings, believed_steps, pose_track
 from tossid.vision.camera import Camera
+from tossid.vision.checks import Suspect, check_set_up
 from tossid.vision.clocks import clock_offsets
 from tossid.vision.graph import Motion, Prior, Solution, body_key, camera_key, priors, solve, tag_key
 from tossid.vision.initial import Decisions, given, initialise, place, there
@@ -28,6 +29,8 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 DEFAULT = TrackSettings()
+AMISS, AMISS_SHARE = 1.5, 0.02
+"""Residuals over the noise, or share of sightings that contradict the others, at which the set-up is checked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +127,7 @@ def track_scene(
         if not outlier.any() and not free.any():
             break
     errors = reproject(scene, solution.state, motion)
+    suspects = check_set_up(scene, given(scene)) if _amiss(errors, used) else []
     used &= np.isfinite(errors.pixels)
     scale = errors.scale(scene, used)
     solution = solve(scene, solution.state, used, scale=scale, known=known, motion=motion, covariances=True)
@@ -132,7 +136,7 @@ def track_scene(
         scene.cameras[c].name: (offset + float(solution.clock[c]), float(solution.clock_sigma[c]))
         for c, offset in offsets.items()
     }
-    return _tracked(scene, solution, errors, used, scale, dropped, settings, layout, name, clocks)
+    return _tracked(scene, solution, errors, used, scale, dropped, settings, layout, name, clocks, suspects)
 
 
 def _calibrates(scene: Scene, known: dict[int, Prior]) -> bool:
@@ -140,6 +144,13 @@ def _calibrates(scene: Scene, known: dict[int, Prior]) -> bool:
     keys = [camera_key(c) for c in range(len(scene.cameras))] + [tag_key(i) for i in range(len(scene.tags))]
     keys += [body_key(b, 0) for b, body in enumerate(scene.bodies) if body.is_static]
     return not all(key in known and known[key].exact for key in keys)
+
+
+def _amiss(errors: Errors, used: Bools) -> bool:
+    """Whether the residuals are larger than noise: then the set-up is looked at."""
+    left_out = float(np.mean(~used))
+    good = used & np.isfinite(errors.whitened)
+    return left_out > AMISS_SHARE or bool(good.any() and np.sqrt(np.mean(errors.whitened[good] ** 2)) > AMISS)
 
 
 def _outliers(scene: Scene, errors: Errors, used: Bools, settings: TrackSettings) -> Bools:
@@ -208,6 +219,7 @@ def _tracked(
     layout: TagLayout,
     name: str | None,
     clocks: dict[str, tuple[float, float]],
+    suspects: list[Suspect],
 ) -> Tracked:
     tracks: dict[str, PoseTrack] = {}
     reasons: Counter[str] = Counter()
@@ -229,7 +241,8 @@ def _tracked(
             label = name if name is not None and len(moving) == 1 else body
             tracks[body] = pose_track(label, scene, solution, b, keep)
     if moving and not tracks:
-        raise InputError(f"only {n_poses} of {n_steps} time steps gave a pose ({words(reasons + dropped)})")
+        why = "; ".join([words(reasons + dropped), *(suspect.message for suspect in suspects)])
+        raise InputError(f"only {n_poses} of {n_steps} time steps gave a pose ({why})")
     frames = frame_errors(scene, errors, believed)
     report = make_report(
         scene,
@@ -243,6 +256,7 @@ def _tracked(
         dropped_steps=reasons,
         dropped_tags=dropped,
         clocks=clocks,
+        suspects=suspects,
     )
     cameras, layout = found(scene, solution, layout)
     return Tracked(tracks, cameras, layout, frames, report)
