@@ -51,9 +51,9 @@ class View:
 def view_factor(view: View, fixed: dict[int, Array], noise: Noise) -> gtsam.CustomFactor:
     """Whitened reprojection errors of a view's corners as a factor of every pose on the way that is not fixed.
 
-    x_cam = T_rig_cam⁻¹ · (T_world_rig Exp(ξ_rig δ))⁻¹ · T_world_body Exp(ξ_body δ) · T_body_tag · x_tag at the
-    frame's own time δ after the step. Huber's loss is in the residual itself, r √(2ρ(|r|))/|r|: GTSAM's error is
-    then the robust one, and its gradient the exact one.
+    x_cam = T_rig_cam⁻¹ · (T_world_rig M_rig(δ))⁻¹ · T_world_body M_body(δ) · T_body_tag · x_tag, where M(δ) is
+    the motion from the step to the frame's own time δ after it. Huber's loss is in the residual itself,
+    r √(2ρ(|r|))/|r|: GTSAM's error is then the robust one, and its gradient the exact one.
 
     Args:
         fixed: key: (4, 4) of poses that are no variables.
@@ -103,7 +103,7 @@ def _apply_inv(T: Array, x: Array, out: Array) -> None:
 
 @njit(cache=True)
 def _moved(twist: Array, late: float) -> Array:
-    """Exp(ξ δ) to second order in the rotation, made orthogonal to third: motion within a frame is small."""
+    """The motion (exp(ω δ), v δ) within a frame, as `resect.retract` has it."""
     T = np.eye(4)
     w = twist[:3] * late
     angle2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
@@ -115,6 +115,17 @@ def _moved(twist: Array, late: float) -> Array:
     for i in range(3):
         T[i, 3] = twist[3 + i] * late
     return T
+
+
+@njit(cache=True)
+def _turn(A: Array, T: Array, back: bool, out: Array) -> None:
+    """A R, or A Rᵀ, of T's rotation. (2, 3)."""
+    for i in range(2):
+        for j in range(3):
+            total = 0.0
+            for k in range(3):
+                total += A[i, k] * (T[j, k] if back else T[k, j])
+            out[i, j] = total
 
 
 @njit(cache=True)
@@ -179,10 +190,10 @@ def _reproject(
             for i in range(2):
                 A0[i, 0], A0[i, 1] = slope * W[i, 0] * iz, slope * W[i, 1] * iz
                 A0[i, 2] = -slope * (W[i, 0] * u + W[i, 1] * v) * iz
-            A1[:] = A0 @ np.ascontiguousarray(T_rig_cam[:3, :3].T)
-            A2[:] = A1 @ F[:3, :3].T
-            A3[:] = A2 @ T_world_rig[:3, :3].T
-            A4[:] = A3 @ T_world_body[:3, :3]
+            _turn(A0, T_rig_cam, True, A1)
+            _turn(A1, F, True, A2)
+            _turn(A2, T_world_rig, True, A3)
+            _turn(A3, T_world_body, False, A4)
             _add_skewed(block, A0, y0, -1.0)
             J[0, row : row + 2] = block
             _add_skewed(block, A2, y1_step, -1.0)
@@ -190,13 +201,15 @@ def _reproject(
             _add_skewed(block, A4, y3_late, 1.0)
             J[2, row : row + 2] += block
             # by the time: the body moves on, and the rig under the cameras
+            _add_skewed(block, A4, y3_late - late * body_twist[3:], 1.0)
             for i in range(2):
                 J[n, row + i, 0] = np.dot(block[i], body_twist)
             _add_skewed(block, A1, y1, -1.0)
             for i in range(2):
-                J[n, row + i, 0] += np.dot(block[i], rig_twist)
-            A3[:] = (A4 @ E[:3, :3]) @ T_body_tag[:3, :3]
-            _add_skewed(block, A3, x, 1.0)
+                J[n, row + i, 0] += np.dot(block[i, :3], rig_twist[:3]) - np.dot(A2[i], rig_twist[3:])
+            _turn(A4, E, False, A3)
+            _turn(A3, T_body_tag, False, A2)
+            _add_skewed(block, A2, x, 1.0)
             J[3 + tag_slot[d], row : row + 2] = block
     return r, J
 

@@ -33,6 +33,8 @@ WINDOW = 3000
 """Time steps that are optimised at once."""
 ITERATIONS = 100
 """Most steps of an optimisation."""
+CLOCK = 0.002
+"""How well a clock's offset is known before the graph [s]."""
 _STEPS = 2**32
 
 
@@ -367,6 +369,9 @@ def _clock(built: _Built, c: int, motion: Motion) -> int:
     key = clock_key(c)
     if not built.values.exists(key):
         built.values.insert(key, float(motion.clock[c]))
+        # what was found before the graph is near; a camera that never shares a step would tell nothing of its clock
+        noise = gtsam.noiseModel.Isotropic.Sigma(1, CLOCK)
+        built.graph.add(gtsam.PriorFactorDouble(key, float(motion.clock[c]), noise))
     return key
 
 

@@ -177,7 +177,7 @@ def fit(s: Sightings, T: Array, *, iterations: int = 8) -> Fit:
     """Gauss-Newton over all corners of each group, with Huber's loss on whitened corner residuals.
 
     The threshold starts at twice each group's median residual, so that a poor start is not mistaken for
-    outliers, and falls to `HUBER`.
+    outliers, and is `HUBER` in the second half of the iterations.
 
     Args:
         T: (g, 4, 4) start of each group; every group needs a sighting.
@@ -197,7 +197,7 @@ def fit(s: Sightings, T: Array, *, iterations: int = 8) -> Fit:
         J = s.whiten @ J
         size = np.linalg.norm(r, axis=-1)
         size[bad] = 1e6
-        last = iteration >= iterations - 2
+        last = iteration >= iterations // 2
         limit = np.full(len(size), HUBER) if last else np.maximum(HUBER, 2 * _median(size, start))[s.group]
         weight = np.minimum(1.0, limit[:, None] / np.maximum(size, 1e-12))
         weight[bad] = 0.0

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-SAME_STEP = 0.4
+SAME_STEP = 0.55
 """Frames of different cameras within so many periods of the fastest camera are one time step."""
 
 
