@@ -129,6 +129,18 @@ def clock_key(c: int) -> int:
     return int(gtsam.symbol("o", c))
 
 
+def unsolved(state: State, clock: Array) -> Solution:
+    """Poses as they are, without covariances."""
+    return Solution(
+        state.copy(),
+        np.full((len(state.camera), 6, 6), np.nan),
+        np.full((len(state.tag), 6, 6), np.nan),
+        [np.full((len(T), 6, 6), np.nan) for T in state.world],
+        clock.copy(),
+        np.zeros(len(clock)),
+    )
+
+
 def solve(
     scene: Scene,
     state: State,
@@ -151,19 +163,11 @@ def solve(
     Raises:
         SolverError: the optimisation ended in something that is no number.
     """
-    state = state.copy()
     known = priors(scene) if known is None else known
     still = Motion([np.zeros((len(T), 6)) for T in state.world], np.zeros(len(scene.cameras)), _no(scene))
     motion = still if motion is None else motion
     steps = np.unique(scene.step[used])
-    solution = Solution(
-        state,
-        np.full((len(state.camera), 6, 6), np.nan),
-        np.full((len(state.tag), 6, 6), np.nan),
-        [np.full((len(T), 6, 6), np.nan) for T in state.world],
-        motion.clock.copy(),
-        np.zeros(len(scene.cameras)),
-    )
+    solution = unsolved(state, motion.clock)
     if len(steps) <= window:
         _batch(scene, solution, used, steps, known, motion, scale, covariances, statics=True)
         return solution

@@ -17,7 +17,7 @@ from tossid.vision.believed import TrackSettings, believed_steps, pose_track
 from tossid.vision.camera import Camera
 from tossid.vision.checks import Suspect, check_set_up
 from tossid.vision.clocks import clock_offsets
-from tossid.vision.graph import Motion, Prior, Solution, body_key, camera_key, priors, solve, tag_key
+from tossid.vision.graph import Motion, Prior, Solution, body_key, camera_key, priors, solve, tag_key, unsolved
 from tossid.vision.initial import Decisions, given, initialise, place, there
 from tossid.vision.layout import Body, TagLayout, body_tags
 from tossid.vision.report import Frames, TrackReport, found, frame_errors, make_report
@@ -112,7 +112,10 @@ def track_scene(
         # first what is static, then what moves anew by that, and all of it together
         state = solve(scene, state, used, known=known).state
         place(scene, state, decisions=decisions, bold=True, again=True)
-    solution, motion = solve(scene, state, used, known=known), None
+        solution = solve(scene, state, used, known=known)
+    else:  # each step's first poses are its best already
+        solution = unsolved(state, np.zeros(len(scene.cameras)))
+    motion = None
     free = np.isin(np.arange(len(scene.cameras)), list(offsets))
     for _ in range(3):
         motion = _motion(scene, solution, settings, free)
