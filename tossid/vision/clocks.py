@@ -19,7 +19,7 @@ BLOCKS, BLOCK = 10, 120
 """So many stretches of so many time steps are looked at."""
 SOFT = 5.0
 """Reprojection at which a corner hardly counts any more [px]."""
-GAIN = 0.7
+GAIN = 0.6
 """An offset must bring the misfit below so much of what it is without."""
 SAME = 0.0005
 """Clocks that are no further apart are one [s]."""

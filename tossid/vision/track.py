@@ -16,7 +16,7 @@ from tossid.types import Detection, PoseTrack
 from tossid.vision.believed import TrackSettings, believed_steps, pose_track
 from tossid.vision.camera import Camera
 from tossid.vision.checks import Suspect, check_set_up
-from tossid.vision.clocks import clock_offsets
+from tossid.vision.clocks import SAME, clock_offsets
 from tossid.vision.graph import Motion, Prior, Solution, body_key, camera_key, priors, solve, tag_key, unsolved
 from tossid.vision.initial import Decisions, given, initialise, place, there
 from tossid.vision.layout import Body, TagLayout, body_tags
@@ -29,6 +29,8 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 DEFAULT = TrackSettings()
+CONFIRMED = 5.0
+"""A clock's offset is one that is so many of its standard deviations from none."""
 AMISS, AMISS_SHARE = 1.5, 0.02
 """Residuals over the noise, or share of sightings that contradict the others, at which the set-up is checked."""
 
@@ -99,12 +101,55 @@ def track_scene(
     Raises:
         InputError: a detection of an unknown camera; nothing that can be placed; too few poses for a track.
     """
+    offsets: dict[int, float] = {}
+    if settings.clocks:
+        scene = observe(detections, cameras, layout, dropped=Counter())
+        offsets = clock_offsets(scene, given(scene), decisions=_decisions(settings))
+    solved = _solve(detections, cameras, layout, settings, offsets)
+    while True:  # an offset that the graph does not confirm is none
+        clocks = solved.clocks(offsets)
+        sure = {c: offset for c, offset in offsets.items() if abs(clocks[c][0]) > max(SAME, CONFIRMED * clocks[c][1])}
+        if len(sure) == len(offsets):
+            return _tracked(solved, settings, layout, name, {cameras[c].name: found for c, found in clocks.items()})
+        offsets = sure
+        solved = _solve(detections, cameras, layout, settings, offsets)
+
+
+def _decisions(settings: TrackSettings) -> Decisions:
+    return Decisions(settings.evidence, settings.max_spin, settings.max_gap)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """A scene solved: used (d,) sightings, scale of their noise, what was left out, what is suspect."""
+
+    scene: Scene
+    solution: Solution
+    errors: Errors
+    used: Bools
+    scale: float
+    dropped: Counter[str]
+    suspects: list[Suspect]
+
+    def clocks(self, offsets: dict[int, float]) -> dict[int, tuple[float, float]]:
+        """Clocks' offsets, those taken off before and what the graph added, and their standard deviations [s]."""
+        found, sigma = self.solution.clock, self.solution.clock_sigma
+        return {c: (offset + float(found[c]), float(sigma[c])) for c, offset in offsets.items()}
+
+
+def _solve(
+    detections: Sequence[Detection],
+    cameras: Sequence[Camera],
+    layout: TagLayout,
+    settings: TrackSettings,
+    offsets: dict[int, float],
+) -> _Solved:
+    """First poses, the graph, outliers left out, the graph again with covariances."""
+    late = {cameras[c].name: offset for c, offset in offsets.items()}
     dropped: Counter[str] = Counter()
-    scene = observe(detections, cameras, layout, dropped=dropped)
-    decisions = Decisions(settings.evidence, settings.max_spin, settings.max_gap)
-    offsets = clock_offsets(scene, given(scene), decisions=decisions) if settings.clocks else {}
-    if offsets:
-        scene, dropped = _on_one_clock(detections, cameras, layout, offsets)
+    shifted = [replace(d, t=d.t - late[d.camera]) if d.camera in late else d for d in detections]
+    scene = observe(shifted, cameras, layout, dropped=dropped)
+    decisions = _decisions(settings)
     state = initialise(scene, decisions=decisions)
     known = priors(scene) | {tag_key(i): Prior(np.eye(4), None) for i in state.gauge}
     used = np.ones(len(scene.step), dtype=bool)
@@ -134,12 +179,7 @@ def track_scene(
     used &= np.isfinite(errors.pixels)
     scale = errors.scale(scene, used)
     solution = solve(scene, solution.state, used, scale=scale, known=known, motion=motion, covariances=True)
-    errors = reproject(scene, solution.state, motion)
-    clocks = {
-        scene.cameras[c].name: (offset + float(solution.clock[c]), float(solution.clock_sigma[c]))
-        for c, offset in offsets.items()
-    }
-    return _tracked(scene, solution, errors, used, scale, dropped, settings, layout, name, clocks, suspects)
+    return _Solved(scene, solution, reproject(scene, solution.state, motion), used, scale, dropped, suspects)
 
 
 def _calibrates(scene: Scene, known: dict[int, Prior]) -> bool:
@@ -166,16 +206,6 @@ def _outliers(scene: Scene, errors: Errors, used: Bools, settings: TrackSettings
     np.maximum.at(worst, scene.step, whitened)
     outlier = used & (whitened > settings.outlier * scale) & (errors.pixels > 0.5) & (counts[scene.step] > 1)
     return np.asarray(outlier & (whitened >= worst[scene.step]))
-
-
-def _on_one_clock(
-    detections: Sequence[Detection], cameras: Sequence[Camera], layout: TagLayout, offsets: dict[int, float]
-) -> tuple[Scene, Counter[str]]:
-    """The scene again, with the clocks' offsets taken off."""
-    late = {cameras[c].name: offset for c, offset in offsets.items()}
-    dropped: Counter[str] = Counter()
-    shifted = [replace(d, t=d.t - late[d.camera]) if d.camera in late else d for d in detections]
-    return observe(shifted, cameras, layout, dropped=dropped), dropped
 
 
 def _motion(scene: Scene, solution: Solution, settings: TrackSettings, free: Bools) -> Motion | None:
@@ -212,18 +242,15 @@ def _motion(scene: Scene, solution: Solution, settings: TrackSettings, free: Boo
 
 
 def _tracked(
-    scene: Scene,
-    solution: Solution,
-    errors: Errors,
-    used: Bools,
-    scale: float,
-    dropped: Counter[str],
+    solved: _Solved,
     settings: TrackSettings,
     layout: TagLayout,
     name: str | None,
     clocks: dict[str, tuple[float, float]],
-    suspects: list[Suspect],
 ) -> Tracked:
+    """Tracks of what is to be believed, and the report."""
+    scene, solution, errors, used = solved.scene, solved.solution, solved.errors, solved.used
+    dropped, suspects, scale = solved.dropped, solved.suspects, solved.scale
     tracks: dict[str, PoseTrack] = {}
     reasons: Counter[str] = Counter()
     believed = used.copy()
