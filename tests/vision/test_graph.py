@@ -198,6 +198,15 @@ def test_what_is_left_out_is_counted(tagged: ObjectModel):
     assert "corners or covariance not finite" not in dropped  # it was one of two, neither to be believed
 
 
+def test_a_scene_where_nothing_moves_is_only_calibrated():
+    detections, cameras, layout = _wall(np.random.default_rng(10), noise=0.05)
+    still = [replace(d, t=d.t + k) for k in range(3) for d in detections[20:24]]
+    tracked = track_scene(still, cameras, replace(layout, bodies=(layout.bodies[0], Body("rig", True))))
+    assert tracked.tracks == {}
+    np.testing.assert_allclose(tracked.layout.bodies[0].tags[3].T_body_tag[:3, 3], [0.5, 0.4, 3.0], atol=0.05)
+    assert tracked.layout.bodies[1].T_map_body is not None
+
+
 def test_what_cannot_be_placed_is_said(tagged: ObjectModel):
     cameras = default_rig()
     detections, _ = filmed_tumble(cameras, tagged, np.random.default_rng(9), n=5)

@@ -42,7 +42,7 @@ def read_cameras(folder: str | Path, *, layout: TagLayout | None = None) -> tupl
         layout = read_tagslam(folder / "tagslam.yaml")
     poses_path = folder / "camera_poses.yaml"
     poses = read_yaml(poses_path) if poses_path.is_file() else None
-    cameras = []
+    cameras: list[Camera] = []
     T_rig_previous: Array | None = None
     for name, entry in content.items():
         if not isinstance(entry, dict):
@@ -50,7 +50,7 @@ def read_cameras(folder: str | Path, *, layout: TagLayout | None = None) -> tupl
         if poses is not None:
             T_rig_cam, cov = _rig_pose(poses_path, str(name), poses)
         else:
-            T_rig_cam, cov = _kalibr_pose(path, str(name), entry, T_rig_previous), None
+            T_rig_cam, cov = _kalibr_pose(path, str(name), entry, T_rig_previous, first=not cameras), None
         T_rig_previous = T_rig_cam
         rig = str(entry.get("rig_body", "rig"))
         T_world_rig: Array | None = np.eye(4)
@@ -120,9 +120,11 @@ def _rig_pose(path: Path, name: str, poses: dict[str, Any]) -> tuple[Array | Non
     return T_rig_cam, np.diag(np.concatenate([rotation, position]) ** 2)
 
 
-def _kalibr_pose(path: Path, name: str, entry: dict[str, Any], T_rig_previous: Array | None) -> Array | None:
+def _kalibr_pose(
+    path: Path, name: str, entry: dict[str, Any], T_rig_previous: Array | None, *, first: bool
+) -> Array | None:
     if "T_cn_cnm1" not in entry:
-        return np.eye(4) if T_rig_previous is None else None
+        return np.eye(4) if first else None
     rows = entry["T_cn_cnm1"]
     if T_rig_previous is None:
         raise FileError(path, f"{name}.T_cn_cnm1 refers to a camera before it that has no pose")

@@ -21,34 +21,23 @@ from tossid.errors import SolverError
 from tossid.vision.factors import Noise, View, measurement_factor, view_factor
 from tossid.vision.initial import State, there
 from tossid.vision.layout import Distance
+from tossid.vision.priors import STEPS, Prior, body_key, camera_key, clock_key, priors, tag_key
 from tossid.vision.scene import Scene
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-EXACT = 2e-6
-"""Standard deviation [m, rad] up to which a pose is taken as exactly known."""
 WINDOW = 3000
 """Time steps that are optimised at once."""
+EACH = 20
+"""Of a longer recording, so many time steps of each tag and each camera, at least, calibrate these."""
 ITERATIONS = 100
 """Most steps of an optimisation."""
+VAGUE = 3.0
+"""Standard deviation [m, rad] of a pose that nothing else determines."""
 CLOCK = 0.002
 """How well a clock's offset is known before the graph [s]."""
-_STEPS = 2**32
-
-
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """A pose (4, 4) and its covariance (6, 6) in the tangent (rotation, translation), None for exact."""
-
-    T: Array
-    cov: Array | None
-
-    @property
-    def exact(self) -> bool:
-        """Whether the pose is a constant."""
-        return self.cov is None or bool(np.diag(self.cov).max() <= EXACT**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,47 +75,6 @@ class _Built:
     values: gtsam.Values = field(default_factory=gtsam.Values)
     fixed: dict[int, Array] = field(default_factory=dict)
     noise: Noise = field(default_factory=Noise)
-
-
-def priors(scene: Scene) -> dict[int, Prior]:
-    """What the set-up gives of poses, by key."""
-    found = {}
-    for c, camera in enumerate(scene.cameras):
-        if camera.T_rig_cam is not None:
-            found[camera_key(c)] = Prior(camera.T_rig_cam, camera.T_rig_cam_cov)
-    for i, tag in enumerate(scene.tags):
-        if tag.T_body_tag is not None:
-            found[tag_key(i)] = Prior(tag.T_body_tag, _cov(tag.rotation_noise, tag.position_noise))
-    for b, body in enumerate(scene.bodies):
-        if body.T_map_body is not None:
-            found[body_key(b, 0)] = Prior(body.T_map_body, _cov(body.rotation_noise, body.position_noise))
-    return found
-
-
-def _cov(rotation: Array | None, position: Array | None) -> Array | None:
-    if rotation is None or position is None:
-        return None
-    return np.diag(np.concatenate([rotation, position]) ** 2)
-
-
-def camera_key(c: int) -> int:
-    """Key of T_rig_cam."""
-    return int(gtsam.symbol("c", c))
-
-
-def tag_key(i: int) -> int:
-    """Key of T_body_tag."""
-    return int(gtsam.symbol("t", i))
-
-
-def body_key(b: int, step: int) -> int:
-    """Key of T_world_body in a time step (0 for a static one)."""
-    return int(gtsam.symbol("x", b * _STEPS + step))
-
-
-def clock_key(c: int) -> int:
-    """Key of a camera's clock offset."""
-    return int(gtsam.symbol("o", c))
 
 
 def unsolved(state: State, clock: Array) -> Solution:
@@ -171,13 +119,23 @@ def solve(
     if len(steps) <= window:
         _batch(scene, solution, used, steps, known, motion, scale, covariances, statics=True)
         return solution
-    sample = steps[np.linspace(0, len(steps) - 1, window).astype(np.int64)]
+    sample = _spread(scene, used, steps, window)
     _batch(scene, solution, used, sample, known, motion, scale, True, statics=True)
     known = dict(known) | dict(_learned(scene, solution))
     motion = Motion(motion.twist, solution.clock.copy(), _no(scene))
     for a in range(0, len(steps), window):
         _batch(scene, solution, used, steps[a : a + window], known, motion, scale, covariances, statics=False)
     return solution
+
+
+def _spread(scene: Scene, used: Bools, steps: Ints, window: int) -> Ints:
+    """Time steps all over a recording, with some of every tag's and every camera's."""
+    chosen = [steps[np.linspace(0, len(steps) - 1, window).astype(np.int64)]]
+    for index in (scene.tag, scene.camera):
+        for i in np.unique(index[used]):
+            own = np.unique(scene.step[used & (index == i)])
+            chosen.append(own[np.linspace(0, len(own) - 1, min(EACH, len(own))).astype(np.int64)])
+    return np.unique(np.concatenate(chosen))
 
 
 def _no(scene: Scene) -> Bools:
@@ -212,7 +170,7 @@ def _batch(
     built = _build(scene, solution.state, used & np.isin(scene.step, steps), known, motion, statics=statics)
     values = optimise(built.graph, built.values)
     built.noise.scale = scale
-    marginals = gtsam.Marginals(built.graph, values) if covariances and values.size() else None
+    marginals = _marginals(built.graph, values) if covariances and values.size() else None
     state = solution.state
     slots = [(camera_key(c), state.camera, solution.camera_cov, c) for c in range(len(scene.cameras))]
     slots += [(tag_key(i), state.tag, solution.tag_cov, i) for i in range(len(scene.tags))]
@@ -263,6 +221,19 @@ def optimise(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.V
         if gain <= 1e-7 + 1e-9 * error:
             break
     return values
+
+
+def _marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Marginals:
+    """Covariances; of what the sightings hardly tell, with a prior of `VAGUE` beside."""
+    try:
+        return gtsam.Marginals(graph, values)
+    except RuntimeError:
+        pass
+    try:
+        return gtsam.Marginals(_damped(graph.linearize(values), values, VAGUE**-2), values)
+    except RuntimeError as error:
+        what = str(error).partition("Symbol: ")[2].partition(")")[0]
+        raise SolverError(f"the sightings do not determine every pose of the graph (near {what})") from error
 
 
 def _damped(linear: gtsam.GaussianFactorGraph, values: gtsam.Values, damping: float) -> gtsam.GaussianFactorGraph:
@@ -352,7 +323,7 @@ def _key(built: _Built, key: int, T: Array, known: dict[int, Prior]) -> int:
 
 def _wiggled(built: _Built, key: int, c: int, step: int, T: Array, wiggle: tuple[float, float]) -> int:
     """A camera's own pose in a step, near its pose on the rig."""
-    own = int(gtsam.symbol("w", c * _STEPS + step))
+    own = int(gtsam.symbol("w", c * STEPS + step))
     if built.values.exists(own):
         return own
     built.values.insert(own, gtsam.Pose3(T))

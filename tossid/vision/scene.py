@@ -235,7 +235,8 @@ def time_steps(t: Array, camera: Ints) -> tuple[Ints, Array]:
     """Time step of each sighting (sorted by time), and the steps' times.
 
     Frames of several cameras within `SAME_STEP` of the fastest camera's period are one step; a camera has one
-    frame in a step. Cameras need not be synchronous, nor of one rate: a step may be one camera's alone.
+    frame in a step, and the first of them gives its time. Cameras need not be synchronous, nor of one rate: a
+    step may be one camera's alone.
     """
     gaps = []
     for c in np.unique(camera):
@@ -252,11 +253,9 @@ def time_steps(t: Array, camera: Ints) -> tuple[Ints, Array]:
             first, index, at = t[i], index + 1, {}
         at[here] = t[i]
         step[i] = index
-    # the mean over cameras, as one with many tags has no better clock than one with few
-    frames = np.unique(np.stack([step.astype(float), camera.astype(float), t]), axis=1)
-    at_step = frames[0].astype(np.int64)
-    start = frames[2][np.searchsorted(at_step, np.arange(index + 1))]
-    return step, start + np.bincount(at_step, frames[2] - start[at_step]) / np.bincount(at_step)
+    # the first camera's time, as TagSLAM has it
+    order = np.lexsort((camera, step))
+    return step, t[order][np.searchsorted(step[order], np.arange(index + 1))]
 
 
 def swapped(scene: Scene, a: int, c: int) -> Scene:

@@ -17,9 +17,10 @@ from tossid.vision.believed import TrackSettings, believed_steps, pose_track
 from tossid.vision.camera import Camera
 from tossid.vision.checks import Suspect, check_set_up
 from tossid.vision.clocks import SAME, clock_offsets
-from tossid.vision.graph import Motion, Prior, Solution, body_key, camera_key, priors, solve, tag_key, unsolved
+from tossid.vision.graph import Motion, Solution, solve, unsolved
 from tossid.vision.initial import Decisions, given, initialise, place, there
 from tossid.vision.layout import Body, TagLayout, body_tags
+from tossid.vision.priors import Prior, body_key, camera_key, priors, tag_key
 from tossid.vision.report import Frames, TrackReport, found, frame_errors, make_report
 from tossid.vision.reprojection import Errors, reproject
 from tossid.vision.scene import Scene, observe, words
