@@ -16,6 +16,7 @@ from tossid.vision.film import VIDEO_SUFFIXES, read_bag_images, read_videos
 from tossid.vision.layout import TagLayout, object_tags
 from tossid.vision.recording import Recording, read_recording, read_set_up
 from tossid.vision.rosbag import Bag, find_bags, read_bag_detections, tag_topics
+from tossid.vision.tagslam import number
 
 CameraSource = FramesSource | VideoSource | RosbagSource
 
@@ -82,7 +83,11 @@ def open_recording(source: CameraSource, config: ObjectConfig | None, *, default
         folder = source.set_up or (folder if (folder / "cameras.yaml").is_file() else folder.parent)
         cameras, layout = read_set_up(folder)
         if not source.images and _has_detections(path, cameras):
-            sigma = float(layout.parameters.get("pixel_noise", 1.0))
+            sigma = number(folder / "tagslam.yaml", "pixel_noise", layout.parameters.get("pixel_noise", 1.0))
+            if sigma <= 0:
+                raise FileError(
+                    folder / "tagslam.yaml", f"pixel_noise is {sigma}, expected a positive number of pixels"
+                )
             found = read_bag_detections(path, cameras, sigma=sigma)
             model = _object(folder, layout, config, default)
             return Opened(path, cameras, layout, model, None, found.detections, found.problems)
