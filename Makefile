@@ -5,6 +5,7 @@
 #     is its CUDA build (several GB). On a machine without a GPU, name the index of torch's CPU builds here;
 #     with a GPU, name the index of the build for your CUDA version, or nothing.
 # make DATA=FOLDER experiments        FOLDER holds contactnets_cube (README.md, "Studies")
+# make DATA=FOLDER tagslam            FOLDER holds tagslam_test (docs/experiments/vision.md)
 
 PYTHON   ?= python3
 PIP_ARGS ?=
@@ -15,7 +16,7 @@ DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo experiments test test-slow check format bench clean distclean
+.PHONY: help setup demo experiments tagslam test test-slow check format bench clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -35,6 +36,9 @@ demo: $(STAMP)  ## the main job, end to end, on embedded defaults
 
 experiments: $(STAMP)  ## the studies on published recordings, hours: make DATA=FOLDER experiments
 	$(BIN)/python -m pipelines.experiments $(DATA)
+
+tagslam: $(STAMP)  ## TagSLAM's published recordings against its own poses: make DATA=FOLDER tagslam
+	$(RUN_ONE) $(BIN)/python -m pipelines.against_tagslam $(DATA)
 
 test: $(STAMP)  ## the tests
 	$(RUN_ONE) $(BIN)/python -m pytest -q

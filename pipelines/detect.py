@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from pipelines.console import Console
-from pipelines.frames import STAGES, check_stage_name, detect_stage, open_recording
+from pipelines.frames import STAGES, check_stage_name, detect_stage, open_stage
 from pipelines.outputs import output_file
 from pipelines.schemas import DetectStageConfig
 from tossid.vision.files import write_detections
@@ -13,7 +13,8 @@ from tossid.vision.files import write_detections
 
 def run(config: DetectStageConfig, console: Console) -> dict[str, Any]:
     """Detect, write; returns counts and `out`."""
-    opened = open_recording(config.recording, config.object)
+    opened = open_stage(config.recording, config.object)
+    n_images = opened.images().n_frames
     out = check_stage_name("out", config.out or STAGES / opened.name / "detections.npz")
     with output_file(out) as temporary:
         detections, tally = detect_stage(opened, config.detect, threads=config.threads, console=console)
@@ -22,8 +23,8 @@ def run(config: DetectStageConfig, console: Console) -> dict[str, Any]:
     return {
         "out": str(out),
         "recording": str(opened.path),
-        "object": opened.model.name,
-        "n_images": opened.recording.n_frames,
+        "object": opened.model.name if opened.model is not None else None,
+        "n_images": n_images,
         "n_detections": len(detections),
         "counts": tally,
     }

@@ -15,10 +15,10 @@ from tossid.objects import ObjectModel
 from tossid.types import PoseTrack, Toss
 from tossid.vision.camera import Camera
 from tossid.vision.files import write_tracks
+from tossid.vision.layout import layout_of
 from tossid.vision.recording import RecordingWriter
 from tossid.vision.render import RenderSettings
 from tossid.vision.rig import default_rig
-from tossid.vision.tagslam import layout_of
 from tossid.vision.timeline import make_timeline, render_timeline
 
 START = 1.0

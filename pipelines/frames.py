@@ -1,83 +1,57 @@
-"""From a recording of camera frames to a dataset: detect, track, segment, together or one by one."""
+"""From a recording of cameras to a dataset: detect, track, segment, together or one by one."""
 
 from __future__ import annotations
 
 import os
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from pipelines.console import Console
 from pipelines.datasets import described, save
-from pipelines.outputs import output_file, recover_folder
-from pipelines.project import (
-    DATASETS,
-    check_dataset_name,
-    load_object,
-    newest_recording,
-    object_named,
-    recorded_object,
-)
-from pipelines.schemas import (
-    DetectConfig,
-    FramesSource,
-    IngestConfig,
-    ObjectConfig,
-    SegmentConfig,
-    SegmentStageConfig,
-    TrackConfig,
-)
-from tossid.errors import ConfigError, FileError, InputError
+from pipelines.opening import CameraSource, Opened, open_recording, source_at
+from pipelines.outputs import output_file
+from pipelines.project import DATASETS, check_dataset_name, newest_recording
+from pipelines.schemas import DetectConfig, IngestConfig, ObjectConfig, SegmentConfig, SegmentStageConfig, TrackConfig
+from tossid.errors import ConfigError, FileError, InputError, ObjectError
 from tossid.motion import covariance_source, median_rate, tosses_from_tracks
 from tossid.objects import ObjectModel
 from tossid.store import draw_splits, source_sha256
 from tossid.types import Detection, PoseTrack, Toss
+from tossid.vision.believed import TrackSettings
 from tossid.vision.detect import DetectSettings, detect_frames
 from tossid.vision.files import read_tracks
-from tossid.vision.recording import Recording, read_recording
+from tossid.vision.layout import object_body
 from tossid.vision.segment import SegmentSettings, segment
-from tossid.vision.tagslam import object_tags
-from tossid.vision.track import TrackReport, TrackSettings, track
+from tossid.vision.track import Tracked, track_scene
 
 STAGES = Path("outputs/stages")
 """Where the stages leave their files, a folder for each recording."""
 
 
-@dataclass(frozen=True)
-class Opened:
-    """A recording, and the object in it with the tags that the recording says it has."""
-
-    path: Path
-    recording: Recording
-    model: ObjectModel
-
-    @property
-    def name(self) -> str:
-        return self.path.resolve().name
-
-
-def ingest_frames(config: IngestConfig, source: FramesSource, console: Console) -> dict[str, Any]:
+def ingest_frames(config: IngestConfig, source: CameraSource, console: Console) -> dict[str, Any]:
     """All three stages in memory, from a recording to a dataset."""
-    opened = open_recording(source.path, config.object)
+    opened = open_recording(source, config.object, default="cube")
+    model = opened.object()
     out = check_dataset_name("out", config.out or DATASETS / f"{opened.name}.h5")
     with output_file(out) as temporary:
         detections, tally = detect_stage(opened, config.detect, threads=config.threads, console=console)
-        poses, report = track_stage(opened, detections, config.track, console=console)
-        tosses, tracks, rejected = segment_stage(
-            poses, opened.model, config.segment, gravity=config.gravity, console=console
-        )
+        tracked = track_stage(opened, detections, config.track, console=console)
+        poses, report = object_track(opened, tracked), tracked.report
+        tosses, tracks, rejected = segment_stage(poses, model, config.segment, gravity=config.gravity, console=console)
         _save(
             tosses,
             tracks,
-            opened.model,
+            model,
             temporary,
             config,
             command="ingest",
+            source=source.name,
             source_path=str(opened.path),
             source_sha256=source_sha256(opened.path),
-            n_images=opened.recording.n_frames,
+            n_images=opened.recording.n_frames if opened.recording is not None else 0,
             n_detections=len(detections),
             n_poses=report.n_poses,
             reprojection_rms_px=report.rms,
@@ -86,28 +60,23 @@ def ingest_frames(config: IngestConfig, source: FramesSource, console: Console) 
     return {**facts, "detect": tally, "track": asdict(report), "segment": {"rejected": rejected}}
 
 
-def open_recording(path: Path | None, config: ObjectConfig | None) -> Opened:
-    """The recording that a key names, with its object.
-
-    Args:
-        path: None for the newest in data/raw.
-        config: None for the object that the recording names, else the cube.
-    """
-    if path is not None:
-        recover_folder(path)
-    path = newest_recording() if path is None else path
-    recording = read_recording(path)
-    model = load_object(replace(config or recorded_object(path) or object_named("cube"), tags=None))
-    return Opened(path, recording, replace(model, tags=object_tags(recording.layout, model.body_names)))
+def open_stage(path: Path | None, config: ObjectConfig | None, *, default: str | None = None) -> Opened:
+    """The recording that a stage's key names, whatever it holds; None for the newest in data/raw."""
+    return open_recording(source_at(newest_recording() if path is None else path), config, default=default)
 
 
 def detect_stage(
     opened: Opened, config: DetectConfig, *, threads: int | None, console: Console
 ) -> tuple[list[Detection], dict[str, int]]:
-    """Tags in all frames, and what was rejected why."""
+    """Tags in all frames, and what was rejected why; those that a bag has ready are taken as they are."""
+    for problem in opened.problems:
+        console.warn(problem)
+    if opened.recording is None:
+        console.say(f"{opened.path}: {len(opened.detections)} ready detections of {len(opened.cameras)} cameras")
+        return list(opened.detections), {"tags": len(opened.detections)}
     tally: Counter[str] = Counter()
     n_frames = opened.recording.n_frames
-    console.say(f"{opened.path}: {n_frames} images of {len(opened.recording.cameras)} cameras")
+    console.say(f"{opened.path}: {n_frames} images of {len(opened.cameras)} cameras")
     with console.progress("detect", n_frames, unit="images") as progress:
         detections = list(
             detect_frames(
@@ -120,28 +89,49 @@ def detect_stage(
             )
         )
     if not detections:
-        raise InputError(f"{opened.path}: no tag of '{opened.model.name}' was seen in {n_frames} images")
+        raise InputError(f"{opened.path}: no tag was seen in {n_frames} images")
     console.say(f"detect: {len(detections)} tags")
     return detections, {name: int(count) for name, count in sorted(tally.items())}
 
 
-def track_stage(
-    opened: Opened, detections: Sequence[Detection], config: TrackConfig, *, console: Console
-) -> tuple[PoseTrack, TrackReport]:
-    """The object's pose in every frame that shows it."""
+def track_stage(opened: Opened, detections: Sequence[Detection], config: TrackConfig, *, console: Console) -> Tracked:
+    """The poses of all moving bodies in every frame that shows them, and what else the scene did not say."""
+    settings = TrackSettings(**asdict(config))
+    if opened.model is None:  # of bodies that nothing is known of, no accuracy is asked
+        settings = replace(settings, max_sigma=float("inf"), max_angle_sigma=float("inf"))
     with console.progress("track", None, unit="poses") as progress:
-        poses, report = track(
-            detections,
-            opened.recording.cameras,
-            opened.model,
-            settings=TrackSettings(**asdict(config)),
-            name=opened.name,
-        )
-        progress.advance(report.n_poses)
+        tracked = track_scene(detections, opened.cameras, opened.layout, settings=settings, name=opened.name)
+        progress.advance(tracked.report.n_poses)
+    report = tracked.report
     console.say(f"track: {report.n_poses} poses in {report.n_steps} frames, reprojection {report.rms:.2f} px rms")
     for reason, count in report.dropped_steps.items():
         console.say(f"  {count} frames without a pose: {reason}")
-    return poses, report
+    for suspect in report.suspects:
+        console.warn(suspect.message)
+    for camera, (offset, sigma) in report.clocks.items():
+        console.warn(f"camera {camera}'s clock is {offset * 1e3:.2f} ms late (± {sigma * 1e3:.2f}); that is taken off")
+    for name in report.unplaced:
+        console.warn(f"{name} was never seen together with anything of known pose")
+    return tracked
+
+
+def object_track(opened: Opened, tracked: Tracked) -> PoseTrack:
+    """The track of the object's body.
+
+    Raises:
+        ObjectError: the object has joints, or is no moving body of the scene.
+        InputError: it has too few poses.
+    """
+    model = opened.object()
+    if model.n_bodies != 1:
+        raise ObjectError(f"object '{model.name}' has {model.n_bodies} bodies; tracking takes one rigid body")
+    body = object_body(opened.layout, model.body_names)
+    if body is None or body.is_static:
+        names = ", ".join(body.name for body in opened.layout.bodies)
+        raise ObjectError(f"object '{model.name}' is no moving body of the scene (its bodies: {names})")
+    if body.name not in tracked.tracks:
+        raise InputError(f"{opened.path}: too few poses of '{body.name}' for a track")
+    return tracked.tracks[body.name]
 
 
 def segment_stage(
@@ -160,21 +150,21 @@ def segment_stage(
 
 def segment_file(config: SegmentStageConfig, console: Console) -> dict[str, Any]:
     """The third stage from file to file."""
-    opened = open_recording(config.recording, config.object)
+    opened = open_stage(config.recording, config.object, default="cube")
+    model = opened.object()
     source = config.poses or STAGES / opened.name / "poses.npz"
     out = check_dataset_name("out", config.out or DATASETS / f"{opened.name}.h5")
     poses = read_track(source)
     with output_file(out) as temporary:
-        tosses, tracks, rejected = segment_stage(
-            poses, opened.model, config.segment, gravity=config.gravity, console=console
-        )
+        tosses, tracks, rejected = segment_stage(poses, model, config.segment, gravity=config.gravity, console=console)
         _save(
             tosses,
             tracks,
-            opened.model,
+            model,
             temporary,
             config,
             command="segment",
+            source="frames",
             source_path=str(source),
             source_sha256=source_sha256(source),
         )
@@ -189,6 +179,7 @@ def _save(
     config: IngestConfig | SegmentStageConfig,
     *,
     command: str,
+    source: str,
     **lineage: str | int | float,
 ) -> None:
     """Draw the splits and write what camera frames gave, with its lineage."""
@@ -197,7 +188,7 @@ def _save(
         model,
         path,
         rate_hz=median_rate(tracks),
-        source="frames",
+        source=source,
         command=command,
         config=config,
         lineage={**lineage, "covariance_source": covariance_source(tracks)},

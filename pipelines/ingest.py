@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from pipelines.console import Console
 from pipelines.outputs import output_file
 from pipelines.project import DATASETS, check_dataset_name, load_object, object_named
-from pipelines.schemas import ContactNetsSource, FramesSource, IngestConfig, PllSource, TumSource
+from pipelines.schemas import ContactNetsSource, IngestConfig, PllSource, TumSource
 from tossid.errors import FileError
 
 if TYPE_CHECKING:
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 def run(config: IngestConfig, console: Console) -> dict[str, Any]:
     """Read the source, write the dataset; returns what `info` says of it, and `out`."""
-    if isinstance(config.source, FramesSource):
-        from pipelines.frames import ingest_frames
+    if isinstance(config.source, ContactNetsSource | PllSource | TumSource):
+        return _import(config, config.source, console)
+    from pipelines.frames import ingest_frames
 
-        return ingest_frames(config, config.source, console)
-    return _import(config, config.source, console)
+    return ingest_frames(config, config.source, console)
 
 
 def _import(

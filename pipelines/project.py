@@ -84,7 +84,8 @@ def load_object(config: ObjectConfig) -> ObjectModel:
     )
     if config.tags is None:
         return model
-    from tossid.vision.tagslam import object_tags, read_tagslam
+    from tossid.vision.layout import object_tags
+    from tossid.vision.tagslam import read_tagslam
 
     return replace(model, tags=object_tags(read_tagslam(shipped(config.tags)), model.body_names))
 

@@ -2,33 +2,67 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pipelines.console import Console
-from pipelines.frames import STAGES, check_stage_name, open_recording, track_stage
-from pipelines.outputs import output_file
+from pipelines.frames import STAGES, check_stage_name, object_track, open_stage, track_stage
+from pipelines.opening import Opened
+from pipelines.outputs import output_file, output_folder
 from pipelines.schemas import TrackStageConfig
 from tossid.errors import FileError
 from tossid.rotations import wxyz_to_xyzw
+from tossid.types import Detection, PoseTrack
+from tossid.vision.calibration import write_cameras
 from tossid.vision.files import read_detections, write_tracks
+from tossid.vision.tagslam import write_tagslam
 
 
 def run(config: TrackStageConfig, console: Console) -> dict[str, Any]:
     """Track, write; returns the report and `out`."""
-    opened = open_recording(config.recording, config.object)
+    opened = open_stage(config.recording, config.object)
+    for problem in opened.problems:
+        console.warn(problem)
+    detections = _detections(config, opened)
+    out = check_stage_name("out", config.out or STAGES / opened.name / "poses.npz")
+    tracked = track_stage(opened, detections, config.track, console=console)
+    tracks = list(tracked.tracks.values()) if opened.model is None else [object_track(opened, tracked)]
+    texts = [_text_path(out, track, len(tracks)) for track in tracks]
+    set_up = out.parent / f"{out.stem}_set_up"
+    with ExitStack() as stack:
+        write_tracks(tracks, stack.enter_context(output_file(out)))
+        for track, text in zip(tracks, texts, strict=True):
+            rows = np.column_stack([track.t, track.q[:, :3], wxyz_to_xyzw(track.q[:, 3:7])])
+            header = "timestamp tx ty tz qx qy qz qw"
+            np.savetxt(stack.enter_context(output_file(text)), rows, fmt="%.9f", header=header)
+        folder = stack.enter_context(output_folder(set_up, made_by="track"))
+        write_cameras(tracked.cameras, folder)
+        write_tagslam(tracked.layout, folder / "tagslam.yaml")
+    console.say(f"wrote {', '.join(map(str, (out, *texts, set_up)))}")
+    return {
+        "out": str(out),
+        "tum": str(texts[0]) if len(texts) == 1 else [str(text) for text in texts],
+        "set_up": str(set_up),
+        "recording": str(opened.path),
+        "problems": list(opened.problems),
+        "bodies": {name: len(track.t) for name, track in tracked.tracks.items()},
+        **asdict(tracked.report),
+    }
+
+
+def _detections(config: TrackStageConfig, opened: Opened) -> Sequence[Detection]:
+    if config.detections is None and opened.recording is None:
+        return opened.detections
     source = config.detections or STAGES / opened.name / "detections.npz"
     if not source.is_file():
         raise FileError(source, "no such file; 'tossid detect' makes it")
-    detections = read_detections(source)
-    out = check_stage_name("out", config.out or STAGES / opened.name / "poses.npz")
-    text = out.with_suffix(".txt")
-    with output_file(out) as temporary, output_file(text) as temporary_text:
-        poses, report = track_stage(opened, detections, config.track, console=console)
-        write_tracks([poses], temporary)
-        rows = np.column_stack([poses.t, poses.q[:, :3], wxyz_to_xyzw(poses.q[:, 3:7])])
-        np.savetxt(temporary_text, rows, fmt="%.9f", header="timestamp tx ty tz qx qy qz qw")
-    console.say(f"wrote {out} and {text}")
-    return {"out": str(out), "tum": str(text), "recording": str(opened.path), **asdict(report)}
+    return read_detections(source)
+
+
+def _text_path(out: Path, track: PoseTrack, count: int) -> Path:
+    return out.with_suffix(".txt") if count == 1 else out.with_name(f"{out.stem}_{track.name}.txt")

@@ -20,12 +20,14 @@ from pipelines.schemas.ingestion import (
     FramesSource,
     IngestConfig,
     PllSource,
+    RosbagSource,
     SegmentConfig,
     SegmentStageConfig,
     Source,
     TrackConfig,
     TrackStageConfig,
     TumSource,
+    VideoSource,
 )
 from pipelines.schemas.kinds import (
     Bounds,
@@ -88,6 +90,7 @@ __all__ = [
     "ObjectConfig",
     "Ordered",
     "PllSource",
+    "RosbagSource",
     "Positive",
     "Range",
     "ReleaseConfig",
@@ -104,4 +107,5 @@ __all__ = [
     "TrackStageConfig",
     "TrainConfig",
     "TumSource",
+    "VideoSource",
 ]

@@ -42,9 +42,9 @@ class TrackConfig:
     max_rms: Positive
     """largest rms reprojection of a frame [px]"""
     max_sigma: Positive
-    """largest standard deviation of a position along any axis [m]"""
+    """largest standard deviation of a position along any axis [m], where the track's median is not of that order"""
     max_angle_sigma: Positive
-    """largest standard deviation of an orientation about any axis [rad]"""
+    """largest standard deviation of an orientation about any axis [rad], likewise"""
     outlier: Positive
     """whitened rms residual beyond which one tag among several is dropped"""
     evidence: NonNegative
@@ -55,6 +55,8 @@ class TrackConfig:
     """fastest motion that is believed [m/s]"""
     max_gap: Positive
     """longest time over which neighbours decide between two poses [s]"""
+    clocks: bool
+    """look whether cameras' clocks are apart, and find by how much"""
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,32 @@ class FramesSource:
     """camera frames"""
     path: Path | None
     """recording folder; null: the newest in data/raw"""
+
+
+@dataclass(frozen=True)
+class VideoSource:
+    """Videos of the tagged object, one file a camera, with the cameras' calibration and the tags' layout."""
+
+    name: Literal["video"]
+    """videos"""
+    path: Path
+    """recording folder: CAMERA.mp4 for each camera, CAMERA.txt with its frames' times beside, or none"""
+    rate_hz: Positive | None
+    """frames a second where no file has times; null: what cameras.yaml or the videos say"""
+
+
+@dataclass(frozen=True)
+class RosbagSource:
+    """A ROS 1 or ROS 2 bag: AprilTag detections (apriltag_msgs) or camera images (sensor_msgs)."""
+
+    name: Literal["rosbag"]
+    """ROS bags"""
+    path: Path
+    """a bag (.bag, .bag.bz2, .mcap, or a ROS 2 bag's folder), or a folder with one"""
+    set_up: Path | None
+    """folder of cameras.yaml, camera_poses.yaml and tagslam.yaml; null: the bag's"""
+    images: bool
+    """detect tags in the bag's images even where it has detections"""
 
 
 @dataclass(frozen=True)
@@ -125,7 +153,7 @@ class TumSource:
     """folder of NAME.txt files (NAME.joints.txt beside, for joints)"""
 
 
-Source = FramesSource | ContactNetsSource | PllSource | TumSource
+Source = FramesSource | VideoSource | RosbagSource | ContactNetsSource | PllSource | TumSource
 
 
 @dataclass(frozen=True)
@@ -159,7 +187,7 @@ class DetectStageConfig:
     """Keys of `tossid detect`."""
 
     recording: Path | None
-    """recording folder; null: the newest in data/raw"""
+    """recording folder (frames or videos), or a bag with images; null: the newest in data/raw"""
     out: Path | None
     """detections to write (.npz); null: outputs/stages/RECORDING/detections.npz"""
     threads: Count | None
@@ -175,13 +203,14 @@ class TrackStageConfig:
     """Keys of `tossid track`."""
 
     recording: Path | None
-    """recording folder (for its calibration); null: the newest in data/raw"""
+    """recording folder (for its calibration), or a bag with detections; null: the newest in data/raw"""
     detections: Path | None
-    """what `tossid detect` wrote; null: its default place for this recording"""
+    """what `tossid detect` wrote; null: the bag's, else its default place for this recording"""
     out: Path | None
-    """poses to write (.npz, and .txt in the TUM format beside); null: outputs/stages/RECORDING/poses.npz"""
+    """poses to write (.npz, with .txt of each body in the TUM format and the calibration beside);
+    null: outputs/stages/RECORDING/poses.npz"""
     object: ObjectConfig | None
-    """what was tossed; none: what the recording says, else the cube:"""
+    """what was tossed; none: what the recording says, else every moving body of tagslam.yaml:"""
     track: TrackConfig
     """when a pose is believed:"""
 

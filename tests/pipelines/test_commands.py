@@ -10,8 +10,14 @@ import time
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.stores.ros1_noetic import builtin_interfaces__msg__Time as Time
+from rosbags.typesys.stores.ros1_noetic import sensor_msgs__msg__CompressedImage as CompressedImage
+from rosbags.typesys.stores.ros1_noetic import std_msgs__msg__Header as Header
 
 from pipelines import app
 from pipelines.config import load
@@ -24,6 +30,8 @@ from tossid.objects import corner_positions
 from tossid.rotations import geodesic_angle, quat_boxminus
 from tossid.store import file_sha256, read_dataset, write_tum
 from tossid.types import Phase
+from tossid.vision.calibration import read_cameras
+from tossid.vision.recording import read_recording
 
 FILM = ["tosses=1", "camera.count=2", "camera.samples=4", "camera.pause_s=[0.1,0.1]", "camera.carry_s=[0.2,0.2]"]
 
@@ -158,6 +166,58 @@ def test_ingest_reads_tum_and_ends_tosses_at_rest(project: Path, answer: Any) ->
         flight = true.phase[: len(one)] == Phase.FLIGHT
         flight[1:] &= flight[:-1]
         assert np.median(np.abs(one.v[flight, :3] - true.v[: len(one)][flight, :3])) < 0.02
+
+
+def test_a_tagslam_set_up_is_tracked_as_it_is(project: Path, shared_data: Path, answer: Any) -> None:
+    """From TagSLAM's folder: poses of its wand, and the calibration that the graph found, in TagSLAM's own form."""
+    found = answer("track", f"recording={shared_data / 'tagslam_test' / 'test_4'}", "out=wand.npz")
+    assert found["bodies"] == {"wand": 101}
+    assert found["n_poses"] == found["n_steps"] == 101
+    assert found["dropped_tags"]["id on no body"] == 21757
+    assert set(found["cameras"]) == {f"cam{i}" for i in range(8)}
+    assert found["problems"] == []
+    assert len((project / "wand.txt").read_text().splitlines()) == 102
+    again = answer(
+        "track", f"recording={shared_data / 'tagslam_test' / 'test_4'}", "out=again.npz", "track.clocks=false"
+    )
+    assert again["rms"] == found["rms"]
+    cameras = read_cameras(project / "wand_set_up")
+    assert len(cameras) == 8
+    assert all(camera.T_rig_cam_cov is not None for camera in cameras)
+
+
+def test_ingest_reads_videos_and_bags_as_it_reads_frames(
+    film: Path, project: Path, answer: Any, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """The same film as frames, as a video for each camera, and as a bag of compressed images."""
+    (recording,) = (film / "data" / "raw").iterdir()
+    frames = answer("ingest", f"source.path={recording}", "out=frames.h5")
+    opened = read_recording(recording)
+    videos, bags = (tmp_path_factory.mktemp(name) for name in ("videos", "bags"))
+    for folder in (videos, bags):
+        for name in ("cameras.yaml", "camera_poses.yaml", "tagslam.yaml", "object.yaml", "object.xml"):
+            (folder / name).write_bytes((recording / name).read_bytes())
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Writer(bags / "film.bag") as bag:
+        for camera in opened.cameras:
+            files = opened.frames[camera.name]
+            topic = bag.add_connection(f"{camera.image_topic}/compressed", CompressedImage.__msgtype__, typestore=store)
+            codec = cv2.VideoWriter_fourcc(*"FFV1")
+            video = cv2.VideoWriter(str(videos / f"{camera.name}.avi"), codec, 148.0, camera.resolution, False)
+            for file in files:
+                stamp = Time(file.t_ns // 10**9, file.t_ns % 10**9)
+                data = np.frombuffer(file.path.read_bytes(), dtype=np.uint8)
+                message = CompressedImage(Header(0, stamp, ""), "jpeg", data)
+                bag.write(topic, file.t_ns, store.serialize_ros1(message, CompressedImage.__msgtype__))
+                video.write(opened.read(file).image)
+            video.release()
+            (videos / f"{camera.name}.txt").write_text("\n".join(f"{file.t_ns * 1e-9:.9f}" for file in files))
+    for source, folder in (("video", videos), ("rosbag", bags)):
+        found = answer("ingest", f"source={source}", f"source.path={folder}", f"out={source}.h5")
+        assert found["source"] == source
+        assert found["n_tosses"] == frames["n_tosses"]
+        (mine,), (theirs,) = (read_dataset(Path(f"{name}.h5")).tosses for name in (source, "frames"))
+        np.testing.assert_allclose(mine.q, theirs.q, atol=1e-6)
 
 
 def test_ingest_reads_the_real_cube(project: Path, shared_data: Path, answer: Any) -> None:

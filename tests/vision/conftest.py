@@ -11,9 +11,9 @@ from tests.vision.tosses import thrown
 from tossid.objects import ObjectModel
 from tossid.vision.camera import Camera
 from tossid.vision.faces import default_tags
+from tossid.vision.layout import layout_of
 from tossid.vision.recording import Recording, RecordingWriter, read_recording
 from tossid.vision.rig import default_rig
-from tossid.vision.tagslam import layout_of
 from tossid.vision.timeline import Timeline, make_timeline, render_timeline
 
 

@@ -17,18 +17,9 @@ from tossid.rotations import transform, transform_from_rotvec, transform_points,
 from tossid.vision.calibration import read_cameras, write_cameras
 from tossid.vision.camera import Camera
 from tossid.vision.faces import tag_corners
+from tossid.vision.layout import Body, BodyTag, TagLayout, layout_of, object_tags
 from tossid.vision.rig import default_rig, look_at
-from tossid.vision.tagslam import (
-    Body,
-    BodyTag,
-    TagLayout,
-    layout_of,
-    object_tags,
-    pose_mapping,
-    read_pose,
-    read_tagslam,
-    write_tagslam,
-)
+from tossid.vision.tagslam import pose_mapping, read_pose, read_tagslam, write_tagslam
 
 number = st.floats(-3.0, 3.0, allow_nan=False)
 
@@ -153,6 +144,55 @@ def test_kalibrs_camera_chain_is_read(tmp_path: Path):
     first, second = read_cameras(tmp_path)
     np.testing.assert_array_equal(first.T_world_cam, np.eye(4))
     np.testing.assert_allclose(second.T_world_cam[:3, 3], [0.2, 0.0, 0.0])
+    # without a chain, the first camera is the rig, and where the others are is not known
+    (tmp_path / "cameras.yaml").write_text(yaml.safe_dump({f"cam{i}": entry for i in range(3)}))
+    assert [camera.T_rig_cam is None for camera in read_cameras(tmp_path)] == [False, True, True]
+
+
+def test_the_noise_of_tagslams_files_is_read(shared_data: Path):
+    folder = shared_data / "tagslam_test" / "test_4"
+    camera = read_cameras(folder)[0]
+    sigma = np.sqrt(np.diag(camera.T_rig_cam_cov))
+    np.testing.assert_allclose(sigma[3:], 0.6e-3, rtol=0.2)  # its R has 1.6e3 for positions, 1.2e4 for rotations
+    assert (sigma[:3] < 4e-4).all()
+    aviary, wand = read_tagslam(folder / "tagslam.yaml").bodies
+    np.testing.assert_allclose(aviary.position_noise, 1e-7)
+    np.testing.assert_allclose(wand.tags[0].rotation_noise, 2e-5)
+    (cube,) = [body for body in read_tagslam(folder.parent / "test_15" / "tagslam.yaml").bodies if not body.is_static]
+    assert cube.stillness == (0.2, 0.2)
+
+
+def test_measurements_remaps_and_squashes_are_read(tmp_path: Path):
+    (tmp_path / "tagslam.yaml").write_text(
+        """
+bodies:
+ - lab: {is_static: true, default_tag_size: 0.1, ignore_tags: [9]}
+default_body: lab
+max_hamming_distance: 1
+distance_measurements:
+ - wall: {tag1: 1, tag2: 2, corner1: 0, corner2: 3, distance: 1.5, noise: 0.001}
+coordinate_measurements:
+ - high: {tag: 1, corner: 2, direction: [0, 0, 1], length: 0.7, noise: 0.01}
+plane_measurements:
+ - floor: {tags: [3, 4], direction: [0, 0, 1.0], distance: 0.0, noise: 0.002}
+tag_id_remap:
+ - id: 20
+   remaps:
+    - {remap_id: 420, start_time: "1541686885.999522770", end_time: "1541686936.513937363"}
+squash:
+ - {time: "1527206556.891942748", tags: [85]}
+ - {camera: cam1, tags: [8]}
+"""
+    )
+    layout = read_tagslam(tmp_path / "tagslam.yaml")
+    assert [m.name for m in layout.measurements] == ["wall", "high", "floor_tag_3", "floor_tag_4"]
+    assert layout.measurements[0].corners == (0, 3)
+    assert layout.measurements[2].corner is None
+    assert (layout.remaps[0].id, layout.remaps[0].new_id) == (20, 420)
+    assert layout.remaps[0].end == pytest.approx(1541686936.513937363)
+    assert layout.squashes[1].camera == "cam1"
+    assert layout.max_hamming == 1
+    assert layout.bodies[0].ignored_tags == {9}
 
 
 @pytest.mark.parametrize(
@@ -183,6 +223,15 @@ def test_a_damaged_calibration_is_named(tmp_path: Path, text: str, words: str):
         ("bodies: [{cube: {is_static: false, tags: [{id: 1}]}}]", "size"),
         ("bodies: [{cube: {is_static: false, tags: [{id: 1, size: 1}, {id: 1, size: 1}]}}]", "twice"),
         ("bodies: [{cube: {is_static: false, tags: [{id: 1, size: 1, pose: {position: 3}}]}}]", "rotation"),
+        (
+            "bodies: [{a: {is_static: true, tags: [{id: 1, size: 1}]}}, "
+            "{b: {is_static: true, tags: [{id: 1, size: 1}]}}]",
+            "tag 1 is listed twice",
+        ),
+        ("bodies: [{a: {is_static: false, pose: {}}}]", "moves"),
+        ("bodies: [{a: {is_static: true}}]\nsquash: [{tags: [1]}]", "time or a camera"),
+        ("bodies: [{a: {is_static: true}}]\ndistance_measurements: [{d: {tag1: 1}}]", "tag2"),
+        ("bodies: [{a: {is_static: true}}]\nplane_measurements: [{d: {direction: [1, 1, 0]}}]", "unit vector"),
     ],
 )
 def test_a_damaged_tag_layout_is_named(tmp_path: Path, text: str, words: str):

@@ -12,8 +12,8 @@ from tossid.objects import ObjectModel
 from tossid.types import Frame
 from tossid.vision import recording as recording_module
 from tossid.vision.camera import Camera
+from tossid.vision.layout import layout_of
 from tossid.vision.recording import RecordingWriter, read_recording, write_recording
-from tossid.vision.tagslam import layout_of
 
 CAMERA = Camera("left", (64, 48), [60, 60, 32, 24])
 

@@ -14,9 +14,9 @@ from tossid.errors import InputError
 from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import geodesic_angle
 from tossid.types import Frame
+from tossid.vision.layout import layout_of
 from tossid.vision.recording import RecordingWriter, read_recording
 from tossid.vision.rig import default_rig
-from tossid.vision.tagslam import layout_of
 from tossid.vision.timeline import make_timeline, render_timeline
 
 DT = 1 / 148

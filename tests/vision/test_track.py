@@ -9,62 +9,25 @@ import numpy as np
 import pytest
 
 from tests.vision.conftest import Filmed
+from tests.vision.sights import motion, nees, seen, tangent
 from tossid.errors import InputError, ObjectError
 from tossid.objects import ObjectModel, object_from_mjcf
 from tossid.rotations import (
     geodesic_angle,
-    quat_boxminus,
     quat_exp,
     quat_mul,
-    quat_normalize,
-    transform,
-    transform_points,
     xyzw_to_wxyz,
 )
 from tossid.types import Detection, PoseTrack
 from tossid.vision.calibration import read_cameras
 from tossid.vision.camera import Camera
 from tossid.vision.detect import detect_frames
-from tossid.vision.faces import default_tags, tag_corners
+from tossid.vision.faces import default_tags
 from tossid.vision.files import read_tracks, write_tracks
-from tossid.vision.pose_fit import observations, residuals
+from tossid.vision.layout import object_tags
 from tossid.vision.rig import default_rig
-from tossid.vision.tagslam import object_tags, read_tagslam
+from tossid.vision.tagslam import read_tagslam
 from tossid.vision.track import TrackSettings, track
-
-
-def _tangent(track_: PoseTrack, q: np.ndarray) -> np.ndarray:
-    """True minus estimated poses in the tangent of the covariance. (n, 6)."""
-    turn = quat_boxminus(q[:, 3:7], track_.q[:, 3:7])
-    return np.concatenate([q[:, :3] - track_.q[:, :3], turn], axis=1)
-
-
-def _nees(track_: PoseTrack, q: np.ndarray) -> np.ndarray:
-    """Normalised squared errors over their expectation. (n,)."""
-    error = _tangent(track_, q)
-    assert track_.q_cov is not None
-    return np.einsum("ni,nij,nj->n", error, np.linalg.inv(track_.q_cov), error) / 6
-
-
-def _seen(cameras, model: ObjectModel, t: float, q: np.ndarray, rng, sigma: float, facing: float = 0.35):
-    """Detections of a pose without rendering: true corners with noise, of tags that face a camera."""
-    T = transform(q[:3], q[3:7])
-    for camera in cameras:
-        eye = camera.T_world_cam[:3, 3]
-        for tag in model.tags:
-            corners = transform_points(T, tag_corners(tag))
-            view = eye - corners.mean(axis=0)
-            if (T[:3, :3] @ tag.T_body_tag[:3, 2]) @ view > facing * np.linalg.norm(view):
-                noise = sigma * rng.normal(size=(4, 2))
-                yield Detection(camera.name, t, tag.id, camera.project(corners) + noise, sigma**2 * np.eye(2))
-
-
-def _motion(n: int, rng: np.random.Generator) -> np.ndarray:
-    """A smooth tumble in view."""
-    s = np.linspace(0, 1, n)[:, None]
-    p = np.array([-0.2, 0.1, 0.25]) + s * [0.4, -0.2, 0.05]
-    quat = quat_mul(quat_normalize(rng.normal(size=4)), quat_exp(s * rng.uniform(-5, 5, 3)))
-    return np.concatenate([p, quat], axis=1)
 
 
 def test_the_rendered_recording_is_tracked_to_the_accuracy_asked_for(filmed: Filmed, tagged: ObjectModel):
@@ -80,7 +43,7 @@ def test_the_rendered_recording_is_tracked_to_the_accuracy_asked_for(filmed: Fil
     assert np.median(angle) < 0.15
     assert np.quantile(position, 0.95) < 0.6e-3
     assert angle.max() < 5.0
-    assert 0.5 < np.mean(_nees(found, q)) < 1.6
+    assert 0.5 < np.mean(nees(found, q)) < 1.6
     assert report.n_poses == len(found.t)
     assert report.n_steps - report.n_poses == sum(report.dropped_steps.values())
     assert report.rms < 0.3
@@ -91,13 +54,13 @@ def test_covariances_are_honest(tagged: ObjectModel):
     """NEES 1 on average, and its spread that of χ² with six degrees of freedom."""
     rng = np.random.default_rng(1)
     cameras = default_rig()
-    t, q = np.arange(400) / 148, _motion(400, rng)
-    detections = [d for i in range(400) for d in _seen(cameras, tagged, t[i], q[i], rng, 0.1)]
+    t, q = np.arange(400) / 148, motion(400, rng)
+    detections = [d for i in range(400) for d in seen(cameras, tagged, t[i], q[i], rng, 0.1)]
     found, report = track(detections, cameras, tagged)
     assert len(found.t) == 400
-    nees = _nees(found, q)
-    assert np.mean(nees) == pytest.approx(1.0, abs=0.1)
-    assert np.quantile(6 * nees, 0.95) == pytest.approx(12.59, rel=0.15)  # χ² with 6 degrees of freedom
+    errors = nees(found, q)
+    assert np.mean(errors) == pytest.approx(1.0, abs=0.1)
+    assert np.quantile(6 * errors, 0.95) == pytest.approx(12.59, rel=0.15)  # χ² with 6 degrees of freedom
     assert report.noise_scale == pytest.approx(1.0, abs=0.05)
     assert report.rms == pytest.approx(0.1 * np.sqrt(2), rel=0.15)
 
@@ -105,29 +68,15 @@ def test_covariances_are_honest(tagged: ObjectModel):
 def test_understated_noise_is_noticed(tagged: ObjectModel):
     rng = np.random.default_rng(2)
     cameras = default_rig()
-    t, q = np.arange(200) / 148, _motion(200, rng)
+    t, q = np.arange(200) / 148, motion(200, rng)
     detections = [
         Detection(d.camera, d.t, d.tag_id, d.corners, d.corner_cov / 9)
         for i in range(200)
-        for d in _seen(cameras, tagged, t[i], q[i], rng, 0.1)
+        for d in seen(cameras, tagged, t[i], q[i], rng, 0.1)
     ]
     found, report = track(detections, cameras, tagged)
     assert report.noise_scale == pytest.approx(3.0, rel=0.1)
-    assert np.mean(_nees(found, q)) == pytest.approx(1.0, abs=0.3)
-
-
-def test_the_fits_jacobian_is_the_derivative(tagged: ObjectModel):
-    rng = np.random.default_rng(3)
-    cameras, q = default_rig(), _motion(1, rng)[0]
-    seen = list(_seen(cameras, tagged, 0.0, q, rng, 0.1))
-    obs = observations(seen, np.zeros(len(seen), dtype=np.int64), cameras, tagged.tags)
-    n, h = len(seen), 1e-6
-    p, quat = np.tile(q[:3], (n, 1)), np.tile(q[3:7], (n, 1))
-    _, J = residuals(obs, p, quat, jacobian=True)
-    for k, e in enumerate(np.eye(6)):
-        up = residuals(obs, p + h * e[:3], quat_mul(quat, quat_exp(h * e[3:])))[0]
-        down = residuals(obs, p - h * e[:3], quat_mul(quat, quat_exp(-h * e[3:])))[0]
-        np.testing.assert_allclose(J[..., k], (up - down) / (2 * h), atol=1e-3)
+    assert np.mean(nees(found, q)) == pytest.approx(1.0, abs=0.3)
 
 
 def test_a_single_frontal_tag_does_not_flip(tagged: ObjectModel):
@@ -142,7 +91,7 @@ def test_a_single_frontal_tag_does_not_flip(tagged: ObjectModel):
     facing = quat_exp(np.cross([0, 0, 1.0], -away) / np.linalg.norm(np.cross([0, 0, 1.0], -away)) * np.arccos(-away[2]))
     quat = quat_mul(facing, quat_exp(sway[:, None] * [1.0, 0.0, 0.0]))
     q = np.concatenate([np.tile([0.0, 0.0, 0.3], (120, 1)), quat], axis=1)
-    detections = [d for i in range(120) for d in _seen([camera], one, t[i], q[i], rng, 0.3)]
+    detections = [d for i in range(120) for d in seen([camera], one, t[i], q[i], rng, 0.3)]
     found, report = track(detections, [camera], one, settings=TrackSettings(max_sigma=0.1, max_angle_sigma=0.5))
     truth = q[np.round(found.t * 148).astype(int)]
     angle = np.rad2deg(geodesic_angle(found.q[:, 3:7], truth[:, 3:7]))
@@ -154,31 +103,31 @@ def test_a_single_frontal_tag_does_not_flip(tagged: ObjectModel):
 def test_one_false_tag_among_several_is_dropped(tagged: ObjectModel):
     rng = np.random.default_rng(5)
     cameras = default_rig()
-    t, q = np.arange(60) / 148, _motion(60, rng)
+    t, q = np.arange(60) / 148, motion(60, rng)
     detections, shifted = [], 0
     for i in range(60):
-        seen = list(_seen(cameras, tagged, t[i], q[i], rng, 0.1))
-        assert len(seen) >= 3
+        sights = list(seen(cameras, tagged, t[i], q[i], rng, 0.1))
+        assert len(sights) >= 3
         if i % 3 == 0:
-            wrong = seen[0]
-            seen[0] = Detection(
+            wrong = sights[0]
+            sights[0] = Detection(
                 wrong.camera, wrong.t, wrong.tag_id, wrong.corners + np.array([25.0, -10.0]), wrong.corner_cov
             )
             shifted += 1
-        detections += seen
+        detections += sights
     found, report = track(detections, cameras, tagged)
     assert len(found.t) == 60
     assert report.dropped_tags["contradicts the other tags"] == shifted
-    assert np.abs(_tangent(found, q)[:, :3]).max() < 1e-3
+    assert np.abs(tangent(found, q)[:, :3]).max() < 1e-3
 
 
 def test_nonsense_is_rejected_with_a_reason(tagged: ObjectModel):
     rng = np.random.default_rng(6)
     cameras = default_rig()
-    t, q = np.arange(60) / 148, _motion(60, rng)
+    t, q = np.arange(60) / 148, motion(60, rng)
     detections = []
     for i in range(60):
-        for d in _seen(cameras, tagged, t[i], q[i], rng, 0.1):
+        for d in seen(cameras, tagged, t[i], q[i], rng, 0.1):
             corners = d.corners + (rng.normal(size=(4, 2)) * 8 if i in (20, 21) else 0)
             detections.append(Detection(d.camera, d.t, d.tag_id, corners, d.corner_cov))
     found, report = track(detections, cameras, tagged)
@@ -189,12 +138,12 @@ def test_nonsense_is_rejected_with_a_reason(tagged: ObjectModel):
 def test_cameras_out_of_step_are_grouped_by_time(tagged: ObjectModel):
     rng = np.random.default_rng(7)
     cameras = default_rig()
-    q = _motion(1, rng)[0]
+    q = motion(1, rng)[0]
     late = {"cam0": 0.0, "cam1": 0.001, "cam2": -0.0008}
     detections = [
         Detection(d.camera, i / 148 + late[d.camera], d.tag_id, d.corners, d.corner_cov)
         for i in range(20)
-        for d in _seen(cameras, tagged, 0.0, q, rng, 0.1)
+        for d in seen(cameras, tagged, 0.0, q, rng, 0.1)
     ]
     found, report = track(detections, cameras, tagged)
     assert report.n_steps == 20
@@ -213,7 +162,7 @@ def test_what_cannot_be_tracked_is_said(tagged: ObjectModel, elbow: ObjectModel)
 
 def test_tracks_come_back_from_their_file(tmp_path: Path):
     rng = np.random.default_rng(8)
-    q = _motion(10, rng)
+    q = motion(10, rng)
     tracks = [
         PoseTrack("a", np.arange(10.0), q, np.tile(np.eye(6), (10, 1, 1))),
         PoseTrack("b", np.arange(4.0), q[:4]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +14,23 @@ from numpy.typing import NDArray
 from tossid.errors import FileError, InputError
 from tossid.rotations import transform_inv
 from tossid.vision.camera import Camera
-from tossid.vision.tagslam import TagLayout, number, numbers, pose_mapping, read_pose, read_tagslam, read_yaml
+from tossid.vision.layout import TagLayout
+from tossid.vision.tagslam import EXACT, number, numbers, pose_mapping, read_noise, read_pose, read_tagslam, read_yaml
 
 Array = NDArray[np.float64]
+
+RIGID = 1e-4
+"""Wiggle of a camera on its rig [rad, m] up to which it is rigid; TagSLAM's own default is 1e-5."""
 
 
 def read_cameras(folder: str | Path, *, layout: TagLayout | None = None) -> tuple[Camera, ...]:
     """Read the cameras of a folder, in the file's order.
 
-    `cameras.yaml` is Kalibr's form; poses on the rig come from
-    `camera_poses.yaml` (T_rig_cam), or from Kalibr's chain `T_cn_cnm1`, the
-    first camera being the rig. The rig's own pose comes from `layout`, by
-    default the folder's `tagslam.yaml` if there is one; without either, the
-    rig is the world. A moving rig leaves `T_world_rig` None.
+    `cameras.yaml` is Kalibr's form, with TagSLAM's topics, and `clock_offset` [s] where a camera's time
+    stamps are late; poses on the rig come from `camera_poses.yaml` (T_rig_cam with R, the root of its
+    information), or from Kalibr's chain `T_cn_cnm1`, the first camera being the rig. The
+    rig's own pose comes from `layout`, by default the folder's `tagslam.yaml` if there is one; without
+    either, the rig is the world. A moving rig leaves `T_world_rig` None.
 
     Raises:
         FileError: a file is missing, damaged, or says what no camera can be.
@@ -37,15 +42,15 @@ def read_cameras(folder: str | Path, *, layout: TagLayout | None = None) -> tupl
         layout = read_tagslam(folder / "tagslam.yaml")
     poses_path = folder / "camera_poses.yaml"
     poses = read_yaml(poses_path) if poses_path.is_file() else None
-    cameras = []
+    cameras: list[Camera] = []
     T_rig_previous: Array | None = None
     for name, entry in content.items():
         if not isinstance(entry, dict):
             raise FileError(path, f"'{name}' is no camera")
         if poses is not None:
-            T_rig_cam = _rig_pose(poses_path, str(name), poses)
+            T_rig_cam, cov = _rig_pose(poses_path, str(name), poses)
         else:
-            T_rig_cam = _kalibr_pose(path, str(name), entry, T_rig_previous)
+            T_rig_cam, cov = _kalibr_pose(path, str(name), entry, T_rig_previous, first=not cameras), None
         T_rig_previous = T_rig_cam
         rig = str(entry.get("rig_body", "rig"))
         T_world_rig: Array | None = np.eye(4)
@@ -54,7 +59,7 @@ def read_cameras(folder: str | Path, *, layout: TagLayout | None = None) -> tupl
             if body is None:
                 raise FileError(path, f"{name}.rig_body '{rig}' is no body of tagslam.yaml")
             T_world_rig = body.T_map_body
-        cameras.append(_read_camera(path, str(name), entry, rig, T_rig_cam, T_world_rig))
+        cameras.append(replace(_read_camera(path, str(name), entry, rig, T_rig_cam, T_world_rig), T_rig_cam_cov=cov))
     if not cameras:
         raise FileError(path, "holds no camera")
     return tuple(cameras)
@@ -70,6 +75,10 @@ def _read_camera(
         raise FileError(path, f"{name}.camera_model is {entry['camera_model']!r}, expected pinhole")
     width, height = numbers(path, f"{name}.resolution", entry["resolution"], 2)
     coefficients = entry.get("distortion_coeffs") or []
+    rotation, translation = (
+        number(path, f"{name}.{key}", entry.get(key, 0.0)) for key in ("wiggle_rotation", "wiggle_translation")
+    )
+    wiggle = (rotation, translation)
     try:
         return Camera(
             name=name,
@@ -81,23 +90,41 @@ def _read_camera(
             T_world_rig=T_world_rig,
             rig_body=rig,
             rate_hz=number(path, f"{name}.rate_hz", entry["rate_hz"]) if entry.get("rate_hz") is not None else None,
+            wiggle=wiggle if max(wiggle) > RIGID else None,
+            clock_offset=number(path, f"{name}.clock_offset", entry.get("clock_offset", 0.0)),
+            image_topic=str(entry.get("rostopic") or ""),
+            tag_topic=str(entry.get("tagtopic") or ""),
         )
     except InputError as error:
         raise error if isinstance(error, FileError) else FileError(path, str(error)) from error
 
 
-def _rig_pose(path: Path, name: str, poses: dict[str, Any]) -> Array | None:
+def _rig_pose(path: Path, name: str, poses: dict[str, Any]) -> tuple[Array | None, Array | None]:
+    """T_rig_cam and its covariance."""
     entry = poses.get(name)
     if entry is None:
-        return None
-    if not isinstance(entry, dict) or "pose" not in entry:
+        return None, None
+    if not isinstance(entry, dict) or not isinstance(entry.get("pose"), dict):
         raise FileError(path, f"{name} has no pose")
-    return read_pose(path, f"{name}.pose", entry["pose"])
+    pose, where = entry["pose"], f"{name}.pose"
+    T_rig_cam = read_pose(path, where, pose)
+    if pose.get("R") is not None:
+        root = numbers(path, f"{where}.R", pose["R"], 36).reshape(6, 6)
+        information = root @ root.T  # TagSLAM's code takes the list column by column; its own files are meant so
+        if np.linalg.cond(information) > 1e16:
+            raise FileError(path, f"{where}.R is singular; expected the root of the pose's information")
+        return T_rig_cam, np.asarray(np.linalg.inv(information))
+    position, rotation = read_noise(path, where, pose)
+    if position is None or rotation is None:
+        return T_rig_cam, None
+    return T_rig_cam, np.diag(np.concatenate([rotation, position]) ** 2)
 
 
-def _kalibr_pose(path: Path, name: str, entry: dict[str, Any], T_rig_previous: Array | None) -> Array | None:
+def _kalibr_pose(
+    path: Path, name: str, entry: dict[str, Any], T_rig_previous: Array | None, *, first: bool
+) -> Array | None:
     if "T_cn_cnm1" not in entry:
-        return np.eye(4) if T_rig_previous is None else None
+        return np.eye(4) if first else None
     rows = entry["T_cn_cnm1"]
     if T_rig_previous is None:
         raise FileError(path, f"{name}.T_cn_cnm1 refers to a camera before it that has no pose")
@@ -121,15 +148,20 @@ def write_cameras(cameras: Sequence[Camera], folder: str | Path) -> None:
             "distortion_model": camera.distortion_model,
             "distortion_coeffs": camera.distortion.tolist(),
             "resolution": [int(n) for n in camera.resolution],
-            "rostopic": f"/{camera.name}/image_raw",
-            "tagtopic": f"/{camera.name}/tags",
+            "rostopic": camera.image_topic or f"/{camera.name}/image_raw",
+            "tagtopic": camera.tag_topic or f"/{camera.name}/tags",
             "rig_body": camera.rig_body,
         }
         if camera.rate_hz is not None:
             entries[camera.name]["rate_hz"] = float(camera.rate_hz)
+        if camera.clock_offset:
+            entries[camera.name]["clock_offset"] = float(camera.clock_offset)
+        if camera.wiggle is not None:
+            entries[camera.name] |= dict(zip(("wiggle_rotation", "wiggle_translation"), camera.wiggle, strict=True))
         if camera.T_rig_cam is not None:
             pose: dict[str, Any] = dict(pose_mapping(camera.T_rig_cam))
-            pose["R"] = (1e6 * np.eye(6)).ravel().tolist()  # TagSLAM's information matrix
+            cov = EXACT**2 * np.eye(6) if camera.T_rig_cam_cov is None else camera.T_rig_cam_cov
+            pose["R"] = np.linalg.cholesky(np.linalg.inv(cov)).ravel().tolist()
             poses[camera.name] = {"pose": pose}
     (folder / "cameras.yaml").write_text(yaml.safe_dump(entries, sort_keys=False), encoding="utf-8")
     (folder / "camera_poses.yaml").write_text(yaml.safe_dump(poses, sort_keys=False), encoding="utf-8")

@@ -36,6 +36,12 @@ class Camera:
         T_world_rig: (4, 4) pose of the rig, None if unknown or moving.
         rig_body: name of the rig in `tagslam.yaml`.
         rate_hz: frames a second, None if unknown.
+        T_rig_cam_cov: (6, 6) covariance of T_rig_cam (rotation [rad²], translation [m²], in the camera's frame),
+            None for exact.
+        wiggle: (rotation [rad], translation [m]) standard deviations of the pose on the rig from frame to
+            frame, None for rigid.
+        clock_offset: how far its time stamps are late [s]; what reads its frames takes it off.
+        image_topic, tag_topic: where a bag has its images and its detections.
     """
 
     name: str
@@ -47,6 +53,11 @@ class Camera:
     T_world_rig: Array | None = field(default_factory=lambda: np.eye(4))
     rig_body: str = "rig"
     rate_hz: float | None = None
+    T_rig_cam_cov: Array | None = None
+    wiggle: tuple[float, float] | None = None
+    clock_offset: float = 0.0
+    image_topic: str = ""
+    tag_topic: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "intrinsics", np.asarray(self.intrinsics, dtype=float))
@@ -62,6 +73,8 @@ class Camera:
                 f"camera '{self.name}': {self.distortion_model} takes {' or '.join(map(str, counts))} "
                 f"finite distortion coefficients, got {self.distortion.tolist()}"
             )
+        if not np.isfinite(self.clock_offset):
+            raise InputError(f"camera '{self.name}': clock_offset is {self.clock_offset}, expected seconds")
         if len(self.resolution) != 2 or min(self.resolution) < 1:
             raise InputError(f"camera '{self.name}': resolution must be (width, height), got {self.resolution}")
 

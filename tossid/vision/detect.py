@@ -66,20 +66,21 @@ class TagFinder:
     at first, the whole image is searched.
 
     Args:
-        camera: whose images they are. model: the object, with its tags.
+        camera: whose images they are. model: the object, with its tags; None for a scene of any tags, whose
+            images are then searched whole.
         tally: counts, by reason, what was rejected, and how often was searched where.
     """
 
     def __init__(
         self,
         camera: Camera,
-        model: ObjectModel,
+        model: ObjectModel | None,
         settings: DetectSettings = DetectSettings(),
         tally: Counter[str] | None = None,
     ) -> None:
         self.camera = camera
-        self.tag_ids = frozenset(tag.id for tag in model.tags)
-        self._spread = tag_spread(model)
+        self.tag_ids = frozenset(tag.id for tag in model.tags) if model is not None else None
+        self._spread = tag_spread(model) if model is not None else np.inf
         self.settings = settings
         self.tally: Counter[str] = Counter() if tally is None else tally
         self._box: Array | None = None  # (2, 2): low and high corner of the tags last seen
@@ -90,7 +91,7 @@ class TagFinder:
     def find(self, frame: Frame) -> list[Detection]:
         """Detections in the next frame."""
         found: list[Detection] = []
-        if self.settings.predict:
+        if self.settings.predict and self.tag_ids is not None:
             if self._box is not None:
                 found = self._near(frame)
             if not found:
@@ -148,7 +149,7 @@ class TagFinder:
         with _detector(decimate) as detector:
             seen = detector.detect(image)
         for raw in seen:
-            if raw.tag_id not in self.tag_ids:
+            if self.tag_ids is not None and raw.tag_id not in self.tag_ids:
                 rejected["rejected: id not on the object"] += 1
             elif raw.hamming > self.settings.max_hamming:
                 rejected["rejected: too many corrected bits"] += 1
@@ -215,7 +216,7 @@ def _detector(decimate: float) -> Iterator[_Detector]:
 
 def detect_frames(
     recording: Recording,
-    model: ObjectModel,
+    model: ObjectModel | None,
     *,
     settings: DetectSettings = DetectSettings(),
     threads: int = 2,
@@ -225,7 +226,7 @@ def detect_frames(
     """Detect an object's tags in all frames of a recording.
 
     Args:
-        recording: as read. model: the object; tags that are not on it are rejected.
+        recording: as read. model: the object; tags that are not on it are rejected. None: all tags are taken.
         threads: images searched at the same time.
         tally: filled with counts by reason.
         progress: called with the number of frames done since the last call.
@@ -239,7 +240,7 @@ def detect_frames(
     """
     if threads < 1:
         raise InputError(f"threads is {threads}, expected at least 1")
-    if not model.tags:
+    if model is not None and not model.tags:
         raise ObjectError(f"object '{model.name}' has no tags to look for")
     tally = Counter() if tally is None else tally
     batches = _batches(recording)
@@ -288,8 +289,8 @@ def _batches(recording: Recording) -> Iterator[list[tuple[FrameFile, ...]]]:
 
 
 def _detect_batch(
-    recording: Recording, files: Sequence[FrameFile], model: ObjectModel, settings: DetectSettings
+    recording: Recording, files: Sequence[FrameFile], model: ObjectModel | None, settings: DetectSettings
 ) -> tuple[list[Detection], Counter[str], int]:
     finder = TagFinder(recording.camera(files[0].camera), model, settings)
-    found = [detection for file in files for detection in finder.find(recording.read(file))]
+    found = [detection for frame in recording.run(files) for detection in finder.find(frame)]
     return found, finder.tally, len(files)

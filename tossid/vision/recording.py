@@ -1,7 +1,8 @@
-"""A recording: a folder of camera frames with their calibration and tag layout.
+"""A recording: camera frames with their calibration and tag layout.
 
 NAME/cameras.yaml, camera_poses.yaml, tagslam.yaml
-NAME/frames/CAMERA/T_NS.jpg (or .png): grey images, named by their time stamp [ns]
+NAME/frames/CAMERA/T_NS.jpg (or .png): grey images, named by their time stamp [ns] or in seconds (12.345.jpg), or
+    under any names with a file of times beside them (`times.py`)
 """
 
 from __future__ import annotations
@@ -10,10 +11,11 @@ import itertools
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -23,7 +25,9 @@ from tossid.errors import FileError, InputError, OutputError
 from tossid.types import Frame
 from tossid.vision.calibration import read_cameras, write_cameras
 from tossid.vision.camera import Camera
-from tossid.vision.tagslam import TagLayout, read_tagslam, write_tagslam
+from tossid.vision.layout import TagLayout
+from tossid.vision.tagslam import read_tagslam, write_tagslam
+from tossid.vision.times import TIME_FILES, time_of_name, times_of
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".pgm", ".tif", ".tiff")
 _ENDINGS = {b"\xff\xd8\xff": b"\xff\xd9", b"\x89PNG": b"IEND\xaeB`\x82"}
@@ -31,11 +35,29 @@ _ENDINGS = {b"\xff\xd8\xff": b"\xff\xd9", b"\x89PNG": b"IEND\xaeB`\x82"}
 
 @dataclass(frozen=True, slots=True)
 class FrameFile:
-    """Where a frame is. t_ns: time stamp [ns]."""
+    """Where a frame is. t_ns: time stamp [ns], the camera's clock offset taken off. path: of an image, a video or
+    a bag. index: number of the frame in a video, time of recording [ns] in a bag."""
 
     camera: str
     t_ns: int
     path: Path
+    index: int = 0
+
+
+class FrameReader(Protocol):
+    """What gets at the images of a recording."""
+
+    def images(self, files: Sequence[FrameFile]) -> Iterator[NDArray[np.uint8]]:
+        """Grey images (height, width) of some frames of one camera, in order of time."""
+        ...
+
+
+class ImageFiles:
+    """Frames that are image files."""
+
+    def images(self, files: Sequence[FrameFile]) -> Iterator[NDArray[np.uint8]]:
+        """One file a frame."""
+        return (read_image(file.path) for file in files)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +65,15 @@ class Recording:
     """A recording on disk; frames are read when asked for.
 
     cameras: in the order of `cameras.yaml`. layout: bodies and tags.
-    frames: of each camera by name, in order of time.
+    frames: of each camera by name, in order of time. reader: of their images. problems: what of it was lost.
     """
 
     folder: Path
     cameras: tuple[Camera, ...]
     layout: TagLayout
     frames: dict[str, tuple[FrameFile, ...]]
+    reader: FrameReader = field(default_factory=ImageFiles)
+    problems: tuple[str, ...] = ()
 
     @property
     def n_frames(self) -> int:
@@ -67,19 +91,23 @@ class Recording:
         return next(camera for camera in self.cameras if camera.name == name)
 
     def read(self, file: FrameFile) -> Frame:
-        """Read one frame.
+        """Read one frame (see `run`)."""
+        return next(self.run((file,)))
+
+    def run(self, files: Sequence[FrameFile]) -> Iterator[Frame]:
+        """Read frames of one camera, in order of time.
 
         Raises:
-            FileError: it is missing, no image, cut short, or not of the camera's resolution.
+            FileError: one is missing, no image, cut short, or not of the camera's resolution.
         """
-        image = read_image(file.path)
-        width, height = self.camera(file.camera).resolution
-        if image.shape != (height, width):
-            raise FileError(
-                file.path,
-                f"is {image.shape[1]} by {image.shape[0]} px, but {file.camera} has {width} by {height} px",
-            )
-        return Frame(file.camera, file.t_ns * 1e-9, image)
+        for file, image in zip(files, self.reader.images(files), strict=True):
+            width, height = self.camera(file.camera).resolution
+            if image.shape != (height, width):
+                raise FileError(
+                    file.path,
+                    f"is {image.shape[1]} by {image.shape[0]} px, but {file.camera} has {width} by {height} px",
+                )
+            yield Frame(file.camera, file.t_ns * 1e-9, image)
 
     def __iter__(self) -> Iterator[Frame]:
         """All frames in order of time."""
@@ -106,8 +134,8 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     return np.asarray(image, dtype=np.uint8)
 
 
-def read_recording(folder: str | Path) -> Recording:
-    """Open a recording: read its calibration and list its frames.
+def read_set_up(folder: str | Path) -> tuple[tuple[Camera, ...], TagLayout]:
+    """The cameras and the tag layout of a folder.
 
     Raises:
         FileError: what is missing or damaged, by name.
@@ -116,7 +144,17 @@ def read_recording(folder: str | Path) -> Recording:
     if not folder.is_dir():
         raise FileError(folder, "no such folder; expected a recording (cameras.yaml, tagslam.yaml, frames/)")
     layout = read_tagslam(folder / "tagslam.yaml")
-    cameras = read_cameras(folder, layout=layout)
+    return read_cameras(folder, layout=layout), layout
+
+
+def read_recording(folder: str | Path) -> Recording:
+    """Open a recording of image files: read its calibration and list its frames.
+
+    Raises:
+        FileError: what is missing or damaged, by name.
+    """
+    folder = Path(folder)
+    cameras, layout = read_set_up(folder)
     known = {camera.name for camera in cameras}
     frames_dir = folder / "frames"
     if not frames_dir.is_dir():
@@ -124,28 +162,39 @@ def read_recording(folder: str | Path) -> Recording:
     for entry in sorted(frames_dir.iterdir()):
         if entry.is_dir() and entry.name not in known:
             raise FileError(entry, f"holds frames of a camera that cameras.yaml does not have ({', '.join(known)})")
-    frames = {camera.name: _list_frames(frames_dir / camera.name, camera.name) for camera in cameras}
+    frames = {camera.name: _list_frames(frames_dir / camera.name, camera) for camera in cameras}
     return Recording(folder, cameras, layout, frames)
 
 
-def _list_frames(folder: Path, camera: str) -> tuple[FrameFile, ...]:
+def _list_frames(folder: Path, camera: Camera) -> tuple[FrameFile, ...]:
     if not folder.is_dir():
-        raise FileError(folder, f"no such folder; expected the frames of camera '{camera}'")
-    files = []
-    for entry in os.scandir(folder):
+        raise FileError(folder, f"no such folder; expected the frames of camera '{camera.name}'")
+    images, times = [], None
+    for entry in sorted(os.scandir(folder), key=lambda entry: entry.name):
         path = Path(entry.path)
         if entry.name.startswith(".") or not entry.is_file():
             continue
-        if path.suffix.lower() not in IMAGE_SUFFIXES or not path.stem.isdecimal():
-            raise FileError(path, "is not named like a frame; expected its time stamp in ns, as 0001234567890.jpg")
-        files.append(FrameFile(camera, int(path.stem), path))
-    if not files:
-        raise FileError(folder, f"has no frames of camera '{camera}'")
-    files.sort(key=lambda file: file.t_ns)
-    for one, next_one in itertools.pairwise(files):
+        if entry.name in TIME_FILES:
+            times = path
+        elif path.suffix.lower() in IMAGE_SUFFIXES:
+            images.append(path)
+        else:
+            raise FileError(path, f"is neither an image nor a file of times ({', '.join(TIME_FILES)})")
+    if not images:
+        raise FileError(folder, f"has no frames of camera '{camera.name}'")
+    stamps = [time_of_name(path) for path in images] if times is None else times_of(times, images)
+    late = round(camera.clock_offset * 1e9)
+    files = [FrameFile(camera.name, t_ns - late, path) for t_ns, path in zip(stamps, images, strict=True)]
+    return in_order(files)
+
+
+def in_order(files: Iterable[FrameFile]) -> tuple[FrameFile, ...]:
+    """Frames of one camera in order of time. `FileError` where two have one time stamp."""
+    ordered = sorted(files, key=lambda file: file.t_ns)
+    for one, next_one in itertools.pairwise(ordered):
         if one.t_ns == next_one.t_ns:
             raise FileError(next_one.path, f"has the same time stamp as {one.path.name}")
-    return tuple(files)
+    return tuple(ordered)
 
 
 class RecordingWriter:

@@ -1,10 +1,8 @@
-"""`tagslam.yaml`: bodies (static or moving) and the tags on them, read and written as TagSLAM has them."""
+"""`tagslam.yaml`: the scene as TagSLAM describes it (bodies, tags, measurements), read and written."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,47 +10,14 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from tossid.errors import FileError, ObjectError
-from tossid.objects import ObjectModel, Tag
+from tossid.errors import FileError
 from tossid.rotations import matrix_to_rotvec, transform_from_rotvec, transform_inv
+from tossid.vision.layout import Body, BodyTag, Coordinate, Distance, Remap, Squash, TagLayout
 
 Array = NDArray[np.float64]
 
-
-@dataclass(frozen=True, eq=False)
-class BodyTag:
-    """A tag on a body. size: outer edge of the black border [m]. T_body_tag: (4, 4), None if unknown.
-    position_noise [m], rotation_noise [rad]: (3,) prior standard deviations, None if not given."""
-
-    id: int
-    size: float
-    T_body_tag: Array | None
-    position_noise: Array | None = None
-    rotation_noise: Array | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Body:
-    """A rigid body. T_map_body: (4, 4) of a static body, None if unknown or moving."""
-
-    name: str
-    is_static: bool
-    T_map_body: Array | None = None
-    default_tag_size: float | None = None
-    tags: tuple[BodyTag, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class TagLayout:
-    """All bodies of a scene. default_body: the body that tags not listed belong to, None for none."""
-
-    bodies: tuple[Body, ...]
-    default_body: str | None = None
-    parameters: dict[str, Any] = field(default_factory=dict)
-
-    def body(self, name: str) -> Body | None:
-        """The body of that name, None if there is none."""
-        return next((body for body in self.bodies if body.name == name), None)
+EXACT = 1e-6
+"""Standard deviation [m, rad] that is written for a pose that is known exactly."""
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -114,53 +79,111 @@ def pose_mapping(T: Array) -> dict[str, dict[str, float]]:
     }
 
 
+def read_noise(path: Path, where: str, pose: dict[str, Any]) -> tuple[Array | None, Array | None]:
+    """A pose's position_noise [m] and rotation_noise [rad]: (3,) each, None where not given."""
+    position, rotation = (
+        read_xyz(path, f"{where}.{key}", pose[key]) if pose.get(key) is not None else None
+        for key in ("position_noise", "rotation_noise")
+    )
+    return position, rotation
+
+
 def read_tagslam(path: str | Path) -> TagLayout:
     """Read `tagslam.yaml`.
 
     A body's pose is T_map_body, a tag's T_body_tag, rotations are rotation
     vectors [rad]. Of a board, TagSLAM's code takes the inverse of `pose`, and
-    numbers its tags row by row.
+    numbers its tags row by row. `body_defaults` is the noise of bodies' poses that
+    give none; a tag's pose without noise is exact.
     """
     path = Path(path)
     content = read_yaml(path)
     entries = content.get("bodies")
     if not isinstance(entries, list) or not entries:
         raise FileError(path, "has no list 'bodies'")
-    bodies = []
-    for entry in entries:
-        if not isinstance(entry, dict) or len(entry) != 1 or not isinstance(next(iter(entry.values())), dict):
-            raise FileError(path, f"bodies: {entry!r} is not one named body")
-        name, body = next(iter(entry.items()))
-        bodies.append(_read_body(path, str(name), body))
+    defaults = _mapping(path, "body_defaults", content.get("body_defaults") or {})
+    bodies = [_read_body(path, name, body, defaults) for name, body in _named(path, "bodies", entries)]
     names = [body.name for body in bodies]
     if len(set(names)) != len(names):
         raise FileError(path, f"bodies: a name occurs twice in {', '.join(names)}")
     default = content.get("default_body")
     if default is not None and default not in names:
         raise FileError(path, f"default_body: '{default}' is not among the bodies {', '.join(names)}")
-    parameters = content.get("tagslam_parameters") or {}
-    return TagLayout(tuple(bodies), default, dict(parameters))
+    ids = [tag.id for body in bodies for tag in body.tags]
+    twice = sorted({tag_id for tag_id in ids if ids.count(tag_id) > 1})
+    if twice:
+        raise FileError(path, f"bodies: tag {twice[0]} is listed twice; an id can be on one body once")
+    most = content.get("max_hamming_distance")
+    return TagLayout(
+        tuple(bodies),
+        default,
+        dict(_mapping(path, "tagslam_parameters", content.get("tagslam_parameters") or {})),
+        _read_measurements(path, content),
+        _read_remaps(path, content.get("tag_id_remap") or []),
+        _read_squashes(path, content.get("squash") or []),
+        None if most is None else int(number(path, "max_hamming_distance", most)),
+    )
 
 
-def _read_body(path: Path, name: str, body: dict[str, Any]) -> Body:
+def _mapping(path: Path, where: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise FileError(path, f"{where} is {value!r}, expected names with values")
+    return value
+
+
+def _named(path: Path, where: str, entries: Any) -> list[tuple[str, dict[str, Any]]]:
+    """A list of mappings that hold one named mapping each."""
+    if not isinstance(entries, list):
+        raise FileError(path, f"{where} is {entries!r}, expected a list")
+    found = []
+    for entry in entries:
+        if not isinstance(entry, dict) or len(entry) != 1 or not isinstance(next(iter(entry.values())), dict):
+            raise FileError(path, f"{where}: {entry!r} is not one name with its values")
+        name, value = next(iter(entry.items()))
+        found.append((str(name), value))
+    return found
+
+
+def _read_body(path: Path, name: str, body: dict[str, Any], defaults: dict[str, Any]) -> Body:
     is_static = body.get("is_static")
     if not isinstance(is_static, bool):
         raise FileError(path, f"{name}.is_static is {is_static!r}, expected true or false")
     size = body.get("default_tag_size")
     default_size = None if size is None else number(path, f"{name}.default_tag_size", size)
-    pose = read_pose(path, f"{name}.pose", body["pose"]) if body.get("pose") is not None else None
-    if body.get("type", "simple") == "board":
-        if not isinstance(body.get("board"), dict):
-            raise FileError(path, f"{name} is a board without 'board'")
-        tags = _board_tags(path, f"{name}.board", body["board"])
-    elif body.get("type", "simple") == "simple":
+    pose = body.get("pose")
+    if pose is not None and not is_static:
+        raise FileError(path, f"{name}.pose: a body that moves (is_static: false) has no fixed pose")
+    T_map_body = None if pose is None else read_pose(path, f"{name}.pose", pose)
+    noise: list[Array | None] = [None, None]
+    if pose is not None:
+        for k, given in enumerate(read_noise(path, f"{name}.pose", pose)):
+            key = ("position_noise", "rotation_noise")[k]
+            fallback = np.full(3, number(path, f"body_defaults.{key}", defaults[key])) if key in defaults else None
+            noise[k] = fallback if given is None else given
+    kind = body.get("type", "simple")
+    if kind == "board":
+        tags = _board_tags(path, f"{name}.board", _mapping(path, f"{name}.board", body.get("board")))
+    elif kind == "simple":
         tags = [_read_tag(path, name, tag, default_size) for tag in body.get("tags") or []]
     else:
-        raise FileError(path, f"{name}.type is {body['type']!r}, expected simple or board")
-    ids = [tag.id for tag in tags]
-    if len(set(ids)) != len(ids):
-        raise FileError(path, f"{name}.tags: an id occurs twice")
-    return Body(name, is_static, pose if is_static else None, default_size, tuple(tags))
+        raise FileError(path, f"{name}.type is {kind!r}, expected simple or board")
+    override = [body.get(f"override_tag_{key}_noise") for key in ("position", "rotation")]
+    if None not in override:
+        p, r = (np.full(3, number(path, f"{name}.override_tag_noise", value)) for value in override)
+        tags = [BodyTag(tag.id, tag.size, tag.T_body_tag, p, r) for tag in tags]
+    still = [body.get(f"fake_odom_{key}_noise") for key in ("translation", "rotation")]
+    stillness = None
+    if None not in still and not is_static:
+        translation, rotation = (number(path, f"{name}.fake_odom_noise", value) for value in still)
+        stillness = (translation, rotation) if translation > 0 and rotation > 0 else None
+    ignored = _ids(path, f"{name}.ignore_tags", body.get("ignore_tags") or [])
+    return Body(name, is_static, T_map_body, default_size, tuple(tags), noise[0], noise[1], stillness, ignored)
+
+
+def _ids(path: Path, where: str, value: Any) -> frozenset[int]:
+    if not isinstance(value, list) or not all(isinstance(item, int) for item in value):
+        raise FileError(path, f"{where} is {value!r}, expected a list of tag ids")
+    return frozenset(value)
 
 
 def _read_tag(path: Path, body: str, tag: Any, default_size: float | None) -> BodyTag:
@@ -175,11 +198,8 @@ def _read_tag(path: Path, body: str, tag: Any, default_size: float | None) -> Bo
     pose = tag.get("pose")
     if pose is None:
         return BodyTag(tag["id"], size, None)
-    noise = [
-        read_xyz(path, f"{where}.pose.{key}", pose[key]) if isinstance(pose, dict) and key in pose else None
-        for key in ("position_noise", "rotation_noise")
-    ]
-    return BodyTag(tag["id"], size, read_pose(path, f"{where}.pose", pose), noise[0], noise[1])
+    T_body_tag = read_pose(path, f"{where}.pose", pose)
+    return BodyTag(tag["id"], size, T_body_tag, *read_noise(path, f"{where}.pose", pose))
 
 
 def _board_tags(path: Path, where: str, board: dict[str, Any]) -> list[BodyTag]:
@@ -203,15 +223,83 @@ def _board_tags(path: Path, where: str, board: dict[str, Any]) -> list[BodyTag]:
     return tags
 
 
+def _read_measurements(path: Path, content: dict[str, Any]) -> tuple[Distance | Coordinate, ...]:
+    """`distance_measurements`, `coordinate_measurements`, and `plane_measurements` (coordinates of tags' centres)."""
+    found: list[Distance | Coordinate] = []
+
+    def value(entry: dict[str, Any], where: str, key: str) -> float:
+        if key not in entry:
+            raise FileError(path, f"{where} has no {key}")
+        return number(path, f"{where}.{key}", entry[key])
+
+    def direction(entry: dict[str, Any], where: str) -> Array:
+        axis = numbers(path, f"{where}.direction", entry.get("direction"), 3)
+        if abs(np.linalg.norm(axis) - 1) > 1e-5:
+            raise FileError(path, f"{where}.direction is {axis.tolist()}, expected a unit vector")
+        return axis
+
+    for name, entry in _named(path, "distance_measurements", content.get("distance_measurements") or []):
+        where = f"distance_measurements.{name}"
+        tags, corners = (tuple(int(value(entry, where, f"{key}{k}")) for k in (1, 2)) for key in ("tag", "corner"))
+        length, noise = value(entry, where, "distance"), value(entry, where, "noise")
+        found.append(Distance(name, (tags[0], tags[1]), (corners[0], corners[1]), length, noise))
+    for name, entry in _named(path, "coordinate_measurements", content.get("coordinate_measurements") or []):
+        where = f"coordinate_measurements.{name}"
+        tag, corner = (int(value(entry, where, key)) for key in ("tag", "corner"))
+        length, noise = value(entry, where, "length"), value(entry, where, "noise")
+        found.append(Coordinate(name, tag, corner, direction(entry, where), length, noise))
+    for name, entry in _named(path, "plane_measurements", content.get("plane_measurements") or []):
+        where = f"plane_measurements.{name}"
+        axis, length, noise = direction(entry, where), value(entry, where, "distance"), value(entry, where, "noise")
+        for tag in sorted(_ids(path, f"{where}.tags", entry.get("tags"))):
+            found.append(Coordinate(f"{name}_tag_{tag}", tag, None, axis, length, noise))
+    for measurement in found:
+        corners = measurement.corners if isinstance(measurement, Distance) else (measurement.corner or 0,)
+        if measurement.noise <= 0 or not all(0 <= corner <= 3 for corner in corners):
+            raise FileError(path, f"measurement {measurement.name}: expected corners 0 to 3 and a positive noise")
+    return tuple(found)
+
+
+def _read_remaps(path: Path, entries: Any) -> tuple[Remap, ...]:
+    remaps = []
+    for entry in entries if isinstance(entries, list) else [entries]:
+        entry = _mapping(path, "tag_id_remap", entry)
+        for again in entry.get("remaps") or []:
+            again = _mapping(path, "tag_id_remap.remaps", again)
+            if not isinstance(entry.get("id"), int) or not isinstance(again.get("remap_id"), int):
+                raise FileError(path, f"tag_id_remap: {entry!r} needs id and remap_id")
+            start, end = (
+                number(path, f"tag_id_remap.{key}", again[key]) if key in again else float(none)
+                for key, none in (("start_time", "-inf"), ("end_time", "inf"))
+            )
+            remaps.append(Remap(entry["id"], again["remap_id"], start, end, again.get("camera") or None))
+    return tuple(remaps)
+
+
+def _read_squashes(path: Path, entries: Any) -> tuple[Squash, ...]:
+    squashes = []
+    for entry in entries if isinstance(entries, list) else [entries]:
+        entry = _mapping(path, "squash", entry)
+        time = number(path, "squash.time", entry["time"]) if "time" in entry else None
+        if time is None and not entry.get("camera"):
+            raise FileError(path, f"squash: {entry!r} needs a time or a camera")
+        tags = _ids(path, "squash.tags", entry.get("tags") or [])
+        squashes.append(Squash(tags, time, entry.get("camera") or None))
+    return tuple(squashes)
+
+
 def write_tagslam(layout: TagLayout, path: str | Path) -> None:
-    """Write `tagslam.yaml`. Boards are written as the tags they consist of."""
+    """Write a layout's bodies and tags. Boards are written as the tags they consist of; measurements, remaps and
+    squashes are of one recording and are not written."""
     bodies = []
     for body in layout.bodies:
         entry: dict[str, Any] = {"is_static": body.is_static, "type": "simple"}
         if body.default_tag_size is not None:
             entry["default_tag_size"] = float(body.default_tag_size)
         if body.T_map_body is not None:
-            entry["pose"] = {**pose_mapping(body.T_map_body), **_noise_mapping(np.full(3, 1e-4), np.full(3, 1e-5))}
+            noise = (body.position_noise, body.rotation_noise)
+            position, rotation = (np.full(3, EXACT) if part is None else part for part in noise)
+            entry["pose"] = {**pose_mapping(body.T_map_body), **_noise_mapping(position, rotation)}
         if body.tags:
             entry["tags"] = [_tag_mapping(tag) for tag in body.tags]
         bodies.append({body.name: entry})
@@ -235,43 +323,3 @@ def _noise_mapping(position: Array | None, rotation: Array | None) -> dict[str, 
     return {
         key: dict(zip("xyz", map(float, values), strict=True)) for key, values in entries.items() if values is not None
     }
-
-
-def layout_of(model: ObjectModel, *, rigs: Sequence[str] = ("rig",)) -> TagLayout:
-    """The scene of an object among fixed camera rigs that sit at the world's origin."""
-    static = [Body(name, True, np.eye(4)) for name in rigs]
-    noise = np.full(3, 1e-5)
-    moving = [
-        Body(
-            name,
-            False,
-            tags=tuple(BodyTag(tag.id, tag.size, tag.T_body_tag, noise, noise) for tag in model.tags if tag.body == b),
-        )
-        for b, name in enumerate(model.body_names)
-    ]
-    return TagLayout((*static, *moving), parameters={"pixel_noise": 1.0, "minimum_viewing_angle": 12.0})
-
-
-def object_tags(layout: TagLayout, body_names: Sequence[str]) -> tuple[Tag, ...]:
-    """The tags of known pose on the named bodies of an object.
-
-    A one-body object also takes the scene's only moving body with tags, whatever its name.
-
-    Raises:
-        ObjectError: no such body, or no tag of known pose on any.
-    """
-    bodies = [layout.body(name) for name in body_names]
-    if len(body_names) == 1 and bodies[0] is None:
-        moving = [body for body in layout.bodies if not body.is_static and body.tags]
-        bodies = list(moving) if len(moving) == 1 else bodies
-    tags = [
-        Tag(tag.id, tag.size, b, tag.T_body_tag)
-        for b, body in enumerate(bodies)
-        if body is not None
-        for tag in body.tags
-        if tag.T_body_tag is not None
-    ]
-    if not tags:
-        names = ", ".join(body.name for body in layout.bodies)
-        raise ObjectError(f"no tag of known pose on {', '.join(body_names)} (bodies of the scene: {names})")
-    return tuple(tags)

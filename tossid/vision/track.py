@@ -1,70 +1,54 @@
-"""From tag corners to a pose track: one rigid object, cameras and tags at known poses."""
+"""From tag corners to pose tracks: the pose graph set up, solved, checked, and what became of every detection."""
 
 from __future__ import annotations
 
-import itertools
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError, ObjectError
 from tossid.objects import ObjectModel
-from tossid.rotations import geodesic_angle, quat_continuous
+from tossid.rotations import matrix_to_quat, quat_boxminus
 from tossid.types import Detection, PoseTrack
+from tossid.vision.believed import TrackSettings, believed_steps, pose_track
 from tossid.vision.camera import Camera
-from tossid.vision.pose_fit import Fit, Observations, fit_poses, observations, residuals, tag_candidates
+from tossid.vision.checks import Suspect, check_set_up
+from tossid.vision.clocks import SAME, clock_offsets
+from tossid.vision.graph import Motion, Solution, solve, unsolved
+from tossid.vision.initial import Decisions, given, initialise, place, there
+from tossid.vision.layout import Body, TagLayout, body_tags
+from tossid.vision.priors import Prior, body_key, camera_key, priors, tag_key
+from tossid.vision.report import Frames, TrackReport, found, frame_errors, make_report
+from tossid.vision.reprojection import Errors, reproject
+from tossid.vision.scene import Scene, observe, words
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-DIFFERENT = np.deg2rad(20.0)
-"""Poses further apart than this are different hypotheses, not one pose with an error."""
+DEFAULT = TrackSettings()
+CONFIRMED = 5.0
+"""A clock's offset is one that is so many of its standard deviations from none."""
+AMISS, AMISS_SHARE = 1.5, 0.02
+"""Residuals over the noise, or share of sightings that contradict the others, at which the set-up is checked."""
 
 
-@dataclass(frozen=True, slots=True)
-class TrackSettings:
-    """When to believe a pose.
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """What a scene's detections tell.
 
-    max_rms: largest rms reprojection of a time step [px].
-    max_sigma [m], max_angle_sigma [rad]: largest standard deviation of a pose along any axis.
-    outlier: whitened rms residual beyond which one tag among several is dropped.
-    evidence: least difference in robust squared residuals between two hypotheses for the images alone to decide.
-    max_spin [rad/s], max_speed [m/s]: motion between frames that is still believed.
-    max_gap: longest time [s] over which a neighbour decides between hypotheses.
+    tracks: of each moving body by name. cameras, layout: as given, with what the graph found of poses and
+    their uncertainty. frames: reprojection of each. report: what became of the detections.
     """
 
-    max_rms: float = 1.5
-    max_sigma: float = 0.005
-    max_angle_sigma: float = 0.06
-    outlier: float = 6.0
-    evidence: float = 25.0
-    max_spin: float = 50.0
-    max_speed: float = 10.0
-    max_gap: float = 0.06
-
-
-@dataclass(frozen=True, slots=True)
-class TrackReport:
-    """What became of the detections.
-
-    n_steps: time steps with detections. n_poses: poses kept. rms: reprojection of all kept corners [px],
-    rms_by_camera, rms_by_tag: the same in parts. noise_scale: standard deviation of the residuals over what
-    the detections' covariances promise (the poses' covariances are scaled with it).
-    dropped_steps: time steps without a pose, by reason. dropped_tags: detections left out, by reason.
-    """
-
-    n_steps: int
-    n_poses: int
-    rms: float
-    rms_by_camera: dict[str, float]
-    rms_by_tag: dict[int, float]
-    noise_scale: float
-    dropped_steps: dict[str, int] = field(default_factory=dict)
-    dropped_tags: dict[str, int] = field(default_factory=dict)
+    tracks: dict[str, PoseTrack]
+    cameras: tuple[Camera, ...]
+    layout: TagLayout
+    frames: Frames
+    report: TrackReport
 
 
 def track(
@@ -72,22 +56,13 @@ def track(
     cameras: Sequence[Camera],
     model: ObjectModel,
     *,
-    settings: TrackSettings = TrackSettings(),
+    settings: TrackSettings = DEFAULT,
     name: str = "track",
 ) -> tuple[PoseTrack, TrackReport]:
-    """Estimate the object's pose at every time step.
-
-    Each tag alone allows two poses (IPPE). Of all tags' candidates the one that
-    explains all tags of all cameras best is refined jointly with the best one
-    that lies elsewhere; where the images do not decide between the two, the
-    neighbours in time do, and where these do not either there is no pose.
+    """The pose of one rigid object whose tags are where its model says, among cameras of known pose.
 
     Args:
-        detections: of roughly synchronised cameras, in any order.
-        cameras: of known pose. model: one rigid body with tags.
-
-    Returns:
-        the track, with covariances, and what was dropped and why.
+        detections: in any order. model: one rigid body with tags.
 
     Raises:
         ObjectError: the object has joints or no tags.
@@ -97,303 +72,222 @@ def track(
         raise ObjectError(f"object '{model.name}' has {model.n_bodies} bodies; tracking takes one rigid body")
     if not model.tags:
         raise ObjectError(f"object '{model.name}' has no tags to track")
-    dropped_tags: Counter[str] = Counter()
-    usable = _usable(detections, cameras, model, dropped_tags)
-    if not usable:
-        raise InputError("no detection of any of the object's tags: nothing to track")
-    step, t = _group(usable)
-    obs = observations(usable, step, cameras, model.tags)
-    best, other, fit_best = _hypotheses(obs, len(t), model, settings, dropped_tags)
-    dropped = _Dropped(len(t))
-    fit, obs_kept, used = fit_best
-    position, quat, information = fit.position, fit.quat, fit.information
-    rms = _by_step(fit.pixels**2, obs_kept.step, len(t)) ** 0.5
-    dropped.mark(~(fit.ok & used), "no pose fits")
-    dropped.mark(~(rms < settings.max_rms), "reprojection")
-    scale = _noise_scale(fit, obs_kept, len(t), dropped.kept)
-    unsure = other.exists & (other.cost - best.cost < settings.evidence * scale**2)
-    _decide(t, position, quat, other, unsure & dropped.kept, dropped, settings)
-    swapped = dropped.swapped
-    position[swapped], quat[swapped] = other.position[swapped], other.quat[swapped]
-    information[swapped] = other.information[swapped]
-    cov = _covariances(information, scale, dropped)
-    wide = np.sqrt(np.linalg.eigvalsh(cov[:, :3, :3])[:, -1]) > settings.max_sigma
-    wide |= np.sqrt(np.linalg.eigvalsh(cov[:, 3:, 3:])[:, -1]) > settings.max_angle_sigma
-    dropped.mark(wide, "too uncertain")
-    dropped.mark(_jumps(t, position, quat, dropped.kept, settings), "jump")
-    keep = np.flatnonzero(dropped.kept)
-    if len(keep) < 2:
-        raise InputError(f"only {len(keep)} of {len(t)} time steps gave a pose ({_words(dropped.reasons)})")
-    q = np.concatenate([position[keep], quat_continuous(quat[keep])], axis=1)
-    report = _report(obs_kept, position, quat, dropped, scale, len(t), dropped_tags, model)
-    return PoseTrack(name, t[keep], q, cov[keep]), report
+    rigs = {camera.rig_body: camera for camera in cameras}
+    bodies = [Body(rig, True, camera.T_world_rig) for rig, camera in rigs.items()]
+    tracked = track_scene(
+        list(detections),
+        cameras,
+        TagLayout((*bodies, Body(model.body_names[0], False, tags=body_tags(model, 0)))),
+        settings=settings,
+        name=name,
+    )
+    return tracked.tracks[model.body_names[0]], tracked.report
 
 
-def _covariances(information: Array, scale: float, dropped: _Dropped) -> Array:
-    """Inverse of the information of the steps that are left, times the noise scale squared. (n, 6, 6)."""
-    known = information.copy()
-    known[~dropped.kept] = np.eye(6)
-    inverse = np.linalg.inv(known)
-    return np.asarray(0.5 * scale**2 * (inverse + np.swapaxes(inverse, -1, -2)), dtype=float)
+def track_scene(
+    detections: Sequence[Detection],
+    cameras: Sequence[Camera],
+    layout: TagLayout,
+    *,
+    settings: TrackSettings = DEFAULT,
+    name: str | None = None,
+) -> Tracked:
+    """Find everything that is unknown in a scene: where its moving bodies are, and its unknown cameras and tags.
+
+    Args:
+        detections: in any order, of cameras that need not be synchronous, and whose clocks may be apart.
+        cameras, layout: what is known of the scene.
+        name: of the track, where there is one moving body; else each has its body's.
+
+    Raises:
+        InputError: a detection of an unknown camera; nothing that can be placed; too few poses for a track.
+    """
+    offsets: dict[int, float] = {}
+    if settings.clocks:
+        scene = observe(detections, cameras, layout, dropped=Counter())
+        offsets = clock_offsets(scene, given(scene), decisions=_decisions(settings))
+    solved = _solve(detections, cameras, layout, settings, offsets)
+    while True:  # an offset that the graph does not confirm is none
+        clocks = solved.clocks(offsets)
+        sure = {c: offset for c, offset in offsets.items() if abs(clocks[c][0]) > max(SAME, CONFIRMED * clocks[c][1])}
+        if len(sure) == len(offsets):
+            return _tracked(solved, settings, layout, name, {cameras[c].name: found for c, found in clocks.items()})
+        offsets = sure
+        solved = _solve(detections, cameras, layout, settings, offsets)
 
 
-class _Dropped:
-    """Which steps are left, and why the others are not."""
-
-    def __init__(self, n: int) -> None:
-        self.kept = np.ones(n, dtype=bool)
-        self.swapped = np.zeros(n, dtype=bool)
-        self.reasons: Counter[str] = Counter()
-
-    def mark(self, bad: Bools, reason: str) -> None:
-        fresh = bad & self.kept
-        if fresh.any():
-            self.reasons[reason] += int(fresh.sum())
-        self.kept &= ~bad
+def _decisions(settings: TrackSettings) -> Decisions:
+    return Decisions(settings.evidence, settings.max_spin, settings.max_gap)
 
 
 @dataclass(frozen=True, eq=False)
-class _Hypothesis:
-    """One pose a step (NaN where `exists` is False), refined."""
+class _Solved:
+    """A scene solved: used (d,) sightings, scale of their noise, what was left out, what is suspect."""
 
-    position: Array
-    quat: Array
-    cost: Array
-    information: Array
-    exists: Bools
+    scene: Scene
+    solution: Solution
+    errors: Errors
+    used: Bools
+    scale: float
+    dropped: Counter[str]
+    suspects: list[Suspect]
 
-
-def _words(reasons: Counter[str]) -> str:
-    return ", ".join(f"{reason}: {count}" for reason, count in reasons.most_common()) or "none dropped"
-
-
-def _usable(
-    detections: Iterable[Detection], cameras: Sequence[Camera], model: ObjectModel, dropped: Counter[str]
-) -> list[Detection]:
-    names = {camera.name for camera in cameras}
-    ids = {tag.id for tag in model.tags}
-    usable = []
-    for detection in detections:
-        if detection.camera not in names:
-            raise InputError(f"a detection is of camera '{detection.camera}', which is not calibrated")
-        if detection.tag_id not in ids:
-            dropped["id not on the object"] += 1
-        elif not (np.isfinite(detection.corners).all() and np.linalg.det(detection.corner_cov) > 0):
-            dropped["corners or covariance not finite"] += 1
-        else:
-            usable.append(detection)
-    usable.sort(key=lambda detection: detection.t)
-    return usable
+    def clocks(self, offsets: dict[int, float]) -> dict[int, tuple[float, float]]:
+        """Clocks' offsets, those taken off before and what the graph added, and their standard deviations [s]."""
+        found, sigma = self.solution.clock, self.solution.clock_sigma
+        return {c: (offset + float(found[c]), float(sigma[c])) for c, offset in offsets.items()}
 
 
-def _group(detections: Sequence[Detection]) -> tuple[Ints, Array]:
-    """Time step of each detection, and the steps' times: cameras' frames within 0.4 periods are one step."""
-    by_camera: dict[str, list[float]] = {}
-    for detection in detections:
-        times = by_camera.setdefault(detection.camera, [])
-        if not times or detection.t > times[-1]:
-            times.append(detection.t)
-    gaps = np.concatenate([np.diff(times) for times in by_camera.values()])
-    window = 0.4 * float(np.median(gaps)) if len(gaps) else 0.0
-    t = np.array([detection.t for detection in detections])
-    step = np.zeros(len(t), dtype=np.int64)
-    first, index = t[0], 0
-    for i in range(len(t)):
-        if t[i] - first > window:
-            first, index = t[i], index + 1
-        step[i] = index
-    return step, np.bincount(step, weights=t) / np.bincount(step)
-
-
-def _by_step(values: Array, step: Ints, n: int) -> Array:
-    """Mean over the detections of each step; NaN for none."""
-    count = np.bincount(step, minlength=n)
-    with np.errstate(invalid="ignore"):
-        return np.bincount(step, weights=values, minlength=n) / np.where(count > 0, count, np.nan)
-
-
-def _hypotheses(
-    obs: Observations, n: int, model: ObjectModel, settings: TrackSettings, dropped: Counter[str]
-) -> tuple[_Hypothesis, _Hypothesis, tuple[Fit, Observations, Bools]]:
-    """The best pose of each step and the best that lies elsewhere, both refined on the same detections."""
-    position, quat = tag_candidates(obs, model.tags)
-    first, second, exists = _choose(obs, position, quat, n)
-    usable = np.asarray(np.isfinite(first[0]).all(axis=1))
-    start = (np.where(usable[:, None], first[0], 0.0), np.where(usable[:, None], first[1], [1.0, 0, 0, 0]))
-    fit = fit_poses(obs, *start)
-    # a tag that contradicts the others is dropped, the worst of a step first, and the rest fitted again
-    for _ in range(3):
-        counts = np.bincount(obs.step, minlength=n)
-        worst = np.zeros(n)
-        np.maximum.at(worst, obs.step, fit.whitened)
-        outlier = (fit.whitened > settings.outlier) & (fit.pixels > 0.5) & (counts[obs.step] > 1)
-        outlier &= fit.whitened >= worst[obs.step]
-        if not outlier.any():
-            break
-        dropped["contradicts the other tags"] += int(outlier.sum())
-        obs = obs.take(~outlier)
-        fit = fit_poses(obs, fit.position, fit.quat, iterations=6)
-    best = _Hypothesis(fit.position, fit.quat, fit.cost, fit.information, fit.ok & usable)
-    chosen = np.flatnonzero(exists)
-    p2, q2 = np.full((n, 3), np.nan), np.full((n, 4), np.nan)
-    cost, information = np.full(n, np.inf), np.tile(np.eye(6), (n, 1, 1))
-    there = np.zeros(n, dtype=bool)
-    if len(chosen):
-        number = np.full(n, -1, dtype=np.int64)
-        number[chosen] = np.arange(len(chosen))
-        own = number[obs.step] >= 0
-        again = fit_poses(obs.take(own, number[obs.step[own]]), second[0][chosen], second[1][chosen])
-        p2[chosen], q2[chosen], cost[chosen] = again.position, again.quat, again.cost
-        information[chosen] = again.information
-        # a second start that ran to the first pose is no alternative
-        apart = geodesic_angle(again.quat, fit.quat[chosen]) > DIFFERENT
-        there[chosen] = again.ok & apart
-        better = there & (cost < best.cost) & best.exists
-        if better.any():
-            for mine, theirs in (
-                (fit.position, p2),
-                (fit.quat, q2),
-                (fit.cost, cost),
-                (fit.information, information),
-            ):
-                mine[better], theirs[better] = theirs[better], mine[better].copy()
-            fit = fit_poses(obs, fit.position, fit.quat, iterations=2)
-            best = _Hypothesis(fit.position, fit.quat, fit.cost, fit.information, best.exists)
-    return best, _Hypothesis(p2, q2, cost, information, there), (fit, obs, usable)
-
-
-def _choose(
-    obs: Observations, position: Array, quat: Array, n: int
-) -> tuple[tuple[Array, Array], tuple[Array, Array], Bools]:
-    """Of all candidates of a step the one that explains all its detections best, and the best one elsewhere."""
-    d = len(obs.step)
-    start = np.searchsorted(obs.step, np.arange(n))
-    counts = np.diff(np.append(start, d))
-    # every candidate's detection against every detection of its step
-    source = np.repeat(np.arange(d), counts[obs.step])
-    offset = np.arange(len(source)) - np.repeat(np.cumsum(counts[obs.step]) - counts[obs.step], counts[obs.step])
-    target = start[obs.step[source]] + offset
-    edge = np.linalg.norm(np.roll(obs.pixels, -1, axis=1) - obs.pixels, axis=-1).mean(axis=1)
-    cost = np.full((d, 2), np.inf)
-    block = 50_000
-    for k in range(2):
-        total = np.zeros(d)
-        for a in range(0, len(source), block):
-            s, g = source[a : a + block], target[a : a + block]
-            usable = np.isfinite(position[s, k, 0])
-            r, _ = residuals(
-                obs.take(g),
-                np.where(usable[:, None], position[s, k], 0.0),
-                np.where(usable[:, None], quat[s, k], [1.0, 0, 0, 0]),
-            )
-            square = np.sum(r**2, axis=-1) / (0.2 * edge[g, None]) ** 2
-            share = np.where(np.isfinite(square), square / (1 + square), 1.0)  # Geman and McClure
-            total += np.bincount(s, weights=np.where(usable, share.sum(axis=1), np.inf), minlength=d)
-        cost[:, k] = total
-    cost[~np.isfinite(position[..., 0])] = np.inf
-    # best of both per detection, then of each step
-    first = _least(cost.reshape(-1), np.repeat(obs.step, 2), n)
-    flat_p, flat_q = position.reshape(-1, 3), quat.reshape(-1, 4)
-    apart = geodesic_angle(flat_q, flat_q[first][np.repeat(obs.step, 2)]) > DIFFERENT
-    second_cost = np.where(apart & np.isfinite(cost.reshape(-1)), cost.reshape(-1), np.inf)
-    second = _least(second_cost, np.repeat(obs.step, 2), n)
-    exists = np.isfinite(second_cost[second])
-    return (flat_p[first], flat_q[first]), (flat_p[second], flat_q[second]), exists
-
-
-def _least(cost: Array, step: Ints, n: int) -> Ints:
-    """Index of the least cost of each step (steps sorted)."""
-    order = np.lexsort((cost, step))
-    return order[np.searchsorted(step[order], np.arange(n))]
-
-
-def _noise_scale(fit: Fit, obs: Observations, n: int, kept: Bools) -> float:
-    """Residuals over their promised size: root of the median over steps of χ² by its degrees of freedom."""
-    corners = 8.0 * np.bincount(obs.step, minlength=n)
-    steps = kept & (corners >= 16)
-    if steps.sum() < 20:
-        return 1.0
-    square = np.bincount(obs.step, weights=8 * fit.whitened**2, minlength=n)[steps]
-    freedom = corners[steps] - 6
-    # the median of χ² with k degrees of freedom is about k (1 - 2/(9k))³
-    return float(np.clip(np.sqrt(np.median(square / (freedom * (1 - 2 / (9 * freedom)) ** 3))), 0.3, 30.0))
-
-
-def _decide(
-    t: Array,
-    position: Array,
-    quat: Array,
-    other: _Hypothesis,
-    unsure: Bools,
-    dropped: _Dropped,
+def _solve(
+    detections: Sequence[Detection],
+    cameras: Sequence[Camera],
+    layout: TagLayout,
     settings: TrackSettings,
-) -> None:
-    """Settle the unsure steps by their nearest settled neighbours in time, outward from these."""
-    settled = dropped.kept & ~unsure
-    q = quat.copy()
-    chosen = np.zeros(len(t), dtype=np.int64)  # 1: the first, 2: the other hypothesis
-    for order in (range(len(t)), range(len(t) - 1, -1, -1)):
-        last = -1
-        for i in order:
-            if settled[i]:
-                last = i
-                continue
-            if not unsure[i] or last < 0 or abs(t[i] - t[last]) > settings.max_gap:
-                continue
-            angles = geodesic_angle(np.stack([quat[i], other.quat[i]]), q[last])
-            near, far = int(np.argmin(angles)), int(np.argmax(angles))
-            allowed = 0.5 * DIFFERENT + settings.max_spin * abs(t[i] - t[last])
-            if angles[near] < allowed and angles[far] > 2 * angles[near]:
-                chosen[i], settled[i], last = near + 1, True, i
-                q[i] = quat[i] if near == 0 else other.quat[i]
-    dropped.swapped |= chosen == 2
-    dropped.mark(unsure & (chosen == 0), "ambiguous")
+    offsets: dict[int, float],
+) -> _Solved:
+    """First poses, the graph, outliers left out, the graph again with covariances."""
+    late = {cameras[c].name: offset for c, offset in offsets.items()}
+    dropped: Counter[str] = Counter()
+    shifted = [replace(d, t=d.t - late[d.camera]) if d.camera in late else d for d in detections]
+    scene = observe(shifted, cameras, layout, dropped=dropped)
+    decisions = _decisions(settings)
+    state = initialise(scene, decisions=decisions)
+    known = priors(scene) | {tag_key(i): Prior(np.eye(4), None) for i in state.gauge}
+    used = np.ones(len(scene.step), dtype=bool)
+    if _calibrates(scene, known):
+        # first what is static, then what moves anew by that, and all of it together
+        state = solve(scene, state, used, known=known).state
+        place(scene, state, decisions=decisions, bold=True, again=True)
+        solution = solve(scene, state, used, known=known)
+    else:  # each step's first poses are its best already
+        solution = unsolved(state, np.zeros(len(scene.cameras)))
+    motion = None
+    free = np.isin(np.arange(len(scene.cameras)), list(offsets))
+    for _ in range(3):
+        motion = _motion(scene, solution, settings, free)
+        errors = reproject(scene, solution.state, motion)
+        outlier = _outliers(scene, errors, used, settings)
+        if not outlier.any() and motion is None:
+            break
+        if outlier.any():
+            dropped["contradicts the other tags"] += int(outlier.sum())
+        used &= ~outlier
+        solution = solve(scene, solution.state, used, known=known, motion=motion)
+        if not outlier.any() and not free.any():
+            break
+    errors = reproject(scene, solution.state, motion)
+    suspects = check_set_up(scene, given(scene)) if _amiss(errors, used) else []
+    used &= np.isfinite(errors.pixels)
+    scale = errors.scale(scene, used)
+    solution = solve(scene, solution.state, used, scale=scale, known=known, motion=motion, covariances=True)
+    return _Solved(scene, solution, reproject(scene, solution.state, motion), used, scale, dropped, suspects)
 
 
-def _jumps(t: Array, position: Array, quat: Array, kept: Bools, settings: TrackSettings) -> Bools:
-    """Steps that neither neighbour in time can have led to or come from."""
-    index = np.flatnonzero(kept)
-    bad = np.zeros(len(t), dtype=bool)
-    if len(index) < 3:
-        return bad
-    dt = np.diff(t[index])
-    turn = geodesic_angle(quat[index[1:]], quat[index[:-1]])
-    way = np.linalg.norm(np.diff(position[index], axis=0), axis=1)
-    broken = (turn > 0.5 * DIFFERENT + settings.max_spin * dt) | (way > 0.02 + settings.max_speed * dt)
-    # runs between breaks; a short run that is cut off on both sides is wrong, not its neighbours
-    edges = np.concatenate([[0], np.flatnonzero(broken) + 1, [len(index)]])
-    longest = np.diff(edges).max()
-    for a, b in itertools.pairwise(edges):
-        if b - a < min(5, longest):
-            bad[index[a:b]] = True
-    return bad
+def _calibrates(scene: Scene, known: dict[int, Prior]) -> bool:
+    """Whether anything static is to be found, or found better than it is given."""
+    keys = [camera_key(c) for c in range(len(scene.cameras))] + [tag_key(i) for i in range(len(scene.tags))]
+    keys += [body_key(b, 0) for b, body in enumerate(scene.bodies) if body.is_static]
+    return not all(key in known and known[key].exact for key in keys)
 
 
-def _report(
-    obs: Observations,
-    position: Array,
-    quat: Array,
-    dropped: _Dropped,
-    scale: float,
-    n: int,
-    dropped_tags: Counter[str],
-    model: ObjectModel,
-) -> TrackReport:
-    own = dropped.kept[obs.step]
-    obs = obs.take(own)
-    r, _ = residuals(obs, position[obs.step], quat[obs.step])
-    square = np.mean(np.sum(r**2, axis=-1), axis=1)
+def _amiss(errors: Errors, used: Bools) -> bool:
+    """Whether the residuals are larger than noise: then the set-up is looked at."""
+    left_out = float(np.mean(~used))
+    good = used & np.isfinite(errors.whitened)
+    return left_out > AMISS_SHARE or bool(good.any() and np.sqrt(np.mean(errors.whitened[good] ** 2)) > AMISS)
 
-    def rms(index: Bools) -> float:
-        return float(np.sqrt(np.mean(square[index])))
 
-    return TrackReport(
-        n_steps=n,
-        n_poses=int(dropped.kept.sum()),
-        rms=rms(np.ones(len(square), dtype=bool)),
-        rms_by_camera={c.name: rms(obs.camera == i) for i, c in enumerate(obs.cameras) if (obs.camera == i).any()},
-        rms_by_tag={tag.id: rms(obs.tag == i) for i, tag in enumerate(model.tags) if (obs.tag == i).any()},
-        noise_scale=scale,
-        dropped_steps=dict(dropped.reasons),
-        dropped_tags=dict(dropped_tags),
+def _outliers(scene: Scene, errors: Errors, used: Bools, settings: TrackSettings) -> Bools:
+    """Of each step with several tags, the worst one if it contradicts the others."""
+    scale = max(errors.scale(scene, used), 1e-3)
+    counts = np.bincount(scene.step[used], minlength=len(scene.t))
+    whitened = np.where(used, np.nan_to_num(errors.whitened, nan=np.inf), 0.0)
+    whitened[~np.isfinite(errors.pixels)] = 0.0
+    worst = np.zeros(len(scene.t))
+    np.maximum.at(worst, scene.step, whitened)
+    outlier = used & (whitened > settings.outlier * scale) & (errors.pixels > 0.5) & (counts[scene.step] > 1)
+    return np.asarray(outlier & (whitened >= worst[scene.step]))
+
+
+def _motion(scene: Scene, solution: Solution, settings: TrackSettings, free: Bools) -> Motion | None:
+    """How bodies move while frames of one step differ in time; None if none differs, and no clock is to be found.
+
+    Args:
+        free: (cameras,) whose clock offset is to be found.
+    """
+    if np.abs(scene.late).max() < 1e-6 and not free.any():
+        return None
+    twists = []
+    for T in solution.state.world:
+        twist = np.zeros((len(T), 6))
+        index = np.flatnonzero(there(T)) if len(T) > 1 else np.zeros(0, dtype=np.int64)
+        if len(index) > 1:
+            quat = matrix_to_quat(T[index, :3, :3])
+            dt = np.diff(scene.t[index])
+            rate = (
+                np.concatenate(
+                    [
+                        quat_boxminus(quat[1:], quat[:-1]),
+                        np.squeeze(np.swapaxes(T[index[:-1], :3, :3], 1, 2) @ np.diff(T[index, :3, 3:], axis=0), -1),
+                    ],
+                    axis=1,
+                )
+                / np.maximum(dt, 1e-9)[:, None]
+            )
+            rate[dt > settings.max_gap] = np.nan
+            sides = np.stack([np.vstack([rate, rate[:1] * np.nan]), np.vstack([rate[:1] * np.nan, rate])])
+            count = np.isfinite(sides).sum(axis=0)
+            twist[index] = np.nansum(sides, axis=0) / np.maximum(count, 1)
+        twists.append(twist)
+    return Motion(twists, solution.clock.copy(), free)
+
+
+def _tracked(
+    solved: _Solved,
+    settings: TrackSettings,
+    layout: TagLayout,
+    name: str | None,
+    clocks: dict[str, tuple[float, float]],
+) -> Tracked:
+    """Tracks of what is to be believed, and the report."""
+    scene, solution, errors, used = solved.scene, solved.solution, solved.errors, solved.used
+    dropped, suspects, scale = solved.dropped, solved.suspects, solved.scale
+    tracks: dict[str, PoseTrack] = {}
+    reasons: Counter[str] = Counter()
+    believed = used.copy()
+    n_steps = n_poses = 0
+    moving = [b for b, body in enumerate(scene.bodies) if not body.is_static]
+    for b in moving:
+        rows = (scene.body[scene.tag] == b) | (scene.rig[scene.camera] == b)
+        seen = np.bincount(scene.step[rows], minlength=len(scene.t)) > 0
+        if not seen.any():
+            continue
+        steps = believed_steps(scene, solution, errors, rows & used, seen, b, settings)
+        n_steps, n_poses = n_steps + int(seen.sum()), n_poses + int(steps.kept.sum())
+        reasons += steps.reasons
+        believed &= ~rows | steps.kept[scene.step]
+        keep = np.flatnonzero(steps.kept)
+        body = scene.bodies[b].name
+        if len(keep) >= 2:
+            label = name if name is not None and len(moving) == 1 else body
+            tracks[body] = pose_track(label, scene, solution, b, keep)
+    if moving and not tracks:
+        why = "; ".join([words(reasons + dropped), *(suspect.message for suspect in suspects)])
+        raise InputError(f"only {n_poses} of {n_steps} time steps gave a pose ({why})")
+    frames = frame_errors(scene, errors, believed)
+    report = make_report(
+        scene,
+        solution,
+        errors,
+        believed,
+        frames,
+        scale,
+        n_steps=n_steps,
+        n_poses=n_poses,
+        dropped_steps=reasons,
+        dropped_tags=dropped,
+        clocks=clocks,
+        suspects=suspects,
     )
+    cameras, layout = found(scene, solution, layout)
+    return Tracked(tracks, cameras, layout, frames, report)

@@ -1,0 +1,381 @@
+"""The pose graph: every pose of a scene at once, by what was seen and what was known before (GTSAM).
+
+Variables are T_world_body of static bodies and, for each time step, of moving ones, T_rig_cam and T_body_tag;
+what the set-up gives exactly is a constant. Factors are views (`factors.view_factor`), priors with the noise
+that the set-up gives, measured lengths, and stillness. The time steps of a long recording hang together only
+through what is static: a sample of steps calibrates that in one batch, and the other steps follow in windows,
+with it as their prior, so that memory does not grow with the graph.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.errors import SolverError
+from tossid.vision.factors import Noise, View, measurement_factor, view_factor
+from tossid.vision.initial import State, there
+from tossid.vision.layout import Distance
+from tossid.vision.priors import STEPS, Prior, body_key, camera_key, clock_key, priors, tag_key
+from tossid.vision.scene import Scene
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+WINDOW = 3000
+"""Time steps that are optimised at once."""
+EACH = 20
+"""Of a longer recording, so many time steps of each tag and each camera, at least, calibrate these."""
+ITERATIONS = 100
+"""Most steps of an optimisation."""
+VAGUE = 3.0
+"""Standard deviation [m, rad] of a pose that nothing else determines."""
+CLOCK = 0.002
+"""How well a clock's offset is known before the graph [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How bodies move at each step, and clocks.
+
+    twist: for each body (n or 1, 6) rotation [rad/s] and translation [m/s] in its own frame. clock: (cameras,)
+    offsets [s] taken off the frames' lateness. free: (cameras,) whose offset is a variable.
+    """
+
+    twist: list[Array]
+    clock: Array
+    free: Bools
+
+
+@dataclass(eq=False)
+class Solution:
+    """Optimised poses, and covariances in the tangent (rotation [rad], translation [m], of the moving frame).
+
+    camera_cov: (cameras, 6, 6). tag_cov: (tags, 6, 6). world_cov: as `State.world`, (n or 1, 6, 6). Zero where
+    exactly known, NaN where unknown. clock, clock_sigma: (cameras,) [s].
+    """
+
+    state: State
+    camera_cov: Array
+    tag_cov: Array
+    world_cov: list[Array]
+    clock: Array
+    clock_sigma: Array
+
+
+@dataclass(eq=False)
+class _Built:
+    graph: gtsam.NonlinearFactorGraph = field(default_factory=gtsam.NonlinearFactorGraph)
+    values: gtsam.Values = field(default_factory=gtsam.Values)
+    fixed: dict[int, Array] = field(default_factory=dict)
+    noise: Noise = field(default_factory=Noise)
+
+
+def unsolved(state: State, clock: Array) -> Solution:
+    """Poses as they are, without covariances."""
+    return Solution(
+        state.copy(),
+        np.full((len(state.camera), 6, 6), np.nan),
+        np.full((len(state.tag), 6, 6), np.nan),
+        [np.full((len(T), 6, 6), np.nan) for T in state.world],
+        clock.copy(),
+        np.zeros(len(clock)),
+    )
+
+
+def solve(
+    scene: Scene,
+    state: State,
+    used: Bools,
+    *,
+    scale: float = 1.0,
+    known: dict[int, Prior] | None = None,
+    motion: Motion | None = None,
+    covariances: bool = False,
+    window: int = WINDOW,
+) -> Solution:
+    """Optimise all poses that the used sightings bear on.
+
+    Args:
+        state: first poses. used: (d,) sightings to use. scale: corners' standard deviation over what they promise,
+            for the covariances; the estimate itself keeps to the promise, which weighs against the priors.
+        known: prior knowledge by key, by default that of the set-up. motion: during frames, by default none.
+        covariances: whether to find them.
+
+    Raises:
+        SolverError: the optimisation ended in something that is no number.
+    """
+    known = priors(scene) if known is None else known
+    still = Motion([np.zeros((len(T), 6)) for T in state.world], np.zeros(len(scene.cameras)), _no(scene))
+    motion = still if motion is None else motion
+    steps = np.unique(scene.step[used])
+    solution = unsolved(state, motion.clock)
+    if len(steps) <= window:
+        _batch(scene, solution, used, steps, known, motion, scale, covariances, statics=True)
+        return solution
+    sample = _spread(scene, used, steps, window)
+    _batch(scene, solution, used, sample, known, motion, scale, True, statics=True)
+    known = dict(known) | dict(_learned(scene, solution))
+    motion = Motion(motion.twist, solution.clock.copy(), _no(scene))
+    for a in range(0, len(steps), window):
+        _batch(scene, solution, used, steps[a : a + window], known, motion, scale, covariances, statics=False)
+    return solution
+
+
+def _spread(scene: Scene, used: Bools, steps: Ints, window: int) -> Ints:
+    """Time steps all over a recording, with some of every tag's and every camera's."""
+    chosen = [steps[np.linspace(0, len(steps) - 1, window).astype(np.int64)]]
+    for index in (scene.tag, scene.camera):
+        for i in np.unique(index[used]):
+            own = np.unique(scene.step[used & (index == i)])
+            chosen.append(own[np.linspace(0, len(own) - 1, min(EACH, len(own))).astype(np.int64)])
+    return np.unique(np.concatenate(chosen))
+
+
+def _no(scene: Scene) -> Bools:
+    return np.zeros(len(scene.cameras), dtype=bool)
+
+
+def _learned(scene: Scene, solution: Solution) -> Iterator[tuple[int, Prior]]:
+    """What a batch found of static things, as prior of the next."""
+    parts = [(camera_key(c), solution.state.camera[c], solution.camera_cov[c]) for c in range(len(scene.cameras))]
+    parts += [(tag_key(i), solution.state.tag[i], solution.tag_cov[i]) for i in range(len(scene.tags))]
+    for b, body in enumerate(scene.bodies):
+        if body.is_static:
+            parts.append((body_key(b, 0), solution.state.world[b][0], solution.world_cov[b][0]))
+    for key, T, cov in parts:
+        if np.isfinite(cov).all():
+            yield key, Prior(T.copy(), cov if cov.any() else None)
+
+
+def _batch(
+    scene: Scene,
+    solution: Solution,
+    used: Bools,
+    steps: Ints,
+    known: dict[int, Prior],
+    motion: Motion,
+    scale: float,
+    covariances: bool,
+    *,
+    statics: bool,
+) -> None:
+    """Optimise some steps at once, into the solution; `statics`: also what is static."""
+    built = _build(scene, solution.state, used & np.isin(scene.step, steps), known, motion, statics=statics)
+    values = optimise(built.graph, built.values)
+    built.noise.scale = scale
+    marginals = _marginals(built.graph, values) if covariances and values.size() else None
+    state = solution.state
+    slots = [(camera_key(c), state.camera, solution.camera_cov, c) for c in range(len(scene.cameras))]
+    slots += [(tag_key(i), state.tag, solution.tag_cov, i) for i in range(len(scene.tags))]
+    for b, body in enumerate(scene.bodies):
+        for step in (0,) if body.is_static else steps:
+            slots.append((body_key(b, int(step)), state.world[b], solution.world_cov[b], int(step)))
+    for key, poses, covs, at in slots:
+        if key in built.fixed:
+            covs[at] = 0.0
+        elif values.exists(key):
+            poses[at] = values.atPose3(key).matrix()
+            if marginals is not None:
+                covs[at] = marginals.marginalCovariance(key)
+    for c in map(int, np.flatnonzero(motion.free)):
+        if values.exists(clock_key(c)):
+            solution.clock[c] = values.atDouble(clock_key(c))
+            if marginals is not None:
+                solution.clock_sigma[c] = float(np.sqrt(marginals.marginalCovariance(clock_key(c))[0, 0]))
+
+
+def optimise(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Values:
+    """The nearest least squares, by Gauss-Newton steps that are damped where they fail (Levenberg).
+
+    GTSAM's own optimisers take time with the square of the number of time steps before they start.
+
+    Raises:
+        SolverError: the error is no number.
+    """
+    if not values.size():
+        return values
+    error, damping = graph.error(values), 0.0
+    for _ in range(ITERATIONS):
+        linear = graph.linearize(values)
+        while True:
+            try:
+                better = values.retract(_damped(linear, values, damping).optimize())
+                new = graph.error(better)
+            except RuntimeError:  # what the sightings do not tell, damping must hold
+                new = np.inf
+            if new <= error:
+                break
+            damping = max(100 * damping, 1.0)
+            if damping > 1e12:
+                if not np.isfinite(error):
+                    raise SolverError("the pose graph has no finite error at its first poses")
+                return values
+        gain, values, error, damping = error - new, better, new, damping / 10 if damping > 1 else 0.0
+        if gain <= 1e-7 + 1e-9 * error:
+            break
+    return values
+
+
+def _marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Marginals:
+    """Covariances; of what the sightings hardly tell, with a prior of `VAGUE` beside."""
+    try:
+        return gtsam.Marginals(graph, values)
+    except RuntimeError:
+        pass
+    try:
+        return gtsam.Marginals(_damped(graph.linearize(values), values, VAGUE**-2), values)
+    except RuntimeError as error:
+        what = str(error).partition("Symbol: ")[2].partition(")")[0]
+        raise SolverError(f"the sightings do not determine every pose of the graph (near {what})") from error
+
+
+def _damped(linear: gtsam.GaussianFactorGraph, values: gtsam.Values, damping: float) -> gtsam.GaussianFactorGraph:
+    if not damping:
+        return linear
+    out = gtsam.GaussianFactorGraph()
+    out.push_back(linear)
+    for key in values.keys():  # noqa: SIM118  (not a dict)
+        n = 1 if gtsam.Symbol(key).chr() == ord("o") else 6
+        out.add(gtsam.JacobianFactor(key, np.sqrt(damping) * np.eye(n), np.zeros(n), gtsam.noiseModel.Unit.Create(n)))
+    return out
+
+
+def _build(
+    scene: Scene, state: State, rows: Bools, known: dict[int, Prior], motion: Motion, *, statics: bool
+) -> _Built:
+    built, half = _Built(), scene.half
+    T_world_rig, T_world_body = (
+        state.at(index, scene.step) for index in (scene.rig[scene.camera], scene.body[scene.tag])
+    )
+    rows = rows & there(state.camera)[scene.camera] & there(state.tag)[scene.tag]
+    rows &= there(T_world_rig) & there(T_world_body)
+    for group in _views(scene, rows):
+        first = group[0]
+        c, step = int(scene.camera[first]), int(scene.step[first])
+        rig, body = int(scene.rig[c]), int(scene.body[scene.tag[first]])
+        keys = [_key(built, camera_key(c), state.camera[c], known)]
+        for b in (rig, body):
+            at = 0 if scene.bodies[b].is_static else step
+            keys.append(_key(built, body_key(b, at), state.world[b][at], known))
+        if rig == body:  # its pose in the world does not matter
+            keys[1:] = [int(gtsam.symbol("i", 0))] * 2
+            built.fixed[keys[1]] = np.eye(4)
+        tags = tuple(_key(built, tag_key(int(i)), state.tag[i], known) for i in scene.tag[group])
+        wiggle = scene.cameras[c].wiggle
+        if wiggle is not None:
+            keys[0] = _wiggled(built, keys[0], c, step, state.camera[c], wiggle)
+        view = View(
+            keys[0],
+            keys[1],
+            keys[2],
+            tags,
+            half[group],
+            scene.seen[group],
+            scene.whiten[group],
+            scene.count[group],
+            float(scene.late[first]) - (0.0 if motion.free[c] else float(motion.clock[c])),
+            _twist(motion, rig, step),
+            _twist(motion, body, step),
+            _clock(built, c, motion) if motion.free[c] else None,
+        )
+        if any(key not in built.fixed for key in (*keys, *tags)):
+            built.graph.add(view_factor(view, built.fixed, built.noise))
+    for key, prior in known.items():
+        if built.values.exists(key) and prior.cov is not None:
+            noise = gtsam.noiseModel.Gaussian.Covariance(0.5 * (prior.cov + prior.cov.T))
+            built.graph.add(gtsam.PriorFactorPose3(key, gtsam.Pose3(prior.T), noise))
+    _add_stillness(built, scene)
+    if statics:
+        _add_measurements(built, scene, state, known)
+    return built
+
+
+def _views(scene: Scene, rows: Bools) -> list[Ints]:
+    """Rows of each (step, camera, body)."""
+    index = np.flatnonzero(rows)
+    if not len(index):
+        return []
+    body = scene.body[scene.tag[index]]
+    order = np.lexsort((index, body, scene.camera[index], scene.step[index]))
+    index, body = index[order], body[order]
+    label = np.stack([scene.step[index], scene.camera[index], body])
+    return np.split(index, np.flatnonzero((np.diff(label, axis=1) != 0).any(axis=0)) + 1)
+
+
+def _key(built: _Built, key: int, T: Array, known: dict[int, Prior]) -> int:
+    """Make a pose a constant or a variable of the graph, once."""
+    if key in built.fixed or built.values.exists(key):
+        return key
+    prior = known.get(key)
+    if prior is not None and prior.exact:
+        built.fixed[key] = prior.T
+    else:
+        built.values.insert(key, gtsam.Pose3(T))
+    return key
+
+
+def _wiggled(built: _Built, key: int, c: int, step: int, T: Array, wiggle: tuple[float, float]) -> int:
+    """A camera's own pose in a step, near its pose on the rig."""
+    own = int(gtsam.symbol("w", c * STEPS + step))
+    if built.values.exists(own):
+        return own
+    built.values.insert(own, gtsam.Pose3(T))
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.repeat(wiggle, 3))
+    if key in built.fixed:
+        built.graph.add(gtsam.PriorFactorPose3(own, gtsam.Pose3(built.fixed[key]), noise))
+    else:
+        built.graph.add(gtsam.BetweenFactorPose3(key, own, gtsam.Pose3(), noise))
+    return own
+
+
+def _twist(motion: Motion, b: int, step: int) -> Array:
+    twist = motion.twist[b]
+    return np.asarray(twist[step if len(twist) > 1 else 0])
+
+
+def _clock(built: _Built, c: int, motion: Motion) -> int:
+    key = clock_key(c)
+    if not built.values.exists(key):
+        built.values.insert(key, float(motion.clock[c]))
+        # what was found before the graph is near; a camera that never shares a step would tell nothing of its clock
+        noise = gtsam.noiseModel.Isotropic.Sigma(1, CLOCK)
+        built.graph.add(gtsam.PriorFactorDouble(key, float(motion.clock[c]), noise))
+    return key
+
+
+def _add_stillness(built: _Built, scene: Scene) -> None:
+    for b, body in enumerate(scene.bodies):
+        if body.stillness is None:
+            continue
+        translation, rotation = body.stillness
+        noise = gtsam.noiseModel.Diagonal.Sigmas(np.repeat([rotation, translation], 3))
+        keys = [body_key(b, step) for step in range(len(scene.t))]
+        keys = [key for key in keys if built.values.exists(key)]
+        for before, after in itertools.pairwise(keys):
+            built.graph.add(gtsam.BetweenFactorPose3(before, after, gtsam.Pose3(), noise))
+
+
+def _add_measurements(built: _Built, scene: Scene, state: State, known: dict[int, Prior]) -> None:
+    number = {tag.id: i for i, tag in enumerate(scene.tags)}
+    for measurement in scene.measurements:
+        ids = measurement.tags if isinstance(measurement, Distance) else (measurement.tag,)
+        at = [number.get(tag_id, -1) for tag_id in ids]
+        if min(at) < 0 or not all(there(state.tag[i]) and there(state.world[scene.body[i]][0]) for i in at):
+            continue
+        keys = [
+            (
+                _key(built, body_key(int(scene.body[i]), 0), state.world[scene.body[i]][0], known),
+                _key(built, tag_key(i), state.tag[i], known),
+            )
+            for i in at
+        ]
+        if any(key not in built.fixed for pair in keys for key in pair):
+            half = [0.5 * scene.tags[i].size for i in at]
+            built.graph.add(measurement_factor(measurement, keys, half, built.fixed))

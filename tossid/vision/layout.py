@@ -1,0 +1,152 @@
+"""What is in a scene: rigid bodies, static or moving, the tags on them, and what was measured between tags."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.errors import ObjectError
+from tossid.objects import ObjectModel, Tag
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BodyTag:
+    """A tag on a body. size: outer edge of the black border [m]. T_body_tag: (4, 4), None if unknown.
+    position_noise [m], rotation_noise [rad]: (3,) standard deviations of that, None for exact."""
+
+    id: int
+    size: float
+    T_body_tag: Array | None
+    position_noise: Array | None = None
+    rotation_noise: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body.
+
+    T_map_body: (4, 4) of a static body, None if unknown or moving. position_noise [m], rotation_noise [rad]:
+    (3,) standard deviations of that, None for exact. default_tag_size: of tags found on it that are not listed.
+    stillness: (translation [m], rotation [rad]) standard deviations of its motion from one frame to the next
+    (TagSLAM's fake odometry), None for any motion. ignored_tags: ids that are not taken for its own.
+    """
+
+    name: str
+    is_static: bool
+    T_map_body: Array | None = None
+    default_tag_size: float | None = None
+    tags: tuple[BodyTag, ...] = ()
+    position_noise: Array | None = None
+    rotation_noise: Array | None = None
+    stillness: tuple[float, float] | None = None
+    ignored_tags: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True, eq=False)
+class Distance:
+    """The distance [m] between corners (0 to 3) of two tags on static bodies. noise: its standard deviation [m]."""
+
+    name: str
+    tags: tuple[int, int]
+    corners: tuple[int, int]
+    length: float
+    noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinate:
+    """A corner (0 to 3; None: the centre) of a tag on a static body, along a unit direction (3,) of the map [m]."""
+
+    name: str
+    tag: int
+    corner: int | None
+    direction: Array
+    length: float
+    noise: float
+
+
+@dataclass(frozen=True, slots=True)
+class Remap:
+    """Tag `id` is called `new_id` when seen from `start` to `end` [s] (by `camera`; None: by any)."""
+
+    id: int
+    new_id: int
+    start: float
+    end: float
+    camera: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Squash:
+    """Tags that are not to be used, at one time [s] (None: always) and of one camera (None: of any)."""
+
+    tags: frozenset[int]
+    time: float | None = None
+    camera: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class TagLayout:
+    """All bodies of a scene.
+
+    default_body: the body that tags not listed belong to, None for none. measurements: between tags.
+    parameters: TagSLAM's `tagslam_parameters` as they are. max_hamming: most corrected bits of a tag to be used.
+    """
+
+    bodies: tuple[Body, ...]
+    default_body: str | None = None
+    parameters: dict[str, Any] = field(default_factory=dict)
+    measurements: tuple[Distance | Coordinate, ...] = ()
+    remaps: tuple[Remap, ...] = ()
+    squashes: tuple[Squash, ...] = ()
+    max_hamming: int | None = None
+
+    def body(self, name: str) -> Body | None:
+        """The body of that name, None if there is none."""
+        return next((body for body in self.bodies if body.name == name), None)
+
+
+def layout_of(model: ObjectModel, *, rigs: Sequence[str] = ("rig",)) -> TagLayout:
+    """The scene of an object among fixed camera rigs that sit at the world's origin."""
+    static = [Body(name, True, np.eye(4)) for name in rigs]
+    moving = [Body(name, False, tags=body_tags(model, b)) for b, name in enumerate(model.body_names)]
+    return TagLayout((*static, *moving), parameters={"pixel_noise": 1.0, "minimum_viewing_angle": 12.0})
+
+
+def body_tags(model: ObjectModel, body: int) -> tuple[BodyTag, ...]:
+    """The tags on one body of an object, at exactly known poses."""
+    return tuple(BodyTag(tag.id, tag.size, tag.T_body_tag) for tag in model.tags if tag.body == body)
+
+
+def object_body(layout: TagLayout, body_names: Sequence[str]) -> Body | None:
+    """The body of a scene that is an object's first one: by its name, or for a one-body object the scene's only
+    moving body with tags, whatever its name. None if there is none."""
+    named = layout.body(body_names[0])
+    moving = [body for body in layout.bodies if not body.is_static and body.tags]
+    return moving[0] if named is None and len(body_names) == 1 and len(moving) == 1 else named
+
+
+def object_tags(layout: TagLayout, body_names: Sequence[str]) -> tuple[Tag, ...]:
+    """The tags of known pose on the named bodies of an object (`object_body`).
+
+    Raises:
+        ObjectError: no such body, or no tag of known pose on any.
+    """
+    bodies = [object_body(layout, body_names), *(layout.body(name) for name in body_names[1:])]
+    tags = [
+        Tag(tag.id, tag.size, b, tag.T_body_tag)
+        for b, body in enumerate(bodies)
+        if body is not None
+        for tag in body.tags
+        if tag.T_body_tag is not None
+    ]
+    if not tags:
+        names = ", ".join(body.name for body in layout.bodies)
+        raise ObjectError(f"no tag of known pose on {', '.join(body_names)} (bodies of the scene: {names})")
+    return tuple(tags)

@@ -1,0 +1,72 @@
+"""What a set-up gives of poses, by their keys in the graph."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.vision.scene import Scene
+
+Array = NDArray[np.float64]
+
+EXACT = 2e-6
+"""Standard deviation [m, rad] up to which a pose is taken as exactly known."""
+STEPS = 2**32
+"""Time steps that a body's keys have room for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """A pose (4, 4) and its covariance (6, 6) in the tangent (rotation, translation), None for exact."""
+
+    T: Array
+    cov: Array | None
+
+    @property
+    def exact(self) -> bool:
+        """Whether the pose is a constant."""
+        return self.cov is None or bool(np.diag(self.cov).max() <= EXACT**2)
+
+
+def priors(scene: Scene) -> dict[int, Prior]:
+    """What the set-up gives of poses, by key."""
+    found = {}
+    for c, camera in enumerate(scene.cameras):
+        if camera.T_rig_cam is not None:
+            found[camera_key(c)] = Prior(camera.T_rig_cam, camera.T_rig_cam_cov)
+    for i, tag in enumerate(scene.tags):
+        if tag.T_body_tag is not None:
+            found[tag_key(i)] = Prior(tag.T_body_tag, _cov(tag.rotation_noise, tag.position_noise))
+    for b, body in enumerate(scene.bodies):
+        if body.T_map_body is not None:
+            found[body_key(b, 0)] = Prior(body.T_map_body, _cov(body.rotation_noise, body.position_noise))
+    return found
+
+
+def _cov(rotation: Array | None, position: Array | None) -> Array | None:
+    if rotation is None or position is None:
+        return None
+    return np.diag(np.concatenate([rotation, position]) ** 2)
+
+
+def camera_key(c: int) -> int:
+    """Key of T_rig_cam."""
+    return int(gtsam.symbol("c", c))
+
+
+def tag_key(i: int) -> int:
+    """Key of T_body_tag."""
+    return int(gtsam.symbol("t", i))
+
+
+def body_key(b: int, step: int) -> int:
+    """Key of T_world_body in a time step (0 for a static one)."""
+    return int(gtsam.symbol("x", b * STEPS + step))
+
+
+def clock_key(c: int) -> int:
+    """Key of a camera's clock offset."""
+    return int(gtsam.symbol("o", c))

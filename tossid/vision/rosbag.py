@@ -1,0 +1,377 @@
+"""ROS 1 and ROS 2 bags, without ROS: AprilTag detections and camera images (the `rosbags` library).
+
+A bag is a `.bag` file, plain or packed (`.bag.bz2`, `.bag.gz`), or a ROS 2 bag: its folder, or a single `.mcap`.
+A ROS 1 bag that was cut off is read as far as it is whole, and what was lost is said.
+"""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import shutil
+import sqlite3
+import struct
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import ReaderError
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from tossid.errors import FileError, InputError
+from tossid.types import Detection
+from tossid.vision.camera import Camera
+
+SUFFIXES = (".bag", ".mcap", ".db3", ".bag.bz2", ".bag.gz")
+PACKED: dict[str, type[bz2.BZ2File] | type[gzip.GzipFile]] = {".bz2": bz2.BZ2File, ".gz": gzip.GzipFile}
+
+APRILTAG_MSGS = {
+    "apriltag_msgs/msg/ApriltagArrayStamped": "std_msgs/Header header\nApriltag[] apriltags\n",
+    "apriltag_msgs/msg/Apriltag": (
+        "int32 id\nstring family\nint32 hamming\nint32 border\nint32 bits\n"
+        "geometry_msgs/Point center\ngeometry_msgs/Point[4] corners\n"
+    ),
+    "apriltag_msgs/msg/AprilTagDetectionArray": "std_msgs/Header header\nAprilTagDetection[] detections\n",
+    "apriltag_msgs/msg/AprilTagDetection": (
+        "string family\nint32 id\nint32 hamming\nfloat32 goodness\nfloat32 decision_margin\n"
+        "Point centre\nPoint[4] corners\nfloat64[9] homography\n"
+    ),
+    "apriltag_msgs/msg/Point": "float64 x\nfloat64 y\n",
+}
+"""Detections as TagSLAM's detector writes them, and as apriltag_ros does. ROS 1 bags, and ROS 2 bags of the mcap
+kind, hold their own definitions; others do not."""
+
+IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+_GREY = {"mono8": None, "8UC1": None, "bgr8": cv2.COLOR_BGR2GRAY, "8UC3": cv2.COLOR_BGR2GRAY}
+_GREY |= {"rgb8": cv2.COLOR_RGB2GRAY, "bgra8": cv2.COLOR_BGRA2GRAY, "rgba8": cv2.COLOR_RGBA2GRAY}
+_GREY |= {"bayer_rggb8": cv2.COLOR_BayerBG2GRAY, "bayer_bggr8": cv2.COLOR_BayerRG2GRAY}
+_GREY |= {"bayer_gbrg8": cv2.COLOR_BayerGR2GRAY, "bayer_grbg8": cv2.COLOR_BayerGB2GRAY}
+
+
+def typestore() -> Typestore:
+    """ROS 2's common messages and the AprilTag ones."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types: dict[str, Any] = {}
+    for name, text in APRILTAG_MSGS.items():
+        types.update(get_types_from_msg(text, name))
+    store.register(types)
+    return store
+
+
+def find_bags(path: Path) -> tuple[Path, ...]:
+    """The bags that a path names: itself, or those in a folder beside their calibration.
+
+    Raises:
+        FileError: there is none.
+    """
+    if path.is_file() or (path / "metadata.yaml").is_file():
+        return (path,)
+    if not path.is_dir():
+        raise FileError(path, "no such bag; expected a .bag, .bag.bz2 or .mcap file, or a ROS 2 bag's folder")
+    inside = sorted(entry for entry in path.iterdir() if not entry.name.startswith("."))
+    bags = [entry for entry in inside if (entry / "metadata.yaml").is_file()]
+    bags += [entry for entry in inside if entry.is_file() and entry.name.endswith(SUFFIXES)]
+    if not bags:
+        raise FileError(path, "holds no bag; expected a .bag, .bag.bz2 or .mcap file, or a ROS 2 bag's folder")
+    return tuple(bags)
+
+
+class Bag:
+    """An open bag. Use it as a context.
+
+    Attributes:
+        path: as named. types: message type of each topic, without a leading "/". problems: what was lost.
+
+    Raises:
+        FileError: it is no bag, or so damaged that nothing can be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.types: dict[str, str] = {}
+        self.problems: list[str] = []
+        self._stack = ExitStack()
+        self._reader: AnyReader | None = None
+        self._rescued: _Rescue | None = None
+
+    def __enter__(self) -> Bag:
+        try:
+            plain = self._unpacked()
+            if plain.is_dir() or plain.suffix != ".bag":
+                self._reader = self._stack.enter_context(AnyReader([plain], default_typestore=typestore()))
+            else:
+                try:
+                    self._reader = self._stack.enter_context(AnyReader([plain]))
+                except (AnyReaderError, AssertionError, struct.error) as error:
+                    self._rescued = _Rescue(plain)
+                    if not self._rescued.types():
+                        raise FileError(self.path, f"is not a bag that can be read ({error})") from error
+            if self._reader is not None:
+                self.types = {c.topic.lstrip("/"): c.msgtype for c in self._reader.connections}
+            elif self._rescued is not None:
+                self.types = self._rescued.types()
+                self.problems.append(f"{self.path} breaks off before its end: {self._rescued.found}")
+        except _DAMAGE as error:
+            self._stack.close()
+            lost = f"; {self.problems[0]}" if self.problems else ""
+            raise FileError(self.path, f"is not a bag that can be read ({error}{lost})") from error
+        except BaseException:
+            self._stack.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def _unpacked(self) -> Path:
+        """The bag as a plain file or folder; a packed one is unpacked to a temporary file."""
+        if self.path.is_dir() or self.path.suffix not in PACKED:
+            return self.path
+        folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="tossid-bag-")))
+        plain = folder / self.path.stem
+        with plain.open("wb") as out:
+            try:
+                with PACKED[self.path.suffix](self.path) as packed:
+                    shutil.copyfileobj(packed, out, 1 << 14)
+            except EOFError:
+                self.problems.append(f"{self.path} is packed, and breaks off before its end")
+            except OSError as error:
+                raise FileError(self.path, f"cannot be unpacked: {error}") from error
+        return plain
+
+    def messages(self, topics: Sequence[str], *, start: int | None = None, stop: int | None = None) -> Iterator[Any]:
+        """(topic, time of recording [ns], message) of some topics, in order of recording.
+
+        Args:
+            start, stop: bounds of the time of recording [ns], the last excluded.
+
+        Raises:
+            FileError: the bag is damaged there.
+        """
+        try:
+            if self._rescued is not None:
+                for topic, t_ns, message in self._rescued.messages(topics):
+                    if (start is None or t_ns >= start) and (stop is None or t_ns < stop):
+                        yield topic, t_ns, message
+                return
+            assert self._reader is not None
+            chosen: list[Connection] = [c for c in self._reader.connections if c.topic.lstrip("/") in topics]
+            if chosen:
+                for connection, t_ns, raw in self._reader.messages(chosen, start=start, stop=stop):
+                    yield connection.topic.lstrip("/"), t_ns, self._reader.deserialize(raw, connection.msgtype)
+        except _DAMAGE as error:
+            raise FileError(self.path, f"is damaged: {error}; record or copy it again") from error
+
+
+_DAMAGE = (AnyReaderError, ReaderError, SerdeError, TypesysError, sqlite3.Error, struct.error, AssertionError, OSError)
+
+
+class _Rescue:
+    """A ROS 1 bag without its index, read from its start as far as its records are whole.
+
+    Format: wiki.ros.org/Bags/Format/2.0.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.connections: dict[int, tuple[str, str, str]] = {}  # topic, type, definition
+        count, last = 0, 0
+        for _, t_ns, _ in self._records():
+            count, last = count + 1, max(last, t_ns)
+        self.found = f"{count} messages are whole, the last of {last * 1e-9:.3f} s"
+
+    def types(self) -> dict[str, str]:
+        return {topic: kind for topic, kind, _ in self.connections.values()}
+
+    def messages(self, topics: Sequence[str]) -> Iterator[tuple[str, int, Any]]:
+        stores: dict[int, Typestore] = {}
+        for number, t_ns, raw in self._records():
+            topic, kind, definition = self.connections[number]
+            if topic not in topics:
+                continue
+            if number not in stores:
+                stores[number] = get_typestore(Stores.EMPTY)
+                stores[number].register(get_types_from_msg(definition, kind))
+            yield topic, t_ns, stores[number].deserialize_ros1(raw, kind)
+
+    def _records(self) -> Iterator[tuple[int, int, bytes]]:
+        """(connection, time [ns], message) in the order of the file."""
+        with self.path.open("rb") as stream:
+            if not stream.readline().startswith(b"#ROSBAG V2.0"):
+                return
+            yield from self._walk(stream, inside=False)
+
+    def _walk(self, stream: BinaryIO, *, inside: bool) -> Iterator[tuple[int, int, bytes]]:
+        while True:
+            head, data, whole = _record(stream)
+            if head is None:
+                return
+            op = head.get("op", b"\0")[0]
+            if op == 5 and not inside:
+                try:
+                    chunk = _unchunked(head.get("compression", b"none"), data)
+                except (OSError, EOFError, RuntimeError, ValueError):
+                    return
+                yield from self._walk(BytesIO(chunk), inside=True)
+            elif op == 7 and whole:
+                fields = _fields(data)
+                kind = fields["type"].decode().replace("/", "/msg/")
+                topic = head["topic"].decode().lstrip("/")
+                number = struct.unpack("<I", head["conn"])[0]
+                self.connections[number] = (topic, kind, fields["message_definition"].decode())
+            elif op == 2 and whole:
+                number = struct.unpack("<I", head["conn"])[0]
+                seconds, nanoseconds = struct.unpack("<II", head["time"])
+                if number in self.connections:
+                    yield number, seconds * 10**9 + nanoseconds, data
+            if not whole:
+                return
+
+
+def _record(stream: BinaryIO) -> tuple[dict[str, bytes] | None, bytes, bool]:
+    """Header fields, data, and whether it is all there; None at the end."""
+    length = stream.read(4)
+    if len(length) < 4:
+        return None, b"", False
+    header = stream.read(struct.unpack("<I", length)[0])
+    size = stream.read(4)
+    if len(header) < struct.unpack("<I", length)[0] or len(size) < 4:
+        return None, b"", False
+    n = struct.unpack("<I", size)[0]
+    data = stream.read(n)
+    return _fields(header), data, len(data) == n
+
+
+def _fields(header: bytes) -> dict[str, bytes]:
+    fields, at = {}, 0
+    while at + 4 <= len(header):
+        n = struct.unpack_from("<I", header, at)[0]
+        name, _, value = header[at + 4 : at + 4 + n].partition(b"=")
+        fields[name.decode(errors="replace")] = value
+        at += 4 + n
+    return fields
+
+
+def _unchunked(compression: bytes, data: bytes) -> bytes:
+    if compression == b"none":
+        return data
+    if compression == b"bz2":
+        return bz2.decompress(data)
+    import lz4.frame
+
+    return bytes(lz4.frame.decompress(data))
+
+
+@dataclass(frozen=True, eq=False)
+class BagDetections:
+    """Ready detections of a bag. n_frames: images that were searched, by camera. problems: what was lost."""
+
+    detections: tuple[Detection, ...]
+    n_frames: dict[str, int]
+    problems: tuple[str, ...]
+
+
+def tag_topics(bag: Bag, cameras: Sequence[Camera]) -> dict[str, Camera]:
+    """Topics of ready detections in a bag, and whose they are."""
+    topics = {camera.tag_topic.lstrip("/"): camera for camera in cameras if camera.tag_topic}
+    return {topic: camera for topic, camera in topics.items() if topic in bag.types}
+
+
+def read_bag_detections(path: Path, cameras: Sequence[Camera], *, sigma: float) -> BagDetections:
+    """AprilTag detections of the cameras' tag topics (`tagtopic` of cameras.yaml).
+
+    Time is the message's own stamp, less the camera's clock offset. Corners are taken as they are: TagSLAM's
+    detectors and calibrations share one pixel origin, which a bag does not name.
+
+    Args:
+        path: of a bag, or of a folder with bags. sigma: standard deviation of a corner along each axis [px].
+
+    Raises:
+        FileError: no bag, a damaged one, or one without these topics.
+    """
+    found: list[Detection] = []
+    n_frames = dict.fromkeys((camera.name for camera in cameras), 0)
+    problems: list[str] = []
+    seen: list[str] = []
+    used = False
+    for file in find_bags(path):
+        with Bag(file) as bag:
+            topics = tag_topics(bag, cameras)
+            seen += bag.types
+            used |= bool(topics)
+            for topic, t_ns, message in bag.messages(list(topics)):
+                camera = topics[topic]
+                n_frames[camera.name] += 1
+                found += _detections(file, camera, stamp(message, t_ns), message, sigma)
+            problems += bag.problems if topics else []
+    if not used:
+        wanted = ", ".join(camera.tag_topic or f"no tagtopic for {camera.name}" for camera in cameras)
+        raise FileError(path, f"has no detections: topics {', '.join(seen) or 'none'}, wanted {wanted}")
+    silent = [name for name, count in n_frames.items() if not count]
+    problems += [f"{path}: camera {name} has no message" for name in silent]
+    return BagDetections(tuple(found), n_frames, tuple(problems))
+
+
+def stamp(message: Any, t_ns: int) -> int:
+    """A message's own time [ns], or that of its recording where it has none."""
+    own = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+    return int(own or t_ns)
+
+
+def _detections(path: Path, camera: Camera, t_ns: int, message: Any, sigma: float) -> Iterator[Detection]:
+    rows = getattr(message, "apriltags", None)
+    rows = getattr(message, "detections", None) if rows is None else rows
+    if rows is None:
+        raise FileError(path, f"topic {camera.tag_topic} holds {message.__msgtype__}, expected AprilTag detections")
+    t = t_ns * 1e-9 - camera.clock_offset
+    for row in rows:
+        corners = np.array([[corner.x, corner.y] for corner in row.corners], dtype=float)
+        margin = float(getattr(row, "decision_margin", 0.0))
+        cov = sigma**2 * np.eye(2)
+        yield Detection(camera.name, t, int(row.id), corners, cov, int(row.hamming), margin)
+
+
+def grey_image(message: Any) -> NDArray[np.uint8]:
+    """A sensor_msgs Image or CompressedImage as a grey image (height, width).
+
+    Raises:
+        InputError: an encoding that is not known, or data that are no image.
+    """
+    if not hasattr(message, "encoding"):
+        image = (
+            cv2.imdecode(np.asarray(message.data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if len(message.data) else None
+        )
+        if image is None:
+            raise InputError(f"a compressed image ('{message.format}') cannot be read")
+        return np.asarray(image, dtype=np.uint8)
+    encoding = str(message.encoding)
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    data = np.asarray(message.data, dtype=np.uint8)
+    if encoding in ("mono16", "16UC1"):
+        order = ">u2" if message.is_bigendian else "<u2"
+        wide = data[: height * step].reshape(height, step)[:, : 2 * width].copy().view(order)
+        return np.asarray(wide >> 8, dtype=np.uint8)
+    if encoding not in _GREY:
+        raise InputError(f"image encoding '{encoding}' is not one of {', '.join([*_GREY, 'mono16'])}")
+    code = _GREY[encoding]
+    channels = 1 if code is None or encoding.startswith("bayer") else 4 if encoding.endswith("a8") else 3
+    if len(data) < height * step or step < width * channels:
+        raise InputError(f"an image of {width} by {height} px has only {len(data)} bytes")
+    rows = data[: height * step].reshape(height, step)[:, : width * channels]
+    image = rows if channels == 1 else rows.reshape(height, width, channels)
+    grey = image if code is None else cv2.cvtColor(np.ascontiguousarray(image), code)
+    return np.ascontiguousarray(grey, dtype=np.uint8)
