@@ -140,11 +140,9 @@ class Judge:
         world = hypothesis.world()
         if near is None:
             kept, whitening = linearise(self.windows, world, refine=6, restarts=RESTARTS, n_threads=self.n_threads)
-            evidence = Evidence(kept, whitening, self.n_threads)
+            evidence = self.with_engine(Evidence(kept, whitening, self.n_threads), hypothesis, restarts=0)
         else:
             evidence = near.evidence.renewed(world, refine=4)
-        if near is None:
-            evidence = self.with_engine(evidence, hypothesis, restarts=0)
         evidence = self.with_engine(evidence, hypothesis, restarts=1)
         residual = evidence.residual(world)
         evidence, scales = evidence.with_trust(residual), evidence.scales(residual)
