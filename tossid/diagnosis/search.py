@@ -7,9 +7,9 @@ on what flight does not show; the values that flight has found stay, but for a f
 One round: every effect of the library is screened by the gain of one step (a score test, but measured), the
 promising ones are fitted, and judged by the log-likelihood of tosses that took no part (eight folds). The best
 joins if the gain is significant over tosses (signed ranks, Bonferroni over the library) and matters; the next round
-starts from there. Effects whose gain is not clearly below the best's are its confusable class; a special case
-is preferred to what contains it. Effects that the others have made superfluous leave, after every round and at the
-end; then classes are looked at once more, with everything else in.
+starts from there. A special case is preferred to what contains it. Effects that the others have made superfluous
+leave, after every round and at the end. Then what gained much in the round in which an effect joined is tried in its
+place, with everything else in: what is not clearly worse there is its confusable class.
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ class Found:
 
 @dataclass(frozen=True)
 class Path:
-    """How rounds went: hypotheses on the way, what the first round tried, by name what seemed alike, and the last
-    hypothesis without each effect (none if nothing joined)."""
+    """How rounds went: hypotheses on the way, what the first round tried, what gained much beside an effect (by name),
+    and the last hypothesis without each effect (none if nothing joined)."""
 
     history: tuple[Candidate, ...]
     tried: dict[str, Candidate]
@@ -214,8 +214,8 @@ class Search:
             if not good:
                 break
             best = self._simplest(good)
-            alike = sorted((each for each in fitted if self._alike(present, best, each)), key=lambda each: -each.total)
-            classes[best.name] = tuple(each.name for each in alike)
+            near = [each for each in fitted if each is not best and each.total > CLASS_GAIN * best.total]
+            classes[best.name] = tuple(each.name for each in sorted(near, key=lambda each: -each.total))
             tried.setdefault(best.name, best)
             without = {best.name: replace(present, gain=-best.gain)}
             present, less = self._pruned(first, self._refreshed(best), without)
