@@ -131,6 +131,7 @@ ONLY_LCP = {
     "anisotropic_friction": "{y_mu: 0.5}",
     "cohesion": "{c_n: 0.3}",
     "adhesion": "{force_n: 1}",
+    "rounded_corners": "{radius_m: 0.005}",
 }
 
 
