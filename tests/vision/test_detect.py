@@ -122,6 +122,11 @@ def test_detections_come_back_from_their_file(filmed: Filmed, tagged: ObjectMode
         )
         np.testing.assert_array_equal(read.corners, row.corners)
         np.testing.assert_array_equal(read.corner_cov, row.corner_cov)
+    with np.load(tmp_path / "d.npz") as archive:  # as it was when four corners shared one covariance
+        old = dict(archive) | {"schema": "tossid.detections/1", "corner_cov": archive["corner_cov"][:, 2]}
+    np.savez(tmp_path / "old.npz", **old)
+    for read, row in zip(read_detections(tmp_path / "old.npz"), rows, strict=True):
+        np.testing.assert_array_equal(read.corner_cov, np.tile(row.corner_cov[2], (4, 1, 1)))
     write_detections([], tmp_path / "none.npz")
     assert read_detections(tmp_path / "none.npz") == ()
 

@@ -29,6 +29,8 @@ UNREFINED_SIGMA = 0.4
 """Standard deviation of a corner as the AprilTag library gives it [px]; measured on rendered tags."""
 FINE_SEARCH = 4
 """Of so many frames in a row without a tag, one is searched whole at full resolution."""
+TILE = 4
+"""The library's threshold is set by tiles of so many pixels."""
 BATCH = 96
 """Frames of one camera that are searched in one go."""
 
@@ -127,6 +129,7 @@ class TagFinder:
         assert self._box is not None
         margin = self._spread * self._reach + 8 + np.abs(self._move)
         low = np.maximum(np.floor(self._box[0] + self._move - margin), 0).astype(int)
+        low -= low % TILE  # then the library finds in the part what it finds in the whole
         high = np.minimum(np.ceil(self._box[1] + self._move + margin) + 1, self.camera.resolution).astype(int)
         if (high - low < 16).any():
             return []
@@ -170,12 +173,12 @@ class TagFinder:
     def _detection(self, frame: Frame, origin: tuple[int, int], raw: Any, notes: Counter[str]) -> Detection:
         # the library counts pixels from the first one's corner, we from its middle
         corners = np.asarray(raw.corners, dtype=float) - 0.5 + np.asarray(origin, dtype=float)
-        covs = np.zeros((4, 2, 2))
-        refined = False
+        cov, refined = np.zeros((4, 2, 2)), False
         if self.settings.refine:
-            corners, covs, refined = refine_corners(frame.image, self.camera, corners)
+            corners, cov, refined = refine_corners(frame.image, self.camera, corners)
             notes["corners not refined"] += not refined
-        cov = covs.mean(axis=0) if refined else UNREFINED_SIGMA**2 * np.eye(2)
+        if not refined:
+            cov = np.tile(UNREFINED_SIGMA**2 * np.eye(2), (4, 1, 1))
         return Detection(
             camera=frame.camera,
             t=frame.t,
