@@ -19,7 +19,7 @@ from tossid.objects import ObjectModel
 from tossid.types import Detection, Frame
 from tossid.vision.camera import Camera
 from tossid.vision.corners import refine_corners
-from tossid.vision.faces import tag_spread
+from tossid.vision.predict import Predictor
 from tossid.vision.recording import FrameFile, Recording
 
 Array = NDArray[np.float64]
@@ -39,9 +39,9 @@ BATCH = 96
 class DetectSettings:
     """How tags are looked for.
 
-    quad_decimate: the library's reduction of the image near where the object was last seen.
+    quad_decimate: the library's reduction of the image where the object must be.
     search_decimate: the same when the object must be looked for in the whole image.
-    predict: look near the last place first; False searches every image whole.
+    predict: look where the last poses say first; False searches every image whole.
     refine: measure corners in the image (`corners.refine_corners`).
     max_hamming: most corrected bits. min_margin: least decision margin.
     """
@@ -63,9 +63,8 @@ class DetectSettings:
 class TagFinder:
     """Finds an object's tags in the images of one camera, one after another.
 
-    After a frame in which tags were seen, the next is searched only around
-    where they must be if they moved on as before; where that finds nothing, and
-    at first, the whole image is searched.
+    After a frame in which tags were seen, the next is searched only where the object's bodies must be by
+    their last poses and velocities; where that finds nothing, and at first, the whole image is searched.
 
     Args:
         camera: whose images they are. model: the object, with its tags; None for a scene of any tags, whose
@@ -82,35 +81,30 @@ class TagFinder:
     ) -> None:
         self.camera = camera
         self.tag_ids = frozenset(tag.id for tag in model.tags) if model is not None else None
-        self._spread = tag_spread(model) if model is not None else np.inf
         self.settings = settings
         self.tally: Counter[str] = Counter() if tally is None else tally
-        self._box: Array | None = None  # (2, 2): low and high corner of the tags last seen
-        self._move = np.zeros(2)  # of their middle, a frame
-        self._reach = 0.0  # longest tag edge last seen
+        self._predictor = Predictor(camera, model) if model is not None and settings.predict else None
         self._lost = 0  # whole-image searches since tags were last seen
 
     def find(self, frame: Frame) -> list[Detection]:
         """Detections in the next frame."""
-        found: list[Detection] = []
-        if self.settings.predict and self.tag_ids is not None:
-            if self._box is not None:
-                found = self._near(frame)
-            if not found:
-                seen = self._everywhere(frame)
-                if seen:
-                    self._remember(seen, moved=False)
-                    found = self._near(frame) or seen
-        else:
+        if self._predictor is None:
             self.tally["searched the whole image"] += 1
             found = self._search(frame, (0, 0), frame.image, self.settings.quad_decimate, count=True)
-        self.tally["tags"] += len(found)
-        if found:
-            self._lost = 0
-            self._remember(found, moved=self._box is not None)
         else:
-            self._box = None
-            self.tally["frames without a tag"] += 1
+            found = self._near(frame, self._predictor)
+            if not found:
+                found = self._everywhere(frame)
+                if found:
+                    self._predictor.see(frame.t, found)
+                    found = self._near(frame, self._predictor) or found
+            if found:
+                self._lost = 0
+                self._predictor.see(frame.t, found)
+            else:
+                self._predictor.forget()
+        self.tally["tags"] += len(found)
+        self.tally["frames without a tag"] += not found
         return found
 
     def _everywhere(self, frame: Frame) -> list[Detection]:
@@ -125,24 +119,16 @@ class TagFinder:
             seen = self._search(frame, (0, 0), frame.image, self.settings.quad_decimate, count=False)
         return seen
 
-    def _near(self, frame: Frame) -> list[Detection]:
-        assert self._box is not None
-        margin = self._spread * self._reach + 8 + np.abs(self._move)
-        low = np.maximum(np.floor(self._box[0] + self._move - margin), 0).astype(int)
-        low -= low % TILE  # then the library finds in the part what it finds in the whole
-        high = np.minimum(np.ceil(self._box[1] + self._move + margin) + 1, self.camera.resolution).astype(int)
-        if (high - low < 16).any():
+    def _near(self, frame: Frame, predictor: Predictor) -> list[Detection]:
+        """Search where the object must be."""
+        box = predictor.box(frame.t)
+        if box is None:
             return []
-        self.tally["searched near the last place"] += 1
-        part = np.ascontiguousarray(frame.image[low[1] : high[1], low[0] : high[0]])
-        return self._search(frame, (int(low[0]), int(low[1])), part, self.settings.quad_decimate, count=True)
-
-    def _remember(self, found: Sequence[Detection], *, moved: bool) -> None:
-        corners = np.concatenate([detection.corners for detection in found])
-        box = np.stack([corners.min(axis=0), corners.max(axis=0)])
-        edges = [np.roll(detection.corners, -1, axis=0) - detection.corners for detection in found]
-        self._move = box.mean(axis=0) - self._box.mean(axis=0) if moved and self._box is not None else np.zeros(2)
-        self._box, self._reach = box, float(np.linalg.norm(np.concatenate(edges), axis=1).max())
+        x0, y0, x1, y1 = box
+        x0, y0 = x0 - x0 % TILE, y0 - y0 % TILE  # then the library finds in the part what it finds in the whole
+        self.tally["searched where predicted"] += 1
+        part = np.ascontiguousarray(frame.image[y0:y1, x0:x1])
+        return self._search(frame, (x0, y0), part, self.settings.quad_decimate, count=True)
 
     def _search(
         self, frame: Frame, origin: tuple[int, int], image: Image, decimate: float, *, count: bool
