@@ -17,7 +17,6 @@ from tossid.vision.faces import tag_corners
 from tossid.vision.render import Renderer, RenderSettings
 from tossid.vision.rig import default_rig
 
-
 Measure = Callable[[float, float], tuple[np.ndarray, np.ndarray]]
 
 

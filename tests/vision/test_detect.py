@@ -7,6 +7,7 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -16,14 +17,17 @@ from tossid.errors import FileError
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp, transform, transform_points
 from tossid.types import Detection, Frame
+from tossid.vision.camera import Camera
 from tossid.vision.detect import DetectSettings, TagFinder, detect_frames
 from tossid.vision.faces import default_tags, tag_corners
 from tossid.vision.files import read_detections, write_detections
+from tossid.vision.layout import FAMILIES, Body, BodyTag, TagLayout
 from tossid.vision.predict import Predictor, tag_spheres
 from tossid.vision.recording import read_recording
 from tossid.vision.render import Renderer
 from tossid.vision.resect import SQUARE
 from tossid.vision.rig import default_rig
+from tossid.vision.tagslam import read_tagslam, write_tagslam
 
 TILTED = np.array([0.9, 0.1, 0.3, 0.3])
 
@@ -142,7 +146,9 @@ def test_a_lone_tags_two_poses_are_both_looked_at(tagged: ObjectModel):
         assert box is not None
         center = camera.project(transform_points(T @ np.linalg.inv(tag.T_body_tag), np.zeros((1, 3))))[0]
         ways.append(np.abs(center - (np.array(box[:2]) + box[2:]) / 2).max())
-        corners = transform_points(T @ np.linalg.inv(tag.T_body_tag), np.concatenate([tag_corners(t) for t in tagged.tags]))
+        corners = transform_points(
+            T @ np.linalg.inv(tag.T_body_tag), np.concatenate([tag_corners(t) for t in tagged.tags])
+        )
         true = camera.project(corners)
         assert (true >= box[:2]).all() and (true <= box[2:]).all()
     assert np.max(ways) > 1
@@ -196,3 +202,65 @@ def test_a_damaged_file_of_detections_is_named(tmp_path: Path):
     np.savez(tmp_path / "pickle.npz", schema=np.array([{"code": 1}], dtype=object))
     with pytest.raises(FileError):
         read_detections(tmp_path / "pickle.npz")
+
+
+_DICTIONARIES = {
+    "tag36h11": cv2.aruco.DICT_APRILTAG_36H11,
+    "tag25h9": cv2.aruco.DICT_APRILTAG_25H9,
+    "tag16h5": cv2.aruco.DICT_APRILTAG_16H5,
+}
+
+
+def _poster(tags: dict[int, str]) -> np.ndarray:
+    """Tags of several families in a row, black borders 160 px wide from (60, 100), 240 px apart."""
+    image = np.full((360, 240 * len(tags) + 40), 230, np.uint8)
+    for k, (tag_id, family) in enumerate(tags.items()):
+        dictionary = cv2.aruco.getPredefinedDictionary(_DICTIONARIES[family])
+        x = 60 + 240 * k
+        image[100:260, x : x + 160] = cv2.resize(
+            cv2.aruco.generateImageMarker(dictionary, tag_id, FAMILIES[family]),
+            (160, 160),
+            interpolation=cv2.INTER_AREA,
+        )
+    return cv2.GaussianBlur(image, (0, 0), 0.7)
+
+
+def test_tags_of_several_families_are_found_together():
+    tags = {7: "tag36h11", 3: "tag25h9", 12: "tag16h5"}
+    image = _poster(tags)
+    camera = Camera("c", (image.shape[1], image.shape[0]), [800, 800, image.shape[1] / 2, image.shape[0] / 2])
+    listed = tuple(BodyTag(tag_id, 0.1, None, family=family) for tag_id, family in tags.items())
+    finder = TagFinder(camera, None, layout=TagLayout((Body("poster", True, tags=listed),)))
+    found = {d.tag_id: d for d in finder.find(Frame("c", 0.0, image))}
+    assert set(found) == set(tags)
+    for k, tag_id in enumerate(tags):
+        low, high = np.array([60 + 240 * k, 100]) - 0.5, np.array([220 + 240 * k, 260]) - 0.5
+        np.testing.assert_allclose(found[tag_id].corners.min(axis=0), low, atol=0.05)
+        np.testing.assert_allclose(found[tag_id].corners.max(axis=0), high, atol=0.05)
+
+
+def test_an_id_of_another_family_is_rejected():
+    image = _poster({7: "tag36h11", 3: "tag25h9"})
+    camera = Camera("c", (image.shape[1], image.shape[0]), [800, 800, image.shape[1] / 2, image.shape[0] / 2])
+    listed = (BodyTag(7, 0.1, None), BodyTag(3, 0.1, None), BodyTag(11, 0.1, None, family="tag25h9"))
+    finder = TagFinder(camera, None, layout=TagLayout((Body("poster", True, tags=listed),)))
+    assert [d.tag_id for d in finder.find(Frame("c", 0.0, image))] == [7]
+    assert finder.tally["rejected: id of another family"] == 1
+
+
+def test_families_are_read_and_written(tmp_path: Path):
+    path = tmp_path / "tagslam.yaml"
+    path.write_text(
+        "tag_family: 25h9\n"
+        "bodies:\n"
+        "- lab: {is_static: true, tags: [{id: 1, size: 0.1}, {id: 2, size: 0.1, family: tag16h5}]}\n"
+        "- thing: {is_static: false, tag_family: tag36h11, tags: [{id: 3, size: 0.1}]}\n"
+    )
+    for _ in range(2):
+        layout = read_tagslam(path)
+        assert layout.tag_family == "tag25h9"
+        assert layout.families == {1: "tag25h9", 2: "tag16h5", 3: "tag36h11"}
+        write_tagslam(layout, path)
+    path.write_text("tag_family: 21h7\nbodies:\n- lab: {is_static: true}\n")
+    with pytest.raises(FileError, match="tag_family is '21h7', expected one of tag36h11, tag25h9, tag16h5"):
+        read_tagslam(path)

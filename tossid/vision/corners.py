@@ -29,7 +29,9 @@ _MOST = 64  # stretches of an edge
 _N = 11  # parameters: two of each edge, black, white, width
 
 
-def refine_corners(image: NDArray[np.uint8], camera: Camera, corners: Array) -> tuple[Array, Array, bool]:
+def refine_corners(
+    image: NDArray[np.uint8], camera: Camera, corners: Array, *, cells: int = 8
+) -> tuple[Array, Array, bool]:
     """Improve a detector's corners.
 
     Across an edge the image is black + (white - black) Φ(d / w), d being a pixel's signed distance to a line
@@ -43,6 +45,7 @@ def refine_corners(image: NDArray[np.uint8], camera: Camera, corners: Array) -> 
     Args:
         image: (height, width). camera: its camera.
         corners: (4, 2) [px], in the order bottom-left, bottom-right, top-right, top-left.
+        cells: across the tag, its black border included.
 
     Returns:
         corners (4, 2) [px], covariances (4, 2, 2) [px²], and whether it worked. Where it
@@ -50,7 +53,7 @@ def refine_corners(image: NDArray[np.uint8], camera: Camera, corners: Array) -> 
     """
     refined = np.array(corners, dtype=float)
     cov = np.zeros((4, 2, 2))
-    good = _refine(image, camera.rays, refined, cov)
+    good = _refine(image, camera.rays, refined, cov, cells)
     if not good:
         return np.asarray(corners, dtype=float), np.zeros((4, 2, 2)), False
     return refined, cov + FLOOR**2 * np.eye(2), True
@@ -100,7 +103,7 @@ def _grey(image: NDArray[np.uint8], x: float, y: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _lines(rays: Array, corners: Array, lines: Array) -> bool:
+def _lines(rays: Array, corners: Array, cells: int, lines: Array) -> bool:
     """Lines through neighbouring corners: mean x, mean y, outward normal x, y (normalised), half length (normalised),
     normalised units a pixel across, cell width across [px]."""
     one, two = np.empty(6), np.empty(6)
@@ -110,7 +113,7 @@ def _lines(rays: Array, corners: Array, lines: Array) -> bool:
         if length < 8 or not _ray(rays, a[0], a[1], one) or not _ray(rays, b[0], b[1], two):
             return False
         nx, ny = -(b[1] - a[1]) / length, (b[0] - a[0]) / length
-        cell = ((a[0] + b[0] - c[0] - d[0]) * nx + (a[1] + b[1] - c[1] - d[1]) * ny) / 16
+        cell = ((a[0] + b[0] - c[0] - d[0]) * nx + (a[1] + b[1] - c[1] - d[1]) * ny) / (2 * cells)
         if cell < 0.8:
             return False
         tx, ty = two[0] - one[0], two[1] - one[1]
@@ -288,14 +291,14 @@ def _corners(rays: Array, lines: Array, move: Array, corners: Array, cov: Array,
 
 
 @njit(cache=True, nogil=True)
-def _refine(image: NDArray[np.uint8], rays: Array, corners: Array, cov: Array) -> bool:
+def _refine(image: NDArray[np.uint8], rays: Array, corners: Array, cov: Array, cells: int) -> bool:
     """Refine corners (4, 2) in place; fill cov (4, 2, 2)."""
     first = corners.copy()
     lines, x = np.empty((4, 7)), np.zeros(3)
     C, bleed2 = np.zeros((8, 8)), np.zeros(4)
     spread = 1e9
     for attempt in range(ROUNDS):
-        if not _lines(rays, corners, lines):
+        if not _lines(rays, corners, cells, lines):
             return False
         if attempt == 0:
             _levels(image, corners, lines, x)
@@ -305,9 +308,7 @@ def _refine(image: NDArray[np.uint8], rays: Array, corners: Array, cov: Array) -
         score = np.zeros((4 * _MOST, 2))
         n, total = 0, 0.0
         for e in range(4):
-            count, size = _collect(
-                image, rays, corners, lines, e, x, spread, H, b, score[e * _MOST : (e + 1) * _MOST]
-            )
+            count, size = _collect(image, rays, corners, lines, e, x, spread, H, b, score[e * _MOST : (e + 1) * _MOST])
             if count < 8:
                 return False
             n, total = n + count, total + size

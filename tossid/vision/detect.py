@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
@@ -19,6 +20,7 @@ from tossid.objects import ObjectModel
 from tossid.types import Detection, Frame
 from tossid.vision.camera import Camera
 from tossid.vision.corners import refine_corners
+from tossid.vision.layout import FAMILIES, USUAL, TagLayout
 from tossid.vision.predict import Predictor
 from tossid.vision.recording import FrameFile, Recording
 
@@ -70,6 +72,7 @@ class TagFinder:
         camera: whose images they are. model: the object, with its tags; None for a scene of any tags, whose
             images are then searched whole.
         tally: counts, by reason, what was rejected, and how often was searched where.
+        layout: says which families the tags are of; None: all are 36h11.
     """
 
     def __init__(
@@ -78,10 +81,16 @@ class TagFinder:
         model: ObjectModel | None,
         settings: DetectSettings = DetectSettings(),
         tally: Counter[str] | None = None,
+        layout: TagLayout | None = None,
     ) -> None:
         self.camera = camera
         self.tag_ids = frozenset(tag.id for tag in model.tags) if model is not None else None
         self.settings = settings
+        self._usual = layout.tag_family if layout is not None else USUAL
+        self._family = layout.families if layout is not None else {}
+        ids = self._family if self.tag_ids is None else self.tag_ids
+        names = {self._family.get(tag_id, self._usual) for tag_id in ids}
+        self._families = tuple(sorted(names | {self._usual} if self.tag_ids is None else names))
         self.tally: Counter[str] = Counter() if tally is None else tally
         self._predictor = Predictor(camera, model) if model is not None and settings.predict else None
         self._lost = 0  # whole-image searches since tags were last seen
@@ -135,11 +144,13 @@ class TagFinder:
     ) -> list[Detection]:
         rejected: Counter[str] = Counter()
         believed: dict[int, list[Any]] = {}
-        with _detector(decimate) as detector:
+        with _detector(self._families, decimate) as detector:
             seen = detector.detect(image)
         for raw in seen:
             if self.tag_ids is not None and raw.tag_id not in self.tag_ids:
                 rejected["rejected: id not on the object"] += 1
+            elif raw.tag_family.decode() != self._family.get(raw.tag_id, self._usual):
+                rejected["rejected: id of another family"] += 1
             elif raw.hamming > self.settings.max_hamming:
                 rejected["rejected: too many corrected bits"] += 1
             elif raw.decision_margin < self.settings.min_margin:
@@ -161,7 +172,9 @@ class TagFinder:
         corners = np.asarray(raw.corners, dtype=float) - 0.5 + np.asarray(origin, dtype=float)
         cov, refined = np.zeros((4, 2, 2)), False
         if self.settings.refine:
-            corners, cov, refined = refine_corners(frame.image, self.camera, corners)
+            corners, cov, refined = refine_corners(
+                frame.image, self.camera, corners, cells=FAMILIES[raw.tag_family.decode()]
+            )
             notes["corners not refined"] += not refined
         if not refined:
             cov = np.tile(UNREFINED_SIGMA**2 * np.eye(2), (4, 1, 1))
@@ -177,30 +190,42 @@ class TagFinder:
 
 
 class _Detector(Detector):
-    """A detector that is never destroyed: the binding frees the tag family before the detector
-    that still refers to it, which corrupts the heap."""
+    """A detector of several families; the binding takes only the first of those it is given.
+
+    It is never destroyed: the binding frees the tag family before the detector that still refers to it,
+    which corrupts the heap.
+    """
+
+    def __init__(self, families: tuple[str, ...], decimate: float) -> None:
+        super().__init__(families=families[0], nthreads=1, quad_decimate=decimate)
+        for family in families[1:]:
+            create = getattr(self.libc, f"{family}_create")
+            create.restype = ctypes.c_void_p
+            corrected_bits = 2
+            made = ctypes.c_void_p(create())
+            self.libc.apriltag_detector_add_family_bits(self.tag_detector_ptr, made, corrected_bits)
 
     def __del__(self) -> None:
         pass
 
 
-_spare: dict[float, list[_Detector]] = {}
+_spare: dict[tuple[tuple[str, ...], float], list[_Detector]] = {}
 _spare_lock = threading.Lock()
 
 
 @contextlib.contextmanager
-def _detector(decimate: float) -> Iterator[_Detector]:
+def _detector(families: tuple[str, ...], decimate: float) -> Iterator[_Detector]:
     """A detector of one's own for a while; it is kept for the next, as one serves one thread at a time."""
     with _spare_lock:
-        waiting = _spare.setdefault(decimate, [])
+        waiting = _spare.setdefault((families, decimate), [])
         detector = waiting.pop() if waiting else None
     if detector is None:
-        detector = _Detector(families="tag36h11", nthreads=1, quad_decimate=decimate)
+        detector = _Detector(families, decimate)
     try:
         yield detector
     finally:
         with _spare_lock:
-            _spare[decimate].append(detector)
+            _spare[families, decimate].append(detector)
 
 
 def detect_frames(
@@ -280,6 +305,6 @@ def _batches(recording: Recording) -> Iterator[list[tuple[FrameFile, ...]]]:
 def _detect_batch(
     recording: Recording, files: Sequence[FrameFile], model: ObjectModel | None, settings: DetectSettings
 ) -> tuple[list[Detection], Counter[str], int]:
-    finder = TagFinder(recording.camera(files[0].camera), model, settings)
+    finder = TagFinder(recording.camera(files[0].camera), model, settings, layout=recording.layout)
     found = [detection for frame in recording.run(files) for detection in finder.find(frame)]
     return found, finder.tally, len(files)

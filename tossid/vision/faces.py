@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from tossid.errors import ObjectError
-from tossid.objects import ObjectModel, Tag, body_poses
-from tossid.rotations import quat_rotate, transform, transform_inv, transform_points
+from tossid.objects import ObjectModel, Tag
 
 Array = NDArray[np.float64]
 

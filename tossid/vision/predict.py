@@ -126,8 +126,10 @@ def tag_spheres(model: ObjectModel) -> tuple[Array, Array, Array]:
     """For each body the middle of its tags' corners in its own frame (n_b, 3) [m], and the radii about it that hold
     its own tags (n_b,) and all of the object's (n_b,) [m], joints taken at eight angles. NaN of bodies without tags.
     """
-    corners = [np.concatenate([tag_corners(tag) for tag in model.tags if tag.body == b] or [np.zeros((0, 3))])
-               for b in range(model.n_bodies)]
+    corners = [
+        np.concatenate([tag_corners(tag) for tag in model.tags if tag.body == b] or [np.zeros((0, 3))])
+        for b in range(model.n_bodies)
+    ]
     middle, own, whole = np.full((model.n_bodies, 3), np.nan), np.full(model.n_bodies, np.nan), np.zeros(model.n_bodies)
     for b, points in enumerate(corners):
         if len(points):
