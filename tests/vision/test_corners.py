@@ -86,5 +86,5 @@ def test_what_is_no_tag_is_left_as_it_is():
         assert not good
         np.testing.assert_array_equal(found, corners)
         assert not cov.any()
-    outside = corners + [290.0, 0.0]
+    outside = corners + np.array([290.0, 0.0])
     assert not refine_corners(np.zeros((512, 640), np.uint8), camera, outside)[2]

@@ -124,7 +124,8 @@ def test_prediction_is_near_and_holds_the_object_through_the_toss(filmed: Filmed
         found = finder.find(frame)
         if box is not None:
             boxes += 1
-            assert (true >= box[:2]).all() and (true <= box[2:]).all()
+            assert (true >= box[:2]).all()
+            assert (true <= box[2:]).all()
             area.append((box[2] - box[0]) * (box[3] - box[1]) / np.prod(camera.resolution))
         predictor.see(frame.t, found)
     assert boxes > 130
@@ -150,7 +151,8 @@ def test_a_lone_tags_two_poses_are_both_looked_at(tagged: ObjectModel):
             T @ np.linalg.inv(tag.T_body_tag), np.concatenate([tag_corners(t) for t in tagged.tags])
         )
         true = camera.project(corners)
-        assert (true >= box[:2]).all() and (true <= box[2:]).all()
+        assert (true >= box[:2]).all()
+        assert (true <= box[2:]).all()
     assert np.max(ways) > 1
 
 
