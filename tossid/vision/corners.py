@@ -286,7 +286,7 @@ def _corners(rays: Array, lines: Array, move: Array, corners: Array, cov: Array,
         S = D @ part @ D.T
         S[0, 0] += bleed2[f] * lines[f, 5] ** 2
         S[1, 1] += bleed2[e] * lines[e, 5] ** 2
-        cov[e] = G @ S @ G.T
+        cov[e, :, :] = G @ S @ G.T
     return True
 
 
@@ -340,7 +340,7 @@ def _refine(image: NDArray[np.uint8], rays: Array, corners: Array, cov: Array, c
                     noise += score[k, 1]
                     bins += 1
             variance = squares / noise * bins / max(bins - 10, 4)
-            C = variance * inverse[:8, :8].copy()
+            C[:, :] = variance * inverse[:8, :8]
             for e in range(4):
                 bleed2[e] = _bleed(x[2], lines[e, 6]) ** 2
         if not _corners(rays, lines, limit * step[:8], corners, cov, C, bleed2):
