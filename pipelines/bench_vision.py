@@ -23,18 +23,23 @@ from pipelines.frames import detect_stage, object_track, open_stage, segment_sta
 from pipelines.opening import Opened
 from pipelines.schemas import IngestConfig
 from tossid.objects import ObjectModel, Tag
-from tossid.rotations import transform, transform_points
+from tossid.rotations import quat_normalize, transform, transform_points
 from tossid.types import Detection, Frame
 from tossid.vision.camera import Camera
-from tossid.vision.detect import UNREFINED_SIGMA, TagFinder
+from tossid.vision.detect import UNREFINED_SIGMA, DetectSettings, TagFinder
 from tossid.vision.faces import tag_corners
 from tossid.vision.files import read_tracks
+from tossid.vision.render import Renderer, RenderSettings
+from tossid.vision.rig import default_rig
 
 Array = NDArray[np.float64]
 
 FILM = ["tosses=1", "seed=3", "camera.width=1280", "camera.height=1024", "camera.samples=12"]
 IMAGES = 64
 """Of each camera so many images in a row are searched by both, about the release and the first impacts."""
+LEVELS = ((1.5, 0.3), (1.5, 0.5), (1.5, 1.0), (1.5, 1.6), (4.0, 0.5), (4.0, 1.0), (8.0, 0.5), (8.0, 1.0))
+"""Noise [grey levels] and blur [px] at which corners are compared with the truth, in `POSES` poses each."""
+POSES = 15
 FACING = 0.25
 """A tag counts as visible where its normal is within acos of this of the way to the camera."""
 
@@ -47,7 +52,7 @@ class Search(NamedTuple):
 
 
 def vision(console: Console) -> None:
-    """Print both tables."""
+    """Print the tables."""
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder) / "film"
         call_with_keys("synthesize", [*FILM, f"out={film}"], json=False, quiet=True)
@@ -72,7 +77,37 @@ def vision(console: Console) -> None:
             )
         heads = ["search", "ms an image", "times as fast", "of visible tags", "median error px", "95 % px"]
         console.table(heads, rows, title=f"Detection, {len(frames)} images of 1280 by 1024 px, one thread")
+        heads = ["noise grey levels", "blur px", "tags", "median error px", "95 % px", "NEES / expected"]
+        console.table(heads, _corners(model), title="Corners, random poses of 640 by 512 px images")
         console.facts(_ingest(film, opened), title="ingest, three cameras of 1280 by 1024 px at 148 Hz")
+
+
+def _corners(model: ObjectModel) -> Iterator[list[str]]:
+    """Rows: errors of corners over noise and blur, and what the covariances say of them (640 by 512 px, random poses)."""
+    cameras = default_rig(n_cameras=2)
+    for noise, blur in LEVELS:
+        renderer, rng = Renderer(model, cameras, RenderSettings(noise=noise, blur=blur)), np.random.default_rng(1)
+        errors, covs = [], []
+        for _ in range(POSES):
+            q = np.array([*rng.uniform([-0.3, -0.3, 0.06], [0.3, 0.3, 0.4]), *quat_normalize(rng.normal(size=4))])
+            T = transform(q[:3], q[3:7])
+            for camera in cameras:
+                frame = Frame(camera.name, 0.0, renderer.render(q, q, camera.name, rng))
+                true = {tag.id: camera.project(transform_points(T, tag_corners(tag))) for tag in model.tags}
+                found = TagFinder(camera, model, DetectSettings(predict=False)).find(frame)
+                errors += [d.corners - true[d.tag_id] for d in found]
+                covs += [d.corner_cov for d in found]
+        error, cov = np.array(errors), np.array(covs)
+        nees = np.einsum("nci,ncij,ncj->nc", error, np.linalg.inv(cov), error) / 2
+        distance = np.linalg.norm(error, axis=-1)
+        yield [
+            f"{noise:.1f}",
+            f"{blur:.1f}",
+            f"{len(errors)}",
+            f"{np.median(distance):.3f}",
+            f"{np.quantile(distance, 0.95):.3f}",
+            f"{nees.mean():.2f}",
+        ]
 
 
 def _frames(opened: Opened) -> Iterator[Frame]:
