@@ -83,7 +83,7 @@ def vision(console: Console) -> None:
 
 
 def _corners(model: ObjectModel) -> Iterator[list[str]]:
-    """Rows: errors of corners over noise and blur, and what the covariances say of them (640 by 512 px, random poses)."""
+    """Rows: corners' errors over noise and blur, and what their covariances say of them, in random poses."""
     cameras = default_rig(n_cameras=2)
     for noise, blur in LEVELS:
         renderer, rng = Renderer(model, cameras, RenderSettings(noise=noise, blur=blur)), np.random.default_rng(1)

@@ -62,7 +62,7 @@ def refine_corners(
 @njit(cache=True, nogil=True)
 def _bleed(width: float, cell: float) -> float:
     """Standard deviation of an edge's place by what lies beyond the next cells [px]; measured on rendered tags."""
-    return 0.035 * width * math.exp(-0.125 * (cell / width) ** 2)
+    return 0.04 * width * math.exp(-0.125 * (cell / width) ** 2)
 
 
 @njit(cache=True, nogil=True)
