@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.bench_vision import vision
 from pipelines.console import Console
 from pipelines.project import load_object, object_named
 from tossid.objects import ObjectModel, to_mjcf
@@ -86,6 +87,7 @@ def main() -> None:
         training(tosses["cube"]),
         title="A training epoch, one thread as in training",
     )
+    vision(console)
     console.facts(diagnosis(), title="A diagnosis with the whole library, all cores")
     console.facts({"tossid --help": f"{help_seconds():.2f} s of CPU time"}, title="Command line")
 

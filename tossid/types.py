@@ -49,8 +49,8 @@ class Detection:
     """One AprilTag seen in one frame.
 
     corners: (4, 2) [px], pixel centres at integers (OpenCV), in the order
-    bottom-left, bottom-right, top-right, top-left of the tag. corner_cov: (2, 2)
-    [px²] of each corner. hamming: corrected bits. margin: decision margin.
+    bottom-left, bottom-right, top-right, top-left of the tag. corner_cov: (4, 2, 2)
+    [px²], each corner's own. hamming: corrected bits. margin: decision margin.
     """
 
     camera: str

@@ -22,11 +22,11 @@ class DetectConfig:
     """How tags are looked for."""
 
     quad_decimate: Annotated[float, Bounds(low=1)]
-    """reduction of the image near where the object was last seen"""
+    """reduction of the image where the object must be"""
     search_decimate: Annotated[float, Bounds(low=1)]
     """reduction where it must be looked for in the whole image"""
     predict: bool
-    """look near the last place first; false searches every image whole"""
+    """look where the last poses say first; false searches every image whole"""
     refine: bool
     """measure corners in the image, to a fraction of a pixel"""
     max_hamming: Annotated[int, Bounds(low=0, high=2)]

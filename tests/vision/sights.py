@@ -26,6 +26,11 @@ def nees(track_: PoseTrack, q: np.ndarray) -> np.ndarray:
     return np.einsum("ni,nij,nj->n", error, np.linalg.inv(track_.q_cov), error) / 6
 
 
+def alike(sigma: float) -> np.ndarray:
+    """One covariance for all four corners [px²]. (4, 2, 2)."""
+    return np.tile(sigma**2 * np.eye(2), (4, 1, 1))
+
+
 def seen(
     cameras: Sequence[Camera],
     model: ObjectModel,
@@ -44,7 +49,7 @@ def seen(
             view = eye - corners.mean(axis=0)
             if (T[:3, :3] @ tag.T_body_tag[:3, 2]) @ view > facing * np.linalg.norm(view):
                 noise = sigma * rng.normal(size=(4, 2))
-                yield Detection(camera.name, t, tag.id, camera.project(corners) + noise, sigma**2 * np.eye(2))
+                yield Detection(camera.name, t, tag.id, camera.project(corners) + noise, alike(sigma))
 
 
 def motion(n: int, rng: np.random.Generator) -> np.ndarray:

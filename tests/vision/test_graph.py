@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.vision.sights import filmed_tumble, nees
+from tests.vision.sights import alike, filmed_tumble, nees
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.rotations import geodesic_angle, matrix_to_quat, transform, transform_inv, xyzw_to_wxyz
@@ -134,7 +134,7 @@ def _wall(rng: np.random.Generator, *, noise: float = 0.0) -> tuple[list[Detecti
         for tag_id, place in enumerate(places):
             world = square @ place[:3, :3].T + place[:3, 3]
             pixels = camera.distort((world - T[:3, 3]) @ T[:3, :3])[0] + noise * rng.normal(size=(4, 2))
-            detections.append(Detection("cam0", i / 10, tag_id, pixels, max(noise, 0.1) ** 2 * np.eye(2)))
+            detections.append(Detection("cam0", i / 10, tag_id, pixels, alike(max(noise, 0.1))))
     return detections, [camera], TagLayout((lab, Body("rig", False)))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -72,3 +72,12 @@ def test_a_false_tag_among_five_hardly_matters():
 
 def test_what_is_not_seen_has_no_pose():
     assert np.isnan(tag_poses(np.full((1, 4, 2), np.nan), np.array([0.1]))).all()
+
+
+def test_fits_by_parts_are_the_fits_of_all(monkeypatch: pytest.MonkeyPatch):
+    s, _ = _sightings(np.random.default_rng(2), 25, 3, 1e-3)
+    whole = resect(s, 25)
+    monkeypatch.setattr("tossid.vision.resect.TOGETHER", 4)
+    parts = resect(s, 25)
+    for item in fields(whole):
+        np.testing.assert_allclose(getattr(parts, item.name), getattr(whole, item.name), rtol=1e-6, atol=1e-9)

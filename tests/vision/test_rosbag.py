@@ -115,7 +115,7 @@ def test_detections_come_back(tmp_path: Path, version: int, plugin: StoragePlugi
         for i, d in enumerate(own):
             assert d.t == pytest.approx(1.0 + i / 10, abs=1e-6)  # the offset of the right camera's clock is taken off
             np.testing.assert_allclose(d.corners, CORNERS + i)
-            np.testing.assert_array_equal(d.corner_cov, 0.25 * np.eye(2))
+            np.testing.assert_array_equal(d.corner_cov, np.tile(0.25 * np.eye(2), (4, 1, 1)))
             assert (d.tag_id, d.hamming, d.margin) == (7, 1, 55.0 if rauch else 0.0)
 
 

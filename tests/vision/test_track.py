@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.vision.conftest import Filmed
-from tests.vision.sights import motion, nees, seen, tangent
+from tests.vision.sights import alike, motion, nees, seen, tangent
 from tossid.errors import InputError, ObjectError
 from tossid.objects import ObjectModel, object_from_mjcf
 from tossid.rotations import (
@@ -157,7 +157,7 @@ def test_what_cannot_be_tracked_is_said(tagged: ObjectModel, elbow: ObjectModel)
     with pytest.raises(ObjectError, match="2 bodies"):
         track([], cameras, elbow.with_changes(tags=default_tags(elbow)))
     with pytest.raises(InputError, match="cam9"):
-        track([Detection("cam9", 0.0, 0, np.zeros((4, 2)), np.eye(2))], cameras, tagged)
+        track([Detection("cam9", 0.0, 0, np.zeros((4, 2)), alike(1.0))], cameras, tagged)
 
 
 def test_tracks_come_back_from_their_file(tmp_path: Path):
@@ -185,7 +185,7 @@ def test_a_real_board_is_where_tagslam_found_it(shared_data: Path):
     data = np.load(folder / "detections.npz", allow_pickle=False)
     start = int(data["t_ns"].min())
     detections = [
-        Detection(cameras[0].name, (int(t) - start) * 1e-9, int(tag), corners - 0.5, 0.25 * np.eye(2))
+        Detection(cameras[0].name, (int(t) - start) * 1e-9, int(tag), corners - 0.5, alike(0.5))
         for t, tag, corners in zip(data["t_ns"], data["tag_id"], data["corners"], strict=True)
     ]
     found, report = track(detections, cameras, board)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tossid.errors import InputError
 from tossid.rotations import transform_inv, transform_points
+from tossid.vision._lens import undistort_brown
 
 Array = NDArray[np.float64]
 
@@ -199,26 +200,7 @@ class Camera:
         target = (pixels - c) / f
         if self.distortion_model == EQUIDISTANT:
             return self._undistort_equidistant(target)
-        xy = target.copy()
-        limit = self.radius_limit
-        if np.isfinite(limit):
-            radius = np.linalg.norm(xy, axis=-1, keepdims=True)
-            xy = np.where(radius > 0.7 * limit, xy * (0.7 * limit / np.where(radius > 0, radius, 1.0)), xy)
-        step = np.inf * np.ones(xy.shape[:-1])
-        for _ in range(20):
-            d, J, _ = self._brown(xy[..., 0], xy[..., 1], np.ones(xy.shape[:-1]))
-            a, b, e = J[..., 0, 0], J[..., 0, 1], J[..., 1, 1]
-            error = d - target
-            det = a * e - b * b
-            move = np.stack([e * error[..., 0] - b * error[..., 1], a * error[..., 1] - b * error[..., 0]], axis=-1)
-            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                move = move / det[..., None]
-                xy = xy - move
-            step = np.abs(move).max(axis=-1)
-            if not (step > 1e-12).any():
-                break
-        converged = (step < 1e-10) & (np.linalg.norm(xy, axis=-1) < limit)
-        return np.where(converged[..., None], xy, np.nan)
+        return undistort_brown(target.reshape(-1, 2), self._radtan, self.radius_limit).reshape(target.shape)
 
     def _undistort_equidistant(self, target: Array) -> Array:
         k1, k2, k3, k4 = self.distortion

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +20,8 @@ from tossid.objects import ObjectModel
 from tossid.types import Detection, Frame
 from tossid.vision.camera import Camera
 from tossid.vision.corners import refine_corners
-from tossid.vision.faces import tag_spread
+from tossid.vision.layout import FAMILIES, USUAL, TagLayout
+from tossid.vision.predict import Predictor
 from tossid.vision.recording import FrameFile, Recording
 
 Array = NDArray[np.float64]
@@ -29,6 +31,8 @@ UNREFINED_SIGMA = 0.4
 """Standard deviation of a corner as the AprilTag library gives it [px]; measured on rendered tags."""
 FINE_SEARCH = 4
 """Of so many frames in a row without a tag, one is searched whole at full resolution."""
+TILE = 4
+"""The library's threshold is set by tiles of so many pixels."""
 BATCH = 96
 """Frames of one camera that are searched in one go."""
 
@@ -37,9 +41,9 @@ BATCH = 96
 class DetectSettings:
     """How tags are looked for.
 
-    quad_decimate: the library's reduction of the image near where the object was last seen.
+    quad_decimate: the library's reduction of the image where the object must be.
     search_decimate: the same when the object must be looked for in the whole image.
-    predict: look near the last place first; False searches every image whole.
+    predict: look where the last poses say first; False searches every image whole.
     refine: measure corners in the image (`corners.refine_corners`).
     max_hamming: most corrected bits. min_margin: least decision margin.
     """
@@ -61,14 +65,14 @@ class DetectSettings:
 class TagFinder:
     """Finds an object's tags in the images of one camera, one after another.
 
-    After a frame in which tags were seen, the next is searched only around
-    where they must be if they moved on as before; where that finds nothing, and
-    at first, the whole image is searched.
+    After a frame in which tags were seen, the next is searched only where the object's bodies must be by
+    their last poses and velocities; where that finds nothing, and at first, the whole image is searched.
 
     Args:
         camera: whose images they are. model: the object, with its tags; None for a scene of any tags, whose
             images are then searched whole.
         tally: counts, by reason, what was rejected, and how often was searched where.
+        layout: says which families the tags are of; None: all are 36h11.
     """
 
     def __init__(
@@ -77,38 +81,39 @@ class TagFinder:
         model: ObjectModel | None,
         settings: DetectSettings = DetectSettings(),
         tally: Counter[str] | None = None,
+        layout: TagLayout | None = None,
     ) -> None:
         self.camera = camera
         self.tag_ids = frozenset(tag.id for tag in model.tags) if model is not None else None
-        self._spread = tag_spread(model) if model is not None else np.inf
         self.settings = settings
+        self._usual = layout.tag_family if layout is not None else USUAL
+        self._family = layout.families if layout is not None else {}
+        ids = self._family if self.tag_ids is None else self.tag_ids
+        names = {self._family.get(tag_id, self._usual) for tag_id in ids}
+        self._families = tuple(sorted(names | {self._usual} if self.tag_ids is None else names))
         self.tally: Counter[str] = Counter() if tally is None else tally
-        self._box: Array | None = None  # (2, 2): low and high corner of the tags last seen
-        self._move = np.zeros(2)  # of their middle, a frame
-        self._reach = 0.0  # longest tag edge last seen
+        self._predictor = Predictor(camera, model) if model is not None and settings.predict else None
         self._lost = 0  # whole-image searches since tags were last seen
 
     def find(self, frame: Frame) -> list[Detection]:
         """Detections in the next frame."""
-        found: list[Detection] = []
-        if self.settings.predict and self.tag_ids is not None:
-            if self._box is not None:
-                found = self._near(frame)
-            if not found:
-                seen = self._everywhere(frame)
-                if seen:
-                    self._remember(seen, moved=False)
-                    found = self._near(frame) or seen
-        else:
+        if self._predictor is None:
             self.tally["searched the whole image"] += 1
             found = self._search(frame, (0, 0), frame.image, self.settings.quad_decimate, count=True)
-        self.tally["tags"] += len(found)
-        if found:
-            self._lost = 0
-            self._remember(found, moved=self._box is not None)
         else:
-            self._box = None
-            self.tally["frames without a tag"] += 1
+            found = self._near(frame, self._predictor)
+            if not found:
+                found = self._everywhere(frame)
+                if found:
+                    self._predictor.see(frame.t, found)
+                    found = self._near(frame, self._predictor) or found
+            if found:
+                self._lost = 0
+                self._predictor.see(frame.t, found)
+            else:
+                self._predictor.forget()
+        self.tally["tags"] += len(found)
+        self.tally["frames without a tag"] += not found
         return found
 
     def _everywhere(self, frame: Frame) -> list[Detection]:
@@ -123,34 +128,29 @@ class TagFinder:
             seen = self._search(frame, (0, 0), frame.image, self.settings.quad_decimate, count=False)
         return seen
 
-    def _near(self, frame: Frame) -> list[Detection]:
-        assert self._box is not None
-        margin = self._spread * self._reach + 8 + np.abs(self._move)
-        low = np.maximum(np.floor(self._box[0] + self._move - margin), 0).astype(int)
-        high = np.minimum(np.ceil(self._box[1] + self._move + margin) + 1, self.camera.resolution).astype(int)
-        if (high - low < 16).any():
+    def _near(self, frame: Frame, predictor: Predictor) -> list[Detection]:
+        """Search where the object must be."""
+        box = predictor.box(frame.t)
+        if box is None:
             return []
-        self.tally["searched near the last place"] += 1
-        part = np.ascontiguousarray(frame.image[low[1] : high[1], low[0] : high[0]])
-        return self._search(frame, (int(low[0]), int(low[1])), part, self.settings.quad_decimate, count=True)
-
-    def _remember(self, found: Sequence[Detection], *, moved: bool) -> None:
-        corners = np.concatenate([detection.corners for detection in found])
-        box = np.stack([corners.min(axis=0), corners.max(axis=0)])
-        edges = [np.roll(detection.corners, -1, axis=0) - detection.corners for detection in found]
-        self._move = box.mean(axis=0) - self._box.mean(axis=0) if moved and self._box is not None else np.zeros(2)
-        self._box, self._reach = box, float(np.linalg.norm(np.concatenate(edges), axis=1).max())
+        x0, y0, x1, y1 = box
+        x0, y0 = x0 - x0 % TILE, y0 - y0 % TILE  # then the library finds in the part what it finds in the whole
+        self.tally["searched where predicted"] += 1
+        part = np.ascontiguousarray(frame.image[y0:y1, x0:x1])
+        return self._search(frame, (x0, y0), part, self.settings.quad_decimate, count=True)
 
     def _search(
         self, frame: Frame, origin: tuple[int, int], image: Image, decimate: float, *, count: bool
     ) -> list[Detection]:
         rejected: Counter[str] = Counter()
         believed: dict[int, list[Any]] = {}
-        with _detector(decimate) as detector:
+        with _detector(self._families, decimate) as detector:
             seen = detector.detect(image)
         for raw in seen:
             if self.tag_ids is not None and raw.tag_id not in self.tag_ids:
                 rejected["rejected: id not on the object"] += 1
+            elif raw.tag_family.decode() != self._family.get(raw.tag_id, self._usual):
+                rejected["rejected: id of another family"] += 1
             elif raw.hamming > self.settings.max_hamming:
                 rejected["rejected: too many corrected bits"] += 1
             elif raw.decision_margin < self.settings.min_margin:
@@ -170,12 +170,14 @@ class TagFinder:
     def _detection(self, frame: Frame, origin: tuple[int, int], raw: Any, notes: Counter[str]) -> Detection:
         # the library counts pixels from the first one's corner, we from its middle
         corners = np.asarray(raw.corners, dtype=float) - 0.5 + np.asarray(origin, dtype=float)
-        covs = np.zeros((4, 2, 2))
-        refined = False
+        cov, refined = np.zeros((4, 2, 2)), False
         if self.settings.refine:
-            corners, covs, refined = refine_corners(frame.image, self.camera, corners)
+            corners, cov, refined = refine_corners(
+                frame.image, self.camera, corners, cells=FAMILIES[raw.tag_family.decode()]
+            )
             notes["corners not refined"] += not refined
-        cov = covs.mean(axis=0) if refined else UNREFINED_SIGMA**2 * np.eye(2)
+        if not refined:
+            cov = np.tile(UNREFINED_SIGMA**2 * np.eye(2), (4, 1, 1))
         return Detection(
             camera=frame.camera,
             t=frame.t,
@@ -188,30 +190,42 @@ class TagFinder:
 
 
 class _Detector(Detector):
-    """A detector that is never destroyed: the binding frees the tag family before the detector
-    that still refers to it, which corrupts the heap."""
+    """A detector of several families; the binding takes only the first of those it is given.
+
+    It is never destroyed: the binding frees the tag family before the detector that still refers to it,
+    which corrupts the heap.
+    """
+
+    def __init__(self, families: tuple[str, ...], decimate: float) -> None:
+        super().__init__(families=families[0], nthreads=1, quad_decimate=decimate)
+        for family in families[1:]:
+            create = getattr(self.libc, f"{family}_create")
+            create.restype = ctypes.c_void_p
+            corrected_bits = 2
+            made = ctypes.c_void_p(create())
+            self.libc.apriltag_detector_add_family_bits(self.tag_detector_ptr, made, corrected_bits)
 
     def __del__(self) -> None:
         pass
 
 
-_spare: dict[float, list[_Detector]] = {}
+_spare: dict[tuple[tuple[str, ...], float], list[_Detector]] = {}
 _spare_lock = threading.Lock()
 
 
 @contextlib.contextmanager
-def _detector(decimate: float) -> Iterator[_Detector]:
+def _detector(families: tuple[str, ...], decimate: float) -> Iterator[_Detector]:
     """A detector of one's own for a while; it is kept for the next, as one serves one thread at a time."""
     with _spare_lock:
-        waiting = _spare.setdefault(decimate, [])
+        waiting = _spare.setdefault((families, decimate), [])
         detector = waiting.pop() if waiting else None
     if detector is None:
-        detector = _Detector(families="tag36h11", nthreads=1, quad_decimate=decimate)
+        detector = _Detector(families, decimate)
     try:
         yield detector
     finally:
         with _spare_lock:
-            _spare[decimate].append(detector)
+            _spare[families, decimate].append(detector)
 
 
 def detect_frames(
@@ -291,6 +305,6 @@ def _batches(recording: Recording) -> Iterator[list[tuple[FrameFile, ...]]]:
 def _detect_batch(
     recording: Recording, files: Sequence[FrameFile], model: ObjectModel | None, settings: DetectSettings
 ) -> tuple[list[Detection], Counter[str], int]:
-    finder = TagFinder(recording.camera(files[0].camera), model, settings)
+    finder = TagFinder(recording.camera(files[0].camera), model, settings, layout=recording.layout)
     found = [detection for frame in recording.run(files) for detection in finder.find(frame)]
     return found, finder.tally, len(files)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from tossid.errors import ObjectError
-from tossid.objects import ObjectModel, Tag, body_poses
-from tossid.rotations import quat_rotate, transform, transform_inv, transform_points
+from tossid.objects import ObjectModel, Tag
 
 Array = NDArray[np.float64]
 
@@ -104,26 +103,6 @@ def tag_corners(tag: Tag) -> Array:
     half = 0.5 * tag.size
     corners = half * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
     return corners @ tag.T_body_tag[:3, :3].T + tag.T_body_tag[:3, 3]
-
-
-def tag_spread(model: ObjectModel) -> float:
-    """How far the object's tags reach beyond one of them, in edges of that tag: an upper bound.
-
-    Where one tag is seen, the others' images lie within so many of its edges around it.
-    Joints are taken at eight angles.
-    """
-    spread = 0.0
-    for angle in np.linspace(0, 2 * np.pi, 8, endpoint=False) if model.n_joints else (0.0,):
-        q = np.zeros(model.nq)
-        q[3], q[7:] = 1.0, angle
-        position, quat = body_poses(model, q)
-        corners = [position[tag.body] + quat_rotate(quat[tag.body], tag_corners(tag)) for tag in model.tags]
-        for tag in model.tags:
-            T_world_tag = transform(position[tag.body], quat[tag.body]) @ tag.T_body_tag
-            local = transform_points(transform_inv(T_world_tag), np.concatenate(corners))
-            beyond = np.maximum(np.abs(local[:, :2]).max(axis=1) - tag.size / 2, 0)
-            spread = max(spread, float(np.hypot(beyond, local[:, 2]).max()) / tag.size)
-    return spread
 
 
 def tag_bitmap(tag_id: int) -> NDArray[np.uint8]:

@@ -14,7 +14,9 @@ import numpy as np
 from tossid.errors import FileError, MotionError, OutputError
 from tossid.types import Detection, PoseTrack
 
-DETECTIONS = "tossid.detections/1"
+DETECTIONS = "tossid.detections/2"
+DETECTIONS_1 = "tossid.detections/1"
+"""As before, with one covariance (2, 2) for a tag's four corners."""
 TRACKS = "tossid.tracks/1"
 
 
@@ -31,23 +33,23 @@ def write_detections(detections: Iterable[Detection], path: str | Path) -> None:
         t=np.array([row.t for row in rows], dtype=float),
         tag_id=np.array([row.tag_id for row in rows], dtype=np.int32),
         corners=np.array([row.corners for row in rows], dtype=float).reshape(-1, 4, 2),
-        corner_cov=np.array([row.corner_cov for row in rows], dtype=float).reshape(-1, 2, 2),
+        corner_cov=np.array([row.corner_cov for row in rows], dtype=float).reshape(-1, 4, 2, 2),
         hamming=np.array([row.hamming for row in rows], dtype=np.int32),
         margin=np.array([row.margin for row in rows], dtype=float),
     )
 
 
 def read_detections(path: str | Path) -> tuple[Detection, ...]:
-    """Read what `write_detections` wrote. `FileError` on anything else."""
+    """Read what `write_detections` wrote, now or as `DETECTIONS_1`. `FileError` on anything else."""
     path = Path(path)
-    data = _read(path, DETECTIONS)
+    data = _read(path, DETECTIONS, DETECTIONS_1)
     keys = ("cameras", "camera", "t", "tag_id", "corners", "corner_cov", "hamming", "margin")
     missing = [key for key in keys if key not in data]
     if missing:
         raise FileError(path, f"has no {', '.join(missing)}")
-    n = len(data["t"])
+    n, old = len(data["t"]), str(data["schema"]) == DETECTIONS_1
     shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("camera", "tag_id", "hamming", "margin"), (n,))
-    shapes |= {"corners": (n, 4, 2), "corner_cov": (n, 2, 2)}
+    shapes |= {"corners": (n, 4, 2), "corner_cov": (n, 2, 2) if old else (n, 4, 2, 2)}
     for key, shape in shapes.items():
         if data[key].shape != shape:
             raise FileError(path, f"{key} has shape {data[key].shape}, expected {shape}")
@@ -58,13 +60,14 @@ def read_detections(path: str | Path) -> tuple[Detection, ...]:
         bad = ~np.isfinite(data[key]).all(axis=tuple(range(1, data[key].ndim)))
         if bad.any():
             raise FileError(path, f"{key} is not finite", row=int(np.argmax(bad)))
+    cov = np.repeat(data["corner_cov"][:, None], 4, axis=1) if old else data["corner_cov"]
     return tuple(
         Detection(
             names[int(data["camera"][i])],
             float(data["t"][i]),
             int(data["tag_id"][i]),
             data["corners"][i],
-            data["corner_cov"][i],
+            cov[i],
             int(data["hamming"][i]),
             float(data["margin"][i]),
         )
@@ -125,15 +128,15 @@ def _write(path: Path, **arrays: Any) -> None:
             Path(made).unlink(missing_ok=True)
 
 
-def _read(path: Path, schema: str) -> dict[str, Any]:
+def _read(path: Path, *schemas: str) -> dict[str, Any]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             data = {key: archive[key] for key in archive.files}
     except FileNotFoundError as error:
         raise FileError(path, "no such file") from error
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as error:
-        raise FileError(path, f"is not a whole {schema} file") from error
+        raise FileError(path, f"is not a whole {schemas[0]} file") from error
     found = str(data.get("schema", "nothing"))
-    if found != schema:
-        raise FileError(path, f"holds {found}, expected {schema}")
+    if found not in schemas:
+        raise FileError(path, f"holds {found}, expected {schemas[0]}")
     return data

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,16 +16,24 @@ from tossid.objects import ObjectModel, Tag
 Array = NDArray[np.float64]
 
 
+FAMILIES = {"tag36h11": 8, "tag25h9": 7, "tag16h5": 6}
+"""The AprilTag families that can be used, and how many cells across each is, its black border included."""
+USUAL = "tag36h11"
+"""The family of a tag where none is named."""
+
+
 @dataclass(frozen=True, eq=False)
 class BodyTag:
     """A tag on a body. size: outer edge of the black border [m]. T_body_tag: (4, 4), None if unknown.
-    position_noise [m], rotation_noise [rad]: (3,) standard deviations of that, None for exact."""
+    position_noise [m], rotation_noise [rad]: (3,) standard deviations of that, None for exact. family: of `FAMILIES`.
+    """
 
     id: int
     size: float
     T_body_tag: Array | None
     position_noise: Array | None = None
     rotation_noise: Array | None = None
+    family: str = USUAL
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +106,7 @@ class TagLayout:
 
     default_body: the body that tags not listed belong to, None for none. measurements: between tags.
     parameters: TagSLAM's `tagslam_parameters` as they are. max_hamming: most corrected bits of a tag to be used.
+    tag_family: of tags that are not listed. An id means one tag, of one family.
     """
 
     bodies: tuple[Body, ...]
@@ -106,6 +116,12 @@ class TagLayout:
     remaps: tuple[Remap, ...] = ()
     squashes: tuple[Squash, ...] = ()
     max_hamming: int | None = None
+    tag_family: str = USUAL
+
+    @cached_property
+    def families(self) -> dict[int, str]:
+        """The family of each listed tag, by id."""
+        return {tag.id: tag.family for body in self.bodies for tag in body.tags}
 
     def body(self, name: str) -> Body | None:
         """The body of that name, None if there is none."""

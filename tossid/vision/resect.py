@@ -14,7 +14,7 @@ Corners are in normalised image coordinates (X/Z, Y/Z), undistorted once, with t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -41,6 +41,8 @@ DIFFERENT = np.deg2rad(20.0)
 """Poses further apart than this are different hypotheses, not one pose with an error."""
 SOURCES, WITNESSES = 24, 96
 """Of one unknown pose, so many of the largest tags propose it, and so many sightings judge the proposals."""
+TOGETHER = 1000
+"""Unknown poses that are fitted at once."""
 
 SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
 """Corners of a tag of half size 1: bottom-left, bottom-right, top-right, top-left. (4, 3)."""
@@ -231,9 +233,22 @@ def _median(size: Array, start: Ints) -> Array:
 def resect(s: Sightings, n: int) -> Resection:
     """The pose of each group that explains all its sightings best, and the best one that lies elsewhere.
 
+    Groups are fitted `TOGETHER` many at a time, so that what a fit needs meanwhile does not grow with their number.
+
     Args:
         n: number of groups; every group needs a sighting.
     """
+    parts = []
+    for a in range(0, max(n, 1), TOGETHER):
+        own = np.arange(*np.searchsorted(s.group, (a, min(a + TOGETHER, n))))
+        parts.append(_resect(s.take(own, s.group[own] - a), min(TOGETHER, n - a)))
+    if len(parts) == 1:
+        return parts[0]
+    return Resection(*(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(Resection)))
+
+
+def _resect(s: Sightings, n: int) -> Resection:
+    """The same for all groups at once."""
     T_parent_target = transform_inv(s.T_cam_parent)[:, None] @ s.T_cam_tag @ transform_inv(s.T_target_tag)[:, None]
     first, second, exists = _choose(s, T_parent_target, n)
     best = fit(s, first)

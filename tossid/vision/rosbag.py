@@ -341,7 +341,7 @@ def _detections(path: Path, camera: Camera, t_ns: int, message: Any, sigma: floa
     for row in rows:
         corners = np.array([[corner.x, corner.y] for corner in row.corners], dtype=float)
         margin = float(getattr(row, "decision_margin", 0.0))
-        cov = sigma**2 * np.eye(2)
+        cov = np.tile(sigma**2 * np.eye(2), (4, 1, 1))
         yield Detection(camera.name, t, int(row.id), corners, cov, int(row.hamming), margin)
 
 

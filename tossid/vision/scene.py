@@ -93,7 +93,7 @@ def observe(
     for detection in _once(detections, layout, dropped):
         if detection.camera not in names:
             raise InputError(f"a detection is of camera '{detection.camera}', which is not calibrated")
-        if not (np.isfinite(detection.corners).all() and np.linalg.det(detection.corner_cov) > 0):
+        if not (np.isfinite(detection.corners).all() and (np.linalg.det(detection.corner_cov) > 0).all()):
             dropped["corners or covariance not finite"] += 1
             continue
         if detection.tag_id not in number:
@@ -143,7 +143,7 @@ def observe(
         pixels[lens],
         seen[lens],
         to_pixels[lens],
-        (root[:, None] @ to_pixels)[lens],
+        (root @ to_pixels)[lens],
         count[lens],
         tag_poses(seen[lens], half[lens]),
         layout.measurements,
@@ -157,7 +157,7 @@ def _merged(pixels: Array, cov: Array, still: Bools, camera: Ints, tag: Ints) ->
     constant. A tag that did move (by more than `SCATTER`) is left as it is.
 
     Returns:
-        the rows left (r,), their pixels (r, 4, 2) and covariances (r, 2, 2), and how many each stands for (r,).
+        the rows left (r,), their pixels (r, 4, 2) and covariances (r, 4, 2, 2), and how many each stands for (r,).
     """
     count = np.ones(len(pixels))
     keep = np.ones(len(pixels), dtype=bool)
@@ -173,7 +173,7 @@ def _merged(pixels: Array, cov: Array, still: Bools, camera: Ints, tag: Ints) ->
             continue
         information = np.linalg.inv(cov[near])
         cov[near[0]] = np.linalg.inv(information.sum(axis=0))
-        pixels[near[0]] = np.squeeze(cov[near[0]] @ (information[:, None] @ pixels[near][..., None]).sum(axis=0), -1)
+        pixels[near[0]] = np.squeeze(cov[near[0]] @ (information @ pixels[near][..., None]).sum(axis=0), -1)
         count[near[0]] = len(near)
         keep[near[1:]] = False
     index = np.flatnonzero(keep)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from tossid.errors import FileError
 from tossid.rotations import matrix_to_rotvec, transform_from_rotvec, transform_inv
-from tossid.vision.layout import Body, BodyTag, Coordinate, Distance, Remap, Squash, TagLayout
+from tossid.vision.layout import FAMILIES, USUAL, Body, BodyTag, Coordinate, Distance, Remap, Squash, TagLayout
 
 Array = NDArray[np.float64]
 
@@ -93,7 +94,8 @@ def read_tagslam(path: str | Path) -> TagLayout:
 
     A body's pose is T_map_body, a tag's T_body_tag, rotations are rotation
     vectors [rad]. Of a board, TagSLAM's code takes the inverse of `pose`, and
-    numbers its tags row by row. `body_defaults` is the noise of bodies' poses that
+    numbers its tags row by row. Ours alone is `tag_family`, of a set-up or a body, and a tag's
+    `family`. `body_defaults` is the noise of bodies' poses that
     give none; a tag's pose without noise is exact.
     """
     path = Path(path)
@@ -102,7 +104,8 @@ def read_tagslam(path: str | Path) -> TagLayout:
     if not isinstance(entries, list) or not entries:
         raise FileError(path, "has no list 'bodies'")
     defaults = _mapping(path, "body_defaults", content.get("body_defaults") or {})
-    bodies = [_read_body(path, name, body, defaults) for name, body in _named(path, "bodies", entries)]
+    family = _family(path, "tag_family", content.get("tag_family", USUAL))
+    bodies = [_read_body(path, name, body, defaults, family) for name, body in _named(path, "bodies", entries)]
     names = [body.name for body in bodies]
     if len(set(names)) != len(names):
         raise FileError(path, f"bodies: a name occurs twice in {', '.join(names)}")
@@ -122,7 +125,15 @@ def read_tagslam(path: str | Path) -> TagLayout:
         _read_remaps(path, content.get("tag_id_remap") or []),
         _read_squashes(path, content.get("squash") or []),
         None if most is None else int(number(path, "max_hamming_distance", most)),
+        family,
     )
+
+
+def _family(path: Path, where: str, value: Any) -> str:
+    name = str(value) if str(value).startswith("tag") else f"tag{value}"
+    if name not in FAMILIES:
+        raise FileError(path, f"{where} is {value!r}, expected one of {', '.join(FAMILIES)}")
+    return name
 
 
 def _mapping(path: Path, where: str, value: Any) -> dict[str, Any]:
@@ -144,7 +155,8 @@ def _named(path: Path, where: str, entries: Any) -> list[tuple[str, dict[str, An
     return found
 
 
-def _read_body(path: Path, name: str, body: dict[str, Any], defaults: dict[str, Any]) -> Body:
+def _read_body(path: Path, name: str, body: dict[str, Any], defaults: dict[str, Any], family: str) -> Body:
+    family = _family(path, f"{name}.tag_family", body.get("tag_family", family))
     is_static = body.get("is_static")
     if not isinstance(is_static, bool):
         raise FileError(path, f"{name}.is_static is {is_static!r}, expected true or false")
@@ -162,15 +174,15 @@ def _read_body(path: Path, name: str, body: dict[str, Any], defaults: dict[str, 
             noise[k] = fallback if given is None else given
     kind = body.get("type", "simple")
     if kind == "board":
-        tags = _board_tags(path, f"{name}.board", _mapping(path, f"{name}.board", body.get("board")))
+        tags = _board_tags(path, f"{name}.board", _mapping(path, f"{name}.board", body.get("board")), family)
     elif kind == "simple":
-        tags = [_read_tag(path, name, tag, default_size) for tag in body.get("tags") or []]
+        tags = [_read_tag(path, name, tag, default_size, family) for tag in body.get("tags") or []]
     else:
         raise FileError(path, f"{name}.type is {kind!r}, expected simple or board")
     override = [body.get(f"override_tag_{key}_noise") for key in ("position", "rotation")]
     if None not in override:
         p, r = (np.full(3, number(path, f"{name}.override_tag_noise", value)) for value in override)
-        tags = [BodyTag(tag.id, tag.size, tag.T_body_tag, p, r) for tag in tags]
+        tags = [replace(tag, position_noise=p, rotation_noise=r) for tag in tags]
     still = [body.get(f"fake_odom_{key}_noise") for key in ("translation", "rotation")]
     stillness = None
     if None not in still and not is_static:
@@ -186,7 +198,7 @@ def _ids(path: Path, where: str, value: Any) -> frozenset[int]:
     return frozenset(value)
 
 
-def _read_tag(path: Path, body: str, tag: Any, default_size: float | None) -> BodyTag:
+def _read_tag(path: Path, body: str, tag: Any, default_size: float | None, family: str) -> BodyTag:
     if not isinstance(tag, dict) or not isinstance(tag.get("id"), int) or isinstance(tag.get("id"), bool):
         raise FileError(path, f"{body}.tags: {tag!r} has no whole-number id")
     where = f"{body}.tags[{tag['id']}]"
@@ -195,14 +207,15 @@ def _read_tag(path: Path, body: str, tag: Any, default_size: float | None) -> Bo
     size = number(path, f"{where}.size", tag["size"]) if "size" in tag else default_size
     if size is None or size <= 0:
         raise FileError(path, f"{where}.size is {size}, expected a positive length")
+    family = _family(path, f"{where}.family", tag.get("family", family))
     pose = tag.get("pose")
     if pose is None:
-        return BodyTag(tag["id"], size, None)
+        return BodyTag(tag["id"], size, None, family=family)
     T_body_tag = read_pose(path, f"{where}.pose", pose)
-    return BodyTag(tag["id"], size, T_body_tag, *read_noise(path, f"{where}.pose", pose))
+    return BodyTag(tag["id"], size, T_body_tag, *read_noise(path, f"{where}.pose", pose), family)
 
 
-def _board_tags(path: Path, where: str, board: dict[str, Any]) -> list[BodyTag]:
+def _board_tags(path: Path, where: str, board: dict[str, Any], family: str) -> list[BodyTag]:
     keys = ("tag_start_id", "tag_size", "tag_spacing", "tag_rows", "tag_columns")
     missing = [key for key in keys if key not in board]
     if missing:
@@ -219,7 +232,7 @@ def _board_tags(path: Path, where: str, board: dict[str, Any]) -> list[BodyTag]:
             T = np.eye(4)
             T[:2, 3] = np.array([column, row]) * size * (1 + spacing)
             tag_id = int(start) + row * int(columns) + column
-            tags.append(BodyTag(tag_id, size, transform_inv(T_tag0_body) @ T, noise[0], noise[1]))
+            tags.append(BodyTag(tag_id, size, transform_inv(T_tag0_body) @ T, noise[0], noise[1], family))
     return tags
 
 
@@ -301,18 +314,22 @@ def write_tagslam(layout: TagLayout, path: str | Path) -> None:
             position, rotation = (np.full(3, EXACT) if part is None else part for part in noise)
             entry["pose"] = {**pose_mapping(body.T_map_body), **_noise_mapping(position, rotation)}
         if body.tags:
-            entry["tags"] = [_tag_mapping(tag) for tag in body.tags]
+            entry["tags"] = [_tag_mapping(tag, layout.tag_family) for tag in body.tags]
         bodies.append({body.name: entry})
     content: dict[str, Any] = {"tagslam_parameters": layout.parameters} if layout.parameters else {}
     content["body_defaults"] = {"position_noise": 0.05, "rotation_noise": 0.01}
+    if layout.tag_family != USUAL:
+        content["tag_family"] = layout.tag_family
     if layout.default_body is not None:
         content["default_body"] = layout.default_body
     content["bodies"] = bodies
     Path(path).write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 
 
-def _tag_mapping(tag: BodyTag) -> dict[str, Any]:
+def _tag_mapping(tag: BodyTag, family: str) -> dict[str, Any]:
     entry: dict[str, Any] = {"id": int(tag.id), "size": float(tag.size)}
+    if tag.family != family:
+        entry["family"] = tag.family
     if tag.T_body_tag is not None:
         entry["pose"] = {**pose_mapping(tag.T_body_tag), **_noise_mapping(tag.position_noise, tag.rotation_noise)}
     return entry

@@ -102,10 +102,7 @@ def track_scene(
     Raises:
         InputError: a detection of an unknown camera; nothing that can be placed; too few poses for a track.
     """
-    offsets: dict[int, float] = {}
-    if settings.clocks:
-        scene = observe(detections, cameras, layout, dropped=Counter())
-        offsets = clock_offsets(scene, given(scene), decisions=_decisions(settings))
+    offsets = _offsets(detections, cameras, layout, settings) if settings.clocks else {}
     solved = _solve(detections, cameras, layout, settings, offsets)
     while True:  # an offset that the graph does not confirm is none
         clocks = solved.clocks(offsets)
@@ -114,6 +111,14 @@ def track_scene(
             return _tracked(solved, settings, layout, name, {cameras[c].name: found for c, found in clocks.items()})
         offsets = sure
         solved = _solve(detections, cameras, layout, settings, offsets)
+
+
+def _offsets(
+    detections: Sequence[Detection], cameras: Sequence[Camera], layout: TagLayout, settings: TrackSettings
+) -> dict[int, float]:
+    """By how much cameras' clocks are late [s], by number."""
+    scene = observe(detections, cameras, layout, dropped=Counter())
+    return clock_offsets(scene, given(scene), decisions=_decisions(settings))
 
 
 def _decisions(settings: TrackSettings) -> Decisions:
