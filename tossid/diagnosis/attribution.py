@@ -6,7 +6,6 @@ was not found the smallest size that these tosses would have shown.
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -223,12 +222,12 @@ def _findings(
 
 def _closed_by_flown(judge: Judge, found: Found, floor: Floor) -> dict[str, Interval]:
     """Shares of the gap that each effect which flight has shown closes beyond those before it."""
-    out = {}
-    for before, after in itertools.pairwise(found.history[: found.flown + 1]):
-        more = share_left(found.first, after, judge, floor)[0]
-        less = Interval(0.0, 0.0, 0.0) if before is found.first else share_left(found.first, before, judge, floor)[0]
-        name = found.present.hypothesis.effects[len(before.hypothesis.effects)].name
-        out[name] = Interval(more.value - less.value, more.low - less.value, more.high - less.value)
+    out, less = {}, 0.0
+    for k in range(found.flown):
+        more = share_left(found.first, found.history[k + 1], judge, floor)[0]
+        name = found.present.hypothesis.effects[k].name
+        out[name] = Interval(more.value - less, more.low - less, more.high - less)
+        less = more.value
     return out
 
 

@@ -1,7 +1,7 @@
 """Witnesses: what tosses show of some effects without any simulator, window or fit.
 
 A lone corner that is hit between two flights gives an impulse J = m dv, where dv is the jump of the centre of mass's
-velocity, at an arm r from there. So J x-balances with the spin's jump whatever the law of contact is,
+velocity, at an arm r from there. Its moment makes the spin's jump dw, whatever the law of contact is,
 
     r x (m dv) = I dw,
 
