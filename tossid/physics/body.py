@@ -206,7 +206,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                             s0, s1 = w0 * d0 + w1 * d1 + w2 * d2, w0 * w0 + w1 * w1 + w2 * w2
                             fall = gravity[2] + s0 * (r20 * w0 + r21 * w1 + r22 * w2)
                             fall -= s1 * (r20 * d0 + r21 * d1 + r22 * d2)
-                            speed = vn * vn - 4.0 * fall * z  # falls with its last velocity, as the contact problem has it
+                            speed = vn * vn - 4.0 * fall * z  # with the last velocity, as in its problem
                             if speed > IMPACT_SPEED * IMPACT_SPEED and math.sqrt(speed) - vn > 0.0:
                                 length = min(length, 2.0 * z / (math.sqrt(speed) - vn))
                         if strike:
