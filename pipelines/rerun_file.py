@@ -24,9 +24,9 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from pipelines.console import Console
-from pipelines.shown import Moving, Shown, faces_in_view, tag_outline
+from pipelines.shown import SINCE_1970, Moving, Shown, faces_in_view, is_placed, moments_of, tag_outline
 from tossid.rotations import matrix_to_quat, quat_rotate, wxyz_to_xyzw
-from tossid.types import Phase
+from tossid.types import Detection, Phase
 from tossid.vision.camera import Camera
 from tossid.vision.faces import FAMILY_SIZE, tag_bitmap
 from tossid.vision.layout import USUAL, BodyTag
@@ -44,8 +44,6 @@ COLOURS = {
 }
 BODY, PREDICTED = (200, 200, 205), (240, 120, 60)
 FOUND, PLACED = (60, 200, 60), (255, 140, 0)
-SINCE_1970 = 1e8
-"""Times beyond this are taken for dates."""
 
 
 def write_rerun(shown: Shown, path: Path, *, magnify: float, console: Console) -> int:
@@ -61,7 +59,7 @@ def write_rerun(shown: Shown, path: Path, *, magnify: float, console: Console) -
     stream.save(path, default_blueprint=_blueprint(shown))
     stream.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for camera in shown.cameras:
-        if camera.T_rig_cam is not None and camera.T_world_rig is not None:
+        if is_placed(camera):
             _log_camera(stream, camera)
     for body in shown.moving:
         _log_body(stream, f"/world/{body.name}", body, BODY)
@@ -203,33 +201,30 @@ def _log_tosses(stream: rr.RecordingStream, shown: Shown) -> None:
 
 
 def _log_frames(stream: rr.RecordingStream, shown: Shown, console: Console) -> int:
-    if shown.frames is None or shown.recording is None:
-        return 0
-    cameras = {camera.name: camera for camera in shown.cameras}
-    total = sum(len(files) for files in shown.frames.values())
-    found: dict[tuple[str, int], list[Any]] = {}
+    """Images, and what was found in them; returns how many images."""
+    times = {camera.name: moments_of(shown, camera.name) for camera in shown.cameras}
+    found: dict[tuple[str, int], list[Detection]] = {}
     for d in shown.detections:
         found.setdefault((d.camera, round(d.t * 1e6)), []).append(d)
-    with console.progress("write", total, unit="images") as progress:
-        for name, files in shown.frames.items():
-            camera, entity = cameras[name], f"/world/{name}"
-            placed = camera.T_rig_cam is not None and camera.T_world_rig is not None
-            for file in files:
-                t = file.t_ns * 1e-9
-                stream.set_time("time", **_at(t))
-                stream.log(entity, rr.EncodedImage(contents=_encoded(shown, file), media_type=_media(file)))
-                seen = found.get((name, round(t * 1e6)), [])
-                strips = [[*d.corners, d.corners[0]] for d in seen]
-                words = [str(d.tag_id) for d in seen]
+    with console.progress("write", sum(map(len, times.values())), unit="frames") as progress:
+        for camera in shown.cameras:
+            entity = f"/world/{camera.name}"
+            for i, t in enumerate(times[camera.name]):
+                stream.set_time("time", **_at(float(t)))
+                if shown.frames is not None:
+                    file = shown.frames[camera.name][i]
+                    stream.log(entity, rr.EncodedImage(contents=_encoded(shown, file), media_type=_media(file)))
+                seen = found.get((camera.name, round(float(t) * 1e6)), [])
+                strips, words = [[*d.corners, d.corners[0]] for d in seen], [str(d.tag_id) for d in seen]
                 lines = rr.LineStrips2D(strips, labels=words, colors=[FOUND] * len(seen), radii=[-1.5] * len(seen))
                 stream.log(f"{entity}/found", lines)
-                outlines = faces_in_view(shown, camera, t) if placed else ()
+                outlines = faces_in_view(shown, camera, float(t)) if is_placed(camera) else ()
                 shapes = [[*o, o[0]] for o in outlines if np.isfinite(o).all()]
                 colours, widths = [PLACED] * len(shapes), [-0.75] * len(shapes)
                 stream.log(f"{entity}/placed", rr.LineStrips2D(shapes, colors=colours, radii=widths))
                 progress.advance()
     stream.reset_time()
-    return total
+    return sum(map(len, times.values())) if shown.frames is not None else 0
 
 
 def _media(file: FrameFile) -> str:
@@ -254,9 +249,7 @@ def _blueprint(shown: Shown) -> rrb.Blueprint:
     if shown.tosses:
         views.append(rrb.StateTimelineView(origin="/", contents=["/toss", "/phase"], name="Tosses and phases"))
     left = rrb.Vertical(*views, row_shares=[5, 2, 1][: len(views)])
-    if not shown.frames:
+    if not shown.cameras:
         return rrb.Blueprint(left, collapse_panels=True)
-    images = [
-        rrb.Spatial2DView(origin=f"/world/{name}", contents=["$origin/**"], name=name) for name in list(shown.frames)
-    ]
+    images = [rrb.Spatial2DView(origin=f"/world/{camera.name}", name=camera.name) for camera in shown.cameras]
     return rrb.Blueprint(rrb.Horizontal(left, rrb.Vertical(*images), column_shares=[3, 2]), collapse_panels=True)

@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 
 PAUSE = 0.3
 """Between tosses that are shown one after another [s]."""
+SINCE_1970 = 1e8
+"""Times beyond this are taken for dates [s]."""
 GAP, SAME = 0.03, 2e-4
 """Poses are interpolated between frames no further apart; times no further apart are one [s]."""
 
@@ -86,35 +88,44 @@ def shown_recording(config: ViewConfig, console: Console) -> Shown:
     for problem in opened.problems:
         console.warn(problem)
     cameras, layout = opened.cameras, opened.layout
+    first, last = _stretch(config, opened)
     poses_file = config.poses or STAGES / opened.name / "poses.npz"
+    if config.poses is not None and not config.poses.is_file():
+        raise FileError(config.poses, "no such file; 'tossid track' makes it")
     detections = _detections(config, opened, console)
     if poses_file.is_file():
         tracks = {track.name: track for track in read_tracks(poses_file)}
         set_up = poses_file.parent / f"{poses_file.stem}_set_up"
         if set_up.is_dir():
             cameras, layout = read_set_up(set_up)
-    elif config.poses is not None:
-        raise FileError(poses_file, "no such file; 'tossid track' makes it")
     else:
         tracked = track_stage(opened, detections, config.track, console=console)
         tracks, cameras, layout = tracked.tracks, with_clocks(tracked), tracked.layout
     given = {camera.name: camera.clock_offset for camera in opened.cameras}
     late = {camera.name: camera.clock_offset - given.get(camera.name, 0.0) for camera in cameras}
     detections = tuple(replace(d, t=d.t - late[d.camera]) for d in detections)
-    begin = min((d.t for d in detections), default=0.0)
-    if opened.recording is not None:
-        begin = min(files[0].t_ns for files in opened.recording.frames.values()) * 1e-9
-    first = begin + config.start_s
-    last = first + config.seconds if config.seconds is not None else np.inf
     part = {name: piece for name, track in tracks.items() if (piece := _between(track, first, last)) is not None}
     frames = _frames(opened.recording, late, first, last, config.every) if opened.recording is not None else None
     seen = tuple(d for d in detections if first <= d.t <= last)
-    if not part and not seen and not any((frames or {}).values()):
-        raise InputError(f"{opened.path}: nothing from {first:.3f} s to {last:.3f} s; see start_s and seconds")
     moving = moving_bodies(part, layout, opened.model)
     tosses = _tosses(tracks, opened.model, console)
     tosses = tuple(toss for toss in tosses if toss.t[-1] >= first and toss.t[0] <= last)
     return Shown(opened.name, cameras, layout, opened.recording, frames, seen, moving, tosses)
+
+
+def _stretch(config: ViewConfig, opened: Opened) -> tuple[float, float]:
+    """From when to when a recording is shown [s]. `InputError` where it has nothing then."""
+    if opened.recording is not None:
+        times = [file.t_ns * 1e-9 for files in opened.recording.frames.values() for file in files]
+    else:
+        times = [d.t for d in opened.detections]
+    first = min(times, default=0.0) + config.start_s
+    last = first + config.seconds if config.seconds is not None else float("inf")
+    if not any(first <= t <= last for t in times):
+        raise InputError(
+            f"{opened.path}: has nothing from start_s={config.start_s:g} on; it ends at {max(times):.3f} s"
+        )
+    return first, last
 
 
 def _detections(config: ViewConfig, opened: Opened, console: Console) -> tuple[Detection, ...]:
@@ -269,6 +280,18 @@ def _joined(pieces: Sequence[tuple[Array, Array, Array | None]]) -> PoseTrack:
 def _finite(q: Array) -> NDArray[np.bool_]:
     """Rows of a motion up to where a rollout diverged."""
     return np.logical_and.accumulate(np.isfinite(q).all(axis=1) & (np.abs(q[:, :3]).max(axis=1) < 1e3))
+
+
+def moments_of(shown: Shown, camera: str) -> Array:
+    """When a camera's frames are [s], or, of a recording without images, its detections. Increasing."""
+    if shown.frames is not None:
+        return np.array([file.t_ns * 1e-9 for file in shown.frames[camera]])
+    return np.unique([d.t for d in shown.detections if d.camera == camera])
+
+
+def is_placed(camera: Camera) -> bool:
+    """Whether a camera's pose in the world is known."""
+    return camera.T_rig_cam is not None and camera.T_world_rig is not None
 
 
 def faces_in_view(shown: Shown, camera: Camera, t: float) -> tuple[Array, ...]:

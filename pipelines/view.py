@@ -13,10 +13,19 @@ import numpy as np
 from pipelines.console import Console
 from pipelines.outputs import output_file
 from pipelines.schemas import ViewConfig
-from pipelines.shown import Shown, faces_in_view, misplaced, shown_recording, shown_tosses
+from pipelines.shown import (
+    SINCE_1970,
+    Shown,
+    faces_in_view,
+    is_placed,
+    misplaced,
+    moments_of,
+    shown_recording,
+    shown_tosses,
+)
 from tossid.errors import ConfigError, InputError
 from tossid.types import Phase
-from tossid.vision.recording import FrameFile
+from tossid.vision.camera import Camera
 from tossid.vision.sheet import Cell, Column, contact_sheet
 
 FOLDER = Path("outputs/view")
@@ -74,36 +83,38 @@ def _need_rerun() -> None:
 
 def sheet_of(shown: Shown, moments: int) -> np.ndarray:
     """A contact sheet (H, W, 3) of evenly spaced moments of a recording."""
-    if shown.recording is None or shown.frames is None:
-        raise InputError(f"{shown.name} has tag detections and no images; a contact sheet needs frames")
-    stamps = np.array([file.t_ns for files in shown.frames.values() for file in files], dtype=np.int64)
+    times = {camera.name: moments_of(shown, camera.name) for camera in shown.cameras}
+    stamps = np.unique(np.concatenate([*times.values(), np.zeros(0)]))
     if not len(stamps):
-        raise InputError(f"{shown.name}: no frames in that stretch of time; see start_s and seconds")
-    wanted = np.linspace(stamps.min(), stamps.max(), moments) if moments > 1 else [float(np.median(stamps))]
-    period = 1e9 / shown.recording.rate_hz if np.isfinite(shown.recording.rate_hz) else np.inf
+        raise InputError(f"{shown.name} has no frames and no detections in that stretch of time")
+    wanted = np.linspace(stamps[0], stamps[-1], moments) if moments > 1 else np.array([np.median(stamps)])
+    period = np.median(np.concatenate([np.diff(own) for own in times.values()] + [np.zeros(1)]))
+    origin = stamps[0] if stamps[0] > SINCE_1970 else 0.0  # the columns then have times from the beginning
     columns = []
-    for t_ns in wanted:
-        nearest = stamps[np.argmin(np.abs(stamps - t_ns))]
-        cells = tuple(_cell(shown, name, int(nearest), 1.5 * period) for name in shown.frames)
-        columns.append(Column(nearest * 1e-9, happening(shown, nearest * 1e-9), cells))
-    span = f"{stamps.min() * 1e-9:.3f} s to {stamps.max() * 1e-9:.3f} s"
+    for t in stamps[np.abs(stamps - wanted[:, None]).argmin(axis=1)]:
+        cells = tuple(_cell(shown, camera, times[camera.name], float(t), 1.5 * period) for camera in shown.cameras)
+        columns.append(Column(float(t - origin), happening(shown, float(t)), cells))
     names = f"{len(shown.cameras)} camera{'s' * (len(shown.cameras) > 1)}"
     tosses = f", {len(shown.tosses)} toss{'es' * (len(shown.tosses) != 1)}" if shown.tosses else ""
-    return contact_sheet(columns, title=f"{shown.name}: {names}, {span}{tosses}")
+    images = "" if shown.recording is not None else ", detections without images"
+    span = (
+        f"{stamps[-1] - origin:.3f} s from {origin:.3f} s on" if origin else f"{stamps[0]:.3f} s to {stamps[-1]:.3f} s"
+    )
+    title = f"{shown.name}: {names}, {span}{tosses}{images}"
+    return contact_sheet(columns, title=title)
 
 
-def _cell(shown: Shown, name: str, t_ns: int, reach: float) -> Cell:
-    assert shown.recording is not None
-    assert shown.frames is not None
-    camera = next(camera for camera in shown.cameras if camera.name == name)
-    file: FrameFile | None = min(shown.frames[name], key=lambda file: abs(file.t_ns - t_ns), default=None)
-    if file is None or abs(file.t_ns - t_ns) > reach:
-        return Cell(name, t_ns * 1e-9, None)
-    frame = shown.recording.read(file)
-    found = tuple(d for d in shown.detections if d.camera == name and abs(d.t - frame.t) < 1e-6)
-    placed = camera.T_rig_cam is not None and camera.T_world_rig is not None
-    outlines = faces_in_view(shown, camera, frame.t) if placed else ()
-    return Cell(name, frame.t, frame.image, found, outlines, misplaced(shown, camera, found) if placed else None)
+def _cell(shown: Shown, camera: Camera, times: np.ndarray, t: float, reach: float) -> Cell:
+    i = int(np.argmin(np.abs(times - t))) if len(times) else -1
+    if i < 0 or abs(times[i] - t) > reach:
+        return Cell(camera.name, t, None)
+    t, width, height = float(times[i]), *camera.resolution
+    image = np.full((height, width), 150, dtype=np.uint8)
+    if shown.recording is not None and shown.frames is not None:
+        image = shown.recording.read(shown.frames[camera.name][i]).image
+    found = tuple(d for d in shown.detections if d.camera == camera.name and abs(d.t - t) < 1e-6)
+    outlines = faces_in_view(shown, camera, t) if is_placed(camera) else ()
+    return Cell(camera.name, t, image, found, outlines, misplaced(shown, camera, found) if is_placed(camera) else None)
 
 
 def happening(shown: Shown, t: float) -> str:

@@ -109,16 +109,15 @@ def _picture(cell: Cell, width: int, height: int) -> NDArray[np.uint8]:
         borderMode=cv2.BORDER_CONSTANT,
         borderValue=215.0,
     )
-    picture = cv2.cvtColor(view, cv2.COLOR_GRAY2BGR)
+    picture = np.asarray(cv2.cvtColor(view, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
     for polygon in cell.placed:
         _outline(picture, scale * (polygon - [x0, y0]), PLACED, 1)
     for detection in cell.found:
         corners = scale * (detection.corners - [x0, y0])
         _outline(picture, corners, FOUND, 2)
-        middle = corners.mean(axis=0)
-        _label(picture, str(detection.tag_id), middle)
+        _label(picture, str(detection.tag_id), corners)
     _inset(picture, cell.image, (x0, y0, x0 + width / scale, y0 + height / scale))
-    return np.asarray(picture, dtype=np.uint8)
+    return picture
 
 
 def _window(cell: Cell, width: int, height: int) -> tuple[float, float, float]:
@@ -132,7 +131,7 @@ def _window(cell: Cell, width: int, height: int) -> tuple[float, float, float]:
     if not len(points):
         return 0.5 * (columns - width / whole), 0.5 * (rows - height / whole), whole
     low, high = points.min(axis=0), points.max(axis=0)
-    span = max(2.0 * float(np.max((high - low) / [width, height])), 40 / width)
+    span = max(1.6 * float(np.max((high - low) / [width, height])), 40 / width)
     scale = float(np.clip(1 / span, whole, 6.0))
     middle = 0.5 * (low + high)
     return float(middle[0] - 0.5 * width / scale), float(middle[1] - 0.5 * height / scale), scale
@@ -151,8 +150,8 @@ def _inset(picture: NDArray[np.uint8], image: Grey, window: tuple[float, float, 
 
 def _outline(picture: NDArray[np.uint8], corners: Array, colour: Colour, thickness: int) -> None:
     if np.isfinite(corners).all() and np.abs(corners).max() < 1e5:
-        shifted = np.round(corners * 16).astype(np.int32).reshape(1, -1, 2)
-        cv2.polylines(picture, shifted, True, colour, thickness, cv2.LINE_AA, 4)
+        shifted = np.round(corners * 16).astype(np.int32).reshape(-1, 1, 2)
+        cv2.polylines(picture, [shifted], True, colour, thickness, cv2.LINE_AA, 4)
 
 
 def _legend(sheet: NDArray[np.uint8]) -> None:
@@ -166,12 +165,17 @@ def _legend(sheet: NDArray[np.uint8]) -> None:
         x += step
 
 
-def _label(picture: NDArray[np.uint8], text: str, middle: Array) -> None:
-    """A tag's id on a patch, so that it can be read on black and on white."""
-    (w, h), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
+def _label(picture: NDArray[np.uint8], text: str, corners: Array) -> None:
+    """A tag's id on a patch, so that it can be read on black and on white; none where it would hide the tag."""
+    side = float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).min())
+    if side < 22:
+        return
+    size = 0.5 if side > 40 else 0.36
+    (w, h), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+    middle = corners.mean(axis=0)
     x, y = round(middle[0] - 0.5 * w), round(middle[1] + 0.5 * h)
-    cv2.rectangle(picture, (x - 4, y - h - 3), (x + w + 4, y + 4), FOUND, -1)
-    _write(picture, text, (x, y), 0.5, (255, 255, 255))
+    cv2.rectangle(picture, (x - 2, y - h - 2), (x + w + 2, y + 2), FOUND, -1)
+    _write(picture, text, (x, y), size, (255, 255, 255))
 
 
 def _write(picture: NDArray[np.uint8], text: str, at: tuple[int, int], size: float, colour: Colour) -> None:
