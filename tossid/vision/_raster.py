@@ -69,9 +69,12 @@ def cast(
     for row in range(height):
         for column in range(width):
             gx, gy = x0 + column, y0 + row
-            corners = rays[gy : gy + 2, gx : gx + 2]
-            left, right = corners[..., 0].min(), corners[..., 0].max()
-            top, bottom = corners[..., 1].min(), corners[..., 1].max()
+            ax, ay = rays[gy, gx, 0], rays[gy, gx, 1]
+            bx, by = rays[gy, gx + 1, 0] - ax, rays[gy, gx + 1, 1] - ay
+            cx, cy = rays[gy + 1, gx, 0] - ax, rays[gy + 1, gx, 1] - ay
+            dx, dy = rays[gy + 1, gx + 1, 0] - ax - bx - cx, rays[gy + 1, gx + 1, 1] - ay - by - cy
+            left, right = ax + min(0.0, bx, cx, bx + cx + dx), ax + max(0.0, bx, cx, bx + cx + dx)
+            top, bottom = ay + min(0.0, by, cy, by + cy + dy), ay + max(0.0, by, cy, by + cy + dy)
             n_near = 0
             for f in range(n_faces):
                 if boxes[f, 0] <= right and boxes[f, 1] >= left and boxes[f, 2] <= bottom and boxes[f, 3] >= top:
@@ -90,10 +93,6 @@ def cast(
             h = h ^ (h >> np.uint32(13))
             shift_r = (h & np.uint32(1023)) / 1024.0
             shift_a = ((h >> np.uint32(10)) & np.uint32(1023)) / 1024.0
-            ax, ay = rays[gy, gx, 0], rays[gy, gx, 1]
-            bx, by = rays[gy, gx + 1, 0] - ax, rays[gy, gx + 1, 1] - ay
-            cx, cy = rays[gy + 1, gx, 0] - ax, rays[gy + 1, gx, 1] - ay
-            dx, dy = rays[gy + 1, gx + 1, 0] - ax - bx - cx, rays[gy + 1, gx + 1, 1] - ay - by - cy
             behind = float(canvas[row, column])
             total = 0.0
             for s in range(n_samples):
@@ -117,12 +116,13 @@ def cast(
                     ox, oy = far * np.cos(2 * np.pi * fa), far * np.sin(2 * np.pi * fa)
                 nearest = np.inf
                 level = behind
-                for f in near[:n_near]:
+                for n in range(n_near):
+                    f = near[n]
                     if not front[time, f]:
                         continue
-                    p = planes[time, f]
                     xf, yf = x, y
                     if radius > 0:
+                        p = planes[time, f]
                         slope = p[0] * (x - ox / focus) + p[1] * (y - oy / focus) + p[2]
                         if slope >= 0:
                             continue
@@ -137,16 +137,17 @@ def cast(
                             break
                     if not inside:
                         continue
-                    slope = p[0] * xf + p[1] * yf + p[2]
+                    slope = planes[time, f, 0] * xf + planes[time, f, 1] * yf + planes[time, f, 2]
                     if slope >= 0:
                         continue
-                    z = p[3] / slope
+                    z = planes[time, f, 3] / slope
                     if z >= nearest:
                         continue
                     nearest = z
                     level = paper[f]
                     if face_tags[f, 1] == 0:
                         continue
+                    p = planes[time, f]
                     u = z * (p[4] * xf + p[5] * yf + p[6]) - p[7]
                     v = z * (p[8] * xf + p[9] * yf + p[10]) - p[11]
                     for m in range(face_tags[f, 0], face_tags[f, 0] + face_tags[f, 1]):
