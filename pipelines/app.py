@@ -114,7 +114,7 @@ def audit(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: De
 
 @app.command(cls=KeyedCommand)
 def view(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Show a recording, a dataset or a run's rollouts in 3D (a Rerun file), or a recording as a contact sheet."""
+    """Show a recording, dataset, run or gap in 3D (a Rerun file), or a recording as a contact sheet."""
     _run("view", keys, json=json, quiet=quiet)
 
 

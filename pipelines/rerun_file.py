@@ -42,8 +42,11 @@ COLOURS = {
     Phase.ROLL: (150, 80, 200),
     Phase.REST: (110, 170, 90),
 }
-BODY, PREDICTED = (200, 200, 205), (240, 120, 60)
+BODY = (200, 200, 205)
+PREDICTED = ((240, 120, 60), (80, 190, 190))
 FOUND, PLACED = (60, 200, 60), (255, 140, 0)
+HALF = 0.5
+"""Rerun counts pixels from the first one's corner, we from its middle."""
 
 
 def write_rerun(shown: Shown, path: Path, *, magnify: float, console: Console) -> int:
@@ -66,8 +69,12 @@ def write_rerun(shown: Shown, path: Path, *, magnify: float, console: Console) -
         _log_plots(stream, body)
         if body.position_cov is not None:
             _log_covariance(stream, body, body.position_cov, magnify)
-    for body in shown.predicted:
-        _log_body(stream, f"/world/predicted/{body.name}", body, PREDICTED)
+    for k, (name, bodies) in enumerate(shown.predicted.items()):
+        for body in bodies:
+            _log_body(stream, f"/world/{name}/{body.name}", body, PREDICTED[k % len(PREDICTED)])
+            _log_path(stream, f"/world/path/{name}/{body.name}", body, PREDICTED[k % len(PREDICTED)])
+    if shown.notes:
+        stream.log("/notes", rr.TextDocument(shown.notes, media_type=rr.MediaType.MARKDOWN), static=True)
     _log_paths(stream, shown)
     _log_tosses(stream, shown)
     count = _log_frames(stream, shown, console)
@@ -85,13 +92,14 @@ def _times(t: Array) -> rr.TimeColumn:
 
 
 def _log_camera(stream: rr.RecordingStream, camera: Camera) -> None:
-    T = camera.T_world_cam
+    T, K = camera.T_world_cam, camera.matrix.copy()
+    K[:2, 2] += HALF
     width, height = camera.resolution
     stream.log(
         f"/world/{camera.name}",
         rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3]),
         rr.Pinhole(
-            image_from_camera=camera.matrix,
+            image_from_camera=K,
             resolution=[width, height],
             camera_xyz=rr.ViewCoordinates.RDF,
             image_plane_distance=0.15,
@@ -169,15 +177,15 @@ def _log_plots(stream: rr.RecordingStream, body: Moving) -> None:
         stream.send_columns(entity, times, rr.Scalars.columns(scalars=values))
 
 
+def _log_path(stream: rr.RecordingStream, entity: str, body: Moving, colour: tuple[int, int, int]) -> None:
+    parts = np.split(body.p, np.flatnonzero(np.diff(body.t) > 0.1) + 1)
+    n = len(parts)
+    stream.log(entity, rr.LineStrips3D(parts, colors=[colour] * n, radii=[8e-4] * n), static=True)
+
+
 def _log_paths(stream: rr.RecordingStream, shown: Shown) -> None:
     for body in shown.moving:
-        parts = np.split(body.p, np.flatnonzero(np.diff(body.t) > 0.1) + 1)
-        lines = rr.LineStrips3D(parts, colors=[(170, 170, 170)] * len(parts), radii=[5e-4] * len(parts))
-        stream.log(f"/world/path/{body.name}", lines, static=True)
-    for body in shown.predicted:
-        parts = np.split(body.p, np.flatnonzero(np.diff(body.t) > 0.1) + 1)
-        lines = rr.LineStrips3D(parts, colors=[PREDICTED] * len(parts), radii=[1e-3] * len(parts))
-        stream.log(f"/world/path/predicted/{body.name}", lines, static=True)
+        _log_path(stream, f"/world/path/{body.name}", body, COLOURS[Phase.UNKNOWN])
     for toss in shown.tosses:
         cuts = np.flatnonzero(np.diff(toss.phase)) + 1
         edges = [0, *cuts.tolist(), len(toss) - 1]
@@ -215,11 +223,12 @@ def _log_frames(stream: rr.RecordingStream, shown: Shown, console: Console) -> i
                     file = shown.frames[camera.name][i]
                     stream.log(entity, rr.EncodedImage(contents=_encoded(shown, file), media_type=_media(file)))
                 seen = found.get((camera.name, round(float(t) * 1e6)), [])
-                strips, words = [[*d.corners, d.corners[0]] for d in seen], [str(d.tag_id) for d in seen]
+                strips = [HALF + np.array([*d.corners, d.corners[0]]) for d in seen]
+                words = [str(d.tag_id) for d in seen]
                 lines = rr.LineStrips2D(strips, labels=words, colors=[FOUND] * len(seen), radii=[-1.5] * len(seen))
                 stream.log(f"{entity}/found", lines)
                 outlines = faces_in_view(shown, camera, float(t)) if is_placed(camera) else ()
-                shapes = [[*o, o[0]] for o in outlines if np.isfinite(o).all()]
+                shapes = [HALF + np.array([*o, o[0]]) for o in outlines if np.isfinite(o).all()]
                 colours, widths = [PLACED] * len(shapes), [-0.75] * len(shapes)
                 stream.log(f"{entity}/placed", rr.LineStrips2D(shapes, colors=colours, radii=widths))
                 progress.advance()
@@ -248,7 +257,9 @@ def _blueprint(shown: Shown) -> rrb.Blueprint:
     views: list[Any] = [scene, rrb.Horizontal(*below)]
     if shown.tosses:
         views.append(rrb.StateTimelineView(origin="/", contents=["/toss", "/phase"], name="Tosses and phases"))
-    left = rrb.Vertical(*views, row_shares=[5, 2, 1][: len(views)])
+    if shown.notes:
+        views.append(rrb.TextDocumentView(origin="/notes", name="Gap"))
+    left = rrb.Vertical(*views, row_shares=[5, 2, 1, 2][: len(views)])
     if not shown.cameras:
         return rrb.Blueprint(left, collapse_panels=True)
     images = [rrb.Spatial2DView(origin=f"/world/{camera.name}", name=camera.name) for camera in shown.cameras]

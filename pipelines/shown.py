@@ -1,11 +1,9 @@
-"""What `tossid view` shows, gathered from a recording, a dataset or a run: cameras, bodies in motion, tosses."""
+"""What `tossid view` shows, and how it is gathered from a recording: cameras, bodies in motion, tosses."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +11,11 @@ from numpy.typing import NDArray
 from pipelines.console import Console
 from pipelines.frames import STAGES, detect_stage, open_stage, track_stage, with_clocks
 from pipelines.opening import Opened
-from pipelines.project import dataset_path
 from pipelines.schemas import ViewConfig
 from tossid.errors import FileError, InputError, TossidError
 from tossid.motion import tosses_from_tracks
 from tossid.objects import ObjectModel, body_poses
 from tossid.rotations import quat_rotate
-from tossid.store import read_dataset
 from tossid.types import Detection, PoseTrack, Toss
 from tossid.vision.camera import Camera
 from tossid.vision.faces import object_faces
@@ -31,8 +27,6 @@ from tossid.vision.shutter import poses_at
 
 Array = NDArray[np.float64]
 
-PAUSE = 0.3
-"""Between tosses that are shown one after another [s]."""
 SINCE_1970 = 1e8
 """Times beyond this are taken for dates [s]."""
 GAP, SAME = 0.03, 2e-4
@@ -69,7 +63,8 @@ class Moving:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """All that there is to see. frames: of each camera, those whose images are shown. predicted: a run's rollouts."""
+    """All that there is to see. frames: of each camera, those whose images are shown. predicted: rollouts, by what
+    predicts. notes: Markdown beside."""
 
     name: str
     cameras: tuple[Camera, ...] = ()
@@ -79,7 +74,8 @@ class Shown:
     detections: tuple[Detection, ...] = ()
     moving: tuple[Moving, ...] = ()
     tosses: tuple[Toss, ...] = ()
-    predicted: tuple[Moving, ...] = ()
+    predicted: Mapping[str, tuple[Moving, ...]] = field(default_factory=dict)
+    notes: str = ""
 
 
 def shown_recording(config: ViewConfig, console: Console) -> Shown:
@@ -216,70 +212,6 @@ def _tosses(tracks: Mapping[str, PoseTrack], model: ObjectModel | None, console:
     except TossidError as error:
         console.warn(f"no tosses are marked: {error}")
         return ()
-
-
-def shown_tosses(config: ViewConfig, console: Console) -> Shown:
-    """Tosses of a dataset one after another, and a run's rollouts of them."""
-    from pipelines.checkpoints import load_checkpoint
-    from pipelines.learning import predicted_motions
-    from pipelines.runs import find_run
-
-    trained, held_out = None, False
-    path: Path | None = config.data
-    if config.run is not None:
-        record = find_run(config.run)
-        if record.checkpoint is None:
-            raise InputError(f"run {record.name} ({record.id or record.folder}) has no checkpoint")
-        trained, held_out = load_checkpoint(record.checkpoint), path is None
-        path = trained.data if path is None else path
-    path = dataset_path(path)
-    dataset = read_dataset(path)
-    tosses = dataset.of_split("test") if held_out else dataset.tosses
-    if not tosses:
-        raise InputError(f"{path}: no held-out tosses to show")
-    model: ObjectModel = dataset.object
-    rolled = () if trained is None else predicted_motions(trained.model, model, tosses)
-    shifted = in_a_row(tosses)
-    last = config.start_s + config.seconds if config.seconds is not None else np.inf
-    begin = shifted[0].t[0]
-    kept = [i for i, toss in enumerate(shifted) if config.start_s <= toss.t[-1] - begin and toss.t[0] - begin <= last]
-    if not kept:
-        raise InputError(f"{path}: no toss in that stretch of time; see start_s and seconds")
-    tosses = tuple(shifted[i] for i in kept)
-    moving = moving_bodies({model.name: _joined([(t.t, t.q, t.q_cov) for t in tosses])}, None, model)
-    predicted: tuple[Moving, ...] = ()
-    if rolled:
-        motion = _joined([(shifted[i].t, rolled[i].q, None) for i in kept])
-        predicted = moving_bodies({model.name: motion}, None, model)
-    console.say(f"{len(tosses)} tosses of {path}" + (" (held out)" if held_out else ""))
-    return Shown(path.stem, moving=moving, tosses=tosses, predicted=predicted)
-
-
-def in_a_row(tosses: Sequence[Toss]) -> tuple[Toss, ...]:
-    """Tosses at times that do not overlap: their own where these do not, else one after another from 0."""
-    if all(before.t[-1] < after.t[0] for before, after in itertools.pairwise(tosses)):
-        return tuple(tosses)
-    found, start = [], 0.0
-    for toss in tosses:
-        found.append(replace(toss, t=toss.t - toss.t[0] + start))
-        start = float(found[-1].t[-1]) + PAUSE
-    return tuple(found)
-
-
-def _joined(pieces: Sequence[tuple[Array, Array, Array | None]]) -> PoseTrack:
-    good = [(t[rows], q[rows], None if cov is None else cov[rows]) for t, q, cov in pieces for rows in [_finite(q)]]
-    covs = [cov for _, _, cov in good if cov is not None]
-    return PoseTrack(
-        "joined",
-        np.concatenate([t for t, _, _ in good]),
-        np.concatenate([q for _, q, _ in good]),
-        np.concatenate(covs) if len(covs) == len(good) else None,
-    )
-
-
-def _finite(q: Array) -> NDArray[np.bool_]:
-    """Rows of a motion up to where a rollout diverged."""
-    return np.logical_and.accumulate(np.isfinite(q).all(axis=1) & (np.abs(q[:, :3]).max(axis=1) < 1e3))
 
 
 def moments_of(shown: Shown, camera: str) -> Array:

@@ -1,4 +1,4 @@
-"""`tossid view`: a recording, a dataset or a run's rollouts as a Rerun file, or as a contact sheet."""
+"""`tossid view`: a recording, a dataset, a run's rollouts or a gap as a Rerun file; a recording as a contact sheet."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from pipelines.shown import (
     misplaced,
     moments_of,
     shown_recording,
-    shown_tosses,
 )
+from pipelines.shown_tosses import shown_tosses
 from tossid.errors import ConfigError, InputError
 from tossid.types import Phase
 from tossid.vision.camera import Camera
@@ -33,12 +33,14 @@ FOLDER = Path("outputs/view")
 
 def run(config: ViewConfig, console: Console) -> dict[str, Any]:
     """Gather, write; returns what was written."""
-    recorded = config.data is None and config.run is None
+    recorded = config.data is None and config.run is None and config.gap is None
     for key, path, suffix in (("out", config.out, ".rrd"), ("sheet", config.sheet, ".png")):
         if path is not None and path.suffix != suffix:
             raise ConfigError(key, f"'{path}' does not end in {suffix}.", suggestion=str(path.with_suffix(suffix)))
     if config.recording is not None and not recorded:
-        raise ConfigError("recording", "is given with data= or run=; one of them is shown at a time.")
+        raise ConfigError("recording", "is given with data=, run= or gap=; one of them is shown at a time.")
+    if config.run is not None and config.gap is not None:
+        raise ConfigError("gap", "is given with run=; one of them is shown at a time.")
     if config.sheet is not None and not recorded:
         raise ConfigError("sheet", "is a contact sheet of a recording's frames; give recording=, or leave it out.")
     wants_file = config.sheet is None or config.out is not None or config.open

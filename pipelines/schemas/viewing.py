@@ -15,11 +15,13 @@ class ViewConfig:
     """Keys of `tossid view`."""
 
     recording: Path | None
-    """recording to show (frames, videos, or a bag); null, with no data= or run=: the newest in data/raw"""
+    """recording to show (frames, videos, or a bag); null, with no data=, run= or gap=: the newest in data/raw"""
     data: Path | None
     """dataset to show (.h5)"""
     run: str | None
     """training whose rollouts to show beside held-out tosses (id, name or folder), or those of data="""
+    gap: Path | None
+    """what `tossid diagnose` wrote (folder or gap.json): its tosses, and rollouts as stated and as patched"""
     detections: Path | None
     """what `tossid detect` wrote for the recording; null: its default place, else tags are looked for now"""
     poses: Path | None

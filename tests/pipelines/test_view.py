@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import json
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +18,13 @@ from pipelines import app
 from pipelines.config import load
 from pipelines.console import Console
 from pipelines.schemas import ViewConfig
-from pipelines.shown import Shown, faces_in_view, in_a_row, misplaced, shown_recording, shown_tosses
+from pipelines.shown import Shown, faces_in_view, misplaced, shown_recording
+from pipelines.shown_tosses import in_a_row, shown_tosses
 from pipelines.view import happening, sheet_of
 from tests.pipelines.conftest import one_line
+from tossid.errors import FileError, InputError
+from tossid.motion import flight_frames
+from tossid.objects import to_mjcf
 from tossid.rotations import geodesic_angle
 from tossid.store import read_dataset
 from tossid.vision.files import read_tracks
@@ -90,6 +96,15 @@ def test_a_sheet_marks_what_was_found(shown: Shown) -> None:
     assert (np.abs(bare - FOUND).max(axis=-1) < 10).sum() < 0.3 * marked.sum()  # the legend's alone
 
 
+def test_detections_without_images_are_drawn_too(shown: Shown) -> None:
+    bare = replace(shown, recording=None, frames=None)
+    sheet = sheet_of(bare, 3).astype(int)
+    assert (np.abs(sheet - FOUND).max(axis=-1) < 40).sum() > 300
+    assert (np.abs(sheet - 150).max(axis=-1) < 3).mean() > 0.3  # the pictures are empty
+    with pytest.raises(InputError, match="no frames and no detections"):
+        sheet_of(replace(bare, detections=()), 3)
+
+
 def test_a_sheet_needs_no_rerun(film: Path, monkeypatch: pytest.MonkeyPatch, answer: Any, capfd: Any) -> None:
     monkeypatch.chdir(film)
     monkeypatch.setitem(sys.modules, "rerun", None)  # an import that fails
@@ -130,10 +145,46 @@ def test_tosses_and_rollouts_are_shown_one_after_another(made: Path, monkeypatch
     (run,) = (made / "outputs" / "train").glob("cnrpi-*")
     seen = shown_tosses(load("view", ViewConfig, [f"run={run}"]), Console(quiet=True))
     assert [toss.name for toss in seen.tosses] == [toss.name for toss in dataset.of_split("test")]
-    measured, predicted = seen.moving[0], seen.predicted[0]
+    measured, predicted = seen.moving[0], seen.predicted["predicted"][0]
     for toss in seen.tosses:  # a rollout starts where its toss does
         i, j = (int(np.argmin(np.abs(body.t - toss.t[0]))) for body in (measured, predicted))
         assert np.linalg.norm(measured.p[i] - predicted.p[j]) < 2e-3
+
+
+def test_a_gap_is_shown_with_its_simulators(made: Path, tmp_path: Path) -> None:
+    """Tosses of the stated object in rigid contact: both simulators follow them through their flight."""
+    dataset = read_dataset(made / "tosses" / "tosses.h5")
+    report = {
+        "schema": "tossid.gap/1",
+        "simulator": {"sim": "nominal", "about": "the stated cube"},
+        "data": {"path": str(made / "tosses" / "tosses.h5")},
+        "gap": {"total": {"value": 3.2, "unit": "standard deviations of noise"}},
+        "explanation": {"verdict": "partly_explained"},
+        "effects": [
+            {
+                "name": "friction",
+                "verdict": "identified",
+                "parameters": {"mu": {"value": 0.3}},
+                "gap_closed": {"value": 0.8},
+            },
+            {"name": "wind", "verdict": "not_supported"},
+        ],
+        "patch": {"mjcf": to_mjcf(dataset.object, timestep=4e-4)},
+    }
+    (tmp_path / "gap.json").write_text(json.dumps(report))
+    seen = shown_tosses(load("view", ViewConfig, [f"gap={tmp_path}"]), Console(quiet=True))
+    assert "**partly explained**" in seen.notes
+    assert "| friction | identified | mu 0.3 | 80 % |" in seen.notes
+    assert "wind" not in seen.notes
+    assert seen.predicted.keys() == {"stated", "patched"}
+    (measured,) = seen.moving
+    for (predicted,) in seen.predicted.values():
+        assert len(predicted.t) == len(measured.t)
+        for toss in seen.tosses:
+            flight = (measured.t >= toss.t[0]) & (measured.t <= toss.t[flight_frames(toss, dataset.object) - 1])
+            assert np.linalg.norm(predicted.p[flight] - measured.p[flight], axis=1).max() < 4e-3
+    with pytest.raises(FileError, match="no gap report"):
+        shown_tosses(load("view", ViewConfig, [f"gap={made / 'tosses'}"]), Console(quiet=True))
 
 
 def test_a_rerun_file_holds_it_all(film: Path, shown: Shown, monkeypatch: pytest.MonkeyPatch, answer: Any) -> None:
@@ -176,6 +227,7 @@ def test_a_rerun_file_of_rollouts(made: Path, project: Path, answer: Any) -> Non
         (["recording=film", "sheet=film.jpg"], "does not end in .png"),
         (["data=x.h5", "sheet=film.png"], "contact sheet of a recording"),
         (["data=x.h5", "recording=film"], "one of them is shown at a time"),
+        (["gap=x", "run=y"], "one of them is shown at a time"),
         (["recording=film", "sheet=s.png", "start_s=100"], "has nothing from start_s=100 on"),
         (["recording=film", "sheet=s.png", "poses=none.npz"], "none.npz: no such file; 'tossid track' makes it"),
         (["recording=gone", "sheet=s.png"], "gone"),
