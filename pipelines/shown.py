@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +90,7 @@ def shown_recording(config: ViewConfig, console: Console) -> Shown:
     if config.poses is not None and not config.poses.is_file():
         raise FileError(config.poses, "no such file; 'tossid track' makes it")
     detections = _detections(config, opened, console)
-    if poses_file.is_file():
+    if config.poses is not None or _left_by_a_stage(poses_file, opened, console):
         tracks = {track.name: track for track in read_tracks(poses_file)}
         set_up = poses_file.parent / f"{poses_file.stem}_set_up"
         if set_up.is_dir():
@@ -128,11 +129,24 @@ def _detections(config: ViewConfig, opened: Opened, console: Console) -> tuple[D
     if opened.recording is None and config.detections is None:
         return opened.detections
     source = config.detections or STAGES / opened.name / "detections.npz"
-    if source.is_file():
-        return read_detections(source)
-    if config.detections is not None:
+    if config.detections is not None and not source.is_file():
         raise FileError(source, "no such file; 'tossid detect' makes it")
+    if config.detections is not None or _left_by_a_stage(source, opened, console):
+        return read_detections(source)
     return tuple(detect_stage(opened, config.detect, threads=config.threads, console=console)[0])
+
+
+def _left_by_a_stage(file: Path, opened: Opened, console: Console) -> bool:
+    """Whether a stage has left its file, and the recording is not newer."""
+    if not file.is_file():
+        return False
+    folder = opened.path if opened.path.is_dir() else opened.path.parent
+    set_up = folder / "cameras.yaml"
+    if set_up.is_file() and set_up.stat().st_mtime > file.stat().st_mtime:
+        console.say(f"{file} is older than the recording and is left aside")
+        return False
+    console.say(f"taking {file}")
+    return True
 
 
 def _between(track: PoseTrack, first: float, last: float) -> PoseTrack | None:

@@ -131,6 +131,9 @@ def test_stages_files_are_shown_where_there_are_some(film: Path, tmp_path: Path,
     assert late["cam1"] - late["cam0"] == pytest.approx(0.02, abs=3e-4)
     times = [[file.t_ns * 1e-9 for file in files] for files in seen.frames.values()]
     np.testing.assert_allclose(times[0], times[1], atol=4e-4)
+    (tmp_path / "film" / "cameras.yaml").touch()  # a newer recording of the same name: its stages are not there yet
+    with pytest.raises(TypeError, match="NoneType"):
+        shown_recording(load("view", ViewConfig, ["recording=film"]), Console(quiet=True))
 
 
 def test_tosses_and_rollouts_are_shown_one_after_another(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -53,9 +53,9 @@ def hand_faces(model: ObjectModel, *, body: int) -> tuple[tuple[Face, ...], Arra
     arm = np.array([0.0, 0.0, r + 0.03]) + rotvec_to_matrix(tilt) @ [0.0, 0.0, 0.17]
     boxes = [
         ([0.0, 0.0, r + 0.015], [2 * r + 0.02, 0.085, 0.03], np.zeros(3), SKIN),
-        ([r + 0.01, -0.03, 0.15 * r], [0.018, 0.02, 1.7 * r], np.zeros(3), SKIN),
-        ([r + 0.01, 0.0, 0.05 * r], [0.018, 0.02, 1.9 * r], np.zeros(3), SKIN),
-        ([r + 0.01, 0.03, 0.2 * r], [0.018, 0.02, 1.6 * r], np.zeros(3), SKIN),
+        ([r + 0.01, -0.03, 0.25 * r], [0.018, 0.02, 1.5 * r], np.zeros(3), SKIN),
+        ([r + 0.01, 0.0, 0.2 * r], [0.018, 0.02, 1.6 * r], np.zeros(3), SKIN),
+        ([r + 0.01, 0.03, 0.3 * r], [0.018, 0.02, 1.4 * r], np.zeros(3), SKIN),
         ([-r - 0.01, 0.01, 0.35 * r], [0.02, 0.024, 1.3 * r], np.zeros(3), SKIN),
         (arm, [0.07, 0.08, 0.34], tilt, SLEEVE),
     ]
