@@ -65,6 +65,7 @@ def film(
     cameras = make_cameras(keys, rate_hz=config.rate_hz)
     if len(keys.clocks_s) > len(cameras):
         raise ConfigError("camera.clocks_s", f"has {len(keys.clocks_s)} values for {len(cameras)} cameras.")
+    _check_renderer(keys)
     timeline = make_timeline(tosses, model, rng, start=START, carry=keys.carry_s, rest=keys.pause_s)
     apart = np.random.default_rng([config.seed, 5])  # without effects, images are as they were before there were any
     ids = frozenset(tag.id for tag in model.tags)
@@ -121,6 +122,14 @@ def film(
     write_tracks([PoseTrack("truth", timeline.t, timeline.q)], folder / TRUE_POSES)
     write_film_truth(folder, timeline, model, cameras, filming, settings, truth, reaches)
     return Filmed(timeline.tosses, truth.n_images, tuple(camera.name for camera in cameras))
+
+
+def _check_renderer(keys: CameraConfig) -> None:
+    """`ConfigError` where MuJoCo's renderer is asked for what only our own draws."""
+    if keys.renderer == "mujoco":
+        for name in ("line_s", "glare", "aperture_m", "texture", "clutter", "hand", "sweeps"):
+            if getattr(keys, name):
+                raise ConfigError(f"camera.{name}", "is not known to camera.renderer=mujoco; leave that at opencv.")
 
 
 def write_film_truth(

@@ -76,6 +76,11 @@ def test_without_effects_the_truth_says_so(project: Path, answer: Any) -> None:
     assert kept.all()
 
 
+def test_an_effect_is_not_left_out_silently(project: Path, capfd: Any) -> None:
+    assert app.run(["synthesize", *SMALL, "camera.renderer=mujoco", "camera.glare=1", "out=film", "--quiet"]) == 2
+    assert "camera.glare: is not known to camera.renderer=mujoco" in one_line(capfd.readouterr().err)
+
+
 @pytest.mark.parametrize(
     ("key", "message"),
     [
