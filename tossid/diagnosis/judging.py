@@ -23,11 +23,11 @@ Item = TypeVar("Item")
 Made = TypeVar("Made")
 
 FOLDS = 8
-POLISH = 4
+POLISH = 2
 """Fits to a last hypothesis, each from where the last was nudged to."""
 POLISHED = 1.0
 """Gain of log-likelihood below which no other follows."""
-RESTARTS = 2
+RESTARTS = 1
 """Of windows that fit badly, at the start and whenever an effect has joined."""
 
 
