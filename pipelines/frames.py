@@ -23,7 +23,7 @@ from tossid.types import Detection, PoseTrack, Toss
 from tossid.vision.believed import TrackSettings
 from tossid.vision.detect import DetectSettings, detect_frames
 from tossid.vision.files import read_tracks
-from tossid.vision.layout import object_body
+from tossid.vision.layout import articulated, object_body
 from tossid.vision.segment import SegmentSettings, segment
 from tossid.vision.track import Tracked, track_scene
 
@@ -100,7 +100,8 @@ def track_stage(opened: Opened, detections: Sequence[Detection], config: TrackCo
     if opened.model is None:  # of bodies that nothing is known of, no accuracy is asked
         settings = replace(settings, max_sigma=float("inf"), max_angle_sigma=float("inf"))
     with console.progress("track", None, unit="poses") as progress:
-        tracked = track_scene(detections, opened.cameras, opened.layout, settings=settings, name=opened.name)
+        layout = opened.layout if opened.model is None else articulated(opened.layout, opened.model)
+        tracked = track_scene(detections, opened.cameras, layout, settings=settings, name=opened.name)
         progress.advance(tracked.report.n_poses)
     report = tracked.report
     console.say(f"track: {report.n_poses} poses in {report.n_steps} frames, reprojection {report.rms:.2f} px rms")
@@ -116,15 +117,13 @@ def track_stage(opened: Opened, detections: Sequence[Detection], config: TrackCo
 
 
 def object_track(opened: Opened, tracked: Tracked) -> PoseTrack:
-    """The track of the object's body.
+    """The track of the object's body, with its joints.
 
     Raises:
-        ObjectError: the object has joints, or is no moving body of the scene.
+        ObjectError: the object is no moving body of the scene.
         InputError: it has too few poses.
     """
     model = opened.object()
-    if model.n_bodies != 1:
-        raise ObjectError(f"object '{model.name}' has {model.n_bodies} bodies; tracking takes one rigid body")
     body = object_body(opened.layout, model.body_names)
     if body is None or body.is_static:
         names = ", ".join(body.name for body in opened.layout.bodies)

@@ -29,6 +29,10 @@ Image = NDArray[np.uint8]
 
 UNREFINED_SIGMA = 0.4
 """Standard deviation of a corner as the AprilTag library gives it [px]; measured on rendered tags."""
+HARD_SIGMA = 1.2
+"""The same of a tag whose corners should be refined and could not be: steep, half hidden, or against a bright face."""
+INSIDE = 2.0
+"""A corner that is not refined lies at least so far from the image's edge [px]; one beyond it is only extrapolated."""
 FINE_SEARCH = 4
 """Of so many frames in a row without a tag, one is searched whole at full resolution."""
 TILE = 4
@@ -162,12 +166,14 @@ class TagFinder:
             if len(believed[tag_id]) > 1:  # at most one can be right, and nothing says which
                 rejected["rejected: id seen twice in a frame"] += len(believed[tag_id])
                 continue
-            found.append(self._detection(frame, origin, believed[tag_id][0], rejected))
+            detection = self._detection(frame, origin, believed[tag_id][0], rejected)
+            if detection is not None:
+                found.append(detection)
         if count:
             self.tally.update(rejected)
         return found
 
-    def _detection(self, frame: Frame, origin: tuple[int, int], raw: Any, notes: Counter[str]) -> Detection:
+    def _detection(self, frame: Frame, origin: tuple[int, int], raw: Any, notes: Counter[str]) -> Detection | None:
         # the library counts pixels from the first one's corner, we from its middle
         corners = np.asarray(raw.corners, dtype=float) - 0.5 + np.asarray(origin, dtype=float)
         cov, refined = np.zeros((4, 2, 2)), False
@@ -177,7 +183,11 @@ class TagFinder:
             )
             notes["corners not refined"] += not refined
         if not refined:
-            cov = np.tile(UNREFINED_SIGMA**2 * np.eye(2), (4, 1, 1))
+            if not self.camera.contains(corners, margin=INSIDE).all():
+                notes["rejected: cut by the image's edge"] += 1
+                return None
+            sigma = HARD_SIGMA if self.settings.refine else UNREFINED_SIGMA
+            cov = np.tile(sigma**2 * np.eye(2), (4, 1, 1))
         return Detection(
             camera=frame.camera,
             t=frame.t,

@@ -67,6 +67,11 @@ def body_key(b: int, step: int) -> int:
     return int(gtsam.symbol("x", b * STEPS + step))
 
 
+def joint_key(b: int, step: int) -> int:
+    """Key of the angle of the hinge that a body hangs on, in a time step."""
+    return int(gtsam.symbol("j", b * STEPS + step))
+
+
 def clock_key(c: int) -> int:
     """Key of a camera's clock offset."""
     return int(gtsam.symbol("o", c))
