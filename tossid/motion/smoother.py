@@ -57,8 +57,9 @@ SPILL = 0.03
 """Share of an interval's density that its neighbours have at least: which of them held the impact is not certain."""
 CARRIED_OVER = 0.02
 """[s] over which the mean acceleration tells whether the ground carries the object."""
-S_FLIGHT = 10.0 ** np.arange(-6.5, 0.5, 0.5)
-"""[m²/s³] densities in flight that are tried; the least lets the velocity wander by 0.4 mm/s in half a second."""
+S_FLIGHT = 10.0 ** np.arange(-8.5, 0.5, 0.5)
+"""[m²/s³] densities in flight that are tried; the least lets the velocity wander by 0.04 mm/s in half a second, as
+poses to 5 µm can tell."""
 LOG_LIKELIHOOD_SLACK = 0.5
 """By how much a likelihood may fall short of the best: one standard deviation."""
 

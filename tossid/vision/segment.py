@@ -15,12 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
-from tossid.objects import GRAVITY, ObjectModel, body_poses, corner_positions
-from tossid.rotations import geodesic_angle, quat_boxminus, quat_continuous, quat_normalize, quat_rotate
+from tossid.objects import GRAVITY, ObjectModel, corner_positions
+from tossid.rotations import geodesic_angle, quat_boxminus, quat_continuous, quat_normalize
 from tossid.types import PoseTrack
+from tossid.vision.energy import center_of_mass, kinetic_energy
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+GIVEN = 0.01
+"""Energy [J/kg] beyond what was there that only a hand can have given to an object that lay or stood still."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +102,8 @@ def segment(
     for number, (a, b) in enumerate(itertools.pairwise(edges)):
         open_end = number < len(edges) - 2
         cov = None if track.q_cov is None else track.q_cov[a:b]
-        part = _Part(track.t[a:b], com[a:b], track.q[a:b], cov, low[a:b], dt, gravity, gyration, settings)
+        kinetic = kinetic_energy(model, track.t[a:b], track.q[a:b])
+        part = _Part(track.t[a:b], com[a:b], track.q[a:b], cov, low[a:b], kinetic, dt, gravity, gyration, settings)
         if b - a < 8:
             reject(a, b - 1, "too short")
             continue
@@ -110,13 +115,6 @@ def segment(
                 cov = None if track.q_cov is None else track.q_cov[own]
                 tosses.append(PoseTrack(f"{track.name}_{len(tosses):03d}", track.t[own], track.q[own], cov))
     return tuple(tosses), tuple(rejected)
-
-
-def center_of_mass(model: ObjectModel, q: Array) -> Array:
-    """World position of the whole object's centre of mass [m]. (n, nq) -> (n, 3)."""
-    position, quat = body_poses(model, q)
-    com = position + quat_rotate(quat, model.com)
-    return np.asarray(np.einsum("b,nbi->ni", model.mass, com) / model.mass.sum())
 
 
 def rest_frame(q: Array, *, settings: SegmentSettings = SegmentSettings()) -> int:
@@ -171,12 +169,13 @@ class _Part:
         q: Array,
         q_cov: Array | None,
         low: Array,
+        kinetic: Array,
         dt: float,
         gravity: float,
         gyration: float,
         settings: SegmentSettings,
     ) -> None:
-        self.t, self.com, self.q, self.low = t, com, q, low
+        self.t, self.com, self.q, self.low, self.kinetic = t, com, q, low, kinetic
         self.dt, self.gravity, self.gyration, self.settings = dt, gravity, gyration, settings
         # noise of each frame [m], [rad]: what the track says, and at least what its third differences
         # show, which of smooth motion are far smaller than of noise
@@ -242,15 +241,18 @@ class _Part:
         return self._merge(found)
 
     def _merge(self, rests: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        """Join rests between which the object only settled further by itself."""
+        """Join rests between which the object only moved on by itself: settled further, or tipped over after it had
+        stood still on an edge. It had not come to rest before."""
         merged: list[tuple[int, int]] = []
         for first, last in rests:
             if merged:
                 between = slice(merged[-1][1], first + 1)
-                rise = self.com[between, 2].max() - self.com[merged[-1][1], 2]
+                fall = self.com[merged[-1][1], 2] - self.com[between, 2]
                 speed = np.linalg.norm(self.velocity[between], axis=1).max()
-                if rise < 0.004 and speed < 0.15 and (first - merged[-1][1]) * self.dt < 1.0:
-                    # it had not come to rest before
+                settled = -fall.min() < 0.004 and speed < 0.15
+                # what moves is paid by what has fallen
+                tipped = (self.kinetic[between] - self.gravity * fall).max() < GIVEN
+                if (settled or tipped) and (first - merged[-1][1]) * self.dt < 1.0:
                     merged[-1] = (first, last)
                     continue
             merged.append((first, last))
