@@ -45,8 +45,8 @@ BATCH = 64
 """Tracks smoothed together; the first batch, drawn evenly, gives the density in flight."""
 SEARCH_PASSES, FINAL_PASSES = 6, 6
 """Passes that find the contact intervals, and that follow with the density of flight in place."""
-NU = 2.0
-"""Degrees of freedom of the accelerations in contact: heavy tails, impacts are common."""
+NU = 1.0
+"""Degrees of freedom of the accelerations in contact: very heavy tails, as impacts are common, and so is lying still."""
 S_CONTACT = 0.3
 """[m²/s³] their density between impacts: at 148 Hz the velocity changes by 0.7 g h in an interval."""
 JUMP = 1.0

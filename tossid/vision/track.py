@@ -34,6 +34,9 @@ CONFIRMED = 5.0
 """A clock's offset is one that is so many of its standard deviations from none."""
 AMISS, AMISS_SHARE = 1.5, 0.02
 """Residuals over the noise, or share of sightings that contradict the others, at which the set-up is checked."""
+AS_PROMISED = 1.2
+"""Residuals within this of what the corners promise, up or down, leave the poses' covariances as these promise. Errors
+that swell a tag, such as its edges' bleeding, are in the residuals and not in the pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +184,8 @@ def _solve(
     suspects = check_set_up(scene, given(scene)) if _amiss(errors, used) else []
     used &= np.isfinite(errors.pixels)
     scale = errors.scale(scene, used)
-    solution = solve(scene, solution.state, used, scale=scale, known=known, motion=motion, covariances=True)
+    told = scale if abs(np.log(scale)) > np.log(AS_PROMISED) else 1.0
+    solution = solve(scene, solution.state, used, scale=told, known=known, motion=motion, covariances=True)
     return _Solved(scene, solution, reproject(scene, solution.state, motion), used, scale, dropped, suspects)
 
 
