@@ -9,6 +9,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from pipelines.calling import jsonable
 from pipelines.console import Console
 from pipelines.datasets import described, save
 from pipelines.opening import CameraSource, Opened, open_recording, source_at
@@ -23,12 +26,15 @@ from tossid.types import Detection, PoseTrack, Toss
 from tossid.vision.believed import TrackSettings
 from tossid.vision.detect import DetectSettings, detect_frames
 from tossid.vision.files import read_tracks
+from tossid.vision.ground import find_ground
 from tossid.vision.layout import articulated, object_body
 from tossid.vision.segment import SegmentSettings, segment
 from tossid.vision.track import Tracked, track_scene
 
 STAGES = Path("outputs/stages")
 """Where the stages leave their files, a folder for each recording."""
+OFF = 0.01, np.deg2rad(1.0)
+"""Height [m] and tilt [rad] from which on the world's z = 0 is not the ground that was meant."""
 
 
 def ingest_frames(config: IngestConfig, source: CameraSource, console: Console) -> dict[str, Any]:
@@ -40,6 +46,7 @@ def ingest_frames(config: IngestConfig, source: CameraSource, console: Console) 
         detections, tally = detect_stage(opened, config.detect, threads=config.threads, console=console)
         tracked = track_stage(opened, detections, config.track, console=console)
         poses, report = object_track(opened, tracked), tracked.report
+        poses, ground = level_stage(opened, poses, config.segment, gravity=config.gravity, console=console)
         tosses, tracks, rejected = segment_stage(poses, model, config.segment, gravity=config.gravity, console=console)
         _save(
             tosses,
@@ -57,7 +64,9 @@ def ingest_frames(config: IngestConfig, source: CameraSource, console: Console) 
             reprojection_rms_px=report.rms,
         )
     facts = described(out, console)
-    return {**facts, "detect": tally, "track": asdict(report), "segment": {"rejected": rejected}}
+    return {
+        **facts, "detect": tally, "track": asdict(report), "ground": ground, "segment": {"rejected": rejected}
+    }  # fmt: skip
 
 
 def open_stage(path: Path | None, config: ObjectConfig | None, *, default: str | None = None) -> Opened:
@@ -133,11 +142,37 @@ def object_track(opened: Opened, tracked: Tracked) -> PoseTrack:
     return tracked.tracks[body.name]
 
 
+def level_stage(
+    opened: Opened, poses: PoseTrack, config: SegmentConfig, *, gravity: float, console: Console
+) -> tuple[PoseTrack, dict[str, Any] | None]:
+    """Poses in the ground's frame, where the set-up does not give it (`segment.level`), and what was found of the ground."""
+    try:
+        ground = find_ground(poses, opened.object(), gravity=gravity)
+    except InputError as error:
+        console.say(f"ground: as the set-up has it ({error})")
+        return poses, None
+    tilt, slope = np.rad2deg(ground.tilt), np.rad2deg(float(np.linalg.norm(ground.slope)))
+    sigma = 1e3 * float(np.sqrt(ground.cov[0, 0]))
+    off = abs(ground.height) > OFF[0] or ground.tilt > OFF[1]
+    told = any(body.is_static and body.tags for body in opened.layout.bodies)
+    level = config.level == "always" or (config.level == "auto" and off and not told)
+    console.say(
+        f"ground: {1e3 * ground.height:.2f} mm high (± {sigma:.2f}), up is {tilt:.2f}° from z, it slopes by {slope:.2f}°; "
+        f"from {ground.n_rests} rests and {ground.n_falling} frames of flight"
+    )
+    if level:
+        console.warn("the world is turned and shifted so that the ground is z = 0 (segment.level=never leaves it)")
+    elif off:
+        console.warn("the world's z = 0 is not the ground; segment.level=always turns and shifts it")
+    facts = {**jsonable(asdict(ground)), "levelled": level}
+    return (ground.levelled(poses) if level else poses), facts
+
+
 def segment_stage(
     poses: PoseTrack, model: ObjectModel, config: SegmentConfig, *, gravity: float, console: Console
 ) -> tuple[tuple[Toss, ...], tuple[PoseTrack, ...], list[dict[str, Any]]]:
     """Tosses with velocities, the tracks they were made of, and the stretches that are no toss."""
-    tracks, stretches = segment(poses, model, gravity=gravity, settings=SegmentSettings(**asdict(config)))
+    tracks, stretches = segment(poses, model, gravity=gravity, settings=_settings(config))
     console.say(f"segment: {len(tracks)} tosses; {len(stretches)} stretches are none")
     for stretch in stretches:
         console.say(f"  {stretch.t0:.2f} s to {stretch.t1:.2f} s: {stretch.reason}")
@@ -145,6 +180,10 @@ def segment_stage(
         raise InputError(f"no toss in {len(poses.t)} poses of '{model.name}'; see the reasons above")
     tosses = tosses_from_tracks(tracks, model, gravity=gravity)
     return tosses, tracks, [{"t0": s.t0, "t1": s.t1, "reason": s.reason} for s in stretches]
+
+
+def _settings(config: SegmentConfig) -> SegmentSettings:
+    return SegmentSettings(**{name: value for name, value in asdict(config).items() if name != "level"})
 
 
 def segment_file(config: SegmentStageConfig, console: Console) -> dict[str, Any]:
@@ -155,6 +194,7 @@ def segment_file(config: SegmentStageConfig, console: Console) -> dict[str, Any]
     out = check_dataset_name("out", config.out or DATASETS / f"{opened.name}.h5")
     poses = read_track(source)
     with output_file(out) as temporary:
+        poses, ground = level_stage(opened, poses, config.segment, gravity=config.gravity, console=console)
         tosses, tracks, rejected = segment_stage(poses, model, config.segment, gravity=config.gravity, console=console)
         _save(
             tosses,
@@ -167,7 +207,7 @@ def segment_file(config: SegmentStageConfig, console: Console) -> dict[str, Any]
             source_path=str(source),
             source_sha256=source_sha256(source),
         )
-    return {**described(out, console), "segment": {"rejected": rejected}}
+    return {**described(out, console), "ground": ground, "segment": {"rejected": rejected}}
 
 
 def _save(

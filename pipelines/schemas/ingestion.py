@@ -79,6 +79,9 @@ class SegmentConfig:
     """height of the lowest corner at which a flight can have ended on the ground [m]"""
     max_gap: Positive
     """longest gap in a toss [s]"""
+    level: Literal["auto", "always", "never"]
+    """turn and shift the world so that the ground found from the tosses is z = 0; auto: where no fixed tag says where
+    the ground is, and it is off by more than 1 cm or 1 degree"""
 
 
 @dataclass(frozen=True)

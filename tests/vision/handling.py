@@ -58,16 +58,24 @@ class Handled:
 
 
 class Handling:
-    """Makes recordings of one object."""
+    """Makes recordings of one object. kinds: as `KINDS`. gravity: (3,) [m/s²] in the table's frame."""
 
-    def __init__(self, model: ObjectModel, rng: np.random.Generator) -> None:
-        self.model, self.rng = model, rng
+    def __init__(
+        self,
+        model: ObjectModel,
+        rng: np.random.Generator,
+        *,
+        kinds: dict[str, int] = KINDS,
+        gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
+    ) -> None:
+        self.model, self.rng, self.kinds = model, rng, kinds
         self.scene = mujoco.MjModel.from_xml_string(to_mjcf(model, timestep=DT / SUBSTEPS))
+        self.scene.opt.gravity[:] = gravity
 
     def recording(self, seconds: float) -> Handled:
         """Something new happens until the time is over [s]."""
-        rng, names = self.rng, list(KINDS)
-        share = np.array(list(KINDS.values())) / sum(KINDS.values())
+        rng, names = self.rng, list(self.kinds)
+        share = np.array(list(self.kinds.values())) / sum(self.kinds.values())
         q, _ = self.simulate(*self.release())
         self.pieces, self.seen = [q[-1:]], [np.ones(1, dtype=bool)]
         made = Handled(np.zeros(0), np.zeros(0))

@@ -23,7 +23,7 @@ from tossid.vision.initial import State, there
 from tossid.vision.hinge import Hinge, Hinges
 from tossid.vision.layout import Distance, chain, limbs
 from tossid.vision.optimise import marginals_of, optimise
-from tossid.vision.priors import STEPS, Prior, body_key, camera_key, clock_key, joint_key, priors, tag_key
+from tossid.vision.priors import STEPS, Prior, body_key, calibrates, camera_key, clock_key, joint_key, priors, tag_key
 from tossid.vision.scene import Scene
 
 Array = NDArray[np.float64]
@@ -99,6 +99,7 @@ def solve(
     motion: Motion | None = None,
     covariances: bool = False,
     window: int = WINDOW,
+    steps: Ints | None = None,
 ) -> Solution:
     """Optimise all poses that the used sightings bear on.
 
@@ -106,7 +107,7 @@ def solve(
         state: first poses. used: (d,) sightings to use. scale: corners' standard deviation over what they promise,
             for the covariances; the estimate itself keeps to the promise, which weighs against the priors.
         known: prior knowledge by key, by default that of the set-up. motion: during frames, by default none.
-        covariances: whether to find them.
+        covariances: whether to find them. steps: those to solve, by default all; the others are left as they are.
 
     Raises:
         SolverError: the optimisation ended in something that is no number.
@@ -114,18 +115,33 @@ def solve(
     known = priors(scene) if known is None else known
     still = Motion([np.zeros((len(T), 6)) for T in state.world], np.zeros(len(scene.cameras)), _no(scene))
     motion = still if motion is None else motion
-    steps = np.unique(scene.step[used])
+    steps = np.unique(scene.step[used]) if steps is None else steps
     solution = unsolved(state, motion.clock)
     if len(steps) <= window:
         _batch(scene, solution, used, steps, known, motion, scale, covariances, statics=True)
         return solution
-    sample = _spread(scene, used, steps, window)
-    _batch(scene, solution, used, sample, known, motion, scale, True, statics=True)
-    known = dict(known) | dict(_learned(scene, solution))
-    motion = Motion(motion.twist, solution.clock.copy(), _no(scene))
+    if calibrates(scene, known) or motion.free.any():
+        known, motion = _sampled(scene, solution, used, steps, known, motion, scale, window)
     for a in range(0, len(steps), window):
         _batch(scene, solution, used, steps[a : a + window], known, motion, scale, covariances, statics=False)
     return solution
+
+
+def _sampled(
+    scene: Scene,
+    solution: Solution,
+    used: Bools,
+    steps: Ints,
+    known: dict[int, Prior],
+    motion: Motion,
+    scale: float,
+    window: int,
+) -> tuple[dict[int, Prior], Motion]:
+    """What a sample of steps tells of all that is static, as knowledge for the rest."""
+    sample = _spread(scene, used, steps, window)
+    _batch(scene, solution, used, sample, known, motion, scale, True, statics=True)
+    known = dict(known) | dict(_learned(scene, solution))
+    return known, Motion(motion.twist, solution.clock.copy(), _no(scene))
 
 
 def _spread(scene: Scene, used: Bools, steps: Ints, window: int) -> Ints:
@@ -275,7 +291,10 @@ def _build(
             _twist(motion, rig, step),
             _twist(motion, body, step),
             _clock(built, c, motion) if motion.free[c] else None,
-            tuple((_joint(built, scene, state, b, step), hinge) for b, hinge in zip(links, _hinges(scene, links), strict=True)),
+            tuple(
+                (_joint(built, scene, state, b, step), hinge)
+                for b, hinge in zip(links, _hinges(scene, links), strict=True)
+            ),
         )
         if view.joints or any(key not in built.fixed for key in (*keys, *tags)):
             built.graph.add(view_factor(view, built.fixed, built.noise))

@@ -13,9 +13,7 @@ FITS = 2.0
 """Noise within which (rms) the other frames lie on a parabola if one of them is left out."""
 
 
-def local_parabolas(
-    t: Array, x: Array, half: int, noise: Array
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+def local_parabolas(t: Array, x: Array, half: int, noise: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Velocity [m/s] and acceleration [m/s²] at each frame, from a parabola through it and `half` frames on each side.
 
     Where one frame lies beside a parabola that fits all others, it is left out: one bad pose is no push, and what comes

@@ -75,3 +75,11 @@ def joint_key(b: int, step: int) -> int:
 def clock_key(c: int) -> int:
     """Key of a camera's clock offset."""
     return int(gtsam.symbol("o", c))
+
+
+def calibrates(scene: Scene, known: dict[int, Prior]) -> bool:
+    """Whether anything static is to be found, or found better than it is given, or time steps hang together."""
+    keys = [camera_key(c) for c in range(len(scene.cameras))] + [tag_key(i) for i in range(len(scene.tags))]
+    keys += [body_key(b, 0) for b, body in enumerate(scene.bodies) if body.is_static]
+    still = any(body.stillness is not None for body in scene.bodies)
+    return still or not all(key in known and known[key].exact for key in keys)

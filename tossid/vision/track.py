@@ -20,7 +20,7 @@ from tossid.vision.clocks import SAME, clock_offsets
 from tossid.vision.graph import Motion, Solution, solve, unsolved
 from tossid.vision.initial import Decisions, given, initialise, place, there
 from tossid.vision.layout import Body, TagLayout, articulated, body_tags, limbs
-from tossid.vision.priors import Prior, body_key, camera_key, priors, tag_key
+from tossid.vision.priors import Prior, calibrates, priors, tag_key
 from tossid.vision.report import Frames, TrackReport, found, frame_errors, make_report
 from tossid.vision.reprojection import Errors, reproject
 from tossid.vision.scene import Scene, observe, words
@@ -157,7 +157,7 @@ def _solve(
     known = priors(scene) | {tag_key(i): Prior(np.eye(4), None) for i in state.gauge}
     used = np.ones(len(scene.step), dtype=bool)
     hangs = any(body.hinge is not None for body in scene.bodies)
-    if _calibrates(scene, known):
+    if calibrates(scene, known):
         # first what is static, then what moves anew by that, and all of it together
         state = solve(scene, state, used, known=known).state
         place(scene, state, decisions=decisions, bold=True, again=True)
@@ -177,7 +177,10 @@ def _solve(
         if outlier.any():
             dropped["contradicts the other tags"] += int(outlier.sum())
         used &= ~outlier
-        solution = solve(scene, solution.state, used, known=known, motion=motion)
+        # steps that share nothing unknown are solved anew only where something was left out
+        alone = motion is None and not calibrates(scene, known)
+        changed = np.unique(scene.step[outlier]) if alone else None
+        solution = solve(scene, solution.state, used, known=known, motion=motion, steps=changed)
         if not outlier.any() and not free.any():
             break
     errors = reproject(scene, solution.state, motion)
@@ -187,13 +190,6 @@ def _solve(
     told = scale if abs(np.log(scale)) > np.log(AS_PROMISED) else 1.0
     solution = solve(scene, solution.state, used, scale=told, known=known, motion=motion, covariances=True)
     return _Solved(scene, solution, reproject(scene, solution.state, motion), used, scale, dropped, suspects)
-
-
-def _calibrates(scene: Scene, known: dict[int, Prior]) -> bool:
-    """Whether anything static is to be found, or found better than it is given."""
-    keys = [camera_key(c) for c in range(len(scene.cameras))] + [tag_key(i) for i in range(len(scene.tags))]
-    keys += [body_key(b, 0) for b, body in enumerate(scene.bodies) if body.is_static]
-    return not all(key in known and known[key].exact for key in keys)
 
 
 def _amiss(errors: Errors, used: Bools) -> bool:
