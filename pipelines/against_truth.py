@@ -8,10 +8,11 @@ truth is looked at afterwards. Prints Markdown tables; what is filmed already (o
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +26,13 @@ from pipelines.frames import detect_stage, object_track, open_stage, segment_sta
 from pipelines.opening import Opened
 from pipelines.schemas import IngestConfig
 from pipelines.synthesize import TRUTH
-from tossid.errors import FileError
 from tossid.motion.kinematics import com_velocities, jump_speed
 from tossid.objects import GRAVITY, ObjectModel, body_poses
 from tossid.rotations import quat_boxminus, transform, transform_points
 from tossid.store import read_dataset
 from tossid.types import Detection, Phase, PoseTrack, Toss
 from tossid.vision.files import read_tracks
+from tossid.vision.ground import find_ground
 from tossid.vision.standing import center_of_mass
 
 Array = NDArray[np.float64]
@@ -86,12 +87,15 @@ def against_truth(folder: Path, console: Console, detections: list[Detection] | 
         folder: of a film with its truth. detections: in it, by default found anew.
     """
     config: IngestConfig = load("ingest", IngestConfig, [f"source.path={folder}"])
-    opened = open_stage(folder, None)
+    opened, clock = open_stage(folder, None), [time.process_time()]
     if detections is None:
         detections, _ = detect_stage(opened, config.detect, threads=None, console=console)
+    clock.append(time.process_time())
     tracked = track_stage(opened, detections, config.track, console=console)
     poses, model = object_track(opened, tracked), opened.object()
     tosses, _, stretches = segment_stage(poses, model, config.segment, gravity=config.gravity, console=console)
+    clock.append(time.process_time())
+    ground = find_ground(poses, model, gravity=config.gravity)
     (truth,) = read_tracks(folder / "truth_poses.npz")
     true_tosses = read_dataset(folder / TRUTH).tosses
     facts = asdict(tracked.report)
@@ -103,6 +107,10 @@ def against_truth(folder: Path, console: Console, detections: list[Detection] | 
         *toss_rows(tosses, true_tosses, 1 / float(np.median(np.diff(truth.t)))),
         Row("stretches that are none, each with a reason", "", f"{len(stretches)}"),
         *motion_rows(tosses, true_tosses, model),
+        Row("ground's height from rests [mm]", "", f"{1e3 * ground.height:.4f} ± {1e3 * ground.cov[0, 0] ** 0.5:.4f}"),
+        Row("ground's tilt from rests [°]", "", f"{np.rad2deg(ground.tilt):.4f}"),
+        Row("detection, CPU [s]", "", f"{clock[1] - clock[0]:.0f}"),
+        Row("tracking to velocities, CPU [s]", "a quarter of it", f"{clock[2] - clock[1]:.0f}"),
     ]
 
 
@@ -146,8 +154,8 @@ def toss_rows(found: Sequence[Toss], true: Sequence[Toss], rate_hz: float) -> li
 def motion_rows(found: Sequence[Toss], true: Sequence[Toss], model: ObjectModel) -> list[Row]:
     """Of the smoother: errors and NEES of poses and velocities.
 
-    Velocities are judged outside `NEAR_IMPACT` frames of an impact, and of those that are labelled so (twice the force),
-    and there beside what the true poses' own differences from frame to frame would give.
+    Velocities are judged outside `NEAR_IMPACT` frames of an impact, and of those that are labelled so (twice the
+    force), and there beside what the true poses' own differences from frame to frame would give.
     """
     pairs = [(mine, its, *at_times(its.t, mine.t)) for mine, its in matched(found, true)]
     if not pairs:
@@ -182,7 +190,7 @@ def motion_rows(found: Sequence[Toss], true: Sequence[Toss], model: ObjectModel)
 
 def _one_toss(
     mine: Toss, its: Toss, index: NDArray[np.int64], near: Bools, model: ObjectModel, lag: float
-) -> tuple[Array, ...]:
+) -> tuple[NDArray[Any], ...]:
     """Errors and NEES of q and of v, the error of true differences, and which frames are near labelled and near any
     impacts, and in flight; of each frame that both have."""
     h = np.diff(its.t)
@@ -257,7 +265,7 @@ def at_times(true: Array, t: Array) -> tuple[NDArray[np.int64], Bools]:
 
 
 def tangent(q: Array, true: Array) -> Array:
-    """True minus estimated configurations, in the covariances' tangent; joints within half a turn. (n, nq) -> (n, nv)."""
+    """True minus estimated configurations (n, nq) in the covariances' tangent (n, nv); joints within half a turn."""
     joints = (true[:, 7:] - q[:, 7:] + np.pi) % (2 * np.pi) - np.pi
     return np.concatenate([true[:, :3] - q[:, :3], quat_boxminus(true[:, 3:7], q[:, 3:7]), joints], axis=1)
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,8 @@ from tossid.vision.files import read_tracks
 from tossid.vision.ground import find_ground
 from tossid.vision.layout import articulated, object_body
 from tossid.vision.segment import SegmentSettings, segment
-from tossid.vision.track import Tracked, track_scene
+from tossid.vision.stream import track_stream
+from tossid.vision.track import Tracked
 
 STAGES = Path("outputs/stages")
 """Where the stages leave their files, a folder for each recording."""
@@ -43,7 +45,8 @@ def ingest_frames(config: IngestConfig, source: CameraSource, console: Console) 
     model = opened.object()
     out = check_dataset_name("out", config.out or DATASETS / f"{opened.name}.h5")
     with output_file(out) as temporary:
-        detections, tally = detect_stage(opened, config.detect, threads=config.threads, console=console)
+        tally: Counter[str] = Counter()
+        detections = detected(opened, config.detect, threads=config.threads, console=console, tally=tally)
         tracked = track_stage(opened, detections, config.track, console=console)
         poses, report = object_track(opened, tracked), tracked.report
         poses, ground = level_stage(opened, poses, config.segment, gravity=config.gravity, console=console)
@@ -59,13 +62,13 @@ def ingest_frames(config: IngestConfig, source: CameraSource, console: Console) 
             source_path=str(opened.path),
             source_sha256=source_sha256(opened.path),
             n_images=opened.recording.n_frames if opened.recording is not None else 0,
-            n_detections=len(detections),
+            n_detections=int(tally["tags"]),
             n_poses=report.n_poses,
             reprojection_rms_px=report.rms,
         )
     facts = described(out, console)
     return {
-        **facts, "detect": tally, "track": asdict(report), "ground": ground, "segment": {"rejected": rejected}
+        **facts, "detect": counts(tally), "track": asdict(report), "ground": ground, "segment": {"rejected": rejected}
     }  # fmt: skip
 
 
@@ -78,40 +81,59 @@ def detect_stage(
     opened: Opened, config: DetectConfig, *, threads: int | None, console: Console
 ) -> tuple[list[Detection], dict[str, int]]:
     """Tags in all frames, and what was rejected why; those that a bag has ready are taken as they are."""
+    tally: Counter[str] = Counter()
+    detections = list(detected(opened, config, threads=threads, console=console, tally=tally))
+    return detections, counts(tally)
+
+
+def detected(
+    opened: Opened, config: DetectConfig, *, threads: int | None, console: Console, tally: Counter[str]
+) -> Iterator[Detection]:
+    """Tags as they are found. tally: filled with what was rejected why."""
     for problem in opened.problems:
         console.warn(problem)
     if opened.recording is None:
         console.say(f"{opened.path}: {len(opened.detections)} ready detections of {len(opened.cameras)} cameras")
-        return list(opened.detections), {"tags": len(opened.detections)}
-    tally: Counter[str] = Counter()
+        tally["tags"] += len(opened.detections)
+        yield from opened.detections
+        return
     n_frames = opened.recording.n_frames
     console.say(f"{opened.path}: {n_frames} images of {len(opened.cameras)} cameras")
     with console.progress("detect", n_frames, unit="images") as progress:
-        detections = list(
-            detect_frames(
-                opened.recording,
-                opened.model,
-                settings=DetectSettings(**asdict(config)),
-                threads=threads or os.cpu_count() or 1,
-                tally=tally,
-                progress=progress.advance,
-            )
+        yield from detect_frames(
+            opened.recording,
+            opened.model,
+            settings=DetectSettings(**asdict(config)),
+            threads=threads or os.cpu_count() or 1,
+            tally=tally,
+            progress=progress.advance,
         )
-    if not detections:
+    if not tally["tags"]:
         raise InputError(f"{opened.path}: no tag was seen in {n_frames} images")
-    console.say(f"detect: {len(detections)} tags")
-    return detections, {name: int(count) for name, count in sorted(tally.items())}
+    console.say(f"detect: {tally['tags']} tags")
 
 
-def track_stage(opened: Opened, detections: Sequence[Detection], config: TrackConfig, *, console: Console) -> Tracked:
-    """The poses of all moving bodies in every frame that shows them, and what else the scene did not say."""
+def counts(tally: Counter[str]) -> dict[str, int]:
+    """A tally in order of its names."""
+    return {name: int(count) for name, count in sorted(tally.items())}
+
+
+def track_stage(opened: Opened, detections: Iterable[Detection], config: TrackConfig, *, console: Console) -> Tracked:
+    """The poses of all moving bodies in every frame that shows them, and what else the scene did not say.
+
+    Args:
+        detections: as they come, in order of time; or all.
+    """
     settings = TrackSettings(**asdict(config))
     if opened.model is None:  # of bodies that nothing is known of, no accuracy is asked
         settings = replace(settings, max_sigma=float("inf"), max_angle_sigma=float("inf"))
-    with console.progress("track", None, unit="poses") as progress:
-        layout = opened.layout if opened.model is None else articulated(opened.layout, opened.model)
-        tracked = track_scene(detections, opened.cameras, layout, settings=settings, name=opened.name)
-        progress.advance(tracked.report.n_poses)
+    layout = opened.layout if opened.model is None else articulated(opened.layout, opened.model)
+    with ExitStack() as stack:
+        bar = None  # detections that are still to be found have their own
+        if isinstance(detections, Sequence):
+            detections = sorted(detections, key=lambda detection: detection.t)
+            bar = stack.enter_context(console.progress("track", None, unit="poses")).advance
+        tracked = track_stream(detections, opened.cameras, layout, settings=settings, name=opened.name, progress=bar)
     report = tracked.report
     console.say(f"track: {report.n_poses} poses in {report.n_steps} frames, reprojection {report.rms:.2f} px rms")
     for reason, count in report.dropped_steps.items():
@@ -145,7 +167,7 @@ def object_track(opened: Opened, tracked: Tracked) -> PoseTrack:
 def level_stage(
     opened: Opened, poses: PoseTrack, config: SegmentConfig, *, gravity: float, console: Console
 ) -> tuple[PoseTrack, dict[str, Any] | None]:
-    """Poses in the ground's frame, where the set-up does not give it (`segment.level`), and what was found of the ground."""
+    """Poses in the ground's frame, where the set-up does not give it (`segment.level`), and what was found of it."""
     try:
         ground = find_ground(poses, opened.object(), gravity=gravity)
     except InputError as error:
@@ -157,8 +179,8 @@ def level_stage(
     told = any(body.is_static and body.tags for body in opened.layout.bodies)
     level = config.level == "always" or (config.level == "auto" and off and not told)
     console.say(
-        f"ground: {1e3 * ground.height:.2f} mm high (± {sigma:.2f}), up is {tilt:.2f}° from z, it slopes by {slope:.2f}°; "
-        f"from {ground.n_rests} rests and {ground.n_falling} frames of flight"
+        f"ground: {1e3 * ground.height:.2f} mm high (± {sigma:.2f}), up is {tilt:.2f}° from z, it slopes by "
+        f"{slope:.2f}°; from {ground.n_rests} rests and {ground.n_falling} frames of flight"
     )
     if level:
         console.warn("the world is turned and shifted so that the ground is z = 0 (segment.level=never leaves it)")

@@ -12,8 +12,8 @@ from tossid.objects import ObjectModel, body_poses
 from tossid.rotations import quat_boxminus, quat_normalize, transform, transform_inv
 from tossid.types import Detection, PoseTrack
 from tossid.vision.camera import Camera
-from tossid.vision.factors import Noise, View, view_factor
 from tossid.vision.faces import default_tags
+from tossid.vision.factors import Noise, View, view_factor
 from tossid.vision.hinge import Hinge, Hinges
 from tossid.vision.layout import TagLayout, articulated, chain, layout_of, limbs
 from tossid.vision.rig import default_rig

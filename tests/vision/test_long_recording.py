@@ -1,4 +1,4 @@
-"""Ten minutes in one go: every toss found to the frame, nothing else called one, a reason for all else, in linear time."""
+"""Ten minutes in one go: every toss found, nothing else called one, a reason for all else, in linear time."""
 
 from __future__ import annotations
 

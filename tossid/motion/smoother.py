@@ -46,7 +46,7 @@ BATCH = 64
 SEARCH_PASSES, FINAL_PASSES = 6, 6
 """Passes that find the contact intervals, and that follow with the density of flight in place."""
 NU = 1.0
-"""Degrees of freedom of the accelerations in contact: very heavy tails, as impacts are common, and so is lying still."""
+"""Degrees of freedom of the accelerations in contact: very heavy tails, as impacts and lying still are both common."""
 S_CONTACT = 0.3
 """[m²/s³] their density between impacts: at 148 Hz the velocity changes by 0.7 g h in an interval."""
 JUMP = 1.0

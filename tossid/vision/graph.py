@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from tossid.rotations import transform_inv
 from tossid.vision.factors import Noise, View, measurement_factor, view_factor
-from tossid.vision.initial import State, there
 from tossid.vision.hinge import Hinge, Hinges
+from tossid.vision.initial import State, there
 from tossid.vision.layout import Distance, chain, limbs
 from tossid.vision.optimise import marginals_of, optimise
 from tossid.vision.priors import STEPS, Prior, body_key, calibrates, camera_key, clock_key, joint_key, priors, tag_key
@@ -258,16 +258,16 @@ def _build(
     )
     rows = rows & there(state.camera)[scene.camera] & there(state.tag)[scene.tag]
     rows &= there(T_world_rig) & there(T_world_body)
-    for b, body in enumerate(scene.bodies):
-        if body.hinge is not None:  # nothing without what it hangs on
-            for link in (chain(scene.bodies, b)[0], *chain(scene.bodies, b)[1]):
-                rows &= there(state.world[link])[scene.step] | (scene.body[scene.tag] != b)
+    chains = [chain(scene.bodies, b) for b in range(len(scene.bodies))]
+    for b, (root, links) in enumerate(chains):
+        for link in (root, *links) if links else ():  # nothing without what it hangs on
+            rows &= there(state.world[link])[scene.step] | (scene.body[scene.tag] != b)
     for group in _views(scene, rows):
         first = group[0]
         c, step = int(scene.camera[first]), int(scene.step[first])
         rig, body = int(scene.rig[c]), int(scene.body[scene.tag[first]])
         keys = [_key(built, camera_key(c), state.camera[c], known)]
-        root, links = chain(scene.bodies, body)
+        root, links = chains[body]
         for b in (rig, root):
             at = 0 if scene.bodies[b].is_static else step
             keys.append(_key(built, body_key(b, at), state.world[b][at], known))

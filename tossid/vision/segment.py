@@ -18,8 +18,8 @@ from tossid.errors import InputError
 from tossid.objects import GRAVITY, ObjectModel, corner_positions
 from tossid.rotations import geodesic_angle, quat_boxminus, quat_continuous, quat_normalize
 from tossid.types import PoseTrack
-from tossid.vision.standing import center_of_mass, stands
 from tossid.vision.parabolas import local_parabolas
+from tossid.vision.standing import center_of_mass, stands
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -236,8 +236,10 @@ class _Part:
         return self._merge(found)
 
     def _around(self, a: int, b: int, pose: Array, distance: Array, angle: Array) -> tuple[int, int]:
-        """The longest run at a pose that has to do with frames a to b, as far as it goes on both sides; (0, -1) if there
-        is none."""
+        """The longest run at a pose that has to do with frames a to b, as far as it goes on both sides.
+
+        (0, -1) if there is none.
+        """
         n, reach = len(self.t), b - a + 1
         while True:
             low, high = max(a - reach, 0), min(b + reach, n - 1) + 1

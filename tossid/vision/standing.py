@@ -30,7 +30,7 @@ def touching(model: ObjectModel, q: Array) -> Array:
 
 
 def stands(model: ObjectModel, q: Array) -> bool:
-    """Whether the centre of mass is above the area between the corners that touch, not above an edge or beside. (nq,)."""
+    """Whether the centre of mass is above the area between the corners that touch, not an edge or beside. (nq,)."""
     around = touching(model, q)[:, :2] - center_of_mass(model, q[None])[0, :2]
     angle = np.sort(np.arctan2(around[:, 1], around[:, 0]))
     gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))

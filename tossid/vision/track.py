@@ -43,8 +43,8 @@ that swell a tag, such as its edges' bleeding, are in the residuals and not in t
 class Tracked:
     """What a scene's detections tell.
 
-    tracks: of each moving body by name, with the joints of what hangs on it. cameras, layout: as given, with what the graph found of poses and
-    their uncertainty. frames: reprojection of each. report: what became of the detections.
+    tracks: of each moving body by name, with the joints of what hangs on it. cameras, layout: as given, with what the
+    graph found of poses and their uncertainty. frames: reprojection of each. report: what became of the detections.
     """
 
     tracks: dict[str, PoseTrack]
