@@ -1,10 +1,10 @@
 """The pose graph: every pose of a scene at once, by what was seen and what was known before (GTSAM).
 
 Variables are T_world_body of static bodies and, for each time step, of moving ones (of one that hangs on another, the
-angle of its hinge), T_rig_cam and T_body_tag; what the set-up gives exactly is a constant. Factors are views (`factors.view_factor`), priors with the noise
-that the set-up gives, measured lengths, and stillness. The time steps of a long recording hang together only
-through what is static: a sample of steps calibrates that in one batch, and the other steps follow in windows,
-with it as their prior, so that memory does not grow with the graph.
+angle of its hinge), T_rig_cam and T_body_tag; what the set-up gives exactly is a constant. Factors are views
+(`factors.view_factor`), priors with the noise that the set-up gives, measured lengths, and stillness. The time steps of
+a long recording hang together only through what is static: where that is to be found, a sample of steps calibrates it
+in one batch; the steps follow in windows, with it as their prior, so that memory does not grow with the graph.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from tossid.rotations import transform_inv
 from tossid.vision.factors import Noise, View, measurement_factor, view_factor
-from tossid.vision.hinge import Hinge, Hinges
 from tossid.vision.initial import State, there
 from tossid.vision.layout import Distance, chain, limbs
+from tossid.vision.limbs import hinges_of, swing_limbs
 from tossid.vision.optimise import marginals_of, optimise
 from tossid.vision.priors import STEPS, Prior, body_key, calibrates, camera_key, clock_key, joint_key, priors, tag_key
 from tossid.vision.scene import Scene
@@ -202,51 +202,12 @@ def _batch(
                 covs[at] = marginals.marginalCovariance(key)
     for root in range(len(scene.bodies)):
         if limbs(scene.bodies, root):
-            _swing_limbs(scene, solution, root, steps, values, marginals)
+            swing_limbs(scene, solution, root, steps, values, marginals)
     for c in map(int, np.flatnonzero(motion.free)):
         if values.exists(clock_key(c)):
             solution.clock[c] = values.atDouble(clock_key(c))
             if marginals is not None:
                 solution.clock_sigma[c] = float(np.sqrt(marginals.marginalCovariance(clock_key(c))[0, 0]))
-
-
-def _swing_limbs(
-    scene: Scene, solution: Solution, root: int, steps: Ints, values: gtsam.Values, marginals: gtsam.Marginals | None
-) -> None:
-    """Poses of what hangs on a body, by that body's and the angles, and their covariances."""
-    links = limbs(scene.bodies, root)
-    n, m = len(solution.state.world[root]), len(links)
-    tree = solution.tree_cov.setdefault(root, np.full((n, 6 + m, 6 + m), np.nan))
-    for step in map(int, steps):
-        at = {b: i for i, b in enumerate(links) if values.exists(joint_key(b, step))}
-        if not at or not values.exists(body_key(root, step)):
-            continue
-        if marginals is not None:
-            tree[step] = _tree_cov(marginals, body_key(root, step), {joint_key(b, step): i for b, i in at.items()}, m)
-        for b in at:
-            way = chain(scene.bodies, b)[1]
-            if not all(link in at for link in way):
-                continue
-            angles = [values.atDouble(joint_key(link, step)) for link in way]
-            T, J = Hinges.of(_hinges(scene, way)).swing(values.atPose3(body_key(root, step)).matrix(), angles)
-            solution.state.world[b][step] = T
-            index = [*range(6), *(6 + at[link] for link in way)]
-            solution.world_cov[b][step] = J @ tree[step][np.ix_(index, index)] @ J.T
-
-
-def _tree_cov(marginals: gtsam.Marginals, root: int, joints: dict[int, int], m: int) -> Array:
-    """(6 + m, 6 + m) of a body's tangent and the angles of what hangs on it, NaN of those that are not there."""
-    joint = marginals.jointMarginalCovariance([root, *joints])
-    parts = {root: slice(0, 6)} | {key: slice(6 + i, 7 + i) for key, i in joints.items()}
-    cov = np.full((6 + m, 6 + m), np.nan)
-    for one, a in parts.items():
-        for other, b in parts.items():
-            cov[a, b] = joint.at(one, other)
-    return cov
-
-
-def _hinges(scene: Scene, links: list[int]) -> list[Hinge]:
-    return [hinge for hinge in (scene.bodies[b].hinge for b in links) if hinge is not None]
 
 
 def _build(
@@ -293,7 +254,7 @@ def _build(
             _clock(built, c, motion) if motion.free[c] else None,
             tuple(
                 (_joint(built, scene, state, b, step), hinge)
-                for b, hinge in zip(links, _hinges(scene, links), strict=True)
+                for b, hinge in zip(links, hinges_of(scene, links), strict=True)
             ),
         )
         if view.joints or any(key not in built.fixed for key in (*keys, *tags)):

@@ -1,8 +1,8 @@
 """Which way is up, and where the ground is, from the motion alone: for recordings whose world is not the ground's.
 
 Free flight tells the direction of gravity in the world's frame. Where the object lay, the corners that touched tell the
-ground, z = height + slope · (x, y), robustly: a hand may have held the object still in the air as well. What corners of one
-rest have in common (a face's own error) is not averaged out within it: the covariance is a jackknife's over rests.
+ground, z = height + slope · (x, y), robustly: a hand may have held the object still in the air as well. What corners of
+one rest have in common (a face's own error) is not averaged out within it: the covariance is a jackknife's over rests.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ def _up(track: PoseTrack, model: ObjectModel, gravity: float) -> tuple[Array, fl
 
 
 def _in_runs(flags: Bools) -> Bools:
-    """Those of the flags that have `RUN` neighbours in a row: a hand's acceleration is that of gravity in passing only."""
+    """Flags of which `RUN` stand in a row: a hand's acceleration is that of gravity in passing only."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     out = np.zeros_like(flags)
     for first, last in zip(edges[::2], edges[1::2], strict=True):

@@ -22,7 +22,7 @@ from tossid.vision.checks import Suspect
 from tossid.vision.layout import TagLayout
 from tossid.vision.priors import EXACT
 from tossid.vision.report import Frames, TrackReport
-from tossid.vision.track import Tracked, track_scene
+from tossid.vision.track import DEFAULT, Tracked, track_scene
 
 PIECE = 20.0
 """Length of a piece [s]."""
@@ -37,7 +37,7 @@ def track_stream(
     cameras: Sequence[Camera],
     layout: TagLayout,
     *,
-    settings: TrackSettings = TrackSettings(),
+    settings: TrackSettings = DEFAULT,
     name: str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Tracked:
