@@ -49,7 +49,7 @@ def ingest_frames(config: IngestConfig, source: CameraSource, console: Console) 
         detections = detected(opened, config.detect, threads=config.threads, console=console, tally=tally)
         tracked = track_stage(opened, detections, config.track, console=console)
         poses, report = object_track(opened, tracked), tracked.report
-        poses, ground = level_stage(opened, poses, config.segment, gravity=config.gravity, console=console)
+        poses, ground = level_stage(opened, poses, config.level, gravity=config.gravity, console=console)
         tosses, tracks, rejected = segment_stage(poses, model, config.segment, gravity=config.gravity, console=console)
         _save(
             tosses,
@@ -165,9 +165,9 @@ def object_track(opened: Opened, tracked: Tracked) -> PoseTrack:
 
 
 def level_stage(
-    opened: Opened, poses: PoseTrack, config: SegmentConfig, *, gravity: float, console: Console
+    opened: Opened, poses: PoseTrack, level: str, *, gravity: float, console: Console
 ) -> tuple[PoseTrack, dict[str, Any] | None]:
-    """Poses in the ground's frame, where the set-up does not give it (`segment.level`), and what was found of it."""
+    """Poses in the ground's frame, where the set-up does not give it (the key `level`), and what was found of it."""
     try:
         ground = find_ground(poses, opened.object(), gravity=gravity)
     except InputError as error:
@@ -175,26 +175,26 @@ def level_stage(
         return poses, None
     tilt, slope = np.rad2deg(ground.tilt), np.rad2deg(float(np.linalg.norm(ground.slope)))
     sigma = 1e3 * float(np.sqrt(ground.cov[0, 0]))
-    off = abs(ground.height) > OFF[0] or ground.tilt > OFF[1]
+    off = bool(abs(ground.height) > OFF[0] or ground.tilt > OFF[1])
     told = any(body.is_static and body.tags for body in opened.layout.bodies)
-    level = config.level == "always" or (config.level == "auto" and off and not told)
+    do = level == "always" or (level == "auto" and off and not told)
     console.say(
         f"ground: {1e3 * ground.height:.2f} mm high (± {sigma:.2f}), up is {tilt:.2f}° from z, it slopes by "
         f"{slope:.2f}°; from {ground.n_rests} rests and {ground.n_falling} frames of flight"
     )
-    if level:
-        console.warn("the world is turned and shifted so that the ground is z = 0 (segment.level=never leaves it)")
+    if do:
+        console.warn("the world is turned and shifted so that the ground is z = 0 (level=never leaves it)")
     elif off:
-        console.warn("the world's z = 0 is not the ground; segment.level=always turns and shifts it")
-    facts = {**jsonable(asdict(ground)), "levelled": level}
-    return (ground.levelled(poses) if level else poses), facts
+        console.warn("the world's z = 0 is not the ground; level=always turns and shifts it")
+    facts = {**jsonable(asdict(ground)), "levelled": do}
+    return (ground.levelled(poses) if do else poses), facts
 
 
 def segment_stage(
     poses: PoseTrack, model: ObjectModel, config: SegmentConfig, *, gravity: float, console: Console
 ) -> tuple[tuple[Toss, ...], tuple[PoseTrack, ...], list[dict[str, Any]]]:
     """Tosses with velocities, the tracks they were made of, and the stretches that are no toss."""
-    tracks, stretches = segment(poses, model, gravity=gravity, settings=_settings(config))
+    tracks, stretches = segment(poses, model, gravity=gravity, settings=SegmentSettings(**asdict(config)))
     console.say(f"segment: {len(tracks)} tosses; {len(stretches)} stretches are none")
     for stretch in stretches:
         console.say(f"  {stretch.t0:.2f} s to {stretch.t1:.2f} s: {stretch.reason}")
@@ -202,10 +202,6 @@ def segment_stage(
         raise InputError(f"no toss in {len(poses.t)} poses of '{model.name}'; see the reasons above")
     tosses = tosses_from_tracks(tracks, model, gravity=gravity)
     return tosses, tracks, [{"t0": s.t0, "t1": s.t1, "reason": s.reason} for s in stretches]
-
-
-def _settings(config: SegmentConfig) -> SegmentSettings:
-    return SegmentSettings(**{name: value for name, value in asdict(config).items() if name != "level"})
 
 
 def segment_file(config: SegmentStageConfig, console: Console) -> dict[str, Any]:
@@ -216,7 +212,7 @@ def segment_file(config: SegmentStageConfig, console: Console) -> dict[str, Any]
     out = check_dataset_name("out", config.out or DATASETS / f"{opened.name}.h5")
     poses = read_track(source)
     with output_file(out) as temporary:
-        poses, ground = level_stage(opened, poses, config.segment, gravity=config.gravity, console=console)
+        poses, ground = level_stage(opened, poses, config.level, gravity=config.gravity, console=console)
         tosses, tracks, rejected = segment_stage(poses, model, config.segment, gravity=config.gravity, console=console)
         _save(
             tosses,
