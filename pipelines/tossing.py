@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 REST_SPEED = 0.01
 """[m/s] below which every corner of an object at rest stays."""
 
+IMPACT_PARTS = 8
+"""Of engine lcp, where impacts have a length: where contact gives way."""
+
 _Q_FLOOR, _V_FLOOR = 1e-6, 1e-5
 """Standard deviations stated for exact states: solvers divide by them."""
 
@@ -140,6 +143,8 @@ def simulate(config: SynthesizeConfig, world: World, q0: Array, v0: Array) -> tu
         n_steps=n_steps,
         dt=dt,
         substeps=engine.substeps,
+        # where the kernel has it
+        impact_parts=1 if engine.directions or world.object.n_joints else IMPACT_PARTS,
         n_directions=engine.directions,
         n_threads=threads,
     )

@@ -27,6 +27,8 @@ NU = 4.0
 N_PHASES = 6
 FREE = 0
 """Place of free flight's windows among the phases."""
+CURVATURE = 0.65
+"""Of Student's log-likelihood on Gaussian misses, over the weighted squares that Gauss-Newton has of it."""
 CAP = 30.0
 """Whitened misses beyond this count as this: a chaotic impact is one impact."""
 ITERATIONS = 8
@@ -214,9 +216,12 @@ class Fitted:
         return self.hypothesis.at(np.clip(flat + np.clip(delta, -50, 50) * self.hypothesis.steps, low, high))
 
     def covariance(self) -> Array:
-        """Sandwich over tosses (P, P), in the parameters' own units."""
+        """Sandwich over tosses (P, P), in the parameters' own units.
+
+        Its bread is the likelihood's own curvature, which is less than Gauss-Newton's.
+        """
         n, size = self.g.shape
-        total = self.H.sum(0)
+        total = CURVATURE * self.H.sum(0)
         bread = np.linalg.pinv(total + 1e-9 * np.trace(total) / max(size, 1) * np.eye(size))
         centred = self.g - self.g.mean(0)
         meat = centred.T @ centred * n / max(n - size, 1)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import wilcoxon
 
 from tossid.diagnosis.engines import LIFTING, Engine
-from tossid.diagnosis.fitting import Evidence, Fitted, Hypothesis, fit, gains, nudged
+from tossid.diagnosis.fitting import CURVATURE, Evidence, Fitted, Hypothesis, fit, gains, nudged
 from tossid.diagnosis.whitening import linearise
 from tossid.diagnosis.windows import FLIGHT_WEIGHT, Windows
 from tossid.physics.effects import Effect, World
@@ -23,8 +23,6 @@ Item = TypeVar("Item")
 Made = TypeVar("Made")
 
 FOLDS = 8
-CURVATURE = 0.65
-"""Of Student's log-likelihood on Gaussian misses, over the weighted squares that Gauss-Newton has of it."""
 POLISH = 4
 """Fits to a last hypothesis, each from where the last was nudged to."""
 POLISHED = 1.0

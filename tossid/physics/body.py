@@ -27,7 +27,11 @@ from tossid.physics.contact import (
     CLOSING_SPEED,
     IMPACT_SPEED,
     MAX_ITERATIONS,
+    MOST_STRIKES,
+    STEADY,
+    STRIKE,
     TANGENTIAL,
+    TOUCHING,
     UNKNOWN,
     above_ground,
     solve_exact,
@@ -146,11 +150,12 @@ def simulate_body(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Simulate tosses first..last-1; arguments and results as in `stepping`. V, index: from `cone_work(n_c)`."""
     nc = mu.shape[0]
-    h = dt / substeps
+    h = loaded = dt / substeps  # of a step, and of that whose impulses are in `warm`
     over_m = 1.0 / mass
     soft = compliance / (h * (h + relaxation))
     rigid = compliance == 0.0 and relaxation == 0.0
     radius = law.rounding if lawful else 0.0
+    whole = impact_parts == 1 or not rigid  # steps do not end at impacts
     learned = linear.shape[0] > 0
     held = lawful and (law.torsional != 0.0 or law.rolling != 0.0 or law.adhesion != 0.0)
     turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
@@ -176,6 +181,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
         reached = 0
         for step in range(n_steps[toss]):
             done, left = 0, 0
+            rest, strikes = dt, 0
             while done < substeps:
                 r00, r01, r02 = 1.0 - 2.0 * (d * d + e * e), 2.0 * (b * d - a * e), 2.0 * (b * e + a * d)
                 r10, r11, r12 = 2.0 * (b * d + a * e), 1.0 - 2.0 * (b * b + e * e), 2.0 * (d * e - a * b)
@@ -183,29 +189,53 @@ def simulate_body(  # type: ignore[no-untyped-def]
                 R[0, 0], R[0, 1], R[0, 2] = r00, r01, r02
                 R[1, 0], R[1, 1], R[1, 2] = r10, r11, r12
                 R[2, 0], R[2, 1], R[2, 2] = r20, r21, r22
+                strike = False
                 if impact_parts > 1 and left == 0:
-                    parts = 1
-                    for c in range(nc):
-                        d0, d1, d2 = corner[0, c], corner[1, c], corner[2, c]
-                        z = p2 - radius + r20 * d0 + r21 * d1 + r22 * d2
-                        vn = v_2 + r20 * (w1 * d2 - w2 * d1) + r21 * (w2 * d0 - w0 * d2) + r22 * (w0 * d1 - w1 * d0)
-                        if abs(vn) > IMPACT_SPEED and z - min(sunk[c], 0.0) + dt / substeps * min(vn, 0.0) < 0.0:
-                            parts = impact_parts
-                    if h * parts * substeps != dt:
+                    parts, length = 1, dt / substeps
+                    if rigid:
+                        # to the end of the step or, if that is sooner, to where a corner touches; there a strike
+                        length = rest / max(1.0, math.ceil(rest / length - 1e-6))
+                        for c in range(nc):
+                            d0, d1, d2 = corner[0, c], corner[1, c], corner[2, c]
+                            z = p2 - radius + r20 * d0 + r21 * d1 + r22 * d2 - min(sunk[c], 0.0)
+                            vn = v_2 + r20 * (w1 * d2 - w2 * d1) + r21 * (w2 * d0 - w0 * d2) + r22 * (w0 * d1 - w1 * d0)
+                            if z < TOUCHING:
+                                strike = strike or (vn < -IMPACT_SPEED and strikes < MOST_STRIKES)
+                                continue
+                            d0, d1, d2 = arm[c, 0], arm[c, 1], arm[c, 2]
+                            s0, s1 = w0 * d0 + w1 * d1 + w2 * d2, w0 * w0 + w1 * w1 + w2 * w2
+                            fall = gravity[2] + s0 * (r20 * w0 + r21 * w1 + r22 * w2)
+                            fall -= s1 * (r20 * d0 + r21 * d1 + r22 * d2)
+                            speed = vn * vn - 4.0 * fall * z  # with the last velocity, as in its problem
+                            if speed > IMPACT_SPEED * IMPACT_SPEED and math.sqrt(speed) - vn > 0.0:
+                                length = min(length, 2.0 * z / (math.sqrt(speed) - vn))
+                        if strike:
+                            strikes += 1
+                    else:
+                        for c in range(nc):
+                            d0, d1, d2 = corner[0, c], corner[1, c], corner[2, c]
+                            z = p2 - radius + r20 * d0 + r21 * d1 + r22 * d2
+                            vn = v_2 + r20 * (w1 * d2 - w2 * d1) + r21 * (w2 * d0 - w0 * d2) + r22 * (w0 * d1 - w1 * d0)
+                            if abs(vn) > IMPACT_SPEED and z - min(sunk[c], 0.0) + length * min(vn, 0.0) < 0.0:
+                                parts = impact_parts
+                        length /= parts
+                    if strike:
+                        h = STRIKE * dt
+                    elif length != h:
                         # the same forces over steps of another length; but an impact's impulse has none
-                        ratio = dt / (substeps * parts) / h
+                        ratio = length / loaded
                         for c in range(nc):
                             scale = ratio
-                            if ratio > 1.0 and warm[c, 0] > 0.0:
+                            if ratio > 1.0 and warm[c, 0] > 0.0 and not rigid:
                                 scale = min(ratio, carried[c] / warm[c, 0])
                             warm[c, 0], warm[c, 1], warm[c, 2] = (
                                 scale * warm[c, 0],
                                 scale * warm[c, 1],
                                 scale * warm[c, 2],
                             )
-                        h = dt / (substeps * parts)
-                        soft = compliance / (h * (h + relaxation))
-                        turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
+                        h = loaded = length
+                    soft = compliance / (h * (h + relaxation))
+                    turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
                     left = parts
                     carried[:] = 0.0
                 # free motion: Newton and Euler about the centre of mass, then the origin's velocity
@@ -241,7 +271,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                         forces, gravity, over_m, h, R, com, p0, p1, p2, v_0, v_1, v_2, w0, w1, w2, y0, y1, y2
                     )
                     x0, x1, x2 = x0 + m0, x1 + m1, x2 + m2
-                if held:
+                if held and not strike:
                     x0, x1, x2, y0, y1, y2 = hold(
                         law, inverse, over_m, h, R, com, arm, p2 - radius, warm, cold, x0, x1, x2, y0, y1, y2
                     )
@@ -252,6 +282,10 @@ def simulate_body(  # type: ignore[no-untyped-def]
                 for c in range(nc):
                     z = p2 - radius + r20 * corner[0, c] + r21 * corner[1, c] + r22 * corner[2, c]
                     z = above_ground(z, c, sunk, rigid, h)
+                    if strike and z < TOUCHING:
+                        z = 0.0
+                    elif rigid and z < 0.0:
+                        z *= h / max(h, dt / substeps)  # comes out within a whole step
                     height[c] = z
                     low = low or z < reach
                 touched, status, residual, n = False, 0, 0.0, 0
@@ -286,7 +320,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                             for k in range(3):
                                 m0, m1, m2 = tau[c, k, 0], tau[c, k, 1], tau[c, k, 2]
                                 V[B, r + k] = m0 * y0 + m1 * y1 + m2 * y2
-                                V[LAM, r + k] = 0.0 if cold else warm[c, k]
+                                V[LAM, r + k] = 0.0 if cold or strike else warm[c, k]
                                 G[r + k, 0] = root[0, 0] * m0 + root[1, 0] * m1 + root[2, 0] * m2
                                 G[r + k, 1] = root[1, 1] * m1 + root[2, 1] * m2
                                 G[r + k, 2] = root[2, 2] * m2
@@ -294,7 +328,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                             target = height[c] / h + free
                             if restitution > 0.0 and target < 0.0:
                                 before = k2 + tau[c, 0, 0] * w0 + tau[c, 0, 1] * w1 + tau[c, 0, 2] * w2
-                                if before < -BOUNCE_SPEED:
+                                if before < -BOUNCE_SPEED and (strike or whole or before > -IMPACT_SPEED):
                                     target = min(target, free + restitution * before)
                             elif target < 0.0 or height[c] < 0.0:
                                 target = height[c] / (h + relaxation) + free
@@ -359,12 +393,13 @@ def simulate_body(  # type: ignore[no-untyped-def]
                         if not hit:
                             break
                 if n > 0:
-                    for c in range(nc):
-                        warm[c, 0], warm[c, 1], warm[c, 2] = 0.0, 0.0, 0.0
-                    for i in range(n):
-                        for k in range(3):
-                            warm[chosen[i], k] = V[LAM, 3 * i + k]
-                    cold = False
+                    if not strike:
+                        for c in range(nc):
+                            warm[c, 0], warm[c, 1], warm[c, 2] = 0.0, 0.0, 0.0
+                        for i in range(n):
+                            for k in range(3):
+                                warm[chosen[i], k] = V[LAM, 3 * i + k]
+                        cold = False
                     s0, s1, s2 = n1 * c2 - n2 * c1, n2 * c0 - n0 * c2, n0 * c1 - n1 * c0
                     x0 = u0 + over_m * f0 - (r00 * s0 + r01 * s1 + r02 * s2)
                     x1 = u1 + over_m * f1 - (r10 * s0 + r11 * s1 + r12 * s2)
@@ -372,10 +407,14 @@ def simulate_body(  # type: ignore[no-untyped-def]
                     y0, y1, y2 = n0, n1, n2
                 else:
                     cold = True
+                steady = not whole
                 if touched:
                     for i in range(n):
                         lam_n[toss, step, chosen[i]] += V[LAM, 3 * i]
                         carried[chosen[i]] += V[LAM, 3 * i]
+                        vn = k2 + tau[chosen[i], 0, 0] * w0 + tau[chosen[i], 0, 1] * w1 + tau[chosen[i], 0, 2] * w2
+                        steady = steady and abs(vn) < STEADY
+                if touched and not steady:
                     m0, m1, m2, f0, f1, f2 = x0, x1, x2, y0, y1, y2
                 else:
                     m0, m1, m2 = 0.5 * (v_0 + x0), 0.5 * (v_1 + x1), 0.5 * (v_2 + x2)
@@ -410,6 +449,9 @@ def simulate_body(  # type: ignore[no-untyped-def]
                 left -= 1
                 if left <= 0:
                     done, left = done + 1, 0
+                    if not whole:
+                        rest -= h
+                        done = substeps if rest < 1e-9 * dt else 0
             if not finite[toss]:
                 break
             reached = step + 1

@@ -31,7 +31,15 @@ PROGRAMMES = 8
 CLOSING_SPEED = 1.0
 """A corner joins the contact problem at once if it would touch within this speed [m/s]; others when they are hit."""
 IMPACT_SPEED = 0.1
-"""[m/s] at which a corner has to cross the ground for a step to be cut in parts."""
+"""[m/s] at which a corner has to cross the ground for a step to be cut there."""
+TOUCHING = 5e-5
+"""Height [m] from which a corner that comes down at that speed strikes the ground."""
+STRIKE = 1e-6
+"""Length of a strike, over a frame's: an impulse, and no way."""
+STEADY = 5e-3
+"""[m/s] below which a touching corner goes neither up nor down: its slide then is that of the mean velocity."""
+MOST_STRIKES = 64
+"""In a frame; what comes after is as in whole steps."""
 BOUNCE_SPEED = 0.02
 """Approach [m/s] below which restitution does not act."""
 RECOVERY_SPEED = 0.02
