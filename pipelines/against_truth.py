@@ -184,7 +184,8 @@ def motion_rows(found: Sequence[Toss], true: Sequence[Toss], model: ObjectModel)
             rows.append(Row(f"joint rate {where}, rms [rad/s]", "", f"{rms(error[:, 6:]):.3f}"))
         rows.append(Row(f"NEES of velocities {where}", "0.7 to 1.5" if wanted else "", f"{v_nees[own].mean():.2f}"))
     rows.append(Row("spin outside labelled impacts, median [rad/s]", "", f"{np.median(size(v_error[~hard, 3:6])):.3f}"))
-    rows.append(Row("the same from true poses' differences, rms [rad/s]", "", f"{rms(bound[~hard, 3:6]):.3f}"))
+    for where, own in (("outside impacts", ~soft), ("outside labelled impacts", ~hard)):
+        rows.append(Row(f"spin of true poses' differences {where}, rms [rad/s]", "", f"{rms(bound[own, 3:6]):.3f}"))
     return rows
 
 
