@@ -112,6 +112,12 @@ def audit(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: De
     _run("audit", keys, json=json, quiet=quiet)
 
 
+@app.command(cls=KeyedCommand)
+def view(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Show a recording, dataset, run or gap in 3D (a Rerun file), or a recording as a contact sheet."""
+    _run("view", keys, json=json, quiet=quiet)
+
+
 @app.command()
 def info(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Dataset, pose file or recording folder.")],

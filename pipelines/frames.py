@@ -25,6 +25,7 @@ from tossid.objects import ObjectModel
 from tossid.store import draw_splits, source_sha256
 from tossid.types import Detection, PoseTrack, Toss
 from tossid.vision.believed import TrackSettings
+from tossid.vision.camera import Camera
 from tossid.vision.detect import DetectSettings, detect_frames
 from tossid.vision.files import read_tracks
 from tossid.vision.ground import find_ground
@@ -145,6 +146,15 @@ def track_stage(opened: Opened, detections: Iterable[Detection], config: TrackCo
     for name in report.unplaced:
         console.warn(f"{name} was never seen together with anything of known pose")
     return tracked
+
+
+def with_clocks(tracked: Tracked) -> tuple[Camera, ...]:
+    """The cameras that tracking found, their clocks' offsets with them."""
+    clocks = tracked.report.clocks
+    return tuple(
+        replace(camera, clock_offset=camera.clock_offset + clocks.get(camera.name, (0.0, 0.0))[0])
+        for camera in tracked.cameras
+    )
 
 
 def object_track(opened: Opened, tracked: Tracked) -> PoseTrack:

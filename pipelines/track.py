@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pipelines.console import Console
-from pipelines.frames import STAGES, check_stage_name, object_track, open_stage, track_stage
+from pipelines.frames import STAGES, check_stage_name, object_track, open_stage, track_stage, with_clocks
 from pipelines.opening import Opened
 from pipelines.outputs import output_file, output_folder
 from pipelines.schemas import TrackStageConfig
@@ -41,7 +41,7 @@ def run(config: TrackStageConfig, console: Console) -> dict[str, Any]:
             header = "timestamp tx ty tz qx qy qz qw"
             np.savetxt(stack.enter_context(output_file(text)), rows, fmt="%.9f", header=header)
         folder = stack.enter_context(output_folder(set_up, made_by="track"))
-        write_cameras(tracked.cameras, folder)
+        write_cameras(with_clocks(tracked), folder)
         write_tagslam(tracked.layout, folder / "tagslam.yaml")
     console.say(f"wrote {', '.join(map(str, (out, *texts, set_up)))}")
     return {

@@ -51,6 +51,7 @@ from pipelines.schemas.synthesis import (
     ReleaseConfig,
     SynthesizeConfig,
 )
+from pipelines.schemas.viewing import ViewConfig
 
 COMMANDS: dict[str, type] = {
     "audit": AuditConfig,
@@ -62,6 +63,7 @@ COMMANDS: dict[str, type] = {
     "synthesize": SynthesizeConfig,
     "track": TrackStageConfig,
     "train": TrainConfig,
+    "view": ViewConfig,
 }
 """The schema of each command that takes keys."""
 
@@ -108,4 +110,5 @@ __all__ = [
     "TrainConfig",
     "TumSource",
     "VideoSource",
+    "ViewConfig",
 ]

@@ -112,6 +112,26 @@ class CameraConfig:
     """lens blur [px]"""
     quality: Annotated[int, Bounds(low=30, high=100)]
     """JPEG quality"""
+    line_s: NonNegative
+    """rolling shutter: from one row's exposure to the next row's [s]; 0: all rows at once"""
+    clocks_s: tuple[float, ...]
+    """how late each camera's clock is, in their order [s]; those left out are right"""
+    dropped: Annotated[float, Bounds(low=0, high=0.9)]
+    """share of its frames that each camera loses"""
+    glare: NonNegative
+    """brightness of the lamp's mirror image on faces with tags; 1: as bright as white paper"""
+    aperture_m: NonNegative
+    """diameter of the lens's opening, which blurs what is out of focus [m]; 0: all is sharp"""
+    focus_m: Positive | None
+    """distance in focus [m]; null: camera.distance"""
+    texture: NonNegative
+    """contrast of the ground's pattern [grey levels]"""
+    clutter: Annotated[int, Bounds(low=0, high=200)]
+    """things on the ground that look like tags: strange tags, false codes, other families, chessboards, frames"""
+    hand: bool
+    """a hand holds the object until it is let go"""
+    sweeps: Fraction
+    """share of the tosses in which a hand reaches through a camera's view"""
     carry_s: Span
     """how long a hand carries the object to each release, between two limits [s]"""
     pause_s: Span

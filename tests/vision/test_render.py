@@ -13,8 +13,9 @@ from tossid.vision.camera import Camera
 from tossid.vision.detect import DetectSettings, TagFinder
 from tossid.vision.faces import default_tags, object_faces, tag_bitmap, tag_corners
 from tossid.vision.mujoco_render import MujocoRenderer, gl_context
-from tossid.vision.render import Renderer, RenderSettings, interpolate
+from tossid.vision.render import Renderer, RenderSettings
 from tossid.vision.rig import default_rig, look_at
+from tossid.vision.shutter import interpolate
 
 
 def _poses(n: int, seed: int = 3) -> np.ndarray:

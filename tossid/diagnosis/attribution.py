@@ -32,8 +32,10 @@ Progress = Callable[[str, float], None]
 
 FLOOR_REACHED = 1.03
 """Times the noise floor, at which nothing is left to explain."""
-CUTS = (LENGTH // 4, LENGTH // 2, 3 * LENGTH // 4)
-"""Frames by which tosses are cut elsewhere."""
+CUTS = ((LENGTH // 4, 1.0), (LENGTH // 2, -1.0), (3 * LENGTH // 4, 1.0))
+"""Frames by which tosses are cut elsewhere, and to which side fits begin."""
+ASIDE = 0.1
+"""By how much fits begin elsewhere, over what a parameter differs from its nominal value."""
 
 
 def diagnose(
@@ -78,18 +80,23 @@ def _cut_elsewhere(
     """The search's result at values that do not depend on where tosses are cut: medians of fits to several sets of
     windows, and their standard deviations (P,).
 
-    Contact makes the likelihood rough, and where on it a fit ends is as good as drawn.
+    Contact makes the likelihood rough, and where on it a fit ends hangs on where it began: each begins somewhere else,
+    to either side of what was found.
     """
     present = found.present
     if not present.hypothesis.effects:
         return found, None
+    flat = present.hypothesis.flat()
+    nothing = np.concatenate([effect.nominal(present.hypothesis.base) for effect in present.hypothesis.effects])
+    way = ASIDE * np.random.default_rng(len(flat)).choice([-1.0, 1.0], len(flat)) * (flat - nothing)
 
-    def fitted(skip: int) -> Array:
+    def fitted(cut: tuple[int, float]) -> Array:
+        skip, side = cut
         other = replace(judge, windows=make_windows(tosses, model, skip=skip))
-        start = other.start(present.hypothesis).evidence
-        return other.polished(start, present.hypothesis, 2).hypothesis.flat()
+        start = present.hypothesis.at(np.clip(flat + side * way, *present.hypothesis.bounds))
+        return other.polished(other.start(start).evidence, start, 2).hypothesis.flat()
 
-    values = np.array([present.hypothesis.flat(), *judge.each(fitted, CUTS)])
+    values = np.array([flat, *judge.each(fitted, CUTS)])
     middle = present.hypothesis.at(np.median(values, axis=0))
     settled = judge.judged(present, present.effect, middle, 0)
     return found.ending(settled), np.std(values, axis=0, ddof=1)

@@ -28,6 +28,7 @@ from tossid.physics.contact import (
     IMPACT_SPEED,
     MAX_ITERATIONS,
     MOST_STRIKES,
+    RECOVERY_SPEED,
     STEADY,
     STRIKE,
     TANGENTIAL,
@@ -286,6 +287,8 @@ def simulate_body(  # type: ignore[no-untyped-def]
                         z = 0.0
                     elif rigid and z < 0.0:
                         z *= h / max(h, dt / substeps)  # comes out within a whole step
+                    elif z < TOUCHING and not whole:
+                        z = min(z, RECOVERY_SPEED * h)  # is on the ground, and settles there
                     height[c] = z
                     low = low or z < reach
                 touched, status, residual, n = False, 0, 0.0, 0

@@ -31,12 +31,12 @@ Where a toss begins with a corner in rigid ground, the ground is as deep below t
 (`above_ground`): recorded states are noisy, and phi / h of a depth that is noise would be a kick.
 
 An impact that falls into a step is felt in two parts: at its end, so much of the impulse as brings the corner to the
-ground by then, and the rest a step later. Two parts are not the same impulse where friction turns or others are hit, and
-how large each is hangs on where in the step the impact was: motions sway with the grid of steps, by 0.1 to 0.4 mm after
-a few frames, however short the steps are. With `impact_parts`, a step of rigid contact ends where a corner touches, and
-the impulse is felt there at once (as in event-driven schemes; Studer, "Numerics of Unilateral Contacts and Friction",
-2009). Contact that gives way has no such moment; there steps with an impact are cut in so many, which costs impacts'
-share, and the error in their time falls in proportion.
+ground by then, and the rest a step later. Two parts are not the same impulse where friction turns or others are hit,
+and how large each is hangs on where in the step the impact was: motions sway with the grid of steps, by 0.1 to 0.4 mm
+after a few frames, however short the steps are. With `impact_parts`, a step of rigid contact ends where a corner
+touches, and the impulse is felt there at once (as in event-driven schemes; Studer, "Numerics of Unilateral Contacts and
+Friction", 2009). Contact that gives way has no such moment; there steps with an impact are cut in so many, which costs
+impacts' share, and the error in their time falls in proportion.
 
 Cohesion c lets friction grow less than in proportion to load (Mohr and Coulomb),
 |lam_t| <= mu lam_n + c h, with the load of the step before in place of this one's:

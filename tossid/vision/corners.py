@@ -93,7 +93,7 @@ def rays_at(rays: Array, pixels: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _grey(image: NDArray[np.uint8], x: float, y: float) -> float:
+def grey(image: NDArray[np.uint8], x: float, y: float) -> float:
     """Bilinear grey level, of the nearest place in the image."""
     x, y = min(max(x, 0.0), image.shape[1] - 1.001), min(max(y, 0.0), image.shape[0] - 1.001)
     column, row = int(x), int(y)
@@ -138,8 +138,8 @@ def _levels(image: NDArray[np.uint8], corners: Array, lines: Array, x: Array) ->
             share = (k + 1) / 9
             px, py = a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
             half = 0.5 * lines[e, 6]
-            black += _grey(image, px - half * nx, py - half * ny) / 32
-            white += _grey(image, px + half * nx, py + half * ny) / 32
+            black += grey(image, px - half * nx, py - half * ny) / 32
+            white += grey(image, px + half * nx, py + half * ny) / 32
     x[0], x[1], x[2] = black, white, 0.8
 
 
@@ -209,7 +209,7 @@ def _collect(
             bell = 0.3989422804014327 * math.exp(-0.5 * z * z) / width
             model, slant, even = black + step * share, step * bell, -step * bell * z
             if inner:
-                level = _grey(image, u + (d + 1.5 * cell) * ty, v - (d + 1.5 * cell) * tx) - black
+                level = grey(image, u + (d + 1.5 * cell) * ty, v - (d + 1.5 * cell) * tx) - black
                 zi = (-cell - d) / width
                 bell_in = 0.3989422804014327 * math.exp(-0.5 * zi * zi) / width
                 model += level * 0.5 * math.erfc(-zi * 0.7071067811865476)

@@ -20,6 +20,7 @@ from tossid.objects import ObjectModel
 from tossid.types import Detection, Frame
 from tossid.vision.camera import Camera
 from tossid.vision.corners import refine_corners
+from tossid.vision.hidden import hidden_edges
 from tossid.vision.layout import FAMILIES, USUAL, TagLayout
 from tossid.vision.predict import Predictor
 from tossid.vision.recording import FrameFile, Recording
@@ -29,10 +30,13 @@ Image = NDArray[np.uint8]
 
 UNREFINED_SIGMA = 0.4
 """Standard deviation of a corner as the AprilTag library gives it [px]; measured on rendered tags."""
-HARD_SIGMA = 1.2
-"""The same of a tag whose corners should be refined and could not be: steep, half hidden, or against a bright face."""
 INSIDE = 2.0
 """A corner that is not refined lies at least so far from the image's edge [px]; one beyond it is only extrapolated."""
+MISLED = 0.5
+"""The same, in cells, of the corners of an edge that something lies against (`hidden.hidden_edges`), and of a tag whose
+edges could not be fitted."""
+BESIDE = 0.2
+"""Share of that for the tag's other corners."""
 FINE_SEARCH = 4
 """Of so many frames in a row without a tag, one is searched whole at full resolution."""
 TILE = 4
@@ -182,11 +186,19 @@ class TagFinder:
                 frame.image, self.camera, corners, cells=FAMILIES[raw.tag_family.decode()]
             )
             notes["corners not refined"] += not refined
+        sigma = UNREFINED_SIGMA
+        if self.settings.refine:
+            hidden, cell = hidden_edges(frame.image, corners, cells=FAMILIES[raw.tag_family.decode()])
+            unsure = MISLED * cell
+            sigma = max(sigma, unsure)  # where the edges fit no tag's, the image's border or a hand cuts it
+            if hidden.any():  # its brightness misleads the fit of the other edges a little too
+                share = np.where(hidden | np.roll(hidden, 1), 1.0, BESIDE)
+                cov = cov + (share * unsure)[:, None, None] ** 2 * np.eye(2)
+                notes["edges that may not be the tag's"] += 1
         if not refined:
             if not self.camera.contains(corners, margin=INSIDE).all():
                 notes["rejected: cut by the image's edge"] += 1
                 return None
-            sigma = HARD_SIGMA if self.settings.refine else UNREFINED_SIGMA
             cov = np.tile(sigma**2 * np.eye(2), (4, 1, 1))
         return Detection(
             camera=frame.camera,

@@ -16,7 +16,8 @@ from tossid.objects import ObjectModel, body_poses
 from tossid.rotations import matrix_to_quat, quat_mul
 from tossid.vision.camera import Camera
 from tossid.vision.faces import tag_bitmap, tag_corners
-from tossid.vision.render import DEFAULT_IMAGES, Image, RenderSettings, interpolate
+from tossid.vision.render import DEFAULT_IMAGES, Image, RenderSettings
+from tossid.vision.shutter import interpolate
 
 Array = NDArray[np.float64]
 

@@ -17,10 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from tossid.errors import InputError
 from tossid.objects import ObjectModel, body_poses, corner_positions
-from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_rotate, quat_to_matrix
-from tossid.vision._raster import cast
+from tossid.rotations import quat_rotate, quat_to_matrix, transform, transform_points
+from tossid.vision._raster import cast, seen_shares
+from tossid.vision.backdrop import Litter, backdrop
 from tossid.vision.camera import Camera
 from tossid.vision.faces import TAG_CELLS, face_of_tag, object_faces, plane_axes, tag_bitmap
+from tossid.vision.hand import hand_faces
+from tossid.vision.shutter import Exposure, between
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -36,6 +39,10 @@ class RenderSettings:
     light: direction that light comes from, world frame (need not be unit).
     ambient: share of the light that has no direction, 0 to 1.
     white, black, ground: grey levels at full light.
+    glare: brightness of the lamp's mirror image in faces with tags, 1 for as bright as white paper.
+    gloss: sharpness of that image (Phong's exponent). lamp: distance of the lamp from the origin [m].
+    aperture: diameter of the lens's opening [m], 0 for all sharp. focus: distance in focus [m].
+    texture: contrast of the ground's pattern [grey levels]. litter: things that lie on the ground.
     """
 
     samples: int = 16
@@ -46,25 +53,27 @@ class RenderSettings:
     white: float = 225.0
     black: float = 18.0
     ground: float = 110.0
+    glare: float = 0.0
+    gloss: float = 300.0
+    lamp: float = 2.0
+    aperture: float = 0.0
+    focus: float = 1.4
+    texture: float = 0.0
+    litter: tuple[Litter, ...] = ()
 
     def __post_init__(self) -> None:
         if self.samples < 1 or self.noise < 0 or self.blur < 0 or not 0 <= self.ambient <= 1:
             raise InputError("render settings: samples >= 1, noise >= 0, blur >= 0 and 0 <= ambient <= 1 are needed")
+        if min(self.glare, self.aperture, self.texture) < 0 or min(self.gloss, self.lamp, self.focus) <= 0:
+            raise InputError("render settings: glare, aperture, texture >= 0 and gloss, lamp, focus > 0 are needed")
+
+    @property
+    def lens(self) -> tuple[float, float]:
+        """Radius of its opening and distance in focus [m]."""
+        return 0.5 * self.aperture, self.focus
 
 
 DEFAULT_IMAGES = RenderSettings()
-
-
-def interpolate(q0: ArrayLike, q1: ArrayLike, s: ArrayLike) -> Array:
-    """Configurations between two, at shares s of the way: straight positions and joints, shortest turn.
-
-    (*b, nq), (*b, nq), (*b) -> (*b, nq).
-    """
-    q0, q1 = np.asarray(q0, dtype=float), np.asarray(q1, dtype=float)
-    share = np.asarray(s, dtype=float)[..., None]
-    q = q0 + share * (q1 - q0)
-    q[..., 3:7] = quat_mul(q0[..., 3:7], quat_exp(share * quat_boxminus(q1[..., 3:7], q0[..., 3:7])))
-    return q
 
 
 class Renderer:
@@ -85,22 +94,26 @@ class Renderer:
         self.model = model
         self.settings = settings
         self.cameras = {camera.name: camera for camera in cameras}
-        self._faces = object_faces(model)
+        own = object_faces(model)
+        hand, levels = hand_faces(model, body=model.n_bodies)
+        self._n_own, self._faces = len(own), (*own, *hand)
         self._axes = [plane_axes(face.normal) for face in self._faces]
+        self._white = np.concatenate([np.full(len(own), settings.white), levels])
         self._outline()
         self._place_tags()
         count = settings.samples
         steps = np.arange(count) / count
         # a rank-one lattice: powers of the reciprocal of the root of g^3 = g + 1 spread well in the plane
         g = 1.32471795724474602596
-        self._samples = np.stack([(steps * count / g) % 1, (steps * count / g**2) % 1, steps], axis=-1)
-        self._still = np.column_stack([self._samples[:, :2], np.zeros(count)])
+        xy = np.stack([(steps * count / g) % 1, (steps * count / g**2) % 1], axis=-1)
+        opening = np.stack([(steps * count * (2**0.5 - 1)) % 1, (steps * count * (3**0.5 - 1)) % 1], axis=-1)
+        self._samples = np.column_stack([xy, steps, opening])
         # drawn once, as drawing it anew for each frame would cost more than all the rest;
         # a frame takes its own stretch of it
         longest = max(camera.resolution[0] * camera.resolution[1] for camera in cameras)
         bank = np.random.default_rng(0).standard_normal(8 * longest, dtype=np.float32)
         self._noise = np.float32(settings.noise) * bank
-        self._background = {name: _background(camera, settings) for name, camera in self.cameras.items()}
+        self._background = {name: self._empty(camera) for name, camera in self.cameras.items()}
 
     def _outline(self) -> None:
         most = max(len(face.polygon) for face in self._faces)
@@ -113,10 +126,28 @@ class Renderer:
             ]
         )
 
+    def _empty(self, camera: Camera) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The scene without the object, before and after the lens's blur."""
+        settings = self.settings
+        light = np.asarray(settings.light, dtype=float)
+        sharp = backdrop(
+            camera,
+            levels=(settings.ground, 0.5 * settings.ground, settings.white, settings.black),
+            light=settings.ambient + (1 - settings.ambient) * max(light[2], 0.0) / float(np.linalg.norm(light)),
+            lens=settings.lens,
+            samples=self._samples,
+            texture=settings.texture,
+            litter=settings.litter,
+        )
+        if settings.blur > 0:
+            return sharp, np.asarray(cv2.GaussianBlur(sharp, (0, 0), settings.blur), dtype=np.float32)
+        return sharp, sharp
+
     def _place_tags(self) -> None:
         by_face: list[list[int]] = [[] for _ in self._faces]
-        for index, tag in enumerate(self.model.tags):
-            by_face[face_of_tag(tag, self._faces)].append(index)
+        self._tag_face = np.array([face_of_tag(tag, self._faces) for tag in self.model.tags], dtype=np.int64)
+        for index, face in enumerate(self._tag_face):
+            by_face[face].append(index)
         self._face_tags = np.zeros((len(self._faces), 2), dtype=np.int64)
         maps: list[Any] = []
         bitmaps: list[NDArray[np.uint8]] = []
@@ -139,27 +170,33 @@ class Renderer:
         self._bitmaps = np.array(bitmaps, dtype=np.uint8).reshape(-1, TAG_CELLS, TAG_CELLS)
 
     def render(self, q0: ArrayLike, q1: ArrayLike, camera: str, rng: np.random.Generator | None) -> Image:
-        """One image.
+        """One image, all of whose rows are exposed at once (see `draw`).
 
         Args:
             q0, q1: (nq,) configurations when the shutter opens and closes.
+        """
+        path = between(np.asarray(q0, dtype=float), np.asarray(q1, dtype=float), self.settings.samples)
+        return self.draw(Exposure(path, (0.0, float(len(path)))), camera, rng)
+
+    def draw(self, exposure: Exposure, camera: str, rng: np.random.Generator | None) -> Image:
+        """One image.
+
+        Args:
+            exposure: where things are while it is exposed.
             camera: its name.
             rng: source of the sensor's noise; None for an image without noise.
 
         Returns:
             (height, width) grey levels.
         """
-        if camera not in self.cameras:
-            raise InputError(f"no camera '{camera}' among {', '.join(self.cameras)}")
-        cam, settings = self.cameras[camera], self.settings
-        q0, q1 = np.asarray(q0, dtype=float), np.asarray(q1, dtype=float)
+        cam, settings = self._camera(camera), self.settings
         sharp, blurred = self._background[camera]
         image = blurred.copy()
-        region = self._region(cam, q0, q1)
+        region = self._region(cam, exposure)
         if region is not None:
             x0, y0, x1, y1 = region
             canvas = np.ascontiguousarray(sharp[y0:y1, x0:x1])
-            self._cast(canvas, x0, y0, cam, q0, q1, rng)
+            self._cast(canvas, x0, y0, cam, exposure, rng)
             if settings.blur > 0:
                 image[y0:y1, x0:x1] = cv2.GaussianBlur(canvas, (0, 0), settings.blur, borderType=cv2.BORDER_REPLICATE)
             else:
@@ -169,58 +206,121 @@ class Renderer:
             image += self._noise[first : first + image.size].reshape(image.shape)
         return np.asarray(cv2.convertScaleAbs(np.clip(image, 0, 255)), dtype=np.uint8)
 
-    def _cast(
-        self, canvas: NDArray[np.float32], x0: int, y0: int, cam: Camera, q0: Array, q1: Array, rng: object
-    ) -> None:
-        settings = self.settings
-        moving = not np.array_equal(q0, q1)
-        shares = (np.arange(settings.samples) + 0.5) / settings.samples if moving else np.array([0.5])
-        n = len(shares)
-        q = interpolate(np.repeat(q0[None], n, axis=0), np.repeat(q1[None], n, axis=0), shares)
+    def visible(self, exposure: Exposure, camera: str) -> Array:
+        """The share of each tag, in the model's order, that faces a camera, lies in its image, and is hidden by
+        nothing, halfway through an exposure. (m,)."""
+        cam, middle = self._camera(camera), slice(len(exposure.q) // 2, len(exposure.q) // 2 + 1)
+        hand = None if exposure.hand is None else exposure.hand[middle]
+        position, quat, count = self._bodies(exposure.q[middle], hand)
+        planes, front, edges, _ = self._seen_from(cam, position, quat, count)
+        step = (np.arange(6) + 0.5) / 6 - 0.5
+        grid = np.stack([*np.meshgrid(step, step), np.zeros((6, 6))], axis=-1).reshape(-1, 3)
+        spots = np.stack([transform_points(tag.T_body_tag, tag.size * grid) for tag in self.model.tags])
+        body = [tag.body for tag in self.model.tags]
+        world = transform_points(transform(position[0, body], quat[0, body]), spots)
+        inside = cam.contains(cam.project(world), margin=-0.5)
+        spots = np.where(inside[..., None], transform_points(cam.T_cam_world, world), -1.0)
+        shares = np.zeros(len(spots))
+        seen_shares(planes[0], front[0], edges[0], self._n_edges[:count], spots, self._tag_face, shares)
+        return shares
+
+    def _camera(self, name: str) -> Camera:
+        if name not in self.cameras:
+            raise InputError(f"no camera '{name}' among {', '.join(self.cameras)}")
+        return self.cameras[name]
+
+    def _bodies(self, q: Array, hand: Array | None) -> tuple[Array, Array, int]:
+        """Poses of the object's bodies (k, n_b, 3), (k, n_b, 4), the hand's last, and how many faces they have."""
         position, quat = body_poses(self.model, q)
-        body = np.array([face.body for face in self._faces])
+        if hand is None:
+            return position, quat, self._n_own
+        there = np.asarray(np.isfinite(hand).all(axis=1))
+        pose = np.where(there[:, None], hand, [0.0, 0.0, -1e6, 1.0, 0.0, 0.0, 0.0])
+        return (
+            np.concatenate([position, pose[:, None, :3]], axis=1),
+            np.concatenate([quat, pose[:, None, 3:]], axis=1),
+            len(self._faces),
+        )
+
+    def _seen_from(
+        self, cam: Camera, position: Array, quat: Array, count: int
+    ) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+        """Planes (k, f, 12) of the first faces, whether they look at the camera (k, f), their edges (k, f, e, 3)
+        and boxes (f, 4), as `_raster.cast` has them."""
+        faces = self._faces[:count]
+        body = np.array([face.body for face in faces])
         R_cam = cam.T_cam_world[:3, :3] @ quat_to_matrix(quat[:, body])
         p_cam = position[:, body] @ cam.T_cam_world[:3, :3].T + cam.T_cam_world[:3, 3]
-        center = np.squeeze(R_cam @ np.stack([face.center for face in self._faces])[:, :, None], -1) + p_cam
-        polygons = self._polygons @ np.swapaxes(R_cam, -1, -2) + p_cam[..., None, :]
+        center = np.squeeze(R_cam @ np.stack([face.center for face in faces])[:, :, None], -1) + p_cam
+        polygons = self._polygons[:count] @ np.swapaxes(R_cam, -1, -2) + p_cam[..., None, :]
         edges = _cross(polygons, np.roll(polygons, -1, axis=-2))
         edges *= -np.sign(np.sum(edges * center[..., None, :], axis=-1, keepdims=True))  # the middle is inside
-        planes = np.empty((n, len(self._faces), 12))
-        axes = (np.stack([face.normal for face in self._faces]), *np.stack(self._axes, axis=1))
+        planes = np.empty((len(position), count, 12))
+        axes = (np.stack([face.normal for face in faces]), *np.stack(self._axes[:count], axis=1))
         for k, axis in enumerate(axes):
             world = np.squeeze(R_cam @ axis[:, :, None], -1)
             planes[..., 4 * k : 4 * k + 3] = world
             planes[..., 4 * k + 3] = np.sum(world * center, axis=-1)
+        return planes, planes[..., 3] < 0, edges, self._boxes(polygons)
+
+    def _boxes(self, polygons: Array) -> Array:
+        """Least and greatest x and y [normalised] of faces over some time. (k, f, e, 3) -> (f, 4)."""
+        depth = np.maximum(polygons[..., 2:], 1e-3)
+        xy = np.where(polygons[..., 2:] > 1e-3, polygons[..., :2] / depth, np.inf)
+        radius, focus = self.settings.lens
+        margin = 1e-9 + radius * np.abs(1 / depth[..., 0] - 1 / focus).max(axis=(0, 2))
+        low = np.where(np.isfinite(xy), xy, -np.inf).min(axis=(0, 2)) - margin[:, None]
+        high = xy.max(axis=(0, 2)) + margin[:, None]
+        return np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=1)
+
+    def _cast(
+        self, canvas: NDArray[np.float32], x0: int, y0: int, cam: Camera, exposure: Exposure, rng: object
+    ) -> None:
+        settings = self.settings
+        position, quat, count = self._bodies(exposure.q, exposure.hand)
+        planes, front, edges, boxes = self._seen_from(cam, position, quat, count)
+        if settings.aperture > 0:  # a face seen edge-on from the lens's middle is not so from all of it
+            front = planes[..., 3] < settings.lens[0]
+        light = np.asarray(settings.light, dtype=float)
+        shade = self._shade(quat[len(quat) // 2], light, count)
         seed = int(rng.integers(2**31)) if isinstance(rng, np.random.Generator) else 0
         cast(
             canvas,
             x0,
             y0,
             cam.rays,
-            self._samples if moving else self._still,
+            self._samples,
             seed,
             planes,
-            planes[..., 3] < 0,
+            front,
             edges,
-            self._n_edges,
-            self._shade(quat[n // 2]),
-            self._face_tags,
+            self._n_edges[:count],
+            boxes,
+            self._white[:count] * shade,
+            settings.black * shade,
+            self._face_tags[:count],
             self._tag_map,
             self._bitmaps,
-            settings.white,
-            settings.black,
+            exposure.rows,
+            settings.lens,
+            (settings.glare * settings.white, settings.gloss),
+            transform_points(cam.T_cam_world, settings.lamp * light[None] / np.linalg.norm(light))[0],
         )
 
-    def _shade(self, quat: Array) -> Array:
+    def _shade(self, quat: Array, light: Array, count: int) -> Array:
         """Lambert's law with ambient light. (n_b, 4) -> (f,)."""
-        light = np.asarray(self.settings.light, dtype=float)
         light = light / np.linalg.norm(light)
-        normals = np.stack([quat_rotate(quat[face.body], face.normal) for face in self._faces])
+        normals = np.stack([quat_rotate(quat[face.body], face.normal) for face in self._faces[:count]])
         return self.settings.ambient + (1 - self.settings.ambient) * np.clip(normals @ light, 0, 1)
 
-    def _region(self, cam: Camera, q0: Array, q1: Array) -> tuple[int, int, int, int] | None:
-        """Columns and rows [x0, x1) x [y0, y1) that the object can touch, None if it is out of view."""
-        corners = corner_positions(self.model, np.stack([q0, q1])).reshape(-1, 3)
+    def _region(self, cam: Camera, exposure: Exposure) -> tuple[int, int, int, int] | None:
+        """Columns and rows [x0, x1) x [y0, y1) that the object and the hand can touch, None if out of view."""
+        ends = exposure.q[[0, -1]] if exposure.rows[0] == 0 else exposure.q[:: max(len(exposure.q) // 8, 1)]
+        corners = corner_positions(self.model, ends).reshape(-1, 3)
+        if exposure.hand is not None:
+            hand = exposure.hand[np.isfinite(exposure.hand).all(axis=1)][[0, -1]]
+            boxes = transform_points(transform(hand[:, :3], hand[:, 3:]), self._polygons[self._n_own :].reshape(-1, 3))
+            corners = np.concatenate([corners, boxes.reshape(-1, 3)])
         depth = corners @ cam.T_cam_world[2, :3] + cam.T_cam_world[2, 3]
         if (depth <= 0).all():
             return None
@@ -230,6 +330,9 @@ class Renderer:
             return 0, 0, width, height
         # the images of straight edges bow a little under distortion
         margin = 3 + 4 * self.settings.blur + 0.03 * float(np.ptp(pixels, axis=0).max())
+        if self.settings.aperture > 0:
+            radius, focus = self.settings.lens
+            margin += float(cam.intrinsics[0]) * radius * float(np.abs(1 / depth - 1 / focus).max())
         x0, y0 = np.maximum(np.floor(pixels.min(axis=0) - margin), 0).astype(int)
         x1, y1 = np.minimum(np.ceil(pixels.max(axis=0) + margin), [width, height]).astype(int)
         return (int(x0), int(y0), int(x1), int(y1)) if x0 < x1 and y0 < y1 else None
@@ -241,23 +344,3 @@ def _cross(a: Array, b: Array) -> Array:
     y = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
     z = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     return np.stack([x, y, z], axis=-1)
-
-
-def _background(cam: Camera, settings: RenderSettings) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The empty scene before and after the lens's blur: a ground that fades with distance, a dim wall."""
-    width, height = cam.resolution
-    u, v = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
-    xy = cam.undistort(np.stack([u, v], axis=-1))
-    rays = np.concatenate([np.nan_to_num(xy), np.ones((height, width, 1))], axis=-1) @ cam.T_world_cam[:3, :3].T
-    eye = cam.T_world_cam[:3, 3]
-    down = rays[..., 2] < -1e-6
-    reach = np.where(down, -eye[2] / np.where(down, rays[..., 2], -1.0), 0.0)
-    spot = eye[:2] + reach[..., None] * rays[..., :2]
-    light = np.asarray(settings.light, dtype=float)
-    lit = settings.ambient + (1 - settings.ambient) * max(light[2], 0.0) / float(np.linalg.norm(light))
-    grain = 3.0 * np.sin(7.0 * spot[..., 0] + 1.3) * np.sin(6.0 * spot[..., 1])  # a floor is never quite even
-    ground = settings.ground * lit / (1 + 0.05 * np.sum(spot**2, axis=-1)) + grain
-    sharp = np.where(down, ground, 0.5 * settings.ground).astype(np.float32)
-    if settings.blur > 0:
-        return sharp, np.asarray(cv2.GaussianBlur(sharp, (0, 0), settings.blur), dtype=np.float32)
-    return sharp, sharp

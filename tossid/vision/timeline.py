@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -18,6 +18,7 @@ from tossid.vision.camera import Camera
 from tossid.vision.recording import RecordingWriter
 from tossid.vision.render import DEFAULT_IMAGES, Image, Renderer, RenderSettings
 from tossid.vision.segment import SegmentSettings, rest_frame
+from tossid.vision.shutter import Shutter, opening
 
 Array = NDArray[np.float64]
 
@@ -37,7 +38,8 @@ class Timeline:
     """A continuous motion at an even rate.
 
     t (n,) [s], q (n, nq). tosses: the true tosses on this clock, each from its release to its first
-    frame of rest (as `segment` defines it). release, rest: (m,) frames at which they start and end.
+    frame of rest (as `segment` defines it). release, rest: (m,) frames at which they start and end; lift: (m,) at
+    which a hand takes the object up before.
     """
 
     t: Array
@@ -45,6 +47,7 @@ class Timeline:
     tosses: tuple[Toss, ...]
     release: NDArray[np.int64]
     rest: NDArray[np.int64]
+    lift: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 def make_timeline(
@@ -81,7 +84,7 @@ def make_timeline(
         raise InputError("tosses of a recording must all have one even rate")
     pieces: list[Array] = []
     count = 0
-    release, at_rest, retimed = [], [], []
+    lift, release, at_rest, retimed = [], [], [], []
     previous = tosses[-1].q[-1]
     for toss in tosses:
         n_before = max(round(rng.uniform(*rest) / dt), 1) if pieces else max(round(0.1 / dt), 1)
@@ -91,6 +94,7 @@ def make_timeline(
         count += n_before + len(path)
         end = rest_frame(toss.q, settings=settings)
         own = slice(0, max(end, 1) + 1)
+        lift.append(count - len(path))
         release.append(count)
         at_rest.append(count + own.stop - 1)
         t: Array = start + dt * (count + np.arange(len(toss.t), dtype=float))
@@ -113,7 +117,8 @@ def make_timeline(
     q = np.concatenate(pieces)
     q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
     clock: Array = start + dt * np.arange(len(q), dtype=float)
-    return Timeline(clock, q, tuple(retimed), np.array(release, dtype=np.int64), np.array(at_rest, dtype=np.int64))
+    frames = (np.array(which, dtype=np.int64) for which in (release, at_rest, lift))
+    return Timeline(clock, q, tuple(retimed), *frames)
 
 
 def _carry(
@@ -152,6 +157,34 @@ def _quintic(s: Array, end: Array, velocity: Array, acceleration: Array) -> Arra
     return np.asarray(power**3 * (c3 + power * (c4 + power * c5)))
 
 
+@dataclass(frozen=True, eq=False)
+class Filming:
+    """How a motion is filmed.
+
+    shutter: of all cameras. clocks: by camera, how much later than the truth its time stamps are [s]; 0 for those
+    not named. dropped: share of the frames that each camera loses, 0 to 1. hand: (n, 7) its pose in each frame of
+    the motion, NaN where there is none (`hand.hand_poses`); None: never.
+    """
+
+    shutter: Shutter = field(default_factory=Shutter)
+    clocks: dict[str, float] = field(default_factory=dict)
+    dropped: float = 0.0
+    hand: Array | None = None
+
+
+DEFAULT_FILMING = Filming()
+
+
+@dataclass(frozen=True, eq=False)
+class FilmTruth:
+    """What was filmed: n_images written; kept (n, cameras) those frames; visible (n, cameras, tags) the share of
+    each tag that a camera could see, NaN where another renderer drew."""
+
+    n_images: int
+    kept: NDArray[np.bool_]
+    visible: Array
+
+
 def render_timeline(
     timeline: Timeline,
     model: ObjectModel,
@@ -161,45 +194,55 @@ def render_timeline(
     *,
     settings: RenderSettings = DEFAULT_IMAGES,
     renderer: ImageSource | None = None,
-    exposure: float = 0.001,
+    filming: Filming = DEFAULT_FILMING,
     threads: int = 2,
     progress: Callable[[int], None] | None = None,
-) -> int:
+) -> FilmTruth:
     """Render every frame of every camera into an open recording.
 
-    A frame's time stamp is the middle of its exposure. The images depend on
-    `rng` only, not on the number of threads.
+    A frame's time stamp is the middle of the exposure of the image's middle row, on the camera's own clock. The
+    images depend on `rng` only, not on the number of threads, nor on which frames are dropped.
 
     Args:
         writer: an entered `RecordingWriter`.
-        settings: of the default renderer; `renderer`: another one in its place, which is then used from one thread.
-        exposure: how long the shutter is open [s], shorter than the time between frames.
+        settings: of the default renderer; `renderer`: another one in its place, which is then used from one thread,
+            and knows neither a rolling shutter nor a hand.
         progress: called with the number of frames done since the last call.
-
-    Returns:
-        the number of frames written.
     """
-    dt = float(timeline.t[1] - timeline.t[0])
-    if not 0 <= exposure <= dt:
-        raise InputError(f"exposure is {exposure} s, expected 0 to the time between frames ({dt:.6g} s)")
-    source = Renderer(model, cameras, settings) if renderer is None else renderer
-    q = timeline.q
-    # motion at the middle's own mean velocity, so that the blur is centred on the pose of the time stamp
-    share = np.full(len(q), 0.25 * exposure / dt)
-    before, after = q[np.maximum(np.arange(len(q)) - 1, 0)], q[np.minimum(np.arange(len(q)) + 1, len(q) - 1)]
-    opened, closed = q.copy(), q.copy()
-    way = share[:, None] * (after - before)
-    opened[:, :3], closed[:, :3] = q[:, :3] - way[:, :3], q[:, :3] + way[:, :3]
-    opened[:, 7:], closed[:, 7:] = q[:, 7:] - way[:, 7:], q[:, 7:] + way[:, 7:]
-    turn = share[:, None] * quat_boxminus(after[:, 3:7], before[:, 3:7])
-    opened[:, 3:7], closed[:, 3:7] = quat_mul(q[:, 3:7], quat_exp(-turn)), quat_mul(q[:, 3:7], quat_exp(turn))
-    seeds = np.random.SeedSequence(int(rng.integers(2**63)))
-    jobs = [(i, camera.name) for i in range(len(q)) for camera in cameras]
+    t, q, shutter = timeline.t, timeline.q, filming.shutter
+    dt = float(t[1] - t[0])
+    for camera in cameras:
+        shutter.check(camera.resolution[1], dt)
+        if t[0] + filming.clocks.get(camera.name, 0.0) < 0:
+            raise InputError(f"camera '{camera.name}': its clock would give times before zero")
+    if renderer is not None and (shutter.line > 0 or filming.hand is not None):
+        raise InputError("this renderer draws neither a rolling shutter nor a hand")
+    own = Renderer(model, cameras, settings) if renderer is None else None
+    entropy = int(rng.integers(2**63))
+    seeds = np.random.SeedSequence(entropy)
+    kept = np.ones((len(t), len(cameras)), dtype=bool)
+    if filming.dropped > 0:
+        apart = np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(2**31,)))
+        kept = apart.random(kept.shape) >= filming.dropped
+        kept[[0, -1]] = True
+    visible = np.full((*kept.shape, len(model.tags)), np.nan)
+    jobs = [(i, c) for i in range(len(t)) for c in range(len(cameras))]
 
-    def draw(job: tuple[int, str], seed: np.random.SeedSequence) -> None:
-        i, name = job
-        image = source.render(opened[i], closed[i], name, np.random.default_rng(seed))
-        writer.write(Frame(name, float(timeline.t[i]), image))
+    def draw(job: tuple[int, int], seed: np.random.SeedSequence) -> None:
+        i, c = job
+        camera = cameras[c]
+        if not kept[i, c]:
+            return
+        noise = np.random.default_rng(seed)
+        if own is not None:
+            exposure = shutter.expose(t, q, i, camera.resolution[1], settings.samples, filming.hand)
+            image = own.draw(exposure, camera.name, noise)
+            if model.tags:
+                visible[i, c] = own.visible(exposure, camera.name)
+        else:
+            assert renderer is not None
+            image = renderer.render(*opening(t, q, i, shutter.exposure), camera.name, noise)
+        writer.write(Frame(camera.name, float(t[i]) + filming.clocks.get(camera.name, 0.0), image))
 
     block = 32 * len(cameras)
     with ThreadPoolExecutor(max_workers=threads, thread_name_prefix="render") as pool:
@@ -213,4 +256,4 @@ def render_timeline(
                     draw(job, seed)
             if progress is not None:
                 progress(len(part))
-    return len(jobs)
+    return FilmTruth(int(kept.sum()), kept, visible)
