@@ -110,7 +110,7 @@ def against_truth(folder: Path, console: Console, detections: list[Detection] | 
         Row("ground's height from rests [mm]", "", f"{1e3 * ground.height:.4f} ± {1e3 * ground.cov[0, 0] ** 0.5:.4f}"),
         Row("ground's tilt from rests [°]", "", f"{np.rad2deg(ground.tilt):.4f}"),
         Row("detection, CPU [s]", "", f"{clock[1] - clock[0]:.0f}"),
-        Row("tracking, CPU [s]", "a quarter of it", f"{clock[2] - clock[1]:.0f}"),
+        Row("tracking to velocities, CPU [s]", "a quarter of it", f"{clock[2] - clock[1]:.0f}"),
     ]
 
 
