@@ -12,7 +12,7 @@ from pipelines.against_truth import Row, against_truth, at_times, main, near_imp
 from pipelines.calling import call_with_keys
 from pipelines.console import Console
 
-FILM = ("tosses=3", "seed=5", "camera.width=640", "camera.height=512", "camera.samples=8")
+FILM = ("tosses=3", "seed=5", "camera.width=640", "camera.height=512", "camera.samples=8", "camera.carry_s=[0.25,0.3]")
 
 
 def _number(text: str) -> float:
