@@ -16,7 +16,7 @@ DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo experiments tagslam test test-slow check format bench clean distclean
+.PHONY: help setup demo experiments tagslam truth test test-slow check format bench clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -39,6 +39,9 @@ experiments: $(STAMP)  ## the studies on published recordings, hours: make DATA=
 
 tagslam: $(STAMP)  ## TagSLAM's published recordings against its own poses: make DATA=FOLDER tagslam
 	$(RUN_ONE) $(BIN)/python -m pipelines.against_tagslam $(DATA)
+
+truth: $(STAMP)  ## filmed tosses from images to velocities, against the truth; half an hour
+	$(RUN_ONE) $(BIN)/python -m pipelines.against_truth
 
 test: $(STAMP)  ## the tests
 	$(RUN_ONE) $(BIN)/python -m pytest -q

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from pipelines.calling import jsonable
 from pipelines.console import Console
 from pipelines.datasets import described, save
 from pipelines.opening import CameraSource, Opened, open_recording, source_at
@@ -24,12 +28,16 @@ from tossid.vision.believed import TrackSettings
 from tossid.vision.camera import Camera
 from tossid.vision.detect import DetectSettings, detect_frames
 from tossid.vision.files import read_tracks
-from tossid.vision.layout import object_body
+from tossid.vision.ground import find_ground
+from tossid.vision.layout import articulated, object_body
 from tossid.vision.segment import SegmentSettings, segment
-from tossid.vision.track import Tracked, track_scene
+from tossid.vision.stream import track_stream
+from tossid.vision.track import Tracked
 
 STAGES = Path("outputs/stages")
 """Where the stages leave their files, a folder for each recording."""
+OFF = 0.01, np.deg2rad(1.0)
+"""Height [m] and tilt [rad] from which on the world's z = 0 is not the ground that was meant."""
 
 
 def ingest_frames(config: IngestConfig, source: CameraSource, console: Console) -> dict[str, Any]:
@@ -38,9 +46,11 @@ def ingest_frames(config: IngestConfig, source: CameraSource, console: Console) 
     model = opened.object()
     out = check_dataset_name("out", config.out or DATASETS / f"{opened.name}.h5")
     with output_file(out) as temporary:
-        detections, tally = detect_stage(opened, config.detect, threads=config.threads, console=console)
+        tally: Counter[str] = Counter()
+        detections = detected(opened, config.detect, threads=config.threads, console=console, tally=tally)
         tracked = track_stage(opened, detections, config.track, console=console)
         poses, report = object_track(opened, tracked), tracked.report
+        poses, ground = level_stage(opened, poses, config.level, gravity=config.gravity, console=console)
         tosses, tracks, rejected = segment_stage(poses, model, config.segment, gravity=config.gravity, console=console)
         _save(
             tosses,
@@ -53,12 +63,14 @@ def ingest_frames(config: IngestConfig, source: CameraSource, console: Console) 
             source_path=str(opened.path),
             source_sha256=source_sha256(opened.path),
             n_images=opened.recording.n_frames if opened.recording is not None else 0,
-            n_detections=len(detections),
+            n_detections=int(tally["tags"]),
             n_poses=report.n_poses,
             reprojection_rms_px=report.rms,
         )
     facts = described(out, console)
-    return {**facts, "detect": tally, "track": asdict(report), "segment": {"rejected": rejected}}
+    return {
+        **facts, "detect": counts(tally), "track": asdict(report), "ground": ground, "segment": {"rejected": rejected}
+    }  # fmt: skip
 
 
 def open_stage(path: Path | None, config: ObjectConfig | None, *, default: str | None = None) -> Opened:
@@ -70,39 +82,59 @@ def detect_stage(
     opened: Opened, config: DetectConfig, *, threads: int | None, console: Console
 ) -> tuple[list[Detection], dict[str, int]]:
     """Tags in all frames, and what was rejected why; those that a bag has ready are taken as they are."""
+    tally: Counter[str] = Counter()
+    detections = list(detected(opened, config, threads=threads, console=console, tally=tally))
+    return detections, counts(tally)
+
+
+def detected(
+    opened: Opened, config: DetectConfig, *, threads: int | None, console: Console, tally: Counter[str]
+) -> Iterator[Detection]:
+    """Tags as they are found. tally: filled with what was rejected why."""
     for problem in opened.problems:
         console.warn(problem)
     if opened.recording is None:
         console.say(f"{opened.path}: {len(opened.detections)} ready detections of {len(opened.cameras)} cameras")
-        return list(opened.detections), {"tags": len(opened.detections)}
-    tally: Counter[str] = Counter()
+        tally["tags"] += len(opened.detections)
+        yield from opened.detections
+        return
     n_frames = opened.recording.n_frames
     console.say(f"{opened.path}: {n_frames} images of {len(opened.cameras)} cameras")
     with console.progress("detect", n_frames, unit="images") as progress:
-        detections = list(
-            detect_frames(
-                opened.recording,
-                opened.model,
-                settings=DetectSettings(**asdict(config)),
-                threads=threads or os.cpu_count() or 1,
-                tally=tally,
-                progress=progress.advance,
-            )
+        yield from detect_frames(
+            opened.recording,
+            opened.model,
+            settings=DetectSettings(**asdict(config)),
+            threads=threads or os.cpu_count() or 1,
+            tally=tally,
+            progress=progress.advance,
         )
-    if not detections:
+    if not tally["tags"]:
         raise InputError(f"{opened.path}: no tag was seen in {n_frames} images")
-    console.say(f"detect: {len(detections)} tags")
-    return detections, {name: int(count) for name, count in sorted(tally.items())}
+    console.say(f"detect: {tally['tags']} tags")
 
 
-def track_stage(opened: Opened, detections: Sequence[Detection], config: TrackConfig, *, console: Console) -> Tracked:
-    """The poses of all moving bodies in every frame that shows them, and what else the scene did not say."""
+def counts(tally: Counter[str]) -> dict[str, int]:
+    """A tally in order of its names."""
+    return {name: int(count) for name, count in sorted(tally.items())}
+
+
+def track_stage(opened: Opened, detections: Iterable[Detection], config: TrackConfig, *, console: Console) -> Tracked:
+    """The poses of all moving bodies in every frame that shows them, and what else the scene did not say.
+
+    Args:
+        detections: as they come, in order of time; or all.
+    """
     settings = TrackSettings(**asdict(config))
     if opened.model is None:  # of bodies that nothing is known of, no accuracy is asked
         settings = replace(settings, max_sigma=float("inf"), max_angle_sigma=float("inf"))
-    with console.progress("track", None, unit="poses") as progress:
-        tracked = track_scene(detections, opened.cameras, opened.layout, settings=settings, name=opened.name)
-        progress.advance(tracked.report.n_poses)
+    layout = opened.layout if opened.model is None else articulated(opened.layout, opened.model)
+    with ExitStack() as stack:
+        bar = None  # detections that are still to be found have their own
+        if isinstance(detections, Sequence):
+            detections = sorted(detections, key=lambda detection: detection.t)
+            bar = stack.enter_context(console.progress("track", None, unit="poses")).advance
+        tracked = track_stream(detections, opened.cameras, layout, settings=settings, name=opened.name, progress=bar)
     report = tracked.report
     console.say(f"track: {report.n_poses} poses in {report.n_steps} frames, reprojection {report.rms:.2f} px rms")
     for reason, count in report.dropped_steps.items():
@@ -126,15 +158,13 @@ def with_clocks(tracked: Tracked) -> tuple[Camera, ...]:
 
 
 def object_track(opened: Opened, tracked: Tracked) -> PoseTrack:
-    """The track of the object's body.
+    """The track of the object's body, with its joints.
 
     Raises:
-        ObjectError: the object has joints, or is no moving body of the scene.
+        ObjectError: the object is no moving body of the scene.
         InputError: it has too few poses.
     """
     model = opened.object()
-    if model.n_bodies != 1:
-        raise ObjectError(f"object '{model.name}' has {model.n_bodies} bodies; tracking takes one rigid body")
     body = object_body(opened.layout, model.body_names)
     if body is None or body.is_static:
         names = ", ".join(body.name for body in opened.layout.bodies)
@@ -142,6 +172,32 @@ def object_track(opened: Opened, tracked: Tracked) -> PoseTrack:
     if body.name not in tracked.tracks:
         raise InputError(f"{opened.path}: too few poses of '{body.name}' for a track")
     return tracked.tracks[body.name]
+
+
+def level_stage(
+    opened: Opened, poses: PoseTrack, level: str, *, gravity: float, console: Console
+) -> tuple[PoseTrack, dict[str, Any] | None]:
+    """Poses in the ground's frame, where the set-up does not give it (the key `level`), and what was found of it."""
+    try:
+        ground = find_ground(poses, opened.object(), gravity=gravity)
+    except InputError as error:
+        console.say(f"ground: as the set-up has it ({error})")
+        return poses, None
+    tilt, slope = np.rad2deg(ground.tilt), np.rad2deg(float(np.linalg.norm(ground.slope)))
+    sigma = 1e3 * float(np.sqrt(ground.cov[0, 0]))
+    off = bool(abs(ground.height) > OFF[0] or ground.tilt > OFF[1])
+    told = any(body.is_static and body.tags for body in opened.layout.bodies)
+    do = level == "always" or (level == "auto" and off and not told)
+    console.say(
+        f"ground: {1e3 * ground.height:.2f} mm high (± {sigma:.2f}), up is {tilt:.2f}° from z, it slopes by "
+        f"{slope:.2f}°; from {ground.n_rests} rests and {ground.n_falling} frames of flight"
+    )
+    if do:
+        console.warn("the world is turned and shifted so that the ground is z = 0 (level=never leaves it)")
+    elif off:
+        console.warn("the world's z = 0 is not the ground; level=always turns and shifts it")
+    facts = {**jsonable(asdict(ground)), "levelled": do}
+    return (ground.levelled(poses) if do else poses), facts
 
 
 def segment_stage(
@@ -166,6 +222,7 @@ def segment_file(config: SegmentStageConfig, console: Console) -> dict[str, Any]
     out = check_dataset_name("out", config.out or DATASETS / f"{opened.name}.h5")
     poses = read_track(source)
     with output_file(out) as temporary:
+        poses, ground = level_stage(opened, poses, config.level, gravity=config.gravity, console=console)
         tosses, tracks, rejected = segment_stage(poses, model, config.segment, gravity=config.gravity, console=console)
         _save(
             tosses,
@@ -178,7 +235,7 @@ def segment_file(config: SegmentStageConfig, console: Console) -> dict[str, Any]
             source_path=str(source),
             source_sha256=source_sha256(source),
         )
-    return {**described(out, console), "segment": {"rejected": rejected}}
+    return {**described(out, console), "ground": ground, "segment": {"rejected": rejected}}
 
 
 def _save(

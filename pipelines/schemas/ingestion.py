@@ -168,6 +168,9 @@ class IngestConfig:
     """the dataset to write (.h5); null: data/datasets/NAME.h5"""
     gravity: Positive
     """gravity where it was recorded [m/s²]"""
+    level: Literal["auto", "always", "never"]
+    """frames: turn and shift the world so that the ground found from the tosses is z = 0; auto: where no fixed tag says
+    where the ground is, and it is off by more than 1 cm or 1 degree"""
     seed: Seed
     """seed of the draw of splits"""
     splits: tuple[Fraction, Fraction, Fraction]
@@ -227,6 +230,9 @@ class SegmentStageConfig:
     """the dataset to write (.h5); null: data/datasets/RECORDING.h5"""
     gravity: Positive
     """gravity where it was recorded [m/s²]"""
+    level: Literal["auto", "always", "never"]
+    """frames: turn and shift the world so that the ground found from the tosses is z = 0; auto: where no fixed tag says
+    where the ground is, and it is off by more than 1 cm or 1 degree"""
     seed: Seed
     """seed of the draw of splits"""
     splits: tuple[Fraction, Fraction, Fraction]

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from tossid.objects import ObjectModel
+from tossid.objects import ObjectModel, body_poses
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize, transform, transform_points
 from tossid.types import Detection, PoseTrack
 from tossid.vision.camera import Camera
@@ -14,16 +14,17 @@ from tossid.vision.faces import tag_corners
 
 
 def tangent(track_: PoseTrack, q: np.ndarray) -> np.ndarray:
-    """True minus estimated poses in the tangent of the covariance. (n, 6)."""
+    """True minus estimated configurations in the tangent of the covariance, joints within half a turn. (n, nv)."""
     turn = quat_boxminus(q[:, 3:7], track_.q[:, 3:7])
-    return np.concatenate([q[:, :3] - track_.q[:, :3], turn], axis=1)
+    joints = (q[:, 7:] - track_.q[:, 7:] + np.pi) % (2 * np.pi) - np.pi
+    return np.concatenate([q[:, :3] - track_.q[:, :3], turn, joints], axis=1)
 
 
 def nees(track_: PoseTrack, q: np.ndarray) -> np.ndarray:
     """Normalised squared errors over their expectation. (n,)."""
     error = tangent(track_, q)
     assert track_.q_cov is not None
-    return np.einsum("ni,nij,nj->n", error, np.linalg.inv(track_.q_cov), error) / 6
+    return np.einsum("ni,nij,nj->n", error, np.linalg.inv(track_.q_cov), error) / error.shape[1]
 
 
 def alike(sigma: float) -> np.ndarray:
@@ -41,10 +42,11 @@ def seen(
     facing: float = 0.35,
 ) -> Iterator[Detection]:
     """Detections of a pose without rendering: true corners with noise, of tags that face a camera."""
-    T = transform(q[:3], q[3:7])
+    poses = [transform(p, quat) for p, quat in zip(*body_poses(model, q), strict=True)]
     for camera in cameras:
         eye = camera.T_world_cam[:3, 3]
         for tag in model.tags:
+            T = poses[tag.body]
             corners = transform_points(T, tag_corners(tag))
             view = eye - corners.mean(axis=0)
             if (T[:3, :3] @ tag.T_body_tag[:3, 2]) @ view > facing * np.linalg.norm(view):

@@ -17,6 +17,7 @@ from tossid.errors import FileError
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp, transform, transform_points
 from tossid.types import Detection, Frame
+from tossid.vision import detect
 from tossid.vision.camera import Camera
 from tossid.vision.detect import DetectSettings, TagFinder, detect_frames
 from tossid.vision.faces import default_tags, tag_corners
@@ -87,6 +88,34 @@ def test_a_tag_that_is_not_on_the_object_is_rejected(tagged: ObjectModel):
     finder = TagFinder(camera, fewer, DetectSettings(predict=False))
     assert {d.tag_id for d in finder.find(Frame("cam0", 0.0, image))} == all_ids - {gone}
     assert finder.tally["rejected: id not on the object"] == 1
+
+
+def test_a_tag_cut_by_the_edge_is_not_extrapolated(tagged: ObjectModel):
+    """As the object leaves the image, what is found of it is right to a pixel, or is rejected and counted."""
+    camera = default_rig(resolution=(480, 384))[0]
+    finder = TagFinder(camera, tagged, DetectSettings(predict=False))
+    away = camera.T_world_cam[:3, 0]
+    for step in np.linspace(0.7, 0.75, 30):
+        q = np.array([*(step * away), *(TILTED / np.linalg.norm(TILTED))])
+        image = Renderer(tagged, [camera]).render(q, q, camera.name, None)
+        for found in finder.find(Frame(camera.name, float(step), image)):
+            tag = next(tag for tag in tagged.tags if tag.id == found.tag_id)
+            true = camera.project(transform_points(transform(q[:3], q[3:7]), tag_corners(tag)))
+            off = np.linalg.norm(found.corners - true, axis=1)
+            assert off.max() < max(1.0, 4 * np.sqrt(np.trace(found.corner_cov, axis1=1, axis2=2).max()))
+    assert finder.tally["rejected: cut by the image's edge"] > 0
+
+
+def test_corners_that_cannot_be_refined_say_so(tagged: ObjectModel, monkeypatch: pytest.MonkeyPatch):
+    camera = default_rig(resolution=(480, 384))[0]
+    monkeypatch.setattr(detect, "refine_corners", lambda image, camera, corners, **_: (corners, None, False))
+    sigma = {}
+    for refine in (True, False):
+        finder = TagFinder(camera, tagged, DetectSettings(predict=False, refine=refine))
+        (found, *_) = finder.find(Frame(camera.name, 0.0, _image(tagged, camera)))
+        sigma[refine] = float(np.sqrt(found.corner_cov[0, 0, 0]))
+    assert sigma[False] == detect.UNREFINED_SIGMA
+    assert sigma[True] > 1.0  # steep, half hidden, or against a bright face
 
 
 def test_an_id_seen_twice_is_rejected(tagged: ObjectModel):

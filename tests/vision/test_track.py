@@ -11,7 +11,7 @@ import pytest
 from tests.vision.conftest import Filmed
 from tests.vision.sights import alike, motion, nees, seen, tangent
 from tossid.errors import InputError, ObjectError
-from tossid.objects import ObjectModel, object_from_mjcf
+from tossid.objects import JointType, ObjectModel, object_from_mjcf
 from tossid.rotations import (
     geodesic_angle,
     quat_exp,
@@ -154,8 +154,9 @@ def test_what_cannot_be_tracked_is_said(tagged: ObjectModel, elbow: ObjectModel)
     cameras = default_rig()
     with pytest.raises(InputError, match="nothing to track"):
         track([], cameras, tagged)
-    with pytest.raises(ObjectError, match="2 bodies"):
-        track([], cameras, elbow.with_changes(tags=default_tags(elbow)))
+    sliding = elbow.with_changes(tags=default_tags(elbow), joint_type=np.array([JointType.FREE, JointType.SLIDE]))
+    with pytest.raises(ObjectError, match="slides"):
+        track([], cameras, sliding)
     with pytest.raises(InputError, match="cam9"):
         track([Detection("cam9", 0.0, 0, np.zeros((4, 2)), alike(1.0))], cameras, tagged)
 

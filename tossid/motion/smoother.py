@@ -45,8 +45,8 @@ BATCH = 64
 """Tracks smoothed together; the first batch, drawn evenly, gives the density in flight."""
 SEARCH_PASSES, FINAL_PASSES = 6, 6
 """Passes that find the contact intervals, and that follow with the density of flight in place."""
-NU = 2.0
-"""Degrees of freedom of the accelerations in contact: heavy tails, impacts are common."""
+NU = 1.0
+"""Degrees of freedom of the accelerations in contact: very heavy tails, as impacts and lying still are both common."""
 S_CONTACT = 0.3
 """[m²/s³] their density between impacts: at 148 Hz the velocity changes by 0.7 g h in an interval."""
 JUMP = 1.0
@@ -57,8 +57,9 @@ SPILL = 0.03
 """Share of an interval's density that its neighbours have at least: which of them held the impact is not certain."""
 CARRIED_OVER = 0.02
 """[s] over which the mean acceleration tells whether the ground carries the object."""
-S_FLIGHT = 10.0 ** np.arange(-6.5, 0.5, 0.5)
-"""[m²/s³] densities in flight that are tried; the least lets the velocity wander by 0.4 mm/s in half a second."""
+S_FLIGHT = 10.0 ** np.arange(-8.5, 0.5, 0.5)
+"""[m²/s³] densities in flight that are tried; the least lets the velocity wander by 0.04 mm/s in half a second, as
+poses to 5 µm can tell."""
 LOG_LIKELIHOOD_SLACK = 0.5
 """By how much a likelihood may fall short of the best: one standard deviation."""
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.rotations import geodesic_angle, matrix_to_quat, quat_continuous
+from tossid.rotations import geodesic_angle, matrix_to_quat, quat_continuous, transform_inv
 from tossid.types import PoseTrack
 from tossid.vision.graph import Solution
 from tossid.vision.initial import there
@@ -60,12 +60,34 @@ class Kept:
     def __init__(self, kept: Bools) -> None:
         self.kept = kept.copy()
         self.reasons: Counter[str] = Counter()
+        self.bad: dict[str, Bools] = {}
 
     def mark(self, bad: Bools, reason: str) -> None:
         fresh = bad & self.kept
+        self.bad[reason] = self.bad.get(reason, np.zeros_like(fresh)) | fresh
         if fresh.any():
             self.reasons[reason] += int(fresh.sum())
         self.kept &= ~bad
+
+
+def believed_tree(
+    scene: Scene, solution: Solution, errors: Errors, rows: Bools, seen: Bools, tree: list[int], settings: TrackSettings
+) -> Kept:
+    """Which steps have a pose to be believed of a moving body (the first of `tree`) and of all that hangs on it.
+
+    Args:
+        rows: (d,) sightings of any of these. seen: (n,) steps with detections of any.
+    """
+    if len(tree) == 1:
+        return believed_steps(scene, solution, errors, rows, seen, tree[0], settings)
+    kept, of_body = Kept(seen), scene.body[scene.tag]
+    shown = [np.bincount(scene.step[rows & (of_body == b)], minlength=len(scene.t)) > 0 for b in tree]
+    kept.mark(seen & ~np.all(shown, axis=0), "a body out of sight")
+    for b, of_one in zip(tree, shown, strict=True):
+        own = believed_steps(scene, solution, errors, rows & (of_body == b), of_one, b, settings)
+        for reason, bad in own.bad.items():
+            kept.mark(bad, reason)
+    return kept
 
 
 def believed_steps(
@@ -111,13 +133,24 @@ def _jumps(t: Array, T: Array, kept: Bools, settings: TrackSettings) -> Bools:
     return bad
 
 
-def pose_track(name: str, scene: Scene, solution: Solution, b: int, keep: Ints) -> PoseTrack:
-    """A body's poses in some steps, with their covariances."""
-    T, cov = solution.state.world[b][keep], solution.world_cov[b][keep]
+def pose_track(name: str, scene: Scene, solution: Solution, tree: list[int], keep: Ints) -> PoseTrack:
+    """Configurations of a body, and of what hangs on it, in some steps, with their covariances."""
+    root, links = tree[0], tree[1:]
+    T = solution.state.world[root][keep]
+    cov = solution.tree_cov[root][keep] if links else solution.world_cov[root][keep]
     # from the graph's tangent (rotation, translation in the body's frame) to (position in the world, rotation)
     J = np.zeros_like(cov)
-    J[:, :3, 3:] = T[:, :3, :3]
-    J[:, 3:, :3] = np.eye(3)
+    J[:, :3, 3:6] = T[:, :3, :3]
+    J[:, 3:6, :3] = np.eye(3)
+    J[:, 6:, 6:] = np.eye(len(links))
     cov = J @ cov @ np.swapaxes(J, 1, 2)
-    q = np.concatenate([T[:, :3, 3], quat_continuous(matrix_to_quat(T[:, :3, :3]))], axis=1)
+    angles = np.empty((len(keep), len(links)))
+    for k, b in enumerate(links):
+        hinge = scene.bodies[b].hinge
+        assert hinge is not None
+        parent = next(i for i, body in enumerate(scene.bodies) if body.name == hinge.parent)
+        angles[:, k] = np.unwrap(
+            hinge.angle(transform_inv(solution.state.world[parent][keep]) @ solution.state.world[b][keep])
+        )
+    q = np.concatenate([T[:, :3, 3], quat_continuous(matrix_to_quat(T[:, :3, :3])), angles], axis=1)
     return PoseTrack(name, scene.t[keep], q, 0.5 * (cov + np.swapaxes(cov, 1, 2)))

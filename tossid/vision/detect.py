@@ -30,6 +30,8 @@ Image = NDArray[np.uint8]
 
 UNREFINED_SIGMA = 0.4
 """Standard deviation of a corner as the AprilTag library gives it [px]; measured on rendered tags."""
+INSIDE = 2.0
+"""A corner that is not refined lies at least so far from the image's edge [px]; one beyond it is only extrapolated."""
 MISLED = 0.5
 """The same, in cells, of the corners of an edge that something lies against (`hidden.hidden_edges`), and of a tag whose
 edges could not be fitted."""
@@ -168,12 +170,14 @@ class TagFinder:
             if len(believed[tag_id]) > 1:  # at most one can be right, and nothing says which
                 rejected["rejected: id seen twice in a frame"] += len(believed[tag_id])
                 continue
-            found.append(self._detection(frame, origin, believed[tag_id][0], rejected))
+            detection = self._detection(frame, origin, believed[tag_id][0], rejected)
+            if detection is not None:
+                found.append(detection)
         if count:
             self.tally.update(rejected)
         return found
 
-    def _detection(self, frame: Frame, origin: tuple[int, int], raw: Any, notes: Counter[str]) -> Detection:
+    def _detection(self, frame: Frame, origin: tuple[int, int], raw: Any, notes: Counter[str]) -> Detection | None:
         # the library counts pixels from the first one's corner, we from its middle
         corners = np.asarray(raw.corners, dtype=float) - 0.5 + np.asarray(origin, dtype=float)
         cov, refined = np.zeros((4, 2, 2)), False
@@ -192,6 +196,9 @@ class TagFinder:
                 cov = cov + (share * unsure)[:, None, None] ** 2 * np.eye(2)
                 notes["edges that may not be the tag's"] += 1
         if not refined:
+            if not self.camera.contains(corners, margin=INSIDE).all():
+                notes["rejected: cut by the image's edge"] += 1
+                return None
             cov = np.tile(sigma**2 * np.eye(2), (4, 1, 1))
         return Detection(
             camera=frame.camera,

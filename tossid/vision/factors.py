@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tossid.vision.hinge import Hinge, Hinges
 from tossid.vision.layout import Coordinate, Distance
 from tossid.vision.resect import HUBER, SQUARE
 
@@ -31,7 +32,8 @@ class View:
     camera, rig, body: keys of T_rig_cam, T_world_rig, T_world_body. tags: (m,) key of each sighting's T_body_tag.
     half: (m,) [m]. seen: (m, 4, 2), whiten: (m, 4, 2, 2), count: (m,) as in `Scene`. late: how much later than
     the step's poses the frame is [s]. rig_twist, body_twist: (6,) motion during it (rotation [rad/s], translation
-    [m/s], in the moving frame). clock: key of the camera's clock offset [s], None if that is known.
+    [m/s], in the moving frame). clock: key of the camera's clock offset [s], None if that is known. joints: of a
+    body that hangs on another one, whose key then is `body`: keys of the angles, and the hinges, outwards.
     """
 
     camera: int
@@ -46,13 +48,15 @@ class View:
     rig_twist: Array
     body_twist: Array
     clock: int | None = None
+    joints: tuple[tuple[int, Hinge], ...] = ()
 
 
 def view_factor(view: View, fixed: dict[int, Array], noise: Noise) -> gtsam.CustomFactor:
     """Whitened reprojection errors of a view's corners as a factor of every pose on the way that is not fixed.
 
     x_cam = T_rig_cam⁻¹ · (T_world_rig M_rig(δ))⁻¹ · T_world_body M_body(δ) · T_body_tag · x_tag, where M(δ) is
-    the motion from the step to the frame's own time δ after it. Huber's loss is in the residual itself,
+    the motion from the step to the frame's own time δ after it, and T_world_body = T_world_root · T(θ₁) · … of a body
+    that hangs on others. Huber's loss is in the residual itself,
     r √(2ρ(|r|))/|r|: GTSAM's error is then the robust one, and its gradient the exact one.
 
     Args:
@@ -68,23 +72,33 @@ def view_factor(view: View, fixed: dict[int, Array], noise: Noise) -> gtsam.Cust
     rows = 8 * len(view.tags)
     corners = view.half[:, None, None] * SQUARE
     limit = HUBER * np.sqrt(view.count)
+    joints, hinges = [key for key, _ in view.joints], Hinges.of([hinge for _, hinge in view.joints])
+    first_joint = len(free) + (view.clock is not None)
 
     def error(_: Any, values: gtsam.Values, H: list[Array] | None) -> Array:
         here = poses.copy()
         for key, slot in zip(free, slots, strict=True):
             here[slot] = values.atPose3(key).matrix()
+        swung = np.zeros((0, 0))
+        if joints:
+            here[2], swung = hinges.swing(here[2], [values.atDouble(key) for key in joints])
         late = view.late - (values.atDouble(view.clock) if view.clock is not None else 0.0)
         r, J = _reproject(
             here, tag_slot, corners, view.seen, view.whiten, late, view.rig_twist, view.body_twist, noise.scale, limit
         )
         if H is not None:
+            if joints:
+                by = J[2] @ swung
+                J[2] = by[:, :6]
+                for i in range(len(joints)):
+                    H[first_joint + i] = by[:, 6 + i : 7 + i]
             for i, slot in enumerate(slots):
                 H[i] = J[slot]
             if view.clock is not None:
                 H[len(slots)] = -J[len(chain)][:, :1]
         return r
 
-    keys = free + ([view.clock] if view.clock is not None else [])
+    keys = free + ([view.clock] if view.clock is not None else []) + joints
     return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(rows), keys, error)
 
 

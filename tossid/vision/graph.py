@@ -1,10 +1,10 @@
 """The pose graph: every pose of a scene at once, by what was seen and what was known before (GTSAM).
 
-Variables are T_world_body of static bodies and, for each time step, of moving ones, T_rig_cam and T_body_tag;
-what the set-up gives exactly is a constant. Factors are views (`factors.view_factor`), priors with the noise
-that the set-up gives, measured lengths, and stillness. The time steps of a long recording hang together only
-through what is static: a sample of steps calibrates that in one batch, and the other steps follow in windows,
-with it as their prior, so that memory does not grow with the graph.
+Variables are T_world_body of static bodies and, for each time step, of moving ones (of one that hangs on another, the
+angle of its hinge), T_rig_cam and T_body_tag; what the set-up gives exactly is a constant. Factors are views
+(`factors.view_factor`), priors with the noise that the set-up gives, measured lengths, and stillness. The time steps of
+a long recording hang together only through what is static: where that is to be found, a sample of steps calibrates it
+in one batch; the steps follow in windows, with it as their prior, so that memory does not grow with the graph.
 """
 
 from __future__ import annotations
@@ -17,11 +17,13 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.errors import SolverError
+from tossid.rotations import transform_inv
 from tossid.vision.factors import Noise, View, measurement_factor, view_factor
 from tossid.vision.initial import State, there
-from tossid.vision.layout import Distance
-from tossid.vision.priors import STEPS, Prior, body_key, camera_key, clock_key, priors, tag_key
+from tossid.vision.layout import Distance, chain, limbs
+from tossid.vision.limbs import hinges_of, swing_limbs
+from tossid.vision.optimise import marginals_of, optimise
+from tossid.vision.priors import STEPS, Prior, body_key, calibrates, camera_key, clock_key, joint_key, priors, tag_key
 from tossid.vision.scene import Scene
 
 Array = NDArray[np.float64]
@@ -32,10 +34,6 @@ WINDOW = 3000
 """Time steps that are optimised at once."""
 EACH = 20
 """Of a longer recording, so many time steps of each tag and each camera, at least, calibrate these."""
-ITERATIONS = 100
-"""Most steps of an optimisation."""
-VAGUE = 3.0
-"""Standard deviation [m, rad] of a pose that nothing else determines."""
 CLOCK = 0.002
 """How well a clock's offset is known before the graph [s]."""
 
@@ -58,7 +56,8 @@ class Solution:
     """Optimised poses, and covariances in the tangent (rotation [rad], translation [m], of the moving frame).
 
     camera_cov: (cameras, 6, 6). tag_cov: (tags, 6, 6). world_cov: as `State.world`, (n or 1, 6, 6). Zero where
-    exactly known, NaN where unknown. clock, clock_sigma: (cameras,) [s].
+    exactly known, NaN where unknown. clock, clock_sigma: (cameras,) [s]. tree_cov: of each body that others hang on,
+    (n, 6 + m, 6 + m) of its tangent and their m angles together, in the order of the bodies.
     """
 
     state: State
@@ -67,6 +66,7 @@ class Solution:
     world_cov: list[Array]
     clock: Array
     clock_sigma: Array
+    tree_cov: dict[int, Array] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
@@ -99,6 +99,7 @@ def solve(
     motion: Motion | None = None,
     covariances: bool = False,
     window: int = WINDOW,
+    steps: Ints | None = None,
 ) -> Solution:
     """Optimise all poses that the used sightings bear on.
 
@@ -106,7 +107,7 @@ def solve(
         state: first poses. used: (d,) sightings to use. scale: corners' standard deviation over what they promise,
             for the covariances; the estimate itself keeps to the promise, which weighs against the priors.
         known: prior knowledge by key, by default that of the set-up. motion: during frames, by default none.
-        covariances: whether to find them.
+        covariances: whether to find them. steps: those to solve, by default all; the others are left as they are.
 
     Raises:
         SolverError: the optimisation ended in something that is no number.
@@ -114,18 +115,33 @@ def solve(
     known = priors(scene) if known is None else known
     still = Motion([np.zeros((len(T), 6)) for T in state.world], np.zeros(len(scene.cameras)), _no(scene))
     motion = still if motion is None else motion
-    steps = np.unique(scene.step[used])
+    steps = np.unique(scene.step[used]) if steps is None else steps
     solution = unsolved(state, motion.clock)
     if len(steps) <= window:
         _batch(scene, solution, used, steps, known, motion, scale, covariances, statics=True)
         return solution
-    sample = _spread(scene, used, steps, window)
-    _batch(scene, solution, used, sample, known, motion, scale, True, statics=True)
-    known = dict(known) | dict(_learned(scene, solution))
-    motion = Motion(motion.twist, solution.clock.copy(), _no(scene))
+    if calibrates(scene, known) or motion.free.any():
+        known, motion = _sampled(scene, solution, used, steps, known, motion, scale, window)
     for a in range(0, len(steps), window):
         _batch(scene, solution, used, steps[a : a + window], known, motion, scale, covariances, statics=False)
     return solution
+
+
+def _sampled(
+    scene: Scene,
+    solution: Solution,
+    used: Bools,
+    steps: Ints,
+    known: dict[int, Prior],
+    motion: Motion,
+    scale: float,
+    window: int,
+) -> tuple[dict[int, Prior], Motion]:
+    """What a sample of steps tells of all that is static, as knowledge for the rest."""
+    sample = _spread(scene, used, steps, window)
+    _batch(scene, solution, used, sample, known, motion, scale, True, statics=True)
+    known = dict(known) | dict(_learned(scene, solution))
+    return known, Motion(motion.twist, solution.clock.copy(), _no(scene))
 
 
 def _spread(scene: Scene, used: Bools, steps: Ints, window: int) -> Ints:
@@ -170,12 +186,12 @@ def _batch(
     built = _build(scene, solution.state, used & np.isin(scene.step, steps), known, motion, statics=statics)
     values = optimise(built.graph, built.values)
     built.noise.scale = scale
-    marginals = _marginals(built.graph, values) if covariances and values.size() else None
+    marginals = marginals_of(built.graph, values) if covariances and values.size() else None
     state = solution.state
     slots = [(camera_key(c), state.camera, solution.camera_cov, c) for c in range(len(scene.cameras))]
     slots += [(tag_key(i), state.tag, solution.tag_cov, i) for i in range(len(scene.tags))]
     for b, body in enumerate(scene.bodies):
-        for step in (0,) if body.is_static else steps:
+        for step in (0,) if body.is_static else () if body.hinge is not None else steps:
             slots.append((body_key(b, int(step)), state.world[b], solution.world_cov[b], int(step)))
     for key, poses, covs, at in slots:
         if key in built.fixed:
@@ -184,67 +200,14 @@ def _batch(
             poses[at] = values.atPose3(key).matrix()
             if marginals is not None:
                 covs[at] = marginals.marginalCovariance(key)
+    for root in range(len(scene.bodies)):
+        if limbs(scene.bodies, root):
+            swing_limbs(scene, solution, root, steps, values, marginals)
     for c in map(int, np.flatnonzero(motion.free)):
         if values.exists(clock_key(c)):
             solution.clock[c] = values.atDouble(clock_key(c))
             if marginals is not None:
                 solution.clock_sigma[c] = float(np.sqrt(marginals.marginalCovariance(clock_key(c))[0, 0]))
-
-
-def optimise(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Values:
-    """The nearest least squares, by Gauss-Newton steps that are damped where they fail (Levenberg).
-
-    GTSAM's own optimisers take time with the square of the number of time steps before they start.
-
-    Raises:
-        SolverError: the error is no number.
-    """
-    if not values.size():
-        return values
-    error, damping = graph.error(values), 0.0
-    for _ in range(ITERATIONS):
-        linear = graph.linearize(values)
-        while True:
-            try:
-                better = values.retract(_damped(linear, values, damping).optimize())
-                new = graph.error(better)
-            except RuntimeError:  # what the sightings do not tell, damping must hold
-                new = np.inf
-            if new <= error:
-                break
-            damping = max(100 * damping, 1.0)
-            if damping > 1e12:
-                if not np.isfinite(error):
-                    raise SolverError("the pose graph has no finite error at its first poses")
-                return values
-        gain, values, error, damping = error - new, better, new, damping / 10 if damping > 1 else 0.0
-        if gain <= 1e-7 + 1e-9 * error:
-            break
-    return values
-
-
-def _marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.Marginals:
-    """Covariances; of what the sightings hardly tell, with a prior of `VAGUE` beside."""
-    try:
-        return gtsam.Marginals(graph, values)
-    except RuntimeError:
-        pass
-    try:
-        return gtsam.Marginals(_damped(graph.linearize(values), values, VAGUE**-2), values)
-    except RuntimeError as error:
-        what = str(error).partition("Symbol: ")[2].partition(")")[0]
-        raise SolverError(f"the sightings do not determine every pose of the graph (near {what})") from error
-
-
-def _damped(linear: gtsam.GaussianFactorGraph, values: gtsam.Values, damping: float) -> gtsam.GaussianFactorGraph:
-    if not damping:
-        return linear
-    out = gtsam.GaussianFactorGraph()
-    out.push_back(linear)
-    for key in values.keys():  # noqa: SIM118  (not a dict)
-        n = 1 if gtsam.Symbol(key).chr() == ord("o") else 6
-        out.add(gtsam.JacobianFactor(key, np.sqrt(damping) * np.eye(n), np.zeros(n), gtsam.noiseModel.Unit.Create(n)))
-    return out
 
 
 def _build(
@@ -256,12 +219,17 @@ def _build(
     )
     rows = rows & there(state.camera)[scene.camera] & there(state.tag)[scene.tag]
     rows &= there(T_world_rig) & there(T_world_body)
+    chains = [chain(scene.bodies, b) for b in range(len(scene.bodies))]
+    for b, (root, links) in enumerate(chains):
+        for link in (root, *links) if links else ():  # nothing without what it hangs on
+            rows &= there(state.world[link])[scene.step] | (scene.body[scene.tag] != b)
     for group in _views(scene, rows):
         first = group[0]
         c, step = int(scene.camera[first]), int(scene.step[first])
         rig, body = int(scene.rig[c]), int(scene.body[scene.tag[first]])
         keys = [_key(built, camera_key(c), state.camera[c], known)]
-        for b in (rig, body):
+        root, links = chains[body]
+        for b in (rig, root):
             at = 0 if scene.bodies[b].is_static else step
             keys.append(_key(built, body_key(b, at), state.world[b][at], known))
         if rig == body:  # its pose in the world does not matter
@@ -284,8 +252,12 @@ def _build(
             _twist(motion, rig, step),
             _twist(motion, body, step),
             _clock(built, c, motion) if motion.free[c] else None,
+            tuple(
+                (_joint(built, scene, state, b, step), hinge)
+                for b, hinge in zip(links, hinges_of(scene, links), strict=True)
+            ),
         )
-        if any(key not in built.fixed for key in (*keys, *tags)):
+        if view.joints or any(key not in built.fixed for key in (*keys, *tags)):
             built.graph.add(view_factor(view, built.fixed, built.noise))
     for key, prior in known.items():
         if built.values.exists(key) and prior.cov is not None:
@@ -338,6 +310,17 @@ def _wiggled(built: _Built, key: int, c: int, step: int, T: Array, wiggle: tuple
 def _twist(motion: Motion, b: int, step: int) -> Array:
     twist = motion.twist[b]
     return np.asarray(twist[step if len(twist) > 1 else 0])
+
+
+def _joint(built: _Built, scene: Scene, state: State, b: int, step: int) -> int:
+    """The angle of a body's hinge in a step, first as the poses on its two sides have it."""
+    key, hinge = joint_key(b, step), scene.bodies[b].hinge
+    assert hinge is not None
+    if not built.values.exists(key):
+        parent = next(i for i, body in enumerate(scene.bodies) if body.name == hinge.parent)
+        T_parent_body = transform_inv(state.world[parent][step]) @ state.world[b][step]
+        built.values.insert(key, float(hinge.angle(T_parent_body)))
+    return key
 
 
 def _clock(built: _Built, c: int, motion: Motion) -> int:

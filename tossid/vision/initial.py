@@ -149,10 +149,47 @@ def place(scene: Scene, state: State, *, decisions: Decisions, bold: bool = Fals
                 continue
             slots, group = np.unique(slot[rows[own]], return_inverse=True)
             found = _resect(scene, rows[own], A[own], B[own], group, len(slots))
+            if seen and not body.is_static:
+                found = _hung(scene, state, b, slots, found)
             chosen, sure = choose(found, scene.t[slots] if not body.is_static else None, decisions, bold=bold)
             T = chosen if seen else transform_inv(chosen)
             new = sure & ~there(state.world[b][slots])
             state.world[b][slots[new]] = T[new]
+
+
+def _hung(scene: Scene, state: State, b: int, steps: Ints, found: Resection) -> Resection:
+    """Both poses of a body judged also by how far they miss its hinges with bodies that are placed already."""
+    miss, own = np.zeros((2, len(steps))), scene.bodies[b]
+    for other, body in enumerate(scene.bodies):
+        if body.hinge is not None and body.hinge.parent == own.name:
+            hinge, outward = body.hinge, False
+        elif own.hinge is not None and own.hinge.parent == body.name:
+            hinge, outward = own.hinge, True
+        else:
+            continue
+        T_world_other = state.world[other][steps]
+        for row, T in enumerate((found.T, found.other)):
+            pair = (T_world_other, T) if outward else (T, T_world_other)
+            miss[row] += np.nan_to_num(hinge.miss(transform_inv(pair[0]) @ pair[1]))
+    if not miss.any():
+        return found
+    miss *= noise_scale(found) ** 2  # as decisions are made on squares over the noise
+    cost, other_cost = found.cost + miss[0], found.other_cost + miss[1]
+    swap = found.ambiguous & (other_cost < cost)
+
+    def swapped(a: Array, c: Array) -> tuple[Array, Array]:
+        return np.where(_along(swap, a), c, a), np.where(_along(swap, a), a, c)
+
+    (T, other_T), (cost, other_cost) = swapped(found.T, found.other), swapped(cost, other_cost)
+    information, other_information = swapped(found.information, found.other_information)
+    return Resection(
+        T, information, cost, found.known, other_T, other_information, other_cost, found.ambiguous, found.count
+    )
+
+
+def _along(rows: Bools, values: Array) -> Bools:
+    """Rows as a mask that broadcasts over values."""
+    return rows.reshape(-1, *(1,) * (values.ndim - 1))
 
 
 def _resect(scene: Scene, rows: Ints, A: Array, B: Array, group: Ints, n: int) -> Resection:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import ObjectError
-from tossid.objects import ObjectModel, Tag
+from tossid.objects import JointType, ObjectModel, Tag
+from tossid.rotations import quat_to_matrix
+from tossid.vision.hinge import Hinge
 
 Array = NDArray[np.float64]
 
@@ -44,6 +46,7 @@ class Body:
     (3,) standard deviations of that, None for exact. default_tag_size: of tags found on it that are not listed.
     stillness: (translation [m], rotation [rad]) standard deviations of its motion from one frame to the next
     (TagSLAM's fake odometry), None for any motion. ignored_tags: ids that are not taken for its own.
+    hinge: on which a moving body hangs, None for a free one.
     """
 
     name: str
@@ -55,6 +58,7 @@ class Body:
     rotation_noise: Array | None = None
     stillness: tuple[float, float] | None = None
     ignored_tags: frozenset[int] = frozenset()
+    hinge: Hinge | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,3 +170,46 @@ def object_tags(layout: TagLayout, body_names: Sequence[str]) -> tuple[Tag, ...]
         names = ", ".join(body.name for body in layout.bodies)
         raise ObjectError(f"no tag of known pose on {', '.join(body_names)} (bodies of the scene: {names})")
     return tuple(tags)
+
+
+def chain(bodies: Sequence[Body], b: int) -> tuple[int, list[int]]:
+    """The body that a body hangs on in the end, and those between, outwards, itself the last (none for itself)."""
+    number = {body.name: i for i, body in enumerate(bodies)}
+    links: list[int] = []
+    hinge = bodies[b].hinge
+    while hinge is not None:
+        links.append(b)
+        b = number[hinge.parent]
+        hinge = bodies[b].hinge
+    return b, links[::-1]
+
+
+def limbs(bodies: Sequence[Body], root: int) -> list[int]:
+    """The bodies that hang on one in the end, parents first."""
+    return [b for b, body in enumerate(bodies) if body.hinge is not None and chain(bodies, b)[0] == root]
+
+
+def articulated(layout: TagLayout, model: ObjectModel) -> TagLayout:
+    """The scene with the object's bodies hung on each other as its model says.
+
+    Raises:
+        ObjectError: a body of the object is none of the scene, or slides.
+    """
+    if model.n_bodies == 1:
+        return layout
+    root = object_body(layout, model.body_names)
+    names = [root.name if root is not None else model.body_names[0], *model.body_names[1:]]
+    bodies = {body.name: body for body in layout.bodies}
+    missing = [name for name in names if name not in bodies or bodies[name].is_static]
+    if missing:
+        raise ObjectError(
+            f"'{missing[0]}' of object '{model.name}' is no moving body of the scene ({', '.join(bodies)})"
+        )
+    for b in range(1, model.n_bodies):
+        if model.joint_type[b] != JointType.HINGE:
+            raise ObjectError(f"'{names[b]}' of object '{model.name}' slides; only hinges can be tracked")
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = quat_to_matrix(model.body_quat[b]), model.body_pos[b]
+        hinge = Hinge(names[int(model.parent[b])], T, model.joint_axis[b], model.joint_pos[b])
+        bodies[names[b]] = replace(bodies[names[b]], hinge=hinge)
+    return replace(layout, bodies=tuple(bodies.values()))

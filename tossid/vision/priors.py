@@ -67,6 +67,19 @@ def body_key(b: int, step: int) -> int:
     return int(gtsam.symbol("x", b * STEPS + step))
 
 
+def joint_key(b: int, step: int) -> int:
+    """Key of the angle of the hinge that a body hangs on, in a time step."""
+    return int(gtsam.symbol("j", b * STEPS + step))
+
+
 def clock_key(c: int) -> int:
     """Key of a camera's clock offset."""
     return int(gtsam.symbol("o", c))
+
+
+def calibrates(scene: Scene, known: dict[int, Prior]) -> bool:
+    """Whether anything static is to be found, or found better than it is given, or time steps hang together."""
+    keys = [camera_key(c) for c in range(len(scene.cameras))] + [tag_key(i) for i in range(len(scene.tags))]
+    keys += [body_key(b, 0) for b, body in enumerate(scene.bodies) if body.is_static]
+    still = any(body.stillness is not None for body in scene.bodies)
+    return still or not all(key in known and known[key].exact for key in keys)

@@ -120,11 +120,12 @@ def make_report(
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Reprojection by frame: t (f,) [s], camera (f,) index, rms (f,) [px]."""
+    """Reprojection by frame: t (f,) [s], camera (f,) index, rms (f,) [px], tags (f,) how many it is of."""
 
     t: Array
     camera: Ints
     rms: Array
+    tags: Ints
 
 
 def frame_errors(scene: Scene, errors: Errors, rows: Bools) -> Frames:
@@ -132,11 +133,11 @@ def frame_errors(scene: Scene, errors: Errors, rows: Bools) -> Frames:
     index = np.flatnonzero(rows)
     frame, group = np.unique(np.stack([scene.step[index], scene.camera[index]]), axis=1, return_inverse=True)
     n, group = frame.shape[1], group.reshape(-1)
-    count = np.maximum(np.bincount(group, minlength=n), 1)
+    tags = np.bincount(group, minlength=n)
+    count = np.maximum(tags, 1)
     late = np.bincount(group, scene.late[index], minlength=n) / count
-    return Frames(
-        scene.t[frame[0]] + late, frame[1], np.sqrt(np.bincount(group, errors.pixels[index] ** 2, minlength=n) / count)
-    )
+    rms = np.sqrt(np.bincount(group, errors.pixels[index] ** 2, minlength=n) / count)
+    return Frames(scene.t[frame[0]] + late, frame[1], rms, tags)
 
 
 def _moved(T: Array, cov: Array, given: Array | None) -> Moved | None:

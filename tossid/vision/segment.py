@@ -1,7 +1,7 @@
 """Find the tosses in one long track: from the release to rest, with a reason for everything else.
 
 Free flight is recognised by its acceleration, -g, and by its end on the ground;
-rest by the pose that no longer changes; the hand by flights that end in the
+rest by the pose that no longer changes and stands by itself; the hand by flights that end in the
 air, and by the energy it brings in, for an object left to itself can only lose it.
 """
 
@@ -15,12 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
-from tossid.objects import GRAVITY, ObjectModel, body_poses, corner_positions
-from tossid.rotations import geodesic_angle, quat_boxminus, quat_continuous, quat_normalize, quat_rotate
+from tossid.objects import GRAVITY, ObjectModel, corner_positions
+from tossid.rotations import geodesic_angle, quat_boxminus, quat_continuous, quat_normalize
 from tossid.types import PoseTrack
+from tossid.vision.parabolas import local_parabolas
+from tossid.vision.standing import center_of_mass, stands
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+CLEAR, HELD = 0.008, 0.05
+"""An object whose lowest corner is higher than this over the ground [m] for longer than this [s], and does not fall, is
+held. (An impact looks like that for as long as a local fit of the acceleration spans it.)"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +104,7 @@ def segment(
     for number, (a, b) in enumerate(itertools.pairwise(edges)):
         open_end = number < len(edges) - 2
         cov = None if track.q_cov is None else track.q_cov[a:b]
-        part = _Part(track.t[a:b], com[a:b], track.q[a:b], cov, low[a:b], dt, gravity, gyration, settings)
+        part = _Part(model, track.t[a:b], com[a:b], track.q[a:b], cov, low[a:b], dt, gravity, gyration, settings)
         if b - a < 8:
             reject(a, b - 1, "too short")
             continue
@@ -110,13 +116,6 @@ def segment(
                 cov = None if track.q_cov is None else track.q_cov[own]
                 tosses.append(PoseTrack(f"{track.name}_{len(tosses):03d}", track.t[own], track.q[own], cov))
     return tuple(tosses), tuple(rejected)
-
-
-def center_of_mass(model: ObjectModel, q: Array) -> Array:
-    """World position of the whole object's centre of mass [m]. (n, nq) -> (n, 3)."""
-    position, quat = body_poses(model, q)
-    com = position + quat_rotate(quat, model.com)
-    return np.asarray(np.einsum("b,nbi->ni", model.mass, com) / model.mass.sum())
 
 
 def rest_frame(q: Array, *, settings: SegmentSettings = SegmentSettings()) -> int:
@@ -166,6 +165,7 @@ class _Part:
 
     def __init__(
         self,
+        model: ObjectModel,
         t: Array,
         com: Array,
         q: Array,
@@ -176,7 +176,7 @@ class _Part:
         gyration: float,
         settings: SegmentSettings,
     ) -> None:
-        self.t, self.com, self.q, self.low = t, com, q, low
+        self.model, self.t, self.com, self.q, self.low = model, t, com, q, low
         self.dt, self.gravity, self.gyration, self.settings = dt, gravity, gyration, settings
         # noise of each frame [m], [rad]: what the track says, and at least what its third differences
         # show, which of smooth motion are far smaller than of noise
@@ -187,20 +187,14 @@ class _Part:
             self.noise = np.maximum(self.noise, np.sqrt(np.linalg.eigvalsh(q_cov[:, :3, :3])[:, -1]))
             self.turn_noise = np.maximum(self.turn_noise, np.sqrt(np.linalg.eigvalsh(q_cov[:, 3:6, 3:6])[:, -1]))
         self.window = max(round(0.5 * settings.min_flight / dt), 3)  # half width of local fits
-        self.velocity, self.acceleration = self._local_fits()
+        self.velocity, self.acceleration, self.beside = local_parabolas(t, com, self.window, self.noise)
         self.spin = self._spin()
-
-    def _local_fits(self) -> tuple[Array, Array]:
-        """Velocity and acceleration of a parabola through each frame's neighbours. (n, 3) each."""
-        n, w = len(self.t), self.window
-        velocity, acceleration = np.zeros((n, 3)), np.full((n, 3), np.inf)
-        first = np.clip(np.arange(n) - w, 0, max(n - 2 * w - 1, 0))
-        index = np.minimum(first[:, None] + np.arange(2 * w + 1), n - 1)
-        s = self.t[index] - self.t[:, None]
-        basis = np.stack([np.ones_like(s), s, 0.5 * s**2], axis=-1)
-        coefficients = np.linalg.pinv(basis) @ self.com[index]
-        velocity, acceleration = coefficients[:, 1], coefficients[:, 2]
-        return velocity, acceleration
+        # noise of a local acceleration: 720 / N⁵ of a quadratic fit (N frames), three times
+        spread = 3 * np.sqrt(720.0 / (2 * self.window + 1) ** 5) * self.noise / dt**2
+        off = np.linalg.norm(self.acceleration + np.array([0.0, 0.0, gravity]), axis=1)
+        told = spread < 5.0  # where the track is too noisy to tell, it tells neither of flight nor of a hand
+        self.free = told & (off < settings.flight_acceleration + spread)
+        self.carried = told & ~self.free
 
     def _spin(self) -> Array:
         """Angular speed over a few frames [rad/s]. (n,)."""
@@ -229,17 +223,35 @@ class _Part:
         found: list[tuple[int, int]] = []
         for a, b in _runs(quiet):
             # what comes last is nearest to the final pose
-            still = _still(self.q, _mean_pose(self.q[(a + b + span) // 2 : b + span + 1]), distance, angle)
-            still |= _alone(~still)
-            runs = [run for run in _runs(still) if run[1] >= a and run[0] <= b + span]
-            if not runs:
+            pose = _mean_pose(self.q[(a + b + span) // 2 : b + span + 1])
+            first, last = self._around(a, b + span, pose, distance, angle)
+            if last < first:
                 continue
-            first, last = max(runs, key=lambda run: run[1] - run[0])
+            if not stands(self.model, pose):
+                continue  # held, or still for a moment on an edge
             if found and first <= found[-1][1] + 1:
                 first = min(first, found.pop()[0])
             if (last - first) * self.dt >= 0.9 * self.settings.min_rest:
                 found.append((first, last))
         return self._merge(found)
+
+    def _around(self, a: int, b: int, pose: Array, distance: Array, angle: Array) -> tuple[int, int]:
+        """The longest run at a pose that has to do with frames a to b, as far as it goes on both sides.
+
+        (0, -1) if there is none.
+        """
+        n, reach = len(self.t), b - a + 1
+        while True:
+            low, high = max(a - reach, 0), min(b + reach, n - 1) + 1
+            still = _still(self.q[low:high], pose, distance[low:high], angle[low:high])
+            still |= _alone(~still)
+            runs = [(low + i, low + j) for i, j in _runs(still) if low + j >= a and low + i <= b]
+            if not runs:
+                return 0, -1
+            first, last = max(runs, key=lambda run: run[1] - run[0])
+            if (first > low or low == 0) and (last < high - 1 or high == n):
+                return first, last
+            reach *= 2
 
     def _merge(self, rests: list[tuple[int, int]]) -> list[tuple[int, int]]:
         """Join rests between which the object only settled further by itself."""
@@ -247,9 +259,9 @@ class _Part:
         for first, last in rests:
             if merged:
                 between = slice(merged[-1][1], first + 1)
-                rise = self.com[between, 2].max() - self.com[merged[-1][1], 2]
+                fall = self.com[merged[-1][1], 2] - self.com[between, 2]
                 speed = np.linalg.norm(self.velocity[between], axis=1).max()
-                if rise < 0.004 and speed < 0.15 and (first - merged[-1][1]) * self.dt < 1.0:
+                if -fall.min() < 0.004 and speed < 0.15 and (first - merged[-1][1]) * self.dt < 1.0:
                     # it had not come to rest before
                     merged[-1] = (first, last)
                     continue
@@ -274,9 +286,13 @@ class _Part:
 
     def _motion(self, a: int, b: int, *, at_end: bool, open_end: bool) -> Iterator[tuple[int, int, str]]:
         """One motion between rests, frames a to b; b is the first of rest unless `at_end`."""
-        flights = self._flights(a, b)
+        ground = float(self.low[b]) if not at_end else 0.0
+        # what only tips over, or hops a little, was not let go in the air
+        flights = [flight for flight in self._flights(a, b) if self.low[slice(*flight)].max() > ground + CLEAR]
         landed = [flight for flight in flights if self._lands(flight[1], b)]
-        release = next((flight for flight in landed if self._left_alone(*flight, b)), None)
+        release = next(
+            (flight for flight in landed if self._left_alone(*flight, b) and not self._held(flight[1], b, ground)), None
+        )
         if release is None:
             if landed:
                 reason = "taken up again before it rested"
@@ -303,14 +319,8 @@ class _Part:
     def _flights(self, a: int, b: int) -> list[tuple[int, int]]:
         """Runs of free flight in frames a to b, grown to their last frames of free motion."""
         settings = self.settings
-        down = np.array([0.0, 0.0, -self.gravity])
-        w = self.window
-        # noise of a local acceleration: 720 / N⁵ of a quadratic fit (N frames), three times
-        spread = 3 * np.sqrt(720.0 / (2 * w + 1) ** 5) * self.noise / self.dt**2
-        free = np.linalg.norm(self.acceleration - down, axis=1) < settings.flight_acceleration + spread
-        free &= spread < 5.0  # where the track is too noisy to tell, it does not tell of flight
         flights: list[tuple[int, int]] = []
-        for first, last in _runs(free[a : b + 1]):
+        for first, last in _runs(self.free[a : b + 1]):
             core = (a + first, a + last)
             if flights and core[0] <= flights[-1][1]:
                 core = (flights[-1][1] + 1, core[1])
@@ -362,10 +372,16 @@ class _Part:
 
     def _predict(self, own: slice, time: float, acceleration: Array) -> Array:
         """Position at a time on the parabola of given acceleration through frames of the flight."""
-        s = self.t[own] - time
-        rest = self.com[own] - 0.5 * acceleration * s[:, None] ** 2
+        good = np.arange(own.start, own.stop)[~self.beside[own]]
+        s = self.t[good] - time
+        rest = self.com[good] - 0.5 * acceleration * s[:, None] ** 2
         basis = np.stack([np.ones_like(s), s], axis=1)
         return np.asarray(np.linalg.lstsq(basis, rest, rcond=None)[0][0])
+
+    def _held(self, last: int, b: int, ground: float) -> bool:
+        """Whether from a flight to the end of the motion it ever is off the ground [m] for long without falling."""
+        held = self.carried[last + 1 : b + 1] & (self.low[last + 1 : b + 1] > ground + CLEAR)
+        return any((j - i + 1) * self.dt > HELD for i, j in _runs(held))
 
     def _left_alone(self, first: int, last: int, b: int) -> bool:
         """Whether nothing brought in energy from a flight to the end of the motion.

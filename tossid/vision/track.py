@@ -13,14 +13,14 @@ from tossid.errors import InputError, ObjectError
 from tossid.objects import ObjectModel
 from tossid.rotations import matrix_to_quat, quat_boxminus
 from tossid.types import Detection, PoseTrack
-from tossid.vision.believed import TrackSettings, believed_steps, pose_track
+from tossid.vision.believed import TrackSettings, believed_tree, pose_track
 from tossid.vision.camera import Camera
 from tossid.vision.checks import Suspect, check_set_up
 from tossid.vision.clocks import SAME, clock_offsets
 from tossid.vision.graph import Motion, Solution, solve, unsolved
 from tossid.vision.initial import Decisions, given, initialise, place, there
-from tossid.vision.layout import Body, TagLayout, body_tags
-from tossid.vision.priors import Prior, body_key, camera_key, priors, tag_key
+from tossid.vision.layout import Body, TagLayout, articulated, body_tags, limbs
+from tossid.vision.priors import Prior, calibrates, priors, tag_key
 from tossid.vision.report import Frames, TrackReport, found, frame_errors, make_report
 from tossid.vision.reprojection import Errors, reproject
 from tossid.vision.scene import Scene, observe, words
@@ -34,14 +34,17 @@ CONFIRMED = 5.0
 """A clock's offset is one that is so many of its standard deviations from none."""
 AMISS, AMISS_SHARE = 1.5, 0.02
 """Residuals over the noise, or share of sightings that contradict the others, at which the set-up is checked."""
+AS_PROMISED = 1.2
+"""Residuals within this of what the corners promise, up or down, leave the poses' covariances as these promise. Errors
+that swell a tag, such as its edges' bleeding, are in the residuals and not in the pose."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
     """What a scene's detections tell.
 
-    tracks: of each moving body by name. cameras, layout: as given, with what the graph found of poses and
-    their uncertainty. frames: reprojection of each. report: what became of the detections.
+    tracks: of each moving body by name, with the joints of what hangs on it. cameras, layout: as given, with what the
+    graph found of poses and their uncertainty. frames: reprojection of each. report: what became of the detections.
     """
 
     tracks: dict[str, PoseTrack]
@@ -59,28 +62,22 @@ def track(
     settings: TrackSettings = DEFAULT,
     name: str = "track",
 ) -> tuple[PoseTrack, TrackReport]:
-    """The pose of one rigid object whose tags are where its model says, among cameras of known pose.
+    """The configuration of one object whose tags are where its model says, among cameras of known pose.
 
     Args:
-        detections: in any order. model: one rigid body with tags.
+        detections: in any order. model: with tags; its joints are hinges.
 
     Raises:
-        ObjectError: the object has joints or no tags.
+        ObjectError: the object has no tags, or a joint that slides.
         InputError: a detection of an unknown camera, or too few to make a track.
     """
-    if model.n_bodies != 1:
-        raise ObjectError(f"object '{model.name}' has {model.n_bodies} bodies; tracking takes one rigid body")
     if not model.tags:
         raise ObjectError(f"object '{model.name}' has no tags to track")
     rigs = {camera.rig_body: camera for camera in cameras}
     bodies = [Body(rig, True, camera.T_world_rig) for rig, camera in rigs.items()]
-    tracked = track_scene(
-        list(detections),
-        cameras,
-        TagLayout((*bodies, Body(model.body_names[0], False, tags=body_tags(model, 0)))),
-        settings=settings,
-        name=name,
-    )
+    own = [Body(name, False, tags=body_tags(model, b)) for b, name in enumerate(model.body_names)]
+    layout = articulated(TagLayout((*bodies, *own)), model)
+    tracked = track_scene(list(detections), cameras, layout, settings=settings, name=name)
     return tracked.tracks[model.body_names[0]], tracked.report
 
 
@@ -159,10 +156,13 @@ def _solve(
     state = initialise(scene, decisions=decisions)
     known = priors(scene) | {tag_key(i): Prior(np.eye(4), None) for i in state.gauge}
     used = np.ones(len(scene.step), dtype=bool)
-    if _calibrates(scene, known):
+    hangs = any(body.hinge is not None for body in scene.bodies)
+    if calibrates(scene, known):
         # first what is static, then what moves anew by that, and all of it together
         state = solve(scene, state, used, known=known).state
         place(scene, state, decisions=decisions, bold=True, again=True)
+        solution = solve(scene, state, used, known=known)
+    elif hangs:
         solution = solve(scene, state, used, known=known)
     else:  # each step's first poses are its best already
         solution = unsolved(state, np.zeros(len(scene.cameras)))
@@ -177,22 +177,19 @@ def _solve(
         if outlier.any():
             dropped["contradicts the other tags"] += int(outlier.sum())
         used &= ~outlier
-        solution = solve(scene, solution.state, used, known=known, motion=motion)
+        # steps that share nothing unknown are solved anew only where something was left out
+        alone = motion is None and not calibrates(scene, known)
+        changed = np.unique(scene.step[outlier]) if alone else None
+        solution = solve(scene, solution.state, used, known=known, motion=motion, steps=changed)
         if not outlier.any() and not free.any():
             break
     errors = reproject(scene, solution.state, motion)
     suspects = check_set_up(scene, given(scene)) if _amiss(errors, used) else []
     used &= np.isfinite(errors.pixels)
     scale = errors.scale(scene, used)
-    solution = solve(scene, solution.state, used, scale=scale, known=known, motion=motion, covariances=True)
+    told = scale if abs(np.log(scale)) > np.log(AS_PROMISED) else 1.0
+    solution = solve(scene, solution.state, used, scale=told, known=known, motion=motion, covariances=True)
     return _Solved(scene, solution, reproject(scene, solution.state, motion), used, scale, dropped, suspects)
-
-
-def _calibrates(scene: Scene, known: dict[int, Prior]) -> bool:
-    """Whether anything static is to be found, or found better than it is given."""
-    keys = [camera_key(c) for c in range(len(scene.cameras))] + [tag_key(i) for i in range(len(scene.tags))]
-    keys += [body_key(b, 0) for b, body in enumerate(scene.bodies) if body.is_static]
-    return not all(key in known and known[key].exact for key in keys)
 
 
 def _amiss(errors: Errors, used: Bools) -> bool:
@@ -261,13 +258,14 @@ def _tracked(
     reasons: Counter[str] = Counter()
     believed = used.copy()
     n_steps = n_poses = 0
-    moving = [b for b, body in enumerate(scene.bodies) if not body.is_static]
+    moving = [b for b, body in enumerate(scene.bodies) if not body.is_static and body.hinge is None]
     for b in moving:
-        rows = (scene.body[scene.tag] == b) | (scene.rig[scene.camera] == b)
+        tree = [b, *limbs(scene.bodies, b)]
+        rows = np.isin(scene.body[scene.tag], tree) | (scene.rig[scene.camera] == b)
         seen = np.bincount(scene.step[rows], minlength=len(scene.t)) > 0
         if not seen.any():
             continue
-        steps = believed_steps(scene, solution, errors, rows & used, seen, b, settings)
+        steps = believed_tree(scene, solution, errors, rows & used, seen, tree, settings)
         n_steps, n_poses = n_steps + int(seen.sum()), n_poses + int(steps.kept.sum())
         reasons += steps.reasons
         believed &= ~rows | steps.kept[scene.step]
@@ -275,7 +273,7 @@ def _tracked(
         body = scene.bodies[b].name
         if len(keep) >= 2:
             label = name if name is not None and len(moving) == 1 else body
-            tracks[body] = pose_track(label, scene, solution, b, keep)
+            tracks[body] = pose_track(label, scene, solution, tree, keep)
     if moving and not tracks:
         why = "; ".join([words(reasons + dropped), *(suspect.message for suspect in suspects)])
         raise InputError(f"only {n_poses} of {n_steps} time steps gave a pose ({why})")

@@ -1,0 +1,116 @@
+"""Tracking piece by piece: the same as in one go, in memory that does not grow with the recording."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.vision.sights import seen, tangent, tumble
+from tossid.errors import InputError
+from tossid.objects import ObjectModel
+from tossid.types import Detection
+from tossid.vision import stream
+from tossid.vision.camera import Camera
+from tossid.vision.layout import layout_of
+from tossid.vision.rig import default_rig
+from tossid.vision.stream import settled, track_stream
+from tossid.vision.track import TrackSettings, track_scene
+
+
+@pytest.fixture
+def short_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream, "PIECE", 0.8)
+    monkeypatch.setattr(stream, "LATE", 0.2)
+    monkeypatch.setattr(stream, "BORDER", 0.1)
+
+
+def _sights(
+    cameras: tuple[Camera, ...], model: ObjectModel, t: np.ndarray, q: np.ndarray, rng: np.random.Generator
+) -> Iterator[Detection]:
+    for i in range(len(t)):
+        yield from seen(cameras, model, float(t[i]), q[i], rng, 0.1)
+
+
+@pytest.mark.usefixtures("short_pieces")
+def test_pieces_give_what_the_whole_gives(tagged: ObjectModel) -> None:
+    rng, cameras, layout = np.random.default_rng(0), default_rig(), layout_of(tagged)
+    t, q = tumble(400, rng)
+    detections = list(_sights(cameras, tagged, t, q, rng))
+    late = sorted(detections, key=lambda d: d.t + 0.05 * rng.random())  # not quite in order
+    whole, pieces = track_scene(detections, cameras, layout), track_stream(late, cameras, layout)
+    a, b = whole.tracks["cube"], pieces.tracks["cube"]
+    np.testing.assert_array_equal(a.t, b.t)
+    np.testing.assert_allclose(a.q, b.q, atol=1e-9)
+    assert a.q_cov is not None
+    assert b.q_cov is not None
+    np.testing.assert_allclose(a.q_cov, b.q_cov, rtol=1e-6, atol=1e-12)
+    assert pieces.report.n_poses == pieces.report.n_steps == 400
+    assert pieces.report.rms == pytest.approx(whole.report.rms)
+    assert pieces.report.rms_by_camera == pytest.approx(whole.report.rms_by_camera)
+    assert pieces.report.rms_by_tag == pytest.approx(whole.report.rms_by_tag, rel=0.05)
+    assert len(pieces.frames.t) == len(whole.frames.t)
+    assert [row[:2] for row in pieces.report.worst_frames] == [row[:2] for row in whole.report.worst_frames]
+
+
+@pytest.mark.usefixtures("short_pieces")
+def test_memory_does_not_grow_with_the_recording(tagged: ObjectModel) -> None:
+    cameras, layout = default_rig(), layout_of(tagged)
+    _, once = tumble(100, np.random.default_rng(1))
+    peaks = []
+    for n in (200, 600):
+        rng = np.random.default_rng(1)
+        # there and back, so that pieces are alike
+        t, q = np.arange(n) / 148, np.tile(np.concatenate([once, once[::-1]]), (n // 200, 1))
+        tracemalloc.start()
+        found = track_stream(_sights(cameras, tagged, t, q, rng), cameras, layout)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert len(found.tracks["cube"].t) == n
+    # a pose with its covariance and what the report keeps of three frames are half a kilobyte; a whole scene takes 17
+    assert peaks[1] - peaks[0] < 400 * 4000
+
+
+@pytest.mark.usefixtures("short_pieces")
+def test_nothing_to_see_for_a_while_is_no_end(tagged: ObjectModel) -> None:
+    rng, cameras = np.random.default_rng(2), default_rig()
+    t, q = tumble(200, rng)
+    t = np.where(np.arange(200) < 100, t, t + 7.0)
+    found = track_stream(_sights(cameras, tagged, t, q, rng), cameras, layout_of(tagged))
+    track = found.tracks["cube"]
+    assert len(track.t) == 200
+    assert np.abs(tangent(track, q)[:, :3]).max() < 2e-3
+    with pytest.raises(InputError, match="nothing to track"):
+        track_stream([], cameras, layout_of(tagged))
+
+
+@pytest.mark.usefixtures("short_pieces")
+def test_a_clock_is_found_once_and_taken_off_all_pieces(tagged: ObjectModel) -> None:
+    rng, cameras = np.random.default_rng(3), default_rig()
+    t, q = tumble(400, rng)
+    detections = [replace(d, t=d.t + 0.0405) if d.camera == "cam1" else d for d in _sights(cameras, tagged, t, q, rng)]
+    found = track_stream(sorted(detections, key=lambda d: d.t), cameras, layout_of(tagged))
+    assert found.report.clocks["cam1"][0] == pytest.approx(0.0405, abs=5e-4)
+    track = found.tracks["cube"]
+    near = np.abs(track.t[:, None] - t).argmin(axis=1)
+    good = np.abs(track.t - t[near]) < 1e-3
+    assert good.sum() > 350
+    assert np.median(np.linalg.norm(track.q[good, :3] - q[near[good], :3], axis=1)) < 1e-3
+
+
+def test_what_is_to_be_calibrated_is_tracked_as_a_whole(tagged: ObjectModel) -> None:
+    cameras, layout = default_rig(), layout_of(tagged)
+    assert settled(cameras, layout)
+    assert not settled((replace(cameras[0], T_rig_cam=None), *cameras[1:]), layout)
+    body = layout.bodies[-1]
+    unknown = replace(body, tags=(replace(body.tags[0], T_body_tag=None), *body.tags[1:]))
+    assert not settled(cameras, replace(layout, bodies=(*layout.bodies[:-1], unknown)))
+    rng = np.random.default_rng(4)
+    t, q = tumble(60, rng)
+    detections = list(_sights(cameras, tagged, t, q, rng))
+    settings, loose = TrackSettings(clocks=False), replace(layout, bodies=(*layout.bodies[:-1], unknown))
+    found = track_stream(detections, cameras, loose, settings=settings)
+    assert body.tags[0].id in found.report.tags

@@ -1,0 +1,60 @@
+"""What hangs on a body, taken from the optimised graph: poses by that body's and the angles, and covariances."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.vision.hinge import Hinge, Hinges
+from tossid.vision.layout import chain, limbs
+from tossid.vision.priors import body_key, joint_key
+from tossid.vision.scene import Scene
+
+if TYPE_CHECKING:
+    from tossid.vision.graph import Solution
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+def swing_limbs(
+    scene: Scene, solution: Solution, root: int, steps: Ints, values: gtsam.Values, marginals: gtsam.Marginals | None
+) -> None:
+    """Poses of what hangs on a body, by that body's and the angles, and their covariances."""
+    links = limbs(scene.bodies, root)
+    n, m = len(solution.state.world[root]), len(links)
+    tree = solution.tree_cov.setdefault(root, np.full((n, 6 + m, 6 + m), np.nan))
+    for step in map(int, steps):
+        at = {b: i for i, b in enumerate(links) if values.exists(joint_key(b, step))}
+        if not at or not values.exists(body_key(root, step)):
+            continue
+        if marginals is not None:
+            tree[step] = _tree_cov(marginals, body_key(root, step), {joint_key(b, step): i for b, i in at.items()}, m)
+        for b in at:
+            way = chain(scene.bodies, b)[1]
+            if not all(link in at for link in way):
+                continue
+            angles = [values.atDouble(joint_key(link, step)) for link in way]
+            T, J = Hinges.of(hinges_of(scene, way)).swing(values.atPose3(body_key(root, step)).matrix(), angles)
+            solution.state.world[b][step] = T
+            index = [*range(6), *(6 + at[link] for link in way)]
+            solution.world_cov[b][step] = J @ tree[step][np.ix_(index, index)] @ J.T
+
+
+def _tree_cov(marginals: gtsam.Marginals, root: int, joints: dict[int, int], m: int) -> Array:
+    """(6 + m, 6 + m) of a body's tangent and the angles of what hangs on it, NaN of those that are not there."""
+    joint = marginals.jointMarginalCovariance([root, *joints])
+    parts = {root: slice(0, 6)} | {key: slice(6 + i, 7 + i) for key, i in joints.items()}
+    cov = np.full((6 + m, 6 + m), np.nan)
+    for one, a in parts.items():
+        for other, b in parts.items():
+            cov[a, b] = joint.at(one, other)
+    return cov
+
+
+def hinges_of(scene: Scene, links: list[int]) -> list[Hinge]:
+    """The hinges of some bodies."""
+    return [hinge for hinge in (scene.bodies[b].hinge for b in links) if hinge is not None]

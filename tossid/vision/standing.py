@@ -1,0 +1,37 @@
+"""Where an object's mass is, and whether it stands by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.objects import ObjectModel, body_poses, corner_positions
+from tossid.rotations import quat_rotate
+
+Array = NDArray[np.float64]
+
+TOUCHING_REL = 0.05
+"""Of the object's width: how much higher than its lowest corner others are that touch."""
+HALF_TURN = np.deg2rad(179.5)
+"""Corners that leave a wider gap about the centre of mass, seen from above, do not hold it."""
+
+
+def center_of_mass(model: ObjectModel, q: Array) -> Array:
+    """World position of the whole object's centre of mass [m]. (n, nq) -> (n, 3)."""
+    position, quat = body_poses(model, q)
+    com = position + quat_rotate(quat, model.com)
+    return np.asarray(np.einsum("b,nbi->ni", model.mass, com) / model.mass.sum())
+
+
+def touching(model: ObjectModel, q: Array) -> Array:
+    """The corners that touch the ground, where one does, of the stated geometry. (nq,) -> (k, 3) [m]."""
+    corners = corner_positions(model, q)
+    return np.asarray(corners[corners[:, 2] < corners[:, 2].min() + TOUCHING_REL * model.width])
+
+
+def stands(model: ObjectModel, q: Array) -> bool:
+    """Whether the centre of mass is above the area between the corners that touch, not an edge or beside. (nq,)."""
+    around = touching(model, q)[:, :2] - center_of_mass(model, q[None])[0, :2]
+    angle = np.sort(np.arctan2(around[:, 1], around[:, 0]))
+    gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
+    return bool(gaps.max() < HALF_TURN)

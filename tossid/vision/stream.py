@@ -1,0 +1,202 @@
+"""Tracking a long recording piece by piece, so that memory does not grow with it.
+
+Where all that is static is exactly known, time steps share nothing but the clocks' offsets: pieces of some seconds are
+tracked one after another as detections come in, and all that is kept of them is their poses and what the report says.
+Otherwise the recording is tracked as a whole.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tossid.errors import InputError
+from tossid.rotations import quat_continuous
+from tossid.types import Detection, PoseTrack
+from tossid.vision.believed import TrackSettings
+from tossid.vision.camera import Camera
+from tossid.vision.checks import Suspect
+from tossid.vision.layout import TagLayout
+from tossid.vision.priors import EXACT
+from tossid.vision.report import Frames, TrackReport
+from tossid.vision.track import DEFAULT, Tracked, track_scene
+
+PIECE = 20.0
+"""Length of a piece [s]."""
+LATE = 2.0
+"""Detections come in order of time, but for so much [s]."""
+BORDER = 0.5
+"""A piece ends at the widest gap between frames within so long of its full length [s]."""
+
+
+def track_stream(
+    detections: Iterable[Detection],
+    cameras: Sequence[Camera],
+    layout: TagLayout,
+    *,
+    settings: TrackSettings = DEFAULT,
+    name: str | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Tracked:
+    """As `track_scene`, of detections as they come.
+
+    Args:
+        detections: in order of time, but for `LATE`, where all that is static is known; else in any order.
+        progress: called with the number of poses found since the last call.
+
+    Raises:
+        InputError: as `track_scene`, if no piece gives a pose.
+    """
+    if not settled(cameras, layout):
+        tracked = track_scene(list(detections), cameras, layout, settings=settings, name=name)
+        if progress is not None:
+            progress(tracked.report.n_poses)
+        return tracked
+    done: list[Tracked] = []
+    failed: list[InputError] = []
+    pieces = _Pieces(detections)
+    looking = settings.clocks
+    while piece := pieces.take():
+        try:
+            tracked = track_scene(piece, cameras, layout, settings=replace(settings, clocks=looking), name=name)
+        except InputError as error:  # nothing to be seen for a while
+            failed.append(error)
+            continue
+        if tracked.report.clocks:  # from here on they are known, and the piece is cut anew
+            looking, pieces.clocks = False, tracked.report.clocks
+            pieces.put_back(piece)
+            continue
+        done.append(tracked if not done else replace(tracked, cameras=(), layout=layout))
+        if progress is not None:
+            progress(tracked.report.n_poses)
+    if not done:
+        raise failed[0] if failed else InputError("no detection of any tag of the scene: nothing to track")
+    return _joined(done, pieces.clocks, len(failed))
+
+
+def settled(cameras: Sequence[Camera], layout: TagLayout) -> bool:
+    """Whether all that is static is exactly known, and nothing else ties time steps together."""
+    known = all(camera.T_rig_cam is not None and _exact(camera.T_rig_cam_cov) for camera in cameras)
+    known &= all(camera.wiggle is None for camera in cameras)
+    for body in layout.bodies:
+        known &= body.stillness is None
+        if body.is_static:
+            known &= body.T_map_body is not None and _small(body.position_noise) and _small(body.rotation_noise)
+        for tag in body.tags:
+            known &= tag.T_body_tag is not None and _small(tag.position_noise) and _small(tag.rotation_noise)
+    return known and layout.default_body is None
+
+
+def _exact(cov: np.ndarray | None) -> bool:
+    return cov is None or bool(np.diag(cov).max() <= EXACT**2)
+
+
+def _small(sigma: np.ndarray | None) -> bool:
+    return sigma is None or bool(np.max(sigma) <= EXACT)
+
+
+class _Pieces:
+    """Stretches of time, in order. clocks: of cameras that are late [s], and the standard deviations; taken off."""
+
+    def __init__(self, detections: Iterable[Detection]) -> None:
+        self.clocks: dict[str, tuple[float, float]] = {}
+        self._source = iter(detections)
+        self._waiting: list[Detection] = []
+
+    def take(self) -> list[Detection]:
+        """The next one, empty at the end."""
+        first = min((d.t for d in self._waiting), default=np.inf)
+        newest = max((d.t for d in self._waiting), default=-np.inf)
+        for detection in self._source:
+            d = self._in_time(detection)
+            first, newest = min(first, d.t), max(newest, d.t)
+            self._waiting.append(d)
+            if newest > first + PIECE + LATE:
+                break
+        if newest <= first + PIECE + LATE:
+            piece, self._waiting = self._waiting, []
+            return piece
+        t = np.unique([d.t for d in self._waiting if first + PIECE - BORDER < d.t <= first + PIECE])
+        gap = int(np.argmax(np.diff(t))) if len(t) > 1 else -1
+        border = 0.5 * (t[gap] + t[gap + 1]) if gap >= 0 else first + PIECE
+        piece = [d for d in self._waiting if d.t <= border]
+        self._waiting = [d for d in self._waiting if d.t > border]
+        return piece
+
+    def put_back(self, piece: list[Detection]) -> None:
+        """Take a piece back, and take the clocks' offsets, now known, off all that waits."""
+        self._waiting = [self._in_time(d) for d in (*piece, *self._waiting)]
+
+    def _in_time(self, d: Detection) -> Detection:
+        late = self.clocks.get(d.camera)
+        return d if late is None else replace(d, t=d.t - late[0])
+
+
+def _joined(done: Sequence[Tracked], clocks: dict[str, tuple[float, float]], n_failed: int) -> Tracked:
+    """One after another. Pieces without any pose are counted as such."""
+    names = dict.fromkeys(name for tracked in done for name in tracked.tracks)
+    tracks = {name: _one_track([d.tracks[name] for d in done if name in d.tracks]) for name in names}
+    frames = Frames(
+        *(np.concatenate([getattr(d.frames, field) for d in done]) for field in ("t", "camera", "rms", "tags"))
+    )
+    report = _one_report([d.report for d in done], frames, [camera.name for camera in done[0].cameras])
+    report = replace(report, clocks=clocks)
+    if n_failed:
+        report.dropped_tags[f"in {n_failed} stretches of {PIECE:g} s without a pose"] = n_failed
+    return Tracked(tracks, done[0].cameras, done[0].layout, frames, report)
+
+
+def _one_track(parts: Sequence[PoseTrack]) -> PoseTrack:
+    """Signs of quaternions and turns of joints go on from part to part."""
+    if len(parts) == 1:
+        return parts[0]
+    q = np.concatenate([part.q for part in parts])
+    q[:, 3:7] = quat_continuous(q[:, 3:7])
+    q[:, 7:] = np.unwrap(q[:, 7:], axis=0)
+    covs = [part.q_cov for part in parts if part.q_cov is not None]
+    return PoseTrack(parts[0].name, np.concatenate([part.t for part in parts]), q, np.concatenate(covs))
+
+
+def _one_report(reports: Sequence[TrackReport], frames: Frames, cameras: Sequence[str]) -> TrackReport:
+    """Sums and worst cases; a tag's reprojection is the mean over pieces, weighted by their poses."""
+
+    def rms(own: np.ndarray) -> float:
+        return float(np.sqrt(np.average(frames.rms[own] ** 2, weights=frames.tags[own])))
+
+    seen = [c for c in range(len(cameras)) if (frames.tags[frames.camera == c] > 0).any()]
+    tags = sorted({tag_id for report in reports for tag_id in report.rms_by_tag})
+    squares: dict[int, list[tuple[float, int]]] = {tag_id: [] for tag_id in tags}
+    dropped_steps: Counter[str] = Counter()
+    dropped_tags: Counter[str] = Counter()
+    suspects: dict[tuple[str, str], Suspect] = {}
+    for report in reports:
+        for tag_id, value in report.rms_by_tag.items():
+            squares[tag_id].append((value**2, max(report.n_poses, 1)))
+        dropped_steps.update(report.dropped_steps)
+        dropped_tags.update(report.dropped_tags)
+        for suspect in report.suspects:
+            suspects.setdefault((suspect.kind, suspect.name), suspect)
+    unplaced = [name for name in reports[0].unplaced if all(name in report.unplaced for report in reports)]
+    worst = sorted((row for report in reports for row in report.worst_frames), key=lambda row: -row[2])[:10]
+    whole = rms(frames.tags > 0)
+    return replace(
+        reports[0],
+        n_steps=sum(report.n_steps for report in reports),
+        n_poses=sum(report.n_poses for report in reports),
+        rms=whole,
+        rms_axis=whole / 2**0.5,
+        rms_by_camera={cameras[c]: rms(frames.camera == c) for c in seen},
+        rms_by_tag={
+            tag_id: float(np.sqrt(np.average([value for value, _ in pairs], weights=[n for _, n in pairs])))
+            for tag_id, pairs in squares.items()
+        },
+        noise_scale=float(np.median([report.noise_scale for report in reports])),
+        dropped_steps=dict(dropped_steps),
+        dropped_tags=dict(dropped_tags),
+        worst_frames=worst,
+        unplaced=unplaced,
+        suspects=list(suspects.values()),
+    )
