@@ -64,9 +64,10 @@ from tossid.physics.articulated import (
     outwards,
     tree_features,
 )
-from tossid.physics.body import make_body, network, simulate_body
+from tossid.physics.body import network, simulate_body
 from tossid.physics.contact import UNKNOWN, make_scratch, resolve_contact
 from tossid.physics.forces import forces_of, law_of
+from tossid.physics.single import make_body
 from tossid.physics.solvers import cone_work
 from tossid.physics.solvers.batches import over_threads
 from tossid.physics.system import System
