@@ -118,15 +118,12 @@ class Evidence:
     """Windows with their whitening, ready to judge worlds.
 
     engines: as `linearise` has it, the difference to another engine and how often it is expected.
-    trust (W,): least scale of each window's misses, ones if None. Where contact is rough, a window may fit badly for
-    want of a better first state, and in another way under each hypothesis; `with_trust` makes it count for less.
     """
 
     windows: Windows
     whitening: Whitening
     n_threads: int = 1
     engines: tuple[Array, float] | None = None
-    trust: Array | None = None
 
     def residual(self, world: World) -> Array:
         """(W, L, 6) whitened misses."""
@@ -136,19 +133,12 @@ class Evidence:
         """The windows of the tosses that are chosen (n_tosses,)."""
         rows = np.flatnonzero(chosen[self.windows.toss])
         engines = None if self.engines is None else (self.engines[0][rows], self.engines[1])
-        trust = None if self.trust is None else self.trust[rows]
-        return Evidence(self.windows.rows(rows), self.whitening.rows(rows), self.n_threads, engines, trust)
-
-    def with_trust(self, residual: Array) -> Evidence:
-        """With each window trusted as far as it fits: the root mean square of its misses, at least 1."""
-        inside = self.windows.inside[..., None]
-        squares = np.where(inside, np.minimum(residual**2, CAP**2), 0.0).sum((1, 2)) / (6 * self.windows.inside.sum(1))
-        return replace(self, trust=np.sqrt(np.maximum(squares, 1.0)))
+        return Evidence(self.windows.rows(rows), self.whitening.rows(rows), self.n_threads, engines)
 
     def spread(self, scales: Array) -> Array:
         """(W, L, 1) scale of each miss, for those of the phases."""
-        s = scales[np.where(self.windows.free[:, None], FREE, self.windows.phase)]
-        return (s if self.trust is None else np.maximum(s, self.trust[:, None]))[..., None]
+        s: Array = scales[np.where(self.windows.free[:, None], FREE, self.windows.phase)]
+        return s[..., None]
 
     def renewed(self, world: World, *, refine: int = 1, restarts: int = 0, anew: bool = True) -> Evidence:
         """With states and whitening as they are under another world near by; `anew` as for `linearise`."""
@@ -162,7 +152,7 @@ class Evidence:
             engines=self.engines,
             n_threads=self.n_threads,
         )
-        return Evidence(windows, whitening, self.n_threads, self.engines, self.trust)
+        return Evidence(windows, whitening, self.n_threads, self.engines)
 
     def scales(self, residual: Array) -> Array:
         """(N_PHASES,) robust size of whitened misses a phase, at least 1; first that of the windows of free flight."""

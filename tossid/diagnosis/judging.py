@@ -143,7 +143,7 @@ class Judge:
             evidence = near.evidence.renewed(world, refine=4)
         evidence = self.with_engine(evidence, hypothesis, restarts=1)
         residual = evidence.residual(world)
-        evidence, scales = evidence.with_trust(residual), evidence.scales(residual)
+        scales = evidence.scales(residual)
         size = len(hypothesis.flat())
         empty = np.zeros((self.n, size, size)), np.zeros((self.n, size))
         ll = evidence.log_likelihood(residual, scales)
@@ -172,7 +172,7 @@ class Judge:
             effect: what it has more, if anything.
             near: evidence around `start`, if that is far from the present hypothesis.
         """
-        begin = present.evidence if near is None else replace(near, trust=present.evidence.trust)
+        begin = present.evidence if near is None else near
         fitted = self._settled(fit(begin, start, n_tosses=self.n, iterations=iterations, held=self.held))
         ll = self.held_out(fitted)
         made = Candidate(effect, fitted, ll, np.zeros(len(ll)), np.zeros((1, self.n)))
@@ -198,14 +198,9 @@ class Judge:
         return fitted
 
     def _settled(self, fitted: Fitted) -> Fitted:
-        """With windows that fit badly begun anew, and all trusted as far as they fit under this hypothesis.
-
-        As far as they fitted under another would be a bias for that one: where misses only change, what grows costs
-        more than what shrinks brings.
-        """
+        """With windows that fit badly under this hypothesis begun anew."""
         evidence = self.with_engine(fitted.evidence, fitted.hypothesis, restarts=1)
         residual = evidence.residual(fitted.hypothesis.world())
-        evidence = evidence.with_trust(residual)
         return replace(fitted, evidence=evidence, residual=residual, scales=evidence.scales(residual))
 
     def _at_best(self, one: Candidate, evidence: Evidence) -> Candidate:
@@ -213,7 +208,6 @@ class Judge:
         contact is rough, and what was found on the way to the other must not count for the other."""
         world = one.hypothesis.world()
         there = evidence.renewed(world, refine=2)
-        there = there.with_trust(there.residual(world))
         return replace(one, log_likelihood=np.maximum(one.log_likelihood, self.held_out(one.fitted, there)))
 
     def held_out(self, fitted: Fitted, evidence: Evidence | None = None) -> Array:

@@ -316,7 +316,6 @@ class Search:
     def _refreshed(self, present: Candidate, rounds: int = 1) -> Candidate:
         """Everything fitted on, with the other engine's difference as it is for these values."""
         fitted = self.judge.polished(present.evidence, present.hypothesis, rounds)
-        fitted = replace(fitted, evidence=fitted.evidence.with_trust(fitted.residual))
         return Candidate(present.effect, fitted, self.judge.held_out(fitted), present.gain, present.shown)
 
     def _pruned(
