@@ -10,7 +10,7 @@ projection, Golub and Pereyra 1973): states that fit another world hold a fit ba
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
