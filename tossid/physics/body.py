@@ -143,9 +143,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                             if abs(vn) > IMPACT_SPEED and z - min(sunk[c], 0.0) + length * min(vn, 0.0) < 0.0:
                                 parts = impact_parts
                         length /= parts
-                    if strike:
-                        h = STRIKE * dt
-                    elif length != h:
+                    if not strike and length != loaded:
                         # the same forces over steps of another length; but an impact's impulse has none
                         ratio = length / loaded
                         for c in range(nc):
@@ -157,9 +155,13 @@ def simulate_body(  # type: ignore[no-untyped-def]
                                 scale * warm[c, 1],
                                 scale * warm[c, 2],
                             )
-                        h = loaded = length
-                    soft = compliance / (h * (h + relaxation))
-                    turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
+                        loaded = length
+                    if strike:
+                        length = STRIKE * dt
+                    if length != h:
+                        h = length
+                        soft = compliance / (h * (h + relaxation))
+                        turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
                     left = parts
                     carried[:] = 0.0
                 # free motion: Newton and Euler about the centre of mass, then the origin's velocity
