@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import FileError, ObjectError
-from tossid.objects.model import GRAVITY, JointType, ObjectModel, Tag
+from tossid.objects.model import GRAVITY, JointLaw, JointType, ObjectModel, Tag
 from tossid.rotations import quat_to_matrix
 
 Array = NDArray[np.float64]
@@ -131,11 +131,15 @@ def _from_spec(
             continue
         if count != 1 or mujoco.mjtJoint(m.jnt_type[first]) not in _JOINTS:
             raise ObjectError(f"body '{body_name}' needs exactly one hinge or slide joint to its parent")
+        _refuse_joint(m, first)
         joint_type[body] = _JOINTS[mujoco.mjtJoint(m.jnt_type[first])]
         joint_pos[body], joint_axis[body] = m.jnt_pos[first], m.jnt_axis[first]
     if (m.body_mass[1:] <= 0).any():
         light = m.body(1 + int(np.argmax(m.body_mass[1:] <= 0))).name
         raise ObjectError(f"body '{light}' has no mass")
+
+    if m.neq:
+        raise ObjectError(f"the object has {m.neq} equality constraints (loops, locks), which are not supported")
 
     R = quat_to_matrix(m.body_iquat[1:])
     inertia = R @ (m.body_inertia[1:, :, None] * np.swapaxes(R, -1, -2))
@@ -167,7 +171,35 @@ def _from_spec(
         compliance=float(compliance),
         relaxation=float(relaxation),
         cohesion=float(cohesion),
+        joint_law=_joint_law(m),
     )
+
+
+def _joint_law(m: mujoco.MjModel) -> JointLaw:
+    """What the file says of the joints: every body but the base has one, in the order of bodies."""
+
+    def by_body(values: Array) -> Array:
+        return np.concatenate([[0.0], np.asarray(values, dtype=float)])
+
+    return JointLaw(
+        damping=by_body(m.dof_damping[6:]),
+        friction=by_body(m.dof_frictionloss[6:]),
+        stiffness=by_body(m.jnt_stiffness[1:]),
+        rest=by_body(m.qpos_spring[7:]),
+        armature=by_body(m.dof_armature[6:]),
+    )
+
+
+def _refuse_joint(m: mujoco.MjModel, joint: int) -> None:
+    """Say what of a hinge or slide tossid's equations do not have."""
+    dof, named = int(m.jnt_dofadr[joint]), f"joint '{m.joint(joint).name or joint}'"
+    if m.jnt_limited[joint]:
+        low, high = m.jnt_range[joint]
+        raise ObjectError(f"{named} has limits ({low:g} to {high:g}); joints without limits are supported")
+    if m.qpos0[m.jnt_qposadr[joint]] != 0:
+        raise ObjectError(f"{named} has a reference position ('ref'), which is not supported")
+    if m.dof_dampingpoly[dof].any() or m.jnt_stiffnesspoly[joint].any():
+        raise ObjectError(f"{named} has damping or stiffness that is not linear, which is not supported")
 
 
 def _free_base(spec: mujoco.MjSpec) -> None:
@@ -230,6 +262,7 @@ def to_mjcf(
     """
     spec = mujoco.MjSpec()
     spec.modelname = model.name
+    spec.compiler.degree = False
     spec.option.gravity = [0.0, 0.0, -gravity]
     spec.option.timestep = timestep
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -257,7 +290,16 @@ def to_mjcf(
                 mujoco.mjtJoint.mjJNT_HINGE if model.joint_type[b] == JointType.HINGE else mujoco.mjtJoint.mjJNT_SLIDE
             )
             body.add_joint(
-                name=f"joint_{b}", type=kind, pos=model.joint_pos[b], axis=model.joint_axis[b], limited=False
+                name=f"joint_{b}",
+                type=kind,
+                pos=model.joint_pos[b],
+                axis=model.joint_axis[b],
+                limited=False,
+                damping=[model.joints.damping[b], 0, 0],
+                stiffness=[model.joints.stiffness[b], 0, 0],
+                frictionloss=model.joints.friction[b],
+                springref=model.joints.rest[b],
+                armature=model.joints.armature[b],
             )
         own = model.corner_pos[model.corner_body == b]
         if len(own):

@@ -1,6 +1,17 @@
 """What a simulator may lack: worlds, and the library of effects that change them."""
 
+from tossid.physics.effects.joints import JOINT_EFFECTS, library_for
 from tossid.physics.effects.library import LIBRARY, Effect, Parameter
 from tossid.physics.effects.world import Forces, Law, Recording, World
 
-__all__ = ["LIBRARY", "Effect", "Forces", "Law", "Parameter", "Recording", "World"]
+__all__ = [
+    "JOINT_EFFECTS",
+    "LIBRARY",
+    "Effect",
+    "Forces",
+    "Law",
+    "Parameter",
+    "Recording",
+    "World",
+    "library_for",
+]

@@ -24,11 +24,12 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from tossid.errors import InputError
-from tossid.objects import to_mjcf
+from tossid.objects import ObjectModel, to_mjcf
+from tossid.physics.batch import tree_batch
 from tossid.physics.effects.world import World
 from tossid.physics.forces import Forces
 from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, RIGID_STEP, compile_scene, run_scene
-from tossid.rotations import quat_rotate
+from tossid.physics.system import make_system
 
 Array = NDArray[np.float64]
 
@@ -75,7 +76,7 @@ def toss_in_mujoco(
         q (B, n_steps + 1, nq) and v (B, n_steps + 1, nv), true, in the ground's frame.
 
     Raises:
-        InputError: an effect that MuJoCo cannot express, or forces on an object with joints.
+        InputError: an effect that MuJoCo cannot express.
         MotionError, DivergedError: as `simulate_mujoco`.
     """
     missing = inexpressible(world)
@@ -88,8 +89,6 @@ def toss_in_mujoco(
         substeps = math.ceil(dt / (0.5 * RIGID_STEP if bouncy else RIGID_STEP))
     hold = 1
     if forced:
-        if world.object.n_joints:
-            raise InputError("objects with joints: forces of the state (drag, wind, springs, …) are not supported")
         pushes = min(substeps, math.ceil(dt / PUSH_STEP))
         hold = math.ceil(substeps / pushes)
         substeps = hold * pushes
@@ -167,30 +166,41 @@ def _compliant(world: World, gravity: Array, step: float) -> mujoco.MjModel:
 
 
 def pusher(world: World, hold: float) -> Callable[[Array, Array], Array]:
-    """From states q (B, 7), v (B, 6) of a single body to its wrench in MuJoCo (B, 2, 6), the ground's first.
+    """From states q (B, nq), v (B, nv) to the wrenches on MuJoCo's bodies (B, 1 + n_b, 6), the ground's first.
 
-    hold: for how long [s] it is held; it is the wrench at half that time, as if nothing touched.
+    Forces are shared out among the bodies by mass, as `pulls` has it.
+    hold: for how long [s] it is held; it is the wrench at half that time, as if nothing touched and no joint held.
     """
     forces, model, gravity = world.forces_on_ground(), world.object, world.gravity_on_ground()
-    mass, com = float(model.mass[0]), model.com[0]
+    total = float(model.mass.sum())
 
     def push(q: Array, v: Array) -> Array:
-        force, _ = wrench(forces, mass, com, q, v)
-        middle_q, middle_v = q.copy(), v.copy()
-        middle_q[:, :3] += 0.5 * hold * v[:, :3]
-        middle_v[:, :3] += 0.5 * hold * (gravity + force / mass)
-        out = np.zeros((len(q), 2, 6))
-        out[:, 1, :3], out[:, 1, 3:] = wrench(forces, mass, com, middle_q, middle_v)
+        out = np.zeros((len(q), 1 + model.n_bodies, 6))
+        p, u, omega = body_motions(model, q, v)
+        for b in range(model.n_bodies):
+            force, _ = wrench(forces, total, p[:, b], u[:, b], omega[:, b])
+            middle_p, middle_u = p[:, b] + 0.5 * hold * u[:, b], u[:, b] + 0.5 * hold * (gravity + force / total)
+            force, torque = wrench(forces, total, middle_p, middle_u, omega[:, b])
+            out[:, 1 + b, :3], out[:, 1 + b, 3:] = model.mass[b] / total * force, model.mass[b] / total * torque
         return out
 
     return push
 
 
-def wrench(f: Forces, mass: float, com: Array, q: Array, v: Array) -> tuple[Array, Array]:
-    """Force [N] at the centre of mass and torque [N m], world axes, (*b, 3) each, of states q (*b, 7), v (*b, 6)."""
-    omega = quat_rotate(q[..., 3:7], v[..., 3:6])
-    arm = quat_rotate(q[..., 3:7], com)
-    p, u = q[..., :3] + arm, v[..., :3] + np.cross(omega, arm)
+def body_motions(model: ObjectModel, q: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Places and velocities of the bodies' centres of mass, and spins, in the world: (B, n_b, 3) each."""
+    turned = tree_batch(make_system(model), q, v)
+    spin = np.einsum("nbij,nbj->nbi", turned.R, turned.omega)
+    arm = np.einsum("nbij,bj->nbi", turned.R, model.com)
+    origin = np.einsum("nbij,nbjk,nk->nbi", turned.R, turned.X[:, :, 3:], v)
+    return turned.x + arm, origin + np.cross(spin, arm), spin
+
+
+def wrench(f: Forces, mass: float, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
+    """Force [N] at the centre of mass and torque [N m] on a single body, world axes, (*b, 3) each.
+
+    p, u, omega (*b, 3): place and velocity of the centre of mass, and spin, world axes.
+    """
     up = np.array([0.0, 0.0, 1.0])
     air = u - [f.wind_x, f.wind_y, 0.0]
     speed = np.linalg.norm(air, axis=-1, keepdims=True)
