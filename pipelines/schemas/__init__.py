@@ -51,13 +51,14 @@ from pipelines.schemas.synthesis import (
     ReleaseConfig,
     SynthesizeConfig,
 )
-from pipelines.schemas.viewing import ViewConfig
+from pipelines.schemas.viewing import ExportConfig, ViewConfig
 
 COMMANDS: dict[str, type] = {
     "audit": AuditConfig,
     "detect": DetectStageConfig,
     "diagnose": DiagnoseConfig,
     "evaluate": EvaluateConfig,
+    "export": ExportConfig,
     "ingest": IngestConfig,
     "segment": SegmentStageConfig,
     "synthesize": SynthesizeConfig,
@@ -79,6 +80,7 @@ __all__ = [
     "DiagnoseConfig",
     "Engine",
     "EvaluateConfig",
+    "ExportConfig",
     "Fraction",
     "FramesSource",
     "IngestConfig",

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from tossid.models.implicit import Dynamics, LossTerms, LossWeights, free_acceleration, implicit_loss
 from tossid.models.inertia import make_inertia
-from tossid.models.parameters import ContactLaw, Friction, Geometry, ResidualNet
+from tossid.models.parameters import SCALE, ContactLaw, Friction, Geometry, ResidualNet
 from tossid.models.predictor import Simulator
 from tossid.models.transitions import Transitions
 from tossid.motion import Measurement
@@ -175,6 +175,11 @@ class ContactNets(nn.Module):
         with torch.no_grad():
             a = free_acceleration(flight, self.dynamics(flight.features))
         return float(-a[:, 2].mean())
+
+    def carried_gravity(self) -> float:
+        """Downward acceleration [m/s²] of k_hat and the residual's uniform vertical part: a simulator's gravity."""
+        uniform = 0.0 if self.residual is None else SCALE * float(self.residual.vertical.detach())
+        return self.settings.gravity - uniform
 
     def simulator(self) -> Simulator:
         """The learned simulator."""

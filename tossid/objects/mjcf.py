@@ -53,6 +53,7 @@ def load_object(
     # arrays and text must agree to the last digit: read back what will be kept
     _free_base(spec)
     try:
+        _embed_meshes(spec, spec.compile())
         spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise FileError(path, f"MuJoCo cannot compile it: {_first_line(error)}") from error
@@ -211,6 +212,47 @@ def _free_base(spec: mujoco.MjSpec) -> None:
         roots[0].add_freejoint()
 
 
+def _embed_meshes(spec: mujoco.MjSpec, m: mujoco.MjModel) -> None:
+    """Put the hulls of mesh files into the model's own text, which a dataset carries without them.
+
+    The bodies' inertia, which MuJoCo may have taken from those files, is stated then.
+    """
+    from_files = [mesh for mesh in spec.meshes if mesh.file]
+    if not from_files:
+        return
+    for body in spec.bodies[1:]:
+        b = m.body(body.name).id if body.name else body.id
+        body.explicitinertial = True
+        body.mass, body.ipos, body.iquat = float(m.body_mass[b]), m.body_ipos[b], m.body_iquat[b]
+        body.inertia, body.fullinertia = m.body_inertia[b], np.full(6, np.nan)  # of the two, one may be said
+    for mesh in from_files:
+        at = mesh.id
+        # MuJoCo's copy is centred and turned to its principal axes
+        vertices = _hull(m, at) @ quat_to_matrix(m.mesh_quat[at]).T + m.mesh_pos[at]
+        mesh.file, mesh.scale = "", [1, 1, 1]
+        mesh.refpos, mesh.refquat = [0, 0, 0], [1, 0, 0, 0]
+        mesh.uservert = vertices.ravel()
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+
+
+def _hull(m: mujoco.MjModel, mesh: int) -> Array:
+    """Vertices (n, 3) of a mesh's convex hull, as MuJoCo holds them.
+
+    Raises:
+        ObjectError: the mesh spans no volume.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    first, count = int(m.mesh_vertadr[mesh]), int(m.mesh_vertnum[mesh])
+    vertices = np.asarray(m.mesh_vert[first : first + count], dtype=float)
+    try:
+        return vertices[ConvexHull(vertices).vertices]
+    except QhullError as error:
+        raise ObjectError(
+            f"mesh '{m.mesh(mesh).name}' has no convex hull: its {count} vertices span no volume"
+        ) from error
+
+
 def _corners(m: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
     """Corners of boxes and hull vertices of meshes, in their bodies' frames."""
     bodies: list[int] = []
@@ -223,12 +265,7 @@ def _corners(m: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
         if kind == mujoco.mjtGeom.mjGEOM_BOX:
             local = signs * m.geom_size[geom]
         elif kind == mujoco.mjtGeom.mjGEOM_MESH:
-            mesh = int(m.geom_dataid[geom])
-            first, count = int(m.mesh_vertadr[mesh]), int(m.mesh_vertnum[mesh])
-            from scipy.spatial import ConvexHull
-
-            vertices = np.asarray(m.mesh_vert[first : first + count], dtype=float)
-            local = vertices[ConvexHull(vertices).vertices]
+            local = _hull(m, int(m.geom_dataid[geom]))
         else:
             raise ObjectError(f"a geom of type {kind.name} has no corners; use boxes or convex meshes")
         R = quat_to_matrix(m.geom_quat[geom])

@@ -109,19 +109,34 @@ def scene(world: World, step: float) -> mujoco.MjModel:
     """The world's ground frame, but for its forces, in MuJoCo at time steps of `step` [s]."""
     model, law, gravity = world.object, world.law, world.gravity_on_ground()
     if model.compliance > 0:
-        compiled = _compliant(world, gravity, step)
-    elif model.restitution > 0:
-        ratio = damping_ratio(model.restitution)
-        rate = min(BOUNCE_RATE, 0.5 / ratio) / step
-        compiled = compile_scene(model, gravity, step, (-(rate**2), -2 * ratio * rate), RIGID_SOLIMP)
+        compiled = _compliant(world, step).compile()
+        compiled.opt.timestep, compiled.opt.gravity[:] = step, gravity
     else:
-        compiled = compile_scene(model, gravity, step, (2 * step, RIGID_DAMPING), RIGID_SOLIMP)
+        compiled = compile_scene(model, gravity, step, _solref(world, step), RIGID_SOLIMP)
     if law.torsional > 0 or law.rolling > 0:
         dimensions = 6 if law.rolling > 0 else 4
         compiled.geom_condim[:], compiled.pair_dim[:] = dimensions, dimensions
         compiled.geom_friction[:, 1:] = law.torsional, law.rolling
         compiled.pair_friction[:, 2], compiled.pair_friction[:, 3:] = law.torsional, law.rolling
     return compiled
+
+
+def scene_text(model: ObjectModel, *, gravity: float, step: float) -> str:
+    """The object over level ground as MJCF text, with its contact as `scene` has it; numbers have six digits."""
+    world = World(model, gravity=gravity)
+    if model.compliance > 0:
+        text: str = _compliant(world, step).to_xml()
+        return text
+    return to_mjcf(model, gravity=gravity, timestep=step, solref=_solref(world, step), solimp=RIGID_SOLIMP)
+
+
+def _solref(world: World, step: float) -> tuple[float, float]:
+    """Of contact that does not give way: near rigid, or bouncing."""
+    if not world.object.restitution > 0:
+        return 2 * step, RIGID_DAMPING
+    ratio = damping_ratio(world.object.restitution)
+    rate = min(BOUNCE_RATE, 0.5 / ratio) / step
+    return -(rate**2), -2 * ratio * rate
 
 
 def damping_ratio(restitution: float) -> float:
@@ -135,10 +150,10 @@ def damping_ratio(restitution: float) -> float:
     return float(brentq(excess, 1e-9, 1e4)) if excess(1e-9) > 0 else 1e-9
 
 
-def _compliant(world: World, gravity: Array, step: float) -> mujoco.MjModel:
+def _compliant(world: World, step: float) -> mujoco.MjSpec:
     model, d = world.object, SOFT_IMPEDANCE
     solimp = (d, d, 0.001, 0.5, 2.0)
-    spec = mujoco.MjSpec.from_string(to_mjcf(model, timestep=step, solimp=solimp))
+    spec = mujoco.MjSpec.from_string(to_mjcf(model, gravity=world.gravity, timestep=step, solimp=solimp))
     for body in range(model.n_bodies):
         if (model.corner_body == body).any():
             spec.add_pair(
@@ -152,17 +167,15 @@ def _compliant(world: World, gravity: Array, step: float) -> mujoco.MjModel:
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = 0, 0
     compiled = spec.compile()
-    compiled.opt.timestep, compiled.opt.gravity[:] = step, gravity
-    compiled.opt.impratio = 100 * (1 - d) / d  # friction is a hundred times as stiff as what would creep
-    for pair in range(compiled.npair):
+    spec.option.impratio = 100 * (1 - d) / d  # friction is a hundred times as stiff as what would creep
+    for at, pair in enumerate(spec.pairs):
         # MuJoCo's estimate of a corner's inverse mass, from which it makes R = (1 - d) / d of it
-        inverse = compiled.body_invweight0[compiled.geom_bodyid[compiled.pair_geom2[pair]], 0]
-        stiffness = 1 / model.compliance
-        spring = stiffness * (1 - d) * inverse
-        compiled.pair_solref[pair] = -spring, -max(model.relaxation * spring, 1e-9)
+        inverse = compiled.body_invweight0[compiled.geom_bodyid[compiled.pair_geom2[at]], 0]
+        spring = (1 - d) * inverse / model.compliance
+        pair.solref = [-spring, -max(model.relaxation * spring, 1e-9)]
         # its friction stops in a few time steps
-        compiled.pair_solreffriction[pair] = -1e-9, -0.5 * d / step
-    return compiled
+        pair.solreffriction = [-1e-9, -0.5 * d / step]
+    return spec
 
 
 def pusher(world: World, hold: float) -> Callable[[Array, Array], Array]:
