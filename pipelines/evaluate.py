@@ -29,7 +29,14 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
     from pipelines.checkpoints import load_checkpoint
     from pipelines.learning import evaluate_model, predicted_motions
     from pipelines.outputs import output_folder
-    from pipelines.pictures import evaluation_figures, gravity_given, residual_figure, write_figures
+    from pipelines.pictures import (
+        evaluation_figures,
+        gravity_given,
+        joint_figure,
+        residual_figure,
+        write_figures,
+        write_film,
+    )
     from pipelines.runs import find_run
     from pipelines.tracking import tracked_run
     from tossid.store import read_dataset
@@ -65,8 +72,10 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
         figures |= residual_figure(
             model, judged, tosses, name=f"{name.upper()}, {gravity_given(trained.config.gravity)}"
         )
+        figures |= joint_figure(model, judged, tosses, dataset.object, name=name.upper())
         with output_folder(folder, made_by="evaluate") as temporary:
             paths = write_figures(figures, temporary / "figures")
+            paths += write_film(judged, tosses, rollouts, dataset.object, temporary / "figures", name=name)
             result["figures"] = [str(folder / "figures" / path.name) for path in paths]
             (temporary / "metrics.json").write_text(json.dumps(jsonable(result), indent=2) + "\n")
         tracked.artifact(folder / "figures")
