@@ -112,7 +112,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 def load_checkpoint(path: Path) -> Checkpoint:
     """The trained model of a checkpoint file."""
     content = read_checkpoint(path)
-    config = ModelConfig(**content["config"])
+    config = ModelConfig(**{"start_corners": 0.0, **content["config"]})  # a key that older ones lack
     about = dict(content["object"])
     given = object_from_mjcf(about.pop("mjcf"), **about)
     model = build_model(config, given, seed=content["seed"])

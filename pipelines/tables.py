@@ -57,6 +57,11 @@ def markdown_table(cells: Sequence[Cell], swept: str) -> str:
     if swept == "gravity":
         head += ["gravity found [m/s²]", "of what was missing [%]"]
     head += ["position [%]", "rotation [deg]", "penetration [mm]", "from flight: position [%]", "rotation [deg]"]
+    jointed = all("joint_error_deg" in cell for cell in cells)
+    short = all("sixteen_steps" in cell for cell in cells)
+    head += ["joint [deg]", "acceleration in flight off by [%]"] if jointed else []
+    head += ["16 steps: position [%]", "rotation [deg]"] if short else []
+    head += ["joint [deg]"] if jointed and short else []
     head += ["validation loss", "seconds"]
     lines = [head, ["---"] * len(head)]
     for model, value in dict.fromkeys((cell["model"], cell[swept]) for cell in cells):
@@ -75,6 +80,12 @@ def markdown_table(cells: Sequence[Cell], swept: str) -> str:
         row += [_metric(same, "position_error_pct"), _metric(same, "rotation_error_deg")]
         row += [_metric(same, "penetration_mm", digits=2, ends=False)]
         row += [_metric(flown, "position_error_pct"), _metric(flown, "rotation_error_deg")]
+        if jointed:
+            row += [_metric(same, "joint_error_deg"), _metric(same, "flight_miss_pct", digits=2, ends=False)]
+        if short:
+            cut = [c["sixteen_steps"] for c in same]
+            keys = ("position_error_pct", "rotation_error_deg", *(("joint_error_deg",) if jointed else ()))
+            row += [_metric(cut, key, digits=2) for key in keys]
         row += [f"{np.mean([c['validation_loss'] for c in same]):.4g}", f"{np.mean([c['seconds'] for c in same]):.0f}"]
         lines.append(row)
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)

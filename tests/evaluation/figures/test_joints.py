@@ -24,7 +24,7 @@ def test_each_angle_shows_both_objects_and_what_touched(elbow: ObjectModel) -> N
             drawn[str(line.get_label())] += len(line.get_xdata())
         assert drawn == {"touched": 15, "unseen": 1}
     texts = [text.get_text() for text in figure.texts]
-    assert any("15 of 16 corners touched the ground: at most 1 mm" in text for text in texts)
+    assert any("15 of 16 corners touched the ground: at most 1" in text for text in texts)
     with pytest.raises(InputError):
         geometry_at_angles(elbow, learned, seen=seen[:4])
 
