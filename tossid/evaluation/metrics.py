@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -138,8 +138,11 @@ def score_windows(
                 out[i] = own[known].mean(axis=0)
         return out
 
-    arrays = {name: by_toss(value) for name, value in vars(scores).items() if isinstance(value, np.ndarray)}
-    return replace(scores, **arrays)
+    return TossScores(
+        **{name: by_toss(value) for name, value in vars(scores).items() if isinstance(value, np.ndarray)},
+        unsolved=scores.unsolved,
+        diverged=scores.diverged,
+    )
 
 
 def wrapped(angle: Array) -> Array:
