@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tossid.errors import FileError, InputError
 from tossid.models.predictor import Predictor
 from tossid.objects import ObjectModel, body_poses
+from tossid.physics.mujoco_engine import quiet
 from tossid.rotations import geodesic_angle
 
 Array = NDArray[np.float64]
@@ -74,7 +75,8 @@ def rollouts_apart(
         raise InputError(f"the export has {compiled.nq} coordinates, the model {model.nq}")
     compiled.opt.timestep = dt / substeps
     start = np.concatenate([np.zeros((len(q0), 1)), q0, v0], axis=1)
-    states, _ = rollout.rollout(compiled, mujoco.MjData(compiled), start, nstep=frames * substeps)
+    with quiet():
+        states, _ = rollout.rollout(compiled, mujoco.MjData(compiled), start, nstep=frames * substeps)
     theirs = np.asarray(states)[:, substeps - 1 :: substeps, 1 : 1 + model.nq]
     ours = predictor.rollout(q0, v0, n_steps=frames, dt=dt).q[:, 1:]
     (x, a), (y, b) = body_poses(model, ours), body_poses(model, theirs)
