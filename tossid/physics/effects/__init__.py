@@ -1,6 +1,6 @@
 """What a simulator may lack: worlds, and the library of effects that change them."""
 
-from tossid.physics.effects.library import LIBRARY, Effect, Parameter
+from tossid.physics.effects.library import LIBRARY, OTHER_LAWS, POWER, Effect, Parameter
 from tossid.physics.effects.world import Forces, Law, Recording, World
 
-__all__ = ["LIBRARY", "Effect", "Forces", "Law", "Parameter", "Recording", "World"]
+__all__ = ["LIBRARY", "OTHER_LAWS", "POWER", "Effect", "Forces", "Law", "Parameter", "Recording", "World"]
