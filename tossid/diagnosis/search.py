@@ -24,9 +24,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.fitting import Evidence, Hypothesis, derivatives, gains, student_deviance, toss_sums
+from tossid.diagnosis.fitting import Evidence, Hypothesis, student_deviance
 from tossid.diagnosis.judging import POLISH, Candidate, Judge, anywhere
-from tossid.diagnosis.windows import FLIGHT_WEIGHT
+from tossid.diagnosis.screening import Screened, screened
 from tossid.physics.effects import OTHER_LAWS, Effect
 from tossid.types import Phase
 
@@ -57,10 +57,6 @@ MORE_GENERAL = 0.2
 LARGEST_CLASS = 3
 OTHER_POWER = 0.5
 """By how much a force's power of its state differs at least from its law's, for the law to be another."""
-SCREENING = 3
-"""Folds whose tosses screen what is far."""
-STEP_SHARES = (1.0, 0.3, 0.1, 0.03)
-"""Parts of a screening step that are tried: impacts are far from linear."""
 
 
 @dataclass(frozen=True)
@@ -101,16 +97,6 @@ class Path:
     tried: dict[str, Candidate]
     classes: dict[str, tuple[Candidate, ...]]
     less: dict[str, Candidate]
-
-
-@dataclass(frozen=True)
-class Screened:
-    """Gain of an effect's step, the values there, and whether it was taken from a start far from nothing."""
-
-    gain: float
-    effect: Effect
-    start: Hypothesis
-    far: bool = False
 
 
 class Search:
@@ -251,7 +237,7 @@ class Search:
         than another only if none of the others belongs."""
         inside = {effect.name for effect in present.hypothesis.effects}
         missing = [effect for effect in self.library if effect.name not in inside]
-        scored = self.judge.each(partial(self._screened, present), missing)
+        scored = self.judge.each(partial(screened, self.judge, present), missing)
         scored = [each for each in scored if each.gain > max(at_least, PROMISING)]
         scored = sorted(scored, key=lambda each: -each.gain)[:CANDIDATES]
         near = sum(each.gain > FAR_LESS * scored[0].gain for each in scored)
@@ -261,69 +247,9 @@ class Search:
             fitted += self.judge.each(judged, scored[near:])
         return fitted
 
-    def _judged(self, present: Candidate, screened: Screened) -> Candidate:
-        near = present.evidence.renewed(screened.start.world(), refine=4, restarts=1) if screened.far else None
-        return self.judge.judged(present, screened.effect, screened.start, near=near)
-
-    def _screened(self, present: Candidate, effect: Effect) -> Screened:
-        """The gain of a step of Gauss-Newton or a part of it, from nothing or from the best start.
-
-        First states are as they are for the present hypothesis, or as they are for a start, whichever suit: starts
-        are far from it, and are tried with some of the tosses.
-        """
-        now, whole = present.fitted, present.evidence
-        nothing = now.hypothesis.plus(effect)
-        base = whole.log_likelihood(now.residual, now.scales)
-        best = self._stepped(present, nothing, whole, base, 0.0)
-        if not effect.starts:
-            return best
-        some = np.any(self.judge.folds[:SCREENING], axis=0)
-        share, e0 = float(some.mean()), whole.of_tosses(some)
-        base = base[some[whole.windows.toss]]
-
-        def ll(e: Evidence, hypothesis: Hypothesis) -> Array:
-            return e.log_likelihood(e.residual(hypothesis.world()), now.scales)
-
-        here = dict(zip([p.name for p in effect.parameters], nothing.values[-1], strict=True))
-        tried = []
-        for start in effect.starts:
-            values = {**here, **start}
-            hypothesis = now.hypothesis.plus(effect, np.array([values[p.name] for p in effect.parameters]))
-            e = e0.renewed(hypothesis.world(), refine=2, anew=False)
-            tried.append((_gain(gains(ll(e, hypothesis), base), e), hypothesis, e))
-        _, hypothesis, e = max(tried, key=lambda each: each[0])
-        e = e.renewed(hypothesis.world(), refine=4, restarts=1)
-        before = np.maximum(base, ll(e, now.hypothesis))
-        begin = _gain(gains(np.maximum(ll(e0, hypothesis), ll(e, hypothesis)), before), e)
-        far = self._stepped(present, hypothesis, e, before, begin)
-        return replace(far, gain=far.gain / share, far=True) if far.gain / share > best.gain else best
-
-    def _stepped(
-        self, present: Candidate, hypothesis: Hypothesis, e: Evidence, before: Array, begin: float
-    ) -> Screened:
-        """The last effect of a hypothesis after the best part of a step of Gauss-Newton.
-
-        Args:
-            before: (W,) log-likelihoods of the present hypothesis; begin: gain over them without a step.
-        """
-        effect, scales = hypothesis.effects[-1], present.fitted.scales
-        best = Screened(max(begin, 0.0), effect, hypothesis)
-        size = len(hypothesis.flat())
-        own = list(range(size - len(effect.parameters), size))
-        residual = e.residual(hypothesis.world())
-        J = derivatives(e, hypothesis, residual, own)[..., own]
-        H, g = (each.sum(0) for each in toss_sums(e, residual, J, scales, self.judge.n))
-        delta = np.zeros(size)
-        delta[own] = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(own))) @ g
-        low, high = hypothesis.bounds
-        for share in STEP_SHARES:
-            moved = hypothesis.at(np.clip(hypothesis.flat() + share * delta * hypothesis.steps, low, high))
-            gained = _gain(gains(e.log_likelihood(e.residual(moved.world()), scales), before), e)
-            if gained > best.gain:
-                best = Screened(gained, effect, moved)
-            elif gained > begin:
-                break
-        return best
+    def _judged(self, present: Candidate, promising: Screened) -> Candidate:
+        near = present.evidence.renewed(promising.start.world(), refine=4, restarts=1) if promising.far else None
+        return self.judge.judged(present, promising.effect, promising.start, near=near)
 
     def _belongs(self, first: Candidate, present: Candidate, each: Candidate) -> bool:
         """Whether an effect's gain is significant, and matters."""
@@ -413,7 +339,7 @@ class Search:
             assert other.effect is not None
             if {effect.name for effect in other.hypothesis.effects} == company | {other.name}:
                 return other
-            return self._judged(without, self._screened(without, other.effect))
+            return self._judged(without, screened(self.judge, without, other.effect))
 
         out = [each for each in self.judge.each(judged, others) if self._alike(without, best, each)]
         out.sort(key=lambda each: -each.total)
@@ -439,11 +365,6 @@ def _swapped(hypothesis: Hypothesis, name: str, other: Candidate) -> Hypothesis:
 
 def _without(judge: Judge, present: Candidate, name: str) -> Candidate:
     return judge.judged(present, None, present.hypothesis.minus(name), 5)
-
-
-def _gain(gain: Array, e: Evidence) -> float:
-    """Of windows (W,), by their weights, or by their number where contact shows more."""
-    return max(float(gain.sum()), float(gain @ e.windows.weights) / FLIGHT_WEIGHT)
 
 
 def _silent(text: str, share: float) -> None:
