@@ -18,12 +18,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.rotations import transform_inv
-from tossid.vision.factors import Noise, View, measurement_factor, view_factor
+from tossid.vision.factors import NO_FLAWS, Flaws, Noise, View, measurement_factor, view_factor
 from tossid.vision.initial import State, there
 from tossid.vision.layout import Distance, chain, limbs
 from tossid.vision.limbs import hinges_of, swing_limbs
 from tossid.vision.optimise import marginals_of, optimise
-from tossid.vision.priors import STEPS, Prior, body_key, calibrates, camera_key, clock_key, joint_key, priors, tag_key
+from tossid.vision.priors import (
+    STEPS,
+    Prior,
+    body_key,
+    calibrates,
+    camera_key,
+    clock_key,
+    joint_key,
+    print_key,
+    priors,
+    tag_key,
+)
 from tossid.vision.scene import Scene
 
 Array = NDArray[np.float64]
@@ -34,6 +45,8 @@ WINDOW = 3000
 """Time steps that are optimised at once."""
 EACH = 20
 """Of a longer recording, so many time steps of each tag and each camera, at least, calibrate these."""
+PRINT = 0.01
+"""By how much of its size a print is wider, higher, or twisted out of its plane, where that is to be found."""
 CLOCK = 0.002
 """How well a clock's offset is known before the graph [s]."""
 
@@ -100,6 +113,7 @@ def solve(
     covariances: bool = False,
     window: int = WINDOW,
     steps: Ints | None = None,
+    flaws: Flaws = NO_FLAWS,
 ) -> Solution:
     """Optimise all poses that the used sightings bear on.
 
@@ -108,6 +122,7 @@ def solve(
             for the covariances; the estimate itself keeps to the promise, which weighs against the priors.
         known: prior knowledge by key, by default that of the set-up. motion: during frames, by default none.
         covariances: whether to find them. steps: those to solve, by default all; the others are left as they are.
+        flaws: of tags' prints and images.
 
     Raises:
         SolverError: the optimisation ended in something that is no number.
@@ -118,12 +133,12 @@ def solve(
     steps = np.unique(scene.step[used]) if steps is None else steps
     solution = unsolved(state, motion.clock)
     if len(steps) <= window:
-        _batch(scene, solution, used, steps, known, motion, scale, covariances, statics=True)
+        _batch(scene, solution, used, steps, known, motion, flaws, scale, covariances, statics=True)
         return solution
     if calibrates(scene, known) or motion.free.any():
-        known, motion = _sampled(scene, solution, used, steps, known, motion, scale, window)
+        known, motion = _sampled(scene, solution, used, steps, known, motion, flaws, scale, window)
     for a in range(0, len(steps), window):
-        _batch(scene, solution, used, steps[a : a + window], known, motion, scale, covariances, statics=False)
+        _batch(scene, solution, used, steps[a : a + window], known, motion, flaws, scale, covariances, statics=False)
     return solution
 
 
@@ -134,12 +149,13 @@ def _sampled(
     steps: Ints,
     known: dict[int, Prior],
     motion: Motion,
+    flaws: Flaws,
     scale: float,
     window: int,
 ) -> tuple[dict[int, Prior], Motion]:
     """What a sample of steps tells of all that is static, as knowledge for the rest."""
     sample = _spread(scene, used, steps, window)
-    _batch(scene, solution, used, sample, known, motion, scale, True, statics=True)
+    _batch(scene, solution, used, sample, known, motion, flaws, scale, True, statics=True)
     known = dict(known) | dict(_learned(scene, solution))
     return known, Motion(motion.twist, solution.clock.copy(), _no(scene))
 
@@ -177,13 +193,14 @@ def _batch(
     steps: Ints,
     known: dict[int, Prior],
     motion: Motion,
+    flaws: Flaws,
     scale: float,
     covariances: bool,
     *,
     statics: bool,
 ) -> None:
     """Optimise some steps at once, into the solution; `statics`: also what is static."""
-    built = _build(scene, solution.state, used & np.isin(scene.step, steps), known, motion, statics=statics)
+    built = _build(scene, solution.state, used & np.isin(scene.step, steps), known, motion, flaws, statics=statics)
     values = optimise(built.graph, built.values)
     built.noise.scale = scale
     marginals = marginals_of(built.graph, values) if covariances and values.size() else None
@@ -203,6 +220,9 @@ def _batch(
     for root in range(len(scene.bodies)):
         if limbs(scene.bodies, root):
             swing_limbs(scene, solution, root, steps, values, marginals)
+    for i in range(len(scene.tags)):
+        if values.exists(print_key(i)):
+            state.prints[i] = values.atPoint3(print_key(i))
     for c in map(int, np.flatnonzero(motion.free)):
         if values.exists(clock_key(c)):
             solution.clock[c] = values.atDouble(clock_key(c))
@@ -211,9 +231,11 @@ def _batch(
 
 
 def _build(
-    scene: Scene, state: State, rows: Bools, known: dict[int, Prior], motion: Motion, *, statics: bool
+    scene: Scene, state: State, rows: Bools, known: dict[int, Prior], motion: Motion, flaws: Flaws, *, statics: bool
 ) -> _Built:
     built, half = _Built(), scene.half
+    built.noise.swell = flaws.swell
+    free = flaws.printed if statics else frozenset()
     T_world_rig, T_world_body = (
         state.at(index, scene.step) for index in (scene.rig[scene.camera], scene.body[scene.tag])
     )
@@ -256,8 +278,14 @@ def _build(
                 (_joint(built, scene, state, b, step), hinge)
                 for b, hinge in zip(links, hinges_of(scene, links), strict=True)
             ),
+            scene.grow[group],
+            {
+                tag_key(int(i)): (state.prints[i], _print(built, int(i), state.prints[i]) if i in free else None)
+                for i in scene.tag[group]
+                if i in free or state.prints[i].any()
+            },
         )
-        if view.joints or any(key not in built.fixed for key in (*keys, *tags)):
+        if view.joints or free or any(key not in built.fixed for key in (*keys, *tags)):
             built.graph.add(view_factor(view, built.fixed, built.noise))
     for key, prior in known.items():
         if built.values.exists(key) and prior.cov is not None:
@@ -310,6 +338,16 @@ def _wiggled(built: _Built, key: int, c: int, step: int, T: Array, wiggle: tuple
 def _twist(motion: Motion, b: int, step: int) -> Array:
     twist = motion.twist[b]
     return np.asarray(twist[step if len(twist) > 1 else 0])
+
+
+def _print(built: _Built, i: int, first: Array) -> int:
+    """How a tag differs from a flat square of the stated size."""
+    key = print_key(i)
+    if not built.values.exists(key):
+        built.values.insert(key, first)
+        noise = gtsam.noiseModel.Isotropic.Sigma(3, PRINT)
+        built.graph.add(gtsam.PriorFactorPoint3(key, np.zeros(3), noise))
+    return key
 
 
 def _joint(built: _Built, scene: Scene, state: State, b: int, step: int) -> int:

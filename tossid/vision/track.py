@@ -15,8 +15,10 @@ from tossid.rotations import matrix_to_quat, quat_boxminus
 from tossid.types import Detection, PoseTrack
 from tossid.vision.believed import TrackSettings, believed_tree, pose_track
 from tossid.vision.camera import Camera
-from tossid.vision.checks import Suspect, check_set_up
+from tossid.vision.checks import BETTER, Suspect, check_set_up
 from tossid.vision.clocks import SAME, clock_offsets
+from tossid.vision.factors import NO_FLAWS, Flaws
+from tossid.vision.flaws import find_flaws, settled
 from tossid.vision.graph import Motion, Solution, solve, unsolved
 from tossid.vision.initial import Decisions, given, initialise, place, there
 from tossid.vision.layout import Body, TagLayout, articulated, body_tags, limbs
@@ -32,6 +34,8 @@ Bools = NDArray[np.bool_]
 DEFAULT = TrackSettings()
 CONFIRMED = 5.0
 """A clock's offset is one that is so many of its standard deviations from none."""
+PASSES = 6
+"""Most times that flaws of tags are looked for."""
 AMISS, AMISS_SHARE = 1.5, 0.02
 """Residuals over the noise, or share of sightings that contradict the others, at which the set-up is checked."""
 AS_PROMISED = 1.2
@@ -124,13 +128,14 @@ def _decisions(settings: TrackSettings) -> Decisions:
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """A scene solved: used (d,) sightings, scale of their noise, what was left out, what is suspect."""
+    """A scene solved: used (d,) sightings, scale of their noise, tags' flaws, what was left out, what is suspect."""
 
     scene: Scene
     solution: Solution
     errors: Errors
     used: Bools
     scale: float
+    flaws: Flaws
     dropped: Counter[str]
     suspects: list[Suspect]
 
@@ -166,16 +171,41 @@ def _solve(
         solution = solve(scene, state, used, known=known)
     else:  # each step's first poses are its best already
         solution = unsolved(state, np.zeros(len(scene.cameras)))
-    motion = None
     free = np.isin(np.arange(len(scene.cameras)), list(offsets))
+    plain = _settled(scene, known, settings, free, solution)
+    fit = _flawed(scene, known, settings, free, plain) or plain
+    suspects = check_set_up(scene, given(scene)) if _amiss(fit.errors, fit.used) else []
+    used = fit.used & np.isfinite(fit.errors.pixels)
+    if not fit.used.all():
+        dropped["contradicts the other tags"] = int(np.sum(~fit.used))
+    scale = fit.errors.scale(scene, used)
+    told = scale if abs(np.log(scale)) > np.log(AS_PROMISED) else 1.0
+    solution = solve(
+        scene, fit.solution.state, used, scale=told, known=known, motion=fit.motion, flaws=fit.flaws, covariances=True
+    )
+    errors = reproject(scene, solution.state, fit.motion, swell=fit.flaws.swell)
+    return _Solved(scene, solution, errors, used, scale, fit.flaws, dropped, suspects)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Poses of the sightings used (d,), how bodies move while frames of a step differ, and flaws taken into account."""
+
+    solution: Solution
+    used: Bools
+    motion: Motion | None
+    errors: Errors
+    flaws: Flaws
+
+
+def _settled(scene: Scene, known: dict[int, Prior], settings: TrackSettings, free: Bools, solution: Solution) -> _Fit:
+    """First poses solved anew until nothing contradicts them."""
+    used, motion = np.ones(len(scene.step), dtype=bool), None
     for _ in range(3):
         motion = _motion(scene, solution, settings, free)
-        errors = reproject(scene, solution.state, motion)
-        outlier = _outliers(scene, errors, used, settings)
+        outlier = _outliers(scene, reproject(scene, solution.state, motion), used, settings)
         if not outlier.any() and motion is None:
             break
-        if outlier.any():
-            dropped["contradicts the other tags"] += int(outlier.sum())
         used &= ~outlier
         # steps that share nothing unknown are solved anew only where something was left out
         alone = motion is None and not calibrates(scene, known)
@@ -183,13 +213,25 @@ def _solve(
         solution = solve(scene, solution.state, used, known=known, motion=motion, steps=changed)
         if not outlier.any() and not free.any():
             break
-    errors = reproject(scene, solution.state, motion)
-    suspects = check_set_up(scene, given(scene)) if _amiss(errors, used) else []
-    used &= np.isfinite(errors.pixels)
-    scale = errors.scale(scene, used)
-    told = scale if abs(np.log(scale)) > np.log(AS_PROMISED) else 1.0
-    solution = solve(scene, solution.state, used, scale=told, known=known, motion=motion, covariances=True)
-    return _Solved(scene, solution, reproject(scene, solution.state, motion), used, scale, dropped, suspects)
+    return _Fit(solution, used, motion, reproject(scene, solution.state, motion), NO_FLAWS)
+
+
+def _flawed(scene: Scene, known: dict[int, Prior], settings: TrackSettings, free: Bools, plain: _Fit) -> _Fit | None:
+    """The same with what flaws the residuals show taken into account, if that explains much of them."""
+    flaws, errors, fit = NO_FLAWS, plain.errors, plain
+    used = np.ones(len(scene.step), dtype=bool)
+    for _ in range(PASSES):
+        outlier = _outliers(scene, errors, used, settings)
+        used = used & ~outlier
+        before, flaws = flaws, find_flaws(scene, errors, used, flaws)
+        if flaws == NO_FLAWS or (settled(before, flaws) and not outlier.any()):
+            break
+        solution = solve(scene, fit.solution.state, used, known=known, motion=fit.motion, flaws=flaws)
+        motion = _motion(scene, solution, settings, free)
+        errors = reproject(scene, solution.state, motion, swell=flaws.swell)
+        fit = _Fit(solution, used, motion, errors, flaws)
+    explained = fit.errors.scale(scene, fit.used) < BETTER * plain.errors.scale(scene, plain.used)
+    return fit if fit is not plain and explained else None
 
 
 def _amiss(errors: Errors, used: Bools) -> bool:
@@ -291,6 +333,7 @@ def _tracked(
         dropped_tags=dropped,
         clocks=clocks,
         suspects=suspects,
+        flaws=solved.flaws,
     )
     cameras, layout = found(scene, solution, layout)
     return Tracked(tracks, cameras, layout, frames, report)
