@@ -43,6 +43,8 @@ Bools = NDArray[np.bool_]
 
 WINDOW = 3000
 """Time steps that are optimised at once."""
+ALONE = 60
+"""As many where steps share nothing unknown: the slowest of them says how often all of them are linearised."""
 EACH = 20
 """Of a longer recording, so many time steps of each tag and each camera, at least, calibrate these."""
 PRINT = 0.01
@@ -114,6 +116,7 @@ def solve(
     window: int = WINDOW,
     steps: Ints | None = None,
     flaws: Flaws = NO_FLAWS,
+    solved: bool = False,
 ) -> Solution:
     """Optimise all poses that the used sightings bear on.
 
@@ -122,7 +125,7 @@ def solve(
             for the covariances; the estimate itself keeps to the promise, which weighs against the priors.
         known: prior knowledge by key, by default that of the set-up. motion: during frames, by default none.
         covariances: whether to find them. steps: those to solve, by default all; the others are left as they are.
-        flaws: of tags' prints and images.
+        flaws: of tags' prints and images. solved: the poses are the best already; only covariances are to be found.
 
     Raises:
         SolverError: the optimisation ended in something that is no number.
@@ -132,13 +135,16 @@ def solve(
     motion = still if motion is None else motion
     steps = np.unique(scene.step[used]) if steps is None else steps
     solution = unsolved(state, motion.clock)
+    together = calibrates(scene, known) or motion.free.any()
+    window = window if together else min(window, ALONE)
     if len(steps) <= window:
-        _batch(scene, solution, used, steps, known, motion, flaws, scale, covariances, statics=True)
+        _batch(scene, solution, used, steps, known, motion, flaws, scale, covariances, statics=True, solved=solved)
         return solution
-    if calibrates(scene, known) or motion.free.any():
+    if together:
         known, motion = _sampled(scene, solution, used, steps, known, motion, flaws, scale, window)
     for a in range(0, len(steps), window):
-        _batch(scene, solution, used, steps[a : a + window], known, motion, flaws, scale, covariances, statics=False)
+        own = steps[a : a + window]
+        _batch(scene, solution, used, own, known, motion, flaws, scale, covariances, statics=False, solved=solved)
     return solution
 
 
@@ -198,10 +204,11 @@ def _batch(
     covariances: bool,
     *,
     statics: bool,
+    solved: bool = False,
 ) -> None:
-    """Optimise some steps at once, into the solution; `statics`: also what is static."""
+    """Optimise some steps at once, into the solution; `statics`: also what is static. `solved`: as in `solve`."""
     built = _build(scene, solution.state, used & np.isin(scene.step, steps), known, motion, flaws, statics=statics)
-    values = optimise(built.graph, built.values)
+    values = built.values if solved else optimise(built.graph, built.values)
     built.noise.scale = scale
     marginals = marginals_of(built.graph, values) if covariances and values.size() else None
     state = solution.state

@@ -103,22 +103,38 @@ def track_scene(
     Raises:
         InputError: a detection of an unknown camera; nothing that can be placed; too few poses for a track.
     """
-    offsets = _offsets(detections, cameras, layout, settings) if settings.clocks else {}
-    solved = _solve(detections, cameras, layout, settings, offsets)
+    as_stamped = _observed(detections, cameras, layout, {})
+    offsets = _offsets(as_stamped.scene, settings) if settings.clocks else {}
+    solved = _solve(_observed(detections, cameras, layout, offsets) if offsets else as_stamped, settings, offsets)
     while True:  # an offset that the graph does not confirm is none
         clocks = solved.clocks(offsets)
         sure = {c: offset for c, offset in offsets.items() if abs(clocks[c][0]) > max(SAME, CONFIRMED * clocks[c][1])}
         if len(sure) == len(offsets):
             return _tracked(solved, settings, layout, name, {cameras[c].name: found for c, found in clocks.items()})
         offsets = sure
-        solved = _solve(detections, cameras, layout, settings, offsets)
+        solved = _solve(_observed(detections, cameras, layout, offsets) if offsets else as_stamped, settings, offsets)
 
 
-def _offsets(
-    detections: Sequence[Detection], cameras: Sequence[Camera], layout: TagLayout, settings: TrackSettings
-) -> dict[int, float]:
+@dataclass(frozen=True, eq=False)
+class _Observed:
+    """A scene, and what of its detections was left out."""
+
+    scene: Scene
+    dropped: Counter[str]
+
+
+def _observed(
+    detections: Sequence[Detection], cameras: Sequence[Camera], layout: TagLayout, offsets: dict[int, float]
+) -> _Observed:
+    """The scene of the detections with the offsets of clocks taken off [s], by camera's number."""
+    late = {cameras[c].name: offset for c, offset in offsets.items()}
+    dropped: Counter[str] = Counter()
+    shifted = [replace(d, t=d.t - late[d.camera]) if d.camera in late else d for d in detections]
+    return _Observed(observe(shifted, cameras, layout, dropped=dropped), dropped)
+
+
+def _offsets(scene: Scene, settings: TrackSettings) -> dict[int, float]:
     """By how much cameras' clocks are late [s], by number."""
-    scene = observe(detections, cameras, layout, dropped=Counter())
     return clock_offsets(scene, given(scene), decisions=_decisions(settings))
 
 
@@ -145,18 +161,9 @@ class _Solved:
         return {c: (offset + float(found[c]), float(sigma[c])) for c, offset in offsets.items()}
 
 
-def _solve(
-    detections: Sequence[Detection],
-    cameras: Sequence[Camera],
-    layout: TagLayout,
-    settings: TrackSettings,
-    offsets: dict[int, float],
-) -> _Solved:
+def _solve(observed: _Observed, settings: TrackSettings, offsets: dict[int, float]) -> _Solved:
     """First poses, the graph, outliers left out, the graph again with covariances."""
-    late = {cameras[c].name: offset for c, offset in offsets.items()}
-    dropped: Counter[str] = Counter()
-    shifted = [replace(d, t=d.t - late[d.camera]) if d.camera in late else d for d in detections]
-    scene = observe(shifted, cameras, layout, dropped=dropped)
+    scene, dropped = observed.scene, observed.dropped.copy()
     decisions = _decisions(settings)
     state = initialise(scene, decisions=decisions)
     known = priors(scene) | {tag_key(i): Prior(np.eye(4), None) for i in state.gauge}
@@ -180,8 +187,17 @@ def _solve(
         dropped["contradicts the other tags"] = int(np.sum(~fit.used))
     scale = fit.errors.scale(scene, used)
     told = scale if abs(np.log(scale)) > np.log(AS_PROMISED) else 1.0
+    alone = fit.motion is None and not calibrates(scene, known)
     solution = solve(
-        scene, fit.solution.state, used, scale=told, known=known, motion=fit.motion, flaws=fit.flaws, covariances=True
+        scene,
+        fit.solution.state,
+        used,
+        scale=told,
+        known=known,
+        motion=fit.motion,
+        flaws=fit.flaws,
+        covariances=True,
+        solved=hangs and alone and bool((used == fit.used).all()),
     )
     errors = reproject(scene, solution.state, fit.motion, swell=fit.flaws.swell)
     return _Solved(scene, solution, errors, used, scale, fit.flaws, dropped, suspects)
