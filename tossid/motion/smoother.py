@@ -45,7 +45,7 @@ BATCH = 64
 """Tracks smoothed together; the first batch, drawn evenly, gives the density in flight."""
 SEARCH_PASSES, DENSITY_PASSES, FINAL_PASSES = 6, 8, 6
 """Passes that find the contact intervals, then the density in contact, and that follow with both densities in place."""
-NU = 2.0
+NU = 3.0
 """Degrees of freedom of the accelerations in contact: heavy tails, as impacts and lying still are both common."""
 S_CONTACT = 0.3
 """[m²/s³] their density between impacts, where contact is looked for: at 148 Hz the velocity changes by 0.7 g h in an
