@@ -243,16 +243,15 @@ def _build(
     built, half = _Built(), scene.half
     built.noise.swell = flaws.swell
     free = flaws.printed if statics else frozenset()
-    T_world_rig, T_world_body = (
-        state.at(index, scene.step) for index in (scene.rig[scene.camera], scene.body[scene.tag])
-    )
-    rows = rows & there(state.camera)[scene.camera] & there(state.tag)[scene.tag]
-    rows &= there(T_world_rig) & there(T_world_body)
+    index = np.flatnonzero(rows)
+    step_of, camera_of, body_of = scene.step[index], scene.camera[index], scene.body[scene.tag[index]]
+    placed = there(state.camera)[camera_of] & there(state.tag)[scene.tag[index]]
+    placed &= there(state.at(scene.rig[camera_of], step_of)) & there(state.at(body_of, step_of))
     chains = [chain(scene.bodies, b) for b in range(len(scene.bodies))]
     for b, (root, links) in enumerate(chains):
         for link in (root, *links) if links else ():  # nothing without what it hangs on
-            rows &= there(state.world[link])[scene.step] | (scene.body[scene.tag] != b)
-    for group in _views(scene, rows):
+            placed &= there(state.world[link][step_of]) | (body_of != b)
+    for group in _views(scene, index[placed]):
         first = group[0]
         c, step = int(scene.camera[first]), int(scene.step[first])
         rig, body = int(scene.rig[c]), int(scene.body[scene.tag[first]])
@@ -304,9 +303,8 @@ def _build(
     return built
 
 
-def _views(scene: Scene, rows: Bools) -> list[Ints]:
+def _views(scene: Scene, index: Ints) -> list[Ints]:
     """Rows of each (step, camera, body)."""
-    index = np.flatnonzero(rows)
     if not len(index):
         return []
     body = scene.body[scene.tag[index]]
