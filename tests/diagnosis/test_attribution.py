@@ -15,7 +15,8 @@ from tossid.diagnosis.judging import one_sided
 from tossid.diagnosis.whitening import linearise
 from tossid.diagnosis.windows import make_windows
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, Effect, Recording, World
+from tossid.physics.effects import LIBRARY, Effect, Forces, Recording, World
+from tossid.physics.forces import DRAG
 from tossid.types import Phase
 
 __all__ = ["cube"]
@@ -90,6 +91,20 @@ def test_an_effect_out_of_the_library_does_not_explain(cube: ObjectModel) -> Non
     found = diagnose(seen(truth, cube, 14, seed=5), World(cube), library=library)
     assert found.verdict != "explained"
     assert found.gap_closed.value < 0.6
+
+
+def test_a_drag_of_another_power_has_no_name(cube: ObjectModel) -> None:
+    """Its nearest in the library closes most of the gap, and is not it."""
+    library = [NAMES[name] for name in ("linear_drag", "quadratic_drag", "gravity", "com_offset")]
+    for power, named in ((2.0, ()), (1.0, ("quadratic_drag",))):
+        forces = Forces(linear=0.12, powered=DRAG, power=power)
+        found = diagnose(seen(World(cube, forces=forces), cube, 16, seed=7), World(cube), library=library)
+        assert found.named == named
+        assert (found.verdict == "unexplained") == (not named)
+        for name, further in found.other_laws:
+            assert (name, found.unexplained[0].name) == ("quadratic_drag", "flight")
+            assert further.low < 1.0 < further.high
+    assert not found.other_laws
 
 
 def test_recording_effects_move_what_is_recorded(cube: ObjectModel) -> None:

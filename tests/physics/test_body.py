@@ -120,3 +120,17 @@ def test_what_an_impact_does_hangs_on_no_grid_of_steps(cube: ObjectModel) -> Non
 
     for substeps in (8, 64):
         assert sways(substeps, 8) < 0.2 * sways(substeps, 1)
+
+
+@pytest.mark.parametrize("name", ["nominal", "soft", "cohesive"])
+def test_what_has_come_to_rest_stays_and_is_carried(cube: ObjectModel, name: str) -> None:
+    """The kernel ends a toss at rest; what it fills in is what steps would have come to."""
+    system = systems(cube)[name]._replace(residual=make_system(cube).residual, com=make_system(cube).com)
+    q = np.zeros((1, 7))
+    q[0, :4] = 0.0, 0.0, float(-cube.corner_pos[:, 2].min()), 1.0
+    out = simulate(system, q, np.array([[0.3, 0.2, -0.2, 0.0, 0.0, 0.5]]), n_steps=200, dt=DT)
+    weight = float(system.mass[0]) * 9.81 * DT
+    np.testing.assert_allclose(out.lam_n[0, 150:].sum(1), weight, rtol=1e-5)
+    np.testing.assert_allclose(out.lam_n[0, -1], out.lam_n[0, 150], rtol=1e-4)
+    assert np.abs(out.q[0, 150:] - out.q[0, -1]).max() < 1e-6
+    assert np.abs(out.v[0, 150:]).max() < 1e-4

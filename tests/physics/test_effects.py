@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from tossid.errors import InputError
 from tossid.objects import ObjectModel, load_object
 from tossid.physics import Simulation, make_system, simulate
 from tossid.physics.effects import LIBRARY, Forces, Law, Recording, World
+from tossid.physics.forces import DRAG, MAGNUS, SPIN, SPRING, TURNING, VORTEX
 from tossid.rotations import matrix_to_quat, quat_boxminus, quat_exp, quat_mul, quat_rotate, quat_to_matrix
 
 Array = NDArray[np.float64]
@@ -87,6 +89,14 @@ FLIGHTS = {
     "turning in wind": Forces(turning=2.0, linear=0.2, wind_x=3.0, wind_y=1.0),
     "all": Forces(0.1, 0.1, 0.002, 2.0, -1.0, 0.03, 0.3, -0.2, 0.5, 4.0, 0.3, 0.2, 1.0, 2.0, 1.5),
 }
+POWERED = {
+    "drag": Forces(linear=0.05, wind_x=1.0, powered=DRAG, power=2.0),
+    "spin": Forces(spin=4e-4, powered=SPIN, power=1.0),
+    "magnus": Forces(magnus=0.05, powered=MAGNUS, power=-0.5),
+    "spring": Forces(spring=8.0, center_z=1.0, powered=SPRING, power=-1.0),
+    "vortex": Forces(vortex=3.0, powered=VORTEX, power=1.0),
+    "turning": Forces(turning=1.0, powered=TURNING, power=1.0),
+}
 START = [0.2, -0.1, 3.0, 1.0, 0.0, 0.0, 0.0]
 SPEED = [1.2, -0.8, 2.0, 6.0, -4.0, 8.0]
 
@@ -97,20 +107,25 @@ def derivative(forces: Forces, mass: float, inertia: Array, y: Array) -> Array:
     p, quat, u, w = y[:3], y[3:7] / np.linalg.norm(y[3:7]), y[7:10], y[10:]
     omega = quat_rotate(quat, w)
     air = u - np.array([f.wind_x, f.wind_y, 0.0])
+    to_center = np.array([f.center_x, f.center_y, f.center_z]) - p
+    states = {DRAG: air, SPIN: w, MAGNUS: w, SPRING: to_center, VORTEX: p[:2], TURNING: u}
+    grown = dict.fromkeys(states, 1.0)
+    if f.powered in states:
+        grown[int(f.powered)] = np.linalg.norm(states[int(f.powered)]) ** f.power
     force = (
-        -(f.linear + f.quadratic * np.linalg.norm(air)) * air
-        + f.magnus * np.cross(omega, air)
+        -(f.linear + f.quadratic * np.linalg.norm(air)) * grown[DRAG] * air
+        + f.magnus * grown[MAGNUS] * np.cross(omega, air)
         + [f.x, f.y, f.z]
-        + f.spring * (np.array([f.center_x, f.center_y, f.center_z]) - p)
-        + f.vortex * np.cross([0, 0, 1.0], p)
-        + mass * f.turning * np.cross([0, 0, 1.0], u)
+        + f.spring * grown[SPRING] * to_center
+        + f.vortex * grown[VORTEX] * np.cross([0, 0, 1.0], p)
+        + mass * f.turning * grown[TURNING] * np.cross([0, 0, 1.0], u)
     )
     a, b, c, d = quat
     x, y_, z = w
     rate = 0.5 * np.array(
         [-b * x - c * y_ - d * z, a * x + c * z - d * y_, a * y_ + d * x - b * z, a * z + b * y_ - c * x]
     )
-    spin = np.linalg.solve(inertia, -f.spin * w - np.cross(w, inertia @ w))
+    spin = np.linalg.solve(inertia, -f.spin * grown[SPIN] * w - np.cross(w, inertia @ w))
     return np.concatenate([u, rate, force / mass - [0, 0, 9.81], spin])
 
 
@@ -142,6 +157,20 @@ def test_flight_follows_the_equations_of_motion(cube: ObjectModel, name: str) ->
     assert errors[1] < 1e-4 * change
     # second order: an eighth of the step, a sixty-fourth of the error (or rounding)
     assert errors[1] < max(errors[0] / 40, 1e-9)
+
+
+@pytest.mark.parametrize("name", POWERED)
+def test_a_force_may_grow_with_another_power(cube: ObjectModel, name: str) -> None:
+    forces = POWERED[name]
+    ends = []
+    for each in (forces, forces._replace(power=0.0)):
+        right = partial(derivative, each, float(cube.mass[0]), cube.inertia[0])
+        ends.append(solve_ivp(lambda t, y, f=right: f(y), (0.0, 0.5), START + SPEED, rtol=1e-11, atol=1e-12).y[:, -1])
+    done = run(World(cube, forces=forces), START, SPEED, seconds=0.5, substeps=8, dt=0.01)
+    state = np.concatenate([done.q[0, -1], done.v[0, -1]])
+    state[3:7] *= np.sign(state[3:7] @ ends[0][3:7])
+    assert np.abs(ends[0] - ends[1]).max() > 0.01
+    assert np.abs(state - ends[0]).max() < 1e-2 * np.abs(ends[0] - ends[1]).max()
 
 
 def test_forces_act_at_the_centre_of_mass(cube: ObjectModel) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from tossid.diagnosis.engines import Engine
-from tossid.diagnosis.findings import Contact, Diagnosis, Finding, Interval, Verdict
+from tossid.diagnosis.findings import Contact, Diagnosis, Finding, Interval, Share, Verdict
 from tossid.diagnosis.fitting import Fitted, Hypothesis, derivatives, toss_sums
 from tossid.diagnosis.gap import Floor, measure_gap, noise_floor, rollout_errors, share_left
 from tossid.diagnosis.judging import Candidate, Judge, folds
@@ -24,7 +24,7 @@ from tossid.diagnosis.search import Found, Search
 from tossid.diagnosis.windows import LENGTH, make_windows
 from tossid.diagnosis.witnesses import witnesses
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, Effect, World
+from tossid.physics.effects import LIBRARY, OTHER_LAWS, POWER, Effect, World
 from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
@@ -35,7 +35,9 @@ FLOOR_REACHED = 1.03
 CUTS = ((LENGTH // 4, 1.0), (LENGTH // 2, -1.0), (3 * LENGTH // 4, 1.0))
 """Frames by which tosses are cut elsewhere, and to which side fits begin."""
 ASIDE = 0.1
-"""By how much fits begin elsewhere, over what a parameter differs from its nominal value."""
+"""By how much fits begin elsewhere, over what a parameter differs from its nominal value,"""
+ASIDE_IN_FLIGHT = 2.0
+"""and, of what acts in flight, over its standard error."""
 
 
 def diagnose(
@@ -81,14 +83,18 @@ def _cut_elsewhere(
     windows, and their standard deviations (P,).
 
     Contact makes the likelihood rough, and where on it a fit ends hangs on where it began: each begins somewhere else,
-    to either side of what was found.
+    to either side of what was found. What flight has shown is near where it belongs: moved far away, it would be held
+    there by first states in contact that suit it.
     """
     present = found.present
     if not present.hypothesis.effects:
         return found, None
     flat = present.hypothesis.flat()
     nothing = np.concatenate([effect.nominal(present.hypothesis.base) for effect in present.hypothesis.effects])
-    way = ASIDE * np.random.default_rng(len(flat)).choice([-1.0, 1.0], len(flat)) * (flat - nothing)
+    flies = [Phase.FLIGHT in effect.phases for effect in present.hypothesis.effects for _ in effect.parameters]
+    error = np.sqrt(np.maximum(np.diag(present.fitted.covariance()), 0.0))
+    way = np.where(flies, ASIDE_IN_FLIGHT * error, ASIDE * (flat - nothing))
+    way *= np.random.default_rng(len(flat)).choice([-1.0, 1.0], len(flat))
 
     def fitted(cut: tuple[int, float]) -> Array:
         skip, side = cut
@@ -143,13 +149,23 @@ def _report(
     floor = noise_floor(present, judge, seed=seed)
     gap = measure_gap(tosses, first, judge, floor)
     left = measure_gap(tosses, present, judge, floor) if present.hypothesis.effects else gap
-    named = tuple(sorted((e.name for e in present.hypothesis.effects), key=lambda name: -found.needed[name].total))
+    inside = [e.name for e in present.hypothesis.effects if e.name not in found.other_laws]
+    named = tuple(sorted(inside, key=lambda name: -found.needed[name].total))
     closed, unexplained = share_left(first, present, judge, floor)
+    if found.other_laws:
+        flown = _closed_by_flown(judge, found, floor)
+        other = Interval(
+            *(sum(getattr(flown[name], end) for name in found.other_laws) for end in ("value", "low", "high"))
+        )
+        closed = Interval(*(getattr(closed, end) - other.value for end in ("value", "low", "high")))
+        unexplained = (Share("flight", other), *(share for share in unexplained if share.name != "flight"))
     verdict: Verdict
     if not named:
         nothing = gap.total.value < 1.15 * gap.noise_floor or gap.total.low < gap.noise_floor
-        verdict = "no_gap" if nothing else "unexplained"
-    elif left.total.value < FLOOR_REACHED * left.noise_floor or (closed.value > 0.9 and not unexplained):
+        verdict = "no_gap" if nothing and not found.other_laws else "unexplained"
+    elif not found.other_laws and (
+        left.total.value < FLOOR_REACHED * left.noise_floor or (closed.value > 0.9 and not unexplained)
+    ):
         verdict = "explained"
     else:
         verdict = "partly_explained" if closed.value > 0.5 else "unexplained"
@@ -167,8 +183,16 @@ def _report(
         seconds=time.perf_counter() - started,
         alternatives=found.swapped,
         contact=_contact(judge, found),
+        other_laws=_other_laws(found, n),
         place=located(tosses, first, present, gap, left, seed=seed),
         witnesses=witnesses(unseen or tosses, first.hypothesis.world(), present.hypothesis.world()),
+    )
+
+
+def _other_laws(found: Found, n: int) -> tuple[tuple[str, Interval], ...]:
+    """Effects whose force has another law, and by what further power of its state it grows."""
+    return tuple(
+        (name, intervals(each.fitted, n)[OTHER_LAWS[name].name][POWER]) for name, each in found.other_laws.items()
     )
 
 

@@ -32,6 +32,10 @@ LIFTING = 1e-4
 """[m] `Law.lifting` of tosses that follow the relaxed law."""
 NEAR_RIGID_SUBSTEPS = 17
 """MuJoCo steps a frame of near-rigid contact; 135 give differences that are the same to a few percent."""
+MOVED = 0.2
+"""Share of an engine's difference by which our predictions may move, and it is still taken for the same,"""
+SAME = 0.3
+"""and standard deviations of poses by which they may move in any case."""
 LARGEST = 1e3
 """[m] beyond which a motion counts as lost."""
 _ROWS_AT_ONCE = 1_000_000
@@ -82,6 +86,23 @@ class MujocoWorld:
 
 
 @dataclass(frozen=True)
+class Difference:
+    """How another engine's predictions of windows differ from ours.
+
+    values (W, L, 6): the difference; expected: how many times it is in the misses, on average. ours (W, L, 6): our
+    misses, of the same rigid contact, where it was taken.
+    """
+
+    values: Array
+    expected: float
+    ours: Array
+
+    def rows(self, index: NDArray[np.int64]) -> Difference:
+        """That of some windows."""
+        return Difference(self.values[index], self.expected, self.ours[index])
+
+
+@dataclass(frozen=True)
 class Engine:
     """The other engine. model: a MuJoCo model that is asked about, with the world that it is read as; None: MuJoCo
     with contact as rigid as it bears, of whatever body and ground are at hand."""
@@ -94,30 +115,48 @@ class Engine:
         """The mean of c."""
         return 0.0 if self.model is None else 1.0
 
-    def difference(self, windows: Windows, world: World, *, n_threads: int = 1) -> Array:
-        """(W, L, 6) its predictions less ours, from the windows' states of linearisation; 0 where it gave up."""
+    def difference(
+        self, windows: Windows, world: World, known: Difference | None = None, *, n_threads: int = 1
+    ) -> Difference:
+        """Its predictions less ours, from the windows' states of linearisation; 0 where it gave up.
+
+        Args:
+            known: of a world and states near by, which stays where our own predictions have hardly moved.
+        """
         if self.model is None or self.world is None:
             ours = rigid(world)
             step = windows.dt / ours.recording.clock_rate / NEAR_RIGID_SUBSTEPS
-            model, theirs = scene(ours, step), ours
+            other = MujocoWorld(scene(ours, step), ours)
         else:
             # its own ground is in the model
-            model, ours = self.model, replace(self.world, recording=world.recording)
-            theirs = replace(ours, ground_height=0.0, ground_tilt=(0.0, 0.0))
-        out = np.zeros((*windows.inside.shape, 6))
+            ours = replace(self.world, recording=world.recording)
+            other = MujocoWorld(self.model, replace(ours, ground_height=0.0, ground_tilt=(0.0, 0.0)))
+        W, L = windows.inside.shape
+        values, misses = np.zeros((W, L, 6)), np.zeros((W, L, 6))
         # one free flight is as good as another, but for what a user's model has in it
-        asked = np.full(len(windows.steps), self.model is not None) | ~windows.free
+        asked = np.full(W, self.model is not None) | ~windows.free
         for some in (asked & (windows.steps <= LENGTH), asked & (windows.steps > LENGTH)):
             rows = np.flatnonzero(some)
+            if not len(rows):
+                continue
+            here = windows.rows(rows)
+            own = here.predicted(ours, n_threads=n_threads)
+            misses[rows] = here.misses(own)
+            if known is not None:
+                values[rows] = known.values[rows]
+                moved = (np.abs(misses[rows] - known.ours[rows]) / here.noise).max((1, 2))
+                anew = moved > np.maximum(SAME, MOVED * (np.abs(known.values[rows]) / here.noise).max((1, 2)))
+                misses[rows[~anew]] = known.ours[rows[~anew]]
+                rows, own = rows[anew], own[anew]
             if len(rows):
-                out[rows] = _difference(windows.rows(rows), MujocoWorld(model, theirs), ours, n_threads)
-        return out
+                values[rows] = _difference(windows.rows(rows), own, other, n_threads)
+        return Difference(values, self.expected, misses)
 
 
-def _difference(windows: Windows, other: MujocoWorld, ours: World, n_threads: int) -> Array:
+def _difference(windows: Windows, own: Array, other: MujocoWorld, n_threads: int) -> Array:
+    """(W, L, 6) of windows, given our own predictions (W, F, 7)."""
     q, v, steps, dt = windows.at_q, windows.at_v, windows.steps, windows.dt
     theirs = other.roll_out(q, v, n_steps=steps, dt=dt, n_threads=n_threads)[:, 1:]
-    own = windows.predicted(ours, n_threads=n_threads)
     lost = ~(np.isfinite(own).all((1, 2)) & np.isfinite(theirs).all((1, 2)))
     out: Array = windows.misses(own) - windows.misses(theirs)
     out[lost] = 0.0

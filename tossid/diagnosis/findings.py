@@ -236,7 +236,8 @@ class Diagnosis:
     share of the first gap that is left there. hypothesis: the world with all of them, fitted to all tosses.
     contact: what the tosses follow most of Coulomb's law, its relaxation and a MuJoCo model's own; it is no effect.
     alternatives: the same with a confusable effect swapped in. place: where in the state and on the object.
-    witnesses: what tosses say of some effects without a simulator.
+    witnesses: what tosses say of some effects without a simulator. other_laws: effects that are in the hypothesis for
+    a force that grows with so much another power of its state than theirs; such a force has no name.
     """
 
     verdict: Verdict
@@ -254,6 +255,7 @@ class Diagnosis:
     contact: Contact = "coulomb"
     place: Place = field(default_factory=Place)
     witnesses: tuple[Witness, ...] = ()
+    other_laws: tuple[tuple[str, Interval], ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """gap.json but for next_toss and patch."""
@@ -286,6 +288,7 @@ class Diagnosis:
                 "gap_closed": self.gap_closed.as_json(),
                 "unexplained_share": max(0.0, 1.0 - self.gap_closed.value),
                 "unexplained_where": [{"phase": s.name, **_share(s)} for s in self.unexplained],
+                "other_laws": [{"like": name, "further_power": each.as_json()} for name, each in self.other_laws],
             },
             "steps": [step.as_json() for step in self.steps],
             "witnesses": [witness.as_json() for witness in self.witnesses],

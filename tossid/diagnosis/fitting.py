@@ -16,6 +16,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.diagnosis.engines import Difference
 from tossid.diagnosis.whitening import Whitening, linearise
 from tossid.diagnosis.windows import Windows
 from tossid.physics.effects import Effect, World
@@ -117,13 +118,13 @@ class Hypothesis:
 class Evidence:
     """Windows with their whitening, ready to judge worlds.
 
-    engines: as `linearise` has it, the difference to another engine and how often it is expected.
+    engines: the difference to another engine.
     """
 
     windows: Windows
     whitening: Whitening
     n_threads: int = 1
-    engines: tuple[Array, float] | None = None
+    engines: Difference | None = None
 
     def residual(self, world: World) -> Array:
         """(W, L, 6) whitened misses."""
@@ -132,7 +133,7 @@ class Evidence:
     def of_tosses(self, chosen: NDArray[np.bool_]) -> Evidence:
         """The windows of the tosses that are chosen (n_tosses,)."""
         rows = np.flatnonzero(chosen[self.windows.toss])
-        engines = None if self.engines is None else (self.engines[0][rows], self.engines[1])
+        engines = None if self.engines is None else self.engines.rows(rows)
         return Evidence(self.windows.rows(rows), self.whitening.rows(rows), self.n_threads, engines)
 
     def spread(self, scales: Array) -> Array:

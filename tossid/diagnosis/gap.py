@@ -12,7 +12,7 @@ from tossid.diagnosis.findings import Gap, Interval, Share, Step
 from tossid.diagnosis.fitting import CAP, N_PHASES, Evidence, student_deviance
 from tossid.diagnosis.judging import RESTARTS, Candidate, Judge
 from tossid.diagnosis.whitening import linearise
-from tossid.diagnosis.windows import Windows, make_windows, steps_of
+from tossid.diagnosis.windows import LENGTH, Windows, make_windows, steps_of
 from tossid.motion import flight_states
 from tossid.physics.effects import World
 from tossid.rotations import geodesic_angle, quat_exp, quat_mul
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 PHASES = (Phase.FLIGHT, Phase.IMPACT, Phase.SLIDE, Phase.ROLL, Phase.REST)
 CHANNELS = ("p_x", "p_y", "p_z", "r_x", "r_y", "r_z")
-LENGTHS = (5, 10, 20, 40)
+LENGTHS = (5, 10, LENGTH, 40)
 RESAMPLES = 500
 LEFT = 0.15
 """Share of a phase's first gap above which something is left there."""
@@ -83,7 +83,8 @@ def measure_gap(tosses: Sequence[Toss], state: Candidate, judge: Judge, floor: F
     middle = np.median(mean)
     far = middle + 8 * np.median(np.abs(mean - middle)) + 1.0
     odd = tuple(toss.name for toss, size in zip(tosses, mean, strict=True) if size > far)
-    lengths = tuple((length, _rms_of(tosses, length, state, judge), 1.0) for length in LENGTHS)
+    rms = {LENGTH: total.value} | {each: _rms_of(tosses, each, state, judge) for each in LENGTHS if each != LENGTH}
+    lengths = tuple((length, rms[length], 1.0) for length in LENGTHS)
     return Gap(total, floor.rms, tuple(share), tuple(channels), lengths, rows, odd)
 
 
@@ -118,7 +119,7 @@ def noise_floor(state: Candidate, judge: Judge, *, seed: int) -> Floor:
     q[:, 3:7] = quat_mul(w.at_q[:, 3:7], quat_exp(first[:, 3:]))
     made = replace(w, y=y, q=q, v=v, at_q=q, at_v=v)
     # the other engine's share is part of what windows may show, and here there is none
-    engines = None if e.engines is None else (e.engines[0], 0.0)
+    engines = None if e.engines is None else replace(e.engines, expected=0.0)
     kept, whitening = linearise(made, world, refine=6, restarts=RESTARTS, engines=engines, n_threads=judge.n_threads)
     r = Evidence(kept, whitening, judge.n_threads).residual(world)
     values, achieved, out = deviance(e, r), deviance(e, state.fitted.residual), np.zeros_like(r)

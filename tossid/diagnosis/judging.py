@@ -153,8 +153,8 @@ class Judge:
     def with_engine(self, evidence: Evidence, hypothesis: Hypothesis, restarts: int = RESTARTS) -> Evidence:
         """Evidence that knows what another engine makes of its windows, from first states that know it too."""
         world = hypothesis.world()
-        other = self.engine.difference(evidence.windows, world, n_threads=self.n_threads)
-        evidence = replace(evidence, engines=(other, self.engine.expected))
+        other = self.engine.difference(evidence.windows, world, evidence.engines, n_threads=self.n_threads)
+        evidence = replace(evidence, engines=other)
         return evidence.renewed(world, refine=2, restarts=restarts)
 
     def judged(

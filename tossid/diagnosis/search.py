@@ -10,21 +10,24 @@ joins if the gain is significant over tosses (signed ranks, Bonferroni over the 
 starts from there. A special case is preferred to what contains it. Effects that the others have made superfluous
 leave, after every round and at the end. Then what gained much in the round in which an effect joined is tried in its
 place, with everything else in: what is not clearly worse there is its confusable class.
+
+A force that flight shows has its name from the library's nearest. So each is tried with another power of its state: one
+that fits clearly better has another law, and no name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.fitting import Evidence, Hypothesis, derivatives, gains, student_deviance, toss_sums
+from tossid.diagnosis.fitting import Evidence, Hypothesis, student_deviance
 from tossid.diagnosis.judging import POLISH, Candidate, Judge, anywhere
-from tossid.diagnosis.windows import FLIGHT_WEIGHT
-from tossid.physics.effects import Effect
+from tossid.diagnosis.screening import Screened, screened
+from tossid.physics.effects import OTHER_LAWS, Effect
 from tossid.types import Phase
 
 Array = NDArray[np.float64]
@@ -52,10 +55,8 @@ CLASS_GAIN = 0.4
 MORE_GENERAL = 0.2
 """An effect that contains the best is in its class only if it is better at this level."""
 LARGEST_CLASS = 3
-SCREENING = 3
-"""Folds whose tosses screen what is far."""
-STEP_SHARES = (1.0, 0.3, 0.1, 0.03)
-"""Parts of a screening step that are tried: impacts are far from linear."""
+OTHER_POWER = 0.5
+"""By how much a force's power of its state differs at least from its law's, for the law to be another."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,8 @@ class Found:
     """What a search leaves. first: without effects. present: with all that joined and stayed. history: the hypotheses
     on the way, the first and the last among them. tried: effects by name, as judged in the first round, or when
     they joined. in_flight: the same of flight alone. needed: named effects, against the hypothesis without each.
-    classes: named effects, what could stand in for each. flown: how many of the named, the first, flight has shown."""
+    classes: named effects, what could stand in for each. flown: how many of the named, the first, flight has shown.
+    other_laws: effects that only stand in for a force of another law, each with its power of its state."""
 
     first: Candidate
     present: Candidate
@@ -73,6 +75,7 @@ class Found:
     needed: dict[str, Candidate]
     classes: dict[str, tuple[Candidate, ...]]
     flown: int = 0
+    other_laws: dict[str, Candidate] = field(default_factory=dict)
 
     def ending(self, present: Candidate) -> Found:
         """The same, with another last hypothesis."""
@@ -87,23 +90,13 @@ class Found:
 
 @dataclass(frozen=True)
 class Path:
-    """How rounds went: hypotheses on the way, what the first round tried, what gained much beside an effect (by name),
-    and the last hypothesis without each effect (none if nothing joined)."""
+    """How rounds went: hypotheses on the way, what the first round tried, what gained much in the round in which an
+    effect joined, and the last hypothesis without each effect (none if nothing joined)."""
 
     history: tuple[Candidate, ...]
     tried: dict[str, Candidate]
-    classes: dict[str, tuple[str, ...]]
+    classes: dict[str, tuple[Candidate, ...]]
     less: dict[str, Candidate]
-
-
-@dataclass(frozen=True)
-class Screened:
-    """Gain of an effect's step, the values there, and whether it was taken from a start far from nothing."""
-
-    gain: float
-    effect: Effect
-    start: Hypothesis
-    far: bool = False
 
 
 class Search:
@@ -138,7 +131,8 @@ class Search:
             needed_too, classes_too = contact._stand_ins(present, less, path.classes)
             needed, classes = {**needed, **needed_too}, {**classes, **classes_too}
         in_flight = {} if seen is None else seen.tried
-        return Found(first, present, tuple(history), path.tried, in_flight, needed, classes, len(flown))
+        others = {} if seen is None else {name: each for name, each in seen.other_laws.items() if name in needed}
+        return Found(first, present, tuple(history), path.tried, in_flight, needed, classes, len(flown), others)
 
     # ------------------------------------------------------------ what flight shows
 
@@ -153,7 +147,23 @@ class Search:
         first = search.judge.start(hypothesis)
         path = search._forward(first, [first])
         needed, classes = search._stand_ins(path.history[-1], path.less, path.classes)
-        return Found(first, path.history[-1], path.history, path.tried, {}, needed, classes)
+        others = search._of_other_laws(path.history[-1], classes)
+        classes = {name: () if name in others else group for name, group in classes.items()}
+        return Found(first, path.history[-1], path.history, path.tried, {}, needed, classes, 0, others)
+
+    def _of_other_laws(self, present: Candidate, classes: Mapping[str, Sequence[Candidate]]) -> dict[str, Candidate]:
+        """Effects whose force grows with another power of its state than theirs and than their classes', with the
+        power found."""
+        out = {}
+        for name in (effect.name for effect in present.hypothesis.effects if effect.name in OTHER_LAWS):
+            law = OTHER_LAWS[name]
+            each = self.judge.judged(present, law, present.hypothesis.plus(law))
+            level = LEVEL / len(self.library)
+            clear = each.p_value < level and each.total > 0
+            clear = clear and all(self.judge.better(each, other) < level for other in classes.get(name, ()))
+            if clear and abs(float(each.hypothesis.values_of(law.name)[0])) > OTHER_POWER:
+                out[name] = each
+        return out
 
     def _with_law(self, hypothesis: Hypothesis, seen: Found | None) -> Hypothesis:
         """The hypothesis, with Coulomb's law in place of its relaxation if an effect of contact explains more under it.
@@ -202,7 +212,7 @@ class Search:
     def _forward(self, first: Candidate, history: Sequence[Candidate], done: float = 0.0) -> Path:
         """Rounds from the last hypothesis of a history until no effect belongs."""
         history, present = list(history), history[-1]
-        classes: dict[str, tuple[str, ...]] = {}
+        classes: dict[str, tuple[Candidate, ...]] = {}
         tried: dict[str, Candidate] = {}
         less: dict[str, Candidate] = {}
         for turn in range(MOST_EFFECTS - len(present.hypothesis.effects)):
@@ -215,7 +225,7 @@ class Search:
                 break
             best = self._simplest(good)
             near = [each for each in fitted if each is not best and each.total > CLASS_GAIN * best.total]
-            classes[best.name] = tuple(each.name for each in sorted(near, key=lambda each: -each.total))
+            classes[best.name] = tuple(sorted(near, key=lambda each: -each.total))
             tried.setdefault(best.name, best)
             without = {best.name: replace(present, gain=-best.gain)}
             present, less = self._pruned(first, self._refreshed(best), without)
@@ -227,7 +237,7 @@ class Search:
         than another only if none of the others belongs."""
         inside = {effect.name for effect in present.hypothesis.effects}
         missing = [effect for effect in self.library if effect.name not in inside]
-        scored = self.judge.each(partial(self._screened, present), missing)
+        scored = self.judge.each(partial(screened, self.judge, present), missing)
         scored = [each for each in scored if each.gain > max(at_least, PROMISING)]
         scored = sorted(scored, key=lambda each: -each.gain)[:CANDIDATES]
         near = sum(each.gain > FAR_LESS * scored[0].gain for each in scored)
@@ -237,69 +247,9 @@ class Search:
             fitted += self.judge.each(judged, scored[near:])
         return fitted
 
-    def _judged(self, present: Candidate, screened: Screened) -> Candidate:
-        near = present.evidence.renewed(screened.start.world(), refine=4, restarts=1) if screened.far else None
-        return self.judge.judged(present, screened.effect, screened.start, near=near)
-
-    def _screened(self, present: Candidate, effect: Effect) -> Screened:
-        """The gain of a step of Gauss-Newton or a part of it, from nothing or from the best start.
-
-        First states are as they are for the present hypothesis, or as they are for a start, whichever suit: starts
-        are far from it, and are tried with some of the tosses.
-        """
-        now, whole = present.fitted, present.evidence
-        nothing = now.hypothesis.plus(effect)
-        base = whole.log_likelihood(now.residual, now.scales)
-        best = self._stepped(present, nothing, whole, base, 0.0)
-        if not effect.starts:
-            return best
-        some = np.any(self.judge.folds[:SCREENING], axis=0)
-        share, e0 = float(some.mean()), whole.of_tosses(some)
-        base = base[some[whole.windows.toss]]
-
-        def ll(e: Evidence, hypothesis: Hypothesis) -> Array:
-            return e.log_likelihood(e.residual(hypothesis.world()), now.scales)
-
-        here = dict(zip([p.name for p in effect.parameters], nothing.values[-1], strict=True))
-        tried = []
-        for start in effect.starts:
-            values = {**here, **start}
-            hypothesis = now.hypothesis.plus(effect, np.array([values[p.name] for p in effect.parameters]))
-            e = e0.renewed(hypothesis.world(), refine=2, anew=False)
-            tried.append((_gain(gains(ll(e, hypothesis), base), e), hypothesis, e))
-        _, hypothesis, e = max(tried, key=lambda each: each[0])
-        e = e.renewed(hypothesis.world(), refine=4, restarts=1)
-        before = np.maximum(base, ll(e, now.hypothesis))
-        begin = _gain(gains(np.maximum(ll(e0, hypothesis), ll(e, hypothesis)), before), e)
-        far = self._stepped(present, hypothesis, e, before, begin)
-        return replace(far, gain=far.gain / share, far=True) if far.gain / share > best.gain else best
-
-    def _stepped(
-        self, present: Candidate, hypothesis: Hypothesis, e: Evidence, before: Array, begin: float
-    ) -> Screened:
-        """The last effect of a hypothesis after the best part of a step of Gauss-Newton.
-
-        Args:
-            before: (W,) log-likelihoods of the present hypothesis; begin: gain over them without a step.
-        """
-        effect, scales = hypothesis.effects[-1], present.fitted.scales
-        best = Screened(max(begin, 0.0), effect, hypothesis)
-        size = len(hypothesis.flat())
-        own = list(range(size - len(effect.parameters), size))
-        residual = e.residual(hypothesis.world())
-        J = derivatives(e, hypothesis, residual, own)[..., own]
-        H, g = (each.sum(0) for each in toss_sums(e, residual, J, scales, self.judge.n))
-        delta = np.zeros(size)
-        delta[own] = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(own))) @ g
-        low, high = hypothesis.bounds
-        for share in STEP_SHARES:
-            moved = hypothesis.at(np.clip(hypothesis.flat() + share * delta * hypothesis.steps, low, high))
-            gained = _gain(gains(e.log_likelihood(e.residual(moved.world()), scales), before), e)
-            if gained > best.gain:
-                best = Screened(gained, effect, moved)
-            elif gained > begin:
-                break
-        return best
+    def _judged(self, present: Candidate, promising: Screened) -> Candidate:
+        near = present.evidence.renewed(promising.start.world(), refine=4, restarts=1) if promising.far else None
+        return self.judge.judged(present, promising.effect, promising.start, near=near)
 
     def _belongs(self, first: Candidate, present: Candidate, each: Candidate) -> bool:
         """Whether an effect's gain is significant, and matters."""
@@ -356,19 +306,18 @@ class Search:
     # ------------------------------------------------------------ classes
 
     def _stand_ins(
-        self, present: Candidate, less: Mapping[str, Candidate], classes: Mapping[str, Sequence[str]]
+        self, present: Candidate, less: Mapping[str, Candidate], classes: Mapping[str, Sequence[Candidate]]
     ) -> tuple[dict[str, Candidate], dict[str, tuple[Candidate, ...]]]:
         """Each effect that is not held against the hypothesis without it, and what of its class could still stand in
         for it."""
         inside = {effect.name for effect in present.hypothesis.effects}
-        others = {effect.name: effect for effect in self.library if effect.name not in inside}
         needed, found = {}, {}
         for effect in present.hypothesis.effects:
             if effect.name in self.judge.held:
                 continue
             gain = -less[effect.name].gain
             needed[effect.name] = replace(present, effect=effect, gain=gain, shown=self.judge.parts(gain))
-            rivals = [others[name] for name in classes.get(effect.name, ()) if name in others]
+            rivals = [each for each in classes.get(effect.name, ()) if each.name not in inside]
             found[effect.name] = self._rivals(less[effect.name], needed[effect.name], rivals)
         return needed, found
 
@@ -382,11 +331,15 @@ class Search:
         closes = (judge.of_tosses(_closed(before, each)).sum() for each in (other, best))
         return next(closes) > CLASS_SHARE * next(closes) or judge.better(best, other) > CLASS_LEVEL
 
-    def _rivals(self, without: Candidate, best: Candidate, others: Sequence[Effect]) -> tuple[Candidate, ...]:
+    def _rivals(self, without: Candidate, best: Candidate, others: Sequence[Candidate]) -> tuple[Candidate, ...]:
         """Which of its class could still stand in for an effect, with all others in."""
+        company = {effect.name for effect in without.hypothesis.effects}
 
-        def judged(other: Effect) -> Candidate:
-            return self._judged(without, self._screened(without, other))
+        def judged(other: Candidate) -> Candidate:
+            assert other.effect is not None
+            if {effect.name for effect in other.hypothesis.effects} == company | {other.name}:
+                return other
+            return self._judged(without, screened(self.judge, without, other.effect))
 
         out = [each for each in self.judge.each(judged, others) if self._alike(without, best, each)]
         out.sort(key=lambda each: -each.total)
@@ -412,11 +365,6 @@ def _swapped(hypothesis: Hypothesis, name: str, other: Candidate) -> Hypothesis:
 
 def _without(judge: Judge, present: Candidate, name: str) -> Candidate:
     return judge.judged(present, None, present.hypothesis.minus(name), 5)
-
-
-def _gain(gain: Array, e: Evidence) -> float:
-    """Of windows (W,), by their weights, or by their number where contact shows more."""
-    return max(float(gain.sum()), float(gain @ e.windows.weights) / FLIGHT_WEIGHT)
 
 
 def _silent(text: str, share: float) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dtrtri
 
+from tossid.diagnosis.engines import Difference
 from tossid.diagnosis.windows import Windows
 from tossid.errors import SolverError
 from tossid.physics.effects import World
@@ -65,7 +66,7 @@ def linearise(
     restarts: int = 0,
     near: Whitening | None = None,
     anew: bool = True,
-    engines: tuple[Array, float] | None = None,
+    engines: Difference | None = None,
     n_threads: int = 1,
 ) -> tuple[Windows, Whitening]:
     """First states as the windows' own frames tell them under this world, and the whitening there.
@@ -77,12 +78,11 @@ def linearise(
         near: the whitening of a world and states near by. Its derivatives spare those before the last; and those too
             in windows whose predictions are still the same.
         anew: whether the last are taken; if not, the whitening has the derivatives of `near`.
-        engines: how another engine's predictions of the same rigid contact differ (W, L, 6), and how many times
-            that is expected in the misses: the number is a nuisance of standard deviation 1.
+        engines: how another engine's predictions of the same rigid contact differ; how many times that is in the
+            misses is a nuisance of standard deviation 1.
     """
     W, L = windows.inside.shape
-    none = np.zeros((W, L, 6)), 0.0
-    other, center = engines or none
+    other, center = (np.zeros((W, L, 6)), 0.0) if engines is None else (engines.values, engines.expected)
     other = other.reshape(W, 6 * L)
     kept, miss, S, cost = _estimated(windows, world, (other, center), refine, near, n_threads)
     n = 6 * windows.inside.sum(1)

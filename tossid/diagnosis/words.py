@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from tossid.diagnosis.findings import Diagnosis, Finding, Interval, Relation, Share
+from tossid.physics.effects import OTHER_LAWS
 
 _UNITS = {
     "m": ("mm", 1e3),
@@ -90,6 +91,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.named:
         said.append(_how_far(diagnosis))
         said += _not_told_apart(diagnosis)
+    said += [_another_law(name, power) for name, power in diagnosis.other_laws]
     said.append(_what_is_left(diagnosis))
     if diagnosis.gap.odd:
         s = "" if len(diagnosis.gap.odd) == 1 else "s"
@@ -161,6 +163,14 @@ def _not_told_apart(diagnosis: Diagnosis) -> list[str]:
                 f"These tosses cannot tell {name} from {others}: it may be that instead. See the next toss below."
             )
     return said
+
+
+def _another_law(name: str, power: Interval) -> str:
+    grows, state = ("more" if power.value > 0 else "less"), OTHER_LAWS[name].says
+    return (
+        f"In flight there is a force like {name}, but it grows {grows} with {state}: by {power.value:+.1f} "
+        f"({power.low:+.1f} to {power.high:+.1f}) in the power. No effect of the library has that law."
+    )
 
 
 def _what_is_left(diagnosis: Diagnosis) -> str:

@@ -26,7 +26,9 @@ from tossid.physics.contact import (
     IMPACT_SPEED,
     MAX_ITERATIONS,
     MOST_STRIKES,
+    QUIET,
     RECOVERY_SPEED,
+    RESTING,
     STEADY,
     STRIKE,
     TANGENTIAL,
@@ -35,7 +37,7 @@ from tossid.physics.contact import (
     above_ground,
     solve_exact,
 )
-from tossid.physics.forces import damped, friction_of, hold, push
+from tossid.physics.forces import SPIN, damped, friction_of, grown, hold, push
 from tossid.physics.solvers.cone_qp import qp_solve
 from tossid.physics.solvers.workspace import LAM, MU, B
 
@@ -102,7 +104,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
             qs[toss, 0, i] = q0[toss, i]
         for i in range(6):
             vs[toss, 0, i] = v0[toss, i]
-        reached = 0
+        reached, quiet = 0, 0
         for step in range(n_steps[toss]):
             done, left = 0, 0
             rest, strikes = dt, 0
@@ -170,7 +172,10 @@ def simulate_body(  # type: ignore[no-untyped-def]
                 l2 = inertia[2, 0] * w0 + inertia[2, 1] * w1 + inertia[2, 2] * w2
                 t0, t1, t2 = w2 * l1 - w1 * l2, w0 * l2 - w2 * l0, w1 * l0 - w0 * l1
                 if forced:
-                    t0, t1, t2 = t0 - forces.spin * w0, t1 - forces.spin * w1, t2 - forces.spin * w2
+                    drag = forces.spin * grown(forces, SPIN, w0, w1, w2)
+                    t0, t1, t2 = t0 - drag * w0, t1 - drag * w1, t2 - drag * w2
+                    if forces.powered == SPIN:
+                        turn = damped(inertia, 0.5 * h * drag)
                 g0 = turn[0, 0] * t0 + turn[0, 1] * t1 + turn[0, 2] * t2
                 g1 = turn[1, 0] * t0 + turn[1, 1] * t1 + turn[1, 2] * t2
                 g2 = turn[2, 0] * t0 + turn[2, 1] * t1 + turn[2, 2] * t2
@@ -374,6 +379,9 @@ def simulate_body(  # type: ignore[no-untyped-def]
                     unsolved[toss] += 1
                 if residual > worst[toss]:
                     worst[toss] = residual
+                quiet += 1
+                if not touched or abs(x0) + abs(x1) + abs(x2) + abs(y0) + abs(y1) + abs(y2) > RESTING * tolerance:
+                    quiet = 0
                 left -= 1
                 if left <= 0:
                     done, left = done + 1, 0
@@ -387,6 +395,11 @@ def simulate_body(  # type: ignore[no-untyped-def]
             qs[toss, reached, 3], qs[toss, reached, 4], qs[toss, reached, 5], qs[toss, reached, 6] = a, b, d, e
             vs[toss, reached, 0], vs[toss, reached, 1], vs[toss, reached, 2] = v_0, v_1, v_2
             vs[toss, reached, 3], vs[toss, reached, 4], vs[toss, reached, 5] = w0, w1, w2
+            if quiet >= QUIET:  # it stays where it is, by the same impulses
+                for rest in range(reached, n_steps[toss]):
+                    for c in range(nc):
+                        lam_n[toss, rest, c] = warm[c, 0] * dt / loaded
+                break
         for rest in range(reached + 1, qs.shape[1]):
             for i in range(7):
                 qs[toss, rest, i] = qs[toss, reached, i]

@@ -30,6 +30,10 @@ Array = NDArray[np.float64]
 
 _jit = numba.njit(cache=True, error_model="numpy", nogil=True)
 
+NONE, DRAG, SPIN, MAGNUS, SPRING, VORTEX, TURNING = range(7)
+"""`Forces.powered`."""
+LEAST = 1e-6
+"""Of a state, whose power would be infinite at 0."""
 ADHESION_REACH = 5e-4
 """Height [m] up to which a corner is held by adhesion."""
 
@@ -41,6 +45,9 @@ class Forces(NamedTuple):
     -c omega. wind_x, wind_y [m/s]. magnus [N s²/m]: c omega x w. x, y, z [N]: a uniform force. spring [N/m]
     towards (center_x, center_y, center_z) [m]. vortex [N/m]: c e_z x p. turning [1/s]: m c e_z x u, as in a frame
     that turns at -c/2.
+    power: one of them (`powered`) grows with this further power of what it depends on, in SI: drag with speed in
+    the wind (DRAG), spin drag and Magnus's force with spin (SPIN, MAGNUS), the spring with its length (SPRING), the
+    vortex with the distance from its axis (VORTEX), turning with speed (TURNING).
     """
 
     linear: float = 0.0
@@ -58,11 +65,15 @@ class Forces(NamedTuple):
     center_z: float = 0.0
     vortex: float = 0.0
     turning: float = 0.0
+    powered: float = 0.0
+    power: float = 0.0
 
     @property
     def acts(self) -> bool:
         """Whether anything pulls; wind and the spring's centre alone do not."""
         rest = Forces(
+            powered=self.powered,
+            power=self.power,
             wind_x=self.wind_x,
             wind_y=self.wind_y,
             center_x=self.center_x,
@@ -100,7 +111,7 @@ class Law(NamedTuple):
 
 
 def forces_of(numbers: Array) -> Forces:
-    """Forces from their numbers in order (15,), none of an empty array."""
+    """Forces from their numbers in order (17,), none of an empty array."""
     return Forces(*map(float, numbers))
 
 
@@ -122,6 +133,14 @@ def damped(inertia, c):  # type: ignore[no-untyped-def]
 
 
 @_jit
+def grown(forces, which, x0, x1, x2):  # type: ignore[no-untyped-def]
+    """By what a force is multiplied whose state is the vector x, if it is the one that grows with another power."""
+    if forces.powered != which:
+        return 1.0
+    return max(math.sqrt(x0 * x0 + x1 * x1 + x2 * x2), LEAST) ** forces.power
+
+
+@_jit
 def push(forces, gravity, over_m, h, R, com, p0, p1, p2, v_0, v_1, v_2, w0, w1, w2, y0, y1, y2):  # type: ignore[no-untyped-def]
     """What the forces add to the velocity of the centre of mass over a step [m/s, world], beside gravity's h g.
 
@@ -138,23 +157,27 @@ def push(forces, gravity, over_m, h, R, com, p0, p1, p2, v_0, v_1, v_2, w0, w1, 
     p0 += R[0, 0] * c0 + R[0, 1] * c1 + R[0, 2] * c2 + half * u0
     p1 += R[1, 0] * c0 + R[1, 1] * c1 + R[1, 2] * c2 + half * u1
     p2 += R[2, 0] * c0 + R[2, 1] * c1 + R[2, 2] * c2 + half * u2
-    a0 = gravity[0] + over_m * (f.x + f.spring * (f.center_x - p0) - f.vortex * p1)
-    a1 = gravity[1] + over_m * (f.y + f.spring * (f.center_y - p1) + f.vortex * p0)
-    a2 = gravity[2] + over_m * (f.z + f.spring * (f.center_z - p2))
+    d0, d1, d2 = f.center_x - p0, f.center_y - p1, f.center_z - p2
+    spring = f.spring * grown(f, SPRING, d0, d1, d2)
+    vortex = f.vortex * grown(f, VORTEX, p0, p1, 0.0)
+    turning = f.turning * grown(f, TURNING, u0, u1, u2)
+    a0 = gravity[0] + over_m * (f.x + spring * d0 - vortex * p1)
+    a1 = gravity[1] + over_m * (f.y + spring * d1 + vortex * p0)
+    a2 = gravity[2] + over_m * (f.z + spring * d2)
     # relative to the wind, in which turning adds a constant
-    a0, a1 = a0 - f.turning * f.wind_y, a1 + f.turning * f.wind_x
+    a0, a1 = a0 - turning * f.wind_y, a1 + turning * f.wind_x
     e0, e1, e2 = u0 - f.wind_x, u1 - f.wind_y, u2
-    k = over_m * (f.linear + f.quadratic * math.sqrt(e0 * e0 + e1 * e1 + e2 * e2))
+    k = over_m * (f.linear + f.quadratic * math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)) * grown(f, DRAG, e0, e1, e2)
     s = 1.0 / (1.0 + half * k)
     m0, m1, m2 = s * (e0 + half * a0), s * (e1 + half * a1), s * (e2 + half * a2)
-    k = over_m * (f.linear + f.quadratic * math.sqrt(m0 * m0 + m1 * m1 + m2 * m2))
+    k = over_m * (f.linear + f.quadratic * math.sqrt(m0 * m0 + m1 * m1 + m2 * m2)) * grown(f, DRAG, m0, m1, m2)
     # the mean velocity U: (1 + h/2 k) U - h/2 O x U = e + h/2 a
     s0, s1, s2 = 0.5 * (w0 + y0), 0.5 * (w1 + y1), 0.5 * (w2 + y2)
     b = 1.0 / (1.0 + half * k)
-    c = half * b * over_m * f.magnus
+    c = half * b * over_m * f.magnus * grown(f, MAGNUS, s0, s1, s2)
     o0 = c * (R[0, 0] * s0 + R[0, 1] * s1 + R[0, 2] * s2)
     o1 = c * (R[1, 0] * s0 + R[1, 1] * s1 + R[1, 2] * s2)
-    o2 = c * (R[2, 0] * s0 + R[2, 1] * s1 + R[2, 2] * s2) + half * b * f.turning
+    o2 = c * (R[2, 0] * s0 + R[2, 1] * s1 + R[2, 2] * s2) + half * b * turning
     m0, m1, m2 = b * (e0 + half * a0), b * (e1 + half * a1), b * (e2 + half * a2)
     # (1 - o x) U = m has the solution (m + o x m + o (o . m)) / (1 + |o|²)
     b = 1.0 / (1.0 + o0 * o0 + o1 * o1 + o2 * o2)

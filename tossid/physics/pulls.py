@@ -35,7 +35,8 @@ from tossid.physics.articulated import (
     spin_row,
     turned,
 )
-from tossid.physics.forces import ADHESION_REACH, push
+from tossid.physics.forces import ADHESION_REACH, grown, push
+from tossid.physics.forces import SPIN as SPIN_POWER
 from tossid.physics.tree import HINGE
 
 SWEEPS = 8
@@ -84,7 +85,7 @@ def pull(forces, gravity, parent, joint_type, mass, com, total, h, R, q, v, P, E
         f1 = s * (R[0, 1] * m0 + R[1, 1] * m1 + R[2, 1] * m2)
         f2 = s * (R[0, 2] * m0 + R[1, 2] * m1 + R[2, 2] * m2)
         t0, t1, t2 = cross(d0, d1, d2, f0, f1, f2)
-        s = forces.spin * mass[b] / total
+        s = forces.spin * grown(forces, SPIN_POWER, w0, w1, w2) * mass[b] / total
         P[b, FORCE], P[b, FORCE + 1], P[b, FORCE + 2] = P[b, FORCE] - f0, P[b, FORCE + 1] - f1, P[b, FORCE + 2] - f2
         P[b, TORQUE] -= t0 - s * w0
         P[b, TORQUE + 1] -= t1 - s * w1

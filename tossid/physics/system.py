@@ -42,7 +42,7 @@ class System(NamedTuple):
     relaxation: damping over stiffness of a corner [s]: what sank comes out as exp(-t / relaxation).
     cohesion: c of |f_t| <= mu f_n + c [N], of a corner that carried load in the step before; the bound stays
         below 2 mu f_n. The law is in `stepping`.
-    forces: the numbers of `forces.Forces` in their order (15,), empty for none.
+    forces: the numbers of `forces.Forces` in their order (17,), empty for none.
     law: the numbers of `forces.Law` in their order (8,), empty for a constant friction.
     joints: what acts in the joints; empty arrays for nothing.
     """

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tossid.physics.effects.world import World
+from tossid.physics.forces import DRAG, MAGNUS, SPIN, SPRING, TURNING, VORTEX
 from tossid.types import Phase
 
 FLIGHT, IMPACT, SLIDE, ROLL, REST = Phase.FLIGHT, Phase.IMPACT, Phase.SLIDE, Phase.ROLL, Phase.REST
@@ -395,3 +396,32 @@ LIBRARY: tuple[Effect, ...] = (
         lambda w, p: _recording(w, world_tilt=(p["x_rad"], p["y_rad"])),
     ),
 )
+
+POWER = "power"
+
+_STATES = {
+    "linear_drag": (DRAG, "speed"),
+    "quadratic_drag": (DRAG, "speed"),
+    "wind": (DRAG, "speed in the wind"),
+    "spin_drag": (SPIN, "spin"),
+    "magnus": (MAGNUS, "spin"),
+    "position_force": (SPRING, "distance"),
+    "vortex": (VORTEX, "distance from the axis"),
+    "turning_frame": (TURNING, "speed"),
+}
+
+
+def _other_power(name: str, which: int, state: str) -> Effect:
+    return Effect(
+        f"{name}'s power",
+        "law",
+        (Parameter(POWER, 0.0, -2.0, 4.0, 0.1),),
+        (FLIGHT,),
+        state,
+        lambda w, p: replace(w, forces=w.forces._replace(powered=float(which), power=p[POWER])),
+    )
+
+
+OTHER_LAWS: dict[str, Effect] = {name: _other_power(name, *state) for name, state in _STATES.items()}
+"""By what further power of its state (`says`) the force of an effect grows: whether it has the effect's law at all.
+They are not of the library, and are never named."""
