@@ -150,8 +150,21 @@ class Search:
         path = search._forward(first, [first])
         needed, classes = search._stand_ins(path.history[-1], path.less, path)
         others = search._of_other_laws(path.history[-1], classes)
-        classes = {name: () if name in others else group for name, group in classes.items()}
-        return Found(first, path.history[-1], path.history, path.tried, {}, needed, classes, 0, others)
+        present = search._without_makeshifts(first, path.history[-1], others)
+        stay = {effect.name for effect in present.hypothesis.effects}
+        needed = {name: each for name, each in needed.items() if name in stay}
+        classes = {name: () if name in others else group for name, group in classes.items() if name in stay}
+        return Found(first, present, path.history, path.tried, {}, needed, classes, 0, others)
+
+    def _without_makeshifts(self, first: Candidate, present: Candidate, others: Mapping[str, Candidate]) -> Candidate:
+        """Without effects that only make up for what a force of another law was taken for."""
+        hypothesis = present.hypothesis
+        for each in others.values():
+            kept = {effect.name for effect in self._pruned(first, each)[0].hypothesis.effects}
+            for effect in present.hypothesis.effects:
+                if effect.name not in kept | others.keys():
+                    hypothesis = hypothesis.minus(effect.name)
+        return present if hypothesis is present.hypothesis else self.judge.judged(present, None, hypothesis)
 
     def _of_other_laws(self, present: Candidate, classes: Mapping[str, Sequence[Candidate]]) -> dict[str, Candidate]:
         """Effects whose force grows with another power of its state than theirs and than their classes', with the
