@@ -107,6 +107,17 @@ def test_a_drag_of_another_power_has_no_name(cube: ObjectModel) -> None:
     assert not found.other_laws
 
 
+def test_a_force_that_changes_from_toss_to_toss_has_no_name(cube: ObjectModel) -> None:
+    """It pulls to one side, and so would its nearest in the library, which however is always the same."""
+    library = [NAMES[name] for name in ("uniform_force", "gravity", "friction")]
+    for force, named in ((np.linspace(0.03, 0.3, 18), ()), (np.full(18, 0.15), ("uniform_force",))):
+        tosses = [seen(World(cube, forces=Forces(x=x)), cube, 1, seed=seed)[0] for seed, x in enumerate(force)]
+        found = diagnose(tosses, World(cube), library=library)
+        assert found.named == named
+        assert found.unsteady == (() if named else ("uniform_force",))
+        assert (found.verdict == "unexplained") == (not named)
+
+
 def test_recording_effects_move_what_is_recorded(cube: ObjectModel) -> None:
     tosses = seen(World(cube, recording=Recording(clock_rate=1.02)), cube, 14, seed=6)
     found = diagnose(tosses, World(cube), library=[NAMES["time_base"], NAMES["friction"], NAMES["com_offset"]])

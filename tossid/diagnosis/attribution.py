@@ -149,21 +149,21 @@ def _report(
     floor = noise_floor(present, judge, seed=seed)
     gap = measure_gap(tosses, first, judge, floor)
     left = measure_gap(tosses, present, judge, floor) if present.hypothesis.effects else gap
-    inside = [e.name for e in present.hypothesis.effects if e.name not in found.other_laws]
+    inside = [e.name for e in present.hypothesis.effects if e.name not in found.unnamed]
     named = tuple(sorted(inside, key=lambda name: -found.needed[name].total))
     closed, unexplained = share_left(first, present, judge, floor)
-    if found.other_laws:
+    if found.unnamed:
         flown = _closed_by_flown(judge, found, floor)
         other = Interval(
-            *(sum(getattr(flown[name], end) for name in found.other_laws) for end in ("value", "low", "high"))
+            *(sum(getattr(flown[name], end) for name in found.unnamed) for end in ("value", "low", "high"))
         )
         closed = Interval(*(getattr(closed, end) - other.value for end in ("value", "low", "high")))
         unexplained = (Share("flight", other), *(share for share in unexplained if share.name != "flight"))
     verdict: Verdict
     if not named:
         nothing = gap.total.value < 1.15 * gap.noise_floor or gap.total.low < gap.noise_floor
-        verdict = "no_gap" if nothing and not found.other_laws else "unexplained"
-    elif not found.other_laws and (
+        verdict = "no_gap" if nothing and not found.unnamed else "unexplained"
+    elif not found.unnamed and (
         left.total.value < FLOOR_REACHED * left.noise_floor or (closed.value > 0.9 and not unexplained)
     ):
         verdict = "explained"
@@ -184,6 +184,7 @@ def _report(
         alternatives=found.swapped,
         contact=_contact(judge, found),
         other_laws=_other_laws(found, n),
+        unsteady=found.unsteady,
         place=located(tosses, first, present, gap, left, seed=seed),
         witnesses=witnesses(unseen or tosses, first.hypothesis.world(), present.hypothesis.world()),
     )

@@ -237,7 +237,8 @@ class Diagnosis:
     contact: what the tosses follow most of Coulomb's law, its relaxation and a MuJoCo model's own; it is no effect.
     alternatives: the same with a confusable effect swapped in. place: where in the state and on the object.
     witnesses: what tosses say of some effects without a simulator. other_laws: effects that are in the hypothesis for
-    a force that grows with so much another power of its state than theirs; such a force has no name.
+    a force that grows with so much another power of its state than theirs; unsteady: for one that is not the same in
+    all tosses. Such forces have no name.
     """
 
     verdict: Verdict
@@ -256,6 +257,7 @@ class Diagnosis:
     place: Place = field(default_factory=Place)
     witnesses: tuple[Witness, ...] = ()
     other_laws: tuple[tuple[str, Interval], ...] = ()
+    unsteady: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """gap.json but for next_toss and patch."""
@@ -289,6 +291,7 @@ class Diagnosis:
                 "unexplained_share": max(0.0, 1.0 - self.gap_closed.value),
                 "unexplained_where": [{"phase": s.name, **_share(s)} for s in self.unexplained],
                 "other_laws": [{"like": name, "further_power": each.as_json()} for name, each in self.other_laws],
+                "unsteady": list(self.unsteady),
             },
             "steps": [step.as_json() for step in self.steps],
             "witnesses": [witness.as_json() for witness in self.witnesses],

@@ -15,6 +15,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from tossid.diagnosis.engines import Difference
 from tossid.diagnosis.whitening import Whitening, linearise
@@ -205,6 +206,24 @@ class Fitted:
         H, g = self.H[part].sum(0), (self.g - self.g.mean(0))[part].sum(0)
         delta = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(flat))) @ g
         return self.hypothesis.at(np.clip(flat + np.clip(delta, -50, 50) * self.hypothesis.steps, low, high))
+
+    def scatter(self, name: str) -> float:
+        """How far tosses are apart in an effect's values (squared), over what noise makes: the median over tosses of
+        what a Gauss-Newton step for that toss alone would gain, over the median of chi-squared. About 1 for what is the
+        same in all. For evidence of free flight."""
+        names = [effect.name for effect in self.hypothesis.effects for _ in effect.parameters]
+        own = [j for j, each in enumerate(names) if each == name]
+        weights = self.evidence.windows.weights
+        weight = np.bincount(self.evidence.windows.toss, weights=weights, minlength=len(self.g))
+        count = np.bincount(self.evidence.windows.toss, minlength=len(self.g))
+        H, g = self.H[:, own][:, :, own], self.g[:, own]
+        told = (count > 0) & (np.einsum("nii->n", H) > 0)
+        size = np.einsum("ni,nij,nj->n", g, np.linalg.pinv(H, hermitian=True), g)[told]
+        if not len(size):
+            return 0.0
+        # misses beyond noise are here what is asked about, and no reason to trust misses less
+        size *= self.scales[FREE] ** 2 * count[told] / weight[told]
+        return float(np.median(size) / chi2.ppf(0.5, len(own)))
 
     def covariance(self) -> Array:
         """Sandwich over tosses (P, P), in the parameters' own units.

@@ -11,8 +11,8 @@ starts from there. A special case is preferred to what contains it. Effects that
 leave, after every round and at the end. Then what gained much in the round in which an effect joined is tried in its
 place, with everything else in: what is not clearly worse there is its confusable class.
 
-A force that flight shows has its name from the library's nearest. So each is tried with another power of its state: one
-that fits clearly better has another law, and no name.
+What flight shows has its name from the library's nearest. So each force is tried with another power of its state: one
+that fits clearly better has another law, and no name. Nor has what differs from toss to toss.
 """
 
 from __future__ import annotations
@@ -55,6 +55,8 @@ CLASS_GAIN = 0.4
 MORE_GENERAL = 0.2
 """An effect that contains the best is in its class only if it is better at this level."""
 LARGEST_CLASS = 3
+MOST_SCATTER = 4.0
+"""Of an effect's values from toss to toss (squared), for it to be the same in all; real trackers' errors make 3."""
 OTHER_POWER = 0.5
 """By how much a force's power of its state differs at least from its law's, for the law to be another."""
 
@@ -65,7 +67,8 @@ class Found:
     on the way, the first and the last among them. tried: effects by name, as judged in the first round, or when
     they joined. in_flight: the same of flight alone. needed: named effects, against the hypothesis without each.
     classes: named effects, what could stand in for each. flown: how many of the named, the first, flight has shown.
-    other_laws: effects that only stand in for a force of another law, each with its power of its state."""
+    other_laws: effects that only stand in for a force of another law, each with its power of its state. unsteady:
+    effects that flight shows, but not the same in all tosses. Neither has a name."""
 
     first: Candidate
     present: Candidate
@@ -76,6 +79,12 @@ class Found:
     classes: dict[str, tuple[Candidate, ...]]
     flown: int = 0
     other_laws: dict[str, Candidate] = field(default_factory=dict)
+    unsteady: tuple[str, ...] = ()
+
+    @property
+    def unnamed(self) -> frozenset[str]:
+        """Effects of the last hypothesis that only stand in for something else."""
+        return frozenset((*self.other_laws, *self.unsteady))
 
     def ending(self, present: Candidate) -> Found:
         """The same, with another last hypothesis."""
@@ -134,7 +143,10 @@ class Search:
             needed, classes = {**needed, **needed_too}, {**classes, **classes_too}
         in_flight = {} if seen is None else seen.tried
         others = {} if seen is None else {name: each for name, each in seen.other_laws.items() if name in needed}
-        return Found(first, present, tuple(history), path.tried, in_flight, needed, classes, len(flown), others)
+        unsteady = () if seen is None else tuple(name for name in seen.unsteady if name in needed)
+        return Found(
+            first, present, tuple(history), path.tried, in_flight, needed, classes, len(flown), others, unsteady
+        )
 
     # ------------------------------------------------------------ what flight shows
 
@@ -153,8 +165,10 @@ class Search:
         present = search._without_makeshifts(first, path.history[-1], others)
         stay = {effect.name for effect in present.hypothesis.effects}
         needed = {name: each for name, each in needed.items() if name in stay}
-        classes = {name: () if name in others else group for name, group in classes.items() if name in stay}
-        return Found(first, present, path.history, path.tried, {}, needed, classes, 0, others)
+        unsteady = tuple(name for name in stay - others.keys() if present.fitted.scatter(name) > MOST_SCATTER)
+        unnamed = {*others, *unsteady}
+        classes = {name: () if name in unnamed else group for name, group in classes.items() if name in stay}
+        return Found(first, present, path.history, path.tried, {}, needed, classes, 0, others, unsteady)
 
     def _without_makeshifts(self, first: Candidate, present: Candidate, others: Mapping[str, Candidate]) -> Candidate:
         """Without effects that only make up for what a force of another law was taken for."""

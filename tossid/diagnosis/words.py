@@ -92,6 +92,10 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
         said.append(_how_far(diagnosis))
         said += _not_told_apart(diagnosis)
     said += [_another_law(name, power) for name, power in diagnosis.other_laws]
+    said += [
+        f"In flight there is something like {name}, but not the same in all tosses, as no effect of the library is."
+        for name in diagnosis.unsteady
+    ]
     said.append(_what_is_left(diagnosis))
     if diagnosis.gap.odd:
         s = "" if len(diagnosis.gap.odd) == 1 else "s"
