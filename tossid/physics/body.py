@@ -379,9 +379,8 @@ def simulate_body(  # type: ignore[no-untyped-def]
                     unsolved[toss] += 1
                 if residual > worst[toss]:
                     worst[toss] = residual
-                quiet += 1
-                if not touched or abs(x0) + abs(x1) + abs(x2) + abs(y0) + abs(y1) + abs(y2) > RESTING * tolerance:
-                    quiet = 0
+                speed = abs(x0) + abs(x1) + abs(x2) + abs(y0) + abs(y1) + abs(y2)
+                quiet = quiet + 1 if rigid and touched and speed < RESTING * tolerance else 0
                 left -= 1
                 if left <= 0:
                     done, left = done + 1, 0

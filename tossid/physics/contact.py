@@ -40,8 +40,8 @@ STRIKE = 1e-6
 STEADY = 5e-3
 """[m/s] below which a touching corner goes neither up nor down: its slide then is that of the mean velocity."""
 RESTING, QUIET = 100.0, 4
-"""Speed [m/s] and spin [rad/s] in sum, over the solver's tolerance, below which a body in contact is at rest after so
-many steps."""
+"""Speed [m/s] and spin [rad/s] in sum, over the solver's tolerance, below which a body in rigid contact is at rest
+after so many steps. What gives way creeps on, and is followed."""
 MOST_STRIKES = 64
 """In a frame; what comes after is as in whole steps."""
 BOUNCE_SPEED = 0.02
