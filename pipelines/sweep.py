@@ -3,7 +3,7 @@
 Results lie in `outputs/sweeps/NAME-DIGEST`: a folder for each cell, and the
 whole as `cells.json`, `cells.csv`, `table.md` and figures. A cell that is done, in this
 study or in another, is never computed again. MLflow gets a run for the study
-and a nested one for each cell; only this process writes to it.
+and a nested one for each cell; only the command writes to it, never a worker.
 """
 
 from __future__ import annotations
@@ -77,15 +77,16 @@ def run_sweep(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> d
                 if cell.digest in results:
                     _track(study, cell, results[cell.digest], parent, runs)
             missing = [cell for cell in study.cells if cell.digest not in results]
+            computed = compute_all(missing, sha256=study.sha256, workers=sweep.workers, launcher=config.launcher)
             with console.progress(f"sweep {sweep.name}", len(study.cells), unit="cells") as bar:
                 bar.advance(len(results))
-                for cell, computed in compute_all(study.dataset, missing, workers=sweep.workers):
-                    if isinstance(computed, TossidError):
+                for cell, outcome in computed:
+                    if isinstance(outcome, TossidError):
                         failed.append({"model": cell.model, "seed": cell.seed, study.swept: cell.value})
-                        failed[-1]["error"] = str(computed)
-                        console.warn(f"{cell.model}, {study.swept} {cell.value:g}, seed {cell.seed}: {computed}")
+                        failed[-1]["error"] = str(outcome)
+                        console.warn(f"{cell.model}, {study.swept} {cell.value:g}, seed {cell.seed}: {outcome}")
                     else:
-                        results[cell.digest] = _keep(study, cell, computed)
+                        results[cell.digest] = _keep(study, cell, outcome)
                         _track(study, cell, results[cell.digest], parent, runs)
                     bar.advance(1, note=f"{cell.model}, {study.swept} {cell.value:g}")
             if not results:

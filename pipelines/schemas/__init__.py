@@ -41,6 +41,7 @@ from pipelines.schemas.kinds import (
     Seed,
     Span,
 )
+from pipelines.schemas.launching import DaskLauncher, Launcher, ProcessesLauncher, SlurmLauncher
 from pipelines.schemas.learning import EvaluateConfig, ModelConfig, SweepConfig, TrainConfig
 from pipelines.schemas.synthesis import (
     CameraConfig,
@@ -74,6 +75,7 @@ __all__ = [
     "CameraConfig",
     "ContactNetsSource",
     "Count",
+    "DaskLauncher",
     "DetectConfig",
     "DetectStageConfig",
     "DiagnoseConfig",
@@ -82,6 +84,7 @@ __all__ = [
     "Fraction",
     "FramesSource",
     "IngestConfig",
+    "Launcher",
     "LcpEngine",
     "MjcfSim",
     "ModelConfig",
@@ -92,6 +95,7 @@ __all__ = [
     "ObjectConfig",
     "Ordered",
     "PllSource",
+    "ProcessesLauncher",
     "RosbagSource",
     "Positive",
     "Range",
@@ -101,6 +105,7 @@ __all__ = [
     "SegmentConfig",
     "SegmentStageConfig",
     "Sim",
+    "SlurmLauncher",
     "Source",
     "Span",
     "SweepConfig",

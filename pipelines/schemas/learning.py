@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from pipelines.schemas.kinds import Count, NonNegative, Positive, Seed
+from pipelines.schemas.launching import Launcher
 
 
 @dataclass(frozen=True)
@@ -85,13 +86,15 @@ class SweepConfig:
     train: tuple[str, ...]
     """further keys of every training, as KEY=VALUE"""
     workers: Count | None
-    """trainings at the same time; null: one a core"""
+    """processes: trainings at the same time; null: one a core"""
 
 
 @dataclass(frozen=True)
 class EvaluateConfig:
     """Roll a trained model out on held-out tosses, or run a study."""
 
+    launcher: Launcher
+    """a study: who computes its cells:"""
     sweep: SweepConfig | None
     """a study to run instead; '--sweep NAME' says the same:"""
     run: str | None

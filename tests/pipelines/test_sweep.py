@@ -113,9 +113,10 @@ def test_processes_give_the_numbers_of_one(beside: Path) -> None:
     data = beside / "tosses" / "tosses.h5"
     config = load("evaluate", EvaluateConfig, ["sweep=gravity", *SMALL])
     assert config.sweep is not None
-    dataset, study = read_dataset(data), study_cells(config.sweep, data, file_sha256(data))
+    sha256 = file_sha256(data)
+    dataset, study = read_dataset(data), study_cells(config.sweep, data, sha256)
     before = dict(os.environ)
-    apart = dict(compute_all(dataset, study[1:3], workers=2))
+    apart = dict(compute_all(study[1:3], sha256=sha256, workers=2, launcher=config.launcher))
     assert dict(os.environ) == before
     for cell in study[1:3]:
         here, there = compute(dataset, cell.config), apart[cell]
