@@ -43,6 +43,7 @@ from pipelines.schemas.kinds import (
 )
 from pipelines.schemas.launching import DaskLauncher, Launcher, ProcessesLauncher, SlurmLauncher
 from pipelines.schemas.learning import EvaluateConfig, ModelConfig, SweepConfig, TrainConfig
+from pipelines.schemas.making import NewObjectConfig
 from pipelines.schemas.synthesis import (
     CameraConfig,
     Engine,
@@ -60,6 +61,7 @@ COMMANDS: dict[str, type] = {
     "diagnose": DiagnoseConfig,
     "evaluate": EvaluateConfig,
     "ingest": IngestConfig,
+    "new-object": NewObjectConfig,
     "segment": SegmentStageConfig,
     "synthesize": SynthesizeConfig,
     "track": TrackStageConfig,
@@ -89,6 +91,7 @@ __all__ = [
     "MjcfSim",
     "ModelConfig",
     "MujocoEngine",
+    "NewObjectConfig",
     "NoiseConfig",
     "NominalSim",
     "NonNegative",
