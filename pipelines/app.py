@@ -111,6 +111,12 @@ def evaluate(
 
 
 @app.command(cls=KeyedCommand)
+def register(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Put a trained model under a name in MLflow's registry."""
+    _run("register", keys, json=json, quiet=quiet)
+
+
+@app.command(cls=KeyedCommand)
 def diagnose(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
     """Say where a simulator misses the tosses, which effect causes it, and how far that closes the gap."""
     _run("diagnose", keys, json=json, quiet=quiet)

@@ -42,7 +42,7 @@ from pipelines.schemas.kinds import (
     Span,
 )
 from pipelines.schemas.launching import DaskLauncher, Launcher, ProcessesLauncher, SlurmLauncher
-from pipelines.schemas.learning import EvaluateConfig, ModelConfig, SweepConfig, TrainConfig
+from pipelines.schemas.learning import EvaluateConfig, ModelConfig, RegisterConfig, SweepConfig, TrainConfig
 from pipelines.schemas.making import NewObjectConfig
 from pipelines.schemas.synthesis import (
     CameraConfig,
@@ -62,6 +62,7 @@ COMMANDS: dict[str, type] = {
     "evaluate": EvaluateConfig,
     "ingest": IngestConfig,
     "new-object": NewObjectConfig,
+    "register": RegisterConfig,
     "segment": SegmentStageConfig,
     "synthesize": SynthesizeConfig,
     "track": TrackStageConfig,
@@ -102,6 +103,7 @@ __all__ = [
     "RosbagSource",
     "Positive",
     "Range",
+    "RegisterConfig",
     "ReleaseConfig",
     "RunSim",
     "Seed",

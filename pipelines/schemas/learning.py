@@ -98,7 +98,17 @@ class EvaluateConfig:
     sweep: SweepConfig | None
     """a study to run instead; '--sweep NAME' says the same:"""
     run: str | None
-    """run id, name or folder; null: the newest training"""
+    """run id, name, folder, or models:/NAME/VERSION of the registry; null: the newest training"""
     data: Path | None
     """another dataset, judged on all its tosses; null: the held-out tosses of the run's own. A sweep: its dataset, else
     the newest"""
+
+
+@dataclass(frozen=True)
+class RegisterConfig:
+    """A trained model under a name in MLflow's registry, as its next version."""
+
+    name: str
+    """the model's name; 'run=models:/NAME/VERSION' names it to other commands"""
+    run: str | None
+    """run id or name; null: the newest training"""

@@ -7,6 +7,7 @@ import shutil
 import socket
 import subprocess
 import sys
+import tempfile
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -31,37 +32,35 @@ def _programs() -> Path | None:
 
 
 @contextmanager
-def postgres(folder: Path) -> Iterator[str]:
+def postgres() -> Iterator[str]:
     """A database's address; skips where PostgreSQL cannot be started."""
     programs = _programs()
     if programs is None:
         pytest.skip("no PostgreSQL here (initdb, pg_ctl): apt install postgresql")
     pytest.importorskip("psycopg2", reason="psycopg2 is an extra: pip install -e '.[server]'")
     as_user = []
-    data, port = folder / "pg", free_port()
-    data.mkdir()
+    data, port = Path(tempfile.mkdtemp(prefix="tossid-pg-")), free_port()  # pytest's folders are for their owner alone
     if os.geteuid() == 0:  # PostgreSQL refuses root
         if shutil.which("runuser") is None or subprocess.run(["id", "postgres"], capture_output=True).returncode:
             pytest.skip("PostgreSQL does not run as root, and there is no user postgres to run it")
         as_user = ["runuser", "-u", "postgres", "--"]
         shutil.chown(data, "postgres")
-        for parent in folder.parents:  # pytest's folders are for their owner alone
-            if parent.is_relative_to("/tmp") and parent != Path("/tmp"):
-                parent.chmod(parent.stat().st_mode | 0o011)
-        folder.chmod(0o755)
 
-    def call(*args: str) -> None:
+    def call(*args: str) -> str:
         done = subprocess.run([*as_user, *args], capture_output=True, text=True, cwd="/", timeout=120)
-        if done.returncode:
-            pytest.skip(f"PostgreSQL does not start here: {done.stderr.strip()[-300:]}")
+        return done.stderr.strip()[-300:] if done.returncode else ""
 
-    call(str(programs / "initdb"), "-D", f"{data}/db", "-U", "tossid", "--auth=trust", "--no-sync")
+    problem = call(str(programs / "initdb"), "-D", f"{data}/db", "-U", "tossid", "--auth=trust", "--no-sync")
     options = f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories={data} -c fsync=off"
-    call(str(programs / "pg_ctl"), "-D", f"{data}/db", "-l", f"{data}/log", "-w", "-o", options, "start")
+    start = ["-D", f"{data}/db", "-l", f"{data}/log", "-w", "-o", options, "start"]
+    problem = problem or call(str(programs / "pg_ctl"), *start)
     try:
+        if problem:
+            pytest.skip(f"PostgreSQL does not start here: {problem}")
         yield f"postgresql+psycopg2://tossid@127.0.0.1:{port}/postgres"
     finally:
         call(str(programs / "pg_ctl"), "-D", f"{data}/db", "-m", "immediate", "stop")
+        shutil.rmtree(data, ignore_errors=True)
 
 
 class Server:

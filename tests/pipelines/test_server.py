@@ -114,7 +114,7 @@ def test_eight_runs_and_a_server_that_is_stopped_in_the_middle(
 ) -> None:
     """8 runs of 1,000 points each on PostgreSQL; the server goes down and comes back: every point is there, once."""
     place = tmp_path_factory.mktemp("server")
-    with postgres(place) as database:
+    with postgres() as database:
         server = Server(place, database)
         try:
             server.start()
