@@ -6,6 +6,7 @@ What is registered predicts: states at some instant in, the motion that follows 
 from __future__ import annotations
 
 import shutil
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,12 +59,14 @@ def signature_of(checkpoint: Checkpoint) -> ModelSignature:
 
 def write_model(checkpoint: Path, folder: Path) -> Model:
     """A model in MLflow's form, around a checkpoint."""
-    from mlflow import pyfunc
-    from mlflow.models import Model
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # MLflow, when it is imported, warns of its own type hints
+        from mlflow.models import Model
+        from mlflow.pyfunc import add_to_model
 
     about = load_checkpoint(checkpoint)
     shutil.copyfile(checkpoint, folder / CHECKPOINT)
     model = Model(signature=signature_of(about), metadata={"tossid.model": about.config.name, "data": about.sha256})
-    pyfunc.add_to_model(model, loader_module=__name__, data=CHECKPOINT)
+    add_to_model(model, loader_module=__name__, data=CHECKPOINT)
     model.save(str(folder / "MLmodel"))
     return model
