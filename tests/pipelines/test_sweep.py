@@ -18,6 +18,7 @@ import pytest
 from pipelines import app, cells, sweep
 from pipelines.cells import compute, compute_all, study_cells
 from pipelines.config import load
+from pipelines.mlflow_store import client
 from pipelines.runs import find_run, find_runs, metric_history
 from pipelines.schemas import EvaluateConfig
 from pipelines.version import _parsed
@@ -103,6 +104,22 @@ def test_a_study(beside: Path, answer: Any, counted: list[str]) -> None:
     assert counted == ["cn", "cnrp"]
     assert longer["run"] != report["run"]
     assert longer["cells"][0]["position_error_pct"] == cell["position_error_pct"]
+
+
+def test_cells_that_a_killed_command_had_logged_are_not_logged_twice(beside: Path, answer: Any) -> None:
+    small = ["sweep.models=[cn]", "sweep.values=[4.905,9.81]", "sweep.train=['epochs=1']", "data=tosses"]
+    study = ["evaluate", "--sweep", "gravity", *small, "sweep.workers=1"]
+    first = answer(*study)
+    whole, half = (cell["run"] for cell in first["cells"])
+    path = Path(first["out"]) / sweep.RUNS
+    path.write_text(json.dumps({"run": first["run"], "cells": {}}))  # killed before it was noted,
+    client().update_run(half, status="RUNNING")  # and here before all was logged
+    again = answer(*study)
+    nested = find_runs(parent=first["run"])
+    assert {run.info.run_id for run in nested} == {cell["run"] for cell in again["cells"]}
+    assert again["cells"][0]["run"] == whole
+    assert again["cells"][1]["run"] != half
+    assert [run.info.status for run in nested] == ["FINISHED", "FINISHED"]
 
 
 def cell_end(cell: dict[str, Any]) -> float:
