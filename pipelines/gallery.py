@@ -15,8 +15,9 @@ from pipelines.version import ROOT
 
 PAGE, FOLDER = "docs/gallery.md", "docs/gallery"
 DATA = "data=tosses"
+TOSSED = ("frames=false", "engine=lcp", "tosses=20", "noise.position=1.5e-4", "noise.rotation=1.5e-3")
 STEPS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
-    ("", "synthesize", ("frames=false", "engine=lcp", "tosses=20", "effects={com_offset:{x_m:0.006}}", "out=tosses")),
+    ("", "synthesize", (*TOSSED, "effects={com_offset:{x_m:0.006}}", "out=tosses")),
     ("A training", "train", ("model=cnrpi", DATA)),
     ("The model on tosses that it has not seen", "evaluate", ()),
     (
