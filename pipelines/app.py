@@ -129,6 +129,12 @@ def audit(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: De
 
 
 @app.command(cls=KeyedCommand)
+def export(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Write a learned model as MJCF or URDF, and compare MuJoCo's rollouts of it with tossid's."""
+    _run("export", keys, json=json, quiet=quiet)
+
+
+@app.command(cls=KeyedCommand)
 def view(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
     """Show a recording, dataset, run or gap in 3D (a Rerun file), or a recording as a contact sheet."""
     _run("view", keys, json=json, quiet=quiet)

@@ -83,8 +83,8 @@ def main() -> None:
     heads = ["object", "simulator", "steps/s", "to MuJoCo", "unsolved", "worst m/s", "steps", "from"]
     console.table(heads, rows, title="Simulation")
     console.table(
-        ["model", "µs a transition", "transitions", "data"],
-        training(tosses["cube"]),
+        ["object", "model", "µs a transition", "transitions", "data"],
+        [row for name in DATASETS for row in training(name, tosses[name])],
         title="A training epoch, one thread as in training",
     )
     vision(console)
@@ -151,7 +151,7 @@ def mujoco_rollout(model: ObjectModel, start: Start) -> Callable[[], object]:
     return call
 
 
-def training(tosses: list[Any]) -> list[list[str]]:
+def training(name: str, tosses: list[Any]) -> list[list[str]]:
     """Rows: a pass (loss and gradient) over the training tosses, for each model that the implicit loss trains."""
     import torch
 
@@ -163,21 +163,20 @@ def training(tosses: list[Any]) -> list[list[str]]:
     torch.set_num_threads(1)
     chosen = [toss for toss in tosses if toss.split == "train"]
     if not chosen:
-        return [["-", "-", "-", f"no recordings in {DATA}"]]
-    cube = load_object(object_named("cube"))
-    transitions = make_transitions(cube, chosen)
+        return [[name, "-", "-", "-", f"no recordings in {DATA}"]]
+    model = load_object(object_named(name))
+    transitions = make_transitions(model, chosen)
     rows = []
-    for name in ("cn", "cnrpi"):
-        model = build_model(load("train", TrainConfig, [f"model={name}"]).model, cube, seed=0)
-        parameters = model.stage_parameters("contact")
+    for kind in ("cn", "cnrpi"):
+        learner = build_model(load("train", TrainConfig, [f"model={kind}"]).model, model, seed=0)
+        parameters = learner.stage_parameters("contact")
 
-        def epoch(model: Any = model, parameters: Any = parameters) -> None:
-            torch.autograd.grad(model.loss(transitions)[0], parameters)
+        def epoch(learner: Any = learner, parameters: Any = parameters) -> None:
+            torch.autograd.grad(learner.loss(transitions)[0], parameters)
 
-        seconds = in_turns({name: epoch})[name]
-        rows.append(
-            [name, f"{1e6 * seconds / len(transitions):.1f}", f"{len(transitions):,}", f"{len(chosen)} real tosses"]
-        )
+        seconds = in_turns({kind: epoch})[kind]
+        each = f"{1e6 * seconds / len(transitions):.1f}"
+        rows.append([name, kind, each, f"{len(transitions):,}", f"{len(chosen)} real tosses"])
     return rows
 
 

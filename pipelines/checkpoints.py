@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from pipelines.config import as_plain
@@ -43,7 +44,8 @@ def build_model(
     )
     com = given.com.copy()
     com[0] += config.start_com
-    start = given.with_changes(inertia=config.start_inertia * given.inertia, com=com)
+    off = np.random.default_rng(seed).normal(size=given.corner_pos.shape) * config.start_corners
+    start = given.with_changes(inertia=config.start_inertia * given.inertia, com=com, corner_pos=given.corner_pos + off)
     return ContactNets(start, settings, seed=seed, measurement=measurement)
 
 
@@ -110,7 +112,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 def load_checkpoint(path: Path) -> Checkpoint:
     """The trained model of a checkpoint file."""
     content = read_checkpoint(path)
-    config = ModelConfig(**content["config"])
+    config = ModelConfig(**{"start_corners": 0.0, **content["config"]})  # a key that older ones lack
     about = dict(content["object"])
     given = object_from_mjcf(about.pop("mjcf"), **about)
     model = build_model(config, given, seed=content["seed"])

@@ -29,7 +29,14 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
     from pipelines.checkpoints import load_checkpoint
     from pipelines.learning import evaluate_model, predicted_motions
     from pipelines.outputs import output_folder
-    from pipelines.pictures import evaluation_figures, gravity_given, residual_figure, write_figures
+    from pipelines.pictures import (
+        evaluation_figures,
+        gravity_given,
+        joint_figure,
+        residual_figure,
+        write_figures,
+        write_film,
+    )
     from pipelines.runs import find_run
     from pipelines.tracking import tracked_run
     from tossid.store import read_dataset
@@ -65,14 +72,16 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
         figures |= residual_figure(
             model, judged, tosses, name=f"{name.upper()}, {gravity_given(trained.config.gravity)}"
         )
+        figures |= joint_figure(model, judged, tosses, dataset.object, name=name.upper())
         with output_folder(folder, made_by="evaluate") as temporary:
             paths = write_figures(figures, temporary / "figures")
+            paths += write_film(judged, tosses, rollouts, dataset.object, temporary / "figures", name=name)
             result["figures"] = [str(folder / "figures" / path.name) for path in paths]
             (temporary / "metrics.json").write_text(json.dumps(jsonable(result), indent=2) + "\n")
         tracked.artifact(folder / "figures")
         tracked.artifact(folder / "metrics.json")
     console.table(
-        ["metric", "mean", "95 % interval", "from flight", "95 % interval "],
+        ["metric", "mean", "95 % interval", "from flight", "95 % interval ", "16 steps", "95 % interval  "],
         table_rows(judged.metrics),
         title=f"{name}: {len(tosses)} tosses",
     )
@@ -105,7 +114,7 @@ def _folder_name(record: RunRecord, data: Path, split: str) -> str:
 
 def means(metrics: dict[str, Any]) -> dict[str, float]:
     """The metrics' means and the counts, as they are tracked; those that are not known are left out."""
-    nested = {"": metrics, "from_flight/": metrics.get("from_flight", {})}
+    nested = {"": metrics, **{f"{part}/": metrics.get(part, {}) for part in ("from_flight", "sixteen_steps")}}
     found = {
         f"{prefix}{name}": value["mean"] if isinstance(value, dict) and "mean" in value else value
         for prefix, part in nested.items()
@@ -115,16 +124,18 @@ def means(metrics: dict[str, Any]) -> dict[str, float]:
 
 
 def table_rows(metrics: dict[str, Any]) -> list[list[str]]:
-    """A row for each metric: from the first state, and from the flight where that is there."""
+    """A row for each metric: from the first state, from the flight where that is there, and over 16 steps."""
     rows = []
     for name, value in metrics.items():
         if isinstance(value, dict) and "mean" in value:
-            other = metrics.get("from_flight", {}).get(name)
-            rows.append([name, *_cells(value), *(_cells(other) if other else ["-", "-"])])
+            others = (metrics.get(part, {}).get(name) for part in ("from_flight", "sixteen_steps"))
+            rows.append([name, *_cells(value), *(cell for other in others for cell in _cells(other))])
     return rows
 
 
-def _cells(value: dict[str, Any]) -> list[str]:
+def _cells(value: dict[str, Any] | None) -> list[str]:
+    if value is None:
+        return ["-", "-"]
     low, high = value["ci95"]
     few = value.get("n", 2) < 2  # one toss has no spread
     return [f"{value['mean']:.3g}", "-" if few else f"{low:.3g} to {high:.3g}"]

@@ -15,16 +15,26 @@ from tossid.errors import FileError
 
 FOLDER = Path("data/datasets")
 
-RECORDED = {"contactnets_cube": ("source=contactnets", "object=cube")}
+RECORDED = {
+    "contactnets_cube": ("source=contactnets", "object=cube"),
+    "pll_elbow": ("source=pll", "object=elbow", "defects=set_aside"),
+}
 """Dataset, which is also its folder in DATA: keys of ingest."""
 
 SIMULATED = {
     "simulated_cube": (
         "engine=lcp", "frames=false", "tosses=200", "seed=1",
         "noise.position=0.00005", "noise.rotation=0.0005", "noise.velocity=0.005", "noise.spin=0.05",
-    )
+    ),
+    "mujoco_elbow": ("object=elbow", "engine=mujoco", "frames=false", "tosses=256", "seed=5"),
+    "simulated_elbow": (
+        "object=elbow", "engine=lcp", "frames=false", "tosses=80", "seed=1", "splits=[0.6,0.2,0.2]",
+        "noise.position=0.00005", "noise.rotation=0.0005", "noise.velocity=0.005", "noise.spin=0.05",
+        "noise.joint=0.0005", "noise.joint_rate=0.05",
+    ),
 }  # fmt: skip
-"""Dataset: keys of synthesize. The noise is that of the real cube, as its flights show it, and somewhat more."""
+"""Dataset: keys of synthesize. The noise is that of the real cube, as its flights show it, and somewhat more; MuJoCo's
+elbow has none, as in the paper."""
 
 STUDIES = (
     ("contactnets_cube", "gravity_full"),
@@ -33,6 +43,9 @@ STUDIES = (
     ("contactnets_cube", "data_efficiency"),
     ("simulated_cube", "inertia"),
     ("simulated_cube", "gravity"),
+    ("mujoco_elbow", "elbow"),
+    ("simulated_elbow", "inertia"),
+    ("pll_elbow", "elbow_real"),
 )
 """Dataset and study (conf/sweep), in order."""
 

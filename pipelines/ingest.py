@@ -11,6 +11,7 @@ from pipelines.schemas import ContactNetsSource, IngestConfig, PllSource, TumSou
 from tossid.errors import FileError
 
 if TYPE_CHECKING:
+    from tossid.motion import Defect
     from tossid.objects import ObjectModel
     from tossid.types import PoseTrack
 
@@ -35,7 +36,7 @@ def _import(
     model = load_object(config.object or object_named("elbow" if isinstance(source, PllSource) else "cube"))
 
     from pipelines.datasets import described, save
-    from tossid.motion import covariance_source, tosses_from_tracks
+    from tossid.motion import covariance_source, find_defects, tosses_from_tracks
     from tossid.store import draw_splits, source_sha256
 
     with output_file(out) as temporary:
@@ -44,8 +45,15 @@ def _import(
         console.say(f"{path}: {len(tracks)} tosses, {sum(len(track.t) for track in tracks)} frames")
         with console.progress("velocities and phases", len(tracks), unit="tosses"):
             tosses = tosses_from_tracks(tracks, model, gravity=config.gravity, end_at_rest=source.name == "tum")
+        defects = find_defects(tosses, model, gravity=config.gravity)
+        broken = {defect.toss for defect in defects}
+        if broken:
+            _say_defects(config, defects, len(tosses), console)
+        aside = broken if config.defects == "set_aside" else set()
+        sound = [toss for toss in tosses if toss.name not in aside]
+        drawn = {toss.name: toss for toss in draw_splits(sound, fractions=config.splits, seed=config.seed)}
         save(
-            draw_splits(tosses, fractions=config.splits, seed=config.seed),
+            [drawn.get(toss.name, toss) for toss in tosses],
             model,
             temporary,
             rate_hz=rate_hz,
@@ -56,9 +64,21 @@ def _import(
                 "source_path": str(path),
                 "source_sha256": source_sha256(path),
                 "covariance_source": covariance_source(tracks),
+                "defects": "; ".join(f"{d.toss}: {d.rule} {d.value:.1f}" for d in defects),
             },
         )
     return described(out, console)
+
+
+def _say_defects(config: IngestConfig, defects: tuple[Defect, ...], n_tosses: int, console: Console) -> None:
+    """Which rules how many tosses break, and what becomes of them."""
+    from tossid.motion.defects import RULES
+
+    counts = {rule: sum(defect.rule == rule for defect in defects) for rule in RULES}
+    said = ", ".join(f"{rule} {count}" for rule, count in counts.items() if count)
+    n = len({defect.toss for defect in defects})
+    done = "left out of the splits" if config.defects == "set_aside" else "kept; defects=set_aside leaves them out"
+    console.warn(f"{n} of {n_tosses} tosses have defects ({said}): {done}")
 
 
 def _read(source: ContactNetsSource | PllSource | TumSource, model: ObjectModel) -> tuple[tuple[PoseTrack, ...], float]:

@@ -15,7 +15,7 @@ from pipelines.checkpoints import build_model
 from pipelines.config import as_plain
 from pipelines.schemas import ModelConfig, TrainConfig
 from tossid.errors import InputError
-from tossid.evaluation.metrics import TossScores, roll_out, score_tosses, summarize_scores
+from tossid.evaluation.metrics import TossScores, roll_out, score_tosses, score_windows, summarize_scores
 from tossid.models.protocol import DynamicsModel
 from tossid.motion import Calibration, Measurement, calibrate
 from tossid.objects import ObjectModel
@@ -40,8 +40,8 @@ class Judged:
     """What rollouts of held-out tosses show.
 
     Attributes:
-        metrics: CONTRACT.md's, with `from_flight` for an object without joints, and the counts `unsolved` and
-            `diverged`.
+        metrics: CONTRACT.md's, with `from_flight` for an object without joints, `sixteen_steps`, and the counts
+            `unsolved` and `diverged`.
         scores: of each toss, from its first state.
     """
 
@@ -161,10 +161,12 @@ def evaluate_model(model: DynamicsModel, nominal: ObjectModel, tosses: tuple[Tos
     """Roll the tosses out open loop and measure. nominal: the object whose centre, width and corners are compared."""
     predictor, measurement = model.simulator(), model.measurement
     scores = score_tosses(predictor, nominal, tosses, measurement=measurement)
-    metrics: dict[str, Any] = summarize_scores(scores)
+    metrics: dict[str, Any] = summarize_scores(scores, nominal)
     if nominal.n_joints == 0:
         flown = score_tosses(predictor, nominal, tosses, measurement=measurement, from_flight=True)
-        metrics["from_flight"] = summarize_scores(flown)
+        metrics["from_flight"] = summarize_scores(flown, nominal)
+    short = score_windows(predictor, nominal, tosses, measurement=measurement)
+    metrics["sixteen_steps"] = summarize_scores(short, nominal)
     metrics |= {"unsolved": scores.unsolved, "diverged": scores.diverged}
     return Judged(metrics, scores)
 

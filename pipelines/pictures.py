@@ -48,6 +48,53 @@ def evaluation_figures(
     return figures
 
 
+def joint_figure(
+    model: DynamicsModel, judged: Judged, tosses: Sequence[Toss], stated: ObjectModel, *, name: str
+) -> dict[str, Figure]:
+    """Learned geometry at several joint angles, where there are joints and a geometry; which corners touch is seen in
+    the model's rollouts of the tosses."""
+    if not stated.n_joints or not isinstance(model, ContactNets):
+        return {}
+    from tossid.evaluation.figures import geometry_at_angles
+    from tossid.evaluation.metrics import roll_out
+
+    run = roll_out(model.simulator(), stated, tosses, measurement=model.measurement)
+    seen = run.lam_n.sum(axis=(0, 1)) > 0
+    title = f"Geometry learned by {name}, at several joint angles"
+    return {
+        "geometry_at_angles": geometry_at_angles(
+            stated, model.learned_object(), seen=seen, truth_name="stated", title=title
+        )
+    }
+
+
+def write_film(
+    judged: Judged,
+    tosses: Sequence[Toss],
+    rollouts: Sequence[Predicted],
+    stated: ObjectModel,
+    folder: Path,
+    *,
+    name: str,
+) -> list[Path]:
+    """The median toss's film as FOLDER/toss_median.gif, at half its speed; returns its path."""
+    from PIL import Image
+
+    from tossid.evaluation.figures import toss_film
+
+    median = ranked(judged.scores.position_error_pct).get("median")
+    if median is None:
+        return []
+    toss = tosses[median]
+    frames = [Image.fromarray(frame) for frame in toss_film(toss, rollouts[median], stated, name=name)]
+    path, dt = folder / "toss_median.gif", float(np.median(np.diff(toss.t)))
+    with output_file(path) as temporary:
+        frames[0].save(
+            temporary, save_all=True, append_images=frames[1:], duration=10 * max(2, round(400 * dt)), loop=0
+        )
+    return [path]
+
+
 def residual_figure(model: DynamicsModel, judged: Judged, tosses: Sequence[Toss], *, name: str) -> dict[str, Figure]:
     """Given dynamics, residual and contact over the median toss; {} for a model that does not tell them apart."""
     median = ranked(judged.scores.position_error_pct).get("median")

@@ -254,6 +254,7 @@ def _blueprint(shown: Shown) -> rrb.Blueprint:
     below = [rrb.TimeSeriesView(origin="/plots/height_m", name="Height of the lowest corner [m]")]
     if any(body.position_cov is not None for body in shown.moving):
         below.append(rrb.TimeSeriesView(origin="/plots/sigma_position_mm", name="Position's standard deviation [mm]"))
+        below.append(rrb.TimeSeriesView(origin="/plots/sigma_angle_deg", name="Rotation's standard deviation [°]"))
     views: list[Any] = [scene, rrb.Horizontal(*below)]
     if shown.tosses:
         views.append(rrb.StateTimelineView(origin="/", contents=["/toss", "/phase"], name="Tosses and phases"))

@@ -11,6 +11,7 @@ import numpy as np
 
 from pipelines.schemas import ModelConfig
 from tossid.objects import GRAVITY, ObjectModel
+from tossid.physics.identifiable import base_parameters, order
 
 Cell = Mapping[str, Any]
 
@@ -28,7 +29,11 @@ def csv_table(cells: Sequence[Cell], swept: str) -> str:
     rows = []
     for cell in cells:
         row = {"model": cell["model"], "seed": cell["seed"], swept: cell[swept]}
-        for prefix, metrics in (("", cell), ("from_flight.", cell.get("from_flight", {}))):
+        for prefix, metrics in (
+            ("", cell),
+            ("from_flight.", cell.get("from_flight", {})),
+            ("sixteen_steps.", cell.get("sixteen_steps", {})),
+        ):
             for name, value in metrics.items():
                 if isinstance(value, dict) and "ci95" in value:
                     ends = zip(("mean", "low", "high"), (value["mean"], *value["ci95"]), strict=True)
@@ -52,6 +57,11 @@ def markdown_table(cells: Sequence[Cell], swept: str) -> str:
     if swept == "gravity":
         head += ["gravity found [m/s²]", "of what was missing [%]"]
     head += ["position [%]", "rotation [deg]", "penetration [mm]", "from flight: position [%]", "rotation [deg]"]
+    jointed = all("joint_error_deg" in cell for cell in cells)
+    short = all("sixteen_steps" in cell for cell in cells)
+    head += ["joint [deg]", "acceleration in flight off by [%]"] if jointed else []
+    head += ["16 steps: position [%]", "rotation [deg]"] if short else []
+    head += ["joint [deg]"] if jointed and short else []
     head += ["validation loss", "seconds"]
     lines = [head, ["---"] * len(head)]
     for model, value in dict.fromkeys((cell["model"], cell[swept]) for cell in cells):
@@ -70,6 +80,12 @@ def markdown_table(cells: Sequence[Cell], swept: str) -> str:
         row += [_metric(same, "position_error_pct"), _metric(same, "rotation_error_deg")]
         row += [_metric(same, "penetration_mm", digits=2, ends=False)]
         row += [_metric(flown, "position_error_pct"), _metric(flown, "rotation_error_deg")]
+        if jointed:
+            row += [_metric(same, "joint_error_deg"), _metric(same, "flight_miss_pct", digits=2, ends=False)]
+        if short:
+            cut = [c["sixteen_steps"] for c in same]
+            keys = ("position_error_pct", "rotation_error_deg", *(("joint_error_deg",) if jointed else ()))
+            row += [_metric(cut, key, digits=2) for key in keys]
         row += [f"{np.mean([c['validation_loss'] for c in same]):.4g}", f"{np.mean([c['seconds'] for c in same]):.0f}"]
         lines.append(row)
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
@@ -95,16 +111,36 @@ def validation_loss(history: Sequence[Mapping[str, Any]]) -> float:
 
 
 def inertia_errors(model: ModelConfig, parameters: Mapping[str, Any], truth: ObjectModel) -> dict[str, Any]:
-    """How far the base's learned inertia is from the dataset's object's, and where training started from.
+    """How far the learned inertia is from the dataset's object's, and where training started from.
 
-    inertia_error_rel: the largest |I_learned / I_true - 1| over all axes, that is over the eigenvalues of
-    I_true^-1 I_learned, both about the centre of mass. com_error_m, com_offset_m: distances [m].
+    inertia_error_rel: of a single body, the largest |I_learned / I_true - 1| over all axes, that is over the
+    eigenvalues of I_true^-1 I_learned, both about the centre of mass. Of a tree, the largest error of the combinations
+    of inertial parameters that its motion depends on (`physics.identifiable`), over the largest true one of their kind.
+    com_error_m: distance of the centres of mass; of a tree, the largest error of a combination that is a first moment,
+    over the total mass. com_offset_m: where training started from.
     """
-    shares = np.linalg.eigvals(np.linalg.solve(truth.inertia[0], np.array(parameters["inertia_kgm2"])[0])).real
-    return {
+    start = {
         "parameterisation": model.inertia,
         "inertia_scale": model.start_inertia,
         "com_offset_m": float(np.linalg.norm(model.start_com)),
+    }
+    inertia, com = np.array(parameters["inertia_kgm2"]), np.array(parameters["com_m"])
+    if truth.n_bodies > 1:
+        base = base_parameters(truth)
+        learned = truth.with_changes(mass=np.array(parameters["mass_kg"]), com=com, inertia=inertia)
+        error = base.errors(learned, truth)
+        off = np.abs(base.values(learned) - base.values(truth))
+        first = np.array([order(name) == 1 for name in base.names])
+        worst = int(error.argmax())
+        return {
+            **start,
+            "inertia_error_rel": float(error[worst]),
+            "inertia_worst": base.names[worst],
+            "com_error_m": float(off[first].max()),
+        }
+    shares = np.linalg.eigvals(np.linalg.solve(truth.inertia[0], inertia[0])).real
+    return {
+        **start,
         "inertia_error_rel": float(np.abs(shares - 1).max()),
-        "com_error_m": float(np.linalg.norm(np.array(parameters["com_m"])[0] - truth.com[0])),
+        "com_error_m": float(np.linalg.norm(com[0] - truth.com[0])),
     }

@@ -74,12 +74,14 @@ def world_of(config: SynthesizeConfig, model: ObjectModel) -> World:
         ConfigError: an effect or a parameter that is not in the library, a value out of its range, or an effect that
             the engine does not have.
     """
-    from tossid.physics.effects import LIBRARY, World
+    from tossid.physics.effects import JOINT_EFFECTS, World, library_for
 
-    library = {effect.name: effect for effect in LIBRARY}
+    library = {effect.name: effect for effect in library_for(model)}
     world = World(model, gravity=config.gravity)
     for name, given in config.effects.items():
         effect = library.get(name)
+        if effect is None and name in {joint.name for joint in JOINT_EFFECTS}:
+            raise ConfigError(f"effects.{name}", f"'{model.name}' has no joints.")
         if effect is None:
             raise ConfigError(
                 f"effects.{name}", "there is no such effect in the library.", suggestion=nearest(name, library)
@@ -101,16 +103,11 @@ def world_of(config: SynthesizeConfig, model: ObjectModel) -> World:
 
 def _refuse_engine(config: SynthesizeConfig, world: World, name: str) -> None:
     """Say that the world, which has just got the effect, is beyond the engine."""
-    forced, lawful = world.forces.acts, world.law.acts
-    if (forced or lawful) and world.object.n_joints:
-        raise ConfigError(f"effects.{name}", "no engine has it for objects with joints.")
     if isinstance(config.engine, MujocoEngine):
         from tossid.physics.effects.in_mujoco import inexpressible
 
         if inexpressible(world):
             raise ConfigError(f"effects.{name}", "engine=mujoco cannot express it; engine=lcp can.")
-    elif (forced or lawful) and config.engine.directions:
-        raise ConfigError(f"effects.{name}", "engine=lcp has it with the exact cone only; engine.directions=0.")
 
 
 def simulate(config: SynthesizeConfig, world: World, q0: Array, v0: Array) -> tuple[Array, Array, int]:
@@ -143,8 +140,7 @@ def simulate(config: SynthesizeConfig, world: World, q0: Array, v0: Array) -> tu
         n_steps=n_steps,
         dt=dt,
         substeps=engine.substeps,
-        # where the kernel has it
-        impact_parts=1 if engine.directions or world.object.n_joints else IMPACT_PARTS,
+        impact_parts=IMPACT_PARTS,
         n_directions=engine.directions,
         n_threads=threads,
     )

@@ -53,13 +53,14 @@ from pipelines.schemas.synthesis import (
     ReleaseConfig,
     SynthesizeConfig,
 )
-from pipelines.schemas.viewing import ViewConfig
+from pipelines.schemas.viewing import ExportConfig, ViewConfig
 
 COMMANDS: dict[str, type] = {
     "audit": AuditConfig,
     "detect": DetectStageConfig,
     "diagnose": DiagnoseConfig,
     "evaluate": EvaluateConfig,
+    "export": ExportConfig,
     "ingest": IngestConfig,
     "new-object": NewObjectConfig,
     "register": RegisterConfig,
@@ -84,6 +85,7 @@ __all__ = [
     "DiagnoseConfig",
     "Engine",
     "EvaluateConfig",
+    "ExportConfig",
     "Fraction",
     "FramesSource",
     "IngestConfig",

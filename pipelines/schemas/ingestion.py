@@ -175,6 +175,9 @@ class IngestConfig:
     """seed of the draw of splits"""
     splits: tuple[Fraction, Fraction, Fraction]
     """shares of tosses for train, validation and test"""
+    defects: Literal["keep", "set_aside"]
+    """imported tosses with what neither gravity nor contact explains (rules flight, speed, flip, jolt): set_aside gives
+    them no split"""
     threads: Count | None
     """images searched at the same time; null: one a core"""
     detect: DetectConfig

@@ -39,6 +39,8 @@ class ModelConfig:
     """inertia that training starts from, relative to the object's"""
     start_com: tuple[float, float, float]
     """shift of the centre of mass (of the base) that training starts from [m]"""
+    start_corners: NonNegative
+    """how far off the given corners are when training starts, along each axis, drawn by the seed [m]"""
     length_scale: Positive | Literal["auto"]
     """recorded length per true length; auto: as the training tosses at rest show it"""
     velocity_lag: NonNegative | Literal["auto"]

@@ -1,10 +1,10 @@
-"""Keys of view."""
+"""Keys of view and export."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pipelines.schemas.ingestion import DetectConfig, TrackConfig
 from pipelines.schemas.kinds import Bounds, Count, NonNegative, ObjectConfig, Positive
@@ -50,3 +50,17 @@ class ViewConfig:
     """how tags are looked for:"""
     track: TrackConfig
     """when a pose is believed:"""
+
+
+@dataclass(frozen=True)
+class ExportConfig:
+    """Keys of `tossid export`."""
+
+    run: str | None
+    """run id, name or folder; null: the newest training"""
+    format: Literal["mjcf", "urdf"]
+    """mjcf: a scene that MuJoCo runs as it is; urdf: the object alone, with its meshes beside"""
+    out: Path | None
+    """file to write (.xml, .urdf); null: outputs/export/NAME"""
+    timestep: Positive
+    """mjcf: MuJoCo's time step [s]; contact that is learned rigid is as stiff as it bears"""

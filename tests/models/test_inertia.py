@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tossid.errors import InputError
-from tossid.models.inertia import KINDS, make_inertia
+from tossid.models.inertia import KINDS, divergence, make_inertia
 from tossid.objects import ObjectModel
 
 
@@ -71,3 +71,40 @@ def test_gradients_by_differences(cube: ObjectModel, kind: str) -> None:
 def test_an_unknown_kind_is_refused(cube: ObjectModel) -> None:
     with pytest.raises(InputError, match="log_cholesky"):
         make_inertia(cube, kind="cholesky", learn=True)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_divergence_is_nothing_at_the_given_and_without_bound_towards_nothing(
+    elbow: ObjectModel, kind: str
+) -> None:
+    given_ = tuple(part.detach() for part in make_inertia(elbow, learn=False)())
+    inertia = make_inertia(elbow, kind=kind, learn=True)
+    assert float(divergence(inertia(), given_).detach()) == pytest.approx(0.0, abs=1e-10)
+    sizes = []
+    for share in (0.5, 0.05, 0.005):
+        light = elbow.with_changes(
+            mass=elbow.mass * [1, share], inertia=elbow.inertia * np.array([1, share])[:, None, None]
+        )
+        sizes.append(float(divergence(make_inertia(light, kind=kind, learn=False)(), given_)))
+        # of a body scaled by s, each of the four eigenvalues says s - log s - 1
+        assert sizes[-1] == pytest.approx(4 * (share - np.log(share) - 1), rel=1e-6)
+    assert sizes[0] < sizes[1] < sizes[2]
+
+
+def test_the_divergence_has_a_gradient(elbow: ObjectModel) -> None:
+    given_ = tuple(part.detach() for part in make_inertia(elbow, learn=False)())
+    inertia = make_inertia(elbow, learn=True)
+    learned = [p for p in inertia.parameters() if p.requires_grad]
+    start = torch.nn.utils.parameters_to_vector(learned).detach()
+    start = start + 0.1 * torch.from_numpy(np.random.default_rng(0).normal(size=len(start)))
+
+    def value(x: torch.Tensor) -> float:
+        torch.nn.utils.vector_to_parameters(x, learned)
+        return float(divergence(inertia(), given_).detach())
+
+    value(start)
+    slopes = torch.nn.utils.parameters_to_vector(torch.autograd.grad(divergence(inertia(), given_), learned))
+    for i in range(len(start)):
+        step = torch.zeros_like(start)
+        step[i] = 1e-6
+        assert float(slopes[i]) == pytest.approx((value(start + step) - value(start - step)) / 2e-6, rel=1e-4, abs=1e-6)

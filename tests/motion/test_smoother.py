@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.motion.bouncing import Truth, away_from_jumps, bounce, tracked
-from tossid.motion import Smoothed, may_touch, smooth_tracks
+from tossid.motion import Smoothed, may_touch, smooth_tracks, smoother
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_boxminus
 from tossid.types import PoseTrack
@@ -80,6 +80,21 @@ def test_covariances_in_contact_are_not_too_small(case: Case) -> None:
     assert 0.3 < everywhere.mean() < 1.5
     # 95 % quantile of χ² with 6 degrees of freedom is 12.6
     assert (6 * everywhere > 12.6).mean() < 0.08
+
+
+@pytest.mark.parametrize("density_passes", [0, smoother.DENSITY_PASSES])
+def test_poses_to_microns_tell_how_evenly_contact_moves(
+    cube: ObjectModel, monkeypatch: pytest.MonkeyPatch, density_passes: int
+) -> None:
+    """Their velocities away from impacts are told neither too boldly nor, as with a fixed density, too cautiously."""
+    monkeypatch.setattr(smoother, "DENSITY_PASSES", density_passes)
+    truths = bounce(cube, np.random.default_rng(5), tosses=12, frames=120)
+    tracks = [tracked(truth, np.random.default_rng(6), position=6e-6, rotation=1e-4) for truth in truths]
+    results = smooth_tracks(tracks, cube, [track.q_cov for track in tracks if track.q_cov is not None])
+    away = [away_from_jumps(truth, 3 * HALF_FALL) for truth in truths]
+    of_v = [nees(errors(x, s)[1][at], s.v_cov[at]) for x, s, at in zip(truths, results, away, strict=True)]
+    mean = np.concatenate(of_v).mean()
+    assert 0.7 < mean < 1.5 if density_passes else mean < 0.75
 
 
 def test_poses_are_better_than_measured(case: Case) -> None:

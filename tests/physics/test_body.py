@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tossid.errors import InputError
 from tossid.objects import ObjectModel, load_object
 from tossid.physics import Residual, System, make_system, simulate, stepping
 
@@ -121,13 +120,6 @@ def test_what_an_impact_does_hangs_on_no_grid_of_steps(cube: ObjectModel) -> Non
 
     for substeps in (8, 64):
         assert sways(substeps, 8) < 0.2 * sways(substeps, 1)
-
-
-def test_steps_are_not_cut_where_that_is_not_known(cube: ObjectModel) -> None:
-    system, q, v = make_system(cube), np.zeros((1, 7)), np.zeros((1, 6))
-    q[:, 2:4] = 1.0
-    with pytest.raises(InputError, match="single body"):
-        simulate(system, q, v, n_steps=2, dt=DT, n_directions=4, impact_parts=4)
 
 
 @pytest.mark.parametrize("name", ["nominal", "soft", "cohesive"])

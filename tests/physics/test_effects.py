@@ -65,14 +65,11 @@ def test_nominal_forces_and_law_are_nothing() -> None:
     assert all(Law()._replace(**{name: 0.1}).acts for name in ("static_rel", "y_rel", "torsional", "adhesion"))
 
 
-def test_objects_with_joints_and_the_polyhedral_cone_refuse_them(cube: ObjectModel) -> None:
-    elbow = load_object(CONF / "elbow.xml")
-    q, v = np.array([[0, 0, 0.3, 1, 0, 0, 0, 0.1]]), np.zeros((1, 7))
-    with pytest.raises(InputError, match="objects with joints"):
-        simulate(World(elbow, forces=Forces(linear=0.1)).system(), q, v, n_steps=2, dt=DT)
-    simulate(World(elbow, forces=Forces(wind_x=1.0)).system(), q, v, n_steps=2, dt=DT)
-    with pytest.raises(InputError, match="polyhedral"):
-        simulate(World(cube, law=Law(rolling=0.1)).system(), q[:, :7], v[:, :6], n_steps=2, dt=DT, n_directions=8)
+def test_the_relaxed_law_and_the_polyhedral_cone_are_two_laws(cube: ObjectModel) -> None:
+    q, v = np.array([[0, 0, 0.3, 1, 0, 0, 0]]), np.zeros((1, 6))
+    simulate(World(cube, law=Law(rolling=0.1)).system(), q, v, n_steps=2, dt=DT, n_directions=8)
+    with pytest.raises(InputError, match="lifting"):
+        simulate(World(cube, law=Law(lifting=1e-3)).system(), q, v, n_steps=2, dt=DT, n_directions=8)
 
 
 # ---------------------------------------------------------------- flight

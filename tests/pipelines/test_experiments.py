@@ -40,14 +40,20 @@ def calls_of_studies() -> list[tuple[str, str]]:
 
 
 def test_datasets_are_made_once_and_every_study_is_called(project: Path, called: list[Call]) -> None:
-    (project / "recordings" / "contactnets_cube").mkdir(parents=True)
+    for name in experiments.RECORDED:
+        (project / "recordings" / name).mkdir(parents=True)
     experiments.main(project / "recordings")
-    assert [command for command, _ in called] == ["ingest", "synthesize", *["evaluate"] * len(experiments.STUDIES)]
-    for (dataset, study), (_, keys) in zip(experiments.STUDIES, called[2:], strict=True):
+    made = len(experiments.RECORDED) + len(experiments.SIMULATED)
+    commands = [command for command, _ in called]
+    assert sorted(commands[:made]) == ["ingest"] * len(experiments.RECORDED) + ["synthesize"] * len(
+        experiments.SIMULATED
+    )
+    assert commands[made:] == ["evaluate"] * len(experiments.STUDIES)
+    for (dataset, study), (_, keys) in zip(experiments.STUDIES, called[made:], strict=True):
         assert keys[0] == f"sweep={study}"
         assert dataset in keys[1]
         assert Path(keys[1].removeprefix("data=")).is_file()
-    first = called[2:]
+    first = called[made:]
     called.clear()
     experiments.main(project / "nowhere")
     assert called == first

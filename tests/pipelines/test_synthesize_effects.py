@@ -183,8 +183,8 @@ def test_an_effect_that_mujoco_has_not_is_refused(name: str) -> None:
         ("effects={com_offset: {z_m: 1}}", r"effects\.com_offset\.z_m: .*-0\.04 to 0\.04"),
         ("effects={com_offset: 3}", r"effects\.com_offset: "),
         ("effects={com_offset: {z_m: low}}", r"effects\.com_offset\.z_m: "),
-        ("effects={magnus: {c_ns2pm: 0.1}} object=elbow", r"effects\.magnus: .*joints"),
-        ("effects={adhesion: {force_n: 1}} engine=lcp engine.directions=8", r"effects\.adhesion: .*directions=0"),
+        ("effects={joint_damping: {c_nms: 0.01}} object=cube", r"effects\.joint_damping: 'cube' has no joints"),
+        ("effects={joint_dampng: {c_nms: 0.01}} object=elbow", r"effects\.joint_dampng: .*'joint_damping'"),
     ],
 )
 def test_what_is_no_effect_is_refused(project: Path, capfd: pytest.CaptureFixture[str], key: str, says: str) -> None:
@@ -193,3 +193,26 @@ def test_what_is_no_effect_is_refused(project: Path, capfd: pytest.CaptureFixtur
     assert app.run([*BARE, *keys, "out=o"]) == 2
     assert re.search(says, one_line(capfd.readouterr().err))
     assert not (project / "o").exists()
+
+
+JOINTED = {
+    "joint_damping": "{c_nms: 0.002}",
+    "joint_friction": "{torque_nm: 0.01}",
+    "joint_stiffness": "{k_nmprad: 0.05, rest_rad: 0.5}",
+    "joint_offset": "{angle_rad: 0.2}",
+    "linear_drag": "{c_nspm: 0.3}",
+    "restitution": "{e: 0.4}",
+}
+
+
+@pytest.mark.parametrize("engine", ["lcp", "mujoco"])
+@pytest.mark.parametrize("name", JOINTED)
+def test_an_effect_moves_an_object_with_joints(name: str, engine: str) -> None:
+    model = load_object(object_named("elbow"))
+    keys = ("object=elbow", f"engine={engine}", "tosses=2", "seconds=0.3", "release.height=[0.05,0.1]")
+    runs = []
+    for effects in ("effects={}", f"effects={{{name}: {JOINTED[name]}}}"):
+        config = config_of(*keys, effects)
+        made, _ = make_tosses(config, model, np.random.default_rng(0))
+        runs.append(np.concatenate([toss.q[:40] for toss in made]))
+    assert np.abs(runs[1] - runs[0]).max() > 1e-3

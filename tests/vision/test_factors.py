@@ -24,22 +24,25 @@ def _numerical(factor: gtsam.NoiseModelFactor, values: gtsam.Values, key: int, n
         for sign in (1, -1):
             delta = gtsam.VectorValues()
             for other in values.keys():  # noqa: SIM118
-                size = 1 if gtsam.Symbol(other).chr() == ord("o") else 6
+                size = {"o": 1, "p": 3}.get(chr(gtsam.Symbol(other).chr()), 6)
                 delta.insert(other, sign * 1e-6 * e if other == key else np.zeros(size))
             shifted.append(factor.unwhitenedError(values.retract(delta)))
         columns.append((shifted[0] - shifted[1]) / 2e-6)
     return np.stack(columns, axis=1)
 
 
-@pytest.mark.parametrize("outlier", [False, True])
-def test_a_views_derivatives(outlier: bool):
-    """By camera, rig, body, two tags and the clock, while body and rig move, within and beyond Huber's threshold."""
+@pytest.mark.parametrize(("outlier", "swell"), [(False, 0.0), (True, 0.0), (False, 2.0)])
+def test_a_views_derivatives(outlier: bool, swell: float):
+    """By camera, rig, body, two tags, a print and the clock, while body and rig move, within and beyond Huber's
+    threshold, and where edges spread."""
     rng = np.random.default_rng(0)
     values = gtsam.Values()
     for key, p in enumerate(([0.0, 0, 0], [0.0, 0, 0], [0.0, 0, 1.2], [0.05, 0, 0], [-0.05, 0, 0])):
         values.insert(key, _pose(rng, p))
     clock = int(gtsam.symbol("o", 0))
     values.insert(clock, 0.001)
+    print_ = int(gtsam.symbol("p", 4))
+    values.insert(print_, np.array([0.02, -0.01, 0.03]))
     twists, W = (rng.normal(size=6), 5 * rng.normal(size=6)), np.tile(300.0 * np.eye(2), (2, 4, 1, 1))
     half = np.array([0.04, 0.03])
     blank = View(
@@ -49,14 +52,15 @@ def test_a_views_derivatives(outlier: bool):
     seen += rng.normal(size=(2, 4, 2)) * (0.05 if outlier else 0.001)
     view = View(
         0, 1, 2, (3, 4), half, seen, W, np.ones(2), 0.004, *twists, clock,
+        grow=rng.normal(size=(2, 4, 2)) / 300, prints={4: (np.zeros(3), print_)},
     )  # fmt: skip
-    factor = view_factor(view, {}, Noise())
+    factor = view_factor(view, {}, Noise(swell=swell))
     linear = factor.linearize(values)
     jacobian = gtsam.JacobianFactor(linear)
     A, _ = jacobian.jacobian()
     at = 0
     for key in list(factor.keys()):
-        n = 1 if key == clock else 6
+        n = {clock: 1, print_: 3}.get(key, 6)
         # Huber's own derivative is the gradient's: compare Jᵀr, which is exact, and J itself where it is linear
         numerical = _numerical(factor, values, key, n)
         r = factor.unwhitenedError(values)

@@ -35,7 +35,9 @@ FLOOR_REACHED = 1.03
 CUTS = ((LENGTH // 4, 1.0), (LENGTH // 2, -1.0), (3 * LENGTH // 4, 1.0))
 """Frames by which tosses are cut elsewhere, and to which side fits begin."""
 ASIDE = 0.1
-"""By how much fits begin elsewhere, over what a parameter differs from its nominal value."""
+"""By how much fits begin elsewhere, over what a parameter differs from its nominal value,"""
+ASIDE_IN_FLIGHT = 2.0
+"""and, of what acts in flight, over its standard error."""
 
 
 def diagnose(
@@ -81,7 +83,7 @@ def _cut_elsewhere(
     windows, and their standard deviations (P,).
 
     Contact makes the likelihood rough, and where on it a fit ends hangs on where it began: each begins somewhere else,
-    to either side of what was found in contact. What flight has shown is where it belongs: moved away, it would be held
+    to either side of what was found. What flight has shown is near where it belongs: moved far away, it would be held
     there by first states in contact that suit it.
     """
     present = found.present
@@ -89,8 +91,10 @@ def _cut_elsewhere(
         return found, None
     flat = present.hypothesis.flat()
     nothing = np.concatenate([effect.nominal(present.hypothesis.base) for effect in present.hypothesis.effects])
-    contact = [Phase.FLIGHT not in effect.phases for effect in present.hypothesis.effects for _ in effect.parameters]
-    way = ASIDE * np.random.default_rng(len(flat)).choice([-1.0, 1.0], len(flat)) * (flat - nothing) * contact
+    flies = [Phase.FLIGHT in effect.phases for effect in present.hypothesis.effects for _ in effect.parameters]
+    error = np.sqrt(np.maximum(np.diag(present.fitted.covariance()), 0.0))
+    way = np.where(flies, ASIDE_IN_FLIGHT * error, ASIDE * (flat - nothing))
+    way *= np.random.default_rng(len(flat)).choice([-1.0, 1.0], len(flat))
 
     def fitted(cut: tuple[int, float]) -> Array:
         skip, side = cut

@@ -91,11 +91,13 @@ class Found:
 @dataclass(frozen=True)
 class Path:
     """How rounds went: hypotheses on the way, what the first round tried, what gained much in the round in which an
-    effect joined, and the last hypothesis without each effect (none if nothing joined)."""
+    effect joined, the same as judged in the last of these rounds, and the last hypothesis without each effect (none
+    if nothing joined)."""
 
     history: tuple[Candidate, ...]
     tried: dict[str, Candidate]
-    classes: dict[str, tuple[Candidate, ...]]
+    classes: dict[str, tuple[Effect, ...]]
+    judged: tuple[Candidate, ...]
     less: dict[str, Candidate]
 
 
@@ -128,7 +130,7 @@ class Search:
             present, less = contact._pruned(first, contact._refreshed(present, POLISH))
             history[-1] = present
             self.tell("what could stand in for each", 0.88)
-            needed_too, classes_too = contact._stand_ins(present, less, path.classes)
+            needed_too, classes_too = contact._stand_ins(present, less, path)
             needed, classes = {**needed, **needed_too}, {**classes, **classes_too}
         in_flight = {} if seen is None else seen.tried
         others = {} if seen is None else {name: each for name, each in seen.other_laws.items() if name in needed}
@@ -146,10 +148,23 @@ class Search:
         search = Search(replace(self.judge, windows=self.judge.windows.rows(free)), library, _silent)
         first = search.judge.start(hypothesis)
         path = search._forward(first, [first])
-        needed, classes = search._stand_ins(path.history[-1], path.less, path.classes)
+        needed, classes = search._stand_ins(path.history[-1], path.less, path)
         others = search._of_other_laws(path.history[-1], classes)
-        classes = {name: () if name in others else group for name, group in classes.items()}
-        return Found(first, path.history[-1], path.history, path.tried, {}, needed, classes, 0, others)
+        present = search._without_makeshifts(first, path.history[-1], others)
+        stay = {effect.name for effect in present.hypothesis.effects}
+        needed = {name: each for name, each in needed.items() if name in stay}
+        classes = {name: () if name in others else group for name, group in classes.items() if name in stay}
+        return Found(first, present, path.history, path.tried, {}, needed, classes, 0, others)
+
+    def _without_makeshifts(self, first: Candidate, present: Candidate, others: Mapping[str, Candidate]) -> Candidate:
+        """Without effects that only make up for what a force of another law was taken for."""
+        hypothesis = present.hypothesis
+        for each in others.values():
+            kept = {effect.name for effect in self._pruned(first, each)[0].hypothesis.effects}
+            for effect in present.hypothesis.effects:
+                if effect.name not in kept | others.keys():
+                    hypothesis = hypothesis.minus(effect.name)
+        return present if hypothesis is present.hypothesis else self.judge.judged(present, None, hypothesis)
 
     def _of_other_laws(self, present: Candidate, classes: Mapping[str, Sequence[Candidate]]) -> dict[str, Candidate]:
         """Effects whose force grows with another power of its state than theirs and than their classes', with the
@@ -212,8 +227,9 @@ class Search:
     def _forward(self, first: Candidate, history: Sequence[Candidate], done: float = 0.0) -> Path:
         """Rounds from the last hypothesis of a history until no effect belongs."""
         history, present = list(history), history[-1]
-        classes: dict[str, tuple[Candidate, ...]] = {}
+        classes: dict[str, tuple[Effect, ...]] = {}
         tried: dict[str, Candidate] = {}
+        near: list[Candidate] = []
         less: dict[str, Candidate] = {}
         for turn in range(MOST_EFFECTS - len(present.hypothesis.effects)):
             self.tell(f"round {turn + 1}", done + 0.08 * turn)
@@ -225,12 +241,12 @@ class Search:
                 break
             best = self._simplest(good)
             near = [each for each in fitted if each is not best and each.total > CLASS_GAIN * best.total]
-            classes[best.name] = tuple(sorted(near, key=lambda each: -each.total))
+            classes[best.name] = tuple(each.effect for each in near if each.effect is not None)
             tried.setdefault(best.name, best)
             without = {best.name: replace(present, gain=-best.gain)}
             present, less = self._pruned(first, self._refreshed(best), without)
             history.append(present)
-        return Path(tuple(history), tried, classes, less)
+        return Path(tuple(history), tried, classes, tuple(near), less)
 
     def _round(self, first: Candidate, present: Candidate, at_least: float = PROMISING) -> list[Candidate]:
         """The promising effects, of which one step gains so much at least, fitted and judged; those that gain far less
@@ -306,7 +322,7 @@ class Search:
     # ------------------------------------------------------------ classes
 
     def _stand_ins(
-        self, present: Candidate, less: Mapping[str, Candidate], classes: Mapping[str, Sequence[Candidate]]
+        self, present: Candidate, less: Mapping[str, Candidate], path: Path
     ) -> tuple[dict[str, Candidate], dict[str, tuple[Candidate, ...]]]:
         """Each effect that is not held against the hypothesis without it, and what of its class could still stand in
         for it."""
@@ -317,8 +333,8 @@ class Search:
                 continue
             gain = -less[effect.name].gain
             needed[effect.name] = replace(present, effect=effect, gain=gain, shown=self.judge.parts(gain))
-            rivals = [each for each in classes.get(effect.name, ()) if each.name not in inside]
-            found[effect.name] = self._rivals(less[effect.name], needed[effect.name], rivals)
+            rivals = [each for each in path.classes.get(effect.name, ()) if each.name not in inside]
+            found[effect.name] = self._rivals(less[effect.name], needed[effect.name], rivals, path.judged)
         return needed, found
 
     def _alike(self, before: Candidate, best: Candidate, other: Candidate) -> bool:
@@ -331,15 +347,20 @@ class Search:
         closes = (judge.of_tosses(_closed(before, each)).sum() for each in (other, best))
         return next(closes) > CLASS_SHARE * next(closes) or judge.better(best, other) > CLASS_LEVEL
 
-    def _rivals(self, without: Candidate, best: Candidate, others: Sequence[Candidate]) -> tuple[Candidate, ...]:
-        """Which of its class could still stand in for an effect, with all others in."""
+    def _rivals(
+        self, without: Candidate, best: Candidate, others: Sequence[Effect], known: Sequence[Candidate]
+    ) -> tuple[Candidate, ...]:
+        """Which of its class could still stand in for an effect, with all others in; those `known`, if judged in the
+        same company, as they were."""
         company = {effect.name for effect in without.hypothesis.effects}
+        same = {
+            each.name: each
+            for each in known
+            if {effect.name for effect in each.hypothesis.effects} == company | {each.name}
+        }
 
-        def judged(other: Candidate) -> Candidate:
-            assert other.effect is not None
-            if {effect.name for effect in other.hypothesis.effects} == company | {other.name}:
-                return other
-            return self._judged(without, screened(self.judge, without, other.effect))
+        def judged(other: Effect) -> Candidate:
+            return same.get(other.name) or self._judged(without, screened(self.judge, without, other))
 
         out = [each for each in self.judge.each(judged, others) if self._alike(without, best, each)]
         out.sort(key=lambda each: -each.total)

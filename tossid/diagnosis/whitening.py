@@ -269,7 +269,10 @@ def _whitening(
         blocks = cov.reshape(W, L, 6, L, 6)
         for c in range(6):
             blocks[:, :, c, :, c] += slow[:, c, 1:, 1:]
-    root = np.zeros((len(S), *cov.shape[1:])) if near is None else near.root.copy()
+    if near is not None and not len(new):
+        root = near.root
+    else:
+        root = np.zeros((len(S), *cov.shape[1:])) if near is None else near.root.copy()
     for k, factor in zip(new, np.linalg.cholesky(cov), strict=True):
         root[k] = _inverse_lower(factor)
     return Whitening(root, mean, np.log(np.einsum("wii->wi", root)).sum(1), S, at, other)

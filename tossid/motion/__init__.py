@@ -1,6 +1,7 @@
 """Motion: velocities, covariances and phases from poses, the same for imported and tracked ones."""
 
 from tossid.motion.contact import lowest_corner, may_touch
+from tossid.motion.defects import Defect, find_defects
 from tossid.motion.flight import FlightState, flight_frames, flight_state, flight_states
 from tossid.motion.kinematics import body_velocities, com_velocities, corner_velocities, jump_speed
 from tossid.motion.measurement import Calibration, Measurement, calibrate
@@ -11,6 +12,7 @@ from tossid.motion.tosses import covariance_source, median_rate, tosses_from_tra
 
 __all__ = [
     "Calibration",
+    "Defect",
     "FlightState",
     "Measurement",
     "PoseNoise",
@@ -20,6 +22,7 @@ __all__ = [
     "com_velocities",
     "corner_velocities",
     "covariance_source",
+    "find_defects",
     "flight_frames",
     "flight_state",
     "flight_states",

@@ -12,7 +12,7 @@ exactly that covariance, with S = Δ²/h. So one model covers flight, sliding
 and impacts, if S may differ from interval to interval: w_k is Student-t
 distributed, S_k = S / s_k with s_k ~ Gamma(ν/2, ν/2), and the s_k are found by
 expectation maximisation around a Rauch-Tung-Striebel smoother (each pass
-linearises anew). Where an impact is, S_k becomes large: the velocities on its
+linearises anew), and S with them. Where an impact is, S_k becomes large: the velocities on its
 two sides share nothing but the position. The velocity at a frame is the one
 after what happened since the frame before, as a simulator that starts there
 needs it.
@@ -43,12 +43,18 @@ Array = NDArray[np.float64]
 
 BATCH = 64
 """Tracks smoothed together; the first batch, drawn evenly, gives the density in flight."""
-SEARCH_PASSES, FINAL_PASSES = 6, 6
-"""Passes that find the contact intervals, and that follow with the density of flight in place."""
-NU = 1.0
-"""Degrees of freedom of the accelerations in contact: very heavy tails, as impacts and lying still are both common."""
+SEARCH_PASSES, DENSITY_PASSES, FINAL_PASSES = 6, 8, 6
+"""Passes that find the contact intervals, then the density in contact, and that follow with both densities in place."""
+NU = 3.0
+"""Degrees of freedom of the accelerations in contact: heavy tails, as impacts and lying still are both common."""
 S_CONTACT = 0.3
-"""[m²/s³] their density between impacts: at 148 Hz the velocity changes by 0.7 g h in an interval."""
+"""[m²/s³] their density between impacts, where contact is looked for: at 148 Hz the velocity changes by 0.7 g h in an
+interval. After that it is the likeliest one of the tracks themselves, from `S_LEAST` to ten times as much, but for
+jumps that the poses' noise hides: these may be in every interval."""
+S_LEAST = 3e-3
+"""[m²/s³] no object in contact moves more evenly."""
+FEWEST = 50
+"""Intervals of contact that tell it."""
 JUMP = 1.0
 """[m/s] the first pass lets the velocity change so much in every interval."""
 OPEN = 10.0
@@ -106,6 +112,12 @@ def smooth_tracks(
         state = _find_contact(model, batch, gravity)
         if density is None:
             density = _flight_density(model, batch, state)
+            least = max(S_LEAST, min(_hidden(model, batch), S_CONTACT))
+            for _ in range(DENSITY_PASSES if state.contact.sum() >= FEWEST and least < S_CONTACT else 0):
+                state.factor = np.where(state.contact, state.factor, 1.0)
+                noise = _pass(model, batch, state, density)
+                density[1] *= _likelier(noise, batch.h, density[1], state.contact, least)
+                state.factor = _factor(noise, batch.h, density[1])
         state.factor = np.where(state.contact, state.factor, 1.0)
         for _ in range(FINAL_PASSES):
             noise = _pass(model, batch, state, density)
@@ -168,6 +180,21 @@ def _pass(model: ObjectModel, batch: Batch, state: _State, density: Array) -> Ar
     state.q, state.v = retract(state.q, state.v, mean)
     state.cov = cov
     return noise
+
+
+def _hidden(model: ObjectModel, batch: Batch) -> float:
+    """The density [m²/s³] of velocity jumps no larger than three poses' noise makes them seem, 6 σ²/h² each, in the
+    coordinate that is measured worst."""
+    var = np.median(np.diagonal(batch.R, axis1=-2, axis2=-1)[batch.seen] / _shape(model), axis=0)
+    return float(6 * var.max() / np.median(batch.h[batch.inside]) ** 3)
+
+
+def _likelier(noise: Array, h: Array, density: Array, contact: NDArray[np.bool_], least: float) -> float:
+    """By what the density of Student-t noise becomes likelier, given E[w²]: a step of expectation maximisation."""
+    size = (noise / h[..., None] / density).sum(axis=-1)[contact]
+    nv = noise.shape[-1]
+    step = float(np.mean(size * (NU + nv) / (NU + size)) / nv)
+    return float(np.clip(step, least / density[0], 10 * S_CONTACT / density[0]))
 
 
 def _factor(noise: Array, h: Array, density: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import FileError, ObjectError
-from tossid.objects.model import GRAVITY, JointType, ObjectModel, Tag
+from tossid.objects.model import GRAVITY, JointLaw, JointType, ObjectModel, Tag
 from tossid.rotations import quat_to_matrix
 
 Array = NDArray[np.float64]
@@ -53,6 +53,7 @@ def load_object(
     # arrays and text must agree to the last digit: read back what will be kept
     _free_base(spec)
     try:
+        _embed_meshes(spec, spec.compile())
         spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise FileError(path, f"MuJoCo cannot compile it: {_first_line(error)}") from error
@@ -131,11 +132,15 @@ def _from_spec(
             continue
         if count != 1 or mujoco.mjtJoint(m.jnt_type[first]) not in _JOINTS:
             raise ObjectError(f"body '{body_name}' needs exactly one hinge or slide joint to its parent")
+        _refuse_joint(m, first)
         joint_type[body] = _JOINTS[mujoco.mjtJoint(m.jnt_type[first])]
         joint_pos[body], joint_axis[body] = m.jnt_pos[first], m.jnt_axis[first]
     if (m.body_mass[1:] <= 0).any():
         light = m.body(1 + int(np.argmax(m.body_mass[1:] <= 0))).name
         raise ObjectError(f"body '{light}' has no mass")
+
+    if m.neq:
+        raise ObjectError(f"the object has {m.neq} equality constraints (loops, locks), which are not supported")
 
     R = quat_to_matrix(m.body_iquat[1:])
     inertia = R @ (m.body_inertia[1:, :, None] * np.swapaxes(R, -1, -2))
@@ -167,7 +172,35 @@ def _from_spec(
         compliance=float(compliance),
         relaxation=float(relaxation),
         cohesion=float(cohesion),
+        joint_law=_joint_law(m),
     )
+
+
+def _joint_law(m: mujoco.MjModel) -> JointLaw:
+    """What the file says of the joints: every body but the base has one, in the order of bodies."""
+
+    def by_body(values: Array) -> Array:
+        return np.concatenate([[0.0], np.asarray(values, dtype=float)])
+
+    return JointLaw(
+        damping=by_body(m.dof_damping[6:]),
+        friction=by_body(m.dof_frictionloss[6:]),
+        stiffness=by_body(m.jnt_stiffness[1:]),
+        rest=by_body(m.qpos_spring[7:]),
+        armature=by_body(m.dof_armature[6:]),
+    )
+
+
+def _refuse_joint(m: mujoco.MjModel, joint: int) -> None:
+    """Say what of a hinge or slide tossid's equations do not have."""
+    dof, named = int(m.jnt_dofadr[joint]), f"joint '{m.joint(joint).name or joint}'"
+    if m.jnt_limited[joint]:
+        low, high = m.jnt_range[joint]
+        raise ObjectError(f"{named} has limits ({low:g} to {high:g}); joints without limits are supported")
+    if m.qpos0[m.jnt_qposadr[joint]] != 0:
+        raise ObjectError(f"{named} has a reference position ('ref'), which is not supported")
+    if m.dof_dampingpoly[dof].any() or m.jnt_stiffnesspoly[joint].any():
+        raise ObjectError(f"{named} has damping or stiffness that is not linear, which is not supported")
 
 
 def _free_base(spec: mujoco.MjSpec) -> None:
@@ -177,6 +210,47 @@ def _free_base(spec: mujoco.MjSpec) -> None:
         raise ObjectError(f"the object has {len(roots)} root bodies, expected exactly one free base")
     if not list(roots[0].joints):
         roots[0].add_freejoint()
+
+
+def _embed_meshes(spec: mujoco.MjSpec, m: mujoco.MjModel) -> None:
+    """Put the hulls of mesh files into the model's own text, which a dataset carries without them.
+
+    The bodies' inertia, which MuJoCo may have taken from those files, is stated then.
+    """
+    from_files = [mesh for mesh in spec.meshes if mesh.file]
+    if not from_files:
+        return
+    for body in spec.bodies[1:]:
+        b = m.body(body.name).id if body.name else body.id
+        body.explicitinertial = True
+        body.mass, body.ipos, body.iquat = float(m.body_mass[b]), m.body_ipos[b], m.body_iquat[b]
+        body.inertia, body.fullinertia = m.body_inertia[b], np.full(6, np.nan)  # of the two, one may be said
+    for mesh in from_files:
+        at = mesh.id
+        # MuJoCo's copy is centred and turned to its principal axes
+        vertices = _hull(m, at) @ quat_to_matrix(m.mesh_quat[at]).T + m.mesh_pos[at]
+        mesh.file, mesh.scale = "", [1, 1, 1]
+        mesh.refpos, mesh.refquat = [0, 0, 0], [1, 0, 0, 0]
+        mesh.uservert = vertices.ravel()
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+
+
+def _hull(m: mujoco.MjModel, mesh: int) -> Array:
+    """Vertices (n, 3) of a mesh's convex hull, as MuJoCo holds them.
+
+    Raises:
+        ObjectError: the mesh spans no volume.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    first, count = int(m.mesh_vertadr[mesh]), int(m.mesh_vertnum[mesh])
+    vertices = np.asarray(m.mesh_vert[first : first + count], dtype=float)
+    try:
+        return vertices[ConvexHull(vertices).vertices]
+    except QhullError as error:
+        raise ObjectError(
+            f"mesh '{m.mesh(mesh).name}' has no convex hull: its {count} vertices span no volume"
+        ) from error
 
 
 def _corners(m: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
@@ -191,12 +265,7 @@ def _corners(m: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
         if kind == mujoco.mjtGeom.mjGEOM_BOX:
             local = signs * m.geom_size[geom]
         elif kind == mujoco.mjtGeom.mjGEOM_MESH:
-            mesh = int(m.geom_dataid[geom])
-            first, count = int(m.mesh_vertadr[mesh]), int(m.mesh_vertnum[mesh])
-            from scipy.spatial import ConvexHull
-
-            vertices = np.asarray(m.mesh_vert[first : first + count], dtype=float)
-            local = vertices[ConvexHull(vertices).vertices]
+            local = _hull(m, int(m.geom_dataid[geom]))
         else:
             raise ObjectError(f"a geom of type {kind.name} has no corners; use boxes or convex meshes")
         R = quat_to_matrix(m.geom_quat[geom])
@@ -230,6 +299,7 @@ def to_mjcf(
     """
     spec = mujoco.MjSpec()
     spec.modelname = model.name
+    spec.compiler.degree = False
     spec.option.gravity = [0.0, 0.0, -gravity]
     spec.option.timestep = timestep
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -257,7 +327,16 @@ def to_mjcf(
                 mujoco.mjtJoint.mjJNT_HINGE if model.joint_type[b] == JointType.HINGE else mujoco.mjtJoint.mjJNT_SLIDE
             )
             body.add_joint(
-                name=f"joint_{b}", type=kind, pos=model.joint_pos[b], axis=model.joint_axis[b], limited=False
+                name=f"joint_{b}",
+                type=kind,
+                pos=model.joint_pos[b],
+                axis=model.joint_axis[b],
+                limited=False,
+                damping=[model.joints.damping[b], 0, 0],
+                stiffness=[model.joints.stiffness[b], 0, 0],
+                frictionloss=model.joints.friction[b],
+                springref=model.joints.rest[b],
+                armature=model.joints.armature[b],
             )
         own = model.corner_pos[model.corner_body == b]
         if len(own):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,30 @@ class JointType(IntEnum):
     FREE = 0
     HINGE = 1
     SLIDE = 2
+
+
+class JointLaw(NamedTuple):
+    """What acts in the joints, by body: each (n_b,), 0 for the base. For slides newtons and metres take the place.
+
+    damping [N m s/rad]: torque -damping times rate. friction [N m]: Coulomb's, the largest torque against the rate.
+    stiffness [N m/rad]: torque -stiffness (angle - rest), rest [rad]. armature [kg m²]: inertia of the drive.
+    """
+
+    damping: Array
+    friction: Array
+    stiffness: Array
+    rest: Array
+    armature: Array
+
+    @property
+    def acts(self) -> bool:
+        """Whether anything acts; a spring's rest alone does not."""
+        return any(bool(part.any()) for part in (self.damping, self.friction, self.stiffness, self.armature))
+
+
+def free_joints(n_bodies: int) -> JointLaw:
+    """Joints in which nothing acts."""
+    return JointLaw(*np.zeros((5, n_bodies)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +88,10 @@ class ObjectModel:
         compliance: how far a corner sinks for each newton on it [m/N], 0 for rigid contact.
         relaxation: damping over stiffness of a corner [s].
         cohesion: friction of a loaded corner beyond `friction` times its load [N].
+        joint_law: what acts in the joints; nothing if None.
 
     Raises:
-        ObjectError: compliance, relaxation or cohesion is negative or not finite.
+        ObjectError: compliance, relaxation, cohesion or a number of the joints' law is negative or not finite.
     """
 
     name: str
@@ -90,12 +115,23 @@ class ObjectModel:
     compliance: float = 0.0
     relaxation: float = 0.0
     cohesion: float = 0.0
+    joint_law: JointLaw | None = None
 
     def __post_init__(self) -> None:
         for name, unit in (("compliance", "m/N"), ("relaxation", "s"), ("cohesion", "N")):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise ObjectError(f"object '{self.name}': {name} is {value} {unit}, expected at least 0")
+        for name, values in self.joints._asdict().items():
+            if np.shape(values) != (self.n_bodies,) or not np.isfinite(values).all():
+                raise ObjectError(f"object '{self.name}': {name} of its joints must be one finite number a body")
+            if name != "rest" and (values < 0).any():
+                raise ObjectError(f"object '{self.name}': {name} of a joint is {values.min():g}, expected at least 0")
+
+    @property
+    def joints(self) -> JointLaw:
+        """What acts in the joints."""
+        return free_joints(self.n_bodies) if self.joint_law is None else self.joint_law
 
     @property
     def n_bodies(self) -> int:

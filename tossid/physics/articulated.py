@@ -145,8 +145,8 @@ def outwards(parent, joint_type, turn, place, axis, anchor, q, v, P, E):  # type
 
 
 @jit
-def inwards(parent, mass, com, inertia, P, E):  # type: ignore[no-untyped-def]
-    """Mass, moments and bias of each body with all beyond it. After `outwards`."""
+def own(parent, mass, com, inertia, P, E):  # type: ignore[no-untyped-def]
+    """Mass, moments and bias of each body by itself. After `outwards`."""
     nb = parent.shape[0]
     for b in range(nb):
         m = mass[b]
@@ -176,15 +176,22 @@ def inwards(parent, mass, com, inertia, P, E):  # type: ignore[no-untyped-def]
         P[b, INERTIA + 2] = zz + m * (d0 * d0 + d1 * d1)
         P[b, INERTIA + 3], P[b, INERTIA + 4] = xy - m * d0 * d1, xz - m * d0 * d2
         P[b, INERTIA + 5] = yz - m * d1 * d2
-    for b in range(nb - 1, 0, -1):
+
+
+@jit
+def inwards(parent, P):  # type: ignore[no-untyped-def]
+    """Mass, moments and bias of each body with all beyond it. After `own`."""
+    for b in range(parent.shape[0] - 1, 0, -1):
         up = parent[b]
         for i in range(MASS, MOMENTUM):
             P[up, i] += P[b, i]
 
 
 @jit
-def factor(parent, joint_type, P, L, rate):  # type: ignore[no-untyped-def]
-    """Lower Cholesky factor of S into L, with its diagonal's inverse; rate (3 + n_j,) = -S^-1 bias. After `inwards`.
+def factor(parent, joint_type, torque, slack, P, L, rate):  # type: ignore[no-untyped-def]
+    """Lower Cholesky factor of S into L, with its diagonal's inverse; rate (3 + n_j,) = S^-1 (torque - bias).
+
+    torque (n_b,) of the joints, 0 for the base; slack (n_b,) is added to S's diagonal. After `inwards`.
 
     Returns whether S and m are positive.
     """
@@ -223,7 +230,7 @@ def factor(parent, joint_type, P, L, rate):  # type: ignore[no-untyped-def]
             h0, h1, h2 = cross(s0, s1, s2, z0, z1, z2)
             bias = z0 * f0 + z1 * f1 + z2 * f2
         P[b, MOMENTUM], P[b, MOMENTUM + 1], P[b, MOMENTUM + 2] = part * p0, part * p1, part * p2
-        rate[row] = part * (p0 * g0 + p1 * g1 + p2 * g2) - bias
+        rate[row] = part * (p0 * g0 + p1 * g1 + p2 * g2) - bias + torque[b]
         t0, t1, t2 = cross(d0, d1, d2, p0, p1, p2)
         L[row, 0], L[row, 1], L[row, 2] = h0 - t0, h1 - t1, h2 - t2
         for i in range(1, b + 1):
@@ -237,6 +244,7 @@ def factor(parent, joint_type, P, L, rate):  # type: ignore[no-untyped-def]
                 t0, t1, t2 = p0, p1, p2
             L[row, 2 + i] += P[i, AXIS] * t0 + P[i, AXIS + 1] * t1 + P[i, AXIS + 2] * t2
             i = parent[i]
+        L[row, row] += slack[b]
     nx = 2 + nb
     for i in range(nx):  # the inverse of the factor's diagonal takes the diagonal's place
         for j in range(i):
@@ -299,6 +307,18 @@ def contact_row(parent, joint_type, P, body, r0, r1, r2, a0, a1, a2, c, k, tau):
         if joint_type[b] == HINGE:
             z0, z1, z2 = cross(z0, z1, z2, r0 - P[b, ANCHOR], r1 - P[b, ANCHOR + 1], r2 - P[b, ANCHOR + 2])
         tau[c, k, 2 + b] += a0 * z0 + a1 * z1 + a2 * z2
+        b = parent[b]
+
+
+@jit
+def spin_row(parent, joint_type, P, body, a0, a1, a2, row):  # type: ignore[no-untyped-def]
+    """row (3 + n_j,) with row . xi the spin of `body` about the direction a (base axes). After `outwards`."""
+    row[:] = 0.0
+    row[0], row[1], row[2] = a0, a1, a2
+    b = body
+    while b > 0:
+        if joint_type[b] == HINGE:
+            row[2 + b] = a0 * P[b, AXIS] + a1 * P[b, AXIS + 1] + a2 * P[b, AXIS + 2]
         b = parent[b]
 
 

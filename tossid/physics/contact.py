@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.physics.articulated import MASS, X, back, contact_row, jit, turned
+from tossid.physics.articulated import X, back, contact_row, jit, turned
+from tossid.physics.forces import friction_of
 from tossid.physics.solvers import cone_work, lcp_kernel, lcp_work, tangent_directions
 from tossid.physics.solvers.cone import cone_solve
 from tossid.physics.solvers.cone_qp import qp_solve
@@ -60,6 +61,7 @@ class Scratch(NamedTuple):
     sunk: Array  # (n_c,) how far the ground gives way below each: 0, or less where the toss began in it
     state: NDArray[np.int64]  # (n_c,) 0 far, 1 low, 2 candidate
     chosen: NDArray[np.int64]  # (n_c,) corner of each candidate
+    place: Array  # (n_c, 3) from the base's origin, its axes
     tau: Array  # (n_c, 3, n_x) rows of every low corner: normal, t1, t2
     G: Array  # (n_x, 3 n_c) columns L^-1 tau of the candidates
     A: Array  # (3 n_c, 3 n_c) Delassus matrix
@@ -82,6 +84,7 @@ def make_scratch(system: System, n_directions: int) -> Scratch:
         z(nc),
         z(nc, dtype=np.int64),
         z(nc, dtype=np.int64),
+        z((nc, 3)),
         z((nc, 3, nx)),
         z((nx, 3 * nc)),
         z((3 * nc, 3 * nc)),
@@ -180,9 +183,35 @@ def _solve(A, V, index, n, directions, tolerance, work, lcp_index):  # type: ign
 
 
 @jit
+def find_corners(  # type: ignore[no-untyped-def]
+    parent, joint_type, corner_body, corner_pos, radius, P, E, R, z0, reach, height, state, place, tau
+):
+    """Places and heights of all corners, and the rows of those below `reach` (state 1, others 0); whether any is.
+
+    radius: of corners that are spheres [m]; they touch at their lowest point. height: over z = 0.
+    """
+    low = False
+    for c in range(state.shape[0]):
+        b = corner_body[c]
+        r0, r1, r2 = turned(E, b, corner_pos[c, 0], corner_pos[c, 1], corner_pos[c, 2])
+        r0, r1, r2 = P[b, X] + r0, P[b, X + 1] + r1, P[b, X + 2] + r2
+        r0, r1, r2 = r0 - radius * R[2, 0], r1 - radius * R[2, 1], r2 - radius * R[2, 2]
+        place[c, 0], place[c, 1], place[c, 2] = r0, r1, r2
+        height[c] = z0 + R[2, 0] * r0 + R[2, 1] * r1 + R[2, 2] * r2
+        state[c] = 0
+        if height[c] < reach:
+            low = True
+            state[c] = 1
+            for k in range(3):
+                i = k - 1 if k else 2
+                contact_row(parent, joint_type, P, b, r0, r1, r2, R[i, 0], R[i, 1], R[i, 2], c, k, tau)
+    return low
+
+
+@jit
 def _assemble(  # type: ignore[no-untyped-def]
-    state, height, tau, mu, restitution, compliance, relaxation, cohesion, warm, cold, L, u, u_before, xi, xi_before,
-    h, chosen, G, A, V, over_m,
+    state, height, tau, mu, restitution, compliance, relaxation, cohesion, lawful, law, warm, cold, bounces,
+    L, u, u_before, xi, xi_before, h, chosen, G, A, V, over_m,
 ):  # fmt: skip
     """The candidates' contact problem (G, A, V[B], V[MU], warm start V[LAM]); returns their number, 0 if all open."""
     nx = xi.shape[0]
@@ -204,17 +233,24 @@ def _assemble(  # type: ignore[no-untyped-def]
         free = V[B, r]
         target = height[c] / h + free
         if restitution > 0.0 and target < 0.0:
-            before = u_before
+            before = u_before[0]
             for x in range(nx):
                 before += tau[c, 0, x] * xi_before[x]
-            if before < -BOUNCE_SPEED:
+            if before < -BOUNCE_SPEED and (bounces or before > -IMPACT_SPEED):
                 target = min(target, free + restitution * before)
         elif target < 0.0 or height[c] < 0.0:
             target = height[c] / (h + relaxation) + free
         V[B, r] = target
-        V[MU, n] = mu[c]
+        grip = mu[c]
+        if lawful:
+            slip1, slip2 = u_before[1], u_before[2]
+            for x in range(nx):
+                slip1 += tau[c, 1, x] * xi_before[x]
+                slip2 += tau[c, 2, x] * xi_before[x]
+            grip = friction_of(law, grip, slip1, slip2, V[B, r + 1], V[B, r + 2])
         if cohesion > 0.0 and not cold and warm[c, 0] > 0.0:
-            V[MU, n] = min(2.0 * mu[c], mu[c] + cohesion * h / warm[c, 0])
+            grip = min(2.0 * grip, grip + cohesion * h / warm[c, 0])
+        V[MU, n] = grip
         chosen[n] = c
         closed = closed and target >= 0.0
         n += 1
@@ -240,42 +276,39 @@ def _assemble(  # type: ignore[no-untyped-def]
 
 @jit
 def resolve_contact(  # type: ignore[no-untyped-def]
-    parent, joint_type, corner_body, corner_pos, mu, restitution, compliance, relaxation, cohesion,
-    P, E, R, L, z0, reach, u, u_before, xi, xi_before, h, tolerance, cold,
-    height, sunk, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
+    mu, restitution, compliance, relaxation, cohesion, lawful, law,
+    L, over_m, u, u_before, xi, xi_before, h, tolerance, cold, strike, bounces,
+    height, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
 ):  # fmt: skip
-    """Contact impulses of one step: u (3: z, x, y) and xi (n_x,) become those after it.
+    """Contact impulses of one step: u (3: z, x, y) and xi (n_x,) become those after it. After `find_corners`.
 
-    Returns (candidates, 0 if none is hit; touched, status, residual).
+    height (n_c,): over the ground as it is below each corner. strike: the step has no length, nor a part in `warm`.
+    bounces: restitution acts at any speed of approach, not only below `IMPACT_SPEED`.
+
+    Returns (candidates, 0 if none is hit; touched, status, residual); the candidates' impulses are V[LAM].
     """
-    nx, over_m = xi.shape[0], 1.0 / P[0, MASS]
-    low, rigid = False, compliance == 0.0 and relaxation == 0.0
+    nx, afresh = xi.shape[0], cold or strike
     for c in range(state.shape[0]):
-        b = corner_body[c]
-        r0, r1, r2 = turned(E, b, corner_pos[c, 0], corner_pos[c, 1], corner_pos[c, 2])
-        r0, r1, r2 = P[b, X] + r0, P[b, X + 1] + r1, P[b, X + 2] + r2
-        height[c] = above_ground(z0 + R[2, 0] * r0 + R[2, 1] * r1 + R[2, 2] * r2, c, sunk, rigid, h)
-        state[c] = 0
-        if not height[c] < reach:
-            continue
-        low = True
-        for k in range(3):
-            i = k - 1 if k else 2
-            contact_row(parent, joint_type, P, b, r0, r1, r2, R[i, 0], R[i, 1], R[i, 2], c, k, tau)
-        vn = u[0]
-        for x in range(nx):
-            vn += tau[c, 0, x] * xi[x]
-        state[c] = 2 if height[c] / h + vn < CLOSING_SPEED else 1
-    if not low:
-        return 0, False, 0, 0.0
+        if state[c] > 0:
+            vn = u[0]
+            for x in range(nx):
+                vn += tau[c, 0, x] * xi[x]
+            state[c] = 2 if height[c] / h + vn < CLOSING_SPEED else 1
     for _ in range(4):
         n = _assemble(
-            state, height, tau, mu, restitution, compliance, relaxation, cohesion, warm, cold, L, u, u_before,
-            xi, xi_before, h, chosen, G, A, V, over_m,
+            state, height, tau, mu, restitution, compliance, relaxation, cohesion, lawful, law, warm, afresh, bounces,
+            L, u, u_before, xi, xi_before, h, chosen, G, A, V, over_m,
         )  # fmt: skip
         if n == 0:
             return 0, False, 0, 0.0
-        status, residual = _solve(A, V, index, n, directions, tolerance, lcp_work, lcp_index)
+        lifts = False
+        if lawful and law.lifting > 0.0:
+            for c in range(state.shape[0]):
+                lifts = lifts or (state[c] == 2 and height[c] < law.lifting)
+        if lifts:
+            status, residual, _ = qp_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
+        else:
+            status, residual = _solve(A, V, index, n, directions, tolerance, lcp_work, lcp_index)
         touched, f0, f1, f2 = False, 0.0, 0.0, 0.0
         for r in range(0, 3 * n, 3):
             f0, f1, f2 = f0 + V[LAM, r], f1 + V[LAM, r + 1], f2 + V[LAM, r + 2]
@@ -297,10 +330,6 @@ def resolve_contact(  # type: ignore[no-untyped-def]
                     hit = True
         if not hit:
             break
-    warm[:] = 0.0
-    for i in range(n):
-        for k in range(3):
-            warm[chosen[i], k] = V[LAM, 3 * i + k]
     u[0], u[1], u[2] = u[0] + over_m * f0, u[1] + over_m * f1, u[2] + over_m * f2
     for x in range(nx):
         xi[x] += y[x]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tossid.errors import ObjectError
-from tossid.objects import GRAVITY, ObjectModel
+from tossid.objects import GRAVITY, JointLaw, ObjectModel
 
 Array = NDArray[np.float64]
 
@@ -44,6 +44,7 @@ class System(NamedTuple):
         below 2 mu f_n. The law is in `stepping`.
     forces: the numbers of `forces.Forces` in their order (17,), empty for none.
     law: the numbers of `forces.Law` in their order (8,), empty for a constant friction.
+    joints: what acts in the joints; empty arrays for nothing.
     """
 
     parent: NDArray[np.int64]
@@ -66,6 +67,7 @@ class System(NamedTuple):
     cohesion: float = 0.0
     forces: Array = np.zeros(0)
     law: Array = np.zeros(0)
+    joints: JointLaw = JointLaw(*np.zeros((5, 0)))
 
     @property
     def nv(self) -> int:
@@ -135,4 +137,5 @@ def make_system(
         compliance=float(model.compliance),
         relaxation=float(model.relaxation),
         cohesion=float(model.cohesion),
+        joints=JointLaw(*map(contiguous, model.joints)),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import gtsam
@@ -20,9 +20,28 @@ Ints = NDArray[np.int64]
 
 @dataclass(eq=False)
 class Noise:
-    """Standard deviation of corners over what they promise: shared by all factors, set between optimisations."""
+    """Standard deviation of corners over what they promise, shared by all factors, set between optimisations.
+
+    swell: by how much a tag's edges spread [px, standard deviation], over the same.
+    """
 
     scale: float = 1.0
+    swell: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Flaws:
+    """How tags may differ from flat squares with sharp edges.
+
+    swell: by how much a tag's edges spread in an image, from one image to the next [px, standard deviation], over the
+    noise's scale. printed: tags whose print is to be found.
+    """
+
+    swell: float = 0.0
+    printed: frozenset[int] = frozenset()
+
+
+NO_FLAWS = Flaws()
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +53,8 @@ class View:
     the step's poses the frame is [s]. rig_twist, body_twist: (6,) motion during it (rotation [rad/s], translation
     [m/s], in the moving frame). clock: key of the camera's clock offset [s], None if that is known. joints: of a
     body that hangs on another one, whose key then is `body`: keys of the angles, and the hinges, outwards.
+    grow: (m, 4, 2) as in `Scene`, None for none. prints: by the key of a tag's pose, its print as `State.prints` has
+    it, and the key of that where it is a variable.
     """
 
     camera: int
@@ -49,6 +70,8 @@ class View:
     body_twist: Array
     clock: int | None = None
     joints: tuple[tuple[int, Hinge], ...] = ()
+    grow: Array | None = None
+    prints: dict[int, tuple[Array, int | None]] = field(default_factory=dict)
 
 
 def view_factor(view: View, fixed: dict[int, Array], noise: Noise) -> gtsam.CustomFactor:
@@ -57,7 +80,9 @@ def view_factor(view: View, fixed: dict[int, Array], noise: Noise) -> gtsam.Cust
     x_cam = T_rig_cam⁻¹ · (T_world_rig M_rig(δ))⁻¹ · T_world_body M_body(δ) · T_body_tag · x_tag, where M(δ) is
     the motion from the step to the frame's own time δ after it, and T_world_body = T_world_root · T(θ₁) · … of a body
     that hangs on others. Huber's loss is in the residual itself,
-    r √(2ρ(|r|))/|r|: GTSAM's error is then the robust one, and its gradient the exact one.
+    r √(2ρ(|r|))/|r|: GTSAM's error is then the robust one, and its gradient the exact one. Corners of a tag whose
+    edges spread by b ~ N(0, σ²) have the covariance I + σ² g gᵀ (g: how they move by b, whitened), whose inverse root
+    whitens them.
 
     Args:
         fixed: key: (4, 4) of poses that are no variables.
@@ -70,10 +95,14 @@ def view_factor(view: View, fixed: dict[int, Array], noise: Noise) -> gtsam.Cust
     slots = [slot_of[key] for key in free]
     poses = np.stack([fixed.get(key, np.eye(4)) for key in chain])
     rows = 8 * len(view.tags)
-    corners = view.half[:, None, None] * SQUARE
+    grow = np.zeros_like(view.seen) if view.grow is None else view.grow
     limit = HUBER * np.sqrt(view.count)
     joints, hinges = [key for key, _ in view.joints], Hinges.of([hinge for _, hinge in view.joints])
     first_joint = len(free) + (view.clock is not None)
+    printed = [(tags.index(tag), key) for tag, (_, key) in view.prints.items() if key is not None]
+    as_given = np.zeros((len(tags) if view.prints else 0, 3))
+    for tag, (values, _) in view.prints.items():
+        as_given[tags.index(tag)] = values
 
     def error(_: Any, values: gtsam.Values, H: list[Array] | None) -> Array:
         here = poses.copy()
@@ -82,10 +111,14 @@ def view_factor(view: View, fixed: dict[int, Array], noise: Noise) -> gtsam.Cust
         swung = np.zeros((0, 0))
         if joints:
             here[2], swung = hinges.swing(here[2], [values.atDouble(key) for key in joints])
+        prints = as_given.copy()
+        for slot, key in printed:
+            prints[slot] = values.atPoint3(key)
         late = view.late - (values.atDouble(view.clock) if view.clock is not None else 0.0)
         r, J = _reproject(
-            here, tag_slot, corners, view.seen, view.whiten, late, view.rig_twist, view.body_twist, noise.scale, limit
-        )
+            here, tag_slot, prints, view.half, view.seen, view.whiten, grow,
+            late, view.rig_twist, view.body_twist, noise.scale, noise.swell, limit,
+        )  # fmt: skip
         if H is not None:
             if joints:
                 by = J[2] @ swung
@@ -96,9 +129,11 @@ def view_factor(view: View, fixed: dict[int, Array], noise: Noise) -> gtsam.Cust
                 H[i] = J[slot]
             if view.clock is not None:
                 H[len(slots)] = -J[len(chain)][:, :1]
+            for i, (slot, _) in enumerate(printed):
+                H[first_joint + len(joints) + i] = J[len(chain) + 1 + slot][:, :3]
         return r
 
-    keys = free + ([view.clock] if view.clock is not None else []) + joints
+    keys = free + ([view.clock] if view.clock is not None else []) + joints + [key for _, key in printed]
     return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(rows), keys, error)
 
 
@@ -157,29 +192,35 @@ def _add_skewed(out: Array, A: Array, x: Array, sign: float) -> None:
 def _reproject(
     poses: Array,
     tag_slot: Ints,
-    corners: Array,
+    prints: Array,
+    half: Array,
     seen: Array,
     whiten: Array,
+    grow: Array,
     late: float,
     rig_twist: Array,
     body_twist: Array,
     scale: float,
+    swell: float,
     limit: Array,
 ) -> tuple[Array, Array]:
-    """Robust whitened residuals (8 m,), and their derivatives by each pose of the chain and, last, by the frame's
-    lateness (chain + 1, 8 m, 6)."""
+    """Robust whitened residuals (8 m,), and their derivatives by each pose of the chain, by the frame's lateness and,
+    last, by the print of each tag of the chain (chain + 1 + tags, 8 m, 6)."""
     m, n = len(tag_slot), len(poses)
     r = np.zeros(8 * m)
-    J = np.zeros((n + 1, 8 * m, 6))
+    J = np.zeros((n + 1 + len(prints), 8 * m, 6))
+    x, g, flat = np.empty(3), np.empty(8), np.zeros(3)
     y3, y3_late, y2, y1_step, y1, y0 = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     T_rig_cam, T_world_rig, T_world_body = poses[0], poses[1], poses[2]
     E, F = _moved(body_twist, late), _moved(rig_twist, late)
     A0, A1, A2, A3, A4 = np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3))
     block = np.empty((2, 6))
     for d in range(m):
-        T_body_tag, huber = poses[3 + tag_slot[d]], limit[d]
+        T_body_tag = poses[3 + tag_slot[d]]
+        p = prints[tag_slot[d]] if len(prints) else flat
         for c in range(4):
-            x = corners[d, c]
+            sx, sy = SQUARE[c, 0] * half[d], SQUARE[c, 1] * half[d]
+            x[0], x[1], x[2] = (1 + p[0]) * sx, (1 + p[1]) * sy, p[2] * SQUARE[c, 0] * sy
             _apply(T_body_tag, x, y3)
             _apply(E, y3, y3_late)
             _apply(T_world_body, y3_late, y2)
@@ -188,22 +229,18 @@ def _reproject(
             _apply_inv(T_rig_cam, y1, y0)
             row = 8 * d + 2 * c
             if y0[2] < 1e-6:  # behind the lens: far off, and nowhere to go
-                r[row] = 1e3
+                r[row] = 1e5
+                g[2 * c], g[2 * c + 1] = 0.0, 0.0
                 continue
             W = whiten[d, c] / scale
             iz = 1.0 / y0[2]
             u, v = y0[0] * iz, y0[1] * iz
             e0, e1 = u - seen[d, c, 0], v - seen[d, c, 1]
-            r0, r1 = W[0, 0] * e0 + W[0, 1] * e1, W[1, 0] * e0 + W[1, 1] * e1
-            size = np.sqrt(r0 * r0 + r1 * r1)
-            value, slope = 1.0, 1.0
-            if size > huber:
-                value = np.sqrt(2 * huber * size - huber * huber) / size
-                slope = huber / (size * value)
-            r[row], r[row + 1] = value * r0, value * r1
             for i in range(2):
-                A0[i, 0], A0[i, 1] = slope * W[i, 0] * iz, slope * W[i, 1] * iz
-                A0[i, 2] = -slope * (W[i, 0] * u + W[i, 1] * v) * iz
+                r[row + i] = W[i, 0] * e0 + W[i, 1] * e1
+                g[2 * c + i] = scale * (W[i, 0] * grow[d, c, 0] + W[i, 1] * grow[d, c, 1])
+                A0[i, 0], A0[i, 1] = W[i, 0] * iz, W[i, 1] * iz
+                A0[i, 2] = -(W[i, 0] * u + W[i, 1] * v) * iz
             _turn(A0, T_rig_cam, True, A1)
             _turn(A1, F, True, A2)
             _turn(A2, T_world_rig, True, A3)
@@ -225,7 +262,50 @@ def _reproject(
             _turn(A3, T_body_tag, False, A2)
             _add_skewed(block, A2, x, 1.0)
             J[3 + tag_slot[d], row : row + 2] = block
+            if not len(prints):
+                continue
+            for i in range(2):
+                J[n + 1 + tag_slot[d], row + i, 0] = A2[i, 0] * sx
+                J[n + 1 + tag_slot[d], row + i, 1] = A2[i, 1] * sy
+                J[n + 1 + tag_slot[d], row + i, 2] = A2[i, 2] * SQUARE[c, 0] * sy
+        own = slice(8 * d, 8 * d + 8)
+        if swell > 0:
+            _take_off(r[own], J[:, own], g, swell)
+        _huber(r[own], J[:, own], limit[d])
     return r, J
+
+
+@njit(cache=True)
+def _take_off(r: Array, J: Array, g: Array, swell: float) -> None:
+    """Residuals (8,) and derivatives (n, 8, 6) times the inverse root of I + σ² g gᵀ."""
+    square = np.dot(g, g)
+    share = (1 - 1 / np.sqrt(1 + swell * swell * square)) / max(square, 1e-300)
+    along = share * np.dot(g, r)
+    for i in range(8):
+        r[i] -= along * g[i]
+    for k in range(len(J)):
+        for j in range(6):
+            along = 0.0
+            for i in range(8):
+                along += g[i] * J[k, i, j]
+            along *= share
+            for i in range(8):
+                J[k, i, j] -= along * g[i]
+
+
+@njit(cache=True)
+def _huber(r: Array, J: Array, limit: float) -> None:
+    """Huber's loss in each corner's residual, of (8,), and its derivatives (n, 8, 6)."""
+    for c in range(4):
+        size = np.sqrt(r[2 * c] ** 2 + r[2 * c + 1] ** 2)
+        if size > limit:
+            value = np.sqrt(2 * limit * size - limit * limit) / size
+            slope = limit / (size * value)
+            for i in range(2 * c, 2 * c + 2):
+                r[i] *= value
+                for k in range(len(J)):
+                    for j in range(6):
+                        J[k, i, j] *= slope
 
 
 def measurement_factor(

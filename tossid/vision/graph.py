@@ -18,12 +18,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.rotations import transform_inv
-from tossid.vision.factors import Noise, View, measurement_factor, view_factor
+from tossid.vision.factors import NO_FLAWS, Flaws, Noise, View, measurement_factor, view_factor
 from tossid.vision.initial import State, there
 from tossid.vision.layout import Distance, chain, limbs
 from tossid.vision.limbs import hinges_of, swing_limbs
 from tossid.vision.optimise import marginals_of, optimise
-from tossid.vision.priors import STEPS, Prior, body_key, calibrates, camera_key, clock_key, joint_key, priors, tag_key
+from tossid.vision.priors import (
+    STEPS,
+    Prior,
+    body_key,
+    calibrates,
+    camera_key,
+    clock_key,
+    joint_key,
+    print_key,
+    priors,
+    tag_key,
+)
 from tossid.vision.scene import Scene
 
 Array = NDArray[np.float64]
@@ -32,8 +43,12 @@ Bools = NDArray[np.bool_]
 
 WINDOW = 3000
 """Time steps that are optimised at once."""
+ALONE = 60
+"""As many where steps share nothing unknown: the slowest of them says how often all of them are linearised."""
 EACH = 20
 """Of a longer recording, so many time steps of each tag and each camera, at least, calibrate these."""
+PRINT = 0.01
+"""By how much of its size a print is wider, higher, or twisted out of its plane, where that is to be found."""
 CLOCK = 0.002
 """How well a clock's offset is known before the graph [s]."""
 
@@ -100,6 +115,8 @@ def solve(
     covariances: bool = False,
     window: int = WINDOW,
     steps: Ints | None = None,
+    flaws: Flaws = NO_FLAWS,
+    solved: bool = False,
 ) -> Solution:
     """Optimise all poses that the used sightings bear on.
 
@@ -108,6 +125,7 @@ def solve(
             for the covariances; the estimate itself keeps to the promise, which weighs against the priors.
         known: prior knowledge by key, by default that of the set-up. motion: during frames, by default none.
         covariances: whether to find them. steps: those to solve, by default all; the others are left as they are.
+        flaws: of tags' prints and images. solved: the poses are the best already; only covariances are to be found.
 
     Raises:
         SolverError: the optimisation ended in something that is no number.
@@ -117,13 +135,16 @@ def solve(
     motion = still if motion is None else motion
     steps = np.unique(scene.step[used]) if steps is None else steps
     solution = unsolved(state, motion.clock)
+    together = calibrates(scene, known) or motion.free.any()
+    window = window if together else min(window, ALONE)
     if len(steps) <= window:
-        _batch(scene, solution, used, steps, known, motion, scale, covariances, statics=True)
+        _batch(scene, solution, used, steps, known, motion, flaws, scale, covariances, statics=True, solved=solved)
         return solution
-    if calibrates(scene, known) or motion.free.any():
-        known, motion = _sampled(scene, solution, used, steps, known, motion, scale, window)
+    if together:
+        known, motion = _sampled(scene, solution, used, steps, known, motion, flaws, scale, window)
     for a in range(0, len(steps), window):
-        _batch(scene, solution, used, steps[a : a + window], known, motion, scale, covariances, statics=False)
+        own = steps[a : a + window]
+        _batch(scene, solution, used, own, known, motion, flaws, scale, covariances, statics=False, solved=solved)
     return solution
 
 
@@ -134,12 +155,13 @@ def _sampled(
     steps: Ints,
     known: dict[int, Prior],
     motion: Motion,
+    flaws: Flaws,
     scale: float,
     window: int,
 ) -> tuple[dict[int, Prior], Motion]:
     """What a sample of steps tells of all that is static, as knowledge for the rest."""
     sample = _spread(scene, used, steps, window)
-    _batch(scene, solution, used, sample, known, motion, scale, True, statics=True)
+    _batch(scene, solution, used, sample, known, motion, flaws, scale, True, statics=True)
     known = dict(known) | dict(_learned(scene, solution))
     return known, Motion(motion.twist, solution.clock.copy(), _no(scene))
 
@@ -177,14 +199,16 @@ def _batch(
     steps: Ints,
     known: dict[int, Prior],
     motion: Motion,
+    flaws: Flaws,
     scale: float,
     covariances: bool,
     *,
     statics: bool,
+    solved: bool = False,
 ) -> None:
-    """Optimise some steps at once, into the solution; `statics`: also what is static."""
-    built = _build(scene, solution.state, used & np.isin(scene.step, steps), known, motion, statics=statics)
-    values = optimise(built.graph, built.values)
+    """Optimise some steps at once, into the solution; `statics`: also what is static. `solved`: as in `solve`."""
+    built = _build(scene, solution.state, used & np.isin(scene.step, steps), known, motion, flaws, statics=statics)
+    values = built.values if solved else optimise(built.graph, built.values)
     built.noise.scale = scale
     marginals = marginals_of(built.graph, values) if covariances and values.size() else None
     state = solution.state
@@ -203,6 +227,9 @@ def _batch(
     for root in range(len(scene.bodies)):
         if limbs(scene.bodies, root):
             swing_limbs(scene, solution, root, steps, values, marginals)
+    for i in range(len(scene.tags)):
+        if values.exists(print_key(i)):
+            state.prints[i] = values.atPoint3(print_key(i))
     for c in map(int, np.flatnonzero(motion.free)):
         if values.exists(clock_key(c)):
             solution.clock[c] = values.atDouble(clock_key(c))
@@ -211,19 +238,20 @@ def _batch(
 
 
 def _build(
-    scene: Scene, state: State, rows: Bools, known: dict[int, Prior], motion: Motion, *, statics: bool
+    scene: Scene, state: State, rows: Bools, known: dict[int, Prior], motion: Motion, flaws: Flaws, *, statics: bool
 ) -> _Built:
     built, half = _Built(), scene.half
-    T_world_rig, T_world_body = (
-        state.at(index, scene.step) for index in (scene.rig[scene.camera], scene.body[scene.tag])
-    )
-    rows = rows & there(state.camera)[scene.camera] & there(state.tag)[scene.tag]
-    rows &= there(T_world_rig) & there(T_world_body)
+    built.noise.swell = flaws.swell
+    free = flaws.printed if statics else frozenset()
+    index = np.flatnonzero(rows)
+    step_of, camera_of, body_of = scene.step[index], scene.camera[index], scene.body[scene.tag[index]]
+    placed = there(state.camera)[camera_of] & there(state.tag)[scene.tag[index]]
+    placed &= there(state.at(scene.rig[camera_of], step_of)) & there(state.at(body_of, step_of))
     chains = [chain(scene.bodies, b) for b in range(len(scene.bodies))]
     for b, (root, links) in enumerate(chains):
         for link in (root, *links) if links else ():  # nothing without what it hangs on
-            rows &= there(state.world[link])[scene.step] | (scene.body[scene.tag] != b)
-    for group in _views(scene, rows):
+            placed &= there(state.world[link][step_of]) | (body_of != b)
+    for group in _views(scene, index[placed]):
         first = group[0]
         c, step = int(scene.camera[first]), int(scene.step[first])
         rig, body = int(scene.rig[c]), int(scene.body[scene.tag[first]])
@@ -256,8 +284,14 @@ def _build(
                 (_joint(built, scene, state, b, step), hinge)
                 for b, hinge in zip(links, hinges_of(scene, links), strict=True)
             ),
+            scene.grow[group],
+            {
+                tag_key(int(i)): (state.prints[i], _print(built, int(i), state.prints[i]) if i in free else None)
+                for i in scene.tag[group]
+                if i in free or state.prints[i].any()
+            },
         )
-        if view.joints or any(key not in built.fixed for key in (*keys, *tags)):
+        if view.joints or free or any(key not in built.fixed for key in (*keys, *tags)):
             built.graph.add(view_factor(view, built.fixed, built.noise))
     for key, prior in known.items():
         if built.values.exists(key) and prior.cov is not None:
@@ -269,9 +303,8 @@ def _build(
     return built
 
 
-def _views(scene: Scene, rows: Bools) -> list[Ints]:
+def _views(scene: Scene, index: Ints) -> list[Ints]:
     """Rows of each (step, camera, body)."""
-    index = np.flatnonzero(rows)
     if not len(index):
         return []
     body = scene.body[scene.tag[index]]
@@ -310,6 +343,16 @@ def _wiggled(built: _Built, key: int, c: int, step: int, T: Array, wiggle: tuple
 def _twist(motion: Motion, b: int, step: int) -> Array:
     twist = motion.twist[b]
     return np.asarray(twist[step if len(twist) > 1 else 0])
+
+
+def _print(built: _Built, i: int, first: Array) -> int:
+    """How a tag differs from a flat square of the stated size."""
+    key = print_key(i)
+    if not built.values.exists(key):
+        built.values.insert(key, first)
+        noise = gtsam.noiseModel.Isotropic.Sigma(3, PRINT)
+        built.graph.add(gtsam.PriorFactorPoint3(key, np.zeros(3), noise))
+    return key
 
 
 def _joint(built: _Built, scene: Scene, state: State, b: int, step: int) -> int:

@@ -54,12 +54,13 @@ class State:
 
     camera: (cameras, 4, 4) T_rig_cam. tag: (tags, 4, 4) T_body_tag. world: for each body T_world_body,
     (n, 4, 4) by time step if it moves, else (1, 4, 4). gauge: tags that define the frame of a body none of
-    whose tags is known.
+    whose tags is known. prints: (tags, 3) how each tag differs from a flat square of its stated size (`factors`).
     """
 
     camera: Array
     tag: Array
     world: list[Array]
+    prints: Array
     gauge: list[int] = field(default_factory=list)
 
     def at(self, body: Ints, step: Ints) -> Array:
@@ -72,7 +73,9 @@ class State:
 
     def copy(self) -> State:
         """Another one to change."""
-        return State(self.camera.copy(), self.tag.copy(), [T.copy() for T in self.world], list(self.gauge))
+        return State(
+            self.camera.copy(), self.tag.copy(), [T.copy() for T in self.world], self.prints.copy(), list(self.gauge)
+        )
 
 
 def there(T: Array) -> Bools:
@@ -92,7 +95,8 @@ def given(scene: Scene) -> State:
         T = unknown if body.T_map_body is None else body.T_map_body
         # two rows at least tell a moving body from a static one
         world.append(T[None].copy() if body.is_static else np.full((max(len(scene.t), 2), 4, 4), np.nan))
-    return State(stack([c.T_rig_cam for c in scene.cameras]), stack([t.T_body_tag for t in scene.tags]), world)
+    cameras, tags = stack([c.T_rig_cam for c in scene.cameras]), stack([t.T_body_tag for t in scene.tags])
+    return State(cameras, tags, world, np.zeros((len(tags), 3)))
 
 
 def initialise(scene: Scene, *, decisions: Decisions = DEFAULT) -> State:

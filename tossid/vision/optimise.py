@@ -9,6 +9,8 @@ from tossid.errors import SolverError
 
 ITERATIONS = 100
 """Most steps of an optimisation."""
+SIZES = {"o": 1, "j": 1, "p": 3}
+"""Dimensions of clocks, joints and prints; poses have six."""
 VAGUE = 3.0
 """Standard deviation [m, rad] of a pose that nothing else determines."""
 
@@ -64,6 +66,6 @@ def _damped(linear: gtsam.GaussianFactorGraph, values: gtsam.Values, damping: fl
     out = gtsam.GaussianFactorGraph()
     out.push_back(linear)
     for key in values.keys():  # noqa: SIM118  (not a dict)
-        n = 1 if gtsam.Symbol(key).chr() in (ord("o"), ord("j")) else 6
+        n = SIZES.get(chr(gtsam.Symbol(key).chr()), 6)
         out.add(gtsam.JacobianFactor(key, np.sqrt(damping) * np.eye(n), np.zeros(n), gtsam.noiseModel.Unit.Create(n)))
     return out

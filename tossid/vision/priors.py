@@ -72,6 +72,11 @@ def joint_key(b: int, step: int) -> int:
     return int(gtsam.symbol("j", b * STEPS + step))
 
 
+def print_key(i: int) -> int:
+    """Key of a tag's print."""
+    return int(gtsam.symbol("p", i))
+
+
 def clock_key(c: int) -> int:
     """Key of a camera's clock offset."""
     return int(gtsam.symbol("o", c))

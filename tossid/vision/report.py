@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tossid.rotations import geodesic_angle, matrix_to_quat
 from tossid.vision.camera import Camera
 from tossid.vision.checks import Suspect
+from tossid.vision.factors import Flaws
 from tossid.vision.graph import Solution
 from tossid.vision.initial import State, there
 from tossid.vision.layout import TagLayout
@@ -45,6 +46,9 @@ class TrackReport:
     left out, by reason. cameras, tags: those calibrated. unplaced: what never was seen with anything known.
     clocks: offset of each camera's clock that was found to be apart, taken off, and its standard deviation [s].
     suspects: what of the set-up the images contradict, where the residuals are larger than noise.
+    spread: standard deviation of how far tags' edges spread in an image, where that explains much of the residuals
+    [px], else 0; rms then is what is left without it, and rms_bare what is left with it. prints: tags found to be no
+    flat squares of their stated size: by what share they are wider, higher, and twisted out of their plane.
     """
 
     n_steps: int
@@ -62,6 +66,9 @@ class TrackReport:
     unplaced: list[str] = field(default_factory=list)
     clocks: dict[str, tuple[float, float]] = field(default_factory=dict)
     suspects: list[Suspect] = field(default_factory=list)
+    spread: float = 0.0
+    rms_bare: float = 0.0
+    prints: dict[int, tuple[float, float, float]] = field(default_factory=dict)
 
 
 def make_report(
@@ -78,16 +85,17 @@ def make_report(
     dropped_tags: Mapping[str, int],
     clocks: Mapping[str, tuple[float, float]],
     suspects: Sequence[Suspect],
+    flaws: Flaws,
 ) -> TrackReport:
     """The report of a solved scene.
 
     Args:
         believed: (d,) sightings that the poses rest on. frames: their reprojection by frame.
     """
-    square = errors.pixels**2
 
-    def rms(index: Bools) -> float:
-        return float(np.sqrt(np.average(square[index], weights=scene.count[index]))) if index.any() else float("nan")
+    def rms(index: Bools, pixels: Array = errors.pixels) -> float:
+        weights = scene.count[index]
+        return float(np.sqrt(np.average(pixels[index] ** 2, weights=weights))) if index.any() else float("nan")
 
     cameras, tags = enumerate(scene.cameras), enumerate(scene.tags)
     by_camera = {camera.name: rms(believed & (scene.camera == c)) for c, camera in cameras}
@@ -115,6 +123,9 @@ def make_report(
         _unplaced(scene, state),
         dict(clocks),
         list(suspects),
+        flaws.swell * scale,
+        rms(believed, errors.bare),
+        {scene.tags[i].id: tuple(state.prints[i].tolist()) for i in sorted(flaws.printed)},
     )
 
 

@@ -23,6 +23,8 @@ SAME_STEP = 0.55
 """Frames of different cameras within so many periods of the fastest camera are one time step."""
 
 
+ACUTE = 0.05
+"""1 + cos of the angle between two edges' normals, at least: a sharper corner would run away when edges spread."""
 SCATTER = 3.0
 """A static tag in a static camera's images does not move by more [px]."""
 
@@ -34,9 +36,10 @@ class Scene:
     rig: (cameras,) the body that each camera sits on. body: (tags,) the body that each tag sits on.
     t: (n,) the steps' times [s]. step, camera, tag: (d,). late: (d,) time of each frame after its step's [s].
     pixels: (d, 4, 2). seen: (d, 4, 2) the same, normalised. to_pixels: (d, 4, 2, 2) takes small errors of these
-    to pixels. whiten: (d, 4, 2, 2) takes them to unit variance. count: (d,) frames that a row stands for: a
-    static camera's sightings of a static tag are one row, with their mean. T_cam_tag: (d, 2, 4, 4), of
-    `tag_poses`. measurements: between tags of static bodies.
+    to pixels. whiten: (d, 4, 2, 2) takes them to unit variance. grow: (d, 4, 2) by how much they move where the tag's
+    edges all spread by one pixel. count: (d,) frames that a row stands for: a static camera's sightings of a static
+    tag are one row, with their mean. T_cam_tag: (d, 2, 4, 4), of `tag_poses`. measurements: between tags of
+    static bodies.
     """
 
     cameras: tuple[Camera, ...]
@@ -53,13 +56,26 @@ class Scene:
     seen: Array
     to_pixels: Array
     whiten: Array
+    grow: Array
     count: Array
     T_cam_tag: Array
     measurements: tuple[Distance | Coordinate, ...] = ()
 
     def take(self, rows: Ints) -> Scene:
         """Some of its sightings."""
-        arrays = ("step", "camera", "tag", "late", "pixels", "seen", "to_pixels", "whiten", "count", "T_cam_tag")
+        arrays = (
+            "step",
+            "camera",
+            "tag",
+            "late",
+            "pixels",
+            "seen",
+            "to_pixels",
+            "whiten",
+            "grow",
+            "count",
+            "T_cam_tag",
+        )
         return replace(self, **{name: getattr(self, name)[rows] for name in arrays})
 
     @property
@@ -144,10 +160,30 @@ def observe(
         seen[lens],
         to_pixels[lens],
         (root @ to_pixels)[lens],
+        _normalised(to_pixels, grown(pixels))[lens],
         count[lens],
         tag_poses(seen[lens], half[lens]),
         layout.measurements,
     )
+
+
+def grown(pixels: Array) -> Array:
+    """How a tag's corners move where all its edges spread by one pixel. (d, 4, 2) [px] -> (d, 4, 2)."""
+    edge = np.roll(pixels, -1, axis=1) - pixels
+    outward = np.stack([edge[..., 1], -edge[..., 0]], axis=-1)
+    outward /= np.maximum(np.linalg.norm(outward, axis=-1, keepdims=True), 1e-9)
+    middle = pixels - pixels.mean(axis=1, keepdims=True)
+    outward *= np.sign(np.sum(outward * middle, axis=-1, keepdims=True))
+    before = np.roll(outward, 1, axis=1)
+    # to where both edges have moved: at a right angle by √2, further where the corner is acute
+    return np.asarray((outward + before) / np.maximum(1 + np.sum(outward * before, axis=-1, keepdims=True), ACUTE))
+
+
+def _normalised(to_pixels: Array, shift: Array) -> Array:
+    """Small shifts [px] in normalised coordinates; 0 outside the lens model."""
+    inside = np.isfinite(to_pixels).all(axis=(1, 2, 3), keepdims=True)
+    safe = np.where(inside, to_pixels, np.eye(2))
+    return np.asarray(np.squeeze(np.linalg.inv(safe) @ shift[..., None], -1))
 
 
 def _merged(pixels: Array, cov: Array, still: Bools, camera: Ints, tag: Ints) -> tuple[Ints, Array, Array, Array]:
@@ -265,11 +301,12 @@ def swapped(scene: Scene, a: int, c: int) -> Scene:
     camera = index[scene.camera]
     rows = np.flatnonzero(camera != scene.camera)
     seen, to_pixels = scene.seen.copy(), scene.to_pixels.copy()
-    whiten, T_cam_tag = scene.whiten.copy(), scene.T_cam_tag.copy()
+    whiten, grow, T_cam_tag = scene.whiten.copy(), scene.grow.copy(), scene.T_cam_tag.copy()
     seen[rows], to_pixels[rows] = _undistorted(scene.cameras, camera[rows], scene.pixels[rows])
     whiten[rows] = scene.whiten[rows] @ np.linalg.inv(scene.to_pixels[rows]) @ to_pixels[rows]
+    grow[rows] = _normalised(to_pixels[rows], grown(scene.pixels[rows]))
     T_cam_tag[rows] = tag_poses(seen[rows], scene.half[rows])
-    return replace(scene, camera=camera, seen=seen, to_pixels=to_pixels, whiten=whiten, T_cam_tag=T_cam_tag)
+    return replace(scene, camera=camera, seen=seen, to_pixels=to_pixels, whiten=whiten, grow=grow, T_cam_tag=T_cam_tag)
 
 
 def words(reasons: Counter[str]) -> str:

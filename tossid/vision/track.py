@@ -15,8 +15,10 @@ from tossid.rotations import matrix_to_quat, quat_boxminus
 from tossid.types import Detection, PoseTrack
 from tossid.vision.believed import TrackSettings, believed_tree, pose_track
 from tossid.vision.camera import Camera
-from tossid.vision.checks import Suspect, check_set_up
+from tossid.vision.checks import BETTER, Suspect, check_set_up
 from tossid.vision.clocks import SAME, clock_offsets
+from tossid.vision.factors import NO_FLAWS, Flaws
+from tossid.vision.flaws import find_flaws, settled
 from tossid.vision.graph import Motion, Solution, solve, unsolved
 from tossid.vision.initial import Decisions, given, initialise, place, there
 from tossid.vision.layout import Body, TagLayout, articulated, body_tags, limbs
@@ -32,6 +34,8 @@ Bools = NDArray[np.bool_]
 DEFAULT = TrackSettings()
 CONFIRMED = 5.0
 """A clock's offset is one that is so many of its standard deviations from none."""
+PASSES = 6
+"""Most times that flaws of tags are looked for."""
 AMISS, AMISS_SHARE = 1.5, 0.02
 """Residuals over the noise, or share of sightings that contradict the others, at which the set-up is checked."""
 AS_PROMISED = 1.2
@@ -99,22 +103,38 @@ def track_scene(
     Raises:
         InputError: a detection of an unknown camera; nothing that can be placed; too few poses for a track.
     """
-    offsets = _offsets(detections, cameras, layout, settings) if settings.clocks else {}
-    solved = _solve(detections, cameras, layout, settings, offsets)
+    as_stamped = _observed(detections, cameras, layout, {})
+    offsets = _offsets(as_stamped.scene, settings) if settings.clocks else {}
+    solved = _solve(_observed(detections, cameras, layout, offsets) if offsets else as_stamped, settings, offsets)
     while True:  # an offset that the graph does not confirm is none
         clocks = solved.clocks(offsets)
         sure = {c: offset for c, offset in offsets.items() if abs(clocks[c][0]) > max(SAME, CONFIRMED * clocks[c][1])}
         if len(sure) == len(offsets):
             return _tracked(solved, settings, layout, name, {cameras[c].name: found for c, found in clocks.items()})
         offsets = sure
-        solved = _solve(detections, cameras, layout, settings, offsets)
+        solved = _solve(_observed(detections, cameras, layout, offsets) if offsets else as_stamped, settings, offsets)
 
 
-def _offsets(
-    detections: Sequence[Detection], cameras: Sequence[Camera], layout: TagLayout, settings: TrackSettings
-) -> dict[int, float]:
+@dataclass(frozen=True, eq=False)
+class _Observed:
+    """A scene, and what of its detections was left out."""
+
+    scene: Scene
+    dropped: Counter[str]
+
+
+def _observed(
+    detections: Sequence[Detection], cameras: Sequence[Camera], layout: TagLayout, offsets: dict[int, float]
+) -> _Observed:
+    """The scene of the detections with the offsets of clocks taken off [s], by camera's number."""
+    late = {cameras[c].name: offset for c, offset in offsets.items()}
+    dropped: Counter[str] = Counter()
+    shifted = [replace(d, t=d.t - late[d.camera]) if d.camera in late else d for d in detections]
+    return _Observed(observe(shifted, cameras, layout, dropped=dropped), dropped)
+
+
+def _offsets(scene: Scene, settings: TrackSettings) -> dict[int, float]:
     """By how much cameras' clocks are late [s], by number."""
-    scene = observe(detections, cameras, layout, dropped=Counter())
     return clock_offsets(scene, given(scene), decisions=_decisions(settings))
 
 
@@ -124,13 +144,14 @@ def _decisions(settings: TrackSettings) -> Decisions:
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """A scene solved: used (d,) sightings, scale of their noise, what was left out, what is suspect."""
+    """A scene solved: used (d,) sightings, scale of their noise, tags' flaws, what was left out, what is suspect."""
 
     scene: Scene
     solution: Solution
     errors: Errors
     used: Bools
     scale: float
+    flaws: Flaws
     dropped: Counter[str]
     suspects: list[Suspect]
 
@@ -140,18 +161,9 @@ class _Solved:
         return {c: (offset + float(found[c]), float(sigma[c])) for c, offset in offsets.items()}
 
 
-def _solve(
-    detections: Sequence[Detection],
-    cameras: Sequence[Camera],
-    layout: TagLayout,
-    settings: TrackSettings,
-    offsets: dict[int, float],
-) -> _Solved:
+def _solve(observed: _Observed, settings: TrackSettings, offsets: dict[int, float]) -> _Solved:
     """First poses, the graph, outliers left out, the graph again with covariances."""
-    late = {cameras[c].name: offset for c, offset in offsets.items()}
-    dropped: Counter[str] = Counter()
-    shifted = [replace(d, t=d.t - late[d.camera]) if d.camera in late else d for d in detections]
-    scene = observe(shifted, cameras, layout, dropped=dropped)
+    scene, dropped = observed.scene, observed.dropped.copy()
     decisions = _decisions(settings)
     state = initialise(scene, decisions=decisions)
     known = priors(scene) | {tag_key(i): Prior(np.eye(4), None) for i in state.gauge}
@@ -166,16 +178,50 @@ def _solve(
         solution = solve(scene, state, used, known=known)
     else:  # each step's first poses are its best already
         solution = unsolved(state, np.zeros(len(scene.cameras)))
-    motion = None
     free = np.isin(np.arange(len(scene.cameras)), list(offsets))
+    plain = _settled(scene, known, settings, free, solution)
+    fit = _flawed(scene, known, settings, free, plain) or plain
+    suspects = check_set_up(scene, given(scene)) if _amiss(fit.errors, fit.used) else []
+    used = fit.used & np.isfinite(fit.errors.pixels)
+    if not fit.used.all():
+        dropped["contradicts the other tags"] = int(np.sum(~fit.used))
+    scale = fit.errors.scale(scene, used)
+    told = scale if abs(np.log(scale)) > np.log(AS_PROMISED) else 1.0
+    alone = fit.motion is None and not calibrates(scene, known)
+    solution = solve(
+        scene,
+        fit.solution.state,
+        used,
+        scale=told,
+        known=known,
+        motion=fit.motion,
+        flaws=fit.flaws,
+        covariances=True,
+        solved=hangs and alone and bool((used == fit.used).all()),
+    )
+    errors = reproject(scene, solution.state, fit.motion, swell=fit.flaws.swell)
+    return _Solved(scene, solution, errors, used, scale, fit.flaws, dropped, suspects)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Poses of the sightings used (d,), how bodies move while frames of a step differ, and flaws taken into account."""
+
+    solution: Solution
+    used: Bools
+    motion: Motion | None
+    errors: Errors
+    flaws: Flaws
+
+
+def _settled(scene: Scene, known: dict[int, Prior], settings: TrackSettings, free: Bools, solution: Solution) -> _Fit:
+    """First poses solved anew until nothing contradicts them."""
+    used, motion = np.ones(len(scene.step), dtype=bool), None
     for _ in range(3):
         motion = _motion(scene, solution, settings, free)
-        errors = reproject(scene, solution.state, motion)
-        outlier = _outliers(scene, errors, used, settings)
+        outlier = _outliers(scene, reproject(scene, solution.state, motion), used, settings)
         if not outlier.any() and motion is None:
             break
-        if outlier.any():
-            dropped["contradicts the other tags"] += int(outlier.sum())
         used &= ~outlier
         # steps that share nothing unknown are solved anew only where something was left out
         alone = motion is None and not calibrates(scene, known)
@@ -183,13 +229,25 @@ def _solve(
         solution = solve(scene, solution.state, used, known=known, motion=motion, steps=changed)
         if not outlier.any() and not free.any():
             break
-    errors = reproject(scene, solution.state, motion)
-    suspects = check_set_up(scene, given(scene)) if _amiss(errors, used) else []
-    used &= np.isfinite(errors.pixels)
-    scale = errors.scale(scene, used)
-    told = scale if abs(np.log(scale)) > np.log(AS_PROMISED) else 1.0
-    solution = solve(scene, solution.state, used, scale=told, known=known, motion=motion, covariances=True)
-    return _Solved(scene, solution, reproject(scene, solution.state, motion), used, scale, dropped, suspects)
+    return _Fit(solution, used, motion, reproject(scene, solution.state, motion), NO_FLAWS)
+
+
+def _flawed(scene: Scene, known: dict[int, Prior], settings: TrackSettings, free: Bools, plain: _Fit) -> _Fit | None:
+    """The same with what flaws the residuals show taken into account, if that explains much of them."""
+    flaws, errors, fit = NO_FLAWS, plain.errors, plain
+    used = np.ones(len(scene.step), dtype=bool)
+    for _ in range(PASSES):
+        outlier = _outliers(scene, errors, used, settings)
+        used = used & ~outlier
+        before, flaws = flaws, find_flaws(scene, errors, used, flaws)
+        if flaws == NO_FLAWS or (settled(before, flaws) and not outlier.any()):
+            break
+        solution = solve(scene, fit.solution.state, used, known=known, motion=fit.motion, flaws=flaws)
+        motion = _motion(scene, solution, settings, free)
+        errors = reproject(scene, solution.state, motion, swell=flaws.swell)
+        fit = _Fit(solution, used, motion, errors, flaws)
+    explained = fit.errors.scale(scene, fit.used) < BETTER * plain.errors.scale(scene, plain.used)
+    return fit if fit is not plain and explained else None
 
 
 def _amiss(errors: Errors, used: Bools) -> bool:
@@ -291,6 +349,7 @@ def _tracked(
         dropped_tags=dropped,
         clocks=clocks,
         suspects=suspects,
+        flaws=solved.flaws,
     )
     cameras, layout = found(scene, solution, layout)
     return Tracked(tracks, cameras, layout, frames, report)

@@ -5,8 +5,10 @@ as they were. `figure.savefig(path)` writes them at 150 dpi.
 """
 
 from tossid.evaluation.figures.accelerations import Accelerations, accelerations_over_toss
+from tossid.evaluation.figures.angles import geometry_at_angles
 from tossid.evaluation.figures.comparison import toss_comparison
 from tossid.evaluation.figures.errors import ErrorsAlong, errors_along, errors_along_rollout, errors_over_tosses
+from tossid.evaluation.figures.film import toss_film
 from tossid.evaluation.figures.geometry import learned_geometry
 from tossid.evaluation.figures.inertia import inertia_study
 from tossid.evaluation.figures.residual import residual_over_toss
@@ -17,7 +19,9 @@ __all__ = [
     # one run
     "training_curves",
     "learned_geometry",
+    "geometry_at_angles",
     "toss_comparison",
+    "toss_film",
     "residual_over_toss",
     "accelerations_over_toss",
     "Accelerations",

@@ -1,6 +1,19 @@
 """What a simulator may lack: worlds, and the library of effects that change them."""
 
+from tossid.physics.effects.joints import JOINT_EFFECTS, library_for
 from tossid.physics.effects.library import LIBRARY, OTHER_LAWS, POWER, Effect, Parameter
 from tossid.physics.effects.world import Forces, Law, Recording, World
 
-__all__ = ["LIBRARY", "OTHER_LAWS", "POWER", "Effect", "Forces", "Law", "Parameter", "Recording", "World"]
+__all__ = [
+    "JOINT_EFFECTS",
+    "LIBRARY",
+    "OTHER_LAWS",
+    "POWER",
+    "Effect",
+    "Forces",
+    "Law",
+    "Parameter",
+    "Recording",
+    "World",
+    "library_for",
+]

@@ -24,11 +24,12 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from tossid.errors import InputError
-from tossid.objects import to_mjcf
+from tossid.objects import ObjectModel, to_mjcf
+from tossid.physics.batch import tree_batch
 from tossid.physics.effects.world import World
 from tossid.physics.forces import Forces
 from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, RIGID_STEP, compile_scene, run_scene
-from tossid.rotations import quat_rotate
+from tossid.physics.system import make_system
 
 Array = NDArray[np.float64]
 
@@ -75,7 +76,7 @@ def toss_in_mujoco(
         q (B, n_steps + 1, nq) and v (B, n_steps + 1, nv), true, in the ground's frame.
 
     Raises:
-        InputError: an effect that MuJoCo cannot express, or forces on an object with joints.
+        InputError: an effect that MuJoCo cannot express.
         MotionError, DivergedError: as `simulate_mujoco`.
     """
     missing = inexpressible(world)
@@ -88,8 +89,6 @@ def toss_in_mujoco(
         substeps = math.ceil(dt / (0.5 * RIGID_STEP if bouncy else RIGID_STEP))
     hold = 1
     if forced:
-        if world.object.n_joints:
-            raise InputError("objects with joints: forces of the state (drag, wind, springs, …) are not supported")
         pushes = min(substeps, math.ceil(dt / PUSH_STEP))
         hold = math.ceil(substeps / pushes)
         substeps = hold * pushes
@@ -110,19 +109,34 @@ def scene(world: World, step: float) -> mujoco.MjModel:
     """The world's ground frame, but for its forces, in MuJoCo at time steps of `step` [s]."""
     model, law, gravity = world.object, world.law, world.gravity_on_ground()
     if model.compliance > 0:
-        compiled = _compliant(world, gravity, step)
-    elif model.restitution > 0:
-        ratio = damping_ratio(model.restitution)
-        rate = min(BOUNCE_RATE, 0.5 / ratio) / step
-        compiled = compile_scene(model, gravity, step, (-(rate**2), -2 * ratio * rate), RIGID_SOLIMP)
+        compiled = _compliant(world, step).compile()
+        compiled.opt.timestep, compiled.opt.gravity[:] = step, gravity
     else:
-        compiled = compile_scene(model, gravity, step, (2 * step, RIGID_DAMPING), RIGID_SOLIMP)
+        compiled = compile_scene(model, gravity, step, _solref(world, step), RIGID_SOLIMP)
     if law.torsional > 0 or law.rolling > 0:
         dimensions = 6 if law.rolling > 0 else 4
         compiled.geom_condim[:], compiled.pair_dim[:] = dimensions, dimensions
         compiled.geom_friction[:, 1:] = law.torsional, law.rolling
         compiled.pair_friction[:, 2], compiled.pair_friction[:, 3:] = law.torsional, law.rolling
     return compiled
+
+
+def scene_text(model: ObjectModel, *, gravity: float, step: float) -> str:
+    """The object over level ground as MJCF text, with its contact as `scene` has it; numbers have six digits."""
+    world = World(model, gravity=gravity)
+    if model.compliance > 0:
+        text: str = _compliant(world, step).to_xml()
+        return text
+    return to_mjcf(model, gravity=gravity, timestep=step, solref=_solref(world, step), solimp=RIGID_SOLIMP)
+
+
+def _solref(world: World, step: float) -> tuple[float, float]:
+    """Of contact that does not give way: near rigid, or bouncing."""
+    if not world.object.restitution > 0:
+        return 2 * step, RIGID_DAMPING
+    ratio = damping_ratio(world.object.restitution)
+    rate = min(BOUNCE_RATE, 0.5 / ratio) / step
+    return -(rate**2), -2 * ratio * rate
 
 
 def damping_ratio(restitution: float) -> float:
@@ -136,10 +150,10 @@ def damping_ratio(restitution: float) -> float:
     return float(brentq(excess, 1e-9, 1e4)) if excess(1e-9) > 0 else 1e-9
 
 
-def _compliant(world: World, gravity: Array, step: float) -> mujoco.MjModel:
+def _compliant(world: World, step: float) -> mujoco.MjSpec:
     model, d = world.object, SOFT_IMPEDANCE
     solimp = (d, d, 0.001, 0.5, 2.0)
-    spec = mujoco.MjSpec.from_string(to_mjcf(model, timestep=step, solimp=solimp))
+    spec = mujoco.MjSpec.from_string(to_mjcf(model, gravity=world.gravity, timestep=step, solimp=solimp))
     for body in range(model.n_bodies):
         if (model.corner_body == body).any():
             spec.add_pair(
@@ -153,44 +167,53 @@ def _compliant(world: World, gravity: Array, step: float) -> mujoco.MjModel:
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = 0, 0
     compiled = spec.compile()
-    compiled.opt.timestep, compiled.opt.gravity[:] = step, gravity
-    compiled.opt.impratio = 100 * (1 - d) / d  # friction is a hundred times as stiff as what would creep
-    for pair in range(compiled.npair):
+    spec.option.impratio = 100 * (1 - d) / d  # friction is a hundred times as stiff as what would creep
+    for at, pair in enumerate(spec.pairs):
         # MuJoCo's estimate of a corner's inverse mass, from which it makes R = (1 - d) / d of it
-        inverse = compiled.body_invweight0[compiled.geom_bodyid[compiled.pair_geom2[pair]], 0]
-        stiffness = 1 / model.compliance
-        spring = stiffness * (1 - d) * inverse
-        compiled.pair_solref[pair] = -spring, -max(model.relaxation * spring, 1e-9)
+        inverse = compiled.body_invweight0[compiled.geom_bodyid[compiled.pair_geom2[at]], 0]
+        spring = (1 - d) * inverse / model.compliance
+        pair.solref = [-spring, -max(model.relaxation * spring, 1e-9)]
         # its friction stops in a few time steps
-        compiled.pair_solreffriction[pair] = -1e-9, -0.5 * d / step
-    return compiled
+        pair.solreffriction = [-1e-9, -0.5 * d / step]
+    return spec
 
 
 def pusher(world: World, hold: float) -> Callable[[Array, Array], Array]:
-    """From states q (B, 7), v (B, 6) of a single body to its wrench in MuJoCo (B, 2, 6), the ground's first.
+    """From states q (B, nq), v (B, nv) to the wrenches on MuJoCo's bodies (B, 1 + n_b, 6), the ground's first.
 
-    hold: for how long [s] it is held; it is the wrench at half that time, as if nothing touched.
+    Forces are shared out among the bodies by mass, as `pulls` has it.
+    hold: for how long [s] it is held; it is the wrench at half that time, as if nothing touched and no joint held.
     """
     forces, model, gravity = world.forces_on_ground(), world.object, world.gravity_on_ground()
-    mass, com = float(model.mass[0]), model.com[0]
+    total = float(model.mass.sum())
 
     def push(q: Array, v: Array) -> Array:
-        force, _ = wrench(forces, mass, com, q, v)
-        middle_q, middle_v = q.copy(), v.copy()
-        middle_q[:, :3] += 0.5 * hold * v[:, :3]
-        middle_v[:, :3] += 0.5 * hold * (gravity + force / mass)
-        out = np.zeros((len(q), 2, 6))
-        out[:, 1, :3], out[:, 1, 3:] = wrench(forces, mass, com, middle_q, middle_v)
+        out = np.zeros((len(q), 1 + model.n_bodies, 6))
+        p, u, omega = body_motions(model, q, v)
+        for b in range(model.n_bodies):
+            force, _ = wrench(forces, total, p[:, b], u[:, b], omega[:, b])
+            middle_p, middle_u = p[:, b] + 0.5 * hold * u[:, b], u[:, b] + 0.5 * hold * (gravity + force / total)
+            force, torque = wrench(forces, total, middle_p, middle_u, omega[:, b])
+            out[:, 1 + b, :3], out[:, 1 + b, 3:] = model.mass[b] / total * force, model.mass[b] / total * torque
         return out
 
     return push
 
 
-def wrench(f: Forces, mass: float, com: Array, q: Array, v: Array) -> tuple[Array, Array]:
-    """Force [N] at the centre of mass and torque [N m], world axes, (*b, 3) each, of states q (*b, 7), v (*b, 6)."""
-    omega = quat_rotate(q[..., 3:7], v[..., 3:6])
-    arm = quat_rotate(q[..., 3:7], com)
-    p, u = q[..., :3] + arm, v[..., :3] + np.cross(omega, arm)
+def body_motions(model: ObjectModel, q: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Places and velocities of the bodies' centres of mass, and spins, in the world: (B, n_b, 3) each."""
+    turned = tree_batch(make_system(model), q, v)
+    spin = np.einsum("nbij,nbj->nbi", turned.R, turned.omega)
+    arm = np.einsum("nbij,bj->nbi", turned.R, model.com)
+    origin = np.einsum("nbij,nbjk,nk->nbi", turned.R, turned.X[:, :, 3:], v)
+    return turned.x + arm, origin + np.cross(spin, arm), spin
+
+
+def wrench(f: Forces, mass: float, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
+    """Force [N] at the centre of mass and torque [N m] on a single body, world axes, (*b, 3) each.
+
+    p, u, omega (*b, 3): place and velocity of the centre of mass, and spin, world axes.
+    """
     up = np.array([0.0, 0.0, 1.0])
     air = u - [f.wind_x, f.wind_y, 0.0]
     speed = np.linalg.norm(air, axis=-1, keepdims=True)

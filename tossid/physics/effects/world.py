@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.objects import GRAVITY, ObjectModel
+from tossid.objects import GRAVITY, JointType, ObjectModel
 from tossid.physics.forces import Forces, Law
 from tossid.physics.stepping import simulate
 from tossid.physics.system import Residual, System, make_system
@@ -28,13 +28,14 @@ class Recording:
 
     length_scale: recorded length per true. clock_rate: recorded time per true. frame_offset (3,) [m]: the recorded
     frame's origin in the body's true frame. world_tilt (2,) [rad about x, y]: what turns true coordinates into
-    recorded ones.
+    recorded ones. joint_offset: what recorded joint positions are over true ones [rad, m]; slides are lengths too.
     """
 
     length_scale: float = 1.0
     clock_rate: float = 1.0
     frame_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     world_tilt: tuple[float, float] = (0.0, 0.0)
+    joint_offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,8 @@ class World:
         place = quat_rotate(true, recorded[..., :3]) / r.length_scale - self._lift
         q[..., :3] = quat_rotate(tilt, place) - arm
         v[..., :3] = quat_rotate(turn, v[..., :3]) / r.length_scale - sweep
+        q[..., 7:] = (q[..., 7:] - r.joint_offset) / self._joint_scale
+        v[..., 6:] /= self._joint_scale
         return q, v
 
     def recorded_poses(self, q: Array) -> Array:
@@ -103,6 +106,7 @@ class World:
         out = q.copy()
         out[..., :3] = quat_rotate(world, place + self._lift) * r.length_scale
         out[..., 3:7] = quat_mul(quat_mul(world, tilt), q[..., 3:7])
+        out[..., 7:] = self._joint_scale * q[..., 7:] + r.joint_offset
         return out
 
     def recorded(self, q: Array, v: Array) -> tuple[Array, Array]:
@@ -112,6 +116,7 @@ class World:
         _, sweep = self._arm(q, v)
         out = v / r.clock_rate
         out[..., :3] = quat_rotate(turn, v[..., :3] + sweep) * (r.length_scale / r.clock_rate)
+        out[..., 6:] *= self._joint_scale
         return self.recorded_poses(q), out
 
     def roll_out(
@@ -148,6 +153,12 @@ class World:
     def _as_is(self) -> bool:
         """Whether true motion in the ground's frame is what is recorded."""
         return self.recording == Recording() and self.ground_height == 0.0 and self.ground_tilt == (0.0, 0.0)
+
+    @property
+    def _joint_scale(self) -> Array:
+        """Recorded joint positions over true ones (n_j,): lengths of slides are recorded as others are."""
+        slides = self.object.joint_type[1:] == JointType.SLIDE
+        return np.where(slides, self.recording.length_scale, 1.0)
 
     @property
     def _lift(self) -> Array:

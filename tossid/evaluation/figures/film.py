@@ -1,0 +1,98 @@
+"""A toss as a short film: measured and predicted wireframes over the ground, drawn with OpenCV."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import cv2
+import numpy as np
+from matplotlib.colors import to_rgb
+from numpy.typing import NDArray
+
+from tossid.errors import InputError
+from tossid.evaluation.figures.style import GRID, INK, look
+from tossid.evaluation.figures.wireframe import View, posed, view_from, wireframe
+from tossid.objects import ObjectModel, corner_positions
+from tossid.types import Toss
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+SIZE = (480, 360)
+"""Width and height [px]."""
+_SHIFT = 4
+"""Fractional bits of OpenCV's coordinates."""
+
+
+class Motion(Protocol):
+    """Anything with a motion q (n, nq)."""
+
+    @property
+    def q(self) -> Array: ...
+
+
+def toss_film(toss: Toss, predicted: Motion, model: ObjectModel, *, name: str, every: int = 2) -> Image:
+    """Frames (n, h, w, 3) RGB: the measured object dark, the predicted one in its model's colour, open loop.
+
+    Args:
+        toss: as measured. predicted: at the toss's frames. model: whose corners are drawn.
+        name: of the model, for the colour and the words. every: so many-th frame.
+
+    Raises:
+        InputError: motions of different lengths.
+    """
+    if predicted.q.shape != toss.q.shape:
+        raise InputError(f"{toss.name}: predicted {predicted.q.shape}, the toss has {toss.q.shape}")
+    view = view_from(np.deg2rad(-60), np.deg2rad(20))
+    both = np.concatenate([corner_positions(model, q) for q in (toss.q, predicted.q)]).reshape(-1, 3)
+    flat = view(np.concatenate([both, both * [1, 1, 0]]))
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    scale = 0.88 * min(np.array(SIZE) / (high - low))
+    middle = 0.5 * (low + high)
+    colors = {"measured": _rgb(INK), "predicted": _rgb(look(name).color)}
+
+    def place(points: Array) -> NDArray[np.int32]:
+        pixel = (view(points) - middle) * [scale, -scale] + 0.5 * np.array(SIZE)
+        return np.round(pixel * 2**_SHIFT).astype(np.int32)
+
+    ground = np.full((SIZE[1], SIZE[0], 3), 255, dtype=np.uint8)
+    _draw_ground(ground, place, both)
+    edges = [wireframe(model.corner_pos[model.corner_body == b]) for b in range(model.n_bodies)]
+    frames = []
+    for k in range(0, len(toss), every):
+        image = ground.copy()
+        for which, q in (("measured", toss.q[k]), ("predicted", predicted.q[k])):
+            _draw_object(image, place, view, posed(model, q), edges, colors[which])
+        words = f"{toss.t[k] - toss.t[0]:.2f} s   dark: measured   colour: {name}"
+        cv2.putText(image, words, (10, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.42, _rgb(INK), 1, cv2.LINE_AA)
+        frames.append(image)
+    return np.stack(frames)
+
+
+def _draw_ground(image: Image, place: object, points: Array) -> None:
+    """A grid of 10 cm on z = 0 below the points."""
+    assert callable(place)
+    low, high = np.floor(points.min(axis=0) * 10) / 10, np.ceil(points.max(axis=0) * 10) / 10
+    for axis in (0, 1):
+        for at in np.arange(low[axis], high[axis] + 1e-9, 0.1):
+            line = np.zeros((2, 3))
+            line[:, axis] = at
+            line[:, 1 - axis] = low[1 - axis], high[1 - axis]
+            a, b = place(line)
+            cv2.line(image, a.tolist(), b.tolist(), _rgb(GRID), 1, cv2.LINE_AA, _SHIFT)
+
+
+def _draw_object(
+    image: Image, place: object, view: View, bodies: list[tuple[Array, Array]], edges: list, color: tuple[int, ...]
+) -> None:  # fmt: skip
+    """Each body's edges; those on the far side thin."""
+    assert callable(place)
+    for (corners, quat), wires in zip(bodies, edges, strict=True):
+        pixel, near = place(corners), wires.visible(quat, view.toward)
+        for (i, j), front in sorted(zip(wires.edges.tolist(), near.tolist(), strict=True), key=lambda each: each[1]):
+            cv2.line(image, pixel[i].tolist(), pixel[j].tolist(), color, 2 if front else 1, cv2.LINE_AA, _SHIFT)
+
+
+def _rgb(color: str) -> tuple[int, int, int]:
+    r, g, b = (round(255 * part) for part in to_rgb(color))
+    return r, g, b
