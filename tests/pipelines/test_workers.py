@@ -100,6 +100,7 @@ echo "Submitted batch job $!"
 """
 
 
+@pytest.mark.slow
 def test_slurms_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Slurm itself is not there; its two commands are, and the job is a real worker."""
     pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is an extra: pip install -e '.[cluster]'")
