@@ -16,7 +16,7 @@ DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo experiments tagslam truth test test-slow check format bench clean distclean
+.PHONY: help setup demo experiments tagslam truth test test-slow check format bench docs figures clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -61,6 +61,12 @@ format: $(STAMP)  ## format and fix what can be fixed
 
 bench: $(STAMP)  ## speed of the simulators, the training and the command line
 	$(BIN)/python -m pipelines.bench
+
+docs: $(STAMP)  ## the documentation as a site, in build/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
+figures: $(STAMP)  ## the gallery, docs/gallery.md, on tosses made here; some minutes
+	$(RUN_ONE) $(BIN)/python -m pipelines.gallery
 
 clean:  ## remove caches and logs (never data, runs or the environment)
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache outputs/logs

@@ -9,6 +9,7 @@ command runs.
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -21,12 +22,21 @@ app = typer.Typer(
     help="Learn an object's contact and continuous dynamics from its tosses, and why a simulator is wrong about it.",
     epilog="Values are set as KEY=VALUE. 'tossid COMMAND --help' lists a command's keys.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-Keys = Annotated[list[str] | None, typer.Argument(metavar="KEY=VALUE", help="Values to set.", show_default=False)]
+
+def _complete(ctx: typer.Context, incomplete: str) -> Iterator[tuple[str, str]]:
+    from pipelines.completion import complete_keys
+
+    return complete_keys(ctx, incomplete)
+
+
+Keys = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="KEY=VALUE", help="Values to set.", show_default=False, autocompletion=_complete),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output, nothing else.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No tables and no progress; warnings and errors remain.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
@@ -101,6 +111,12 @@ def evaluate(
 
 
 @app.command(cls=KeyedCommand)
+def register(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Put a trained model under a name in MLflow's registry."""
+    _run("register", keys, json=json, quiet=quiet)
+
+
+@app.command(cls=KeyedCommand)
 def diagnose(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
     """Say where a simulator misses the tosses, which effect causes it, and how far that closes the gap."""
     _run("diagnose", keys, json=json, quiet=quiet)
@@ -122,6 +138,20 @@ def export(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: D
 def view(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
     """Show a recording, dataset, run or gap in 3D (a Rerun file), or a recording as a contact sheet."""
     _run("view", keys, json=json, quiet=quiet)
+
+
+@app.command("new-object", cls=KeyedCommand)
+def new_object(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Make an object from a box, with a tag on each face and a sheet to print the tags from."""
+    _run("new-object", keys, json=json, quiet=quiet)
+
+
+@app.command()
+def doctor(json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Say what is installed, what is missing, and what to do about it."""
+    from pipelines.calling import call
+
+    call("doctor", None, json=json, quiet=quiet)
 
 
 @app.command()

@@ -9,26 +9,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
 import os
 import secrets
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pipelines.audit_case import Job, diagnose_case, diagnose_spoilt, find_answer, judge, make_case, spoilt_world
 from pipelines.calling import jsonable
 from pipelines.console import Console
 from pipelines.outputs import only_writer, output_file, output_folder
 from pipelines.schemas import AuditConfig
-from tossid.errors import ConfigError, FileError, InputError, SolverError, TossidError
-
-if TYPE_CHECKING:
-    pass
+from pipelines.workers import Workers, as_done, open_workers
+from tossid.errors import ConfigError, FileError, InputError, TossidError
 
 FOLDER = Path("outputs/audit")
 RESULT, TRUTH, GAP, SEAL = "result.json", "truth.json", "gap.json", "seal.txt"
@@ -59,8 +56,14 @@ def run(config: AuditConfig, console: Console) -> dict[str, Any]:
     if load_object(config.object).n_joints:
         raise ConfigError("object", f"'{config.object.name}' has joints; diagnosis is of single bodies so far.")
     out = config.out or FOLDER / (f"{config.seed}" if config.data is None else f"real-{config.seed}")
-    count = min(config.workers or os.cpu_count() or 1, config.cases)
-    with only_writer(out / "audit"), _workers(count) as pool:
+    processes = min(config.workers or os.cpu_count() or 1, config.cases)
+    with (
+        only_writer(out / "audit"),
+        ExitStack() as last,
+        open_workers(config.launcher, processes) as pool,
+    ):
+        # a thread leads a case through what workers do of it; it ends after them, else it would wait for them
+        lead = last.enter_context(ThreadPoolExecutor(config.workers or pool.count))
         jobs = _jobs(config, out, pool, console)
         results = {job.name: there for job in jobs if (there := _stored(out, job)) is not None}
         console.say(f"{out}: {len(results)} of {len(jobs)} cases are done")
@@ -68,7 +71,7 @@ def run(config: AuditConfig, console: Console) -> dict[str, Any]:
         with console.progress("auditing", len(jobs), unit="cases") as bar:
             bar.advance(len(results))
             missing = [job for job in jobs if job.name not in results]
-            for job, found in _all_of(missing, out, pool, threads=count):
+            for job, found in as_done(partial(_one, out=out, pool=pool), missing, lead.submit):
                 if isinstance(found, TossidError):
                     failed[job.name] = str(found)
                     console.warn(f"case {job.name}: {found}")
@@ -89,7 +92,7 @@ def run(config: AuditConfig, console: Console) -> dict[str, Any]:
 # ---------------------------------------------------------------- which cases
 
 
-def _jobs(config: AuditConfig, out: Path, pool: ProcessPoolExecutor, console: Console) -> list[Job]:
+def _jobs(config: AuditConfig, out: Path, pool: Workers, console: Console) -> list[Job]:
     from pipelines.project import dataset_path
     from tossid.diagnosis.audit import draw_cases, draw_spoilt
     from tossid.store import file_sha256
@@ -102,7 +105,7 @@ def _jobs(config: AuditConfig, out: Path, pool: ProcessPoolExecutor, console: Co
         answer = _answer(out, key)
         if answer is None:
             console.say(f"{config.data}: diagnosing the unspoilt simulator")
-            answer = pool.submit(find_answer, config, os.cpu_count() or 1).result()
+            answer = pool.submit(find_answer, _absolute(config), os.cpu_count() or 1).result()
             _write(out / ANSWER, json.dumps({"key": key, "effects": answer}, indent=1) + "\n")
         console.say(f"the unspoilt simulator has {', '.join(answer) or 'no effects'}")
         cases = draw_spoilt(config.cases, seed=config.seed)
@@ -115,7 +118,18 @@ def _jobs(config: AuditConfig, out: Path, pool: ProcessPoolExecutor, console: Co
             displacement=config.displacement,
             only_lcp=_only_lcp(config),
         )
-    return [Job(case, config, _digest({**settings, "case": case.as_json()}), answer) for case in cases]
+    told = _absolute(config)
+    return [Job(case, told, _digest({**settings, "case": case.as_json()}), answer) for case in cases]
+
+
+def _absolute(config: AuditConfig) -> AuditConfig:
+    """The keys with whole paths: workers may be in another folder."""
+    from pipelines.project import dataset_path, shipped
+
+    data = None if config.data is None else dataset_path(config.data).resolve()
+    tags = None if config.object.tags is None else shipped(config.object.tags).resolve()
+    stated = replace(config.object, path=shipped(config.object.path).resolve(), tags=tags)
+    return replace(config, data=data, object=stated)
 
 
 def _only_lcp(config: AuditConfig) -> list[str]:
@@ -166,31 +180,7 @@ def _stored(out: Path, job: Job) -> dict[str, Any] | None:
 # ---------------------------------------------------------------- a case, from its making to its score
 
 
-def _all_of(
-    jobs: Sequence[Job], out: Path, pool: ProcessPoolExecutor, *, threads: int
-) -> Iterator[tuple[Job, dict[str, Any] | TossidError]]:
-    """Each case with its result (or the error that it ended in), as they are done."""
-    if not jobs:
-        return
-    with ThreadPoolExecutor(threads) as guards:
-        waiting = {guards.submit(_one, job, out, pool): job for job in jobs}
-        try:
-            for done in as_completed(waiting):
-                try:
-                    yield waiting[done], done.result()
-                except BrokenProcessPool as error:
-                    problem = "a process died (of lack of memory?); give the same command again, with workers=1"
-                    raise SolverError(problem, total=threads) from error
-                except TossidError as error:
-                    yield waiting[done], error
-        except BaseException:
-            guards.shutdown(wait=False, cancel_futures=True)
-            for child in multiprocessing.active_children():  # else the threads would wait for their cases
-                child.terminate()
-            raise
-
-
-def _one(job: Job, out: Path, pool: ProcessPoolExecutor) -> dict[str, Any]:
+def _one(job: Job, *, out: Path, pool: Workers) -> dict[str, Any]:
     """Make, seal, diagnose, unseal, score; the case's folder appears whole."""
     started = time.perf_counter()
     with output_folder(out / "cases" / job.name, made_by="tossid audit") as folder:
@@ -244,13 +234,6 @@ def _unseal(path: Path, folder: Path) -> dict[str, Any]:
 
 
 # ---------------------------------------------------------------- the whole
-
-
-def _workers(count: int) -> Any:
-    """Processes with one thread each, which share nothing but files."""
-    from pipelines.cells import worker_processes
-
-    return worker_processes(None, count)
 
 
 def _report(out: Path, results: list[dict[str, Any]], failed: dict[str, str], console: Console) -> dict[str, Any]:

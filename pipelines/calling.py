@@ -38,7 +38,7 @@ def call(command: str, argument: Any, *, json: bool, quiet: bool) -> Any:
 
 def _runner(command: str) -> Callable[[Any, Console], Any]:
     """`run` of the command's module, imported only now."""
-    run: Callable[[Any, Console], Any] = importlib.import_module(f"pipelines.{command}").run
+    run: Callable[[Any, Console], Any] = importlib.import_module(f"pipelines.{command.replace('-', '_')}").run
     return run
 
 

@@ -5,29 +5,24 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import multiprocessing
 import os
 import re
-import signal
-import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from multiprocessing import connection
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 from pipelines.config import as_plain, load
 from pipelines.keys import convert
-from pipelines.schemas import SweepConfig, TrainConfig
+from pipelines.schemas import Launcher, ProcessesLauncher, SweepConfig, TrainConfig
 from pipelines.version import code_digest
-from tossid.errors import ConfigError, SolverError, TossidError
+from pipelines.workers import as_done, open_workers
+from tossid.errors import ConfigError, FileError, TossidError
+from tossid.store import file_sha256, read_dataset
 from tossid.types import Dataset
 
 SCHEMA = "tossid.cell/1"
-_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _OWN = ("data", "restart", "model", "seed")
 """Keys of train that a study sets itself."""
 
@@ -137,78 +132,38 @@ def compute(dataset: Dataset, config: TrainConfig) -> Computed:
 
 
 def compute_all(
-    dataset: Dataset, cells: Sequence[Cell], *, workers: int | None
+    cells: Sequence[Cell], *, sha256: str, workers: int | None, launcher: Launcher
 ) -> Iterator[tuple[Cell, Computed | TossidError]]:
     """Each cell with what it gave (or the error that it ended in), as they are done.
 
     Args:
+        sha256: of the cells' dataset, which workers read for themselves.
         workers: processes, each with one thread; None for one a core. With one, no process is started.
+        launcher: who computes.
 
     Raises:
-        SolverError: a process died.
+        SolverError: a worker died.
     """
-    count = min(workers or os.cpu_count() or 1, len(cells))
-    if count <= 1:
-        for cell in cells:
-            try:
-                yield cell, compute(dataset, cell.config)
-            except TossidError as error:
-                yield cell, error
+    if not cells:
         return
-    with worker_processes(dataset, count) as pool:
-        waiting: dict[Future[Computed], Cell] = {pool.submit(_compute, cell.config): cell for cell in cells}
-        for done in as_completed(waiting):
-            try:
-                yield waiting[done], done.result()
-            except BrokenProcessPool as error:
-                problem = "a process died (of lack of memory?); give the same command again, with sweep.workers=1"
-                raise SolverError(problem, total=count) from error
-            except TossidError as error:
-                yield waiting[done], error
+    work = partial(_compute, sha256=sha256, folder=os.getcwd())
+    if isinstance(launcher, ProcessesLauncher):
+        workers = min(workers or os.cpu_count() or 1, len(cells))
+        if workers <= 1:
+            yield from as_done(work, cells, None)
+            return
+    with open_workers(launcher, workers) as there:
+        yield from as_done(work, cells, there.submit)
 
 
-@contextmanager
-def worker_processes(dataset: Dataset | None, count: int) -> Iterator[ProcessPoolExecutor]:
-    """Worker processes, which hold the dataset if there is one; whatever ends the study ends them at once."""
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # libraries read it when a worker imports them
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(dataset,))
-    try:
-        yield pool
-    except BaseException:
-        for child in multiprocessing.active_children():
-            child.terminate()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+def _compute(cell: Cell, *, sha256: str, folder: str) -> Computed:
+    assert cell.config.data is not None
+    return compute(_read(Path(folder) / cell.config.data, sha256), cell.config)
 
 
-_dataset: Dataset | None = None
-"""A worker's dataset."""
-
-
-def _begin(dataset: Dataset | None) -> None:
-    """Begin a worker: Ctrl-C is its parent's business, and it does not outlive its parent."""
-    global _dataset
-    _dataset = dataset
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-
-
-def _end_with(sentinel: int) -> None:
-    connection.wait([sentinel])
-    os._exit(1)
-
-
-def _compute(config: TrainConfig) -> Computed:
-    assert _dataset is not None
-    return compute(_dataset, config)
+@lru_cache(maxsize=1)
+def _read(data: Path, sha256: str) -> Dataset:
+    """A worker's dataset."""
+    if file_sha256(data) != sha256:
+        raise FileError(data, "is not the file that the command reads; its workers must see the same one there")
+    return read_dataset(data)

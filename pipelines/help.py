@@ -26,7 +26,7 @@ class KeyedCommand(TyperCommand):
 
 def command_names() -> list[str]:
     """All commands."""
-    return sorted({*COMMANDS, "info"})
+    return sorted({*COMMANDS, "doctor", "info"})
 
 
 def command_keys(command: str) -> list[str]:

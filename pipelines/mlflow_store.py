@@ -16,14 +16,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
+from tossid.errors import InputError
+
 if TYPE_CHECKING:
     from mlflow import MlflowClient
+
+_HTTP = {"MAX_RETRIES": "2", "BACKOFF_FACTOR": "1", "TIMEOUT": "30"}
+"""A server that is away is known in seconds, not in MLflow's four minutes; what it misses waits on disk."""
 
 
 def client() -> MlflowClient:
     """MLflow's client on its default store, quiet; the store is made by one process at a time."""
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
+    os.environ.setdefault("MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT", "true")
+    for name, value in _HTTP.items():
+        os.environ.setdefault(f"MLFLOW_HTTP_REQUEST_{name}", value)
     for name in ("mlflow", "alembic"):
         logging.getLogger(name).setLevel(logging.CRITICAL)  # its errors are raised too, and reported here
     import mlflow
@@ -33,12 +41,41 @@ def client() -> MlflowClient:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     _prepare_sqlite()
     uri = mlflow.get_tracking_uri()
+    if _is_server(uri):
+        return _answering(MlflowClient(uri), uri)
     if uri.startswith("sqlite:///"):
         with _making(Path(unquote(uri.removeprefix("sqlite:///")))):
             client = MlflowClient(uri)
             client.search_experiments(max_results=1)
             return client
     return MlflowClient(uri)
+
+
+def is_remote(client: MlflowClient) -> bool:
+    """Whether its store is a tracking server."""
+    return _is_server(str(client.tracking_uri))
+
+
+def _is_server(uri: str) -> bool:
+    return uri.startswith(("http://", "https://"))
+
+
+def _answering(client: MlflowClient, uri: str) -> MlflowClient:
+    """The client of a server, if that answers.
+
+    Raises:
+        InputError: it does not.
+    """
+    from mlflow.exceptions import MlflowException
+
+    try:
+        client.search_experiments(max_results=1)
+    except MlflowException as error:
+        if error.get_http_status_code() < 500:
+            raise
+        problem = "the tracking server does not answer; start it, or unset the variable to track in this folder"
+        raise InputError(f"MLFLOW_TRACKING_URI={uri}: {problem}") from error
+    return client
 
 
 def _prepare_sqlite() -> None:

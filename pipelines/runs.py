@@ -19,6 +19,7 @@ CONFIG = "config.yaml"
 RUN = "run.json"
 """In a training's folder: {"run": MLflow's id}."""
 COMMAND_TAG = "tossid.command"
+_REGISTERED = "models:/"
 
 
 @dataclass(frozen=True)
@@ -60,15 +61,17 @@ def find_run(reference: str | Path | None = None, *, command: str = "train", exp
     """A run, by what a user gives for it.
 
     Args:
-        reference: a run id (or an unambiguous beginning of at least 6 digits), a
-            run's name (the newest of that name), a folder with `checkpoint.pt` and `config.yaml`, or None for
-            the newest finished run of `command`.
+        reference: a run id (or an unambiguous beginning of at least 6 digits), a run's name (the newest of that
+            name), a folder with `checkpoint.pt` and `config.yaml`, `models:/NAME/VERSION` of the registry, or None
+            for the newest finished run of `command`.
         command: which command's runs are meant.
 
     Raises:
         InputError: there is no such run, or several.
         FileError: the folder is no run.
     """
+    if str(reference).startswith(_REGISTERED):
+        return _registered(str(reference))
     if reference is not None and (Path(reference).is_dir() or os.sep in str(reference)):
         return _folder_record(Path(reference))
     found = find_runs(command=command, experiment=experiment, finished=reference is None, nested=reference is not None)
@@ -86,6 +89,33 @@ def find_run(reference: str | Path | None = None, *, command: str = "train", exp
         known = ", ".join(f"{run.info.run_name} ({run.info.run_id[:8]})" for run in found[:3])
         raise InputError(f"run={text}: no such run of 'tossid {command}'; the newest are: {known or 'none'}")
     return record_of(matches[0])
+
+
+def _registered(reference: str) -> RunRecord:
+    """The run behind a model of the registry: models:/NAME/VERSION, models:/NAME/latest, models:/NAME@ALIAS."""
+    from mlflow.exceptions import MlflowException
+
+    name, at, alias = reference.removeprefix(_REGISTERED).partition("@")
+    version = ""
+    if not at:
+        name, _, version = name.partition("/")
+    if not name or not (alias or version == "latest" or version.isdigit()):
+        raise InputError(f"run={reference}: expected models:/NAME/VERSION, models:/NAME/latest or models:/NAME@ALIAS")
+    store = client()
+    there = store.search_model_versions(f"name = '{name}'")
+    try:
+        if alias:
+            found = store.get_model_version_by_alias(name, alias)
+        elif version == "latest":
+            found = max(there, key=lambda one: int(one.version))
+        else:
+            found = store.get_model_version(name, version)
+    except (MlflowException, ValueError) as error:
+        known = ", ".join(sorted((str(one.version) for one in there), key=int))
+        raise InputError(f"run={reference}: no such model; versions of '{name}': {known or 'none'}") from error
+    if not found.run_id:
+        raise InputError(f"run={reference}: was not registered from a run")
+    return record_of(store.get_run(found.run_id))
 
 
 def find_runs(

@@ -3,7 +3,7 @@
 Results lie in `outputs/sweeps/NAME-DIGEST`: a folder for each cell, and the
 whole as `cells.json`, `cells.csv`, `table.md` and figures. A cell that is done, in this
 study or in another, is never computed again. MLflow gets a run for the study
-and a nested one for each cell; only this process writes to it.
+and a nested one for each cell; only the command writes to it, never a worker.
 """
 
 from __future__ import annotations
@@ -22,8 +22,10 @@ from pipelines.calling import jsonable
 from pipelines.cells import SCHEMA, Cell, Computed, compute_all, study_cells
 from pipelines.console import Console
 from pipelines.evaluate import means
+from pipelines.mlflow_store import client
 from pipelines.outputs import only_writer, output_file
 from pipelines.project import dataset_path
+from pipelines.runs import find_runs
 from pipelines.schemas import EvaluateConfig, SweepConfig
 from pipelines.tables import csv_table, inertia_errors, markdown_table, validation_loss
 from pipelines.tracking import TrackedRun, tracked_run
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
 FOLDER = Path("outputs/sweeps")
 CELL = "cell.json"
 RUNS = "runs.json"
+CELL_TAG = "tossid.cell"
 
 
 @dataclass(frozen=True)
@@ -73,19 +76,22 @@ def run_sweep(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> d
                 parent.data(study.data, study.sha256, context="study")
                 runs = {"run": parent.id, "cells": {}}
                 _write(study.folder / RUNS, json.dumps(runs) + "\n")
+            else:
+                _recall(parent, runs)
             for cell in study.cells:
                 if cell.digest in results:
                     _track(study, cell, results[cell.digest], parent, runs)
             missing = [cell for cell in study.cells if cell.digest not in results]
+            computed = compute_all(missing, sha256=study.sha256, workers=sweep.workers, launcher=config.launcher)
             with console.progress(f"sweep {sweep.name}", len(study.cells), unit="cells") as bar:
                 bar.advance(len(results))
-                for cell, computed in compute_all(study.dataset, missing, workers=sweep.workers):
-                    if isinstance(computed, TossidError):
+                for cell, outcome in computed:
+                    if isinstance(outcome, TossidError):
                         failed.append({"model": cell.model, "seed": cell.seed, study.swept: cell.value})
-                        failed[-1]["error"] = str(computed)
-                        console.warn(f"{cell.model}, {study.swept} {cell.value:g}, seed {cell.seed}: {computed}")
+                        failed[-1]["error"] = str(outcome)
+                        console.warn(f"{cell.model}, {study.swept} {cell.value:g}, seed {cell.seed}: {outcome}")
                     else:
-                        results[cell.digest] = _keep(study, cell, computed)
+                        results[cell.digest] = _keep(study, cell, outcome)
                         _track(study, cell, results[cell.digest], parent, runs)
                     bar.advance(1, note=f"{cell.model}, {study.swept} {cell.value:g}")
             if not results:
@@ -166,7 +172,8 @@ def _track(study: Study, cell: Cell, stored: dict[str, Any], parent: TrackedRun,
     from tossid.training.fit import EpochRecord
 
     name = f"{cell.model}-{study.swept}{cell.value:g}-s{cell.seed}"
-    with tracked_run(name, cell.config, command="train", parent=parent, tags={"sweep": study.sweep.name}) as run:
+    tags = {"sweep": study.sweep.name, CELL_TAG: cell.digest}
+    with tracked_run(name, cell.config, command="train", parent=parent, tags=tags) as run:
         run.data(study.data, study.sha256, context="training")
         for step, row in enumerate(stored["history"], start=1):
             run.metrics(numbers_of(EpochRecord(**row)), step=step)
@@ -175,6 +182,18 @@ def _track(study: Study, cell: Cell, stored: dict[str, Any], parent: TrackedRun,
         run.checkpoint(Path(stored["folder"]) / CHECKPOINT)
     runs["cells"][cell.digest] = run.id
     _write(study.folder / RUNS, json.dumps(runs, indent=1) + "\n")
+
+
+def _recall(parent: TrackedRun, runs: dict[str, Any]) -> None:
+    """Know the runs of cells that a killed command had logged and not noted; what it had half logged goes."""
+    for run in find_runs(parent=parent.id):
+        digest = run.data.tags.get(CELL_TAG)
+        if digest is None or digest in runs["cells"]:
+            continue
+        if run.info.status == "FINISHED":
+            runs["cells"][digest] = run.info.run_id
+        else:
+            client().delete_run(run.info.run_id)
 
 
 def _runs(study: Study) -> dict[str, Any]:

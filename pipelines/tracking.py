@@ -1,6 +1,7 @@
 """Logging to MLflow: runs with their config, code, data, metrics, figures and files.
 
-Metrics are buffered: a run logs thousands of values in a few statements.
+Metrics are buffered: a run logs thousands of values in a few statements. What a tracking server cannot be told while
+it is away waits on disk (`pipelines.outbox`).
 MLflow is imported when the first run starts (1.5 s). To find runs again:
 `pipelines.runs`.
 """
@@ -9,15 +10,19 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipelines.config import as_plain, flatten
-from pipelines.mlflow_store import client, experiment_id
+from pipelines.console import Console
+from pipelines.mlflow_store import client, experiment_id, is_remote
+from pipelines.outbox import UNSENT, Outbox, send_unsent
+from pipelines.outputs import only_writer
 from pipelines.runs import CHECKPOINT, COMMAND_TAG, CONFIG, EXPERIMENT, RunRecord, record_of
 from pipelines.version import commit, version
 
@@ -38,15 +43,14 @@ class TrackedRun:
         self.experiment = experiment
         self.name = name
         self.resumed = resumed
+        self.outbox = Outbox(client, run_id, remote=is_remote(client))
         self._client = client
-        self._metrics: list[Any] = []
+        self._metrics: list[list[Any]] = []
 
     def metrics(self, values: Mapping[str, float], *, step: int = 0) -> None:
         """Log values at a step. Buffered; a curve is one call a step."""
-        from mlflow.entities import Metric
-
         now = int(time.time() * 1000)
-        self._metrics += [Metric(name, float(value), now, step) for name, value in values.items()]
+        self._metrics += [[name, float(value), now, step] for name, value in values.items()]
         if len(self._metrics) >= _BUFFER:
             self.flush()
 
@@ -62,55 +66,56 @@ class TrackedRun:
         """Send the buffered metrics."""
         while self._metrics:
             batch = self._metrics[:1000]
-            self._client.log_batch(self.id, metrics=batch)
+            self.outbox.tell("metrics", batch)
             del self._metrics[: len(batch)]
 
     def params(self, values: Mapping[str, Any]) -> None:
         """Log parameters (nested ones get dotted names)."""
-        from mlflow.entities import Param
-
-        params = [Param(name, _param(value)) for name, value in flatten(values).items()]
+        params = [(name, _param(value)) for name, value in flatten(values).items()]
         for start in range(0, len(params), 100):
-            self._client.log_batch(self.id, params=params[start : start + 100])
+            self.outbox.tell("params", dict(params[start : start + 100]))
 
     def tag(self, name: str, value: object) -> None:
         """Set a tag."""
-        self._client.set_tag(self.id, name, value)
+        self.outbox.tell("tag", name, str(value))
 
     def data(self, path: Path, sha256: str, *, context: str) -> None:
         """Log a dataset that the run reads: which file, which hash, for what."""
-        from mlflow.entities import Dataset, DatasetInput, InputTag
-
-        absolute = os.path.abspath(path)
-        dataset = Dataset(
-            name=Path(path).stem,
-            digest=sha256[:_DIGEST_LENGTH],
-            source_type="local",
-            source=json.dumps({"uri": absolute, "sha256": sha256}),
-        )
-        tags = [InputTag("mlflow.data.context", context), InputTag("sha256", sha256), InputTag("path", str(path))]
-        self._client.log_inputs(self.id, [DatasetInput(dataset, tags)])
+        dataset = {
+            "name": Path(path).stem,
+            "digest": sha256[:_DIGEST_LENGTH],
+            "source_type": "local",
+            "source": json.dumps({"uri": os.path.abspath(path), "sha256": sha256}),
+        }
+        self.outbox.tell("data", dataset, {"mlflow.data.context": context, "sha256": sha256, "path": str(path)})
 
     def figure(self, figure: Figure, name: str) -> None:
         """Log a matplotlib figure as `figures/NAME.png`."""
-        self._client.log_figure(self.id, figure, f"figures/{Path(name).stem}.png")
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"{Path(name).stem}.png"
+            figure.savefig(path)
+            self.artifact(path, folder="figures")
 
     def artifact(self, path: Path, *, folder: str | None = None) -> None:
         """Copy a file (or a folder with its files) to the run's artifacts."""
-        if path.is_dir():
-            self._client.log_artifacts(self.id, str(path), folder or path.name)
-        else:
-            self._client.log_artifact(self.id, str(path), folder)
+        self.outbox.tell("artifact", str(path), (folder or path.name) if path.is_dir() else folder)
 
     def checkpoint(self, path: Path) -> None:
         """Copy the run's checkpoint to its artifacts, under the name that `find_run` looks for."""
         if path.name != CHECKPOINT:
             raise ValueError(f"a checkpoint is named {CHECKPOINT}, not {path.name}")
-        self._client.log_artifact(self.id, str(path))
+        self.artifact(path)
 
     def text(self, text: str, name: str) -> None:
         """Log a text (Markdown, YAML, JSON) as an artifact."""
-        self._client.log_text(self.id, text, name)
+        self.outbox.tell("text", text, name)
+
+    def end(self, status: str) -> None:
+        """Say how the run ended."""
+        self.outbox.tell("end", status, int(time.time() * 1000))
+        if self.outbox.waiting() and not self.outbox.send():
+            problem = f"the tracking server is away; {self.outbox.waiting()} messages of run {self.id} wait in"
+            Console().warn(f"{problem} {UNSENT}, and the next command that tracks sends them")
 
     def record(self) -> RunRecord:
         """The run as `find_run` would return it now."""
@@ -145,6 +150,7 @@ def tracked_run(
     import yaml
 
     store = client()
+    send_unsent(store)
     plain = as_plain(config) if is_dataclass(config) else dict(config)
     run = _left(store, resume, experiment)
     if run is None:
@@ -157,24 +163,27 @@ def tracked_run(
         created = store.create_run(experiment_id(store, experiment), tags=all_tags, run_name=name)
         run = TrackedRun(store, created.info.run_id, experiment, name)
     status = "FAILED"
-    try:
-        if not run.resumed:
-            run.text(yaml.safe_dump(plain, sort_keys=False, allow_unicode=True), CONFIG)
-            run.params(plain)
-        yield run
-        run.flush()
-        status = "FINISHED"
-    except (KeyboardInterrupt, GeneratorExit):
-        status = "KILLED"
-        raise
-    finally:
-        if status == "FINISHED":
-            store.set_terminated(run.id, status)
-        else:
-            with suppress(Exception):  # the first error is the one to report
-                run.flush()
-            with suppress(Exception):
-                store.set_terminated(run.id, status)
+    with ExitStack() as lock:
+        if is_remote(store):
+            lock.enter_context(only_writer(run.outbox.folder))  # no other command tells its messages
+        try:
+            if not run.resumed:
+                run.text(yaml.safe_dump(plain, sort_keys=False, allow_unicode=True), CONFIG)
+                run.params(plain)
+            yield run
+            run.flush()
+            status = "FINISHED"
+        except (KeyboardInterrupt, GeneratorExit):
+            status = "KILLED"
+            raise
+        finally:
+            if status == "FINISHED":
+                run.end(status)
+            else:
+                with suppress(Exception):  # the first error is the one to report
+                    run.flush()
+                with suppress(Exception):
+                    run.end(status)
 
 
 def _left(store: MlflowClient, run_id: str | None, experiment: str) -> TrackedRun | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from pipelines.schemas.kinds import Bounds, Count, ObjectConfig, Ordered, Positive, Seed
+from pipelines.schemas.launching import Launcher
 
 
 @dataclass(frozen=True)
@@ -34,4 +35,6 @@ class AuditConfig:
     displacement: Annotated[tuple[Positive, Positive], Ordered()]
     """how far an effect moves the object (median over a toss), over the position noise: drawn between these"""
     workers: Count | None
-    """cases at the same time; null: one a core"""
+    """cases at the same time; null: one a core, or as many as the cluster has workers"""
+    launcher: Launcher
+    """who computes the cases:"""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from pipelines.schemas.kinds import Count, NonNegative, Positive, Seed
+from pipelines.schemas.launching import Launcher
 
 
 @dataclass(frozen=True)
@@ -87,17 +88,29 @@ class SweepConfig:
     train: tuple[str, ...]
     """further keys of every training, as KEY=VALUE"""
     workers: Count | None
-    """trainings at the same time; null: one a core"""
+    """processes: trainings at the same time; null: one a core"""
 
 
 @dataclass(frozen=True)
 class EvaluateConfig:
     """Roll a trained model out on held-out tosses, or run a study."""
 
+    launcher: Launcher
+    """a study: who computes its cells:"""
     sweep: SweepConfig | None
     """a study to run instead; '--sweep NAME' says the same:"""
     run: str | None
-    """run id, name or folder; null: the newest training"""
+    """run id, name, folder, or models:/NAME/VERSION of the registry; null: the newest training"""
     data: Path | None
     """another dataset, judged on all its tosses; null: the held-out tosses of the run's own. A sweep: its dataset, else
     the newest"""
+
+
+@dataclass(frozen=True)
+class RegisterConfig:
+    """A trained model under a name in MLflow's registry, as its next version."""
+
+    name: str
+    """the model's name; 'run=models:/NAME/VERSION' names it to other commands"""
+    run: str | None
+    """run id or name; null: the newest training"""

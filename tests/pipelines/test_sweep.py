@@ -18,6 +18,7 @@ import pytest
 from pipelines import app, cells, sweep
 from pipelines.cells import compute, compute_all, study_cells
 from pipelines.config import load
+from pipelines.mlflow_store import client
 from pipelines.runs import find_run, find_runs, metric_history
 from pipelines.schemas import EvaluateConfig
 from pipelines.version import _parsed
@@ -105,6 +106,22 @@ def test_a_study(beside: Path, answer: Any, counted: list[str]) -> None:
     assert longer["cells"][0]["position_error_pct"] == cell["position_error_pct"]
 
 
+def test_cells_that_a_killed_command_had_logged_are_not_logged_twice(beside: Path, answer: Any) -> None:
+    small = ["sweep.models=[cn]", "sweep.values=[4.905,9.81]", "sweep.train=['epochs=1']", "data=tosses"]
+    study = ["evaluate", "--sweep", "gravity", *small, "sweep.workers=1"]
+    first = answer(*study)
+    whole, half = (cell["run"] for cell in first["cells"])
+    path = Path(first["out"]) / sweep.RUNS
+    path.write_text(json.dumps({"run": first["run"], "cells": {}}))  # killed before it was noted,
+    client().update_run(half, status="RUNNING")  # and here before all was logged
+    again = answer(*study)
+    nested = find_runs(parent=first["run"])
+    assert {run.info.run_id for run in nested} == {cell["run"] for cell in again["cells"]}
+    assert again["cells"][0]["run"] == whole
+    assert again["cells"][1]["run"] != half
+    assert [run.info.status for run in nested] == ["FINISHED", "FINISHED"]
+
+
 def cell_end(cell: dict[str, Any]) -> float:
     return float(cell["from_flight"]["rotation_error_deg"]["ci95"][1])
 
@@ -113,9 +130,10 @@ def test_processes_give_the_numbers_of_one(beside: Path) -> None:
     data = beside / "tosses" / "tosses.h5"
     config = load("evaluate", EvaluateConfig, ["sweep=gravity", *SMALL])
     assert config.sweep is not None
-    dataset, study = read_dataset(data), study_cells(config.sweep, data, file_sha256(data))
+    sha256 = file_sha256(data)
+    dataset, study = read_dataset(data), study_cells(config.sweep, data, sha256)
     before = dict(os.environ)
-    apart = dict(compute_all(dataset, study[1:3], workers=2))
+    apart = dict(compute_all(study[1:3], sha256=sha256, workers=2, launcher=config.launcher))
     assert dict(os.environ) == before
     for cell in study[1:3]:
         here, there = compute(dataset, cell.config), apart[cell]
