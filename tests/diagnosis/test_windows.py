@@ -62,3 +62,11 @@ def test_slow_errors_are_known_from_rest_and_are_no_misses(cube: ObjectModel) ->
     )
     assert there < 1.6
     assert rms(unknown) > 1.5 * there
+
+
+def test_poses_said_to_be_exact_are_whitened(cube: ObjectModel) -> None:
+    """Simulated tosses without noise have no covariance."""
+    tosses = [replace(toss, q_cov=np.zeros_like(toss.q_cov)) for toss in seen(World(cube), cube, 6, seed=1)]
+    for length in (5, 40):
+        windows, whitening = linearise(make_windows(tosses, cube, length=length), World(cube))
+        assert np.isfinite(whitening(windows.misses(windows.predicted(World(cube))))).all()

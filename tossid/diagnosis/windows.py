@@ -44,6 +44,9 @@ BEFORE_LANDING = 10
 """Frames of flight that are left to the window with the landing, whose first velocity they tell."""
 SPEED_PRIOR, SPIN_PRIOR = 0.5, 5.0
 """Standard deviations [m/s], [rad/s] of recorded velocities, as far as windows trust them."""
+LEAST_NOISE = np.array([5e-6] * 3 + [5e-5] * 3)
+"""Standard deviations [m], [rad] of poses that are said to be known better, as simulated ones may be: with less, first
+states and noise are too far apart for whitening in double precision."""
 LOST = 3.0
 """Miss [m, rad] that counts for a frame whose simulation diverged."""
 UNEVEN = 0.3
@@ -166,7 +169,8 @@ def make_windows(
         toss = tosses[i]
         poses, cov = toss.measured
         at = np.minimum(np.arange(first + 1, first + most + 1), first + n)
-        std = np.sqrt(np.maximum(np.einsum("nii->ni", cov[first : first + n + 1])[:, :6], 1e-14))
+        std = np.sqrt(np.maximum(np.einsum("nii->ni", cov[first : first + n + 1])[:, :6], 0.0))
+        std = np.maximum(std, LEAST_NOISE)
         q[w], v[w], y[w] = poses[first], toss.v[first], poses[at]
         first_noise[w], y_noise[w] = std[0], std[at - first]
         each = -(-n // length)
