@@ -21,7 +21,7 @@ from tossid.diagnosis.gap import Floor, measure_gap, noise_floor, rollout_errors
 from tossid.diagnosis.judging import Candidate, Judge, folds
 from tossid.diagnosis.place import located
 from tossid.diagnosis.search import Found, Search
-from tossid.diagnosis.windows import LENGTH, make_windows
+from tossid.diagnosis.windows import FLIGHT_WEIGHT, LENGTH, make_windows
 from tossid.diagnosis.witnesses import witnesses
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, OTHER_LAWS, POWER, Effect, World
@@ -108,10 +108,14 @@ def _cut_elsewhere(
     return found.ending(settled), np.std(values, axis=0, ddof=1)
 
 
-def intervals(fitted: Fitted, n: int, spread: Array | None = None) -> dict[str, dict[str, Interval]]:
+def intervals(fitted: Fitted, n: int, spread: Array | None = None, flown: int = 0) -> dict[str, dict[str, Interval]]:
     """95 % intervals of every effect's parameters: sandwich over tosses, Student's quantile.
 
+    What flight has shown is told as well as flight tells it: contact, which could tell it better, leaves it where it is
+    as often as it moves it to where it belongs.
+
     Args:
+        flown: how many of the effects, the first, flight has shown.
         spread: (P,) standard deviations over where tosses were cut, one more source of error.
     """
     out: dict[str, dict[str, Interval]] = {}
@@ -119,6 +123,9 @@ def intervals(fitted: Fitted, n: int, spread: Array | None = None) -> dict[str, 
         return out
     cov = fitted.covariance()
     variance = np.maximum(np.diag(cov), 0.0)
+    first = sum(len(effect.parameters) for effect in fitted.hypothesis.effects[:flown])
+    if first:
+        variance[:first] = np.maximum(variance[:first], _in_flight(fitted, flown, n))
     if spread is not None:
         variance = variance + spread**2
     error = np.sqrt(variance)
@@ -133,6 +140,25 @@ def intervals(fitted: Fitted, n: int, spread: Array | None = None) -> dict[str, 
             k += 1
         out[effect.name] = named
     return out
+
+
+def _in_flight(fitted: Fitted, flown: int, n: int) -> Array:
+    """(P,) variances of the parameters of so many effects, the first, by the windows of free flight alone."""
+    effects = fitted.hypothesis.effects[:flown]
+    free = np.flatnonzero(fitted.evidence.windows.free)
+    chosen = list(range(sum(len(effect.parameters) for effect in effects)))
+    e, residual = fitted.evidence.rows(free), fitted.residual[free]
+    J = derivatives(e, fitted.hypothesis, residual, chosen)[..., chosen]
+    H, g = (each / FLIGHT_WEIGHT for each in toss_sums(e, residual, J, fitted.scales, n))
+    flight = Fitted(
+        replace(fitted.hypothesis, effects=effects, values=fitted.hypothesis.values[: len(effects)]),
+        e,
+        residual,
+        fitted.scales,
+        H,
+        g,
+    )
+    return np.maximum(np.diag(flight.covariance()), 0.0)
 
 
 def _report(
@@ -207,7 +233,7 @@ def _findings(
     library: Sequence[Effect], judge: Judge, found: Found, named: Sequence[str], floor: Floor, spread: Array | None
 ) -> tuple[Finding, ...]:
     n, present = judge.n, found.present
-    known = intervals(present.fitted, n, spread)
+    known = intervals(present.fitted, n, spread, found.flown)
     stands_for = {each.name: (name, each) for name, group in found.classes.items() for each in group}
     flown = _closed_by_flown(judge, found, floor)
     out = []

@@ -133,7 +133,10 @@ class Evidence:
 
     def of_tosses(self, chosen: NDArray[np.bool_]) -> Evidence:
         """The windows of the tosses that are chosen (n_tosses,)."""
-        rows = np.flatnonzero(chosen[self.windows.toss])
+        return self.rows(np.flatnonzero(chosen[self.windows.toss]))
+
+    def rows(self, rows: NDArray[np.int64]) -> Evidence:
+        """Some of the windows."""
         engines = None if self.engines is None else self.engines.rows(rows)
         return Evidence(self.windows.rows(rows), self.whitening.rows(rows), self.n_threads, engines)
 
