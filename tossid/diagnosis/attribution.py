@@ -7,7 +7,7 @@ was not found the smallest size that these tosses would have shown.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -151,12 +151,7 @@ def _in_flight(fitted: Fitted, flown: int, n: int) -> Array:
     J = derivatives(e, fitted.hypothesis, residual, chosen)[..., chosen]
     H, g = (each / FLIGHT_WEIGHT for each in toss_sums(e, residual, J, fitted.scales, n))
     flight = Fitted(
-        replace(fitted.hypothesis, effects=effects, values=fitted.hypothesis.values[: len(effects)]),
-        e,
-        residual,
-        fitted.scales,
-        H,
-        g,
+        Hypothesis(fitted.hypothesis.base, effects, fitted.hypothesis.values[:flown]), e, residual, fitted.scales, H, g
     )
     return np.maximum(np.diag(flight.covariance()), 0.0)
 
@@ -178,12 +173,11 @@ def _report(
     inside = [e.name for e in present.hypothesis.effects if e.name not in found.unnamed]
     named = tuple(sorted(inside, key=lambda name: -found.needed[name].total))
     closed, unexplained = share_left(first, present, judge, floor)
+    flown = _closed_by_flown(judge, found, floor)
     if found.unnamed:
-        flown = _closed_by_flown(judge, found, floor)
-        other = Interval(
-            *(sum(getattr(flown[name], end) for name in found.unnamed) for end in ("value", "low", "high"))
-        )
-        closed = Interval(*(getattr(closed, end) - other.value for end in ("value", "low", "high")))
+        shares = [flown[name] for name in found.unnamed]
+        other = Interval(sum(s.value for s in shares), sum(s.low for s in shares), sum(s.high for s in shares))
+        closed = Interval(closed.value - other.value, closed.low - other.value, closed.high - other.value)
         unexplained = (Share("flight", other), *(share for share in unexplained if share.name != "flight"))
     verdict: Verdict
     if not named:
@@ -199,7 +193,7 @@ def _report(
         verdict=verdict,
         gap=gap,
         left=left,
-        findings=_findings(library, judge, found, named, floor, spread),
+        findings=_findings(library, judge, found, named, floor, spread, flown),
         named=named,
         gap_closed=closed,
         unexplained=unexplained,
@@ -230,12 +224,17 @@ def _contact(judge: Judge, found: Found) -> Contact:
 
 
 def _findings(
-    library: Sequence[Effect], judge: Judge, found: Found, named: Sequence[str], floor: Floor, spread: Array | None
+    library: Sequence[Effect],
+    judge: Judge,
+    found: Found,
+    named: Sequence[str],
+    floor: Floor,
+    spread: Array | None,
+    flown: Mapping[str, Interval],
 ) -> tuple[Finding, ...]:
     n, present = judge.n, found.present
     known = intervals(present.fitted, n, spread, found.flown)
     stands_for = {each.name: (name, each) for name, group in found.classes.items() for each in group}
-    flown = _closed_by_flown(judge, found, floor)
     out = []
     for effect in library:
         alone = found.tried.get(effect.name)

@@ -19,7 +19,7 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
-from tossid.diagnosis.windows import LENGTH, Windows
+from tossid.diagnosis.windows import LENGTH, SAME, Windows
 from tossid.errors import InputError
 from tossid.physics.effects import World
 from tossid.physics.effects.in_mujoco import scene
@@ -33,9 +33,7 @@ LIFTING = 1e-4
 NEAR_RIGID_SUBSTEPS = 17
 """MuJoCo steps a frame of near-rigid contact; 135 give differences that are the same to a few percent."""
 MOVED = 0.2
-"""Share of an engine's difference by which our predictions may move, and it is still taken for the same,"""
-SAME = 0.3
-"""and standard deviations of poses by which they may move in any case."""
+"""Share of an engine's difference by which our predictions may move, and it is still taken for the same."""
 LARGEST = 1e3
 """[m] beyond which a motion counts as lost."""
 _ROWS_AT_ONCE = 1_000_000
@@ -149,16 +147,16 @@ class Engine:
                 misses[rows[~anew]] = known.ours[rows[~anew]]
                 rows, own = rows[anew], own[anew]
             if len(rows):
-                values[rows] = _difference(windows.rows(rows), own, other, n_threads)
+                values[rows] = _difference(windows.rows(rows), own, misses[rows], other, n_threads)
         return Difference(values, self.expected, misses)
 
 
-def _difference(windows: Windows, own: Array, other: MujocoWorld, n_threads: int) -> Array:
-    """(W, L, 6) of windows, given our own predictions (W, F, 7)."""
+def _difference(windows: Windows, own: Array, misses: Array, other: MujocoWorld, n_threads: int) -> Array:
+    """(W, L, 6) of windows, given our own predictions (W, F, 7) and what they miss (W, L, 6)."""
     q, v, steps, dt = windows.at_q, windows.at_v, windows.steps, windows.dt
     theirs = other.roll_out(q, v, n_steps=steps, dt=dt, n_threads=n_threads)[:, 1:]
     lost = ~(np.isfinite(own).all((1, 2)) & np.isfinite(theirs).all((1, 2)))
-    out: Array = windows.misses(own) - windows.misses(theirs)
+    out: Array = misses - windows.misses(theirs)
     out[lost] = 0.0
     return out
 

@@ -183,11 +183,10 @@ class Search:
     def _of_other_laws(self, present: Candidate, classes: Mapping[str, Sequence[Candidate]]) -> dict[str, Candidate]:
         """Effects whose force grows with another power of its state than theirs and than their classes', with the
         power found."""
-        out = {}
+        out, level = {}, LEVEL / len(self.library)
         for name in (effect.name for effect in present.hypothesis.effects if effect.name in OTHER_LAWS):
             law = OTHER_LAWS[name]
             each = self.judge.judged(present, law, present.hypothesis.plus(law))
-            level = LEVEL / len(self.library)
             clear = each.p_value < level and each.total > 0
             clear = clear and all(self.judge.better(each, other) < level for other in classes.get(name, ()))
             if clear and abs(float(each.hypothesis.values_of(law.name)[0])) > OTHER_POWER:

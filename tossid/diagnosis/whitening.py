@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dtrtri
 
 from tossid.diagnosis.engines import Difference
-from tossid.diagnosis.windows import Windows
+from tossid.diagnosis.windows import SAME, Windows
 from tossid.errors import SolverError
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize
@@ -23,8 +23,6 @@ RESTART_STEPS, AFRESH_STEPS = 4, 6
 SETTLED = 0.02
 """By how much a window's cost falls at least in a step, for another one."""
 MOST_DAMPED = 1e3
-SAME = 0.3
-"""Standard deviations of poses by which predictions differ, for derivatives to be taken again."""
 _SPEEDS = np.arange(6, 12)
 _MOST = np.array([0.01] * 3 + [0.1] * 3 + [1.0] * 3 + [10.0] * 3)
 """By how much a first state moves in a step."""

@@ -47,6 +47,8 @@ SPEED_PRIOR, SPIN_PRIOR = 0.5, 5.0
 LEAST_NOISE = np.array([5e-6] * 3 + [5e-5] * 3)
 """Standard deviations [m], [rad] of poses that are said to be known better, as simulated ones may be: with less, first
 states and noise are too far apart for whitening in double precision."""
+SAME = 0.3
+"""Standard deviations of poses by which predictions move, for what hangs on them to be taken again."""
 LOST = 3.0
 """Miss [m, rad] that counts for a frame whose simulation diverged."""
 UNEVEN = 0.3

@@ -10,7 +10,7 @@ axes, tau = d x a and I^-1 = L L^T:
 Nothing is factorised in a step. Directions are the world's z, x, y, so that a is
 a row of R and u_i . u_j is 0 or 1. The answers are those of the tree's kernel to
 rounding (tests/physics/test_body.py). Forces of the state and laws of contact beyond
-a constant friction are in `forces`; the tree's kernel has none.
+a constant friction are in `forces`.
 """
 
 from __future__ import annotations
