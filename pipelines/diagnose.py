@@ -48,9 +48,9 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
     from tossid.store import file_sha256, read_dataset
 
     data = dataset_path(config.data)
-    library = _library(config)
     dataset, sha256 = read_dataset(data), file_sha256(data)
     threads = config.threads or os.cpu_count() or 1
+    library = _library(config, dataset.object)
     simulator = _simulator(config, dataset.object)
     tosses, unseen = _chosen(config, dataset)
     tosses, remarks = _usable(tosses, _whose(config, data), console)
@@ -128,15 +128,16 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
 # ---------------------------------------------------------------- what is judged, and on what
 
 
-def _library(config: DiagnoseConfig) -> tuple[Effect, ...]:
+def _library(config: DiagnoseConfig, recorded: ObjectModel) -> tuple[Effect, ...]:
     from pipelines.keys import nearest
-    from tossid.physics.effects import LIBRARY
+    from tossid.physics.effects import library_for
 
-    names = [effect.name for effect in LIBRARY]
+    library = library_for(recorded)
+    names = [effect.name for effect in library]
     for name in config.without:
         if name not in names:
             raise ConfigError("without", f"there is no effect '{name}'.", suggestion=nearest(name, names))
-    return tuple(effect for effect in LIBRARY if effect.name not in config.without)
+    return tuple(effect for effect in library if effect.name not in config.without)
 
 
 def _simulator(config: DiagnoseConfig, recorded: ObjectModel) -> Simulator:

@@ -54,7 +54,7 @@ def diagnose(
     """Where the world's predictions miss the tosses, which effects of the library explain it, and how far.
 
     Args:
-        tosses: recorded motions of a single body; poses' covariances are what noise is.
+        tosses: recorded motions of one object; poses' covariances are what noise is.
         world: the simulator that is asked about.
         library: effects to choose from.
         engine: the other engine, whose differences are no evidence; near-rigid MuJoCo if None.

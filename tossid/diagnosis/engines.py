@@ -41,7 +41,7 @@ _ROWS_AT_ONCE = 1_000_000
 
 @dataclass(frozen=True)
 class MujocoWorld:
-    """A compiled MuJoCo model of one free body, with its own options and its own ground.
+    """A compiled MuJoCo model of one object, with its own options and its own ground.
 
     recorded: the world whose frames tie its motion to the recorded one; that world's ground is the model's z = 0.
     """
@@ -50,22 +50,25 @@ class MujocoWorld:
     recorded: World
 
     def roll_out(self, q0: Array, v0: Array, *, n_steps: NDArray[np.int64], dt: float, n_threads: int = 1) -> Array:
-        """Recorded motions (B, T + 1, 7) from recorded first states (B, 7), (B, 6); NaN where MuJoCo gave up.
+        """Recorded motions (B, T + 1, nq) from recorded first states (B, nq), (B, nv); NaN where MuJoCo gave up.
 
         The time step is the model's own, shortened so that a whole number of steps makes a frame.
 
         Raises:
-            InputError: the model has more state than one free body.
+            InputError: the model has another state than its object.
         """
         m, rate = copy.copy(self.model), self.recorded.recording.clock_rate
-        if mujoco.mj_stateSize(m, mujoco.mjtState.mjSTATE_FULLPHYSICS) != 14 or m.nq != 7:
-            raise InputError(f"the MuJoCo model has {m.nq} coordinates and actuators or plugins beside one free body")
+        nq, nv = self.recorded.object.nq, self.recorded.object.nv
+        if mujoco.mj_stateSize(m, mujoco.mjtState.mjSTATE_FULLPHYSICS) != 1 + nq + nv or m.nq != nq:
+            raise InputError(
+                f"the MuJoCo model has more or other state than one object's {nq} coordinates and {nv} speeds"
+            )
         count = math.ceil(dt / rate / m.opt.timestep - 1e-9)
         m.opt.timestep = dt / rate / count
         q, v = self.recorded.to_ground(q0, v0)
         start = np.concatenate([np.zeros((len(q), 1)), q, v], axis=1)
         steps = int(np.max(n_steps))
-        out = np.full((len(q), steps + 1, 7), np.nan)
+        out = np.full((len(q), steps + 1, nq), np.nan)
         out[:, 0] = q
         data = [mujoco.MjData(m) for _ in range(max(1, n_threads))]
         at_once = max(n_threads, _ROWS_AT_ONCE // (steps * count), 1)
@@ -79,7 +82,7 @@ class MujocoWorld:
             good = np.isfinite(frames).all(-1) & (np.abs(frames[..., 0] - clock) < 1e-6 * clock[-1])
             good &= np.abs(frames[..., 1:4]).max(-1) < LARGEST
             good = np.logical_and.accumulate(good, axis=1)
-            out[part, 1:] = np.where(good[..., None], frames[..., 1:8], np.nan)
+            out[part, 1:] = np.where(good[..., None], frames[..., 1 : 1 + nq], np.nan)
         return self.recorded.recorded_poses(out)
 
 
@@ -87,7 +90,7 @@ class MujocoWorld:
 class Difference:
     """How another engine's predictions of windows differ from ours.
 
-    values (W, L, 6): the difference; expected: how many times it is in the misses, on average. ours (W, L, 6): our
+    values (W, L, K): the difference; expected: how many times it is in the misses, on average. ours (W, L, K): our
     misses, of the same rigid contact, where it was taken.
     """
 
@@ -129,8 +132,8 @@ class Engine:
             # its own ground is in the model
             ours = replace(self.world, recording=world.recording)
             other = MujocoWorld(self.model, replace(ours, ground_height=0.0, ground_tilt=(0.0, 0.0)))
-        W, L = windows.inside.shape
-        values, misses = np.zeros((W, L, 6)), np.zeros((W, L, 6))
+        (W, L), K = windows.inside.shape, windows.channels
+        values, misses = np.zeros((W, L, K)), np.zeros((W, L, K))
         # one free flight is as good as another, but for what a user's model has in it
         asked = np.full(W, self.model is not None) | ~windows.free
         for some in (asked & (windows.steps <= LENGTH), asked & (windows.steps > LENGTH)):
@@ -152,7 +155,7 @@ class Engine:
 
 
 def _difference(windows: Windows, own: Array, misses: Array, other: MujocoWorld, n_threads: int) -> Array:
-    """(W, L, 6) of windows, given our own predictions (W, F, 7) and what they miss (W, L, 6)."""
+    """(W, L, K) of windows, given our own predictions (W, F, K + 1) and what they miss (W, L, K)."""
     q, v, steps, dt = windows.at_q, windows.at_v, windows.steps, windows.dt
     theirs = other.roll_out(q, v, n_steps=steps, dt=dt, n_threads=n_threads)[:, 1:]
     lost = ~(np.isfinite(own).all((1, 2)) & np.isfinite(theirs).all((1, 2)))

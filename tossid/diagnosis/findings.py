@@ -62,20 +62,23 @@ class Gap:
 class Corner:
     """What of the gap above the floor comes in frames in which a corner touches, of all frames in contact.
 
-    place [m], in its body's frame. frames: in which it touches, alone or with others. per_frame: its share over its
-    share of the frames, 1 for as much as in any contact; None for a corner that never touches.
+    place [m], in the base's frame with all joints at zero; link: whose, 0 for the base. frames: in which it touches,
+    alone or with others. per_frame: its share over its share of the frames, 1 for as much as in any contact; None for
+    a corner that never touches.
     """
 
     place: tuple[float, float, float]
     share: Interval
     frames: int
     per_frame: float | None
+    link: int = 0
 
     def as_json(self) -> dict[str, Any]:
         """One of gap.json's "by_corner"."""
         interval = [self.share.low, self.share.high]
         return {
             "corner": list(self.place),
+            "link": self.link,
             "share": self.share.value,
             "ci95": interval,
             "frames": self.frames,

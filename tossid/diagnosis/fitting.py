@@ -128,7 +128,7 @@ class Evidence:
     engines: Difference | None = None
 
     def residual(self, world: World) -> Array:
-        """(W, L, 6) whitened misses."""
+        """(W, L, K) whitened misses."""
         return self.whitening(self.windows.misses(self.windows.predicted(world, n_threads=self.n_threads)))
 
     def of_tosses(self, chosen: NDArray[np.bool_]) -> Evidence:
@@ -252,7 +252,7 @@ def derivatives(
     which: Sequence[int] | None = None,
     sizes: Array | None = None,
 ) -> Array:
-    """(W, L, 6, P) of the whitened misses by the parameters, a step each; those not in `which` are 0.
+    """(W, L, K, P) of the whitened misses by the parameters, a step each; those not in `which` are 0.
 
     Args:
         sizes: (P,) of central differences, in steps; None for one-sided ones of a step.

@@ -12,16 +12,17 @@ from tossid.diagnosis.findings import Gap, Interval, Share, Step
 from tossid.diagnosis.fitting import CAP, N_PHASES, Evidence, student_deviance
 from tossid.diagnosis.judging import RESTARTS, Candidate, Judge
 from tossid.diagnosis.whitening import linearise
-from tossid.diagnosis.windows import LENGTH, Windows, make_windows, steps_of
+from tossid.diagnosis.windows import LENGTH, Windows, make_windows, moved_pose, steps_of
 from tossid.motion import flight_states
 from tossid.physics.effects import World
-from tossid.rotations import geodesic_angle, quat_exp, quat_mul
+from tossid.rotations import geodesic_angle
 from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
 
 PHASES = (Phase.FLIGHT, Phase.IMPACT, Phase.SLIDE, Phase.ROLL, Phase.REST)
 CHANNELS = ("p_x", "p_y", "p_z", "r_x", "r_y", "r_z")
+"""Of the base; those of joints are joint_1 and so on."""
 LENGTHS = (5, 10, LENGTH, 40)
 RESAMPLES = 500
 LEFT = 0.15
@@ -29,7 +30,7 @@ LEFT = 0.15
 
 
 def deviance(evidence: Evidence, residual: Array) -> Array:
-    """(W, L, 6) Student's deviance of whitened misses, in the windows that follow one another; 0 outside them."""
+    """(W, L, K) Student's deviance of whitened misses, in the windows that follow one another; 0 outside them."""
     return np.where(evidence.windows.counted[..., None], student_deviance(residual), 0.0)
 
 
@@ -53,7 +54,7 @@ def bootstrap_ratio(above: Array, below: Array, *, seed: int = 0) -> Interval:
 
 @dataclass(frozen=True)
 class Floor:
-    """What noise and uncertain first states alone leave: deviance (W, L, 6), and the root mean square."""
+    """What noise and uncertain first states alone leave: deviance (W, L, K), and the root mean square."""
 
     deviance: Array
     rms: float
@@ -75,7 +76,7 @@ def measure_gap(tosses: Sequence[Toss], state: Candidate, judge: Judge, floor: F
         inside = (w.phase == phase)[..., None]
         share.append(Share(phase.name.lower(), bootstrap_ratio(by_toss(e, np.where(inside, excess, 0.0), n), whole)))
     channels = []
-    for c, name in enumerate(CHANNELS):
+    for c, name in enumerate(channels_of(residual.shape[-1])):
         channels.append(Share(name, bootstrap_ratio(by_toss(e, excess[..., c], n), whole)))
     toss = np.broadcast_to(w.toss[:, None], w.frame.shape)
     rows = np.stack([toss, w.frame * w.dt, w.phase, excess.mean(-1)], axis=-1)[w.counted]
@@ -86,6 +87,11 @@ def measure_gap(tosses: Sequence[Toss], state: Candidate, judge: Judge, floor: F
     rms = {LENGTH: total.value} | {each: _rms_of(tosses, each, state, judge) for each in LENGTHS if each != LENGTH}
     lengths = tuple((length, rms[length], 1.0) for length in LENGTHS)
     return Gap(total, floor.rms, tuple(share), tuple(channels), lengths, rows, odd)
+
+
+def channels_of(count: int) -> tuple[str, ...]:
+    """Names of so many channels."""
+    return CHANNELS + tuple(f"joint_{k + 1}" for k in range(count - len(CHANNELS)))
 
 
 def _rms_of(tosses: Sequence[Toss], length: int, state: Candidate, judge: Judge) -> float:
@@ -109,14 +115,10 @@ def noise_floor(state: Candidate, judge: Judge, *, seed: int) -> Floor:
     truth = w.predicted(world, n_threads=judge.n_threads)
     truth = np.where(np.isfinite(truth), truth, w.y[:, : truth.shape[1]])
     before, slow = _slow_errors(w, truth.shape[1], rng)
-    noise = w.y_noise[:, : truth.shape[1]] * rng.normal(size=(*truth.shape[:2], 6)) + slow
-    y = truth.copy()
-    y[..., :3] += noise[..., :3]
-    y[..., 3:7] = quat_mul(truth[..., 3:7], quat_exp(noise[..., 3:]))
-    first = w.prior[:, :6] * rng.normal(size=(len(w.prior), 6)) + before
-    q, v = w.at_q.copy(), w.v  # velocities as far off as those recorded
-    q[:, :3] += first[:, :3]
-    q[:, 3:7] = quat_mul(w.at_q[:, 3:7], quat_exp(first[:, 3:]))
+    noise = w.y_noise[:, : truth.shape[1]] * rng.normal(size=slow.shape) + slow
+    y = moved_pose(truth, noise)
+    first = w.prior[:, : w.channels] * rng.normal(size=before.shape) + before
+    q, v = moved_pose(w.at_q, first), w.v  # velocities as far off as those recorded
     made = replace(w, y=y, q=q, v=v, at_q=q, at_v=v)
     # the other engine's share is part of what windows may show, and here there is none
     engines = None if e.engines is None else replace(e.engines, expected=0.0)
@@ -132,14 +134,14 @@ def noise_floor(state: Candidate, judge: Judge, *, seed: int) -> Floor:
 
 
 def _slow_errors(w: Windows, frames: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Errors that turn with the object (`Windows.slow`): of first poses (W, 6) and of frames (W, frames, 6)."""
-    W, L = w.inside.shape
-    drawn = np.zeros((W, L + 1, 6))
+    """Errors that turn with the object (`Windows.slow`): of first poses (W, K) and of frames (W, frames, K)."""
+    (W, L), K = w.inside.shape, w.channels
+    drawn = np.zeros((W, L + 1, K))
     if w.slow.any():
-        cov = np.repeat(w.slow, 3, axis=1)
+        cov = w.slow.copy()
         index = np.arange(L + 1)
         cov[..., index, index] += 1e-9 * cov[..., :1, 0] + 1e-30
-        drawn = (np.linalg.cholesky(cov) @ rng.normal(size=(W, 6, L + 1, 1)))[..., 0].transpose(0, 2, 1)
+        drawn = (np.linalg.cholesky(cov) @ rng.normal(size=(W, K, L + 1, 1)))[..., 0].transpose(0, 2, 1)
     row = 1 + w.mix[..., :frames].argmax(axis=1)
     return drawn[:, 0], np.take_along_axis(drawn, row[..., None], axis=1)
 
@@ -163,7 +165,7 @@ def share_left(first: Candidate, last: Candidate, judge: Judge, floor: Floor) ->
 
 
 def cross_fitted(state: Candidate, judge: Judge) -> Array:
-    """(W, L, 6) whitened misses of every toss at values fitted to the other folds."""
+    """(W, L, K) whitened misses of every toss at values fitted to the other folds."""
     fitted, e = state.fitted, state.evidence
     if not fitted.hypothesis.effects:
         return fitted.residual
@@ -192,7 +194,7 @@ def rollout_errors(tosses: Sequence[Toss], unseen: Sequence[Toss], state: Candid
 def _errors(tosses: Sequence[Toss], world: World, n_threads: int) -> Array:
     """(B, 2) mean distance [% of the object's width] and angle [deg] of rollouts from the recorded poses."""
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
-    q0, v0 = first_states(tosses, world)
+    q0, v0 = first_states(tosses, world, n_threads=n_threads)
     steps = np.array([len(toss) - 1 for toss in tosses])
     run = world.roll_out(q0, v0, n_steps=steps, dt=dt, **steps_of(world), n_threads=n_threads)
     out = np.empty((len(tosses), 2))
@@ -210,8 +212,16 @@ def _means(errors: Array) -> tuple[Interval, Interval]:
     return bootstrap_ratio(good[:, 0], ones), bootstrap_ratio(good[:, 1], ones)
 
 
-def first_states(tosses: Sequence[Toss], world: World) -> tuple[Array, Array]:
-    """Recorded first states (B, 7), (B, 6) as each toss's flight tells them under the world's own recording."""
+def first_states(tosses: Sequence[Toss], world: World, *, n_threads: int = 1) -> tuple[Array, Array]:
+    """Recorded first states (B, nq), (B, nv) as each toss's flight tells them under the world's own recording; of
+    objects with joints, as its first window does."""
+    if world.object.n_joints:
+        windows = make_windows(tosses, world.object)
+        begin = np.flatnonzero(windows.frame[:, 0] == 1)
+        # of a toss's windows that begin with it, the one of its first flight is the last
+        chosen = [begin[windows.toss[begin] == i][-1] for i in range(len(tosses))]
+        kept, _ = linearise(windows.rows(np.array(chosen)), world, refine=6, restarts=RESTARTS, n_threads=n_threads)
+        return kept.at_q, kept.at_v
     r = world.recording
     states = flight_states(tosses, world.object, gravity=world.gravity * r.length_scale / r.clock_rate**2)
     return np.stack([s.q for s in states]), np.stack([s.v for s in states])

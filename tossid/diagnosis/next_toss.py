@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.fitting import NU, Hypothesis
 from tossid.diagnosis.whitening import linearise
-from tossid.diagnosis.windows import make_windows, steps_of
+from tossid.diagnosis.windows import difference, make_windows, steps_of
 from tossid.motion import lowest_corner
 from tossid.objects import ObjectModel
-from tossid.rotations import quat_boxminus, quat_rotate
+from tossid.rotations import quat_rotate
 from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ ENOUGH = 3.0
 
 @dataclass(frozen=True)
 class Releases:
-    """First states (B, 7), (B, 6), as they would be recorded."""
+    """First states (B, nq), (B, nv), as they would be recorded."""
 
     q: Array
     v: Array
@@ -91,13 +91,15 @@ def next_toss(
     return {
         "release": {
             "position_m": q[:3].tolist(),
-            "attitude_wxyz": q[3:].tolist(),
+            "attitude_wxyz": q[3:7].tolist(),
+            "joints": q[7:].tolist(),
             "velocity_ms": v[:3].tolist(),
-            "spin_body_rads": v[3:].tolist(),
+            "spin_body_rads": v[3:6].tolist(),
+            "joint_rates": v[6:].tolist(),
             "lowest_corner_m": lowest,
             "horizontal_speed_ms": float(np.hypot(*v[:2])),
             "vertical_speed_ms": float(v[2]),
-            "spin_rads": float(np.linalg.norm(v[3:])),
+            "spin_rads": float(np.linalg.norm(v[3:6])),
         },
         "between": names,
         "separation_sd": float(expected[best]),
@@ -123,18 +125,22 @@ def draw_releases(tosses: Sequence[Toss], stated: ObjectModel, n: int, *, rng: n
     low = _between(lowest_corner(stated, q0), n, rng, least=CLEARANCE)
     quat = rng.normal(size=(n, 4))
     quat /= np.linalg.norm(quat, axis=1, keepdims=True)
-    q = np.concatenate([np.stack([x, y, np.full(n, reach)], axis=1), quat], axis=1)
+    joints, rates = (
+        np.stack([_between(each, n, rng) for each in seen.T], axis=1) if seen.shape[1] else np.zeros((n, 0))
+        for seen in (q0[:, 7:], v0[:, 6:])
+    )
+    q = np.concatenate([np.stack([x, y, np.full(n, reach)], axis=1), quat, joints], axis=1)
     q[:, 2] += low - lowest_corner(stated, q)
     heading = rng.uniform(0, 2 * np.pi, n)
     speed = _between(np.hypot(v0[:, 0], v0[:, 1]), n, rng, least=0.0)
     axis = rng.normal(size=(n, 3))
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    spin = _between(np.linalg.norm(v0[:, 3:], axis=1), n, rng, least=0.0)
+    spin = _between(np.linalg.norm(v0[:, 3:6], axis=1), n, rng, least=0.0)
     climb = _between(v0[:, 2], n, rng)
     linear = np.stack([speed * np.cos(heading), speed * np.sin(heading), climb], axis=1)
-    # the centre of mass has this velocity, whatever the spin
+    # the base's centre of mass has this velocity, whatever the spin
     linear -= quat_rotate(quat, np.cross(spin[:, None] * axis, stated.com[0]))
-    return Releases(q, np.concatenate([linear, spin[:, None] * axis], axis=1))
+    return Releases(q, np.concatenate([linear, spin[:, None] * axis, rates], axis=1))
 
 
 def _between(seen: Array, n: int, rng: np.random.Generator, *, least: float = -np.inf) -> Array:
@@ -173,13 +179,10 @@ def separations(
 
 
 def _as_toss(q: Array, v0: Array, dt: float, cov: Array) -> Toss:
-    """A predicted motion (T, 7) as a toss; velocities by differences, as windows trust them little."""
+    """A predicted motion (T, nq) as a toss; velocities by differences, as windows trust them little."""
     n = len(q)
-    v = np.zeros((n, 6))
-    v[1:, :3] = np.diff(q[:, :3], axis=0) / dt
-    v[1:, 3:] = quat_boxminus(q[1:, 3:], q[:-1, 3:]) / dt
-    v[0] = v0
-    same = np.broadcast_to(cov, (n, 6, 6))
+    v = np.concatenate([v0[None], difference(q[1:], q[:-1]) / dt])
+    same = np.broadcast_to(cov, (n, *cov.shape))
     phase = np.full(n, int(Phase.UNKNOWN), dtype=np.uint8)
     times: Array = np.arange(n, dtype=float) * dt
     return Toss("predicted", times, q, v, same, same, phase)

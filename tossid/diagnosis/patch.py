@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from tossid.diagnosis.fitting import Hypothesis
-from tossid.diagnosis.patch_edits import EDITS, REASONS, RECORDED, Change, Edit, compliance
+from tossid.diagnosis.patch_edits import EDITS, OF_LINKS, REASONS, RECORDED, Change, Edit, compliance
 from tossid.errors import ObjectError
 from tossid.objects import to_mjcf
 from tossid.physics.effects import World
@@ -74,6 +74,8 @@ def make_patch(hypothesis: Hypothesis, *, mjcf: Path | None = None) -> Patch:
         edit.effect = effect.name
         if effect.name in RECORDED:
             edit.recording[effect.name] = RECORDED[effect.name](after)
+        elif after.object.n_joints and effect.name in OF_LINKS:
+            edit.cannot[effect.name] = OF_LINKS[effect.name]
         elif effect.name in EDITS:
             EDITS[effect.name](edit, world, after)
         else:
@@ -112,6 +114,8 @@ def _keys(before: World, after: World) -> dict[str, dict[str, Any]]:
     pairs: dict[str, tuple[Any, Any]] = {}
     for name in ("friction", "restitution", "compliance", "relaxation", "cohesion", "mass", "com", "inertia"):
         pairs[f"object.{name}"] = (getattr(before.object, name), getattr(after.object, name))
+    for name, was in before.object.joints._asdict().items():
+        pairs[f"object.joints.{name}"] = (was, getattr(after.object.joints, name))
     pairs["object.corner_pos"] = (before.object.corner_pos, after.object.corner_pos)
     pairs["gravity"] = (before.gravity, after.gravity)
     pairs["ground_height"] = (before.ground_height, after.ground_height)

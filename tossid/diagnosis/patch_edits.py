@@ -22,6 +22,7 @@ from tossid.rotations import quat_exp, quat_rotate, quat_to_matrix, skew
 
 Array = NDArray[np.float64]
 
+ANEW = "several links or corners change, each by itself; write the object anew with 'tossid export'"
 STEPS_A_SWING = 20.0
 """MuJoCo steps within 1 / omega of a contact's spring."""
 
@@ -66,7 +67,13 @@ class Edit:
     @property
     def own(self) -> list[mujoco.MjsGeom]:
         """Geoms of the object that touch."""
-        return [g for g in self.body.geoms if g.contype or g.conaffinity]
+        bodies = self.spec.bodies[1:]  # the first is the world
+        return [g for body in bodies for g in body.geoms if g.contype or g.conaffinity]
+
+    @property
+    def joints(self) -> list[mujoco.MjsJoint]:
+        """Those of links, in the order of the links."""
+        return [joint for joint in self.spec.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE]
 
     @property
     def grounds(self) -> list[mujoco.MjsGeom]:
@@ -136,7 +143,7 @@ def _geometry(edit: Edit, before: World, after: World) -> None:
     was, now = before.object.corner_pos, after.object.corner_pos
     scale = float((was * now).sum() / (was * was).sum())
     if np.abs(now - scale * was).max() > 1e-9:
-        edit.cannot[edit.effect] = "the corners move one by one; write the object anew with 'tossid export'"
+        edit.cannot[edit.effect] = ANEW
         return
     _own_inertial(edit)
     meshes = set()
@@ -153,6 +160,24 @@ def _geometry(edit: Edit, before: World, after: World) -> None:
 
 
 # ---------------------------------------------------------------- what pulls
+
+
+def _joints(edit: Edit, before: World, after: World) -> None:
+    """A spring's rest is in the file's own unit of angles."""
+    law = after.object.joints
+    for k, joint in enumerate(edit.joints):
+        where = _named("joint", joint)
+        hinge = joint.type == mujoco.mjtJoint.mjJNT_HINGE
+        unit = np.rad2deg(1.0) if hinge and edit.spec.compiler.degree else 1.0
+        # a polynomial in the spec, of which MuJoCo's own law is the first term
+        edit.set(joint, "damping", _first_term(joint.damping, law.damping[1 + k]), where)
+        edit.set(joint, "frictionloss", law.friction[1 + k], where)
+        edit.set(joint, "stiffness", _first_term(joint.stiffness, law.stiffness[1 + k]), where)
+        edit.set(joint, "springref", unit * law.rest[1 + k], where)
+
+
+def _first_term(old: Array, value: float) -> Array:
+    return np.array([value, *np.asarray(old)[1:]])
 
 
 def _gravity(edit: Edit, before: World, after: World) -> None:
@@ -347,6 +372,9 @@ EDITS: Mapping[str, Callable[[Edit, World, World], None]] = {
     "anisotropic_friction": _anisotropic,
     "compliance": compliance,
     "restitution": _restitution,
+    "joint_damping": _joints,
+    "joint_friction": _joints,
+    "joint_stiffness": _joints,
     "adhesion": _adhesion,
 }
 
@@ -360,6 +388,16 @@ REASONS = {
     "turning_frame": "MJCF has no force of this form",
 }
 
+OF_LINKS = {
+    "inertia": ANEW,
+    "geometry": ANEW,
+    "compliance": "each link needs a contact pair of its own",
+    **dict.fromkeys(
+        ("linear_drag", "wind", "quadratic_drag", "position_force"), "it is shared among links as MJCF has no word for"
+    ),
+}
+"""What MJCF does not say of an object with joints."""
+
 RECORDED: Mapping[str, Callable[[World], str]] = {
     "length_scale": lambda w: f"divide recorded lengths by {w.recording.length_scale:.6g}",
     "time_base": lambda w: f"divide recorded times by {w.recording.clock_rate:.6g}",
@@ -368,6 +406,7 @@ RECORDED: Mapping[str, Callable[[World], str]] = {
         + ", ".join(f"{x:.6g}" for x in w.recording.frame_offset)
         + ") m, in the body's axes"
     ),
+    "joint_offset": lambda w: f"subtract {w.recording.joint_offset:.6g} rad from recorded joint angles",
     "world_tilt": lambda w: (
         "turn the recorded world by minus (" + ", ".join(f"{x:.6g}" for x in w.recording.world_tilt) + ", 0) rad"
     ),

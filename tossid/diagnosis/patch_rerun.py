@@ -63,7 +63,7 @@ def rerun(
         simulated = MujocoWorld(model, replace(worlds[name], ground_height=0.0, ground_tilt=(0.0, 0.0)))
         evidence, residual = _misses(windows, worlds[name], simulated, n_threads=n_threads)
         excess[name] = by_toss(evidence, _excess(evidence, residual), n)
-        inside = evidence.windows.inside[..., None] * np.ones(6)
+        inside = evidence.windows.inside[..., None] * np.ones(residual.shape[-1])
         squares = np.where(inside > 0, np.minimum(residual**2, CAP**2), 0.0)
         ratio = bootstrap_ratio(by_toss(evidence, squares, n), by_toss(evidence, inside, n))
         out["gap"][name] = {"value": math.sqrt(ratio.value), "ci95": [math.sqrt(ratio.low), math.sqrt(ratio.high)]}
@@ -78,7 +78,7 @@ def rerun(
 
 
 def _excess(evidence: Evidence, residual: Array) -> Array:
-    """(W, L, 6) deviance above what a standard normal has on average; 0 outside the windows."""
+    """(W, L, K) deviance above what a standard normal has on average; 0 outside the windows."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(60)
     floor = float(weights @ student_deviance(nodes) / weights.sum())
     return np.where(evidence.windows.inside[..., None], deviance(evidence, residual) - floor, 0.0)
@@ -92,7 +92,7 @@ def _affordable(tosses: Sequence[Toss], timestep: float) -> Sequence[Toss]:
 
 
 def _misses(windows: Windows, world: World, simulated: MujocoWorld, *, n_threads: int) -> tuple[Evidence, Array]:
-    """Whitened misses (W, L, 6) of MuJoCo in windows whose first states are refined under tossid's own simulator."""
+    """Whitened misses (W, L, K) of MuJoCo in windows whose first states are refined under tossid's own simulator."""
     kept, whitening = linearise(windows, world, refine=2, n_threads=n_threads)
     run = simulated.roll_out(kept.at_q, kept.at_v, n_steps=kept.steps, dt=kept.dt, n_threads=n_threads)
     return Evidence(kept, whitening, n_threads), whitening(kept.misses(run[:, 1:]))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tossid.diagnosis.findings import Corner, Gap, Interval, Place, Relation
 from tossid.diagnosis.gap import RESAMPLES
 from tossid.diagnosis.wrench import residual_wrench
-from tossid.objects import corner_positions
+from tossid.objects import ObjectModel, corner_positions
 from tossid.physics.effects import World
 from tossid.types import Phase, Toss
 
@@ -81,9 +81,17 @@ def corner_shares(
             share=Interval(float(share[c]), float(low[c]), float(high[c])),
             frames=int(frames[c]),
             per_frame=float(share[c] * parts.sum() / parts[c]) if parts[c] > 0 else None,
+            link=int(world.object.corner_body[c]),
         )
-        for c, (x, y, z) in enumerate(world.object.corner_pos)
+        for c, (x, y, z) in enumerate(corner_positions(world.object, _stretched(world.object)))
     )
+
+
+def _stretched(model: ObjectModel) -> Array:
+    """(nq,) the pose in which the base is the world's frame and joints are at zero."""
+    q = np.zeros(model.nq)
+    q[3] = 1.0
+    return q
 
 
 def _by_toss(tosses: Sequence[Toss], world: World, gap: Gap, dt: float) -> tuple[Array, Array]:
@@ -95,7 +103,7 @@ def _by_toss(tosses: Sequence[Toss], world: World, gap: Gap, dt: float) -> tuple
         if not len(rows):
             continue
         q = toss.measured[0][np.rint(rows[:, 1] / dt).astype(int)]
-        height = corner_positions(world.object, world.to_ground(q, np.zeros((len(q), 6)))[0])[..., 2]
+        height = corner_positions(world.object, world.to_ground(q, np.zeros((len(q), world.object.nv)))[0])[..., 2]
         low = height < height.min(1, keepdims=True) + TOUCHING
         part = low / low.sum(1, keepdims=True)
         excess[i] = rows[:, 3] @ part

@@ -159,7 +159,7 @@ def corners(diagnosis: Diagnosis, *, title: str = "On which corner the gap lies"
     figure = new_figure(
         title,
         "Of the gap above the noise in frames with contact: what comes while a corner touches (in equal parts where\n"
-        "several do). Left: per frame that it touches in; 1 is the mean of all contact. Places: in the body's frame.",
+        "several do). Left: per frame that it touches in; 1 is the mean of all contact. Places: in the base's frame.",
         height=2.35 + max(2.6, 0.34 * len(order)),
     )
     w, h = figure.get_size_inches()
@@ -195,8 +195,10 @@ def _body(ax: Axes, found: Sequence[Corner], density: Array, norm: Normalize, le
     right, up, toward = _axes_of_view()
     flat = places @ np.stack([right, up], axis=1)
     depth = places @ toward
-    for i, j, hidden in _edges(places, toward):
-        ax.plot(*flat[[i, j]].T, color=MUTED, lw=0.9, ls=(0, (3, 3)) if hidden else "-", zorder=1)
+    for link in sorted({c.link for c in found}):
+        own = np.array([i for i, c in enumerate(found) if c.link == link])
+        for i, j, hidden in _edges(places[own], toward):
+            ax.plot(*flat[own[[i, j]]].T, color=MUTED, lw=0.9, ls=(0, (3, 3)) if hidden else "-", zorder=1)
     colors = ScalarMappable(norm=norm, cmap="YlOrRd")
     size = np.ptp(flat, axis=0).max()
     for c in np.argsort(depth).tolist():

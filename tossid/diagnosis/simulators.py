@@ -96,7 +96,7 @@ def check_same_object(world: World, recorded: ObjectModel, *, where: str) -> Non
     """Refuse a simulator of another object than the one that was tossed.
 
     Raises:
-        InputError: it has joints (which diagnosis cannot do yet), other joints, or another size.
+        InputError: it has other joints, or another size.
     """
     given = world.object
     if given.n_joints != recorded.n_joints:
@@ -104,8 +104,6 @@ def check_same_object(world: World, recorded: ObjectModel, *, where: str) -> Non
             f"{where}: tosses of '{recorded.name}' with {recorded.n_joints} joints, the simulator's '{given.name}' "
             f"has {given.n_joints}; both must be of the same object"
         )
-    if recorded.n_joints:
-        raise InputError(f"{where}: '{recorded.name}' has joints; diagnosis is of single bodies so far")
     ratio = np.ptp(given.corner_pos, axis=0) / np.ptp(recorded.corner_pos, axis=0)
     if (np.maximum(ratio, 1 / ratio) > ANOTHER).any():
         sizes = [" x ".join(f"{1e3 * x:.0f}" for x in np.ptp(o.corner_pos, axis=0)) for o in (given, recorded)]

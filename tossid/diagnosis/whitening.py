@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dtrtri
 
 from tossid.diagnosis.engines import Difference
-from tossid.diagnosis.windows import SAME, Windows
+from tossid.diagnosis.windows import SAME, Windows, difference, moved_pose
 from tossid.errors import SolverError
 from tossid.physics.effects import World
-from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize
 
 Array = NDArray[np.float64]
 
@@ -23,19 +22,19 @@ RESTART_STEPS, AFRESH_STEPS = 4, 6
 SETTLED = 0.02
 """By how much a window's cost falls at least in a step, for another one."""
 MOST_DAMPED = 1e3
-_SPEEDS = np.arange(6, 12)
-_MOST = np.array([0.01] * 3 + [0.1] * 3 + [1.0] * 3 + [10.0] * 3)
-"""By how much a first state moves in a step."""
-_STEPS = np.array([2e-4] * 3 + [2e-3] * 3 + [5e-3] * 3 + [3e-2] * 3)
+_MOST = (0.01, 0.1, 1.0, 10.0)
+"""By how much a first state moves in a step: position [m], rotation and joints [rad], and their velocities."""
+_STEPS = (2e-4, 2e-3, 5e-3, 3e-2)
+"""Of differences, likewise."""
 
 
 @dataclass(frozen=True)
 class Whitening:
-    """Inverse Cholesky factors (W, 6 L, 6 L) of the misses' covariance, and the misses' mean (W, 6 L) at a right model.
+    """Inverse Cholesky factors (W, K L, K L) of the misses' covariance, and the misses' mean (W, K L) at a right model.
 
     volume (W,): log determinant of the factors, which densities of different whitenings need to be compared.
-    by_state (W, 6 L, 12): the predictions' derivatives by the first states, taken where misses were `at` (W, 6 L).
-    other (W, 6 L): the other engine's difference.
+    by_state (W, K L, 2 K): the predictions' derivatives by the first states, taken where misses were `at` (W, K L).
+    other (W, K L): the other engine's difference.
     """
 
     root: Array
@@ -46,10 +45,9 @@ class Whitening:
     other: Array
 
     def __call__(self, misses: Array) -> Array:
-        """(W, L, 6) -> whitened (W, L, 6)."""
-        W, L, _ = misses.shape
-        flat = misses.reshape(W, -1) - self.mean
-        return (self.root @ flat[..., None])[..., 0].reshape(W, L, 6)
+        """(W, L, K) -> whitened (W, L, K)."""
+        flat = misses.reshape(len(misses), -1) - self.mean
+        return (self.root @ flat[..., None])[..., 0].reshape(misses.shape)
 
     def rows(self, index: NDArray[np.int64]) -> Whitening:
         """Those of some windows."""
@@ -79,11 +77,11 @@ def linearise(
         engines: how another engine's predictions of the same rigid contact differ; how many times that is in the
             misses is a nuisance of standard deviation 1.
     """
-    W, L = windows.inside.shape
-    other, center = (np.zeros((W, L, 6)), 0.0) if engines is None else (engines.values, engines.expected)
-    other = other.reshape(W, 6 * L)
+    (W, L), K = windows.inside.shape, windows.channels
+    other, center = (np.zeros((W, L, K)), 0.0) if engines is None else (engines.values, engines.expected)
+    other = other.reshape(W, K * L)
     kept, miss, S, cost = _estimated(windows, world, (other, center), refine, near, n_threads)
-    n = 6 * windows.inside.sum(1)
+    n = K * windows.inside.sum(1)
     rng = np.random.default_rng(0)
     fresh = np.full(W, near is None)
     led = not np.array_equal(windows.at_v, windows.v)
@@ -131,19 +129,21 @@ def _with_states(windows: Windows, index: NDArray[np.int64], at_q: Array, at_v: 
 
 
 def _near(at: Windows, S: Array, rng: np.random.Generator) -> Array:
-    """(W, 12) moves of first states, drawn from twice their posterior's spread."""
-    columns, _ = _whitened(at, S.reshape(len(S), -1, 6, 12), np.zeros((len(S), *at.inside.shape[1:], 6)))
+    """(W, 2 K) moves of first states, drawn from twice their posterior's spread."""
+    K = at.channels
+    columns, _ = _whitened(at, S.reshape(len(S), -1, K, 2 * K), np.zeros((len(S), *at.inside.shape[1:], K)))
     H = columns.mT @ columns
-    H[:, _SPEEDS, _SPEEDS] += at.prior[:, 6:] ** -2.0
+    speeds = np.arange(K, 2 * K)
+    H[:, speeds, speeds] += at.prior[:, K:] ** -2.0
     # H = L L^T, so that L^-T z has covariance H^-1
-    draw = rng.normal(size=(len(S), 12, 1))
+    draw = rng.normal(size=(len(S), 2 * K, 1))
     return 2 * np.linalg.solve(np.linalg.cholesky(H).mT, draw)[..., 0]
 
 
 def _variances(windows: Windows) -> Array:
-    """(W, 6 L) of the poses; 1 outside."""
-    W, L = windows.inside.shape
-    return np.where(np.repeat(windows.inside, 6, axis=1), (windows.noise**2).reshape(W, 6 * L), 1.0)
+    """(W, K L) of the poses; 1 outside."""
+    W, L, K = windows.noise.shape
+    return np.where(windows.inside[..., None], windows.noise**2, 1.0).reshape(W, K * L)
 
 
 def _estimated(
@@ -154,24 +154,24 @@ def _estimated(
     near: Whitening | None,
     n_threads: int,
 ) -> tuple[Windows, Array, Array, Array]:
-    """Windows at refined states, misses there (W, 6 L), derivatives S (W, 6 L, 12), and costs (W,): -2 log posterior,
+    """Windows at refined states, misses there (W, K L), derivatives S (W, K L, 2 K), and costs (W,): -2 log posterior,
     but for constants. A window whose cost falls no more is left as it is."""
-    W, L = windows.inside.shape
+    (W, L), K = windows.inside.shape, windows.channels
     other, center = engines
 
     def examined(at: Windows, rows: NDArray[np.int64]) -> tuple[Array, Array, Array]:
         if near is None:
             miss, S = _sensitivity(at, world, n_threads=n_threads)
         else:
-            miss, S = at.misses(at.predicted(world, n_threads=n_threads)).reshape(len(rows), 6 * L), near.by_state[rows]
-        return miss, S, _cost(at, (miss - center * other[rows]).reshape(-1, L, 6), other[rows].reshape(-1, L, 6))
+            miss, S = at.misses(at.predicted(world, n_threads=n_threads)).reshape(len(rows), K * L), near.by_state[rows]
+        return miss, S, _cost(at, (miss - center * other[rows]).reshape(-1, L, K), other[rows].reshape(-1, L, K))
 
     kept, damping, rows = windows, np.zeros(W), np.arange(W)
     miss, S, cost = examined(kept, rows)
     for _ in range(refine):
         some = kept.rows(rows)
-        off = (miss[rows] - center * other[rows]).reshape(-1, L, 6)
-        trial = _refined(some, off, S[rows], other[rows].reshape(-1, L, 6), damping[rows])
+        off = (miss[rows] - center * other[rows]).reshape(-1, L, K)
+        trial = _refined(some, off, S[rows], other[rows].reshape(-1, L, K), damping[rows])
         trial_miss, trial_S, trial_cost = examined(trial, rows)
         better = trial_cost < cost[rows]
         falls = cost[rows] - trial_cost > SETTLED
@@ -187,24 +187,24 @@ def _estimated(
 
 
 def _whitened(at: Windows, by_state: Array | None, miss: Array) -> tuple[Array, Array]:
-    """What the first state (W, L, 6, 12) and anything else (W, L, 6) put into the first recorded pose and into the
-    misses, in standard deviations of the poses' errors: (W, 6 (L + 1), 12) and (W, 6 (L + 1)).
+    """What the first state (W, L, K, 2 K) and anything else (W, L, K) put into the first recorded pose and into the
+    misses, in standard deviations of the poses' errors: (W, K (L + 1), 2 K) and (W, K (L + 1)).
 
     Before `miss` comes the recorded first pose less that of linearisation, and before by_state's columns their 1.
     """
-    W = len(miss)
+    W, K = len(miss), at.channels
     if by_state is None:
         columns = np.zeros((W, 0, 0))
     else:
-        first = np.broadcast_to(np.eye(6, 12), (W, 1, 6, 12))
+        first = np.broadcast_to(np.eye(K, 2 * K), (W, 1, K, 2 * K))
         stacked = np.concatenate([first, by_state], axis=1).transpose(0, 2, 1, 3)
-        columns = (at.root @ stacked).reshape(W, -1, 12)
-    whole = np.concatenate([_off(at)[:, None, :6], miss], axis=1).transpose(0, 2, 1)
+        columns = (at.root @ stacked).reshape(W, -1, 2 * K)
+    whole = np.concatenate([_off(at)[:, None, :K], miss], axis=1).transpose(0, 2, 1)
     return columns, (at.root @ whole[..., None]).reshape(W, -1)
 
 
 def _other(at: Windows, other: Array) -> Array:
-    """(W, 6 (L + 1)) the other engine's difference (W, L, 6), whitened as misses are."""
+    """(W, K (L + 1)) the other engine's difference (W, L, K), whitened as misses are."""
     whole = np.concatenate([np.zeros_like(other[:, :1]), other], axis=1).transpose(0, 2, 1)
     out: Array = (at.root @ whole[..., None]).reshape(len(other), -1)
     return out
@@ -216,24 +216,25 @@ def _cost(at: Windows, miss: Array, other: Array) -> Array:
     o = _other(at, other)
     along = (o * r).sum(1) ** 2 / (1 + (o**2).sum(1))
     out: Array = np.minimum(r**2, 1e6).sum(1) - np.minimum(along, 1e6)
-    return out + (_off(at)[:, 6:] ** 2 / at.prior[:, 6:] ** 2).sum(1)
+    return out + (_off(at)[:, at.channels :] ** 2 / at.prior[:, at.channels :] ** 2).sum(1)
 
 
 def _refined(at: Windows, miss: Array, S: Array, other: Array, damping: Array) -> Windows:
-    """States moved toward their posterior mean, by information: 12 numbers a window, and the other engine's share.
+    """States moved toward their posterior mean, by information: 2 K numbers a window, and the other engine's share.
 
     damping (W,): Marquardt's.
     """
-    columns, r = _whitened(at, S.reshape(len(S), -1, 6, 12), miss)
+    K = at.channels
+    columns, r = _whitened(at, S.reshape(len(S), -1, K, 2 * K), miss)
     columns = np.concatenate([columns, _other(at, other)[..., None]], axis=2)
     H, g = columns.mT @ columns, (columns.mT @ r[..., None])[..., 0]
-    H[:, _SPEEDS, _SPEEDS] += at.prior[:, 6:] ** -2.0
-    H[:, 12, 12] += 1.0
-    g[:, 6:12] += _off(at)[:, 6:] / at.prior[:, 6:] ** 2
-    index = np.arange(13)
+    index, most = np.arange(2 * K + 1), _of_state(_MOST, K)
+    H[:, index[K:-1], index[K:-1]] += at.prior[:, K:] ** -2.0
+    H[:, -1, -1] += 1.0
+    g[:, K:-1] += _off(at)[:, K:] / at.prior[:, K:] ** 2
     H[:, index, index] *= 1 + damping[:, None]
-    delta = np.linalg.solve(H, g[..., None])[:, :12, 0]
-    at_q, at_v = _moved(at.at_q, at.at_v, np.clip(delta, -_MOST, _MOST))
+    delta = np.linalg.solve(H, g[..., None])[:, :-1, 0]
+    at_q, at_v = _moved(at.at_q, at.at_v, np.clip(delta, -most, most))
     return replace(at, at_q=at_q, at_v=at_v)
 
 
@@ -247,25 +248,25 @@ def _whitening(
     fresh: NDArray[np.bool_],
 ) -> Whitening:
     """Whitening of windows; `near` has the factors where no derivatives are fresh and the other engine is as it was."""
+    K = windows.channels
     mean = (S @ _off(windows)[..., None])[..., 0] + center * other
-    mean[~np.repeat(windows.inside, 6, axis=1)] = 0.0
+    mean[~np.repeat(windows.inside, K, axis=1)] = 0.0
     new = np.arange(len(S)) if near is None else np.flatnonzero(fresh | (other != near.other).any(1))
-    some, by_pose = windows.rows(new), S[new, :, :6]
-    W, L = some.inside.shape
-    slow = np.repeat(some.slow, 3, axis=1)
+    some, by_pose = windows.rows(new), S[new, :, :K]
+    (W, L), slow = some.inside.shape, some.slow
     # the first pose's own error (its noise and slow part), its speeds, and the other engine
-    first = np.sqrt(some.prior[:, :6] ** 2 + slow[:, :, 0, 0])
-    speeds = S[new, :, 6:] * some.prior[:, None, 6:]
+    first = np.sqrt(some.prior[:, :K] ** 2 + slow[:, :, 0, 0])
+    speeds = S[new, :, K:] * some.prior[:, None, K:]
     SP = np.concatenate([by_pose * first[:, None], speeds, other[new, :, None]], axis=2)
     cov = SP @ SP.mT
     index = np.arange(cov.shape[1])
     cov[:, index, index] += _variances(some)
     if slow.any():
         # rows' slow errors are those of the first pose, as far as they are alike
-        shared = (by_pose[:, :, None, :] * slow[:, :, 0, 1:].transpose(0, 2, 1)[:, None]).reshape(W, 6 * L, 6 * L)
+        shared = (by_pose[:, :, None, :] * slow[:, :, 0, 1:].transpose(0, 2, 1)[:, None]).reshape(W, K * L, K * L)
         cov -= shared + shared.mT
-        blocks = cov.reshape(W, L, 6, L, 6)
-        for c in range(6):
+        blocks = cov.reshape(W, L, K, L, K)
+        for c in range(K):
             blocks[:, :, c, :, c] += slow[:, c, 1:, 1:]
     if near is not None and not len(new):
         root = near.root
@@ -285,27 +286,33 @@ def _inverse_lower(factor: Array) -> Array:
 
 
 def _sensitivity(windows: Windows, world: World, *, n_threads: int) -> tuple[Array, Array]:
-    """Misses (W, 6 L) at the states of linearisation, and S (W, 6 L, 12)."""
-    W, L = windows.inside.shape
+    """Misses (W, K L) at the states of linearisation, and S (W, K L, 2 K)."""
+    (W, L), K = windows.inside.shape, windows.channels
+    steps = _of_state(_STEPS, K)
     q, v = [windows.at_q], [windows.at_v]
-    for j in range(12):
-        delta = np.zeros((W, 12))
-        delta[:, j] = _STEPS[j]
+    for j in range(2 * K):
+        delta = np.zeros((W, 2 * K))
+        delta[:, j] = steps[j]
         moved_q, moved_v = _moved(windows.at_q, windows.at_v, delta)
         q.append(moved_q)
         v.append(moved_v)
     run = windows.predicted(world, np.concatenate(q), np.concatenate(v), n_threads=n_threads)
-    miss = windows.misses(run).reshape(13, W, 6 * L)
-    S = (miss[0] - miss[1:]) / _STEPS[:, None, None]
+    miss = windows.misses(run).reshape(2 * K + 1, W, K * L)
+    S = (miss[0] - miss[1:]) / steps[:, None, None]
     return miss[0], np.moveaxis(S, 0, -1)
 
 
 def _off(at: Windows) -> Array:
-    """Recorded first states less those of linearisation (W, 12)."""
-    turned = quat_boxminus(at.q[:, 3:7], at.at_q[:, 3:7])
-    return np.concatenate([at.q[:, :3] - at.at_q[:, :3], turned, at.v - at.at_v], axis=1)
+    """Recorded first states less those of linearisation (W, 2 K)."""
+    return np.concatenate([difference(at.q, at.at_q), at.v - at.at_v], axis=1)
 
 
 def _moved(q: Array, v: Array, delta: Array) -> tuple[Array, Array]:
-    turned = quat_normalize(quat_mul(q[:, 3:7], quat_exp(delta[:, 3:6])))
-    return np.concatenate([q[:, :3] + delta[:, :3], turned], axis=1), v + delta[:, 6:]
+    K = v.shape[1]
+    return moved_pose(q, delta[:, :K]), v + delta[:, K:]
+
+
+def _of_state(sizes: tuple[float, float, float, float], K: int) -> Array:
+    """(2 K,) of positions, rotations and joints, and their velocities."""
+    place, turn, speed, spin = sizes
+    return np.array([place] * 3 + [turn] * (K - 3) + [speed] * 3 + [spin] * (K - 3))

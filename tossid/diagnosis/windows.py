@@ -24,7 +24,7 @@ from tossid.motion.flight import flight_frames
 from tossid.motion.resting import rest_scatter
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.physics.effects import World
-from tossid.rotations import quat_boxminus
+from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize
 from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
@@ -67,19 +67,20 @@ def steps_of(world: World) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class Windows:
-    """W windows of tosses of a single body: a first frame, and at most F frames after it, in at most L rows.
+    """W windows of tosses: a first frame, and at most F frames after it, in at most L rows.
 
     In contact a row is a frame. In flight, where nothing is sudden, windows are longer and a row is the mean of a few
     frames: a weak force shows only over the whole of it.
 
-    q (W, 7), v (W, 6): recorded first states. at_q, at_v: states around which predictions are linearised.
-    y (W, F, 7): measured poses; y_noise (W, F, 6): their standard deviations [m, rad]; steps (W,): frames after the
-    first. mix (W, L, F): rows' means of frames. noise (W, L, 6): of rows; inside (W, L): which rows there are.
+    There are K channels: the base's position and rotation, and each joint, K = nv.
+    q (W, K + 1), v (W, K): recorded first states. at_q, at_v: states around which predictions are linearised.
+    y (W, F, K + 1): measured poses; y_noise (W, F, K): their standard deviations [m, rad]; steps (W,): frames after
+    the first. mix (W, L, F): rows' means of frames. noise (W, L, K): of rows; inside (W, L): which rows there are.
     toss (W,): whose; frame (W, L): of a row's first frame. phase (W, L): of `Phase`. dt [s].
-    prior (W, 12): standard deviations of the recorded states.
-    slow (W, 2, L + 1, L + 1): covariances, of positions and of rotations, between the first pose and all rows, of
-    errors that turn with the object: a tracker's calibration. Zeros: none. root (W, 6, L + 1, L + 1): inverse Cholesky
-    factors of each channel's whole covariance, these errors and the noise.
+    prior (W, 2 K): standard deviations of the recorded states.
+    slow (W, K, L + 1, L + 1): each channel's covariances, between the first pose and all rows, of errors that turn with
+    the object: a tracker's calibration. Zeros: none. root (W, K, L + 1, L + 1): inverse Cholesky factors of each
+    channel's whole covariance, these errors and the noise.
     free (W,): windows of first flights, up to the landing and with nothing else in them. Their frames are in the other
     windows once more: what flight alone shows needs no model of contact.
     """
@@ -104,6 +105,11 @@ class Windows:
     free: NDArray[np.bool_]
 
     @property
+    def channels(self) -> int:
+        """K."""
+        return self.v.shape[1]
+
+    @property
     def counted(self) -> NDArray[np.bool_]:
         """(W, L) rows of the windows that follow one another, in which each frame is once."""
         return self.inside & ~self.free[:, None]
@@ -114,18 +120,17 @@ class Windows:
         return np.where(self.free, FLIGHT_WEIGHT, 1.0)
 
     def predicted(self, world: World, q: Array | None = None, v: Array | None = None, *, n_threads: int = 1) -> Array:
-        """(W, F, 7) recorded poses as the world predicts them from (q, v), or from the states of linearisation."""
+        """(W, F, K + 1) recorded poses as the world predicts them from (q, v), or from the states of linearisation."""
         q, v = (self.at_q if q is None else q), (self.at_v if v is None else v)
         steps = np.tile(self.steps, len(q) // len(self.steps))
         run = world.roll_out(q, v, n_steps=steps, dt=self.dt, **steps_of(world), n_threads=n_threads)
         return run[:, 1:]
 
     def misses(self, predicted: Array) -> Array:
-        """(·, L, 6) measured less predicted: position [m], rotation vector in the body's frame [rad]; 0 outside."""
-        W, F = len(self.y), predicted.shape[1]
-        run = predicted.reshape(-1, W, F, 7)
-        y = self.y[:, :F]
-        out = np.concatenate([y[..., :3] - run[..., :3], quat_boxminus(y[..., 3:7], run[..., 3:7])], -1)
+        """(·, L, K) measured less predicted: position [m], rotation vector in the body's frame [rad], joints; 0
+        outside."""
+        W, F, nq = len(self.y), *predicted.shape[1:]
+        out = difference(self.y[:, :F], predicted.reshape(-1, W, F, nq))
         out = np.clip(np.where(np.isfinite(out), out, LOST), -LOST, LOST)
         rows: Array = self.mix[..., :F] @ out
         return rows.reshape(-1, *rows.shape[2:])
@@ -134,6 +139,19 @@ class Windows:
         """The windows of the given rows."""
         names = (field.name for field in fields(self) if field.name != "dt")
         return replace(self, **{name: getattr(self, name)[index] for name in names})
+
+
+def difference(measured: Array, predicted: Array) -> Array:
+    """(..., K) measured poses less predicted ones (..., K + 1)."""
+    turned = quat_boxminus(measured[..., 3:7], predicted[..., 3:7])
+    joints = measured[..., 7:] - predicted[..., 7:]
+    return np.concatenate([measured[..., :3] - predicted[..., :3], turned, joints], axis=-1)
+
+
+def moved_pose(q: Array, by: Array) -> Array:
+    """Poses (..., K + 1) moved by (..., K), the inverse of `difference`."""
+    turned = quat_normalize(quat_mul(q[..., 3:7], quat_exp(by[..., 3:6])))
+    return np.concatenate([q[..., :3] + by[..., :3], turned, q[..., 7:] + by[..., 6:]], axis=-1)
 
 
 def make_windows(
@@ -157,22 +175,22 @@ def make_windows(
         first_flights: whether they get windows.
     """
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
-    most = max(length, flight)
+    most, K = max(length, flight), tosses[0].v.shape[1]
     cuts = [(i, first, n) for i, toss in enumerate(tosses) for first, n in _cuts(toss, dt, length, flight, skip)]
     following = len(cuts)
     scatter = (0.0, 0.0) if model is None else rest_scatter(tosses, model)
     if model is not None and first_flights:
         cuts += [(i, first, n) for i, toss in enumerate(tosses) for first, n in _first_flight(toss, model, dt, flight)]
     W = len(cuts)
-    q, v, y = np.empty((W, 7)), np.empty((W, 6)), np.empty((W, most, 7))
-    y_noise, first_noise = np.empty((W, most, 6)), np.empty((W, 6))
+    q, v, y = np.empty((W, K + 1)), np.empty((W, K)), np.empty((W, most, K + 1))
+    y_noise, first_noise = np.empty((W, most, K)), np.empty((W, K))
     mix, frame, phase = np.zeros((W, length, most)), np.zeros((W, length), int), np.zeros((W, length), np.uint8)
     for w, (i, first, n) in enumerate(cuts):
         toss = tosses[i]
         poses, cov = toss.measured
         at = np.minimum(np.arange(first + 1, first + most + 1), first + n)
-        std = np.sqrt(np.maximum(np.einsum("nii->ni", cov[first : first + n + 1])[:, :6], 0.0))
-        std = np.maximum(std, LEAST_NOISE)
+        std = np.sqrt(np.maximum(np.einsum("nii->ni", cov[first : first + n + 1]), 0.0))
+        std = np.maximum(std, np.append(LEAST_NOISE, [LEAST_NOISE[-1]] * (K - 6)))
         q[w], v[w], y[w] = poses[first], toss.v[first], poses[at]
         first_noise[w], y_noise[w] = std[0], std[at - first]
         each = -(-n // length)
@@ -181,9 +199,9 @@ def make_windows(
             mix[w, row, some] = 1 / len(some)
             frame[w, row], phase[w, row] = first + 1 + some[0], toss.phase[first + 1 + some[0]]
     inside = np.asarray(mix.any(axis=2))
-    slow = _slow(q[:, 3:], y[..., 3:], mix, scatter)
+    slow = _slow(q[:, 3:7], y[..., 3:7], mix, np.array([scatter[0]] * 3 + [scatter[1]] * (K - 3)))
     noise = np.where(inside[..., None], np.sqrt(mix**2 @ y_noise**2), 1.0)
-    speeds = np.tile([SPEED_PRIOR] * 3 + [SPIN_PRIOR] * 3, (W, 1))
+    speeds = np.tile([SPEED_PRIOR] * 3 + [SPIN_PRIOR] * (K - 3), (W, 1))
     return Windows(
         q=q,
         v=v,
@@ -206,16 +224,16 @@ def make_windows(
     )
 
 
-def _slow(first: Array, then: Array, mix: Array, scatter: tuple[float, float]) -> Array:
-    """(W, 2, L + 1, L + 1) covariances of errors that change with attitude as a smooth Gaussian process does.
+def _slow(first: Array, then: Array, mix: Array, scatter: Array) -> Array:
+    """(W, K, L + 1, L + 1) covariances of errors that change with attitude as a smooth Gaussian process does.
 
     Args:
         first: (W, 4) attitudes; then: (W, F, 4), of which a row has that of the frame in its middle (mix (W, L, F)).
-        scatter: standard deviations [m], [rad].
+        scatter: (K,) standard deviations.
     """
     W, L, _ = mix.shape
-    out = np.zeros((W, 2, L + 1, L + 1))
-    if not any(scatter):
+    out = np.zeros((W, len(scatter), L + 1, L + 1))
+    if not scatter.any():
         return out
     middle = np.rint((mix * np.arange(mix.shape[2])).sum(2)).astype(int)
     attitude = np.concatenate([first[:, None], np.take_along_axis(then, middle[..., None], axis=1)], axis=1)
@@ -223,13 +241,13 @@ def _slow(first: Array, then: Array, mix: Array, scatter: tuple[float, float]) -
     apart = 2 * (1 - (attitude @ attitude.mT) ** 2)
     there = np.concatenate([np.ones((W, 1), bool), mix.any(axis=2)], axis=1)
     alike = np.exp(-apart / TURN**2) * there[:, :, None] * there[:, None, :]
-    out[:, 0], out[:, 1] = scatter[0] ** 2 * alike, scatter[1] ** 2 * alike
+    out[:] = scatter[:, None, None] ** 2 * alike[:, None]
     return out
 
 
 def _noise_root(slow: Array, noise: Array) -> Array:
-    """(W, 6, L + 1, L + 1) inverse Cholesky factors of slow errors and noise; noise (W, L + 1, 6)."""
-    cov = np.repeat(slow, 3, axis=1)
+    """(W, K, L + 1, L + 1) inverse Cholesky factors of slow errors and noise; noise (W, L + 1, K)."""
+    cov = slow.copy()
     index = np.arange(cov.shape[-1])
     cov[..., index, index] += noise.transpose(0, 2, 1) ** 2
     out: Array = np.linalg.inv(np.linalg.cholesky(cov))

@@ -74,7 +74,12 @@ def witnesses(tosses: Sequence[Toss], stated: World, found: World) -> tuple[Witn
     Args:
         stated: the world before, found: the world after the diagnosis; the latter's recording, centre of mass and
             corners are used, and nothing else of it but to be compared.
+
+    Returns:
+        none of an object with joints: what its impacts do to its links is not told so simply.
     """
+    if found.object.n_joints:
+        return ()
     hit, slides = lone_impacts(tosses, found), sliding(tosses, found)
     model, other = found.object, stated.object
     out: list[Witness | None] = []

@@ -279,7 +279,7 @@ def verdict_of(finding: Finding) -> str:
 
 def wrench_words(component: str) -> str:
     """A component of the residual wrench; the path is that of the horizontal velocity."""
-    return _WRENCH.get(component, component)
+    return _WRENCH.get(component, component.replace("_", " ").replace("torque joint", "torque in joint"))
 
 
 def state_words(state: str) -> tuple[str, str]:

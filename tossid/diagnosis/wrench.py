@@ -14,6 +14,7 @@ that took no part. The best of all such pairs counts only if signs drawn by toss
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +37,8 @@ STEP = 0.01
 """Of differences, in weights [N] and weights times half a width [N m]: some standard errors of a window in flight."""
 WIDE = 1.0
 """Standard deviation of the prior, in the same units."""
+SOFT = 1e-9
+"""Stiffness [N m/rad] of a spring that is so far from its rest that its torque is constant."""
 KNOWN = 0.15
 """Share of the prior's standard deviation below which a window says something of a component."""
 SLOW, STILL = 0.05, 0.5
@@ -56,7 +59,8 @@ COMPONENTS = (
     "force_x", "force_y", "force_z", "force_along", "force_left",
     "torque_x", "torque_y", "torque_z", "torque_spin", "torque_left",
 )  # fmt: skip
-"""Along x, y, z of the world (z up), along the horizontal velocity, horizontally to its left, along the spin."""
+"""Along x, y, z of the world (z up), along the horizontal velocity, horizontally to its left, along the spin. Objects
+with joints have a torque in each, torque_joint_1 and so on, and none on the whole."""
 STATES = (
     "time", "x", "y", "height", "lowest_corner", "velocity_x", "velocity_y", "velocity_z", "horizontal_speed",
     "speed", "spin", "spin_vertical",
@@ -65,44 +69,46 @@ STATES = (
 
 
 def wrenches(evidence: Evidence, hypothesis: Hypothesis, residual: Array) -> tuple[Array, Array]:
-    """Each window's residual wrench (W, 6) and its covariance (W, 6, 6).
+    """Each window's residual wrench (W, K) and its covariance (W, K, K).
 
-    Force [N] in the world's frame, and torque [N m] about the centre of mass in the body's axes, each constant there
-    over the window.
+    Force [N] in the world's frame, torque [N m] about the centre of mass in the body's axes, and in each joint, each
+    constant there over the window. Of an object with joints a torque on the whole is not asked for.
 
     Args:
         evidence: of W windows, as it is for the hypothesis.
-        residual: (W, L, 6) whitened misses of the hypothesis.
+        residual: (W, L, K) whitened misses of the hypothesis.
     """
     world = hypothesis.world()
-    weight = float(world.object.mass[0]) * GRAVITY
-    unit = weight * np.repeat([1.0, 0.5 * world.object.width], 3)
-    W = len(residual)
-    J = np.empty((W, residual[0].size, 6))
-    for i in range(6):
-        push = STEP * unit * (np.arange(6) == i)
+    weight, (W, _, K) = float(world.object.mass.sum()) * GRAVITY, residual.shape
+    unit = weight * np.append([1.0] * 3, [0.5 * world.object.width] * (K - 3))
+    J = np.zeros((W, residual[0].size, K))
+    for i in range(K) if K == 6 else (0, 1, 2, *range(6, K)):
+        push = STEP * unit * (np.arange(K) == i)
         ends = [evidence.residual(with_wrench(world, sign * push)) for sign in (1, -1)]
         J[..., i] = (ends[0] - ends[1]).reshape(W, -1) / (2 * STEP)
     r = np.clip(residual.reshape(W, -1), -CAP, CAP)
     H = J.mT @ J
-    cov = np.linalg.inv(H + WIDE**-2 * np.eye(6))
+    cov = np.linalg.inv(H + WIDE**-2 * np.eye(K))
     w = -(cov @ (J.mT @ r[..., None]))[..., 0]
-    left = ((r + (J @ w[..., None])[..., 0]) ** 2).sum(1) / np.maximum(6 * evidence.windows.inside.sum(1) - 6, 1)
-    cov = np.linalg.inv(H / np.maximum(left, 1.0)[:, None, None] + WIDE**-2 * np.eye(6))
+    left = ((r + (J @ w[..., None])[..., 0]) ** 2).sum(1) / np.maximum(K * evidence.windows.inside.sum(1) - K, 1)
+    cov = np.linalg.inv(H / np.maximum(left, 1.0)[:, None, None] + WIDE**-2 * np.eye(K))
     return w * unit, cov * np.outer(unit, unit)
 
 
 def with_wrench(world: World, wrench: Array) -> World:
-    """The world with a force (3,) [N, world] and a torque (3,) [N m, body's axes] at the single body's centre of mass.
+    """The world with a force (3,) [N, world], a torque (3,) [N m, body's axes] at a single body's centre of mass, and
+    torques in joints (n_j,) [N m].
 
     The force is one of the world's own. The torque is a residual acceleration: one more unit of a learned residual's,
-    that is always on.
+    that is always on. A joint's is a spring's that is far from its rest.
     """
     x, y, z = (float(f) for f in wrench[:3])
     forces = world.forces._replace(x=world.forces.x + x, y=world.forces.y + y, z=world.forces.z + z)
-    if not wrench[3:].any():
+    if wrench[6:].any():
+        return replace(world, forces=forces, object=_with_torques(world.object, wrench[6:]))
+    if not wrench[3:6].any():
         return replace(world, forces=forces)
-    spin = np.linalg.solve(world.object.inertia[0], wrench[3:])
+    spin = np.linalg.solve(world.object.inertia[0], wrench[3:6])
     # the body's origin goes round its centre of mass
     out = np.concatenate([np.cross(world.object.com[0], spin), spin])
     old = world.residual
@@ -123,6 +129,15 @@ def with_wrench(world: World, wrench: Array) -> World:
     return replace(world, forces=forces, residual=made)
 
 
+def _with_torques(model: ObjectModel, torques: Array) -> ObjectModel:
+    law = model.joints
+    stiffness = law.stiffness.copy()
+    stiffness[1:] = np.where(stiffness[1:] > 0, stiffness[1:], SOFT)
+    rest = law.rest.copy()
+    rest[1:] += torques / stiffness[1:]
+    return model.with_changes(joint_law=law._replace(stiffness=stiffness, rest=rest))
+
+
 def residual_wrench(
     evidence: Evidence, hypothesis: Hypothesis, residual: Array, model: ObjectModel, *, seed: int = 0
 ) -> tuple[Relation, ...]:
@@ -137,13 +152,14 @@ def residual_wrench(
     wrench, cov = wrenches(evidence, hypothesis, residual)
     states, velocity, spin, turned = _states(windows, model)
     value, variance = _components(wrench, cov, velocity, spin, turned)
-    weight = float(hypothesis.base.object.mass[0]) * GRAVITY
-    most = WIDE * weight * np.where([name.startswith("force") for name in COMPONENTS], 1.0, 0.5 * model.width)
+    weight = float(hypothesis.base.object.mass.sum()) * GRAVITY
+    names = components_of(model)
+    most = WIDE * weight * np.where([name.startswith("force") for name in names], 1.0, 0.5 * model.width)
     variance = np.where(variance < (KNOWN * most) ** 2, variance, np.inf)
     flying, touching = phase_groups(windows)
     rng = np.random.default_rng(seed)
     found = [
-        relate(phase, value[rows], variance[rows], states[rows], windows.toss[rows], rng)
+        relate(phase, names, value[rows], variance[rows], states[rows], windows.toss[rows], rng)
         for phase, rows in (("flight", flying), ("contact", touching))
     ]
     return tuple(each for each in found if each is not None)
@@ -189,7 +205,7 @@ def _states(windows: Windows, model: ObjectModel) -> tuple[Array, Array, Array, 
 
 
 def _components(wrench: Array, cov: Array, velocity: Array, spin: Array, turned: Array) -> tuple[Array, Array]:
-    """(W, len(COMPONENTS)) components and their variances, infinite along a direction that is not there."""
+    """(W, len(components_of)) components and their variances, infinite along a direction that is not there."""
     W = len(wrench)
     x, y, z = (np.tile(axis, (W, 1)) for axis in np.eye(3))
     speed = np.linalg.norm(velocity[:, :2], axis=1)
@@ -208,16 +224,31 @@ def _components(wrench: Array, cov: Array, velocity: Array, spin: Array, turned:
             values.append(np.einsum("wi,wi->w", d, wrench[:, part]))
             spread = np.einsum("wi,wij,wj->w", d, cov[:, part, part], d)
             variances.append(np.where(known, spread, np.inf))
+    for k in range(6, wrench.shape[1]):
+        values.append(wrench[:, k])
+        variances.append(cov[:, k, k])
     return np.stack(values, axis=1), np.stack(variances, axis=1)
 
 
+def components_of(model: ObjectModel) -> tuple[str, ...]:
+    """Names of the components of an object's residual wrench."""
+    return COMPONENTS + tuple(f"torque_joint_{k + 1}" for k in range(model.n_joints))
+
+
 def relate(
-    phase: str, value: Array, variance: Array, states: Array, toss: NDArray[np.int64], rng: np.random.Generator
+    phase: str,
+    components: Sequence[str],
+    value: Array,
+    variance: Array,
+    states: Array,
+    toss: NDArray[np.int64],
+    rng: np.random.Generator,
 ) -> Relation | None:
     """The pair of component and state that explains most on tosses that took no part; None for too few windows.
 
     Args:
-        value, variance: (W, len(COMPONENTS)) [N], [N m] and squares; an infinite variance is no value.
+        components: their names.
+        value, variance: (W, len(components)) [N], [N m] and squares; an infinite variance is no value.
         states: (W, len(STATES)).
         toss: (W,) whose.
     """
@@ -227,7 +258,7 @@ def relate(
     fold = rng.permutation(n) % FOLDS
     pick = rng.integers(0, n, (RESAMPLES, n))
     sets = {}
-    for k, component in enumerate(COMPONENTS):
+    for k, component in enumerate(components):
         known = np.isfinite(variance[:, k])
         if known.sum() >= FEWEST and len(np.unique(toss[known])) >= FEWEST:
             y, weight = _weighted(value[known, k], variance[known, k])
@@ -244,7 +275,7 @@ def relate(
     component, s = max(scores, key=lambda pair: scores[pair])
     p_value = float((1 + (chance >= scores[component, s]).sum()) / (1 + FLIPS))
 
-    best, k = sets[component], COMPONENTS.index(component)
+    best, k = sets[component], list(components).index(component)
     x = states[best.known, s]
     centred = best.y - np.average(best.y, weights=best.weight)
     drawn = centred[:, None] * np.concatenate([np.ones((len(x), 1)), signs[best.toss]], axis=1)
