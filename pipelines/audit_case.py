@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tossid.physics.effects import World
 
 LCP_SUBSTEPS = 64
-"""Steps a frame of cases in tossid's own engine. Compliant contact stepped at h has k h more damping than stated."""
+"""Steps a frame of cases in tossid's own engine."""
 THROWS, SECONDS = 16, 0.9
 """Throws, and their length [s], by which strengths are found."""
 

@@ -104,6 +104,8 @@ def test_a_drag_of_another_power_has_no_name(cube: ObjectModel) -> None:
         for name, further in found.other_laws:
             assert (name, found.unexplained[0].name) == ("quadratic_drag", "flight")
             assert further.low < 1.0 < further.high
+            # contact is looked at in the world of the force that was found
+            assert further.low < found.hypothesis.base.forces.power < further.high
     assert not found.other_laws
 
 

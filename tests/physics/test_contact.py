@@ -54,9 +54,9 @@ def test_a_flat_drop_bounces_as_the_damped_oscillator(cube: ObjectModel, n_direc
     omega = np.sqrt(omega2 - beta**2)
     duration = (np.pi - np.arctan2(2 * beta * omega, omega**2 - beta**2)) / omega
     system = make_system(cube.with_changes(compliance=1 / STIFFNESS, relaxation=relaxation), gravity=0.0)
-    dt, v = 1e-5, np.array([[0, 0, -1.0, 0, 0, 0]])
-    run = simulate(system, FLAT, v, n_steps=1000, dt=dt, tolerance=1e-11, n_directions=n_directions)
-    assert run.v[0, -1, 2] == pytest.approx(np.exp(-beta * duration), rel=0.02)
+    dt, v = 4e-5, np.array([[0, 0, -1.0, 0, 0, 0]])
+    run = simulate(system, FLAT, v, n_steps=250, dt=dt, tolerance=1e-11, n_directions=n_directions)
+    assert run.v[0, -1, 2] == pytest.approx(np.exp(-beta * duration), rel=0.01)
     assert dt * (run.lam_n[0].sum(-1) > 0).sum() == pytest.approx(duration, rel=0.02)
     np.testing.assert_allclose(run.v[0, -1, [0, 1, 3, 4, 5]], 0, atol=1e-9)
 

@@ -119,6 +119,8 @@ class Search:
     def run(self, hypothesis: Hypothesis) -> Found:
         """From a hypothesis without effects to those that belong."""
         seen = self._flown(hypothesis)
+        if seen is not None:
+            hypothesis = Hypothesis(seen.present.hypothesis.base)
         self.tell("what flight shows, in contact", 0.15)
         hypothesis = self._with_law(hypothesis, seen)
         first = self.judge.start(hypothesis)
@@ -131,7 +133,11 @@ class Search:
                 history.append(self.judge.start(Hypothesis(hypothesis.base, effects[:k], values[:k]), history[-1]))
             history[-1], needed, classes = self._decided(history[-1], seen)
         flown = frozenset(effect.name for effect in history[-1].hypothesis.effects)
-        contact = Search(replace(self.judge, held=flown), self.library, self.tell)
+        library = self.library
+        if seen is not None and seen.unsteady:
+            # beside a force that no world here has, another of flight would only make up for it
+            library = [effect for effect in library if Phase.FLIGHT not in effect.phases]
+        contact = Search(replace(self.judge, held=flown), library, self.tell)
         path = contact._forward(first, history, 0.2)
         present, history = path.history[-1], list(path.history)
         if present.hypothesis.effects:
@@ -162,7 +168,7 @@ class Search:
         path = search._forward(first, [first])
         needed, classes = search._stand_ins(path.history[-1], path.less, path)
         others = search._of_other_laws(path.history[-1], classes)
-        present = search._without_makeshifts(first, path.history[-1], others)
+        present = search._with_law_found(search._without_makeshifts(first, path.history[-1], others), others)
         stay = {effect.name for effect in present.hypothesis.effects}
         needed = {name: each for name, each in needed.items() if name in stay}
         unsteady = tuple(name for name in stay - others.keys() if present.fitted.scatter(name) > MOST_SCATTER)
@@ -179,6 +185,17 @@ class Search:
                 if effect.name not in kept | others.keys():
                     hypothesis = hypothesis.minus(effect.name)
         return present if hypothesis is present.hypothesis else self.judge.judged(present, None, hypothesis)
+
+    def _with_law_found(self, present: Candidate, others: Mapping[str, Candidate]) -> Candidate:
+        """In a world whose force has the power found, of several the one that shows it most: what is looked for in
+        contact must not make up for a wrong law."""
+        if not others:
+            return present
+        name, each = max(others.items(), key=lambda one: one[1].total)
+        law, effects = OTHER_LAWS[name], present.hypothesis.effects
+        base = law.at(present.hypothesis.base, each.hypothesis.values_of(law.name))
+        values = tuple(each.hypothesis.values_of(effect.name) for effect in effects)
+        return self.judge.judged(present, None, Hypothesis(base, effects, values))
 
     def _of_other_laws(self, present: Candidate, classes: Mapping[str, Sequence[Candidate]]) -> dict[str, Candidate]:
         """Effects whose force grows with another power of its state than theirs and than their classes', with the

@@ -35,6 +35,7 @@ from tossid.physics.contact import (
     TOUCHING,
     UNKNOWN,
     above_ground,
+    settling,
     solve_exact,
 )
 from tossid.physics.forces import SPIN, damped, friction_of, grown, hold, push
@@ -78,7 +79,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
     nc = mu.shape[0]
     h = loaded = dt / substeps  # of a step, and of that whose impulses are in `warm`
     over_m = 1.0 / mass
-    soft = compliance / (h * (h + relaxation))
+    soft = compliance / (h * settling(h, compliance, relaxation))
     rigid = compliance == 0.0 and relaxation == 0.0
     radius = law.rounding if lawful else 0.0
     whole = impact_parts == 1 or not rigid  # steps do not end at impacts
@@ -162,7 +163,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                         length = STRIKE * dt
                     if length != h:
                         h = length
-                        soft = compliance / (h * (h + relaxation))
+                        soft = compliance / (h * settling(h, compliance, relaxation))
                         turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
                     left = parts
                     carried[:] = 0.0
@@ -264,7 +265,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                                 if before < -BOUNCE_SPEED and (strike or whole or before > -IMPACT_SPEED):
                                     target = min(target, free + restitution * before)
                             elif target < 0.0 or height[c] < 0.0:
-                                target = height[c] / (h + relaxation) + free
+                                target = height[c] / settling(h, compliance, relaxation) + free
                             V[B, r] = target
                             V[B, r + 1] += u0
                             V[B, r + 2] += u1

@@ -209,6 +209,15 @@ def find_corners(  # type: ignore[no-untyped-def]
 
 
 @jit
+def settling(h, compliance, relaxation):  # type: ignore[no-untyped-def]
+    """Time [s] over which a corner that touches is to be back where it belongs, in a step of length h.
+
+    A spring at the step's end damps by k h: that is taken off its damper, as far as it goes.
+    """
+    return max(h, relaxation) if compliance > 0.0 else h + relaxation
+
+
+@jit
 def _assemble(  # type: ignore[no-untyped-def]
     state, height, tau, mu, restitution, compliance, relaxation, cohesion, lawful, law, warm, cold, bounces,
     L, u, u_before, xi, xi_before, h, chosen, G, A, V, over_m,
@@ -239,7 +248,7 @@ def _assemble(  # type: ignore[no-untyped-def]
             if before < -BOUNCE_SPEED and (bounces or before > -IMPACT_SPEED):
                 target = min(target, free + restitution * before)
         elif target < 0.0 or height[c] < 0.0:
-            target = height[c] / (h + relaxation) + free
+            target = height[c] / settling(h, compliance, relaxation) + free
         V[B, r] = target
         grip = mu[c]
         if lawful:
@@ -266,7 +275,7 @@ def _assemble(  # type: ignore[no-untyped-def]
             A[i, j] += over_m
         for j in range(i):
             A[j, i] = A[i, j]
-    soft = compliance / (h * (h + relaxation))
+    soft = compliance / (h * settling(h, compliance, relaxation))
     for i in range(0, 3 * n, 3):
         A[i, i] += soft
         A[i + 1, i + 1] += TANGENTIAL * soft
