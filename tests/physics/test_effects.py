@@ -277,6 +277,16 @@ def test_torsional_friction_stops_a_spin_in_time(cube: ObjectModel) -> None:
     assert np.abs(done.v[0, still[0] :, 5]).max() < 1e-9
 
 
+def test_torsional_friction_resists_spin_at_an_impact(cube: ObjectModel) -> None:
+    """A cube that lands flat takes up m v of impulse at once, and loses radius m v of its spin's momentum."""
+    radius, fall, spin = 0.004, 1.2, 20.0
+    world = World(cube.with_changes(friction=0.0), gravity=0.0, law=Law(torsional=radius))
+    q, v = np.array([[0, 0, 0.06, 1.0, 0, 0, 0]]), np.array([[0, 0, -fall, 0, 0, spin]])
+    run = simulate(world.system(), q, v, n_steps=3, dt=DT, substeps=4, impact_parts=8)
+    lost = radius * cube.mass[0] * fall / cube.inertia[0, 2, 2]
+    np.testing.assert_allclose(run.v[0, -1], [0, 0, 0, 0, 0, spin - lost], atol=2e-3)
+
+
 def test_rolling_resistance_takes_the_tumble_s_energy(cube: ObjectModel) -> None:
     """A cube that tips over an edge loses r N for each radian, and one without resistance next to nothing."""
     lean = 0.5

@@ -38,7 +38,7 @@ from tossid.physics.contact import (
     settling,
     solve_exact,
 )
-from tossid.physics.forces import SPIN, damped, friction_of, grown, hold, push
+from tossid.physics.forces import SPIN, damped, friction_of, grown, hold, push, resist_spin
 from tossid.physics.solvers.cone_qp import qp_solve
 from tossid.physics.solvers.workspace import LAM, MU, B
 
@@ -88,6 +88,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
     turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
     f, h0, h1, extra = np.empty(9), np.empty(b0.shape[0]), np.empty(b0.shape[0]), np.zeros(6)
     height, sunk = np.empty(nc), np.empty(nc)
+    spin, less = np.empty(3), np.empty(3)  # less: what contact's resistance takes from it in a strike
     carried = np.zeros(nc)  # normal impulses over the parts of a step
     state, chosen = np.zeros(nc, np.int64), np.zeros(nc, np.int64)
     tau, G, A = np.empty((nc, 3, 3)), np.empty((3 * nc, 3)), np.empty((3 * nc, 3 * nc))
@@ -108,7 +109,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
         reached, quiet = 0, 0
         for step in range(n_steps[toss]):
             done, left = 0, 0
-            rest, strikes = dt, 0
+            rest, strikes, again = dt, 0, False
             while done < substeps:
                 r00, r01, r02 = 1.0 - 2.0 * (d * d + e * e), 2.0 * (b * d - a * e), 2.0 * (b * e + a * d)
                 r10, r11, r12 = 2.0 * (b * d + a * e), 1.0 - 2.0 * (b * b + e * e), 2.0 * (d * e - a * b)
@@ -207,6 +208,13 @@ def simulate_body(  # type: ignore[no-untyped-def]
                     x0, x1, x2, y0, y1, y2 = hold(
                         law, inverse, over_m, h, R, com, arm, p2 - radius, warm, cold, x0, x1, x2, y0, y1, y2
                     )
+
+                if again:
+                    y0, y1, y2 = y0 + less[0], y1 + less[1], y2 + less[2]
+                    s0, s1, s2 = less[1] * c2 - less[2] * c1, less[2] * c0 - less[0] * c2, less[0] * c1 - less[1] * c0
+                    x0 -= r00 * s0 + r01 * s1 + r02 * s2
+                    x1 -= r10 * s0 + r11 * s1 + r12 * s2
+                    x2 -= r20 * s0 + r21 * s1 + r22 * s2
 
                 # which corners could be hit
                 reach = 0.02 + 3.0 * h * (abs(x2) + 0.2 * (abs(y0) + abs(y1) + abs(y2)))
@@ -334,6 +342,16 @@ def simulate_body(  # type: ignore[no-untyped-def]
                             for k in range(3):
                                 warm[chosen[i], k] = V[LAM, 3 * i + k]
                         cold = False
+                    elif held and not again:  # what resists spin hangs on the impulse, and the impulse on it
+                        m0 = 0.0
+                        for i in range(n):
+                            m0 += V[LAM, 3 * i]
+                        spin[0], spin[1], spin[2] = n0, n1, n2
+                        resist_spin(law, m0, inverse, R, spin)
+                        less[0], less[1], less[2] = spin[0] - n0, spin[1] - n1, spin[2] - n2
+                        again, left = True, 0
+                        strikes -= 1
+                        continue
                     s0, s1, s2 = n1 * c2 - n2 * c1, n2 * c0 - n0 * c2, n0 * c1 - n1 * c0
                     x0 = u0 + over_m * f0 - (r00 * s0 + r01 * s1 + r02 * s2)
                     x1 = u1 + over_m * f1 - (r10 * s0 + r11 * s1 + r12 * s2)
@@ -341,7 +359,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                     y0, y1, y2 = n0, n1, n2
                 else:
                     cold = True
-                steady = not whole
+                steady, again = not whole, False
                 if touched:
                     for i in range(n):
                         lam_n[toss, step, chosen[i]] += V[LAM, 3 * i]

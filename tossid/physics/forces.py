@@ -9,11 +9,11 @@ is second order, conserves the energy of a spring over long times, and is stable
 Spin drag is likewise implicit in the mean spin.
 
 What contact adds depends on the contact itself, and is lagged so that the contact problem stays one of constant
-friction. All of it is known before the problem is solved:
+friction. All but an impact's resistance to spin, which follows it, is known before the problem is solved:
 
     speed in friction       the corner's slip at the step's start: before an impact, or at the end of the last step
     direction in friction   the corner's slip without this step's contact forces; that is where the load pushes
-    load of resistance      the normal impulse of the step before, over all corners
+    load of resistance      the normal impulse of the step before, over all corners; of an impact, its own
     adhesion                of corners that carried load in the step before or are within `ADHESION_REACH`
 """
 
@@ -211,12 +211,7 @@ def hold(law, inverse, over_m, h, R, com, arm, p2, warm, cold, x0, x1, x2, y0, y
     for i in range(3):
         y[i] += inverse[i, 0] * m[0] + inverse[i, 1] * m[1] + inverse[i, 2] * m[2]
     if load > 0.0:
-        _resist(law.torsional * load, 0.0, 0.0, 1.0, inverse, R, y)
-        spin0 = R[0, 0] * y[0] + R[0, 1] * y[1] + R[0, 2] * y[2]
-        spin1 = R[1, 0] * y[0] + R[1, 1] * y[1] + R[1, 2] * y[2]
-        size = math.sqrt(spin0 * spin0 + spin1 * spin1)
-        if size > 0.0:
-            _resist(law.rolling * load, spin0 / size, spin1 / size, 0.0, inverse, R, y)
+        resist_spin(law, load, inverse, R, y)
     # the origin moves with the body: what the spin gained, it gained about the centre of mass
     g0, g1, g2 = y[0] - y0, y[1] - y1, y[2] - y2
     s0, s1, s2 = g1 * com[2] - g2 * com[1], g2 * com[0] - g0 * com[2], g0 * com[1] - g1 * com[0]
@@ -224,6 +219,18 @@ def hold(law, inverse, over_m, h, R, com, arm, p2, warm, cold, x0, x1, x2, y0, y
     x1 -= R[1, 0] * s0 + R[1, 1] * s1 + R[1, 2] * s2
     x2 -= R[2, 0] * s0 + R[2, 1] * s1 + R[2, 2] * s2 + over_m * pull
     return x0, x1, x2, y[0], y[1], y[2]
+
+
+@_jit
+def resist_spin(law, load, inverse, R, y):  # type: ignore[no-untyped-def]
+    """Take from the spin y (3,; body) what contact of a normal impulse `load` resists about the vertical and about the
+    horizontal."""
+    _resist(law.torsional * load, 0.0, 0.0, 1.0, inverse, R, y)
+    spin0 = R[0, 0] * y[0] + R[0, 1] * y[1] + R[0, 2] * y[2]
+    spin1 = R[1, 0] * y[0] + R[1, 1] * y[1] + R[1, 2] * y[2]
+    size = math.sqrt(spin0 * spin0 + spin1 * spin1)
+    if size > 0.0:
+        _resist(law.rolling * load, spin0 / size, spin1 / size, 0.0, inverse, R, y)
 
 
 @_jit

@@ -40,7 +40,7 @@ from tossid.physics.contact import (
 )
 from tossid.physics.forces import Forces, Law, forces_of, law_of
 from tossid.physics.impacts import carry_over, first_impact
-from tossid.physics.pulls import drive, hold_bodies, pull, rub
+from tossid.physics.pulls import drive, hold_bodies, pull, resist_spins, rub
 from tossid.physics.single import inset
 from tossid.physics.solvers.workspace import LAM
 from tossid.physics.system import System
@@ -138,6 +138,7 @@ def simulate_links(  # type: ignore[no-untyped-def]
     extra, learned = np.zeros(nv), linear.shape[0] > 0
     U, torque, slack, row, raw = np.zeros((nb, 3)), np.zeros(nb), np.zeros(nb), np.zeros((1, 1, nx)), np.zeros(nc)
     carried, taken, total = np.zeros(nc), np.zeros(nb), tree.mass.sum()
+    struck, less = np.zeros((nc, 3)), np.zeros(nx)  # less: what contact's resistance takes from xi in a strike
     radius = law.rounding if lawful else 0.0
     rigid = compliance == 0.0 and relaxation == 0.0
     cut = impact_parts > 1
@@ -154,7 +155,7 @@ def simulate_links(  # type: ignore[no-untyped-def]
         sunk[:] = UNKNOWN
         reached = 0
         for step in range(n_steps[toss]):
-            done, left, rest, strikes = 0, 0, dt, 0
+            done, left, rest, strikes, again = 0, 0, dt, 0, False
             while done < substeps:
                 quat_to_mat(q[3], q[4], q[5], q[6], R)
                 outwards(parent, joint_type, tree.turn, tree.place, tree.axis, tree.anchor, q, v, P, E)
@@ -220,6 +221,8 @@ def simulate_links(  # type: ignore[no-untyped-def]
                     hold_bodies(
                         law, parent, joint_type, corner_body, place, raw, over_m, h, R, P, L, warm, cold, row, y, u, xi
                     )
+                if again:
+                    xi += less
                 n, touched, status, residual = 0, False, 0, 0.0
                 for c in range(nc):
                     z = above_ground(raw[c], c, sunk, rigid, h)
@@ -246,6 +249,16 @@ def simulate_links(  # type: ignore[no-untyped-def]
                     cold = True
                 elif not strike:
                     cold = False
+                elif held and not again:  # what resists spin hangs on the impulse, and the impulse on it
+                    struck[:] = 0.0
+                    for i in range(n):
+                        struck[chosen[i], 0] = V[LAM, 3 * i]
+                    less[:] = xi
+                    resist_spins(law, parent, joint_type, corner_body, R, P, L, struck, row, y, xi)
+                    less[:] = xi - less
+                    again, left = True, 0
+                    strikes -= 1
+                    continue
                 if n > 0 or rubs or held:
                     c0, c1, c2 = common_velocity(P, xi, 0)
                     for k in range(3):
@@ -253,7 +266,7 @@ def simulate_links(  # type: ignore[no-untyped-def]
                         vf[i] = u[k] - (R[i, 0] * c0 + R[i, 1] * c1 + R[i, 2] * c2)
                     for x in range(nx):
                         vf[3 + x] = xi[x]
-                steady = not whole
+                steady, again = not whole, False
                 if touched:
                     for i in range(n):
                         c = chosen[i]

@@ -11,7 +11,7 @@ A joint's torque is taken at the step's mean rate and angle, r + h/2 dr/dt and a
 
 which is stable for any damping c. Its Coulomb friction takes from the rate, before contact, an impulse of at most h
 times friction, and no more than stops it; so do the resistances of a contact to spin (`forces.Law`), for each body by
-the load that its own corners carried in the step before.
+the load that its own corners carried in the step before, or take up in an impact.
 """
 
 from __future__ import annotations
@@ -170,13 +170,21 @@ def hold_bodies(  # type: ignore[no-untyped-def]
             u[0] -= pull_of_corner * over_m
             for x in range(nx):
                 xi[x] -= pull_of_corner * y[x]
-    if cold or (law.torsional == 0.0 and law.rolling == 0.0):
+    if not cold:
+        resist_spins(law, parent, joint_type, corner_body, R, P, L, warm, row, y, xi)
+
+
+@jit
+def resist_spins(law, parent, joint_type, corner_body, R, P, L, carried, row, y, xi):  # type: ignore[no-untyped-def]
+    """Take from xi (n_x,) what contact resists of each body's spin, of its corners' normal impulses carried[:, 0]."""
+    nx, nc = xi.shape[0], corner_body.shape[0]
+    if law.torsional == 0.0 and law.rolling == 0.0:
         return
     for b in range(parent.shape[0]):
         load = 0.0
         for c in range(nc):
             if corner_body[c] == b:
-                load += warm[c, 0]
+                load += carried[c, 0]
         if load == 0.0:
             continue
         spin_row(parent, joint_type, P, b, R[2, 0], R[2, 1], R[2, 2], row[0, 0])
