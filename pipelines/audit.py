@@ -53,8 +53,10 @@ def run(config: AuditConfig, console: Console) -> dict[str, Any]:
     started = time.perf_counter()
     if not config.engines:
         raise ConfigError("engines", "is empty; an audit needs at least one.")
-    if load_object(config.object).n_joints:
-        raise ConfigError("object", f"'{config.object.name}' has joints; diagnosis is of single bodies so far.")
+    if config.data is not None and load_object(config.object).n_joints:
+        raise ConfigError(
+            "data", "only simulators of single bodies are spoilt; leave it out to make cases of the object."
+        )
     out = config.out or FOLDER / (f"{config.seed}" if config.data is None else f"real-{config.seed}")
     processes = min(config.workers or os.cpu_count() or 1, config.cases)
     with (
@@ -93,8 +95,8 @@ def run(config: AuditConfig, console: Console) -> dict[str, Any]:
 
 
 def _jobs(config: AuditConfig, out: Path, pool: Workers, console: Console) -> list[Job]:
-    from pipelines.project import dataset_path
-    from tossid.diagnosis.audit import draw_cases, draw_spoilt
+    from pipelines.project import dataset_path, load_object
+    from tossid.diagnosis.audit import draw_cases, draw_spoilt, strengths_for
     from tossid.store import file_sha256
 
     answer = None
@@ -116,6 +118,7 @@ def _jobs(config: AuditConfig, out: Path, pool: Workers, console: Console) -> li
             seed=config.seed,
             engines=config.engines,
             displacement=config.displacement,
+            effects=list(strengths_for(load_object(config.object))),
             only_lcp=_only_lcp(config),
         )
     told = _absolute(config)
@@ -137,12 +140,13 @@ def _only_lcp(config: AuditConfig) -> list[str]:
     import numpy as np
 
     from pipelines.project import load_object
-    from tossid.diagnosis.audit import STRENGTHS, world_with
+    from tossid.diagnosis.audit import strengths_for, world_with
     from tossid.physics.effects import World
     from tossid.physics.effects.in_mujoco import inexpressible
 
     plain, u = World(load_object(config.object)), np.full(8, 0.5)
-    return [name for name, s in STRENGTHS.items() if inexpressible(world_with(plain, {name: s.values(s.high, u)}))]
+    strengths = strengths_for(plain.object)
+    return [name for name, s in strengths.items() if inexpressible(world_with(plain, {name: s.values(s.high, u)}))]
 
 
 def _digest(values: dict[str, Any]) -> str:

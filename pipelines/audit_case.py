@@ -78,7 +78,7 @@ def make_case(job: Job, folder: Path) -> dict[str, Any]:
         tosses = _pushed_tosses(keys, model, world, outside, case.seed, motion)
     else:
         tosses, _ = make_tosses(replace(keys, effects=effects), model, motion)
-    stated = NoiseConfig(config.position_noise, config.rotation_noise, 0.0, 0.0, 0.0, 0.0)
+    stated = NoiseConfig(config.position_noise, config.rotation_noise, config.rotation_noise, 0.0, 0.0, 0.0)
     write_tum(folder / "tum", add_noise(tosses, model, stated, noise))
     reading = load("ingest", IngestConfig, ["source=tum", f"source.path={folder / 'tum'}"])
     ingest.run(replace(reading, object=config.object, out=folder / "tosses.h5"), Console(quiet=True))
@@ -101,7 +101,7 @@ def _pushed_tosses(keys: Any, model: ObjectModel, world: World, forces: dict[str
     width, tosses = len(str(keys.tosses - 1)), []
     for i in range(keys.tosses):
         n = cut_at_rest(model, q[i], v[i], rate_hz=keys.rate_hz, rest_s=keys.rest_s)
-        t, cov = np.arange(n) / keys.rate_hz, np.broadcast_to(1e-12 * np.eye(6), (n, 6, 6)).copy()
+        t, cov = np.arange(n) / keys.rate_hz, np.broadcast_to(1e-12 * np.eye(model.nv), (n, model.nv, model.nv)).copy()
         phase = label_phases(model, t, q[i, :n], v[i, :n], gravity=keys.gravity)
         tosses.append(Toss(f"{i:0{width}d}", t, q[i, :n], v[i, :n], cov, cov, phase))
     return tuple(tosses)
@@ -110,10 +110,10 @@ def _pushed_tosses(keys: Any, model: ObjectModel, world: World, forces: dict[str
 def diagnose_case(data: Path, without: tuple[str, ...], seed: int) -> dict[str, Any]:
     """gap.json of the nominal simulator on a dataset: all that the diagnosis is told."""
     from tossid.diagnosis.attribution import diagnose
-    from tossid.physics.effects import LIBRARY
+    from tossid.physics.effects import library_for
 
     tosses, world = _read(data)
-    library = tuple(effect for effect in LIBRARY if effect.name not in without)
+    library = tuple(effect for effect in library_for(world.object) if effect.name not in without)
     return diagnose(tosses, world, library=library, seed=seed % 1000).as_json()
 
 

@@ -15,7 +15,7 @@ class AuditConfig:
     """Check diagnose on tosses whose effect is withheld from it, case by case; an interrupted audit goes on."""
 
     object: ObjectConfig
-    """what is tossed: a single body"""
+    """what is tossed"""
     cases: Count
     """how many cases; those of a smaller number are the first of them"""
     seed: Seed

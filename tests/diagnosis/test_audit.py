@@ -9,6 +9,7 @@ import pytest
 
 from pipelines.project import load_object, object_named
 from tossid.diagnosis.audit import (
+    JOINT_STRENGTHS,
     KINDS,
     OUTSIDE,
     STRENGTHS,
@@ -23,7 +24,8 @@ from tossid.diagnosis.audit import (
 )
 from tossid.diagnosis.audit_figures import audit_figures, wilson
 from tossid.diagnosis.audit_scores import score, summarise
-from tossid.physics.effects import LIBRARY, World
+from tossid.objects import ObjectModel
+from tossid.physics.effects import JOINT_EFFECTS, LIBRARY, World
 
 DT = 1 / 148
 
@@ -86,11 +88,12 @@ def test_an_effect_is_taken_out_with_all_that_contain_it() -> None:
 
 
 def test_all_of_the_library_has_strengths_within_its_ranges() -> None:
-    assert set(STRENGTHS) == {effect.name for effect in LIBRARY if effect.family != "joint"}
+    assert set(STRENGTHS) == {effect.name for effect in LIBRARY}
+    assert set(JOINT_STRENGTHS) == {effect.name for effect in JOINT_EFFECTS}
     rng = np.random.default_rng(0)
-    for effect in LIBRARY:
+    for effect in (*LIBRARY, *JOINT_EFFECTS):
         known = {p.name: p for p in effect.parameters}
-        strength = STRENGTHS[effect.name]
+        strength = (STRENGTHS | JOINT_STRENGTHS)[effect.name]
         for size in (strength.low, strength.high):
             for key, value in strength.values(size, rng.uniform(-1, 1, 8)).items():
                 assert known[key].low <= value <= known[key].high, (effect.name, key, value)
@@ -105,6 +108,15 @@ def test_strengths_move_the_object_as_far_as_asked(name: str) -> None:
     assert again == (values, reached)
 
 
+@pytest.mark.parametrize("name", sorted(JOINT_STRENGTHS))
+def test_strengths_of_joints_move_the_links_as_far_as_asked(elbow: ObjectModel, name: str) -> None:
+    q0, v0 = throws(10)
+    q0, v0 = np.column_stack([q0, np.linspace(-2, 2, 10)]), np.column_stack([v0, np.linspace(6, -6, 10)])
+    q0[:, 2] += 1.0
+    _, reached = settled(name, 30.0, World(elbow), q0, v0, noise=1.5e-4, n_steps=60, dt=DT, seed=7)
+    assert 20 < reached < 45
+
+
 def test_the_way_is_that_of_a_known_fall() -> None:
     """Without contact, gravity less by 1 m/s² moves the object by t² / 2."""
     world = cube_world()
@@ -114,7 +126,7 @@ def test_the_way_is_that_of_a_known_fall() -> None:
         world.recorded_poses(motion(w, q0, v0, n_steps=100, dt=DT)[0])
         for w in (world, world_with(world, {"gravity": {"g_ms2": 8.81}}))
     )
-    assert way_between(one, other, DT) == pytest.approx(0.5 * (50 * DT) ** 2, rel=1e-3)
+    assert way_between(one, other, DT, world.object) == pytest.approx(0.5 * (50 * DT) ** 2, rel=1e-3)
 
 
 def test_forces_outside_the_library_are_what_they_say() -> None:

@@ -176,7 +176,7 @@ def test_the_best_of_many_pairs_is_no_finding() -> None:
         common = rng.normal(size=(15, len(COMPONENTS)))[toss]
         value = common + rng.normal(size=(45, len(COMPONENTS)))
         states = rng.normal(size=(15, len(STATES)))[toss] + 0.3 * rng.normal(size=(45, len(STATES)))
-        relation = relate("flight", COMPONENTS, value, np.ones_like(value), states, toss, rng)
+        relation = relate("flight", value, np.ones_like(value), states, toss, rng)
         assert relation is not None
         claims += relation.clear
     assert claims <= 1
@@ -184,10 +184,7 @@ def test_the_best_of_many_pairs_is_no_finding() -> None:
 
 def test_few_windows_say_nothing() -> None:
     one = np.ones((4, len(COMPONENTS)))
-    assert (
-        relate("flight", COMPONENTS, one, one, np.ones((4, len(STATES))), np.arange(4), np.random.default_rng(0))
-        is None
-    )
+    assert relate("flight", one, one, np.ones((4, len(STATES))), np.arange(4), np.random.default_rng(0)) is None
 
 
 # ---------------------------------------------------------------- corners
@@ -251,10 +248,8 @@ def placed(model: ObjectModel) -> Diagnosis:
     states = rng.normal(size=(n, len(STATES)))
     value, variance = 0.05 * rng.normal(size=(n, len(COMPONENTS))), np.full((n, len(COMPONENTS)), 1e-3)
     value[:, 3] -= 0.3 * states[:, STATES.index("horizontal_speed")]
-    flight = relate("flight", COMPONENTS, value, variance, states, toss, np.random.default_rng(1))
-    contact = relate(
-        "contact", COMPONENTS, rng.normal(size=value.shape), variance, states, toss, np.random.default_rng(1)
-    )
+    flight = relate("flight", value, variance, states, toss, np.random.default_rng(1))
+    contact = relate("contact", rng.normal(size=value.shape), variance, states, toss, np.random.default_rng(1))
     assert flight is not None
     assert contact is not None
     shares = np.array([0.5, *np.full(7, 0.5 / 7)])

@@ -79,9 +79,9 @@ def test_a_case_is_known_again_by_all_that_it_depends_on(tmp_path: Path) -> None
     assert _stored(tmp_path, job()) is None
 
 
-def test_an_object_with_joints_is_refused(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert app.run(["audit", "object=elbow", "cases=1"]) == 2
-    assert "has joints" in one_line(capfd.readouterr().err)
+def test_only_simulators_of_single_bodies_are_spoilt(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert app.run(["audit", "object=elbow", "cases=1", "data=elbow.h5"]) == 2
+    assert "data" in one_line(capfd.readouterr().err)
     assert not (project / "outputs/audit").exists()
 
 

@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
+from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import simulate
-from tossid.physics.effects import LIBRARY, Effect, World
+from tossid.physics.effects import JOINT_EFFECTS, LIBRARY, Effect, World
 
 Array = NDArray[np.float64]
 Push = Callable[[float, Array, Array], Array]
-"""From time [s], q (B, 7), v (B, 6) to the force on the centre of mass (B, 3) [N]."""
+"""From time [s], q (B, nq), v (B, nv) to the force (B, 3) [N], of which each link has its share by mass."""
 Values = dict[str, float]
 Kind = Literal["effect", "null", "pair", "outside", "without", "spoilt"]
 
@@ -156,6 +157,14 @@ STRENGTHS: dict[str, Strength] = {
     "world_tilt": Strength(2e-3, 0.1, _directed("x_rad", "y_rad")),
 }
 
+JOINT_STRENGTHS: dict[str, Strength] = {
+    "joint_damping": Strength(5e-5, 0.02, _plain("c_nms")),
+    "joint_friction": Strength(3e-4, 0.1, _plain("torque_nm")),
+    "joint_stiffness": Strength(1e-3, 0.5, lambda s, u: {"k_nmprad": s, "rest_rad": 1.5 * float(u[0])}),
+    "joint_offset": Strength(5e-3, 0.5, _signed("angle_rad")),
+}
+"""Of objects with joints."""
+
 OUTSIDE: dict[str, Strength] = {
     "cubic_drag": Strength(5e-3, 0.8, _plain("c_ns3pm3")),
     "pulsing_force": Strength(
@@ -181,17 +190,24 @@ SPOILT: dict[str, Strength] = {
 
 
 def draw_cases(
-    n: int, *, seed: int, engines: Sequence[str], displacement: tuple[float, float], only_lcp: Sequence[str] = ()
+    n: int,
+    *,
+    seed: int,
+    engines: Sequence[str],
+    displacement: tuple[float, float],
+    effects: Sequence[str] = tuple(STRENGTHS),
+    only_lcp: Sequence[str] = (),
 ) -> tuple[Case, ...]:
     """The first n cases of a seed; those of a smaller n are the first of them.
 
     Args:
+        effects: to draw from.
         engines: to take turns. displacement: least and largest target, over the position noise (log-uniform).
         only_lcp: effects that engine lcp alone has.
     """
     rng = np.random.default_rng([seed, 1])
-    order = {kind: _endless(list(STRENGTHS), rng) for kind in ("effect", "without")}
-    pairs, outside = _endless(list(STRENGTHS), rng), _endless(list(OUTSIDE), rng)
+    order = {kind: _endless(list(effects), rng) for kind in ("effect", "without")}
+    pairs, outside = _endless(list(effects), rng), _endless(list(OUTSIDE), rng)
     kinds: list[Kind] = []
     cases = []
     turn = dict.fromkeys(KINDS, 0)
@@ -232,12 +248,11 @@ def _endless(names: list[str], rng: np.random.Generator) -> Iterator[str]:
 
 def _pair(names: Iterator[str]) -> tuple[str, str]:
     """Two effects of different families, of which none contains the other."""
-    family = {effect.name: effect.family for effect in LIBRARY}
     first = next(names)
     while True:
         second = next(names)
-        contained = second in effect_named(first).contains or first in effect_named(second).contains
-        if family[first] != family[second] and not contained:
+        one, other = effect_named(first), effect_named(second)
+        if one.family != other.family and second not in one.contains and first not in other.contains:
             return first, second
 
 
@@ -246,7 +261,12 @@ def _pair(names: Iterator[str]) -> tuple[str, str]:
 
 def effect_named(name: str) -> Effect:
     """The library's effect of that name."""
-    return next(effect for effect in LIBRARY if effect.name == name)
+    return next(effect for effect in (*LIBRARY, *JOINT_EFFECTS) if effect.name == name)
+
+
+def strengths_for(model: ObjectModel) -> dict[str, Strength]:
+    """Of the effects that an object can have."""
+    return STRENGTHS | (JOINT_STRENGTHS if model.n_joints else {})
 
 
 def world_with(world: World, effects: Mapping[str, Values]) -> World:
@@ -304,17 +324,20 @@ def motion(
     return q, v
 
 
-def way_between(one: Array, other: Array, dt: float) -> float:
+def way_between(one: Array, other: Array, dt: float, model: ObjectModel) -> float:
     """Median over tosses of the median over frames, until `one` rests, of the way between recorded positions [m].
+
+    Of the object's origin, or, where there are joints, the mean of its corners'.
 
     one, other: (B, T, nq).
     """
-    speed = np.linalg.norm(np.diff(one[..., :3], axis=1), axis=-1) / dt
+    one, other = (corner_positions(model, q) if model.n_joints else q[..., None, :3] for q in (one, other))
+    speed = np.linalg.norm(np.diff(one, axis=1), axis=-1).mean(-1) / dt
     ways = []
     for i in range(len(one)):
         moving = np.flatnonzero(speed[i] > REST)
         n = int(moving[-1]) + 2 if len(moving) else 2
-        ways.append(float(np.median(np.linalg.norm(one[i, :n, :3] - other[i, :n, :3], axis=-1))))
+        ways.append(float(np.median(np.linalg.norm(one[i, :n] - other[i, :n], axis=-1).mean(-1))))
     return float(np.median(ways))
 
 
@@ -324,26 +347,26 @@ def settled(
     """Values of an effect (or of a force outside the library) that move the object by `target` times the noise.
 
     Args:
-        q0, v0: (B, 7), (B, 6) true states that throws begin with. noise: [m].
+        q0, v0: (B, nq), (B, nv) true states that throws begin with. noise: [m].
 
     Returns:
         the values, and the multiple that they reach; it is another where the effect's range has no better.
     """
-    strength = STRENGTHS[name] if name in STRENGTHS else OUTSIDE[name]
+    strength = OUTSIDE[name] if name in OUTSIDE else strengths_for(world.object)[name]
     u = np.random.default_rng([seed, 3]).uniform(-1, 1, 8)
     plain = world.recorded_poses(motion(world, q0, v0, n_steps=n_steps, dt=dt)[0])
     low, high = math.log(strength.low), math.log(strength.high)
     at, best = 0.5 * (low + high), None
     for _ in range(TRIES):
         values = {key: float(x) for key, x in strength.values(math.exp(at), u).items()}
-        if name in STRENGTHS:
+        if name not in OUTSIDE:
             there = world_with(world, {name: values})
             clocked = dt / there.recording.clock_rate
             moved = there.recorded_poses(motion(there, q0, v0, n_steps=n_steps, dt=clocked)[0])
         else:
             push = push_of(name, values, count=len(q0), seconds=n_steps * dt, seed=seed)
             moved = world.recorded_poses(motion(world, q0, v0, n_steps=n_steps, dt=dt, push=push)[0])
-        ratio = way_between(plain, moved, dt) / noise
+        ratio = way_between(plain, moved, dt, world.object) / noise
         off = math.log(max(ratio, 1e-3) / target)
         if best is None or abs(off) < best[0]:
             best = (abs(off), values, ratio)

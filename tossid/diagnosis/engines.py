@@ -3,10 +3,10 @@
 Rigid contact with friction is not one law but several. MuJoCo's is the convex relaxation of Coulomb's (Anitescu 2006):
 what slips also lifts off, a cube that slides at 1 m/s by 1.5 mm. Which of the two the tosses follow is found out before
 any effect is looked for (`LIFTING`, in tossid's own simulator), and is no effect. Beyond that, impacts on several
-corners, how much contact gives way, and, where there are any, how several corners bounce and what torsional friction and
-rolling resistance leave of sliding friction are an engine's own. So each window has one nuisance more, c: how many times
-the difference between another engine and ours, both with the same body, contact and gravity, is in the misses,
-c ~ N(0, 1). Where a MuJoCo model is asked about, its difference to our reading of it is expected once, c ~ N(1, 1).
+corners, how much contact gives way, how several corners bounce, and what torsional friction and rolling resistance
+leave of sliding friction are an engine's own. So each window has one nuisance more, c: how many times the difference
+between another engine and ours, both with the same body, contact and gravity, is in the misses, c ~ N(0, 1).
+Where a MuJoCo model is asked about, its difference to our reading of it is expected once, c ~ N(1, 1).
 """
 
 from __future__ import annotations

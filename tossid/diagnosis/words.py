@@ -284,6 +284,9 @@ def wrench_words(component: str) -> str:
 
 def state_words(state: str) -> tuple[str, str]:
     """A state that a wrench may depend on, and its unit."""
+    if state.startswith("joint_"):
+        name = state.replace("_", " ")
+        return (name.replace(" rate", "'s rate"), "rad/s") if state.endswith("_rate") else (f"{name}'s angle", "rad")
     return _STATES.get(state, (state, "1"))
 
 

@@ -14,7 +14,6 @@ that took no part. The best of all such pairs counts only if signs drawn by toss
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,7 +64,8 @@ STATES = (
     "time", "x", "y", "height", "lowest_corner", "velocity_x", "velocity_y", "velocity_z", "horizontal_speed",
     "speed", "spin", "spin_vertical",
 )  # fmt: skip
-"""Means over a window, but for the lowest corner, which is the deepest that any gets; SI units, the world's frame."""
+"""Means over a window, but for the lowest corner, which is the deepest that any gets; SI units, the world's frame. And
+the angle of each joint, from -pi to pi, and its rate: joint_1, joint_1_rate and so on."""
 
 
 def wrenches(evidence: Evidence, hypothesis: Hypothesis, residual: Array) -> tuple[Array, Array]:
@@ -153,13 +153,13 @@ def residual_wrench(
     states, velocity, spin, turned = _states(windows, model)
     value, variance = _components(wrench, cov, velocity, spin, turned)
     weight = float(hypothesis.base.object.mass.sum()) * GRAVITY
-    names = components_of(model)
+    names = components_of(value.shape[1])
     most = WIDE * weight * np.where([name.startswith("force") for name in names], 1.0, 0.5 * model.width)
     variance = np.where(variance < (KNOWN * most) ** 2, variance, np.inf)
     flying, touching = phase_groups(windows)
     rng = np.random.default_rng(seed)
     found = [
-        relate(phase, names, value[rows], variance[rows], states[rows], windows.toss[rows], rng)
+        relate(phase, value[rows], variance[rows], states[rows], windows.toss[rows], rng)
         for phase, rows in (("flight", flying), ("contact", touching))
     ]
     return tuple(each for each in found if each is not None)
@@ -176,7 +176,7 @@ def phase_groups(windows: Windows) -> tuple[Flags, Flags]:
 
 
 def _states(windows: Windows, model: ObjectModel) -> tuple[Array, Array, Array, Array]:
-    """(W, len(STATES)) states as measured; mean velocity (W, 3) and spin (W, 3) [world]; attitude half way (W, 4)."""
+    """(W, len(states_of)) states as measured; mean velocity (W, 3), spin (W, 3) [world]; attitude half way (W, 4)."""
     W, F, dt = len(windows.y), windows.y.shape[1], windows.dt
     n = np.minimum(windows.steps, F)
     there = np.arange(F) < n[:, None]
@@ -198,10 +198,18 @@ def _states(windows: Windows, model: ObjectModel) -> tuple[Array, Array, Array, 
             np.linalg.norm(velocity, axis=1),
             np.linalg.norm(spin, axis=1),
             spin[:, 2],
+            *_turn(windows.y[rows, n // 2, 7:]).T,
+            *((windows.y[rows, n - 1, 7:] - windows.y[:, 0, 7:]) / span[:, None]).T,
         ],
         axis=1,
     )
     return states, velocity, spin, windows.y[rows, n // 2, 3:7]
+
+
+def _turn(angle: Array) -> Array:
+    """Angles within half a turn of zero."""
+    out: Array = (angle + np.pi) % (2 * np.pi) - np.pi
+    return out
 
 
 def _components(wrench: Array, cov: Array, velocity: Array, spin: Array, turned: Array) -> tuple[Array, Array]:
@@ -230,30 +238,29 @@ def _components(wrench: Array, cov: Array, velocity: Array, spin: Array, turned:
     return np.stack(values, axis=1), np.stack(variances, axis=1)
 
 
-def components_of(model: ObjectModel) -> tuple[str, ...]:
-    """Names of the components of an object's residual wrench."""
-    return COMPONENTS + tuple(f"torque_joint_{k + 1}" for k in range(model.n_joints))
+def components_of(count: int) -> tuple[str, ...]:
+    """Names of so many components."""
+    return COMPONENTS + tuple(f"torque_joint_{k + 1}" for k in range(count - len(COMPONENTS)))
+
+
+def states_of(count: int) -> tuple[str, ...]:
+    """Names of so many states."""
+    joints = [f"joint_{k + 1}" for k in range((count - len(STATES)) // 2)]
+    return (*STATES, *joints, *(f"{name}_rate" for name in joints))
 
 
 def relate(
-    phase: str,
-    components: Sequence[str],
-    value: Array,
-    variance: Array,
-    states: Array,
-    toss: NDArray[np.int64],
-    rng: np.random.Generator,
+    phase: str, value: Array, variance: Array, states: Array, toss: NDArray[np.int64], rng: np.random.Generator
 ) -> Relation | None:
     """The pair of component and state that explains most on tosses that took no part; None for too few windows.
 
     Args:
-        components: their names.
-        value, variance: (W, len(components)) [N], [N m] and squares; an infinite variance is no value.
-        states: (W, len(STATES)).
+        value, variance: (W, len(components_of)) [N], [N m] and squares; an infinite variance is no value.
+        states: (W, len(states_of)).
         toss: (W,) whose.
     """
-    names, toss = np.unique(toss, return_inverse=True)
-    n = len(names)
+    whose, toss = np.unique(toss, return_inverse=True)
+    n, components, names = len(whose), components_of(value.shape[1]), states_of(states.shape[1])
     signs = rng.choice([-1.0, 1.0], (n, FLIPS))
     fold = rng.permutation(n) % FOLDS
     pick = rng.integers(0, n, (RESAMPLES, n))
@@ -268,18 +275,18 @@ def relate(
     scores, chance = {}, np.full(FLIPS, -np.inf)
     for component, each in sets.items():
         drawn = each.y[:, None] * np.concatenate([np.ones((len(each.y), 1)), signs[each.toss]], axis=1)
-        for s in range(len(STATES)):
+        for s in range(len(names)):
             _, share = each.explained(states[each.known, s], drawn)
             scores[component, s] = share[0]
             chance = np.maximum(chance, share[1:])
     component, s = max(scores, key=lambda pair: scores[pair])
     p_value = float((1 + (chance >= scores[component, s]).sum()) / (1 + FLIPS))
 
-    best, k = sets[component], list(components).index(component)
+    best, k = sets[component], components.index(component)
     x = states[best.known, s]
     centred = best.y - np.average(best.y, weights=best.weight)
     drawn = centred[:, None] * np.concatenate([np.ones((len(x), 1)), signs[best.toss]], axis=1)
-    chance = np.max([best.explained(states[best.known, i], drawn)[1][1:] for i in range(len(STATES))], axis=0)
+    chance = np.max([best.explained(states[best.known, i], drawn)[1][1:] for i in range(len(names))], axis=0)
     beyond, share = best.explained(x, drawn)
     p_state = float((1 + (chance >= share[0]).sum()) / (1 + FLIPS))
     r2, r2_state = best.interval(best.explained(x, best.y[:, None])[0], pick), best.interval(beyond, pick)
@@ -292,7 +299,7 @@ def relate(
         windows=len(x),
         tosses=len(np.unique(best.toss)),
         component=component,
-        state=STATES[s],
+        state=names[s],
         r2=r2,
         p_value=p_value,
         clear=clear,
