@@ -328,6 +328,10 @@ def next_toss_words(found: dict[str, Any]) -> list[str]:
     w, x, y, z = release["attitude_wxyz"]
     vx, vy, _ = release["velocity_ms"]
     heading = math.degrees(math.atan2(vy, vx))
+    joints = [
+        f"joint {k} at {at:.2f} and {rate:.1f} a second (rad, m);"
+        for k, (at, rate) in enumerate(zip(release["joints"], release["joint_rates"], strict=True), start=1)
+    ]
     return [
         f"To tell {between} apart, make this toss:",
         f"release with the lowest corner {100 * release['lowest_corner_m']:.0f} cm above the ground, at "
@@ -337,6 +341,7 @@ def next_toss_words(found: dict[str, Any]) -> list[str]:
         f"spin it at {release['spin_rads']:.1f} rad/s, ("
         + ", ".join(f"{s:.1f}" for s in release["spin_body_rads"])
         + ") about its own axes;",
+        *joints,
         f"attitude (quaternion w x y z) {w:.2f} {x:.2f} {y:.2f} {z:.2f}.",
         f"Expected: the two nearest explanations are {found['separation_sd']:.1f} standard deviations apart in this "
         f"toss; a toss like those seen gives {found['separation_of_tosses_seen_sd']:.1f}. (An upper bound: a refit "
