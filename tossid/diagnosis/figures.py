@@ -61,7 +61,7 @@ def where_it_lies(diagnosis: Diagnosis, *, title: str = "Where the gap is") -> F
     axes = panel_grid(figure, 1, 2, left=0.7, right=1.0, top=1.25, bottom=0.85, between=2.45)[0]
     groups = (
         ("By phase of the motion", before.by_phase, after.by_phase, lambda name: name),
-        ("By channel", before.by_channel, after.by_channel, lambda name: CHANNELS.get(name, name)),
+        ("By channel", before.by_channel, after.by_channel, lambda name: CHANNELS.get(name, name.replace("_", " "))),
     )
     for ax, (name, one, other, words) in zip(axes, groups, strict=True):
         ax.set_title(name)

@@ -37,7 +37,8 @@ LEVEL = 0.05
 """Family-wise level of naming an effect in a round."""
 MATTERS = 0.004
 """Share of the gap that an effect must close to be named."""
-MOST_EFFECTS = 9
+MOST_EFFECTS, MOST_ROUNDS = 9, 12
+"""Of a search; an effect that has joined may leave again."""
 CANDIDATES = 6
 """Effects fitted in full in a round."""
 PROMISING = 3.0
@@ -261,8 +262,10 @@ class Search:
         tried: dict[str, Candidate] = {}
         near: list[Candidate] = []
         less: dict[str, Candidate] = {}
-        for turn in range(MOST_EFFECTS - len(present.hypothesis.effects)):
-            self.tell(f"round {turn + 1}", done + 0.08 * turn)
+        for turn in range(MOST_ROUNDS):
+            if len(present.hypothesis.effects) == MOST_EFFECTS:
+                break
+            self.tell(f"round {turn + 1}", min(done + 0.08 * turn, 0.75))
             fitted = self._round(first, present)
             if turn == 0:
                 tried = {each.name: each for each in fitted}

@@ -120,7 +120,7 @@ def _mostly(begin: str, shares: Sequence[Share]) -> str:
     if not order:
         return ""
     words = {**_PHASES, **_CHANNELS}
-    parts = [f"{words.get(s.name, s.name)} ({percent(s.share.value)})" for s in order]
+    parts = [f"{words.get(s.name, s.name.replace('_', ' '))} ({percent(s.share.value)})" for s in order]
     return f" {begin} {listed(parts)}."
 
 
