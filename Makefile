@@ -4,6 +4,7 @@
 #     further arguments for pip. torch is pinned to an exact version; what pip takes by default on Linux
 #     is its CUDA build (several GB). On a machine without a GPU, name the index of torch's CPU builds here;
 #     with a GPU, name the index of the build for your CUDA version, or nothing.
+# make TEST_JOBS=8 test               so many tests at once
 # make DATA=FOLDER experiments        FOLDER holds contactnets_cube (README.md, "Studies")
 # make DATA=FOLDER tagslam            FOLDER holds tagslam_test (docs/experiments/vision.md)
 
@@ -12,6 +13,7 @@ PIP_ARGS ?=
 VENV     := .venv
 BIN      := $(VENV)/bin
 STAMP    := $(VENV)/.installed
+TEST_JOBS ?= 2
 DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
@@ -44,10 +46,10 @@ truth: $(STAMP)  ## filmed tosses from images to velocities, against the truth; 
 	$(RUN_ONE) $(BIN)/python -m pipelines.against_truth
 
 test: $(STAMP)  ## the tests
-	$(RUN_ONE) $(BIN)/python -m pytest -q
+	$(RUN_ONE) $(BIN)/python -m pytest -q -n $(TEST_JOBS)
 
 test-slow: $(STAMP)  ## the tests that take minutes
-	$(RUN_ONE) $(BIN)/python -m pytest -q -m slow
+	$(RUN_ONE) $(BIN)/python -m pytest -q -n $(TEST_JOBS) -m slow
 
 check: $(STAMP)  ## formatter, linter, type checker, import rules
 	$(BIN)/ruff format --check .

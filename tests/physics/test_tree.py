@@ -85,7 +85,7 @@ def plain_step(system: System, q: np.ndarray, v: np.ndarray, h: float) -> tuple[
     b = J @ vf
     soft = (phi < 0) | (phi + h * b[:n] < 0)
     # a spring at the step's end damps by k h, which is taken off its damper
-    settling = h + system.relaxation if system.compliance == 0 else max(h, system.relaxation)
+    settling = h + system.relaxation if system.compliance == 0 else np.hypot(h, system.relaxation)
     b[:n] += phi / np.where(soft, settling, h)
     A = J @ np.linalg.solve(work.M, J.T)
     slack = system.compliance / (h * settling)

@@ -60,7 +60,7 @@ TURN = 1.0
 def steps_of(world: World) -> dict[str, int]:
     """Simulator steps a frame, and parts of a step with an impact where contact yields; rigid impacts end steps.
 
-    Where contact yields, median errors after 24 frames are 0.7 to 2.7 mm in eight parts, 0.5 to 1.8 mm in 16.
+    Where contact yields, median errors after 24 frames are 0.7 to 3.3 mm in eight parts, 0.5 to 1.9 mm in 16.
     """
     return {"substeps": 4, "impact_parts": 8 if world.object.compliance == 0 else 16}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp, log
+from math import exp, log, sqrt
 
 import numpy as np
 import torch
@@ -67,6 +67,8 @@ class ContactLaw(nn.Module):
     CONTACT_TIMES = (0.5, 1.0, 2.0, 3.0, 5.0)
     DAMPINGS = (0.2, 0.4, 0.7, 1.5)
     """Starts that a fit looks through: between hardly any bounce and much of it the loss has ridges."""
+    STEP = 1.7
+    """[ms] of rollouts: less damping than one step's is not told from none, and starts have more than that."""
 
     def __init__(self, model: ObjectModel, *, learn: bool) -> None:
         super().__init__()
@@ -88,8 +90,9 @@ class ContactLaw(nn.Module):
     def starts(self) -> list[Tensor]:
         """Values to start from, with the cohesion that there is."""
         cohesion = float(self.value[2].detach())
-        pairs = [(time, damping) for time in self.CONTACT_TIMES for damping in self.DAMPINGS]
-        return [torch.tensor([log(time), log(damping), cohesion], dtype=torch_double) for time, damping in pairs]
+        pairs = [(time, damping * time) for time in self.CONTACT_TIMES for damping in self.DAMPINGS]
+        seen = [(time, sqrt(slow**2 + 2 * self.STEP * slow)) for time, slow in pairs]
+        return [torch.tensor([log(time), log(slow / time), cohesion], dtype=torch_double) for time, slow in seen]
 
 
 class ResidualNet(nn.Module):

@@ -212,9 +212,10 @@ def find_corners(  # type: ignore[no-untyped-def]
 def settling(h, compliance, relaxation):  # type: ignore[no-untyped-def]
     """Time [s] over which a corner that touches is to be back where it belongs, in a step of length h.
 
-    A spring at the step's end damps by k h: that is taken off its damper, as far as it goes.
+    A spring at the step's end damps by k h. That is taken off its damper, as far as it goes, and smoothly: of a damper
+    that is weaker, and learned, the motion must still tell.
     """
-    return max(h, relaxation) if compliance > 0.0 else h + relaxation
+    return math.sqrt(h * h + relaxation * relaxation) if compliance > 0.0 else h + relaxation
 
 
 @jit

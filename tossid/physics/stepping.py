@@ -13,19 +13,18 @@ there is any, is Newton's: an approaching corner must leave with J_n v' >= -e J_
 
 A compliant corner is a spring and a damper at the step's end, phi' = phi + h J_n v',
 
-    lam_n / h = max(0, -k phi' - (d - k h) J_n v'),     k = 1 / compliance,     d = k relaxation >= k h
+    lam_n / h = max(0, -k phi' - (d - k h) J_n v'),     k = 1 / compliance,     d = k relaxation
 
-which is the complementarity of a rigid one with another gap and a slack:
+with k h off its damper, by which a spring at the step's end damps; smoothly, since there may be less (s in place of
+h + (relaxation - h)). That is the complementarity of a rigid one with another gap and a slack:
 
-    0 <= lam_n  _|_  phi / relaxation + J_n v' + compliance / (h relaxation) lam_n >= 0
+    0 <= lam_n  _|_  phi / s + J_n v' + compliance / (h s) lam_n >= 0,     s = sqrt(h² + relaxation²)
 
 as in Castro, Permenter and Han, "An unconstrained convex formulation of compliant contact", T-RO 2022 (whose convex
-friction is not used here), but for the k h by which a spring at the step's end damps: that is taken off the damper, as
-far as it goes (`contact.settling`). The damper does not act at a distance: a corner above the ground that would not
-reach it in free motion, and is pushed there by others, has phi / h for its gap. Its tangential rows have a thousandth
-of the slack (their sigma): several compliant corners that stick would else leave only slips of 1e-6 m/s to balance
-their loads, which no solver finds soon. A sticking corner creeps by that slack times lam_t, 1e-5 m/s for a newton at
-33 kN/m.
+friction is not used here). The damper does not act at a distance: a corner above the ground that would not reach it in
+free motion, and is pushed there by others, has phi / h for its gap. Its tangential rows have a thousandth of the slack
+(their sigma): several compliant corners that stick would else leave only slips of 1e-6 m/s to balance their loads,
+which no solver finds soon. A sticking corner creeps by that slack times lam_t, 1e-5 m/s for a newton at 33 kN/m.
 
 Where a toss begins with a corner in rigid ground, the ground is as deep below that corner and rises at 2 cm/s
 (`above_ground`): recorded states are noisy, and phi / h of a depth that is noise would be a kick.
