@@ -34,10 +34,14 @@ def quat_normalize(quat: ArrayLike) -> Array:
 def quat_mul(a: ArrayLike, b: ArrayLike) -> Array:
     """Hamilton product, R(a b) = R(a) R(b). (*b, 4), (*b, 4) -> (*b, 4)."""
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    aw, av = a[..., :1], a[..., 1:]
-    bw, bv = b[..., :1], b[..., 1:]
-    w = aw * bw - np.sum(av * bv, axis=-1, keepdims=True)
-    return np.concatenate([w, aw * bv + bw * av + _cross(av, bv)], axis=-1)
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    aw, ax, ay, az = (a[..., k] for k in range(4))
+    bw, bx, by, bz = (b[..., k] for k in range(4))
+    out[..., 0] = aw * bw - ax * bx - ay * by - az * bz
+    out[..., 1] = aw * bx + ax * bw + ay * bz - az * by
+    out[..., 2] = aw * by - ax * bz + ay * bw + az * bx
+    out[..., 3] = aw * bz + ax * by - ay * bx + az * bw
+    return out
 
 
 def quat_conj(quat: ArrayLike) -> Array:
@@ -100,12 +104,11 @@ def quat_exp(rotvec: ArrayLike) -> Array:
 def quat_log(quat: ArrayLike) -> Array:
     """Rotation vector [rad] of the shorter way, norm in [0, pi]. (*b, 4) -> (*b, 3)."""
     quat = np.asarray(quat, dtype=float)
-    quat = np.where(quat[..., :1] < 0, -quat, quat)
-    w, u = quat[..., :1], quat[..., 1:]
-    s = np.linalg.norm(u, axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(s, w)
-    scale = np.where(s > _SMALL, angle / np.where(s > _SMALL, s, 1.0), 2.0)
-    return scale * u
+    w, x, y, z = (quat[..., k] for k in range(4))
+    s = np.sqrt(x * x + y * y + z * z)
+    angle = 2.0 * np.arctan2(s, np.abs(w))
+    scale = np.where(s > _SMALL, angle / np.maximum(s, _SMALL), 2.0)
+    return np.where(w < 0, -scale, scale)[..., None] * quat[..., 1:]
 
 
 def quat_boxminus(a: ArrayLike, b: ArrayLike) -> Array:

@@ -10,11 +10,11 @@ import pytest
 from tests.diagnosis.tossed import seen
 from tests.models.conftest import cube
 from tossid.diagnosis.whitening import linearise
-from tossid.diagnosis.windows import TURN, make_windows
+from tossid.diagnosis.windows import LENGTH, LONG, STILL, TURN, difference, make_windows
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics.effects import World
 from tossid.rotations import quat_exp, quat_mul
-from tossid.types import Toss
+from tossid.types import Phase, Toss
 
 __all__ = ["cube"]
 
@@ -29,6 +29,20 @@ def test_first_flights_end_before_the_ground_wherever_it_is(cube: ObjectModel, r
         assert corner_positions(cube, last)[:, 2].min() > raised - 1e-3
         assert windows.frame[i, 0] == 1
     assert not windows.counted[windows.free].any()
+
+
+def test_rest_is_in_long_windows_whatever_the_noise_of_recorded_velocities(cube: ObjectModel) -> None:
+    tosses = seen(World(cube), cube, 6, seed=1, frames=200)
+    windows = make_windows(tosses)
+    resting = np.flatnonzero(windows.steady & (windows.phase[:, 0] != Phase.FLIGHT))
+    assert len(resting) >= 6
+    assert (windows.steps[resting] <= LONG).all() and (windows.steps[resting] > LENGTH).all()
+    for i in resting:
+        moved = difference(windows.y[i, : windows.steps[i]], windows.q[i])
+        assert (np.abs(moved) < STILL * windows.y_noise[i, : windows.steps[i]]).all()
+    for k in range(len(tosses)):
+        own = windows.steps[windows.toss == k]
+        assert 200 - LENGTH // 2 < own.sum() <= 200
 
 
 def with_slow_errors(tosses: list[Toss], size: tuple[float, float]) -> list[Toss]:

@@ -138,8 +138,8 @@ class Engine:
             other = MujocoWorld(self.model, replace(ours, ground_height=0.0, ground_tilt=(0.0, 0.0)))
         (W, L), K = windows.inside.shape, windows.channels
         values, misses = np.zeros((W, L, K)), np.zeros((W, L, K))
-        # one free flight is as good as another, but for what a user's model has in it
-        asked = np.full(W, self.model is not None) | ~windows.free
+        # one flight or rest is as good as another, but for what a user's model has in it
+        asked = np.full(W, self.model is not None) | ~(windows.free | windows.steady)
         for some in (asked & (windows.steps <= LENGTH), asked & (windows.steps > LENGTH)):
             rows = np.flatnonzero(some)
             if not len(rows):

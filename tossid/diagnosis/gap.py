@@ -97,7 +97,9 @@ def channels_of(count: int) -> tuple[str, ...]:
 def _rms_of(tosses: Sequence[Toss], length: int, state: Candidate, judge: Judge) -> float:
     """Root mean square of whitened misses in windows of so many frames."""
     world, model = state.hypothesis.world(), state.hypothesis.base.object
-    windows = make_windows(tosses, model, length=length, flight=0, first_flights=False)
+    windows = make_windows(tosses, model, length=length, long=0, first_flights=False)
+    # of short ones some are enough
+    windows = windows.rows(np.arange(0, len(windows.toss), max(1, LENGTH // length)))
     kept, whitening = linearise(windows, world, n_threads=judge.n_threads)
     evidence = judge.with_engine(Evidence(kept, whitening, judge.n_threads), state.hypothesis, restarts=0)
     r = evidence.residual(world)[evidence.windows.inside]

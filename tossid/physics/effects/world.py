@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tossid.objects import GRAVITY, JointType, ObjectModel
 from tossid.physics.forces import Forces, Law
-from tossid.physics.stepping import simulate
+from tossid.physics.stepping import TOLERANCE, simulate
 from tossid.physics.system import Residual, System, make_system
 from tossid.rotations import quat_conj, quat_exp, quat_mul, quat_rotate
 
@@ -128,11 +128,12 @@ class World:
         dt: float,
         substeps: int,
         impact_parts: int = 1,
+        tolerance: float = TOLERANCE,
         n_threads: int = 1,
     ) -> Array:
         """Recorded motions (B, T + 1, nq) from recorded first states (B, nq), (B, nv); NaN where one diverges.
 
-        dt: between recorded frames, on the recording's clock [s].
+        dt: between recorded frames, on the recording's clock [s]. The rest is as in `simulate`.
         """
         q, v = self.to_ground(q0, v0)
         run = simulate(
@@ -143,6 +144,7 @@ class World:
             dt=dt / self.recording.clock_rate,
             substeps=substeps,
             impact_parts=impact_parts,
+            tolerance=tolerance,
             n_threads=n_threads,
         )
         out = self.recorded_poses(run.q)
