@@ -36,7 +36,8 @@ def test_rest_is_in_long_windows_whatever_the_noise_of_recorded_velocities(cube:
     windows = make_windows(tosses)
     resting = np.flatnonzero(windows.steady & (windows.phase[:, 0] != Phase.FLIGHT))
     assert len(resting) >= 6
-    assert (windows.steps[resting] <= LONG).all() and (windows.steps[resting] > LENGTH).all()
+    assert (windows.steps[resting] <= LONG).all()
+    assert (windows.steps[resting] > LENGTH).all()
     for i in resting:
         moved = difference(windows.y[i, : windows.steps[i]], windows.q[i])
         assert (np.abs(moved) < STILL * windows.y_noise[i, : windows.steps[i]]).all()
