@@ -84,8 +84,9 @@ def measure_gap(tosses: Sequence[Toss], state: Candidate, judge: Judge, floor: F
     middle = np.median(mean)
     far = middle + 8 * np.median(np.abs(mean - middle)) + 1.0
     odd = tuple(toss.name for toss, size in zip(tosses, mean, strict=True) if size > far)
-    rms = {LENGTH: total.value} | {each: _rms_of(tosses, each, state, judge) for each in LENGTHS if each != LENGTH}
-    lengths = tuple((length, rms[length], 1.0) for length in LENGTHS)
+    others = [length for length in LENGTHS if length != LENGTH]
+    rms = dict(zip(others, judge.each(lambda length: _rms_of(tosses, length, state, judge), others), strict=True))
+    lengths = tuple((length, rms.get(length, total.value), 1.0) for length in LENGTHS)
     return Gap(total, floor.rms, tuple(share), tuple(channels), lengths, rows, odd)
 
 

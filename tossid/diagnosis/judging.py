@@ -121,13 +121,15 @@ class Judge:
         if self.engine.model is not None:
             tried.append((self, relaxed))
 
-        def fits(judge: Judge, each: World) -> float:
+        def fits(one: tuple[Judge, World]) -> float:
+            judge, each = one
             kept, whitening = linearise(judge.windows, each, refine=4, n_threads=judge.n_threads)
             evidence = judge.with_engine(Evidence(kept, whitening, judge.n_threads), Hypothesis(each), restarts=0)
             residual = evidence.residual(each)
             return float(evidence.log_likelihood(residual, evidence.scales(residual)).sum())
 
-        return max(tried, key=lambda one: fits(*one))
+        fit_of = self.each(fits, tried)
+        return tried[int(np.argmax(fit_of))]
 
     def start(self, hypothesis: Hypothesis, near: Candidate | None = None) -> Candidate:
         """A hypothesis as it stands, fitted to nothing but the windows' first states.
