@@ -5,6 +5,7 @@
 #     is its CUDA build (several GB). On a machine without a GPU, name the index of torch's CPU builds here;
 #     with a GPU, name the index of the build for your CUDA version, or nothing.
 # make TEST_JOBS=8 test               so many tests at once
+# make SECONDS=600 fuzz              so long for each reader of files
 # make DATA=FOLDER experiments        FOLDER holds contactnets_cube (README.md, "Studies")
 # make DATA=FOLDER tagslam            FOLDER holds tagslam_test (docs/experiments/vision.md)
 
@@ -14,11 +15,12 @@ VENV     := .venv
 BIN      := $(VENV)/bin
 STAMP    := $(VENV)/.installed
 TEST_JOBS ?= 2
+SECONDS  ?= 60
 DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo experiments tagslam truth test test-slow check format dependencies bench docs figures clean distclean
+.PHONY: help setup demo experiments tagslam truth test test-slow fuzz check format dependencies bench docs figures clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -50,6 +52,10 @@ test: $(STAMP)  ## the tests
 
 test-slow: $(STAMP)  ## the tests that take minutes
 	$(RUN_ONE) $(BIN)/python -m pytest -q -n $(TEST_JOBS) -m slow
+
+fuzz: $(STAMP)  ## search for files that crash what reads them (atheris; Linux)
+	$(BIN)/python -m pip install --quiet $(PIP_ARGS) -e '.[fuzz]'
+	$(RUN_ONE) $(BIN)/python -m tests.fuzz.run --seconds $(SECONDS)
 
 check: $(STAMP)  ## formatter, linter, type checker, import rules
 	$(BIN)/ruff format --check .

@@ -110,11 +110,18 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 
 
 def load_checkpoint(path: Path) -> Checkpoint:
-    """The trained model of a checkpoint file."""
+    """The trained model of a checkpoint file.
+
+    Raises:
+        FileError: it is no checkpoint, or damaged.
+    """
     content = read_checkpoint(path)
-    config = ModelConfig(**{"start_corners": 0.0, **content["config"]})  # a key that older ones lack
-    about = dict(content["object"])
-    given = object_from_mjcf(about.pop("mjcf"), **about)
-    model = build_model(config, given, seed=content["seed"])
-    model.load_state_dict(content["model"])
-    return Checkpoint(model, config, Path(content["data"]), content["sha256"])
+    try:
+        config = ModelConfig(**{"start_corners": 0.0, **content["config"]})  # a key that older ones lack
+        about = dict(content["object"])
+        given = object_from_mjcf(about.pop("mjcf"), **about)
+        model = build_model(config, given, seed=content["seed"])
+        model.load_state_dict(content["model"])
+        return Checkpoint(model, config, Path(content["data"]), content["sha256"])
+    except Exception as error:  # what is damaged may be anywhere in it
+        raise FileError(path, f"a damaged checkpoint ({type(error).__name__}: {error})") from error

@@ -66,7 +66,9 @@ CORNERS = np.array([[10.0, 30.0], [30.0, 31.0], [31.0, 11.0], [11.0, 10.0]])
 PICTURES = np.random.default_rng(0).integers(0, 255, (20, 48, 64), dtype=np.uint8)
 
 
-def _write(folder: Path, version: int, *, plugin: StoragePlugin = StoragePlugin.SQLITE3, rauch: bool = False) -> Path:
+def write_bag(
+    folder: Path, version: int, *, plugin: StoragePlugin = StoragePlugin.SQLITE3, rauch: bool = False, frames: int = 20
+) -> Path:
     """20 frames a camera at 10 Hz: detections of both, plain images of the left and packed ones of the right."""
     path = folder / ("bag.bag" if version == 1 else "bag")
     store = STORES[version]
@@ -82,7 +84,7 @@ def _write(folder: Path, version: int, *, plugin: StoragePlugin = StoragePlugin.
             image_topic = f"/{camera.name}/image" + ("/compressed" if camera.name == "right" else "")
             for what, topic in (("tags", camera.tag_topic), (camera.name, image_topic)):
                 connections[camera.name, what] = writer.add_connection(topic, types[what], typestore=store)
-        for i in range(20):
+        for i in range(frames):
             for camera in CAMERAS:
                 t_ns = 10**9 + i * 10**8 + round(camera.clock_offset * 1e9)
                 messages = (
@@ -106,7 +108,7 @@ def _set_up(folder: Path, tagged: ObjectModel) -> None:
     [(1, StoragePlugin.SQLITE3, False), (2, StoragePlugin.SQLITE3, False), (2, StoragePlugin.MCAP, True)],
 )
 def test_detections_come_back(tmp_path: Path, version: int, plugin: StoragePlugin, rauch: bool):
-    found = read_bag_detections(_write(tmp_path, version, plugin=plugin, rauch=rauch), CAMERAS, sigma=0.5)
+    found = read_bag_detections(write_bag(tmp_path, version, plugin=plugin, rauch=rauch), CAMERAS, sigma=0.5)
     assert found.n_frames == {"left": 20, "right": 20}
     assert found.problems == ()
     assert len(found.detections) == 40
@@ -121,7 +123,7 @@ def test_detections_come_back(tmp_path: Path, version: int, plugin: StoragePlugi
 
 @pytest.mark.parametrize("version", [1, 2])
 def test_images_come_back(tmp_path: Path, tagged: ObjectModel, version: int):
-    _write(tmp_path, version)
+    write_bag(tmp_path, version)
     _set_up(tmp_path, tagged)
     recording = read_bag_images(tmp_path)
     assert recording.n_frames == 40
@@ -135,7 +137,7 @@ def test_images_come_back(tmp_path: Path, tagged: ObjectModel, version: int):
 
 
 def test_a_packed_bag_is_unpacked(tmp_path: Path):
-    plain = _write(tmp_path, 1)
+    plain = write_bag(tmp_path, 1)
     packed = tmp_path / "packed" / "b.bag.bz2"
     packed.parent.mkdir()
     packed.write_bytes(bz2.compress(plain.read_bytes()))
@@ -144,7 +146,7 @@ def test_a_packed_bag_is_unpacked(tmp_path: Path):
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 0.98])
 def test_of_a_bag_that_was_cut_what_is_whole_is_read_and_it_is_said(tmp_path: Path, share: float):
-    path = _write(tmp_path, 1)
+    path = write_bag(tmp_path, 1)
     whole = path.read_bytes()
     path.write_bytes(whole[: int(share * len(whole))])
     found = read_bag_detections(path, CAMERAS, sigma=1.0)
@@ -157,7 +159,7 @@ def test_of_a_bag_that_was_cut_what_is_whole_is_read_and_it_is_said(tmp_path: Pa
 
 @pytest.mark.parametrize("plugin", list(StoragePlugin))
 def test_a_cut_ros2_bag_is_an_error(tmp_path: Path, plugin: StoragePlugin):
-    path = _write(tmp_path, 2, plugin=plugin)
+    path = write_bag(tmp_path, 2, plugin=plugin)
     (data,) = [file for file in path.iterdir() if file.suffix in (".db3", ".mcap")]
     whole = data.read_bytes()
     data.write_bytes(whole[: len(whole) // 2])
@@ -179,7 +181,7 @@ def test_what_is_no_bag_is_said(tmp_path: Path):
 
 
 def test_missing_topics_are_named(tmp_path: Path, tagged: ObjectModel):
-    path = _write(tmp_path, 1)
+    path = write_bag(tmp_path, 1)
     other = (Camera("left", (64, 48), [60, 60, 32, 24], tag_topic="/elsewhere/tags"),)
     with pytest.raises(FileError, match="wanted /elsewhere/tags"):
         read_bag_detections(path, other, sigma=1.0)

@@ -9,13 +9,13 @@ from __future__ import annotations
 import bz2
 import gzip
 import shutil
-import sqlite3
 import struct
 import tempfile
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from io import BytesIO
+from io import SEEK_END, BytesIO
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
@@ -23,11 +23,9 @@ from typing import Any, BinaryIO
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import ReaderError
-from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from tossid.errors import FileError, InputError
@@ -114,19 +112,22 @@ class Bag:
             else:
                 try:
                     self._reader = self._stack.enter_context(AnyReader([plain]))
-                except (AnyReaderError, AssertionError, struct.error) as error:
+                except Exception as error:  # as below
                     self._rescued = _Rescue(plain)
                     if not self._rescued.types():
-                        raise FileError(self.path, f"is not a bag that can be read ({error})") from error
+                        raise FileError(self.path, f"is not a bag that can be read ({_said(error)})") from error
             if self._reader is not None:
                 self.types = {c.topic.lstrip("/"): c.msgtype for c in self._reader.connections}
             elif self._rescued is not None:
                 self.types = self._rescued.types()
                 self.problems.append(f"{self.path} breaks off before its end: {self._rescued.found}")
-        except _DAMAGE as error:
+        except FileError:
+            self._stack.close()
+            raise
+        except Exception as error:  # of a damaged bag, rosbags raises whatever it comes across, MemoryError among it
             self._stack.close()
             lost = f"; {self.problems[0]}" if self.problems else ""
-            raise FileError(self.path, f"is not a bag that can be read ({error}{lost})") from error
+            raise FileError(self.path, f"is not a bag that can be read ({_said(error)}{lost})") from error
         except BaseException:
             self._stack.close()
             raise
@@ -149,7 +150,7 @@ class Bag:
                     shutil.copyfileobj(packed, out, 1 << 14)
             except EOFError:
                 self.problems.append(f"{self.path} is packed, and breaks off before its end")
-            except OSError as error:
+            except (OSError, zlib.error) as error:
                 raise FileError(self.path, f"cannot be unpacked: {error}") from error
         return plain
 
@@ -173,11 +174,12 @@ class Bag:
             if chosen:
                 for connection, t_ns, raw in self._reader.messages(chosen, start=start, stop=stop):
                     yield connection.topic.lstrip("/"), t_ns, self._reader.deserialize(raw, connection.msgtype)
-        except _DAMAGE as error:
-            raise FileError(self.path, f"is damaged: {error}; record or copy it again") from error
+        except Exception as error:
+            raise FileError(self.path, f"is damaged: {_said(error)}; record or copy it again") from error
 
 
-_DAMAGE = (AnyReaderError, ReaderError, SerdeError, TypesysError, sqlite3.Error, struct.error, AssertionError, OSError)
+def _said(error: Exception) -> str:
+    return str(error) or type(error).__name__
 
 
 class _Rescue:
@@ -247,13 +249,20 @@ def _record(stream: BinaryIO) -> tuple[dict[str, bytes] | None, bytes, bool]:
     length = stream.read(4)
     if len(length) < 4:
         return None, b"", False
-    header = stream.read(struct.unpack("<I", length)[0])
+    header, whole = _sized(stream, length)
     size = stream.read(4)
-    if len(header) < struct.unpack("<I", length)[0] or len(size) < 4:
+    if not whole or len(size) < 4:
         return None, b"", False
-    n = struct.unpack("<I", size)[0]
-    data = stream.read(n)
-    return _fields(header), data, len(data) == n
+    data, whole = _sized(stream, size)
+    return _fields(header), data, whole
+
+
+def _sized(stream: BinaryIO, size: bytes) -> tuple[bytes, bool]:
+    """As many bytes as announced, and whether there are as many; no more is asked for than is left."""
+    n, here = struct.unpack("<I", size)[0], stream.tell()
+    left = stream.seek(0, SEEK_END) - here
+    stream.seek(here)
+    return stream.read(min(n, left)), n <= left
 
 
 def _fields(header: bytes) -> dict[str, bytes]:
