@@ -19,10 +19,6 @@ SCREENING = 3
 STEP_SHARES = (1.0, 0.3, 0.1, 0.03)
 """Parts of a screening step that are tried: impacts are far from linear."""
 
-HOPELESS = 4.0
-"""Log-likelihood that a start loses a window, on average, from which it is not tried further. Starts that lead anywhere
-lose less; those of effects that are not there lose 6 to 19."""
-
 
 @dataclass(frozen=True)
 class Screened:
@@ -59,10 +55,8 @@ def screened(judge: Judge, present: Candidate, effect: Effect) -> Screened:
         values = {**here, **start}
         hypothesis = now.hypothesis.plus(effect, np.array([values[p.name] for p in effect.parameters]))
         e = e0.renewed(hypothesis.world(), refine=2, anew=False)
-        tried.append((gains(ll(e, hypothesis), base), hypothesis, e))
-    gain, hypothesis, e = max(tried, key=lambda each: _gain(each[0], each[2]))
-    if gain.mean() < -HOPELESS:
-        return best
+        tried.append((_gain(gains(ll(e, hypothesis), base), e), hypothesis, e))
+    _, hypothesis, e = max(tried, key=lambda each: each[0])
     e = e.renewed(hypothesis.world(), refine=4, restarts=1)
     before = np.maximum(base, ll(e, now.hypothesis))
     begin = _gain(gains(np.maximum(ll(e0, hypothesis), ll(e, hypothesis)), before), e)
