@@ -42,8 +42,8 @@ def run(config: NewObjectConfig, console: Console) -> dict[str, Any]:
         "tags": folder / "tags" / f"{config.name}.yaml",
         "sheet": folder / "tags" / f"{config.name}.pdf",
     }
-    _check(config, files)
     text = _mjcf(config)
+    _check(config, files, text)
     model = _tagged(config, text)
     sheets = tag_sheets(model, paper=config.paper)
     values = {
@@ -77,11 +77,13 @@ def run(config: NewObjectConfig, console: Console) -> dict[str, Any]:
     return {"object": config.name, **files, "pages": len(sheets), "tag_sizes_m": sizes, "key": key}
 
 
-def _check(config: NewObjectConfig, files: dict[str, Path]) -> None:
+def _check(config: NewObjectConfig, files: dict[str, Path], text: str) -> None:
     if not re.fullmatch(r"[A-Za-z][\w-]*", config.name, re.ASCII):
         raise ConfigError("name", f"'{config.name}' will not do; expected letters, digits, '_' and '-'.")
     there = next((path for path in files.values() if path.exists()), None)
-    if there is not None:
+    # written in this order: the same model without an object is what a killed command has left
+    left = there == files["model"] and not files["object"].exists() and there.read_text(errors="replace") == text
+    if there is not None and not left:
         raise FileError(there, "is there already; choose another name, or remove it")
     if any(abs(c) >= edge / 2 for c, edge in zip(config.com, config.box, strict=True)):
         raise ConfigError("com", f"{list(config.com)} lies outside the box; expected metres from its centre.")

@@ -112,3 +112,15 @@ def test_an_object_that_is_there_is_kept(project: Path, capfd: pytest.CaptureFix
     assert app.run([*BRICK, "out=mine", "--quiet"]) == 0
     assert app.run([*BRICK, "out=mine"]) == 2
     assert "mine/object/brick.xml: is there already" in one_line(capfd.readouterr().err)
+
+
+def test_what_a_killed_command_left_is_completed(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert app.run([*BRICK, "out=mine", "--quiet"]) == 0
+    (project / "mine/object/brick.yaml").unlink()
+    (project / "mine/tags/brick.pdf").unlink()
+    assert app.run([*BRICK, "out=mine", "--quiet"]) == 0
+    assert (project / "mine/tags/brick.pdf").exists()
+    (project / "mine/object/brick.yaml").unlink()
+    (project / "mine/object/brick.xml").write_text("<mujoco/>")  # someone's own
+    assert app.run([*BRICK, "out=mine"]) == 2
+    assert "mine/object/brick.xml: is there already" in one_line(capfd.readouterr().err)
