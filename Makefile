@@ -20,7 +20,7 @@ DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo experiments tagslam truth test test-slow fuzz check format dependencies bench docs figures clean distclean
+.PHONY: help setup demo experiments tagslam truth test test-slow fuzz check format dependencies bench scale docs figures clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -72,6 +72,9 @@ dependencies: $(STAMP)  ## what is installed fits together, and has no known vul
 
 bench: $(STAMP)  ## speed of the simulators, the training and the command line
 	$(BIN)/python -m pipelines.bench
+
+scale: $(STAMP)  ## time and memory of the commands against tosses, minutes of film and workers, hours
+	$(RUN_ONE) $(BIN)/python -m pipelines.scale
 
 docs: $(STAMP)  ## the documentation as a site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict

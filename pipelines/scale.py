@@ -1,0 +1,167 @@
+"""`make scale`: time and memory of the commands against tosses, minutes of film, and workers. Hours, by default.
+
+Every command runs in a process of its own; what it and its children took is what the system says at their end. The
+film is one filmed toss over and over, its images linked under later time stamps.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from pipelines.console import Console
+from pipelines.failures import guarded
+from pipelines.pictures import write_figures
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+TOSSES = (10, 100, 1000, 10000)
+MINUTES = (1, 5, 20, 60)
+WORKERS = (1, 2)
+MOST_DIAGNOSED = 100
+"""Tosses that a diagnosis is asked about at most: it is linear in them, and minutes for a hundred."""
+STUDIED = 100
+"""Tosses of the study that workers share."""
+TOSSED = ("frames=false", "engine=lcp", "noise.position=1.5e-4", "noise.rotation=1.5e-3", "seconds=0.7")
+FILM = ("tosses=1", "seed=3", "camera.count=2", "camera.width=640", "camera.height=512", "camera.samples=4")
+TRAIN = ("model=cnrpi", "epochs=4")
+STUDY = ("--sweep", "gravity", "sweep.models=[cn,cnrp]", "sweep.values=[0,4.905,9.81]", "sweep.train=['epochs=60']")
+OUT = Path("outputs/scale")
+PAUSE_NS = 500_000_000
+"""Between the end of a film and its next time."""
+
+
+class Took(NamedTuple):
+    """What a command took: elapsed and CPU seconds, and the most memory of one of its processes [GiB]."""
+
+    what: str
+    size: float
+    elapsed: float
+    cpu: float
+    memory: float
+
+
+def main(tosses: Sequence[int] = TOSSES, minutes: Sequence[float] = MINUTES) -> None:
+    """Measure, print and draw; figures and numbers lie in `OUT`."""
+    console = Console()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        rows = [took for n in tosses for took in _tosses(folder, n, console)]
+        rows += _film(folder, minutes, console)
+        for n in WORKERS:
+            # each anew: what is computed is not computed again
+            (folder / f"workers-{n}").mkdir()
+            keys = [*STUDY, f"data=../tosses-{STUDIED}", f"sweep.workers={n}"]
+            rows.append(_taken("study", n, folder / f"workers-{n}", console, ["evaluate", *keys]))
+    heads = ["command", "size", "elapsed s", "CPU s", "memory GiB"]
+    table = [[r.what, f"{r.size:g}", f"{r.elapsed:.1f}", f"{r.cpu:.1f}", f"{r.memory:.2f}"] for r in rows]
+    console.table(heads, table, title="Tosses; minutes of film (two cameras of 640 by 512 px at 148 Hz); workers")
+    OUT.mkdir(parents=True, exist_ok=True)
+    (OUT / "scale.json").write_text(json.dumps([row._asdict() for row in rows], indent=1))
+    for path in write_figures({"scale": _figure(rows)}, OUT):
+        console.say(f"figure: {path}")
+
+
+def _tosses(folder: Path, n: int, console: Console) -> list[Took]:
+    """The commands on so many tosses, which come through TUM files."""
+    data = f"tosses-{n}"
+    made = _taken("synthesize", n, folder, console, ["synthesize", *TOSSED, f"tosses={n}", f"out={data}"])
+    _as_tum(folder / data, folder / f"tum-{n}")
+    took = [made]
+    keys = ["source=tum", f"source.path=tum-{n}", "object=cube", f"out={data}.h5"]
+    took.append(_taken("ingest", n, folder, console, ["ingest", *keys]))
+    took.append(_taken("train", n, folder, console, ["train", *TRAIN, f"data={data}"]))
+    took.append(_taken("evaluate", n, folder, console, ["evaluate", f"data={data}"]))
+    if n <= MOST_DIAGNOSED:
+        took.append(_taken("diagnose", n, folder, console, ["diagnose", f"data={data}"]))
+    return took
+
+
+def _as_tum(data: Path, out: Path) -> None:
+    from tossid.store import read_dataset, write_tum
+
+    write_tum(out, read_dataset(data / "tosses.h5").tosses)
+
+
+def _film(folder: Path, minutes: Sequence[float], console: Console) -> list[Took]:
+    """`ingest` of the same toss, filmed over and over."""
+    _taken("film", 1, folder, console, ["synthesize", *FILM, "out=film"])
+    took = []
+    for length in minutes:
+        _repeated(folder / "film", folder / "long", 60.0 * length)
+        keys = ["source.path=long", "out=long.h5"]
+        took.append(_taken("ingest film", length, folder, console, ["ingest", *keys]))
+    return took
+
+
+def _repeated(film: Path, out: Path, seconds: float) -> None:
+    """Link a recording's images as often as fills so many seconds; what is in `out` already stays."""
+    cameras = sorted(path for path in (film / "frames").iterdir())
+    stamps = [int(path.stem) for path in cameras[0].iterdir()]
+    length = max(stamps) - min(stamps) + PAUSE_NS
+    for camera in cameras:
+        own = out / "frames" / camera.name
+        own.mkdir(parents=True, exist_ok=True)
+        for turn in range(max(1, round(seconds * 1e9 / length))):
+            for path in camera.iterdir():
+                link = own / f"{int(path.stem) + turn * length:015d}{path.suffix}"
+                if not link.exists():
+                    os.link(path, link)
+    for path in film.iterdir():
+        if path.is_file() and not path.name.startswith("truth"):
+            (out / path.name).write_bytes(path.read_bytes())
+
+
+def _taken(what: str, size: float, folder: Path, console: Console, args: Sequence[str]) -> Took:
+    """Run a command in the folder to its end.
+
+    Raises:
+        subprocess.CalledProcessError: it failed; its own words are on standard error.
+    """
+    console.say(f"$ tossid {' '.join(args)}")
+    started = time.monotonic()
+    process = subprocess.Popen([sys.executable, "-m", "pipelines.app", *args, "--quiet"], cwd=folder)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, process.args)
+    cpu = usage.ru_utime + usage.ru_stime
+    return Took(what, size, time.monotonic() - started, cpu, usage.ru_maxrss / 2**20)
+
+
+def _figure(rows: Sequence[Took]) -> Figure:
+    """CPU time and memory over tosses and over minutes of film."""
+    from tossid.evaluation.figures.style import new_figure, panel_grid
+
+    figure = new_figure("What size costs", "CPU seconds, and the memory of the largest process", height=6.0)
+    axes = panel_grid(figure, 2, 2)
+    for column, (title, names) in enumerate(
+        (
+            ("tosses", ("synthesize", "ingest", "train", "evaluate", "diagnose")),
+            ("minutes of film", ("ingest film",)),
+        )
+    ):
+        for row, (unit, pick) in enumerate((("CPU s", lambda r: r.cpu), ("GiB", lambda r: r.memory))):
+            ax = axes[row, column]
+            for name in names:
+                own = [r for r in rows if r.what == name]
+                ax.plot([r.size for r in own], [pick(r) for r in own], marker="o", markersize=4, label=name)
+            ax.set(xscale="log", xlabel=title, ylabel=unit)
+            if row == 0:
+                ax.set_yscale("log")
+                ax.legend(frameon=False)
+            else:
+                ax.set_ylim(bottom=0)
+    return figure
+
+
+if __name__ == "__main__":
+    sys.exit(guarded(main, "scale"))
