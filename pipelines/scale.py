@@ -14,14 +14,11 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from pipelines.console import Console
 from pipelines.failures import guarded
 from pipelines.pictures import write_figures
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 TOSSES = (10, 100, 1000, 10000)
 MINUTES = (1, 5, 20, 60)
@@ -51,6 +48,8 @@ class Took(NamedTuple):
 
 def main(tosses: Sequence[int] = TOSSES, minutes: Sequence[float] = MINUTES) -> None:
     """Measure, print and draw; figures and numbers lie in `OUT`."""
+    from tossid.evaluation.figures import costs_of_size
+
     console = Console()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -66,7 +65,7 @@ def main(tosses: Sequence[int] = TOSSES, minutes: Sequence[float] = MINUTES) -> 
     console.table(heads, table, title="Tosses; minutes of film (two cameras of 640 by 512 px at 148 Hz); workers")
     OUT.mkdir(parents=True, exist_ok=True)
     (OUT / "scale.json").write_text(json.dumps([row._asdict() for row in rows], indent=1))
-    for path in write_figures({"scale": _figure(rows)}, OUT):
+    for path in write_figures({"scale": costs_of_size(_panels(rows))}, OUT):
         console.say(f"figure: {path}")
 
 
@@ -137,30 +136,16 @@ def _taken(what: str, size: float, folder: Path, console: Console, args: Sequenc
     return Took(what, size, time.monotonic() - started, cpu, usage.ru_maxrss / 2**20)
 
 
-def _figure(rows: Sequence[Took]) -> Figure:
-    """CPU time and memory over tosses and over minutes of film."""
-    from tossid.evaluation.figures.style import new_figure, panel_grid
-
-    figure = new_figure("What size costs", "CPU seconds, and the memory of the largest process", height=6.0)
-    axes = panel_grid(figure, 2, 2)
-    for column, (title, names) in enumerate(
-        (
-            ("tosses", ("synthesize", "ingest", "train", "evaluate", "diagnose")),
-            ("minutes of film", ("ingest film",)),
-        )
-    ):
-        for row, (unit, pick) in enumerate((("CPU s", lambda r: r.cpu), ("GiB", lambda r: r.memory))):
-            ax = axes[row, column]
-            for name in names:
-                own = [r for r in rows if r.what == name]
-                ax.plot([r.size for r in own], [pick(r) for r in own], marker="o", markersize=4, label=name)
-            ax.set(xscale="log", xlabel=title, ylabel=unit)
-            if row == 0:
-                ax.set_yscale("log")
-                ax.legend(frameon=False)
-            else:
-                ax.set_ylim(bottom=0)
-    return figure
+def _panels(rows: Sequence[Took]) -> dict[str, dict[str, list[tuple[float, float, float]]]]:
+    """Costs by what counts as size, and by command."""
+    by_size = {
+        "size [tosses]": ("synthesize", "ingest", "train", "evaluate", "diagnose"),
+        "film [min]": ("ingest film",),
+    }
+    return {
+        size: {name: [(r.size, r.cpu, r.memory) for r in rows if r.what == name] for name in names}
+        for size, names in by_size.items()
+    }
 
 
 if __name__ == "__main__":

@@ -1,0 +1,48 @@
+"""What size costs: processor time and memory against the size of the input."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
+
+from tossid.evaluation.figures.style import new_figure, panel_grid, styled
+
+Cost = tuple[float, float, float]
+"""Size, CPU time [s], memory [GiB]."""
+
+COLORS = ("#0072B2", "#009E73", "#D55E00", "#CC79A7", "#C28E00")
+
+
+@styled
+def costs_of_size(panels: Mapping[str, Mapping[str, Sequence[Cost]]]) -> Figure:
+    """CPU time (both axes logarithmic) above memory, a column for each kind of size.
+
+    Args:
+        panels: name of the size's axis: commands, each with its costs in order of size.
+    """
+    figure = new_figure(
+        "What size costs", "each command in a process of its own; its largest process's memory", height=6.4
+    )
+    axes = panel_grid(figure, 2, len(panels), left=0.85)
+    plain = FuncFormatter(lambda value, _: f"{value:g}")
+    for column, (title, commands) in enumerate(panels.items()):
+        for row, unit in enumerate(("CPU time [s]", "memory [GiB]")):
+            ax = axes[row, column]
+            for color, (name, costs) in zip(COLORS, commands.items(), strict=False):
+                ax.plot([c[0] for c in costs], [c[row + 1] for c in costs], "o-", color=color, label=name)
+            ax.set(xscale="log", xlabel=title)
+            ax.set_xticks(sorted({c[0] for costs in commands.values() for c in costs}))
+            if column == 0:
+                ax.set_ylabel(unit)
+            if row == 0:
+                ax.set_yscale("log")
+                ax.set_ylim(top=50 * max(c[1] for costs in commands.values() for c in costs))
+                ax.legend(ncols=2)
+            else:
+                ax.set_ylim(0, 1.15 * max(c[2] for costs in commands.values() for c in costs))
+            for axis in (ax.xaxis, ax.yaxis):
+                axis.set_major_formatter(plain)
+                axis.set_minor_formatter(NullFormatter())
+    return figure
