@@ -139,7 +139,7 @@ def _taken(what: str, size: float, folder: Path, console: Console, args: Sequenc
 def _panels(rows: Sequence[Took]) -> dict[str, dict[str, list[tuple[float, float, float]]]]:
     """Costs by what counts as size, and by command."""
     by_size = {
-        "size [tosses]": ("synthesize", "ingest", "train", "evaluate", "diagnose"),
+        "tosses [count]": ("synthesize", "ingest", "train", "evaluate", "diagnose"),
         "film [min]": ("ingest film",),
     }
     return {

@@ -8,7 +8,7 @@ from tests.evaluation.figures.reading import assert_legible
 from tossid.evaluation.figures import costs_of_size
 
 COSTS = {
-    "size [tosses]": {
+    "tosses [count]": {
         "train": [(10.0, 20.0, 0.7), (1000.0, 200.0, 1.7)],
         "ingest": [(10.0, 4.0, 0.3), (1000.0, 24.0, 0.3)],
     },

@@ -25,7 +25,7 @@ def costs_of_size(panels: Mapping[str, Mapping[str, Sequence[Cost]]]) -> Figure:
     figure = new_figure(
         "What size costs", "each command in a process of its own; its largest process's memory", height=6.4
     )
-    axes = panel_grid(figure, 2, len(panels), left=0.85)
+    axes = panel_grid(figure, 2, len(panels), left=0.85, between=1.0)
     plain = FuncFormatter(lambda value, _: f"{value:g}")
     for column, (title, commands) in enumerate(panels.items()):
         for row, unit in enumerate(("CPU time [s]", "memory [GiB]")):
@@ -34,8 +34,7 @@ def costs_of_size(panels: Mapping[str, Mapping[str, Sequence[Cost]]]) -> Figure:
                 ax.plot([c[0] for c in costs], [c[row + 1] for c in costs], "o-", color=color, label=name)
             ax.set(xscale="log", xlabel=title)
             ax.set_xticks(sorted({c[0] for costs in commands.values() for c in costs}))
-            if column == 0:
-                ax.set_ylabel(unit)
+            ax.set_ylabel(unit)
             if row == 0:
                 ax.set_yscale("log")
                 ax.set_ylim(top=50 * max(c[1] for costs in commands.values() for c in costs))
