@@ -81,6 +81,9 @@ def test_what_mujoco_cannot_express_is_simulated_by_lcp() -> None:
 def test_an_effect_is_taken_out_with_all_that_contain_it() -> None:
     assert Case(0, "without", "lcp", ("linear_drag",), (20.0,), 0).without == ("linear_drag", "wind")
     assert Case(0, "without", "lcp", ("restitution",), (20.0,), 0).without == ("restitution",)
+    tilted = {"uniform_force", "world_tilt", "ground_tilt"}  # each is what the others make together
+    assert set(Case(0, "without", "lcp", ("uniform_force",), (20.0,), 0).without) == tilted | {"position_force"}
+    assert set(Case(0, "without", "lcp", ("ground_tilt",), (20.0,), 0).without) == tilted
     assert Case(0, "effect", "lcp", ("linear_drag",), (20.0,), 0).without == ()
 
 

@@ -31,6 +31,8 @@ KINDS: tuple[Kind, ...] = ("effect",) * 5 + ("null",) * 2 + ("pair", "outside", 
 SUBSTEPS, IMPACT_PARTS = 32, 8
 """Steps a frame of engine lcp, and parts of one with an impact: far more than the diagnosis takes, whose errors the
 truth must not share."""
+TOGETHER = frozenset({"uniform_force", "world_tilt", "ground_tilt"})
+"""Each is what the other two make: gravity of another direction, in a frame and on a ground that are tilted or not."""
 REST = 0.01
 """Speed [m/s] below which the object rests."""
 TRIES = 8
@@ -49,10 +51,12 @@ class Case:
 
     @property
     def without(self) -> tuple[str, ...]:
-        """What is taken out of the library: the effect, and all that contain it."""
+        """What is taken out of the library: the effect, all that contain it, and what together would say the same."""
         if self.kind != "without":
             return ()
-        return tuple(e.name for e in LIBRARY if e.name in self.effects or set(self.effects) & set(e.contains))
+        out = {e.name for e in LIBRARY if e.name in self.effects or set(self.effects) & set(e.contains)}
+        out |= TOGETHER if set(self.effects) & TOGETHER else set()
+        return tuple(e.name for e in LIBRARY if e.name in out)
 
     def as_json(self) -> dict[str, Any]:
         """Plain values."""

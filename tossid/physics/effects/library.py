@@ -340,7 +340,7 @@ LIBRARY: tuple[Effect, ...] = (
         "impacts bounce",
         _restitution,
         lambda w: {"e": w.object.restitution},
-        starts=({"e": 0.15}, {"e": 0.4}, {"e": 0.65}),
+        starts=({"e": 0.15}, {"e": 0.3}, {"e": 0.45}, {"e": 0.65}),
     ),
     Effect(
         "compliance",
