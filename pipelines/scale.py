@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from pipelines.console import Console
 from pipelines.failures import guarded
+from pipelines.outputs import output_file
 from pipelines.pictures import write_figures
 
 TOSSES = (10, 100, 1000, 10000)
@@ -63,8 +64,8 @@ def main(tosses: Sequence[int] = TOSSES, minutes: Sequence[float] = MINUTES) -> 
     heads = ["command", "size", "elapsed s", "CPU s", "memory GiB"]
     table = [[r.what, f"{r.size:g}", f"{r.elapsed:.1f}", f"{r.cpu:.1f}", f"{r.memory:.2f}"] for r in rows]
     console.table(heads, table, title="Tosses; minutes of film (two cameras of 640 by 512 px at 148 Hz); workers")
-    OUT.mkdir(parents=True, exist_ok=True)
-    (OUT / "scale.json").write_text(json.dumps([row._asdict() for row in rows], indent=1))
+    with output_file(OUT / "scale.json") as temporary:
+        temporary.write_text(json.dumps([row._asdict() for row in rows], indent=1))
     for path in write_figures({"scale": costs_of_size(_panels(rows))}, OUT):
         console.say(f"figure: {path}")
 
@@ -72,9 +73,9 @@ def main(tosses: Sequence[int] = TOSSES, minutes: Sequence[float] = MINUTES) -> 
 def _tosses(folder: Path, n: int, console: Console) -> list[Took]:
     """The commands on so many tosses, which come through TUM files."""
     data = f"tosses-{n}"
-    made = _taken("synthesize", n, folder, console, ["synthesize", *TOSSED, f"tosses={n}", f"out={data}"])
+    keys = [*TOSSED, f"tosses={n}", f"out={data}"]
+    took = [_taken("synthesize", n, folder, console, ["synthesize", *keys])]
     _as_tum(folder / data, folder / f"tum-{n}")
-    took = [made]
     keys = ["source=tum", f"source.path=tum-{n}", "object=cube", f"out={data}.h5"]
     took.append(_taken("ingest", n, folder, console, ["ingest", *keys]))
     took.append(_taken("train", n, folder, console, ["train", *TRAIN, f"data={data}"]))

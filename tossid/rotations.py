@@ -37,10 +37,10 @@ def quat_mul(a: ArrayLike, b: ArrayLike) -> Array:
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     aw, ax, ay, az = (a[..., k] for k in range(4))
     bw, bx, by, bz = (b[..., k] for k in range(4))
-    out[..., 0] = aw * bw - ax * bx - ay * by - az * bz
-    out[..., 1] = aw * bx + ax * bw + ay * bz - az * by
-    out[..., 2] = aw * by - ax * bz + ay * bw + az * bx
-    out[..., 3] = aw * bz + ax * by - ay * bx + az * bw
+    out[..., 0] = aw * bw - (ax * bx + ay * by + az * bz)
+    out[..., 1] = aw * bx + bw * ax + (ay * bz - az * by)
+    out[..., 2] = aw * by + bw * ay + (az * bx - ax * bz)
+    out[..., 3] = aw * bz + bw * az + (ax * by - ay * bx)
     return out
 
 

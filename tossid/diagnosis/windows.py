@@ -207,8 +207,7 @@ def make_windows(
         toss = tosses[i]
         poses, cov = toss.measured
         at = np.minimum(np.arange(first + 1, first + most + 1), first + n)
-        std = np.sqrt(np.maximum(np.einsum("nii->ni", cov[first : first + n + 1]), 0.0))
-        std = np.maximum(std, np.append(LEAST_NOISE, [LEAST_NOISE[-1]] * (K - 6)))
+        std = np.maximum(_std(cov[first : first + n + 1]), np.append(LEAST_NOISE, [LEAST_NOISE[-1]] * (K - 6)))
         q[w], v[w], y[w] = poses[first], toss.v[first], poses[at]
         first_noise[w], y_noise[w] = std[0], std[at - first]
         each = -(-n // length)
@@ -240,6 +239,12 @@ def make_windows(
         root=_noise_root(slow, np.concatenate([first_noise[:, None], noise], axis=1)),
         free=np.arange(W) >= following,
     )
+
+
+def _std(cov: Array) -> Array:
+    """(n, K) standard deviations of covariances (n, K, K)."""
+    out: Array = np.sqrt(np.maximum(np.einsum("nii->ni", cov), 0.0))
+    return out
 
 
 def _slow(first: Array, then: Array, mix: Array, scatter: Array) -> Array:
@@ -302,13 +307,14 @@ def _cuts(toss: Toss, dt: float, length: int, long: int, skip: int) -> list[tupl
     missing = np.flatnonzero(np.abs(np.diff(toss.t) / dt - 1) > UNEVEN)
     flying = toss.phase == Phase.FLIGHT
     poses, cov = toss.measured
-    std = np.sqrt(np.maximum(np.einsum("nii->ni", cov), 0.0))
+    std = _std(cov)
     out = []
     for begin, end in itertools.pairwise([-1, *missing.tolist(), len(toss) - 1]):
         first = max(begin + 1, skip)
         while end - first >= length // 2:
             landing = int(np.argmin(np.append(flying[first : end + 1], False)))
-            away = np.abs(difference(poses[first : end + 1], poses[first])) > STILL * std[first : end + 1]
+            near = slice(first, min(end, first + long) + 1)
+            away = np.abs(difference(poses[near], poses[first])) > STILL * std[near]
             moving = int(np.argmax(np.append(away.any(axis=1), True)))
             n = min(max(landing - 1 - BEFORE_LANDING, moving - 1), long)
             if n <= length:

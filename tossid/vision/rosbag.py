@@ -121,11 +121,10 @@ class Bag:
             elif self._rescued is not None:
                 self.types = self._rescued.types()
                 self.problems.append(f"{self.path} breaks off before its end: {self._rescued.found}")
-        except FileError:
-            self._stack.close()
-            raise
         except Exception as error:  # of a damaged bag, rosbags raises whatever it comes across, MemoryError among it
             self._stack.close()
+            if isinstance(error, FileError):
+                raise
             lost = f"; {self.problems[0]}" if self.problems else ""
             raise FileError(self.path, f"is not a bag that can be read ({_said(error)}{lost})") from error
         except BaseException:
@@ -218,8 +217,11 @@ class _Rescue:
             yield from self._walk(stream, inside=False)
 
     def _walk(self, stream: BinaryIO, *, inside: bool) -> Iterator[tuple[int, int, bytes]]:
+        here = stream.tell()
+        end = stream.seek(0, SEEK_END)
+        stream.seek(here)
         while True:
-            head, data, whole = _record(stream)
+            head, data, whole = _record(stream, end)
             if head is None:
                 return
             op = head.get("op", b"\0")[0]
@@ -244,24 +246,22 @@ class _Rescue:
                 return
 
 
-def _record(stream: BinaryIO) -> tuple[dict[str, bytes] | None, bytes, bool]:
+def _record(stream: BinaryIO, end: int) -> tuple[dict[str, bytes] | None, bytes, bool]:
     """Header fields, data, and whether it is all there; None at the end."""
     length = stream.read(4)
     if len(length) < 4:
         return None, b"", False
-    header, whole = _sized(stream, length)
+    header, whole = _sized(stream, length, end)
     size = stream.read(4)
     if not whole or len(size) < 4:
         return None, b"", False
-    data, whole = _sized(stream, size)
+    data, whole = _sized(stream, size, end)
     return _fields(header), data, whole
 
 
-def _sized(stream: BinaryIO, size: bytes) -> tuple[bytes, bool]:
+def _sized(stream: BinaryIO, size: bytes, end: int) -> tuple[bytes, bool]:
     """As many bytes as announced, and whether there are as many; no more is asked for than is left."""
-    n, here = struct.unpack("<I", size)[0], stream.tell()
-    left = stream.seek(0, SEEK_END) - here
-    stream.seek(here)
+    n, left = struct.unpack("<I", size)[0], end - stream.tell()
     return stream.read(min(n, left)), n <= left
 
 
