@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.diagnosis.tossed import seen
 from tests.models.conftest import cube
+from tossid.diagnosis.misses import LOST
 from tossid.diagnosis.whitening import linearise
 from tossid.diagnosis.windows import LENGTH, LONG, STILL, TURN, difference, make_windows
 from tossid.objects import ObjectModel, corner_positions
-from tossid.physics.effects import World
+from tossid.physics.effects import Forces, Recording, World
 from tossid.rotations import quat_exp, quat_mul
 from tossid.types import Phase, Toss
 
@@ -85,3 +87,39 @@ def test_poses_said_to_be_exact_are_whitened(cube: ObjectModel) -> None:
     for length in (5, 40):
         windows, whitening = linearise(make_windows(tosses, cube, length=length), World(cube))
         assert np.isfinite(whitening(windows.misses(windows.predicted(World(cube))))).all()
+
+
+def test_misses_are_means_of_differences_over_the_frames_of_a_row(cube: ObjectModel) -> None:
+    windows = make_windows(seen(World(cube), cube, 6, seed=1, frames=200))
+    run = windows.predicted(World(cube, gravity=9.0))
+    run[3] = np.nan
+    off = difference(windows.y[:, : run.shape[1]], run)
+    expected = windows.mix[..., : run.shape[1]] @ np.clip(np.where(np.isfinite(off), off, LOST), -LOST, LOST)
+    twice = windows.misses(np.concatenate([run, run]))
+    np.testing.assert_allclose(twice[: len(run)], expected, atol=1e-14)
+    np.testing.assert_array_equal(twice[: len(run)], twice[len(run) :])
+
+
+WORLDS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "scaled": {"recording": Recording(length_scale=1.1, clock_rate=0.9, frame_offset=(0.004, -0.003, 0.002))},
+    "wind": {"forces": Forces(quadratic=0.05, wind_x=2.0, magnus=1e-3, turning=0.4)},
+    "spring": {"forces": Forces(spring=0.6, center_x=0.3)},
+    "vortex": {"forces": Forces(vortex=0.6)},
+    "tilt": {"ground_tilt": (0.05, -0.1)},
+    "tilted frame": {"recording": Recording(world_tilt=(0.05, -0.1))},
+}
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_derivatives_by_the_first_place_are_those_of_a_motion_moved_along(cube: ObjectModel, name: str) -> None:
+    world, step = World(cube, **WORLDS[name]), 2e-4
+    windows = make_windows(seen(world, cube, 8, seed=1))
+    _, whitening = linearise(windows, world, refine=0)
+    for k in range(2):
+        moved = windows.q + step * np.eye(7)[k]
+        change = windows.misses(windows.predicted(world)) - windows.misses(windows.predicted(world, moved, windows.v))
+        error = np.abs(whitening.by_state[..., k] - change.reshape(len(change), -1) / step).max(axis=1)
+        # where a contact has more than one solution to its tolerance, differences have that error
+        assert np.median(error) < 1e-9
+        assert np.quantile(error, 0.9) < 1e-3

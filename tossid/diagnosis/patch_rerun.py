@@ -46,7 +46,7 @@ def rerun(
     tosses = _affordable(tosses, min(float(model.opt.timestep) for model in models.values()))
     windows = make_windows(tosses, stated, first_flights=False)
     n = len(tosses)
-    q0, v0 = first_states(tosses, worlds["after"])
+    q0, v0 = first_states(tosses, worlds["after"], n_threads=n_threads)
     out: dict[str, Any] = {
         "engine": f"MuJoCo {mujoco.__version__}",
         "n_tosses": n,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -11,13 +12,14 @@ from tossid.diagnosis.engines import Engine
 from tossid.diagnosis.patch import read_spec
 from tossid.diagnosis.windows import steps_of
 from tossid.errors import InputError
-from tossid.models.contactnets import ContactNets
-from tossid.models.protocol import DynamicsModel
 from tossid.objects import ObjectModel, load_object
 from tossid.physics.effects import Recording, World
 from tossid.physics.forces import Forces
 from tossid.rotations import geodesic_angle, quat_rotate
 from tossid.types import Toss
+
+if TYPE_CHECKING:
+    from tossid.models.protocol import DynamicsModel
 
 ANOTHER = 1.6
 """Ratio of the edges of two objects beyond which one is not a wrong statement of the other."""
@@ -31,6 +33,9 @@ def world_of_model(model: DynamicsModel) -> World:
     Raises:
         InputError: the model is no simulator with an object (e2e).
     """
+    # takes seconds to load, and is needed for trained models alone
+    from tossid.models.contactnets import ContactNets
+
     if not isinstance(model, ContactNets):
         raise InputError("a network (e2e) has no object and no contact that could be diagnosed; name another run")
     residual = None if model.residual is None else model.residual.arrays()

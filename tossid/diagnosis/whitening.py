@@ -289,17 +289,22 @@ def _sensitivity(windows: Windows, world: World, *, n_threads: int) -> tuple[Arr
     """Misses (W, K L) at the states of linearisation, and S (W, K L, 2 K)."""
     (W, L), K = windows.inside.shape, windows.channels
     steps = _of_state(_STEPS, K)
+    # moved along x or y, predictions move as far, wherever that changes nothing else
+    given = 2 if world.same_everywhere else 0
     q, v = [windows.at_q], [windows.at_v]
-    for j in range(2 * K):
+    for j in range(given, 2 * K):
         delta = np.zeros((W, 2 * K))
         delta[:, j] = steps[j]
         moved_q, moved_v = _moved(windows.at_q, windows.at_v, delta)
         q.append(moved_q)
         v.append(moved_v)
     run = windows.predicted(world, np.concatenate(q), np.concatenate(v), n_threads=n_threads)
-    miss = windows.misses(run).reshape(2 * K + 1, W, K * L)
-    S = (miss[0] - miss[1:]) / steps[:, None, None]
-    return miss[0], np.moveaxis(S, 0, -1)
+    miss = windows.misses(run).reshape(len(q), W, K * L)
+    S = np.zeros((W, L, K, 2 * K))
+    S[:, :, range(given), range(given)] = windows.inside[..., None]
+    S = S.reshape(W, K * L, 2 * K)
+    S[..., given:] = np.moveaxis((miss[0] - miss[1:]) / steps[given:, None, None], 0, -1)
+    return miss[0], S
 
 
 def _off(at: Windows) -> Array:

@@ -21,6 +21,7 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.diagnosis.misses import mean_misses
 from tossid.motion.flight import flight_frames
 from tossid.motion.resting import rest_scatter
 from tossid.objects import GRAVITY, ObjectModel
@@ -52,8 +53,6 @@ STILL = 6.0
 """Standard deviations of a pose, by which one at rest may differ from another."""
 SAME = 0.3
 """Standard deviations of poses by which predictions move, for what hangs on them to be taken again."""
-LOST = 3.0
-"""Miss [m, rad] that counts for a frame whose simulation diverged."""
 UNEVEN = 0.3
 """Share by which a time step may differ from the median one."""
 TURN = 1.0
@@ -147,11 +146,7 @@ class Windows:
     def misses(self, predicted: Array) -> Array:
         """(·, L, K) measured less predicted: position [m], rotation vector in the body's frame [rad], joints; 0
         outside."""
-        W, F, nq = len(self.y), *predicted.shape[1:]
-        out = difference(self.y[:, :F], predicted.reshape(-1, W, F, nq))
-        out = np.clip(np.where(np.isfinite(out), out, LOST), -LOST, LOST)
-        rows: Array = self.mix[..., :F] @ out
-        return rows.reshape(-1, *rows.shape[2:])
+        return mean_misses(self.y, predicted, self.mix, self.steps)
 
     def rows(self, index: NDArray[np.int64]) -> Windows:
         """The windows of the given rows."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.models.implicit import LossWeights
 from tossid.motion import com_velocities
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import System, no_residual, tree_batch
@@ -16,6 +16,9 @@ from tossid.physics.solvers import solve_cone_qp
 from tossid.physics.tree import make_work
 from tossid.rotations import skew
 from tossid.types import Phase, Toss
+
+if TYPE_CHECKING:
+    from tossid.models.implicit import LossWeights
 
 Array = NDArray[np.float64]
 
@@ -58,6 +61,9 @@ def accelerations_over_toss(
         system: the learned simulator. model: the object that it simulates.
         weights: of the inner problem's terms; the loss's defaults if None.
     """
+    # loads torch, which figures of a diagnosis have no need of
+    from tossid.models.implicit import LossWeights
+
     weights = weights or LossWeights()
     n, dt = len(toss) - 1, np.diff(toss.t)
     acceleration = _free(system, toss)

@@ -79,6 +79,13 @@ class World:
             forces=np.array(self.forces_on_ground(), dtype=float), law=np.array(self.law, dtype=float)
         )
 
+    @property
+    def same_everywhere(self) -> bool:
+        """Whether motion is the same wherever it begins along the recorded x and y: on level ground, with no pull that
+        hangs on the place."""
+        level = self.ground_tilt == (0.0, 0.0) and self.recording.world_tilt == (0.0, 0.0)
+        return level and self.forces.spring == 0.0 and self.forces.vortex == 0.0 and self.residual is None
+
     def to_ground(self, q: Array, v: Array) -> tuple[Array, Array]:
         """True states in the ground's frame, of recorded ones: q (*b, nq), v (*b, nv)."""
         if self._as_is:
