@@ -17,7 +17,7 @@ _SMALL = 1e-8
 
 
 def mean_misses(y: Array, predicted: Array, mix: Array, steps: NDArray[np.int64]) -> Array:
-    """(n W, L, K) misses: position [m], rotation vector in the body's frame [rad], joints; 0 in rows that are not there.
+    """(n W, L, K) misses: position [m], rotation vector in the body's frame [rad], joints; 0 in rows that are none.
 
     Args:
         y: (W, F, K + 1) measured poses.
