@@ -300,9 +300,9 @@ def _sensitivity(windows: Windows, world: World, *, n_threads: int) -> tuple[Arr
         v.append(moved_v)
     run = windows.predicted(world, np.concatenate(q), np.concatenate(v), n_threads=n_threads)
     miss = windows.misses(run).reshape(len(q), W, K * L)
-    S = np.zeros((W, L, K, 2 * K))
-    S[:, :, range(given), range(given)] = windows.inside[..., None]
-    S = S.reshape(W, K * L, 2 * K)
+    S = np.zeros((W, K * L, 2 * K))
+    for j in range(given):
+        S[:, j::K, j] = windows.inside
     S[..., given:] = np.moveaxis((miss[0] - miss[1:]) / steps[given:, None, None], 0, -1)
     return miss[0], S
 
