@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from tossid.diagnosis.evidence import Hypothesis
 from tossid.diagnosis.findings import Diagnosis, Finding, Gap, Interval, Share, Step
-from tossid.diagnosis.fitting import Hypothesis
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, Effect, World
 

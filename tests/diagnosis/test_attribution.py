@@ -10,7 +10,8 @@ import pytest
 from tests.diagnosis.tossed import seen
 from tests.models.conftest import cube
 from tossid.diagnosis.attribution import diagnose
-from tossid.diagnosis.fitting import Evidence, Hypothesis, fit
+from tossid.diagnosis.evidence import Evidence, Hypothesis
+from tossid.diagnosis.fitting import fit
 from tossid.diagnosis.judging import one_sided
 from tossid.diagnosis.whitening import linearise
 from tossid.diagnosis.windows import make_windows

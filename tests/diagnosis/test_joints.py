@@ -8,7 +8,7 @@ import pytest
 from tests.diagnosis.tossed import POSITION, ROTATION
 from tests.models.made import DT, thrown
 from tossid.diagnosis.attribution import diagnose
-from tossid.diagnosis.fitting import Evidence
+from tossid.diagnosis.evidence import Evidence
 from tossid.diagnosis.gap import first_states
 from tossid.diagnosis.whitening import linearise
 from tossid.diagnosis.windows import difference, make_windows, moved_pose

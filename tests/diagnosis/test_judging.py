@@ -9,7 +9,8 @@ import pytest
 
 from tests.diagnosis.tossed import seen
 from tests.models.conftest import cube
-from tossid.diagnosis.fitting import Hypothesis, fit, gains
+from tossid.diagnosis.evidence import Hypothesis, gains
+from tossid.diagnosis.fitting import fit
 from tossid.diagnosis.judging import Judge, anywhere, folds
 from tossid.diagnosis.windows import make_windows
 from tossid.objects import ObjectModel

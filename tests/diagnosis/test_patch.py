@@ -10,7 +10,7 @@ import pytest
 
 from tests.diagnosis.by_hand import EFFECTS, hypothesis
 from tossid.diagnosis.engines import MujocoWorld
-from tossid.diagnosis.fitting import Hypothesis
+from tossid.diagnosis.evidence import Hypothesis
 from tossid.diagnosis.patch import Patch, make_patch
 from tossid.diagnosis.patch_rerun import rerun
 from tossid.diagnosis.simulators import world_of_mjcf

@@ -15,8 +15,8 @@ from tests.diagnosis.tossed import seen
 from tests.evaluation.figures.reading import assert_legible, words
 from tests.models.conftest import cube
 from tossid.diagnosis import gap as gaps
+from tossid.diagnosis.evidence import Evidence, Hypothesis
 from tossid.diagnosis.findings import Corner, Diagnosis, Gap, Interval, Place, Relation
-from tossid.diagnosis.fitting import Evidence, Hypothesis
 from tossid.diagnosis.gap import measure_gap, noise_floor
 from tossid.diagnosis.judging import Judge, folds
 from tossid.diagnosis.place import corner_shares

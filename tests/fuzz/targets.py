@@ -17,9 +17,8 @@ from rosbags.rosbag2 import StoragePlugin
 from pipelines.checkpoints import build_model, load_checkpoint, save_checkpoint
 from pipelines.config import load
 from pipelines.schemas import TrainConfig
-from tests.store.makers import make_dataset, spinning
-from tests.store.test_importers import contactnets_rows, pll_rows
-from tests.vision.test_rosbag import CAMERAS, write_bag
+from tests.store.makers import contactnets_rows, make_dataset, pll_rows, spinning
+from tests.vision.bags import CAMERAS, write_bag
 from tossid.objects import ObjectModel, load_object, to_urdf
 from tossid.store import read_contactnets, read_dataset, read_pll, read_tum, write_dataset, write_tum
 from tossid.types import Detection, PoseTrack

@@ -9,6 +9,8 @@ from tossid.rotations import quat_exp
 from tossid.types import SPLITS, Dataset, Toss
 
 H = 1 / 148
+HALF = 0.0524
+"""Of the published cube's width [m]."""
 
 
 def spinning(n: int, rng: np.random.Generator, *, n_joints: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -36,3 +38,15 @@ def make_dataset(model: ObjectModel, *, tosses: int = 4, seed: int = 0) -> Datas
     )
     provenance = {"command": "test", "seed": seed, "noise": 0.5, "exact": True, "covariance_source": "made up"}
     return Dataset(object=model, tosses=made, rate_hz=148.0, source="test", provenance=provenance)
+
+
+def contactnets_rows(n: int, rng: np.random.Generator) -> np.ndarray:
+    """A toss in half widths whose cube comes down to its own half width."""
+    _, q, v = spinning(n, rng)
+    q[:, 2] += HALF - q[:, 2].min()
+    return np.concatenate([q[:, :3] / HALF, q[:, 3:], v[:, :3] / HALF, v[:, 3:], np.zeros((n, 6))], axis=1)
+
+
+def pll_rows(n: int, rng: np.random.Generator, n_joints: int = 1) -> np.ndarray:
+    _, q, v = spinning(n, rng, n_joints=n_joints)
+    return np.concatenate([q[:, 3:7], q[:, :3], q[:, 7:], v[:, 3:6], v[:, :3], v[:, 6:]], axis=1)

@@ -12,25 +12,11 @@ import numpy as np
 import pytest
 import torch
 
-from tests.store.makers import make_toss, spinning
+from tests.store.makers import HALF, contactnets_rows, make_toss, pll_rows, spinning
 from tossid.errors import FileError, InputError, OutputError
 from tossid.rotations import quat_boxminus, wxyz_to_xyzw
 from tossid.store import read_contactnets, read_pll, read_tum, write_tum
 from tossid.types import PoseTrack
-
-HALF = 0.0524
-
-
-def contactnets_rows(n: int, rng: np.random.Generator) -> np.ndarray:
-    """A toss in half widths whose cube comes down to its own half width."""
-    _, q, v = spinning(n, rng)
-    q[:, 2] += HALF - q[:, 2].min()
-    return np.concatenate([q[:, :3] / HALF, q[:, 3:], v[:, :3] / HALF, v[:, 3:], np.zeros((n, 6))], axis=1)
-
-
-def pll_rows(n: int, rng: np.random.Generator, n_joints: int = 1) -> np.ndarray:
-    _, q, v = spinning(n, rng, n_joints=n_joints)
-    return np.concatenate([q[:, 3:7], q[:, :3], q[:, 7:], v[:, 3:6], v[:, :3], v[:, 6:]], axis=1)
 
 
 def save(path: Path, rows: np.ndarray) -> None:

@@ -5,97 +5,19 @@ from __future__ import annotations
 import bz2
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from tests.vision.bags import CAMERAS, CORNERS, PICTURES, STORES, header, write_bag
 from tossid.errors import FileError, InputError
 from tossid.objects import ObjectModel
 from tossid.vision.calibration import read_cameras, write_cameras
 from tossid.vision.camera import Camera
 from tossid.vision.film import read_bag_images
 from tossid.vision.layout import layout_of
-from tossid.vision.rosbag import APRILTAG_MSGS, Bag, grey_image, read_bag_detections, typestore
+from tossid.vision.rosbag import Bag, grey_image, read_bag_detections
 from tossid.vision.tagslam import write_tagslam
-
-CAMERAS = tuple(
-    Camera(name, (64, 48), [60, 60, 32, 24], image_topic=f"/{name}/image", tag_topic=f"/{name}/tags", clock_offset=late)
-    for name, late in (("left", 0.0), ("right", 0.25))
-)
-STORES = {1: get_typestore(Stores.ROS1_NOETIC), 2: typestore()}
-for _name, _text in APRILTAG_MSGS.items():
-    STORES[1].register(get_types_from_msg(_text, _name))
-
-
-def _header(version: int, t_ns: int):
-    types = STORES[version].types
-    stamp = types["builtin_interfaces/msg/Time"](t_ns // 10**9, t_ns % 10**9)
-    seq = {"seq": 0} if version == 1 else {}
-    return types["std_msgs/msg/Header"](stamp=stamp, frame_id="camera", **seq)
-
-
-def _tags(version: int, t_ns: int, corners: np.ndarray, *, rauch: bool = False):
-    """One detection, in TagSLAM's message or in apriltag_ros'."""
-    types = STORES[version].types
-    if rauch:
-        point = types["apriltag_msgs/msg/Point"]
-        points = [point(*corner) for corner in corners]
-        one = types["apriltag_msgs/msg/AprilTagDetection"]("36h11", 7, 1, 0.0, 55.0, points[0], points, np.zeros(9))
-        return types["apriltag_msgs/msg/AprilTagDetectionArray"](_header(version, t_ns), [one])
-    point = types["geometry_msgs/msg/Point"]
-    points = [point(*corner, 0.0) for corner in corners]
-    one = types["apriltag_msgs/msg/Apriltag"](7, "36h11", 1, 1, 6, points[0], points)
-    return types["apriltag_msgs/msg/ApriltagArrayStamped"](_header(version, t_ns), [one])
-
-
-def _image(version: int, t_ns: int, image: np.ndarray, *, packed: bool):
-    types = STORES[version].types
-    if packed:
-        data = cv2.imencode(".png", image)[1].reshape(-1)
-        return types["sensor_msgs/msg/CompressedImage"](_header(version, t_ns), "png", data)
-    height, width = image.shape
-    data = np.repeat(image.reshape(-1), 3)
-    return types["sensor_msgs/msg/Image"](_header(version, t_ns), height, width, "bgr8", 0, 3 * width, data)
-
-
-CORNERS = np.array([[10.0, 30.0], [30.0, 31.0], [31.0, 11.0], [11.0, 10.0]])
-PICTURES = np.random.default_rng(0).integers(0, 255, (20, 48, 64), dtype=np.uint8)
-
-
-def write_bag(
-    folder: Path, version: int, *, plugin: StoragePlugin = StoragePlugin.SQLITE3, rauch: bool = False, frames: int = 20
-) -> Path:
-    """20 frames a camera at 10 Hz: detections of both, plain images of the left and packed ones of the right."""
-    path = folder / ("bag.bag" if version == 1 else "bag")
-    store = STORES[version]
-    kind = "AprilTagDetectionArray" if rauch else "ApriltagArrayStamped"
-    types = {
-        "tags": f"apriltag_msgs/msg/{kind}",
-        "left": "sensor_msgs/msg/Image",
-        "right": "sensor_msgs/msg/CompressedImage",
-    }
-    with Writer1(path) if version == 1 else Writer2(path, version=9, storage_plugin=plugin) as writer:
-        connections = {}
-        for camera in CAMERAS:
-            image_topic = f"/{camera.name}/image" + ("/compressed" if camera.name == "right" else "")
-            for what, topic in (("tags", camera.tag_topic), (camera.name, image_topic)):
-                connections[camera.name, what] = writer.add_connection(topic, types[what], typestore=store)
-        for i in range(frames):
-            for camera in CAMERAS:
-                t_ns = 10**9 + i * 10**8 + round(camera.clock_offset * 1e9)
-                messages = (
-                    ("tags", _tags(version, t_ns, CORNERS + i, rauch=rauch)),
-                    (camera.name, _image(version, t_ns, PICTURES[i], packed=camera.name == "right")),
-                )
-                for what, message in messages:
-                    kind = types[what]
-                    raw = store.serialize_ros1(message, kind) if version == 1 else store.serialize_cdr(message, kind)
-                    writer.write(connections[camera.name, what], t_ns + 5000, raw)  # recorded a little later
-    return path
 
 
 def _set_up(folder: Path, tagged: ObjectModel) -> None:
@@ -200,12 +122,12 @@ def test_image_encodings():
     deep = (grey.astype(np.uint16) << 8) + 3
     for encoding, data, step in (("mono8", grey, 64), ("mono16", deep, 128), ("rgba8", np.repeat(grey, 4), 256)):
         raw = np.frombuffer(np.ascontiguousarray(data).tobytes(), dtype=np.uint8)
-        message = kind(_header(2, 0), 48, 64, encoding, 0, step, raw)
+        message = kind(header(2, 0), 48, 64, encoding, 0, step, raw)
         np.testing.assert_allclose(grey_image(message), grey, atol=1)
     with pytest.raises(InputError, match="yuv422"):
-        grey_image(kind(_header(2, 0), 48, 64, "yuv422", 0, 128, np.zeros(48 * 128, dtype=np.uint8)))
+        grey_image(kind(header(2, 0), 48, 64, "yuv422", 0, 128, np.zeros(48 * 128, dtype=np.uint8)))
     with pytest.raises(InputError, match="only 10 bytes"):
-        grey_image(kind(_header(2, 0), 48, 64, "mono8", 0, 64, np.zeros(10, dtype=np.uint8)))
+        grey_image(kind(header(2, 0), 48, 64, "mono8", 0, 64, np.zeros(10, dtype=np.uint8)))
 
 
 @pytest.mark.parametrize("test", [4, 15, 16, 17, 23])

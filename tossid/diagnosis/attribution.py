@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from tossid.diagnosis.engines import Engine
+from tossid.diagnosis.evidence import Hypothesis
 from tossid.diagnosis.findings import Contact, Diagnosis, Finding, Interval, Share, Verdict
-from tossid.diagnosis.fitting import Fitted, Hypothesis, derivatives, toss_sums
+from tossid.diagnosis.fitting import Fitted, derivatives, toss_sums
 from tossid.diagnosis.gap import Floor, measure_gap, noise_floor, rollout_errors, share_left
 from tossid.diagnosis.judging import Candidate, Judge, folds
 from tossid.diagnosis.place import located

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tossid.diagnosis.audit import KINDS, Values, effect_named, world_with
-from tossid.diagnosis.fitting import Hypothesis
+from tossid.diagnosis.evidence import Hypothesis
 from tossid.diagnosis.gap import noise_floor, share_left
 from tossid.diagnosis.judging import Judge, folds
 from tossid.diagnosis.windows import make_windows

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.fitting import Hypothesis
+from tossid.diagnosis.evidence import Hypothesis
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.diagnosis.evidence import CAP, N_PHASES, Evidence, student_deviance
 from tossid.diagnosis.findings import Gap, Interval, Share, Step
-from tossid.diagnosis.fitting import CAP, N_PHASES, Evidence, student_deviance
 from tossid.diagnosis.judging import RESTARTS, Candidate, Judge
 from tossid.diagnosis.whitening import linearise
 from tossid.diagnosis.windows import LENGTH, Windows, make_windows, moved_pose, steps_of

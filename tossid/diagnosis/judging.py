@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.stats import wilcoxon
 
 from tossid.diagnosis.engines import LIFTING, Engine
-from tossid.diagnosis.fitting import CURVATURE, Evidence, Fitted, Hypothesis, fit, gains, nudged
+from tossid.diagnosis.evidence import Evidence, Hypothesis, gains
+from tossid.diagnosis.fitting import CURVATURE, Fitted, fit, nudged
 from tossid.diagnosis.whitening import linearise
 from tossid.diagnosis.windows import FLIGHT_WEIGHT, Windows
 from tossid.physics.effects import Effect, World

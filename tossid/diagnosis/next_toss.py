@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.fitting import NU, Hypothesis
+from tossid.diagnosis.evidence import NU, Hypothesis
 from tossid.diagnosis.whitening import linearise
 from tossid.diagnosis.windows import difference, make_windows, steps_of
 from tossid.motion import lowest_corner

@@ -14,8 +14,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tossid.diagnosis.fitting import Hypothesis
-from tossid.diagnosis.patch_edits import EDITS, OF_LINKS, REASONS, RECORDED, Change, Edit, compliance
+from tossid.diagnosis.edit import Change, Edit
+from tossid.diagnosis.evidence import Hypothesis
+from tossid.diagnosis.patch_edits import EDITS, OF_LINKS, REASONS, RECORDED, compliance
 from tossid.errors import ObjectError
 from tossid.objects import to_mjcf
 from tossid.physics.effects import World

@@ -6,14 +6,13 @@ Contact by spring and damper, of a bounce and of a compliance, is as `physics.ef
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.errors import ObjectError
+from tossid.diagnosis.edit import Edit
 from tossid.physics.effects import World
 from tossid.physics.effects.in_mujoco import BOUNCE_RATE, SOFT_IMPEDANCE, damping_ratio
 from tossid.physics.forces import ADHESION_REACH
@@ -27,75 +26,8 @@ STEPS_A_SWING = 20.0
 """MuJoCo steps within 1 / omega of a contact's spring."""
 
 
-@dataclass(frozen=True)
-class Change:
-    """One attribute of the MJCF. exact: MuJoCo's law is the effect's own."""
-
-    effect: str
-    where: str
-    attribute: str
-    before: str
-    after: str
-    exact: bool = True
-    note: str = ""
-
-    def as_json(self) -> dict[str, Any]:
-        """As in gap.json."""
-        return dict(vars(self))
-
-
-@dataclass
-class Edit:
-    """A MuJoCo model under change."""
-
-    spec: mujoco.MjSpec
-    effect: str = ""
-    changes: list[Change] = field(default_factory=list)
-    recording: dict[str, str] = field(default_factory=dict)
-    cannot: dict[str, str] = field(default_factory=dict)
-
-    def compiled(self) -> mujoco.MjModel:
-        try:
-            return self.spec.compile()
-        except (ValueError, mujoco.FatalError) as error:
-            raise ObjectError(f"MuJoCo cannot compile the patched model: {str(error).splitlines()[0]}") from error
-
-    @property
-    def body(self) -> mujoco.MjsBody:
-        return self.spec.worldbody.bodies[0]
-
-    @property
-    def own(self) -> list[mujoco.MjsGeom]:
-        """Geoms of the object that touch."""
-        bodies = self.spec.bodies[1:]  # the first is the world
-        return [g for body in bodies for g in body.geoms if g.contype or g.conaffinity]
-
-    @property
-    def joints(self) -> list[mujoco.MjsJoint]:
-        """Those of links, in the order of the links."""
-        return [joint for joint in self.spec.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE]
-
-    @property
-    def grounds(self) -> list[mujoco.MjsGeom]:
-        """What the object lands on."""
-        return [g for g in self.spec.worldbody.geoms if g.contype or g.conaffinity]
-
-    def set(self, element: Any, attribute: str, value: Any, where: str, *, exact: bool = True, note: str = "") -> None:
-        """Set an attribute, and note it."""
-        before = _text(getattr(element, attribute))
-        setattr(element, attribute, value)
-        after = _text(getattr(element, attribute))
-        if before != after:
-            self.changes.append(Change(self.effect, where, attribute, before, after, exact, note))
-
-
 def _named(what: str, element: Any) -> str:
     return f"{what} '{element.name}'" if element.name else what
-
-
-def _text(value: Any) -> str:
-    numbers = np.atleast_1d(np.asarray(value, dtype=float)).round(12) + 0.0
-    return " ".join(f"{x:.6g}" for x in numbers)
 
 
 # ---------------------------------------------------------------- body
@@ -127,7 +59,7 @@ def _com(edit: Edit, before: World, after: World) -> None:
     mass, com, inertia = _own_inertial(edit)
     to = com + after.object.com[0] - before.object.com[0]
     _write_inertial(edit.body, mass, to, inertia)
-    edit.changes.append(Change(edit.effect, _named("body", edit.body) + " inertial", "pos", _text(com), _text(to)))
+    edit.changed(_named("body", edit.body) + " inertial", "pos", com, to)
 
 
 def _inertia(edit: Edit, before: World, after: World) -> None:
@@ -136,7 +68,7 @@ def _inertia(edit: Edit, before: World, after: World) -> None:
     _write_inertial(edit.body, mass, com, to)
     index = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])
     where = _named("body", edit.body) + " inertial"
-    edit.changes.append(Change(edit.effect, where, "fullinertia", _text(inertia[index]), _text(to[index])))
+    edit.changed(where, "fullinertia", inertia[index], to[index])
 
 
 def _geometry(edit: Edit, before: World, after: World) -> None:
@@ -233,8 +165,8 @@ def _spring(edit: Edit, before: World, after: World) -> None:
     tendon.wrap_site("pulled")
     tendon.wrap_site("puller")
     where = "tendon 'pull' from the body's site 'pulled' to the world's site 'puller'"
-    edit.changes.append(Change(edit.effect, where, "stiffness", "0", _text(f.spring)))
-    edit.changes.append(Change(edit.effect, "site 'puller'", "pos", "", _text(center)))
+    edit.changed(where, "stiffness", 0, f.spring)
+    edit.changed("site 'puller'", "pos", "", center)
 
 
 # ---------------------------------------------------------------- ground and contact
@@ -288,7 +220,7 @@ def _pair(edit: Edit, world: World) -> mujoco.MjsPair | None:
     )
     pair.condim = max(3, own.condim)
     where = f"contact pair '{ground.name}', '{own.name}'"
-    edit.changes.append(Change(edit.effect, where, "condim", "", str(int(pair.condim)), note="a pair of its own"))
+    edit.changed(where, "condim", "", int(pair.condim), note="a pair of its own")
     return pair
 
 
@@ -326,7 +258,7 @@ def compliance(edit: Edit, before: World, after: World) -> None:
     edit.set(pair, "solreffriction", [-1e-9, -0.5 * d / edit.spec.option.timestep], where)
     if edit.spec.option.cone != mujoco.mjtCone.mjCONE_ELLIPTIC:
         edit.spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-        edit.changes.append(Change(edit.effect, "option", "cone", "pyramidal", "elliptic"))
+        edit.changed("option", "cone", "pyramidal", "elliptic")
     edit.set(edit.spec.option, "impratio", 100 * (1 - d) / d, "option", note="friction does not creep")
 
 

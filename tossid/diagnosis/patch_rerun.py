@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.engines import MujocoWorld
-from tossid.diagnosis.fitting import CAP, Evidence, Hypothesis, student_deviance
+from tossid.diagnosis.evidence import CAP, Evidence, Hypothesis, student_deviance
 from tossid.diagnosis.gap import bootstrap_ratio, by_toss, deviance, first_states
 from tossid.diagnosis.patch import Patch
 from tossid.diagnosis.whitening import linearise

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.fitting import Evidence, Hypothesis, derivatives, gains, toss_sums
+from tossid.diagnosis.evidence import Evidence, Hypothesis, gains
+from tossid.diagnosis.fitting import derivatives, toss_sums
 from tossid.diagnosis.judging import Candidate, Judge
 from tossid.diagnosis.windows import FLIGHT_WEIGHT
 from tossid.physics.effects import Effect

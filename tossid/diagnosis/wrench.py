@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import median_abs_deviation
 
+from tossid.diagnosis.evidence import CAP, Evidence, Hypothesis
 from tossid.diagnosis.findings import Interval, Relation
-from tossid.diagnosis.fitting import CAP, Evidence, Hypothesis
 from tossid.diagnosis.windows import Windows
 from tossid.objects import GRAVITY, ObjectModel, corner_positions
 from tossid.physics import Residual, n_features

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from tossid.objects import JointLaw, ObjectModel
-from tossid.physics.effects.library import ALL, LIBRARY, Effect, Parameter
+from tossid.physics.effects.effect import Effect, Parameter
+from tossid.physics.effects.library import ALL, LIBRARY
 from tossid.physics.effects.world import World
 
 
