@@ -23,7 +23,9 @@ from pipelines.audit_case import Job, diagnose_case, diagnose_spoilt, find_answe
 from pipelines.calling import jsonable
 from pipelines.console import Console
 from pipelines.outputs import only_writer, output_file, output_folder
+from pipelines.project import absolute_object
 from pipelines.schemas import AuditConfig
+from pipelines.version import code_digest_with
 from pipelines.workers import Workers, as_done, open_workers
 from tossid.errors import ConfigError, FileError, InputError, TossidError
 
@@ -100,7 +102,7 @@ def _jobs(config: AuditConfig, out: Path, pool: Workers, console: Console) -> li
     from tossid.store import file_sha256
 
     answer = None
-    settings: dict[str, Any] = {"object": asdict(config.object), "code": _code()}
+    settings: dict[str, Any] = {"object": asdict(config.object), "code": code_digest_with("diagnosis", _NO_ANSWERS)}
     if config.data is not None:
         settings |= {"data": file_sha256(dataset_path(config.data)), "tosses": config.tosses, "seed": config.seed}
         key = _digest(settings)
@@ -127,12 +129,10 @@ def _jobs(config: AuditConfig, out: Path, pool: Workers, console: Console) -> li
 
 def _absolute(config: AuditConfig) -> AuditConfig:
     """The keys with whole paths: workers may be in another folder."""
-    from pipelines.project import dataset_path, shipped
+    from pipelines.project import dataset_path
 
     data = None if config.data is None else dataset_path(config.data).resolve()
-    tags = None if config.object.tags is None else shipped(config.object.tags).resolve()
-    stated = replace(config.object, path=shipped(config.object.path).resolve(), tags=tags)
-    return replace(config, data=data, object=stated)
+    return replace(config, data=data, object=absolute_object(config.object))
 
 
 def _only_lcp(config: AuditConfig) -> list[str]:
@@ -151,17 +151,6 @@ def _only_lcp(config: AuditConfig) -> list[str]:
 
 def _digest(values: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(jsonable(values), sort_keys=True).encode()).hexdigest()
-
-
-def _code() -> str:
-    """A hash of the code that answers depend on."""
-    from pipelines.version import ROOT, code_digest
-
-    found = hashlib.sha256(code_digest().encode())
-    for path in sorted((ROOT / "tossid" / "diagnosis").glob("*.py")):
-        if path.stem not in _NO_ANSWERS:
-            found.update(path.read_bytes())
-    return found.hexdigest()
 
 
 def _answer(out: Path, key: str) -> dict[str, dict[str, float]] | None:

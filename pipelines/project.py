@@ -64,6 +64,14 @@ def shipped(path: Path) -> Path:
     return path
 
 
+def absolute_object(config: ObjectConfig) -> ObjectConfig:
+    """The same with whole paths, for workers that may be in another folder."""
+    from dataclasses import replace
+
+    tags = None if config.tags is None else shipped(config.tags).resolve()
+    return replace(config, path=shipped(config.path).resolve(), tags=tags)
+
+
 def load_object(config: ObjectConfig) -> ObjectModel:
     """The object that a config describes, with its tags.
 

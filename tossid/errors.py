@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 
 class TossidError(Exception):
@@ -13,6 +14,18 @@ class TossidError(Exception):
     """
 
     exit_code = 1
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # errors come back from workers pickled; arguments of their own are in their text already
+        return _again, (type(self), self.args, self.__dict__)
+
+
+def _again(kind: type[TossidError], args: tuple[Any, ...], evidence: dict[str, Any]) -> TossidError:
+    """An error as it was, whatever it was made from."""
+    error = kind.__new__(kind)
+    error.args = args
+    error.__dict__.update(evidence)
+    return error
 
 
 class InputError(TossidError):

@@ -15,6 +15,7 @@ from pipelines.schemas.kinds import (
     Positive,
     Seed,
 )
+from pipelines.schemas.launching import Launcher
 
 
 @dataclass(frozen=True)
@@ -194,10 +195,16 @@ class DetectStageConfig:
 
     recording: Path | None
     """recording folder (frames or videos), or a bag with images; null: the newest in data/raw"""
+    recordings: str | None
+    """several, by a pattern ('data/raw/*'): each is searched by a worker, those that have been are left as they are"""
     out: Path | None
-    """detections to write (.npz); null: outputs/stages/RECORDING/detections.npz"""
+    """detections to write (.npz), of several a folder; null: outputs/stages/RECORDING/detections.npz"""
     threads: Count | None
     """images searched at the same time; null: one a core"""
+    workers: Count | None
+    """recordings at the same time, of several; null: one a core, or as many as the cluster has workers"""
+    launcher: Launcher
+    """who searches several:"""
     object: ObjectConfig | None
     """what was tossed; none: what the recording says, else the cube:"""
     detect: DetectConfig
