@@ -1,7 +1,7 @@
 """`make scale`: time and memory of the commands against tosses, minutes of film, and workers. Hours, by default.
 
 Every command runs in a process of its own; what it and its children took is what the system says at their end. The
-film is one filmed toss over and over, its images linked under later time stamps.
+film is two filmed tosses over and over, its images linked under later time stamps.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MOST_DIAGNOSED = 100
 STUDIED = 100
 """Tosses of the study that workers share."""
 TOSSED = ("frames=false", "engine=lcp", "noise.position=1.5e-4", "noise.rotation=1.5e-3", "seconds=0.7")
-FILM = ("tosses=1", "seed=3", "camera.count=2", "camera.width=640", "camera.height=512", "camera.samples=4")
+FILM = ("tosses=2", "seed=3", "rate_hz=60", "camera.count=2", "camera.width=640", "camera.height=512", "camera.samples=4")
 TRAIN = ("model=cnrpi", "epochs=4")
 STUDY = ("--sweep", "gravity", "sweep.models=[cn,cnrp]", "sweep.values=[0,4.905,9.81]", "sweep.train=['epochs=60']")
 OUT = Path("outputs/scale")
@@ -63,7 +63,7 @@ def main(tosses: Sequence[int] = TOSSES, minutes: Sequence[float] = MINUTES) -> 
             rows.append(_taken("study", n, folder / f"workers-{n}", console, ["evaluate", *keys]))
     heads = ["command", "size", "elapsed s", "CPU s", "memory GiB"]
     table = [[r.what, f"{r.size:g}", f"{r.elapsed:.1f}", f"{r.cpu:.1f}", f"{r.memory:.2f}"] for r in rows]
-    console.table(heads, table, title="Tosses; minutes of film (two cameras of 640 by 512 px at 148 Hz); workers")
+    console.table(heads, table, title="Tosses; minutes of film (two cameras of 640 by 512 px at 60 Hz); workers")
     with output_file(OUT / "scale.json") as temporary:
         temporary.write_text(json.dumps([row._asdict() for row in rows], indent=1))
     for path in write_figures({"scale": costs_of_size(_panels(rows))}, OUT):
@@ -92,7 +92,7 @@ def _as_tum(data: Path, out: Path) -> None:
 
 
 def _film(folder: Path, minutes: Sequence[float], console: Console) -> list[Took]:
-    """`ingest` of the same toss, filmed over and over."""
+    """`ingest` of the same tosses, filmed over and over."""
     _taken("film", 1, folder, console, ["synthesize", *FILM, "out=film"])
     took = []
     for length in minutes:
