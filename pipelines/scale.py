@@ -29,7 +29,15 @@ MOST_DIAGNOSED = 100
 STUDIED = 100
 """Tosses of the study that workers share."""
 TOSSED = ("frames=false", "engine=lcp", "noise.position=1.5e-4", "noise.rotation=1.5e-3", "seconds=0.7")
-FILM = ("tosses=2", "seed=3", "rate_hz=60", "camera.count=2", "camera.width=640", "camera.height=512", "camera.samples=4")
+FILM = (
+    "tosses=2",
+    "seed=3",
+    "rate_hz=60",
+    "camera.count=2",
+    "camera.width=640",
+    "camera.height=512",
+    "camera.samples=4",
+)
 TRAIN = ("model=cnrpi", "epochs=4")
 STUDY = ("--sweep", "gravity", "sweep.models=[cn,cnrp]", "sweep.values=[0,4.905,9.81]", "sweep.train=['epochs=60']")
 OUT = Path("outputs/scale")
