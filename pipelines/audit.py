@@ -19,7 +19,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pipelines.audit_case import Job, diagnose_case, diagnose_spoilt, find_answer, judge, make_case, spoilt_world
+from pipelines.audit_case import (
+    Answer,
+    Job,
+    diagnose_case,
+    diagnose_spoilt,
+    find_answer,
+    judge,
+    make_case,
+    spoilt_world,
+)
 from pipelines.calling import jsonable
 from pipelines.console import Console
 from pipelines.outputs import only_writer, output_file, output_folder
@@ -110,8 +119,8 @@ def _jobs(config: AuditConfig, out: Path, pool: Workers, console: Console) -> li
         if answer is None:
             console.say(f"{config.data}: diagnosing the unspoilt simulator")
             answer = pool.submit(find_answer, _absolute(config), os.cpu_count() or 1).result()
-            _write(out / ANSWER, json.dumps({"key": key, "effects": answer}, indent=1) + "\n")
-        console.say(f"the unspoilt simulator has {', '.join(answer) or 'no effects'}")
+            _write(out / ANSWER, json.dumps({"key": key, "answer": answer}, indent=1) + "\n")
+        console.say(f"the unspoilt simulator has {', '.join(answer['effects']) or 'no effects'}")
         cases = draw_spoilt(config.cases, seed=config.seed)
     else:
         settings |= {k: getattr(config, k) for k in ("tosses", "position_noise", "rotation_noise")}
@@ -153,12 +162,12 @@ def _digest(values: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(jsonable(values), sort_keys=True).encode()).hexdigest()
 
 
-def _answer(out: Path, key: str) -> dict[str, dict[str, float]] | None:
+def _answer(out: Path, key: str) -> Answer | None:
     try:
         found = json.loads((out / ANSWER).read_text())
     except (OSError, ValueError):
         return None
-    return dict(found["effects"]) if found.get("key") == key else None
+    return dict(found["answer"]) if found.get("key") == key else None
 
 
 def _stored(out: Path, job: Job) -> dict[str, Any] | None:

@@ -20,14 +20,18 @@ THROWS, SECONDS = 16, 0.9
 """Throws, and their length [s], by which strengths are found."""
 
 
+Answer = dict[str, dict[str, dict[str, float]]]
+"""Of real tosses: the unspoilt simulator's "effects", and by name what each effect "alone" is fitted to beside them."""
+
+
 @dataclass(frozen=True)
 class Job:
-    """A case with the settings that its result depends on. answer: the unspoilt simulator's effects (real tosses)."""
+    """A case with the settings that its result depends on. answer: of real tosses."""
 
     case: Case
     config: AuditConfig
     digest: str
-    answer: dict[str, dict[str, float]] | None = None
+    answer: Answer | None = None
 
     @property
     def name(self) -> str:
@@ -167,22 +171,33 @@ def _real(config: AuditConfig) -> tuple[Any, World]:
     return tuple(tosses[i] for i in sorted(chosen)), world
 
 
-def find_answer(config: AuditConfig, threads: int) -> dict[str, dict[str, float]]:
-    """The effects that a diagnosis of the nominal simulator finds, fitted to all tosses: the unspoilt simulator."""
+def find_answer(config: AuditConfig, threads: int) -> Answer:
+    """What a diagnosis of the nominal simulator finds, fitted to the tosses, and what each parameter that is to be
+    spoilt would then be fitted to by itself."""
     from tossid.diagnosis.attribution import diagnose
+    from tossid.diagnosis.audit import SPOILT, world_with
+    from tossid.diagnosis.audit_scores import fits_alone
 
-    tosses, world = _real(config)
-    found = diagnose(tosses, world, seed=config.seed % 1000, n_threads=threads).hypothesis
-    return {
+    (tosses, world), seed = _real(config), config.seed % 1000
+    found = diagnose(tosses, world, seed=seed, n_threads=threads).hypothesis
+    effects = {
         effect.name: dict(zip((p.name for p in effect.parameters), map(float, values), strict=True))
         for effect, values in zip(found.effects, found.values, strict=True)
+    }
+    return {
+        "effects": effects,
+        "alone": fits_alone(tosses, world_with(world, effects), tuple(SPOILT), seed=seed, n_threads=threads),
     }
 
 
 def _unspoilt(job: Job) -> World:
+    """The nominal simulator with what was found, and with the parameter that is spoilt next as these tosses have it."""
     from tossid.diagnosis.audit import world_with
 
-    return world_with(_real(job.config)[1], job.answer or {})
+    assert job.answer is not None
+    name = job.case.effects[0]
+    world = world_with(_real(job.config)[1], job.answer["effects"])
+    return world_with(world, {name: job.answer["alone"][name]})
 
 
 def _spoil(job: Job, unspoilt: World) -> dict[str, float]:

@@ -12,6 +12,7 @@ from tossid.diagnosis.audit import KINDS, Values, effect_named, world_with
 from tossid.diagnosis.evidence import Hypothesis
 from tossid.diagnosis.gap import noise_floor, share_left
 from tossid.diagnosis.judging import Judge, folds
+from tossid.diagnosis.screening import screened
 from tossid.diagnosis.windows import make_windows
 from tossid.physics.effects import World
 from tossid.types import Phase, Toss
@@ -34,6 +35,24 @@ def closable_share(
     first, last = judge.start(Hypothesis(world)), judge.start(Hypothesis(world_with(world, effects)))
     floor = noise_floor(last, judge, seed=seed)
     return share_left(first, last, judge, floor)[0].value
+
+
+def fits_alone(
+    tosses: Sequence[Toss], world: World, names: Sequence[str], *, seed: int, n_threads: int = 1
+) -> dict[str, Values]:
+    """Values of each effect added to a world by itself and fitted: against these a spoilt parameter is held."""
+    n = len(tosses)
+    judge = Judge(make_windows(tosses, world.object), n, folds(n, np.random.default_rng(seed)), n_threads)
+    judge, world = judge.with_contact(world)
+    first = judge.start(Hypothesis(world))
+
+    def fitted(name: str) -> Values:
+        begin = screened(judge, first, effect_named(name))
+        near = first.evidence.renewed(begin.start.world(), refine=4, restarts=1) if begin.far else first.evidence
+        values = judge.polished(near, begin.start).hypothesis.values_of(name)
+        return dict(zip((p.name for p in effect_named(name).parameters), map(float, values), strict=True))
+
+    return dict(zip(names, judge.each(fitted, names), strict=True))
 
 
 def score(truth: Mapping[str, Any], gap: Mapping[str, Any], *, closable: float | None = None) -> dict[str, Any]:
@@ -75,7 +94,8 @@ def score(truth: Mapping[str, Any], gap: Mapping[str, Any], *, closable: float |
         return {**out, "right": left, "phase_right": bool(set(where) & phases), "false": named}
     first = classes[named[0]] if named else []
     right = bool(true) and (any(t in first for t in true) and len(first) <= LARGEST_CLASS)
-    if kind == "pair":
+    if kind in ("pair", "spoilt"):
+        # beside a spoilt parameter, what no simulator has of real tosses may be found too
         right = all(inside.values())
     shares = [share for share in gap["gap"]["by_phase"] if share["share"] is not None]
     largest = max(shares, key=lambda share: share["share"])["phase"] if shares else None

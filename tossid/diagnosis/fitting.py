@@ -65,10 +65,14 @@ class Fitted:
         delta = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(flat))) @ g
         return self.hypothesis.at(np.clip(flat + np.clip(delta, -50, 50) * self.hypothesis.steps, low, high))
 
-    def scatter(self, name: str) -> float:
-        """How far tosses are apart in an effect's values (squared), over what noise makes: the median over tosses of
-        what a Gauss-Newton step for that toss alone would gain, over the median of chi-squared. About 1 for what is the
-        same in all. For evidence of free flight."""
+    def scatter(self, name: str) -> tuple[float, float]:
+        """How far tosses are apart in an effect's values, for evidence of free flight.
+
+        Returns:
+            Squared, over what noise makes: the median over tosses of what a Gauss-Newton step for that toss alone would
+            gain, over the median of chi-squared; about 1 for what is the same in all. And what is beyond noise, over
+            what the effect itself is to a toss: about the square of its values' standard deviation over their mean.
+        """
         names = [effect.name for effect in self.hypothesis.effects for _ in effect.parameters]
         own = [j for j, each in enumerate(names) if each == name]
         weights = self.evidence.windows.weights
@@ -76,12 +80,18 @@ class Fitted:
         count = np.bincount(self.evidence.windows.toss, minlength=len(self.g))
         H, g = self.H[:, own][:, :, own], self.g[:, own]
         told = (count > 0) & (np.einsum("nii->n", H) > 0)
-        size = np.einsum("ni,nij,nj->n", g, np.linalg.pinv(H, hermitian=True), g)[told]
-        if not len(size):
-            return 0.0
+        if not told.any():
+            return 0.0, 0.0
         # misses beyond noise are here what is asked about, and no reason to trust misses less
-        size *= self.scales[FREE] ** 2 * count[told] / weight[told]
-        return float(np.median(size) / chi2.ppf(0.5, len(own)))
+        trust = (self.scales[FREE] ** 2 * count[told] / weight[told])[:, None, None]
+        H, g = trust * H[told], trust[..., 0] * g[told]
+        size = np.einsum("ni,nij,nj->n", g, np.linalg.pinv(H, hermitian=True), g)
+        noise = float(chi2.ppf(0.5, len(own)))
+        effect = next(effect for effect in self.hypothesis.effects if effect.name == name)
+        nothing = effect.nominal(self.hypothesis.minus(name).world())
+        away = (self.hypothesis.values_of(name) - nothing) / self.hypothesis.steps[own]
+        whole = max(float(np.median(np.einsum("i,nij,j->n", away, H, away))), 1e-12)
+        return float(np.median(size)) / noise, max(float(np.median(size)) - noise, 0.0) / whole
 
     def covariance(self) -> Array:
         """Sandwich over tosses (P, P), in the parameters' own units.

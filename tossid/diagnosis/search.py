@@ -23,8 +23,9 @@ from tossid.types import Phase
 
 LIKELY = 0.3
 """Share of what a fit is to gain that one step has to."""
-MOST_SCATTER = 4.0
-"""Of an effect's values from toss to toss (squared), for it to be the same in all; real trackers' errors make 3."""
+MOST_SCATTER, MOST_OF_ITSELF = 4.0, 0.1
+"""Of an effect's values from toss to toss (squared), over noise and over the effect itself, for it to be the same in all;
+real trackers' errors make 2 to 5 and up to 0.05."""
 OTHER_POWER = 0.5
 """By how much a force's power of its state differs at least from its law's, for the law to be another."""
 
@@ -123,7 +124,7 @@ class Search(Rounds):
         present = search._with_law_found(search._without_makeshifts(first, path.history[-1], others), others)
         stay = {effect.name for effect in present.hypothesis.effects}
         needed = {name: each for name, each in needed.items() if name in stay}
-        unsteady = tuple(name for name in stay - others.keys() if present.fitted.scatter(name) > MOST_SCATTER)
+        unsteady = tuple(name for name in stay - others.keys() if _differs(present, name))
         unnamed = {*others, *unsteady}
         classes = {name: () if name in unnamed else group for name, group in classes.items() if name in stay}
         return Found(first, present, path.history, path.tried, {}, needed, classes, 0, others, unsteady)
@@ -209,6 +210,12 @@ def _swapped(hypothesis: Hypothesis, name: str, other: Candidate) -> Hypothesis:
     """With a candidate's effect in the place of the one of that name."""
     assert other.effect is not None
     return hypothesis.with_instead(name, other.effect, other.hypothesis.values_of(other.name))
+
+
+def _differs(present: Candidate, name: str) -> bool:
+    """Whether an effect is clearly not the same in all tosses."""
+    over_noise, over_itself = present.fitted.scatter(name)
+    return over_noise > MOST_SCATTER and over_itself > MOST_OF_ITSELF
 
 
 def _silent(text: str, share: float) -> None:
