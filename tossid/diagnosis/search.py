@@ -24,8 +24,8 @@ from tossid.types import Phase
 LIKELY = 0.3
 """Share of what a fit is to gain that one step has to."""
 MOST_SCATTER, MOST_OF_ITSELF = 4.0, 0.1
-"""Of an effect's values from toss to toss (squared), over noise and over the effect itself, for it to be the same in all;
-real trackers' errors make 2 to 5 and up to 0.05."""
+"""Of an effect's values from toss to toss (squared), over noise and over the effect itself, for it to be the same in
+all; real trackers' errors make 2 to 5 and up to 0.05."""
 OTHER_POWER = 0.5
 """By how much a force's power of its state differs at least from its law's, for the law to be another."""
 
