@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from tossid.diagnosis.engines import Engine
-from tossid.diagnosis.evidence import Hypothesis
+from tossid.diagnosis.evidence import Hypothesis, gains
 from tossid.diagnosis.findings import Contact, Diagnosis, Finding, Interval, Share, Verdict
 from tossid.diagnosis.fitting import Fitted, derivatives, toss_sums
 from tossid.diagnosis.gap import Floor, measure_gap, noise_floor, rollout_errors, share_left
 from tossid.diagnosis.judging import Candidate, Judge, folds
 from tossid.diagnosis.place import located
+from tossid.diagnosis.rounds import CLASS_LEVEL
 from tossid.diagnosis.search import Found, Search
 from tossid.diagnosis.windows import FLIGHT_WEIGHT, LENGTH, make_windows
 from tossid.diagnosis.witnesses import witnesses
@@ -101,11 +102,21 @@ def _cut_elsewhere(
         skip, side = cut
         other = replace(judge, windows=make_windows(tosses, model, skip=skip))
         start = present.hypothesis.at(np.clip(flat + side * way, *present.hypothesis.bounds))
-        return other.polished(other.start(start).evidence, start, 2).hypothesis.flat()
+        there = other.polished(other.start(start).evidence, start, 2)
+        back = there.evidence.renewed(present.hypothesis.world(), refine=4)
+        ll = back.log_likelihood(back.residual(present.hypothesis.world()), there.scales)
+        ended = there.evidence.log_likelihood(there.residual, there.scales)
+        if gains(ended, ll) @ there.evidence.windows.weights < 0:
+            # it has ended in a worse place than where it was to come back to
+            there = other.polished(back, present.hypothesis, 2)
+        return there.hypothesis.flat()
 
     values = np.array([flat, *judge.each(fitted, CUTS)])
     middle = present.hypothesis.at(np.median(values, axis=0))
     settled = judge.judged(present, present.effect, middle, 0)
+    if judge.better(present, settled) < CLASS_LEVEL:
+        # parameters that make up for each other have medians that do not
+        settled = present
     return found.ending(settled), np.std(values, axis=0, ddof=1)
 
 

@@ -12,14 +12,11 @@ from tossid.diagnosis.fitting import derivatives, toss_sums
 from tossid.diagnosis.judging import Candidate, Judge
 from tossid.diagnosis.windows import FLIGHT_WEIGHT
 from tossid.physics.effects import Effect
-from tossid.types import Phase
 
 Array = NDArray[np.float64]
 
 SCREENING = 3
 """Folds whose tosses screen what is far."""
-NEAR = (-16, -4, 4, 16)
-"""Steps of a parameter, from nothing, at which what acts in contact alone is looked for."""
 STEP_SHARES = (1.0, 0.3, 0.1, 0.03)
 """Parts of a screening step that are tried: impacts are far from linear."""
 
@@ -44,8 +41,7 @@ def screened(judge: Judge, present: Candidate, effect: Effect) -> Screened:
     nothing = now.hypothesis.plus(effect)
     base = whole.log_likelihood(now.residual, now.scales)
     best = _stepped(judge, present, nothing, whole, base, 0.0)
-    starts = _starts(effect, nothing)
-    if not starts:
+    if not effect.starts:
         return best
     some = np.any(judge.folds[:SCREENING], axis=0)
     share, e0 = float(some.mean()), whole.of_tosses(some)
@@ -54,9 +50,11 @@ def screened(judge: Judge, present: Candidate, effect: Effect) -> Screened:
     def ll(e: Evidence, hypothesis: Hypothesis) -> Array:
         return e.log_likelihood(e.residual(hypothesis.world()), now.scales)
 
+    here = dict(zip([p.name for p in effect.parameters], nothing.values[-1], strict=True))
     tried = []
-    for values in starts:
-        hypothesis = now.hypothesis.plus(effect, values)
+    for start in effect.starts:
+        values = {**here, **start}
+        hypothesis = now.hypothesis.plus(effect, np.array([values[p.name] for p in effect.parameters]))
         e = e0.renewed(hypothesis.world(), refine=2, anew=False)
         tried.append((_gain(gains(ll(e, hypothesis), base), e), hypothesis, e))
     _, hypothesis, e = max(tried, key=lambda each: each[0])
@@ -65,23 +63,6 @@ def screened(judge: Judge, present: Candidate, effect: Effect) -> Screened:
     begin = _gain(gains(np.maximum(ll(e0, hypothesis), ll(e, hypothesis)), before), e)
     far = _stepped(judge, present, hypothesis, e, before, begin)
     return replace(far, gain=far.gain / share, far=True) if far.gain / share > best.gain else best
-
-
-def _starts(effect: Effect, nothing: Hypothesis) -> list[Array]:
-    """Values (P,) from which an effect is also looked for: its own, and, of what acts in contact alone, some near by.
-
-    Contact is rough: around the first states that suit nothing, a small step is worse where a larger one is better.
-    """
-    names, here = [p.name for p in effect.parameters], nothing.values[-1]
-    told = dict(zip(names, here, strict=True))
-    out = [np.array([{**told, **start}[name] for name in names]) for start in effect.starts]
-    if Phase.FLIGHT not in effect.phases:
-        for k, parameter in enumerate(effect.parameters):
-            for steps in NEAR:
-                value = float(np.clip(here[k] + steps * parameter.step, parameter.low, parameter.high))
-                if value != here[k]:
-                    out.append(np.where(np.arange(len(names)) == k, value, here))
-    return out
 
 
 def _stepped(

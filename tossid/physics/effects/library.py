@@ -81,7 +81,7 @@ LIBRARY: tuple[Effect, ...] = (
         CONTACT,
         "the moments of inertia are larger or smaller than stated",
         lambda w, p: _body(w, inertia=p["scale_rel"] * w.object.inertia),
-        starts=({"scale_rel": 0.45}, {"scale_rel": 2.0}),
+        starts=tuple({"scale_rel": scale} for scale in (0.45, 0.7, 0.88, 1.14, 1.5, 2.0)),
     ),
     Effect(
         "geometry",
@@ -90,6 +90,7 @@ LIBRARY: tuple[Effect, ...] = (
         CONTACT,
         "the object is larger or smaller than stated",
         lambda w, p: _body(w, corner_pos=p["size_rel"] * w.object.corner_pos),
+        starts=tuple({"size_rel": size} for size in (0.965, 0.99, 1.01, 1.035)),
     ),
     Effect(
         "rounded_corners",
@@ -124,6 +125,7 @@ LIBRARY: tuple[Effect, ...] = (
         CONTACT,
         "the ground is not at z = 0",
         lambda w, p: replace(w, ground_height=p["z_m"]),
+        starts=tuple({"z_m": z} for z in (-8e-3, -2e-3, 2e-3, 8e-3)),
     ),
     Effect(
         "linear_drag",
