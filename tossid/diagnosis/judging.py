@@ -17,6 +17,7 @@ from tossid.diagnosis.fitting import CURVATURE, Fitted, fit, nudged
 from tossid.diagnosis.whitening import linearise
 from tossid.diagnosis.windows import FLIGHT_WEIGHT, Windows
 from tossid.physics.effects import Effect, World
+from tossid.physics.solvers.batches import whole_batches
 from tossid.types import Phase
 
 Array = NDArray[np.float64]
@@ -111,8 +112,13 @@ class Judge:
         """judged(item) of all items, in order, several at once."""
         if self.n_threads == 1:
             return [judged(item) for item in items]
+
+        def one(item: Item) -> Made:
+            with whole_batches():
+                return judged(item)
+
         with ThreadPoolExecutor(self.n_threads) as pool:
-            return list(pool.map(judged, items))
+            return list(pool.map(one, items))
 
     def with_contact(self, world: World) -> tuple[Judge, World]:
         """The world with the contact that the tosses follow most: Coulomb's law, its relaxation, or, where a MuJoCo

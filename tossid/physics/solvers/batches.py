@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import lru_cache
 
 import numpy as np
@@ -41,9 +43,25 @@ def check_batch(
     return A, b, mu, chosen, lam
 
 
+_here = threading.local()
+
+
+@contextmanager
+def whole_batches() -> Iterator[None]:
+    """In this thread, batches are not split: several of such threads are at work already.
+
+    To split them too is slower than one thread: whoever comes back from a slice waits for the interpreter's lock.
+    """
+    before, _here.whole = getattr(_here, "whole", False), True
+    try:
+        yield
+    finally:
+        _here.whole = before
+
+
 def over_threads(part: Callable[[int, int], None], count: int, n_threads: int) -> None:
     """Call part(first, last) over 0..count in slices, on `n_threads` threads (a share each, four slices a thread)."""
-    if n_threads <= 1 or count < 2 * n_threads:
+    if n_threads <= 1 or count < 2 * n_threads or getattr(_here, "whole", False):
         part(0, count)
         return
     edges = np.linspace(0, count, 4 * n_threads + 1).astype(int)
