@@ -29,7 +29,7 @@ from pipelines.audit_case import (
     make_case,
     spoilt_world,
 )
-from pipelines.calling import jsonable
+from pipelines.calling import digest_of, jsonable
 from pipelines.console import Console
 from pipelines.outputs import only_writer, output_file, output_folder
 from pipelines.project import absolute_object
@@ -50,6 +50,7 @@ _NO_ANSWERS = (
     "place_figures",
     "witnesses",
     "next_toss",
+    "edit",
     "patch",
     "patch_edits",
     "patch_rerun",
@@ -114,7 +115,7 @@ def _jobs(config: AuditConfig, out: Path, pool: Workers, console: Console) -> li
     settings: dict[str, Any] = {"object": asdict(config.object), "code": code_digest_with("diagnosis", _NO_ANSWERS)}
     if config.data is not None:
         settings |= {"data": file_sha256(dataset_path(config.data)), "tosses": config.tosses, "seed": config.seed}
-        key = _digest(settings)
+        key = digest_of(settings)
         answer = _answer(out, key)
         if answer is None:
             console.say(f"{config.data}: diagnosing the unspoilt simulator")
@@ -133,7 +134,7 @@ def _jobs(config: AuditConfig, out: Path, pool: Workers, console: Console) -> li
             only_lcp=_only_lcp(config),
         )
     told = _absolute(config)
-    return [Job(case, told, _digest({**settings, "case": case.as_json()}), answer) for case in cases]
+    return [Job(case, told, digest_of({**settings, "case": case.as_json()}), answer) for case in cases]
 
 
 def _absolute(config: AuditConfig) -> AuditConfig:
@@ -156,10 +157,6 @@ def _only_lcp(config: AuditConfig) -> list[str]:
     plain, u = World(load_object(config.object)), np.full(8, 0.5)
     strengths = strengths_for(plain.object)
     return [name for name, s in strengths.items() if inexpressible(world_with(plain, {name: s.values(s.high, u)}))]
-
-
-def _digest(values: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(jsonable(values), sort_keys=True).encode()).hexdigest()
 
 
 def _answer(out: Path, key: str) -> Answer | None:

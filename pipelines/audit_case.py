@@ -180,10 +180,7 @@ def find_answer(config: AuditConfig, threads: int) -> Answer:
 
     (tosses, world), seed = _real(config), config.seed % 1000
     found = diagnose(tosses, world, seed=seed, n_threads=threads).hypothesis
-    effects = {
-        effect.name: dict(zip((p.name for p in effect.parameters), map(float, values), strict=True))
-        for effect, values in zip(found.effects, found.values, strict=True)
-    }
+    effects = {effect.name: effect.named(values) for effect, values in zip(found.effects, found.values, strict=True)}
     return {
         "effects": effects,
         "alone": fits_alone(tosses, world_with(world, effects), tuple(SPOILT), seed=seed, n_threads=threads),

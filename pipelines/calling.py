@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import json as jsonlib
 import math
@@ -65,6 +66,11 @@ def _uninterrupted() -> Iterator[None]:
         yield
     except KeyboardInterrupt as error:
         raise Interrupted from error
+
+
+def digest_of(value: Any) -> str:
+    """SHA-256 of a value as plain JSON: the same keys, data and code are known again by it."""
+    return hashlib.sha256(jsonlib.dumps(jsonable(value), sort_keys=True).encode()).hexdigest()
 
 
 def jsonable(value: Any) -> Any:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
-import json
 import os
 import re
 from collections.abc import Iterator, Sequence
@@ -13,6 +11,7 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+from pipelines.calling import digest_of
 from pipelines.config import as_plain, load
 from pipelines.keys import convert
 from pipelines.schemas import Launcher, ProcessesLauncher, SweepConfig, TrainConfig
@@ -104,7 +103,7 @@ def _digest(config: TrainConfig, sha256: str) -> str:
     from pipelines.learning import learning_keys
 
     parts = [SCHEMA, learning_keys(config), sha256, code_digest()]
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+    return digest_of(parts)
 
 
 # ---------------------------------------------------------------- computing

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import glob
-import hashlib
 import json
 from collections import Counter
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from pipelines.calling import jsonable
+from pipelines.calling import digest_of, jsonable
 from pipelines.console import Console
 from pipelines.frames import STAGES, check_stage_name, detect_stage, open_stage
+from pipelines.opening import recording_name
 from pipelines.outputs import output_file
 from pipelines.project import absolute_object
 from pipelines.schemas import DetectStageConfig
@@ -87,7 +87,7 @@ def _recordings(config: DetectStageConfig, pattern: str) -> list[DetectStageConf
     paths = [Path(text).resolve() for text in sorted(glob.glob(pattern))]
     if not paths:
         raise ConfigError("recordings", f"nothing fits '{pattern}'; expected a pattern of paths, as 'data/raw/*'.")
-    names = [path.name.split(".")[0] for path in paths]
+    names = [recording_name(path) for path in paths]
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
         raise ConfigError("recordings", f"several are named '{twice[0]}', and would be written to one place.")
@@ -102,9 +102,10 @@ def _recordings(config: DetectStageConfig, pattern: str) -> list[DetectStageConf
 def _detected(one: DetectStageConfig) -> dict[str, Any]:
     """What a worker does."""
     assert one.out is not None
+    digest = _digest(one)
     row = dict(jsonable(run(one, Console(quiet=True))))
     with output_file(one.out.with_name(DONE)) as temporary:
-        temporary.write_text(json.dumps({"digest": _digest(one), "row": row}, indent=1) + "\n")
+        temporary.write_text(json.dumps({"digest": digest, "row": row}, indent=1) + "\n")
     return row
 
 
@@ -128,4 +129,4 @@ def _digest(one: DetectStageConfig) -> str:
         "detect": asdict(one.detect),
         "code": code_digest_with("vision"),
     }
-    return hashlib.sha256(json.dumps(jsonable(told), sort_keys=True).encode()).hexdigest()
+    return digest_of(told)

@@ -40,7 +40,7 @@ class Opened:
     @property
     def name(self) -> str:
         """Of the recording, for files that are made of it."""
-        return self.path.resolve().name.split(".")[0]
+        return recording_name(self.path)
 
     def images(self) -> Recording:
         """Its images. `FileError` where it has none."""
@@ -53,6 +53,11 @@ class Opened:
         if self.model is None:
             raise FileError(self.path, "does not say what was tossed; give object=NAME")
         return self.model
+
+
+def recording_name(path: Path) -> str:
+    """Of the recording that lies there."""
+    return path.resolve().name.split(".")[0]
 
 
 def source_at(path: Path) -> CameraSource:

@@ -6,7 +6,7 @@ store. What ships with tossid (`conf/`) is found from anywhere.
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -66,8 +66,6 @@ def shipped(path: Path) -> Path:
 
 def absolute_object(config: ObjectConfig) -> ObjectConfig:
     """The same with whole paths, for workers that may be in another folder."""
-    from dataclasses import replace
-
     tags = None if config.tags is None else shipped(config.tags).resolve()
     return replace(config, path=shipped(config.path).resolve(), tags=tags)
 
@@ -79,8 +77,6 @@ def load_object(config: ObjectConfig) -> ObjectModel:
         FileError: a file is missing or cannot be read.
         ObjectError: it is no object that tossid can handle.
     """
-    from dataclasses import replace
-
     from tossid import objects
 
     model = objects.load_object(

@@ -8,7 +8,6 @@ and a nested one for each cell; only the command writes to it, never a worker.
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import time
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.calling import jsonable
+from pipelines.calling import digest_of, jsonable
 from pipelines.cells import SCHEMA, Cell, Computed, compute_all, study_cells
 from pipelines.console import Console
 from pipelines.evaluate import means
@@ -116,7 +115,7 @@ def _open(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> Study
         if not kept:
             raise InputError(what)
         console.warn(what)
-    digest = hashlib.sha256(json.dumps([sweep.key, *[cell.digest for cell in kept]]).encode()).hexdigest()[:12]
+    digest = digest_of([sweep.key, *[cell.digest for cell in kept]])[:12]
     return Study(sweep, data, sha256, dataset, kept, FOLDER / f"{sweep.name}-{digest}")
 
 

@@ -86,7 +86,7 @@ def world_of(config: SynthesizeConfig, model: ObjectModel) -> World:
             raise ConfigError(
                 f"effects.{name}", "there is no such effect in the library.", suggestion=nearest(name, library)
             )
-        values = dict(zip((p.name for p in effect.parameters), effect.nominal(world), strict=True))
+        values = effect.named(effect.nominal(world))
         for parameter, value in given.items():
             key = f"effects.{name}.{parameter}"
             if parameter not in values:

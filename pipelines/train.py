@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import time
@@ -10,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipelines.calling import digest_of
 from pipelines.console import Console
 from pipelines.project import dataset_path
 from pipelines.schemas import TrainConfig
@@ -40,7 +40,7 @@ def run(config: TrainConfig, console: Console) -> dict[str, Any]:
         fit = prepare(dataset, config, n_threads=os.cpu_count() or 1)
     except InputError as error:
         raise InputError(f"{data}: {error}") from error
-    digest = hashlib.sha256(json.dumps([learning_keys(config), sha256], sort_keys=True).encode()).hexdigest()[:12]
+    digest = digest_of([learning_keys(config), sha256])[:12]
     folder = FOLDER / f"{config.model.name}-{digest}"
     with only_writer(folder / "training"):
         under_way = UnderWay(folder / "under_way")

@@ -19,7 +19,7 @@ from tossid.diagnosis.evidence import Hypothesis, gains
 from tossid.diagnosis.findings import Contact, Diagnosis, Finding, Interval, Share, Verdict
 from tossid.diagnosis.fitting import Fitted, derivatives, toss_sums
 from tossid.diagnosis.gap import Floor, measure_gap, noise_floor, rollout_errors, share_left
-from tossid.diagnosis.judging import Candidate, Judge, folds
+from tossid.diagnosis.judging import Candidate, Judge
 from tossid.diagnosis.place import located
 from tossid.diagnosis.rounds import CLASS_LEVEL
 from tossid.diagnosis.search import Found, Search
@@ -66,9 +66,7 @@ def diagnose(
     """
     started = time.perf_counter()
     tell = progress or (lambda text, share: None)
-    n = len(tosses)
-    parts = folds(n, np.random.default_rng(seed))
-    judge = Judge(make_windows(tosses, world.object), n, parts, n_threads, engine or Engine())
+    judge = Judge.of(tosses, world.object, seed=seed, n_threads=n_threads, engine=engine)
     tell("the gap", 0.02)
     judge, world = judge.with_contact(world)
     found = Search(judge, library, tell).run(Hypothesis(world))

@@ -278,7 +278,7 @@ def world_with(world: World, effects: Mapping[str, Values]) -> World:
     """The world with effects at values, their other parameters nominal."""
     for name, given in effects.items():
         effect = effect_named(name)
-        values = dict(zip((p.name for p in effect.parameters), effect.nominal(world), strict=True)) | dict(given)
+        values = effect.named(effect.nominal(world)) | dict(given)
         world = effect.at(world, np.array(list(values.values())))
     return world
 

@@ -11,9 +11,8 @@ import numpy as np
 from tossid.diagnosis.audit import KINDS, Values, effect_named, world_with
 from tossid.diagnosis.evidence import Hypothesis
 from tossid.diagnosis.gap import noise_floor, share_left
-from tossid.diagnosis.judging import Judge, folds
+from tossid.diagnosis.judging import Judge
 from tossid.diagnosis.screening import screened
-from tossid.diagnosis.windows import make_windows
 from tossid.physics.effects import World
 from tossid.types import Phase, Toss
 
@@ -28,8 +27,7 @@ def closable_share(
     tosses: Sequence[Toss], world: World, effects: Mapping[str, Values], *, seed: int, n_threads: int = 1
 ) -> float:
     """Share of the gap that the true effects close: what is left then is not the diagnosis's to close."""
-    n = len(tosses)
-    judge = Judge(make_windows(tosses, world.object), n, folds(n, np.random.default_rng(seed)), n_threads)
+    judge = Judge.of(tosses, world.object, seed=seed, n_threads=n_threads)
     judge, best = judge.with_contact(world_with(world, effects))
     world = replace(world, law=world.law._replace(lifting=best.law.lifting))
     first, last = judge.start(Hypothesis(world)), judge.start(Hypothesis(world_with(world, effects)))
@@ -41,16 +39,14 @@ def fits_alone(
     tosses: Sequence[Toss], world: World, names: Sequence[str], *, seed: int, n_threads: int = 1
 ) -> dict[str, Values]:
     """Values of each effect added to a world by itself and fitted: against these a spoilt parameter is held."""
-    n = len(tosses)
-    judge = Judge(make_windows(tosses, world.object), n, folds(n, np.random.default_rng(seed)), n_threads)
+    judge = Judge.of(tosses, world.object, seed=seed, n_threads=n_threads)
     judge, world = judge.with_contact(world)
     first = judge.start(Hypothesis(world))
 
     def fitted(name: str) -> Values:
-        begin = screened(judge, first, effect_named(name))
-        near = first.evidence.renewed(begin.start.world(), refine=4, restarts=1) if begin.far else first.evidence
-        values = judge.polished(near, begin.start).hypothesis.values_of(name)
-        return dict(zip((p.name for p in effect_named(name).parameters), map(float, values), strict=True))
+        effect = effect_named(name)
+        begin = screened(judge, first, effect)
+        return effect.named(judge.polished(begin.evidence(first), begin.start).hypothesis.values_of(name))
 
     return dict(zip(names, judge.each(fitted, names), strict=True))
 

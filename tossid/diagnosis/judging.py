@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
@@ -15,10 +15,11 @@ from tossid.diagnosis.engines import LIFTING, Engine
 from tossid.diagnosis.evidence import Evidence, Hypothesis, gains
 from tossid.diagnosis.fitting import CURVATURE, Fitted, fit, nudged
 from tossid.diagnosis.whitening import linearise
-from tossid.diagnosis.windows import FLIGHT_WEIGHT, Windows
+from tossid.diagnosis.windows import FLIGHT_WEIGHT, Windows, make_windows
+from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, World
 from tossid.physics.solvers.batches import whole_batches
-from tossid.types import Phase
+from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
 Item = TypeVar("Item")
@@ -107,6 +108,15 @@ class Judge:
     n_threads: int = 1
     engine: Engine = field(default_factory=Engine)
     held: frozenset[str] = frozenset()
+
+    @staticmethod
+    def of(
+        tosses: Sequence[Toss], model: ObjectModel, *, seed: int, n_threads: int = 1, engine: Engine | None = None
+    ) -> Judge:
+        """Of all windows of tosses, with folds drawn by a seed and, if no other is given, near-rigid MuJoCo."""
+        n = len(tosses)
+        parts = folds(n, np.random.default_rng(seed))
+        return Judge(make_windows(tosses, model), n, parts, n_threads, engine or Engine())
 
     def each(self, judged: Callable[[Item], Made], items: Iterable[Item]) -> list[Made]:
         """judged(item) of all items, in order, several at once."""

@@ -109,7 +109,7 @@ class Rounds:
         return fitted
 
     def _judged(self, present: Candidate, promising: Screened) -> Candidate:
-        near = present.evidence.renewed(promising.start.world(), refine=4, restarts=1) if promising.far else None
+        near = promising.evidence(present)
         return self.judge.judged(present, promising.effect, promising.start, near=near)
 
     def belongs(self, first: Candidate, present: Candidate, each: Candidate) -> bool:

@@ -30,6 +30,10 @@ class Screened:
     start: Hypothesis
     far: bool = False
 
+    def evidence(self, present: Candidate) -> Evidence:
+        """Around which to fit from here: that of the present hypothesis, begun anew if this is far from it."""
+        return present.evidence.renewed(self.start.world(), refine=4, restarts=1) if self.far else present.evidence
+
 
 def screened(judge: Judge, present: Candidate, effect: Effect) -> Screened:
     """The gain of a step of Gauss-Newton or a part of it, from nothing or from the best start.
@@ -50,7 +54,7 @@ def screened(judge: Judge, present: Candidate, effect: Effect) -> Screened:
     def ll(e: Evidence, hypothesis: Hypothesis) -> Array:
         return e.log_likelihood(e.residual(hypothesis.world()), now.scales)
 
-    here = dict(zip([p.name for p in effect.parameters], nothing.values[-1], strict=True))
+    here = effect.named(nothing.values[-1])
     tried = []
     for start in effect.starts:
         values = {**here, **start}

@@ -61,6 +61,10 @@ class Effect:
         here = self.read(world)
         return np.array([here[p.name] if p.nominal is None else p.nominal for p in self.parameters])
 
+    def named(self, values: np.ndarray) -> dict[str, float]:
+        """Values (P,) by the parameters' names."""
+        return dict(zip((p.name for p in self.parameters), map(float, values), strict=True))
+
     def at(self, world: World, values: np.ndarray) -> World:
         """The world with the effect at the values (P,), brought back into their range."""
         named = {p.name: float(np.clip(x, p.low, p.high)) for p, x in zip(self.parameters, values, strict=True)}
