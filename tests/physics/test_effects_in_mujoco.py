@@ -12,6 +12,7 @@ from tossid.objects import ObjectModel, load_object
 from tossid.physics import simulate
 from tossid.physics.effects import Forces, Law, Recording, World
 from tossid.physics.effects.in_mujoco import damping_ratio, inexpressible, toss_in_mujoco
+from tossid.physics.forces import DRAG, MAGNUS, SPIN, SPRING, TURNING, VORTEX
 from tossid.physics.mujoco_engine import simulate_mujoco
 
 CONF = Path(__file__).parents[2] / "conf/object"
@@ -50,6 +51,18 @@ def test_bodies_gravity_ground_and_forces_fly_as_in_our_engine(cube: ObjectModel
     assert np.abs(ours.q - none.q)[0, -1, :3].max() > 0.2
     np.testing.assert_allclose(pushed[0][0, :, :3], ours.q[0, :, :3], atol=3e-4)
     np.testing.assert_allclose(pushed[0][0, :, 3:], ours.q[0, :, 3:], atol=3e-3)
+
+
+@pytest.mark.parametrize("powered", [DRAG, SPIN, MAGNUS, SPRING, VORTEX, TURNING])
+def test_a_force_of_another_power_flies_as_in_our_engine(cube: ObjectModel, powered: int) -> None:
+    plain = Forces(0.1, 0.1, 0.002, 2.0, -1.0, 0.03, 0.3, -0.2, 0.5, 4.0, 0.3, 0.2, 1.0, 2.0, 1.5)
+    powers = [plain._replace(powered=float(powered), power=0.5), plain]
+    q, v = above(3.0), np.array([[1.0, -0.5, 1.0, 4.0, -3.0, 5.0]])
+    pushed, without = (toss_in_mujoco(World(cube, forces=each), q, v, 60, DT)[0] for each in powers)
+    ours = simulate(World(cube, forces=powers[0]).system(), q, v, n_steps=60, dt=DT, substeps=400).q
+    changed = np.abs(ours - without)[0].max()
+    assert changed > 0.02
+    assert np.abs(pushed - ours)[0].max() < 0.03 * changed
 
 
 @pytest.mark.parametrize("e", [0.05, 0.5, 0.8])

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.evidence import Evidence, student_deviance
-from tossid.diagnosis.judging import Candidate, Judge, anywhere
+from tossid.diagnosis.judging import POLISH, Candidate, Judge, anywhere
 from tossid.diagnosis.screening import Screened, screened
 from tossid.physics.effects import Effect
 
@@ -31,6 +31,8 @@ MATTERS = 0.004
 """Share of the gap that an effect must close to be named."""
 MOST_EFFECTS, MOST_ROUNDS = 9, 12
 """Of a search; an effect that has joined may leave again."""
+MOST_SETTLED = 3
+"""Fits of all effects together, each after rounds in which another has joined."""
 CANDIDATES = 6
 """Effects fitted in full in a round."""
 PROMISING = 3.0
@@ -60,6 +62,12 @@ class Path:
     judged: tuple[Candidate, ...]
     less: dict[str, Candidate]
 
+    def then(self, further: Path) -> Path:
+        """With rounds that went on from its last hypothesis."""
+        if further.history[-1] is self.history[-1]:
+            return self
+        return replace(further, tried=self.tried, classes={**self.classes, **further.classes})
+
 
 class Rounds:
     """Rounds over a library of effects, with one judge."""
@@ -77,7 +85,7 @@ class Rounds:
         for turn in range(MOST_ROUNDS):
             if len(present.hypothesis.effects) == MOST_EFFECTS:
                 break
-            self.tell(f"round {turn + 1}", min(done + 0.08 * turn, 0.75))
+            self.tell(f"round {turn + 1}", min(done + 0.08 * turn, max(done, 0.75)))
             fitted = self.round(first, present)
             if turn == 0:
                 tried = {each.name: each for each in fitted}
@@ -92,6 +100,26 @@ class Rounds:
             present, less = self.pruned(first, self.refreshed(best), without)
             history.append(present)
         return Path(tuple(history), tried, classes, tuple(near), less)
+
+    def settled(self, first: Candidate, path: Path) -> Path:
+        """The path with everything in its last hypothesis fitted together; and rounds again where that has moved it as
+        clearly as an effect would: what did not belong before may belong there."""
+        for _ in range(MOST_SETTLED):
+            before = path.history[-1]
+            if not before.hypothesis.effects:
+                break
+            self.tell("all effects together", 0.8)
+            present, less = self.pruned(first, self.refreshed(before, POLISH))
+            path = replace(path, history=(*path.history[:-1], present), less=less)
+            if self.judge.better(present, before) > LEVEL / len(self.library):
+                break
+            if not self._matters(first, before, present):
+                break
+            further = path.then(self.forward(first, path.history, 0.8))
+            if further is path:
+                break
+            path = further
+        return path
 
     def round(self, first: Candidate, present: Candidate, at_least: float = PROMISING) -> list[Candidate]:
         """The promising effects, of which one step gains so much at least, fitted and judged; those that gain far less

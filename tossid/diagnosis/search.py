@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tossid.diagnosis.evidence import Hypothesis
-from tossid.diagnosis.judging import POLISH, Candidate
+from tossid.diagnosis.judging import Candidate
 from tossid.diagnosis.rounds import CLASS_LEVEL, LEVEL, Rounds
 from tossid.physics.effects import OTHER_LAWS
 from tossid.types import Phase
@@ -91,21 +91,16 @@ class Search(Rounds):
             # beside a force that no world here has, another of flight would only make up for it
             library = [effect for effect in library if Phase.FLIGHT not in effect.phases]
         contact = Rounds(replace(self.judge, held=flown), library, self.tell)
-        path = contact.forward(first, history, 0.2)
-        present, history = path.history[-1], list(path.history)
+        path = contact.settled(first, contact.forward(first, history, 0.2))
+        present = path.history[-1]
         if present.hypothesis.effects:
-            self.tell("all effects together", 0.8)
-            present, less = contact.pruned(first, contact.refreshed(present, POLISH))
-            history[-1] = present
             self.tell("what could stand in for each", 0.88)
-            needed_too, classes_too = contact.stand_ins(present, less, path)
+            needed_too, classes_too = contact.stand_ins(present, path.less, path)
             needed, classes = {**needed, **needed_too}, {**classes, **classes_too}
         in_flight = {} if seen is None else seen.tried
         others = {} if seen is None else {name: each for name, each in seen.other_laws.items() if name in needed}
         unsteady = () if seen is None else tuple(name for name in seen.unsteady if name in needed)
-        return Found(
-            first, present, tuple(history), path.tried, in_flight, needed, classes, len(flown), others, unsteady
-        )
+        return Found(first, present, path.history, path.tried, in_flight, needed, classes, len(flown), others, unsteady)
 
     # ------------------------------------------------------------ what flight shows
 

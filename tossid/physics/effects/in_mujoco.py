@@ -27,7 +27,7 @@ from tossid.errors import InputError
 from tossid.objects import ObjectModel, to_mjcf
 from tossid.physics.batch import tree_batch
 from tossid.physics.effects.world import World
-from tossid.physics.forces import Forces
+from tossid.physics.forces import DRAG, LEAST, MAGNUS, SPIN, SPRING, TURNING, VORTEX, Forces
 from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, RIGID_STEP, compile_scene, run_scene
 from tossid.physics.system import make_system
 
@@ -214,10 +214,17 @@ def wrench(f: Forces, mass: float, p: Array, u: Array, omega: Array) -> tuple[Ar
 
     p, u, omega (*b, 3): place and velocity of the centre of mass, and spin, world axes.
     """
-    up = np.array([0.0, 0.0, 1.0])
+    up, away = np.array([0.0, 0.0, 1.0]), np.array([f.center_x, f.center_y, f.center_z]) - p
     air = u - [f.wind_x, f.wind_y, 0.0]
-    speed = np.linalg.norm(air, axis=-1, keepdims=True)
-    force = -(f.linear + f.quadratic * speed) * air + f.magnus * np.cross(omega, air) + [f.x, f.y, f.z]
-    force += f.spring * (np.array([f.center_x, f.center_y, f.center_z]) - p)
-    force += f.vortex * np.cross(up, p) + mass * f.turning * np.cross(up, u)
-    return force, -f.spin * omega
+    drag = (f.linear + f.quadratic * np.linalg.norm(air, axis=-1, keepdims=True)) * _grown(f, DRAG, air)
+    force = -drag * air + f.magnus * _grown(f, MAGNUS, omega) * np.cross(omega, air) + [f.x, f.y, f.z]
+    force += f.spring * _grown(f, SPRING, away) * away
+    force += f.vortex * _grown(f, VORTEX, p[..., :2]) * np.cross(up, p)
+    force += mass * f.turning * _grown(f, TURNING, u) * np.cross(up, u)
+    return force, -f.spin * _grown(f, SPIN, omega) * omega
+
+
+def _grown(f: Forces, which: int, state: Array) -> Array:
+    """(*b, 1) `forces.grown` of states (*b, n)."""
+    size: Array = np.maximum(np.linalg.norm(state, axis=-1, keepdims=True), LEAST)
+    return size**f.power if f.powered == which else np.ones_like(size)

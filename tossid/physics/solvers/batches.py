@@ -50,7 +50,8 @@ _here = threading.local()
 def whole_batches() -> Iterator[None]:
     """In this thread, batches are not split: several of such threads are at work already.
 
-    To split them too is slower than one thread: whoever comes back from a slice waits for the interpreter's lock.
+    Whoever comes back from a slice waits for the interpreter's lock: a diagnosis of 16 tosses on two cores that splits
+    them too takes 1.6 times as long.
     """
     before, _here.whole = getattr(_here, "whole", False), True
     try:
