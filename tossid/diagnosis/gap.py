@@ -181,23 +181,25 @@ def cross_fitted(state: Candidate, judge: Judge) -> Array:
 def rollout_errors(tosses: Sequence[Toss], unseen: Sequence[Toss], state: Candidate, judge: Judge) -> Step:
     """Full-length rollouts from first states as flight tells them: of these tosses at values fitted to the other
     folds, of `unseen` ones at the hypothesis's own."""
-    errors = np.full((judge.n, 2), np.nan)
+    errors, windows = np.full((judge.n, 2), np.nan), make_windows(tosses, state.hypothesis.base.object)
     for held in judge.folds:
-        chosen = [tosses[i] for i in np.flatnonzero(held).tolist()]
-        errors[held] = _errors(chosen, state.fitted.of_part(~held).world(), judge.n_threads)
+        some = np.flatnonzero(held)
+        chosen, begin = [tosses[i] for i in some.tolist()], windows.of_tosses(some)
+        errors[held] = _errors(chosen, state.fitted.of_part(~held).world(), begin, n_threads=judge.n_threads)
     squares = np.minimum(cross_fitted(state, judge) ** 2, CAP**2)
     counted = np.broadcast_to(state.evidence.windows.counted[..., None], squares.shape).astype(float)
     left = bootstrap_ratio(*(by_toss(state.evidence, each, judge.n) for each in (squares * counted, counted)))
     names = tuple(effect.name for effect in state.hypothesis.effects)
     if not unseen:
         return Step(names, *_means(errors), left)
-    return Step(names, *_means(errors), left, *_means(_errors(unseen, state.hypothesis.world(), judge.n_threads)))
+    unseen_errors = _errors(unseen, state.hypothesis.world(), n_threads=judge.n_threads)
+    return Step(names, *_means(errors), left, *_means(unseen_errors))
 
 
-def _errors(tosses: Sequence[Toss], world: World, n_threads: int) -> Array:
+def _errors(tosses: Sequence[Toss], world: World, windows: Windows | None = None, *, n_threads: int) -> Array:
     """(B, 2) mean distance [% of the object's width] and angle [deg] of rollouts from the recorded poses."""
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
-    q0, v0 = first_states(tosses, world, n_threads=n_threads)
+    q0, v0 = first_states(tosses, world, windows, n_threads=n_threads)
     steps = np.array([len(toss) - 1 for toss in tosses])
     run = world.roll_out(q0, v0, n_steps=steps, dt=dt, **steps_of(world), n_threads=n_threads)
     out = np.empty((len(tosses), 2))
@@ -215,19 +217,31 @@ def _means(errors: Array) -> tuple[Interval, Interval]:
     return bootstrap_ratio(good[:, 0], ones), bootstrap_ratio(good[:, 1], ones)
 
 
-def first_states(tosses: Sequence[Toss], world: World, *, n_threads: int = 1) -> tuple[Array, Array]:
-    """Recorded first states (B, nq), (B, nv) as each toss's flight tells them under the world's own recording; of
-    objects with joints, as its first window does."""
-    if world.object.n_joints:
+def first_states(
+    tosses: Sequence[Toss], world: World, windows: Windows | None = None, *, n_threads: int = 1
+) -> tuple[Array, Array]:
+    """Recorded first states (B, nq), (B, nv) as each toss's first flight tells them in this world.
+
+    Where that is a few frames, a ballistic fit has to do; of objects with joints, which have none, the first window.
+
+    Args:
+        windows: of these tosses, if they are at hand.
+    """
+    if windows is None:
         windows = make_windows(tosses, world.object)
-        begin = np.flatnonzero(windows.frame[:, 0] == 1)
+    begin = np.flatnonzero(windows.frame[:, 0] == 1)
+    if world.object.n_joints:
         # of a toss's windows that begin with it, the one of its first flight is the last
-        chosen = [begin[windows.toss[begin] == i][-1] for i in range(len(tosses))]
-        kept, _ = linearise(windows.rows(np.array(chosen)), world, refine=6, restarts=RESTARTS, n_threads=n_threads)
-        return kept.at_q, kept.at_v
-    r = world.recording
-    states = flight_states(tosses, world.object, gravity=world.gravity * r.length_scale / r.clock_rate**2)
-    return np.stack([s.q for s in states]), np.stack([s.v for s in states])
+        begin = np.array([begin[windows.toss[begin] == i][-1] for i in range(len(tosses))])
+        q, v = np.empty((len(tosses), world.object.nq)), np.empty((len(tosses), world.object.nv))
+    else:
+        begin, r = begin[windows.free[begin]], world.recording
+        states = flight_states(tosses, world.object, gravity=world.gravity * r.length_scale / r.clock_rate**2)
+        q, v = np.stack([s.q for s in states]), np.stack([s.v for s in states])
+    if len(begin):
+        kept, _ = linearise(windows.rows(begin), world, refine=6, restarts=RESTARTS, n_threads=n_threads)
+        q[kept.toss], v[kept.toss] = kept.at_q, kept.at_v
+    return q, v
 
 
 __all__ = [

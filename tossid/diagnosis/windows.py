@@ -153,6 +153,13 @@ class Windows:
         names = (field.name for field in fields(self) if field.name != "dt")
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
+    def of_tosses(self, index: NDArray[np.int64]) -> Windows:
+        """The windows of some tosses, which are numbered as they are given."""
+        number = np.full(max(self.toss.max(initial=0), index.max(initial=0)) + 1, -1)
+        number[index] = np.arange(len(index))
+        some = self.rows(np.flatnonzero(number[self.toss] >= 0))
+        return replace(some, toss=number[some.toss])
+
 
 def difference(measured: Array, predicted: Array) -> Array:
     """(..., K) measured poses less predicted ones (..., K + 1)."""
