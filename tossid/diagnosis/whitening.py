@@ -80,7 +80,7 @@ def linearise(
     (W, L), K = windows.inside.shape, windows.channels
     other, center = (np.zeros((W, L, K)), 0.0) if engines is None else (engines.values, engines.expected)
     other = other.reshape(W, K * L)
-    kept, miss, S, cost = _estimated(windows, world, (other, center), refine, near, n_threads)
+    kept, cost, miss, at, S = _estimated(windows, world, (other, center), refine, near, n_threads)
     n = K * windows.inside.sum(1)
     rng = np.random.default_rng(0)
     fresh = np.full(W, near is None)
@@ -93,27 +93,25 @@ def linearise(
         # once from what was recorded, if another hypothesis has led to where they are; then from near by
         afresh = led and turn == 0
         at_q, at_v = (some.q, some.v) if afresh else _moved(some.at_q, some.at_v, _near(some, S[bad], rng))
-        tried, *there = _estimated(
-            replace(some, at_q=at_q, at_v=at_v),
-            world,
-            (other[bad], center),
-            AFRESH_STEPS if afresh else RESTART_STEPS,
-            None,
-            n_threads,
-        )
-        better = there[-1] < cost[bad]
-        kept = _with_states(kept, bad[better], tried.at_q[better], tried.at_v[better])
-        miss, S, cost = (_with(old, bad[better], new[better]) for old, new in zip((miss, S, cost), there, strict=True))
-        fresh[bad[better]] = True
-    at, stale = miss, np.zeros(0, int)
-    if near is not None:
-        moved = (np.abs(miss - near.at) / np.sqrt(_variances(windows))).max(1)
-        stale = np.flatnonzero((moved > SAME) & ~fresh) if anew else stale
+        begun, steps = replace(some, at_q=at_q, at_v=at_v), AFRESH_STEPS if afresh else RESTART_STEPS
+        tried, new, *found = _estimated(begun, world, (other[bad], center), steps, None, n_threads)
+        better = new < cost[bad]
+        index, cost = bad[better], _with(cost, bad[better], new[better])
+        kept = _with_states(kept, index, tried.at_q[better], tried.at_v[better])
+        miss, at, S = (_with(old, index, each[better]) for old, each in zip((miss, at, S), found, strict=True))
+        fresh[index] = True
+    if near is not None and anew:
+        stale = _stale(kept, miss, at)
         if len(stale):
-            S = _with(S, stale, _sensitivity(kept.rows(stale), world, n_threads=n_threads)[1])
-        fresh[stale] = True
-        at = np.where(fresh[:, None], miss, near.at)
+            S = _with(S, stale, _sensitivity(kept.rows(stale), world, miss[stale], n_threads=n_threads))
+            at, fresh[stale] = _with(at, stale, miss[stale]), True
     return kept, _whitening(kept, S, at, other, center, near, fresh)
+
+
+def _stale(windows: Windows, miss: Array, at: Array) -> NDArray[np.int64]:
+    """Windows whose predictions have moved since derivatives were taken `at` misses of before."""
+    moved = (np.abs(miss - at) / np.sqrt(_variances(windows))).max(1)
+    return np.flatnonzero(moved > SAME)
 
 
 def _with(values: Array, index: NDArray[np.int64], new: Array) -> Array:
@@ -153,37 +151,40 @@ def _estimated(
     refine: int,
     near: Whitening | None,
     n_threads: int,
-) -> tuple[Windows, Array, Array, Array]:
-    """Windows at refined states, misses there (W, K L), derivatives S (W, K L, 2 K), and costs (W,): -2 log posterior,
-    but for constants. A window whose cost falls no more is left as it is."""
+) -> tuple[Windows, Array, Array, Array, Array]:
+    """Windows at refined states, costs (W,): -2 log posterior, but for constants; misses there (W, K L), those where
+    derivatives were taken, and these S (W, K L, 2 K). A window whose cost falls no more is left as it is."""
     (W, L), K = windows.inside.shape, windows.channels
     other, center = engines
 
-    def examined(at: Windows, rows: NDArray[np.int64]) -> tuple[Array, Array, Array]:
-        if near is None:
-            miss, S = _sensitivity(at, world, n_threads=n_threads)
-        else:
-            miss, S = at.misses(at.predicted(world, n_threads=n_threads)).reshape(len(rows), K * L), near.by_state[rows]
-        return miss, S, _cost(at, (miss - center * other[rows]).reshape(-1, L, K), other[rows].reshape(-1, L, K))
+    def examined(at: Windows, rows: NDArray[np.int64]) -> tuple[Array, Array]:
+        miss = at.misses(at.predicted(world, n_threads=n_threads)).reshape(len(rows), K * L)
+        return miss, _cost(at, (miss - center * other[rows]).reshape(-1, L, K), other[rows].reshape(-1, L, K))
 
     kept, damping, rows = windows, np.zeros(W), np.arange(W)
-    miss, S, cost = examined(kept, rows)
+    miss, cost = examined(kept, rows)
+    taken = miss if near is None else near.at
+    S = _sensitivity(kept, world, miss, n_threads=n_threads) if near is None else near.by_state
     for _ in range(refine):
         some = kept.rows(rows)
         off = (miss[rows] - center * other[rows]).reshape(-1, L, K)
         trial = _refined(some, off, S[rows], other[rows].reshape(-1, L, K), damping[rows])
-        trial_miss, trial_S, trial_cost = examined(trial, rows)
+        trial_miss, trial_cost = examined(trial, rows)
         better = trial_cost < cost[rows]
         falls = cost[rows] - trial_cost > SETTLED
         damping[rows] = np.where(better, damping[rows] / 10, np.maximum(10 * damping[rows], 1.0))
         index = rows[better]
         kept = _with_states(kept, index, trial.at_q[better], trial.at_v[better])
         miss, cost = _with(miss, index, trial_miss[better]), _with(cost, index, trial_cost[better])
-        S = _with(S, index, trial_S[better]) if near is None else S
+        if near is None:
+            stale = index[_stale(kept.rows(index), miss[index], taken[index])]
+            if len(stale):
+                S = _with(S, stale, _sensitivity(kept.rows(stale), world, miss[stale], n_threads=n_threads))
+                taken = _with(taken, stale, miss[stale])
         rows = rows[falls | (~better & (damping[rows] < MOST_DAMPED))]
         if not len(rows):
             break
-    return kept, miss, S, cost
+    return kept, cost, miss, taken, S
 
 
 def _whitened(at: Windows, by_state: Array | None, miss: Array) -> tuple[Array, Array]:
@@ -285,13 +286,13 @@ def _inverse_lower(factor: Array) -> Array:
     return np.asarray(inverse)
 
 
-def _sensitivity(windows: Windows, world: World, *, n_threads: int) -> tuple[Array, Array]:
-    """Misses (W, K L) at the states of linearisation, and S (W, K L, 2 K)."""
+def _sensitivity(windows: Windows, world: World, miss: Array, *, n_threads: int) -> Array:
+    """S (W, K L, 2 K) at the states of linearisation, where misses are (W, K L)."""
     (W, L), K = windows.inside.shape, windows.channels
     steps = _of_state(_STEPS, K)
     # moved along x or y, predictions move as far, wherever that changes nothing else
     given = 2 if world.same_everywhere else 0
-    q, v = [windows.at_q], [windows.at_v]
+    q, v = [], []
     for j in range(given, 2 * K):
         delta = np.zeros((W, 2 * K))
         delta[:, j] = steps[j]
@@ -299,12 +300,12 @@ def _sensitivity(windows: Windows, world: World, *, n_threads: int) -> tuple[Arr
         q.append(moved_q)
         v.append(moved_v)
     run = windows.predicted(world, np.concatenate(q), np.concatenate(v), n_threads=n_threads)
-    miss = windows.misses(run).reshape(len(q), W, K * L)
     S = np.zeros((W, K * L, 2 * K))
     for j in range(given):
         S[:, j::K, j] = windows.inside
-    S[..., given:] = np.moveaxis((miss[0] - miss[1:]) / steps[given:, None, None], 0, -1)
-    return miss[0], S
+    moved = windows.misses(run).reshape(len(q), W, K * L)
+    S[..., given:] = np.moveaxis((miss - moved) / steps[given:, None, None], 0, -1)
+    return S
 
 
 def _off(at: Windows) -> Array:
