@@ -183,11 +183,11 @@ class Rounds:
             present, known = found[min(useless, key=lambda name: gained[name][0].sum())], {}
 
     def _simplest(self, good: Sequence[Candidate]) -> Candidate:
-        """The best, or a special case of it that is as good."""
-        judge, best = self.judge, max(good, key=lambda each: each.total)
+        """The best, or a special case of it, if what it has beyond that is too little to be an effect of its own."""
+        level, best = LEVEL / len(self.library), max(good, key=lambda each: each.total)
         while True:
             special = () if best.effect is None else best.effect.contains
-            inner = [each for each in good if each.name in special and judge.better(best, each) > CLASS_LEVEL]
+            inner = [each for each in good if each.name in special and self.judge.better(best, each) > level]
             if not inner:
                 return best
             best = max(inner, key=lambda each: each.total)
@@ -209,6 +209,19 @@ class Rounds:
             rivals = [each for each in path.classes.get(effect.name, ()) if each.name not in inside]
             found[effect.name] = self._rivals(less[effect.name], needed[effect.name], rivals, path.judged)
         return needed, found
+
+    def led(self, present: Candidate, classes: Mapping[str, Sequence[Candidate]]) -> Candidate:
+        """The hypothesis, or the one of those with another of a class in its effect's place that clearly leads it."""
+        ahead = [
+            each for name, group in classes.items() for each in group if self.leads(each, present, each.effect, name)
+        ]
+        return max(ahead, key=lambda each: float(self.judge.contest(each, present).sum()), default=present)
+
+    def leads(self, one: Candidate, other: Candidate, effect: Effect | None, instead: str) -> bool:
+        """Whether a hypothesis with an effect in place of another is clearly better; what contains the other always
+        fits as well, and has to be better by as much as belongs."""
+        contains = effect is not None and instead in effect.contains
+        return self.judge.better(one, other) < (LEVEL / len(self.library) if contains else CLASS_LEVEL)
 
     def _alike(self, before: Candidate, best: Candidate, other: Candidate) -> bool:
         """Whether the tosses cannot tell `other` from `best`; a more general effect always fits as well."""

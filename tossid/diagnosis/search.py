@@ -17,8 +17,8 @@ import numpy as np
 
 from tossid.diagnosis.evidence import Hypothesis
 from tossid.diagnosis.judging import Candidate
-from tossid.diagnosis.rounds import CLASS_LEVEL, LEVEL, Rounds
-from tossid.physics.effects import OTHER_LAWS
+from tossid.diagnosis.rounds import LEVEL, Rounds
+from tossid.physics.effects import OTHER_LAWS, Effect
 from tossid.types import Phase
 
 LIKELY = 0.3
@@ -26,6 +26,8 @@ LIKELY = 0.3
 MOST_SCATTER, MOST_OF_ITSELF = 4.0, 0.1
 """Of an effect's values from toss to toss (squared), over noise and over the effect itself, for it to be the same in
 all; real trackers' errors make 2 to 5 and up to 0.05."""
+MOST_SWAPS = 2
+"""Of an effect for another of its class, once all that belongs is in."""
 OTHER_POWER = 0.5
 """By how much a force's power of its state differs at least from its law's, for the law to be another."""
 
@@ -84,23 +86,33 @@ class Search(Rounds):
             effects, values = seen.present.hypothesis.effects, seen.present.hypothesis.values
             for k in range(1, len(effects) + 1):
                 history.append(self.judge.start(Hypothesis(hypothesis.base, effects[:k], values[:k]), history[-1]))
-            history[-1], needed, classes = self._decided(history[-1], seen)
-        flown = frozenset(effect.name for effect in history[-1].hypothesis.effects)
-        library = self.library
+            leader, needed, classes = self._decided(history[-1], seen.needed, seen.classes)
+            history[-1] = self.refreshed(leader)
+        library, flown = self.library, len(history[-1].hypothesis.effects)
         if seen is not None and seen.unsteady:
             # beside a force that no world here has, another of flight would only make up for it
             library = [effect for effect in library if Phase.FLIGHT not in effect.phases]
-        contact = Rounds(replace(self.judge, held=flown), library, self.tell)
-        path = contact.settled(first, contact.forward(first, history, 0.2))
-        present = path.history[-1]
-        if present.hypothesis.effects:
-            self.tell("what could stand in for each", 0.88)
-            needed_too, classes_too = contact.stand_ins(present, path.less, path)
-            needed, classes = {**needed, **needed_too}, {**classes, **classes_too}
+        contact = self._holding(history[-1], flown, library)
+        path, swaps = contact.forward(first, history, 0.2), MOST_SWAPS
+        while True:
+            path = contact.settled(first, path)
+            present = leader = path.history[-1]
+            if swaps:
+                # what contact no longer misses may tell what stood in its way before
+                leader, needed, classes = self._decided(present, needed, classes)
+            if leader is present:
+                self.tell("what could stand in for each", 0.88)
+                needed_too, classes_too = contact.stand_ins(present, path.less, path)
+                leader = contact.led(present, classes_too) if swaps else present
+            if leader is present:
+                break
+            path, swaps = replace(path, history=(*path.history[:-1], leader)), swaps - 1
+            contact = self._holding(leader, flown, library)
+        needed, classes = {**needed, **needed_too}, {**classes, **classes_too}
         in_flight = {} if seen is None else seen.tried
         others = {} if seen is None else {name: each for name, each in seen.other_laws.items() if name in needed}
         unsteady = () if seen is None else tuple(name for name in seen.unsteady if name in needed)
-        return Found(first, present, path.history, path.tried, in_flight, needed, classes, len(flown), others, unsteady)
+        return Found(first, present, path.history, path.tried, in_flight, needed, classes, flown, others, unsteady)
 
     # ------------------------------------------------------------ what flight shows
 
@@ -181,24 +193,35 @@ class Search(Rounds):
                 return Hypothesis(base)
         return hypothesis
 
+    def _holding(self, present: Candidate, flown: int, library: Sequence[Effect]) -> Rounds:
+        """Rounds over a library in which the first effects of a hypothesis, which flight has shown, are held."""
+        held = frozenset(effect.name for effect in present.hypothesis.effects[:flown])
+        return Rounds(replace(self.judge, held=held), library, self.tell)
+
     def _decided(
-        self, leader: Candidate, seen: Found
+        self, leader: Candidate, needed: dict[str, Candidate], classes: Mapping[str, Sequence[Candidate]]
     ) -> tuple[Candidate, dict[str, Candidate], dict[str, tuple[Candidate, ...]]]:
-        """Flight's hypothesis on all windows, with what flight cannot tell apart decided by contact where it can; what
-        each is needed for, and its class, as flight has them."""
-        needed, classes = {}, {}
-        for name, others in seen.classes.items():
-            judge = self.judge
-            begun = [judge.start(_swapped(leader.hypothesis, name, other), leader) for other in others]
-            group = [(leader, seen.needed[name]), *zip(begun, others, strict=True)]
-            best = group[0]
-            for each in group[1:]:
-                if judge.better(each[0], best[0]) < CLASS_LEVEL:
-                    best = each
-            leader = best[0]
-            needed[best[1].name] = best[1]
-            classes[best[1].name] = tuple(each[1] for each in group if each is not best)
-        return self.refreshed(leader), needed, classes
+        """A hypothesis on all windows, with what flight cannot tell apart decided by contact where it can; what each
+        effect is needed for, and its class, as flight has them. It is decided twice: before contact is searched, and
+        when what contact missed is in.
+
+        Args:
+            needed: as flight has them, by name.
+            classes: likewise.
+        """
+        judge, needed, decided = self.judge, dict(needed), {}
+        for name, others in classes.items():
+            group = [needed.pop(name), *others]
+            asked = [leader.hypothesis, *(_swapped(leader.hypothesis, name, other) for other in others)]
+            begun = [judge.start(each, leader) for each in asked] if others else []
+            best = 0
+            for k in range(1, len(begun)):
+                if self.leads(begun[k], begun[best], group[k].effect, group[best].name):
+                    best = k
+            leader = begun[best] if best else leader
+            needed[group[best].name] = group[best]
+            decided[group[best].name] = tuple(each for each in group if each is not group[best])
+        return leader, needed, decided
 
 
 def _swapped(hypothesis: Hypothesis, name: str, other: Candidate) -> Hypothesis:
