@@ -86,6 +86,17 @@ def test_two_effects_are_both_named(cube: ObjectModel) -> None:
     assert set(found.named) == {"friction", "gravity"}
 
 
+@pytest.mark.slow
+def test_contact_decides_between_what_flight_cannot_tell_apart_once_it_is_right(cube: ObjectModel) -> None:
+    """A missing bounce drowns the height at which a shorter unit of length lets the cube rest."""
+    truth = replace(NAMES["restitution"].at(World(cube), np.array([0.35])), recording=Recording(length_scale=0.985))
+    library = [NAMES[name] for name in ("gravity", "length_scale", "time_base", "restitution")]
+    found = diagnose(seen(truth, cube, 16, seed=2), World(cube), library=library)
+    assert set(found.named) == {"restitution", "length_scale"}
+    bounce = next(each for each in found.findings if each.name == "restitution").parameters["e"]
+    assert bounce.low < 0.35 < bounce.high
+
+
 def test_an_effect_out_of_the_library_does_not_explain(cube: ObjectModel) -> None:
     truth = NAMES["restitution"].at(World(cube), np.array([0.5]))
     library: list[Effect] = [effect for effect in FEW if effect.name != "restitution"]
