@@ -211,9 +211,14 @@ class Rounds:
         return needed, found
 
     def led(self, present: Candidate, classes: Mapping[str, Sequence[Candidate]]) -> Candidate:
-        """The hypothesis, or the one of those with another of a class in its effect's place that clearly leads it."""
+        """The hypothesis, or the one of those with another of a class in its effect's place that clearly leads it, as
+        hard fitted."""
+        rivals = [(name, each) for name, group in classes.items() for each in group]
+        fitted = self.judge.each(lambda one: self.refreshed(one[1], POLISH), rivals)
         ahead = [
-            each for name, group in classes.items() for each in group if self.leads(each, present, each.effect, name)
+            each
+            for (name, rival), each in zip(rivals, fitted, strict=True)
+            if self.leads(each, present, rival.effect, name)
         ]
         return max(ahead, key=lambda each: float(self.judge.contest(each, present).sum()), default=present)
 

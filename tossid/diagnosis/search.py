@@ -88,7 +88,10 @@ class Search(Rounds):
                 history.append(self.judge.start(Hypothesis(hypothesis.base, effects[:k], values[:k]), history[-1]))
             leader, needed, classes = self._decided(history[-1], seen.needed, seen.classes)
             history[-1] = self.refreshed(leader)
-        library, flown = self.library, len(history[-1].hypothesis.effects)
+        flown = len(history[-1].hypothesis.effects)
+        # what could stand in for what flight shows is tried in its place, not beside it
+        decided = {each.name for group in classes.values() for each in group}
+        library = [effect for effect in self.library if effect.name not in decided]
         if seen is not None and seen.unsteady:
             # beside a force that no world here has, another of flight would only make up for it
             library = [effect for effect in library if Phase.FLIGHT not in effect.phases]
