@@ -12,7 +12,7 @@ from tests.models.conftest import cube
 from tossid.motion.resting import FEWEST, FRAMES, rest_scatter
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
-from tossid.rotations import quat_exp, quat_mul
+from tossid.rotations import quat_exp, quat_mul, quat_rotate
 from tossid.types import Toss
 
 __all__ = ["cube"]
@@ -32,6 +32,18 @@ def shifted(toss: Toss, up: float, turn: np.ndarray) -> Toss:
 
 def test_noise_and_what_all_tosses_share_are_no_scatter(cube: ObjectModel, tosses: list[Toss]) -> None:
     assert rest_scatter(tosses, cube) == (0.0, 0.0)
+
+
+def test_a_frame_that_is_off_is_no_scatter(cube: ObjectModel, tosses: list[Toss]) -> None:
+    """It puts every side that is down at a height of its own."""
+    off = np.array([1.3e-3, 5e-4, -9e-4])
+    moved = []
+    for toss in tosses:
+        q = toss.q.copy()
+        q[:, :3] += quat_rotate(q[:, 3:7], off)
+        moved.append(replace(toss, q=q, q_measured=None, q_measured_cov=None))
+    assert rest_scatter(moved, cube)[0] == 0.0
+    assert rest_scatter(moved[: 2 * FEWEST - 1], cube)[0] > 2e-4
 
 
 def test_scatter_comes_back(cube: ObjectModel, tosses: list[Toss]) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import median_abs_deviation
 
 from tossid.objects import ObjectModel, corner_positions
+from tossid.rotations import quat_conj, quat_rotate
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
@@ -32,11 +33,12 @@ CLEAR = 2.0
 def rest_scatter(tosses: Sequence[Toss], model: ObjectModel) -> tuple[float, float]:
     """Standard deviations, beyond noise, of the height [m] and the tilt [rad] at which an object comes to rest.
 
-    A plane is laid through the corners that touch. Heights are taken over one plane through all tosses' places, slopes
-    against their median: a wrong size, a tilted ground or frame is no scatter. Zeros where fewer than `FEWEST` tosses
-    end at rest, or where the scatter is that of the noise.
+    A plane is laid through the corners that touch. Heights are taken over one plane through all tosses' places, and
+    over what an offset of the recorded frame in the body makes of each side that is down; slopes against their median:
+    a wrong size, a tilted ground or a wrong frame is no scatter. Zeros where fewer than `FEWEST` tosses end at rest, or
+    where the scatter is that of the noise.
     """
-    places, slopes, noises = [], [], []
+    places, downs, slopes, noises = [], [], [], []
     for toss in tosses:
         q, cov = toss.measured
         if len(q) < FRAMES:
@@ -51,11 +53,12 @@ def rest_scatter(tosses: Sequence[Toss], model: ObjectModel) -> tuple[float, flo
             continue
         height, *slope = np.linalg.lstsq(A, low[:, 2], rcond=None)[0]
         places.append([*low[:, :2].mean(0), height])
+        downs.append(np.median(quat_rotate(quat_conj(last[:, 3:7]), np.array([0.0, 0.0, -1.0])), axis=0))
         slopes.append(slope)
         noises.append([std[2], std[3:5].max()])
     if len(places) < FEWEST:
         return 0.0, 0.0
-    height = median_abs_deviation(_over_plane(np.array(places)), scale="normal")
+    height = _scatter(np.array(places), np.array(downs))
     tilt = median_abs_deviation(slopes - np.median(slopes, axis=0), axis=None, scale="normal")
     noise = np.mean(noises, axis=0) / np.sqrt(FRAMES)
     found = [
@@ -65,11 +68,14 @@ def rest_scatter(tosses: Sequence[Toss], model: ObjectModel) -> tuple[float, flo
     return found[0], found[1]
 
 
-def _over_plane(places: Array) -> Array:
-    """(n,) heights of places (n, 3) over the plane that fits most of them."""
-    A, kept = np.column_stack([np.ones(len(places)), places[:, :2]]), np.ones(len(places), bool)
+def _scatter(places: Array, downs: Array) -> float:
+    """Of heights of places (n, 3) over what fits most: a plane and, if tosses are enough, an offset in the body;
+    downs (n, 3): the downward direction in its axes."""
+    shared = [np.ones(len(places)), places[:, 0], places[:, 1]]
+    if len(places) >= 2 * FEWEST:
+        shared += list(downs.T)
+    A, kept = np.column_stack(shared), np.ones(len(places), bool)
     for _ in range(3):
-        plane = np.linalg.lstsq(A[kept], places[kept, 2], rcond=None)[0]
-        off: Array = places[:, 2] - A @ plane
+        off: Array = places[:, 2] - A @ np.linalg.lstsq(A[kept], places[kept, 2], rcond=1e-3)[0]
         kept = np.abs(off) <= 3 * median_abs_deviation(off, scale="normal")
-    return off
+    return float(median_abs_deviation(off, scale="normal"))
