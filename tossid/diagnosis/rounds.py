@@ -211,16 +211,26 @@ class Rounds:
         return needed, found
 
     def led(self, present: Candidate, classes: Mapping[str, Sequence[Candidate]]) -> Candidate:
-        """The hypothesis, or the one of those with another of a class in its effect's place that clearly leads it, as
-        hard fitted."""
+        """The hypothesis, or the one of those with another of a class in its effect's place that clearly leads it.
+
+        All are fitted anew: first states that have long followed one of them hold the others back.
+        """
         rivals = [(name, each) for name, group in classes.items() for each in group]
-        fitted = self.judge.each(lambda one: self.refreshed(one[1], POLISH), rivals)
+        if not rivals:
+            return present
+        own, *fitted = self.judge.each(self._anew, [present, *(each for _, each in rivals)])
+        best = own if self.judge.better(own, present) < CLASS_LEVEL else present
         ahead = [
             each
             for (name, rival), each in zip(rivals, fitted, strict=True)
-            if self.leads(each, present, rival.effect, name)
+            if self.leads(each, best, rival.effect, name)
         ]
-        return max(ahead, key=lambda each: float(self.judge.contest(each, present).sum()), default=present)
+        return max(ahead, key=lambda each: float(self.judge.contest(each, best).sum()), default=best)
+
+    def _anew(self, one: Candidate) -> Candidate:
+        """A hypothesis fitted from first states that are sought for it alone."""
+        begun = self.judge.start(one.hypothesis)
+        return self.refreshed(replace(one, fitted=begun.fitted), POLISH)
 
     def leads(self, one: Candidate, other: Candidate, effect: Effect | None, instead: str) -> bool:
         """Whether a hypothesis with an effect in place of another is clearly better; what contains the other always

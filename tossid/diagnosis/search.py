@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -26,7 +27,7 @@ LIKELY = 0.3
 MOST_SCATTER, MOST_OF_ITSELF = 4.0, 0.1
 """Of an effect's values from toss to toss (squared), over noise and over the effect itself, for it to be the same in
 all; real trackers' errors make 2 to 5 and up to 0.05."""
-MOST_SWAPS = 2
+MOST_SWAPS = 4
 """Of an effect for another of its class, once all that belongs is in."""
 OTHER_POWER = 0.5
 """By how much a force's power of its state differs at least from its law's, for the law to be another."""
@@ -102,7 +103,7 @@ class Search(Rounds):
             present = leader = path.history[-1]
             if swaps:
                 # what contact no longer misses may tell what stood in its way before
-                leader, needed, classes = self._decided(present, needed, classes)
+                leader, needed, classes = self._decided(present, needed, classes, anew=True)
             if leader is present:
                 self.tell("what could stand in for each", 0.88)
                 needed_too, classes_too = contact.stand_ins(present, path.less, path)
@@ -202,7 +203,11 @@ class Search(Rounds):
         return Rounds(replace(self.judge, held=held), library, self.tell)
 
     def _decided(
-        self, leader: Candidate, needed: dict[str, Candidate], classes: Mapping[str, Sequence[Candidate]]
+        self,
+        leader: Candidate,
+        needed: dict[str, Candidate],
+        classes: Mapping[str, Sequence[Candidate]],
+        anew: bool = False,
     ) -> tuple[Candidate, dict[str, Candidate], dict[str, tuple[Candidate, ...]]]:
         """A hypothesis on all windows, with what flight cannot tell apart decided by contact where it can; what each
         effect is needed for, and its class, as flight has them. It is decided twice: before contact is searched, and
@@ -211,12 +216,13 @@ class Search(Rounds):
         Args:
             needed: as flight has them, by name.
             classes: likewise.
+            anew: whether first states are sought for each alone, and not only near the leader's.
         """
         judge, needed, decided = self.judge, dict(needed), {}
         for name, others in classes.items():
-            group = [needed.pop(name), *others]
+            group, near = [needed.pop(name), *others], None if anew else leader
             asked = [leader.hypothesis, *(_swapped(leader.hypothesis, name, other) for other in others)]
-            begun = [judge.start(each, leader) for each in asked] if others else []
+            begun = judge.each(partial(judge.start, near=near), asked) if others else []
             best = 0
             for k in range(1, len(begun)):
                 if self.leads(begun[k], begun[best], group[k].effect, group[best].name):
