@@ -219,15 +219,18 @@ class Search(Rounds):
             anew: whether first states are sought for each alone, and not only near the leader's.
         """
         judge, needed, decided = self.judge, dict(needed), {}
+        near, own = None if anew else leader, None
         for name, others in classes.items():
-            group, near = [needed.pop(name), *others], None if anew else leader
-            asked = [leader.hypothesis, *(_swapped(leader.hypothesis, name, other) for other in others)]
-            begun = judge.each(partial(judge.start, near=near), asked) if others else []
-            best = 0
-            for k in range(1, len(begun)):
-                if self.leads(begun[k], begun[best], group[k].effect, group[best].name):
-                    best = k
-            leader = begun[best] if best else leader
+            group, best = [needed.pop(name), *others], 0
+            if others:
+                own = own or judge.start(leader.hypothesis, near)
+                asked = [_swapped(leader.hypothesis, name, other) for other in others]
+                begun = [own, *judge.each(partial(judge.start, near=near), asked)]
+                for k in range(1, len(begun)):
+                    if self.leads(begun[k], begun[best], group[k].effect, group[best].name):
+                        best = k
+                if best:
+                    leader = own = begun[best]
             needed[group[best].name] = group[best]
             decided[group[best].name] = tuple(each for each in group if each is not group[best])
         return leader, needed, decided
