@@ -181,10 +181,10 @@ def cross_fitted(state: Candidate, judge: Judge) -> Array:
 def rollout_errors(tosses: Sequence[Toss], unseen: Sequence[Toss], state: Candidate, judge: Judge) -> Step:
     """Full-length rollouts from first states as flight tells them: of these tosses at values fitted to the other
     folds, of `unseen` ones at the hypothesis's own."""
-    errors, windows = np.full((judge.n, 2), np.nan), make_windows(tosses, state.hypothesis.base.object)
+    errors = np.full((judge.n, 2), np.nan)
     for held in judge.folds:
         some = np.flatnonzero(held)
-        chosen, begin = [tosses[i] for i in some.tolist()], windows.of_tosses(some)
+        chosen, begin = [tosses[i] for i in some.tolist()], judge.windows.of_tosses(some)
         errors[held] = _errors(chosen, state.fitted.of_part(~held).world(), begin, n_threads=judge.n_threads)
     squares = np.minimum(cross_fitted(state, judge) ** 2, CAP**2)
     counted = np.broadcast_to(state.evidence.windows.counted[..., None], squares.shape).astype(float)

@@ -101,17 +101,29 @@ def linearise(
         miss, at, S = (_with(old, index, each[better]) for old, each in zip((miss, at, S), found, strict=True))
         fresh[index] = True
     if near is not None and anew:
-        stale = _stale(kept, miss, at)
-        if len(stale):
-            S = _with(S, stale, _sensitivity(kept.rows(stale), world, miss[stale], n_threads=n_threads))
-            at, fresh[stale] = _with(at, stale, miss[stale]), True
+        at, S, stale = _followed(kept, world, (miss, at, S), np.arange(W), n_threads)
+        fresh[stale] = True
     return kept, _whitening(kept, S, at, other, center, near, fresh)
 
 
-def _stale(windows: Windows, miss: Array, at: Array) -> NDArray[np.int64]:
-    """Windows whose predictions have moved since derivatives were taken `at` misses of before."""
-    moved = (np.abs(miss - at) / np.sqrt(_variances(windows))).max(1)
-    return np.flatnonzero(moved > SAME)
+def _followed(
+    windows: Windows, world: World, there: tuple[Array, Array, Array], among: NDArray[np.int64], n_threads: int
+) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Derivatives taken again in those windows among some whose predictions have moved since they were.
+
+    Args:
+        there: misses (W, K L), those where derivatives were taken, and these S (W, K L, 2 K).
+
+    Returns:
+        The last two, and which windows have moved.
+    """
+    miss, at, S = there
+    moved = (np.abs(miss[among] - at[among]) / np.sqrt(_variances(windows.rows(among)))).max(1)
+    stale = among[moved > SAME]
+    if len(stale):
+        S = _with(S, stale, _sensitivity(windows.rows(stale), world, miss[stale], n_threads=n_threads))
+        at = _with(at, stale, miss[stale])
+    return at, S, stale
 
 
 def _with(values: Array, index: NDArray[np.int64], new: Array) -> Array:
@@ -177,10 +189,7 @@ def _estimated(
         kept = _with_states(kept, index, trial.at_q[better], trial.at_v[better])
         miss, cost = _with(miss, index, trial_miss[better]), _with(cost, index, trial_cost[better])
         if near is None:
-            stale = index[_stale(kept.rows(index), miss[index], taken[index])]
-            if len(stale):
-                S = _with(S, stale, _sensitivity(kept.rows(stale), world, miss[stale], n_threads=n_threads))
-                taken = _with(taken, stale, miss[stale])
+            taken, S, _ = _followed(kept, world, (miss, taken, S), index, n_threads)
         rows = rows[falls | (~better & (damping[rows] < MOST_DAMPED))]
         if not len(rows):
             break
