@@ -177,6 +177,7 @@ def _report(
     seed: int,
 ) -> Diagnosis:
     n, first, present = judge.n, found.first, found.present
+    begin = make_windows(unseen, first.hypothesis.base.object) if unseen else None
     floor = noise_floor(present, judge, seed=seed)
     gap = measure_gap(tosses, first, judge, floor)
     left = measure_gap(tosses, present, judge, floor) if present.hypothesis.effects else gap
@@ -207,7 +208,7 @@ def _report(
         named=named,
         gap_closed=closed,
         unexplained=unexplained,
-        steps=tuple(rollout_errors(tosses, unseen, each, judge) for each in found.history),
+        steps=tuple(rollout_errors(tosses, unseen, each, judge, begin) for each in found.history),
         hypothesis=present.hypothesis,
         n_tosses=n,
         seconds=time.perf_counter() - started,

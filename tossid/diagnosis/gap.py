@@ -178,21 +178,23 @@ def cross_fitted(state: Candidate, judge: Judge) -> Array:
     return out
 
 
-def rollout_errors(tosses: Sequence[Toss], unseen: Sequence[Toss], state: Candidate, judge: Judge) -> Step:
+def rollout_errors(
+    tosses: Sequence[Toss], unseen: Sequence[Toss], state: Candidate, judge: Judge, begin: Windows | None = None
+) -> Step:
     """Full-length rollouts from first states as flight tells them: of these tosses at values fitted to the other
-    folds, of `unseen` ones at the hypothesis's own."""
+    folds, of `unseen` ones, whose windows are to `begin` them, at the hypothesis's own."""
     errors = np.full((judge.n, 2), np.nan)
     for held in judge.folds:
         some = np.flatnonzero(held)
-        chosen, begin = [tosses[i] for i in some.tolist()], judge.windows.of_tosses(some)
-        errors[held] = _errors(chosen, state.fitted.of_part(~held).world(), begin, n_threads=judge.n_threads)
+        chosen, own = [tosses[i] for i in some.tolist()], judge.windows.of_tosses(some)
+        errors[held] = _errors(chosen, state.fitted.of_part(~held).world(), own, n_threads=judge.n_threads)
     squares = np.minimum(cross_fitted(state, judge) ** 2, CAP**2)
     counted = np.broadcast_to(state.evidence.windows.counted[..., None], squares.shape).astype(float)
     left = bootstrap_ratio(*(by_toss(state.evidence, each, judge.n) for each in (squares * counted, counted)))
     names = tuple(effect.name for effect in state.hypothesis.effects)
     if not unseen:
         return Step(names, *_means(errors), left)
-    unseen_errors = _errors(unseen, state.hypothesis.world(), n_threads=judge.n_threads)
+    unseen_errors = _errors(unseen, state.hypothesis.world(), begin, n_threads=judge.n_threads)
     return Step(names, *_means(errors), left, *_means(unseen_errors))
 
 

@@ -68,6 +68,17 @@ class Path:
             return self
         return replace(further, tried=self.tried, classes={**self.classes, **further.classes})
 
+    def led_by(self, leader: Candidate) -> Path:
+        """With another last hypothesis; an effect that has taken another's place has the other in its class."""
+        history, classes = (*self.history[:-1], leader), dict(self.classes)
+        before = {effect.name: effect for effect in self.history[-1].hypothesis.effects}
+        now = {effect.name: effect for effect in leader.hypothesis.effects}
+        for old in before.keys() - now.keys():
+            group = (before[old], *classes.pop(old, ()))
+            for new in now.keys() - before.keys():
+                classes[new] = tuple(each for each in group if each.name != new)
+        return replace(self, history=history, classes=classes)
+
 
 class Rounds:
     """Rounds over a library of effects, with one judge."""
@@ -102,8 +113,8 @@ class Rounds:
         return Path(tuple(history), tried, classes, tuple(near), less)
 
     def settled(self, first: Candidate, path: Path) -> Path:
-        """The path with everything in its last hypothesis fitted together; and rounds again where that has moved it as
-        clearly as an effect would: what did not belong before may belong there."""
+        """The path with everything in its last hypothesis fitted together; and rounds again where an effect has left, or
+        where that has moved it as clearly as an effect would: what did not belong before may belong there."""
         for _ in range(MOST_SETTLED):
             before = path.history[-1]
             if not before.hypothesis.effects:
@@ -111,9 +122,9 @@ class Rounds:
             self.tell("all effects together", 0.8)
             present, less = self.pruned(first, self.refreshed(before, POLISH))
             path = replace(path, history=(*path.history[:-1], present), less=less)
-            if self.judge.better(present, before) > LEVEL / len(self.library):
-                break
-            if not self._matters(first, before, present):
+            stayed = len(present.hypothesis.effects) == len(before.hypothesis.effects)
+            clearly = self.judge.better(present, before) < LEVEL / len(self.library)
+            if stayed and not (clearly and self._matters(first, before, present)):
                 break
             further = path.then(self.forward(first, path.history, 0.8))
             if further is path:

@@ -110,7 +110,7 @@ class Search(Rounds):
                 leader = contact.led(present, classes_too) if swaps else present
             if leader is present:
                 break
-            path, swaps = replace(path, history=(*path.history[:-1], leader)), swaps - 1
+            path, swaps = path.led_by(leader), swaps - 1
             contact = self._holding(leader, flown, library)
         needed, classes = {**needed, **needed_too}, {**classes, **classes_too}
         in_flight = {} if seen is None else seen.tried
