@@ -113,8 +113,8 @@ class Rounds:
         return Path(tuple(history), tried, classes, tuple(near), less)
 
     def settled(self, first: Candidate, path: Path) -> Path:
-        """The path with everything in its last hypothesis fitted together; and rounds again where an effect has left, or
-        where that has moved it as clearly as an effect would: what did not belong before may belong there."""
+        """The path with everything in its last hypothesis fitted together; and rounds again where an effect has left or
+        that has moved it as clearly as an effect would: what did not belong before may belong there."""
         for _ in range(MOST_SETTLED):
             before = path.history[-1]
             if not before.hypothesis.effects:

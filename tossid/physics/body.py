@@ -20,18 +20,17 @@ import math
 import numba
 import numpy as np
 
+from tossid.physics.body_step import delassus, first_impact, turned
 from tossid.physics.contact import (
     BOUNCE_SPEED,
     CLOSING_SPEED,
     IMPACT_SPEED,
     MAX_ITERATIONS,
-    MOST_STRIKES,
     QUIET,
     RECOVERY_SPEED,
     RESTING,
     STEADY,
     STRIKE,
-    TANGENTIAL,
     TOUCHING,
     UNKNOWN,
     above_ground,
@@ -39,33 +38,12 @@ from tossid.physics.contact import (
     solve_exact,
 )
 from tossid.physics.forces import SPIN, damped, friction_of, grown, hold, push, resist_spin
+from tossid.physics.impacts import carry_over
+from tossid.physics.network import network
 from tossid.physics.solvers.cone_qp import qp_solve
 from tossid.physics.solvers.workspace import LAM, MU, B
 
 _jit = numba.njit(cache=True, error_model="numpy", nogil=True)
-
-
-@_jit
-def network(linear, W0, b0, W1, b1, W2, f, h0, h1, out):  # type: ignore[no-untyped-def]
-    """out (nv,) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1); see `system.Residual`."""
-    nf, h = f.shape[0], b0.shape[0]
-    for i in range(h):
-        s = b0[i]
-        for j in range(nf):
-            s += W0[i, j] * f[j]
-        h0[i] = math.tanh(s)
-    for i in range(h):
-        s = b1[i]
-        for j in range(h):
-            s += W1[i, j] * h0[j]
-        h1[i] = math.tanh(s)
-    for i in range(W2.shape[0]):
-        s = 0.0
-        for j in range(nf):
-            s += linear[i, j] * f[j]
-        for j in range(h):
-            s += W2[i, j] * h1[j]
-        out[i] = s
 
 
 @_jit
@@ -119,47 +97,14 @@ def simulate_body(  # type: ignore[no-untyped-def]
                 R[2, 0], R[2, 1], R[2, 2] = r20, r21, r22
                 strike = False
                 if impact_parts > 1 and left == 0:
-                    parts, length = 1, dt / substeps
-                    if rigid:
-                        # to the end of the step or, if that is sooner, to where a corner touches; there a strike
-                        length = rest / max(1.0, math.ceil(rest / length - 1e-6))
-                        for c in range(nc):
-                            d0, d1, d2 = corner[0, c], corner[1, c], corner[2, c]
-                            z = p2 - radius + r20 * d0 + r21 * d1 + r22 * d2 - min(sunk[c], 0.0)
-                            vn = v_2 + r20 * (w1 * d2 - w2 * d1) + r21 * (w2 * d0 - w0 * d2) + r22 * (w0 * d1 - w1 * d0)
-                            if z < TOUCHING:
-                                strike = strike or (vn < -IMPACT_SPEED and strikes < MOST_STRIKES)
-                                continue
-                            d0, d1, d2 = arm[c, 0], arm[c, 1], arm[c, 2]
-                            s0, s1 = w0 * d0 + w1 * d1 + w2 * d2, w0 * w0 + w1 * w1 + w2 * w2
-                            fall = gravity[2] + s0 * (r20 * w0 + r21 * w1 + r22 * w2)
-                            fall -= s1 * (r20 * d0 + r21 * d1 + r22 * d2)
-                            speed = vn * vn - 4.0 * fall * z  # with the last velocity, as in its problem
-                            if speed > IMPACT_SPEED * IMPACT_SPEED and math.sqrt(speed) - vn > 0.0:
-                                length = min(length, 2.0 * z / (math.sqrt(speed) - vn))
-                        if strike:
-                            strikes += 1
+                    parts, strike, length = first_impact(
+                        corner, arm, r20, r21, r22, p2 - radius, v_2, w0, w1, w2, gravity[2], sunk, rigid,
+                        strikes, impact_parts, rest, dt / substeps,
+                    )  # fmt: skip
+                    if strike:
+                        strikes += 1
                     else:
-                        for c in range(nc):
-                            d0, d1, d2 = corner[0, c], corner[1, c], corner[2, c]
-                            z = p2 - radius + r20 * d0 + r21 * d1 + r22 * d2
-                            vn = v_2 + r20 * (w1 * d2 - w2 * d1) + r21 * (w2 * d0 - w0 * d2) + r22 * (w0 * d1 - w1 * d0)
-                            if abs(vn) > IMPACT_SPEED and z - min(sunk[c], 0.0) + length * min(vn, 0.0) < 0.0:
-                                parts = impact_parts
-                        length /= parts
-                    if not strike and length != loaded:
-                        # the same forces over steps of another length; but an impact's impulse has none
-                        ratio = length / loaded
-                        for c in range(nc):
-                            scale = ratio
-                            if ratio > 1.0 and warm[c, 0] > 0.0 and not rigid:
-                                scale = min(ratio, carried[c] / warm[c, 0])
-                            warm[c, 0], warm[c, 1], warm[c, 2] = (
-                                scale * warm[c, 0],
-                                scale * warm[c, 1],
-                                scale * warm[c, 2],
-                            )
-                        loaded = length
+                        loaded = carry_over(warm, carried, length, loaded, rigid)
                     if strike:
                         length = STRIKE * dt
                     if length != h:
@@ -291,18 +236,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                         if closed:
                             n = 0
                             break
-                        for i in range(3 * n):
-                            m0, m1, m2 = G[i, 0], G[i, 1], G[i, 2]
-                            for j in range(i + 1):
-                                A[i, j] = m0 * G[j, 0] + m1 * G[j, 1] + m2 * G[j, 2]
-                            for j in range(i % 3, i + 1, 3):
-                                A[i, j] += over_m
-                            for j in range(i):
-                                A[j, i] = A[i, j]
-                        for i in range(0, 3 * n, 3):
-                            A[i, i] += soft
-                            A[i + 1, i + 1] += TANGENTIAL * soft
-                            A[i + 2, i + 2] += TANGENTIAL * soft
+                        delassus(G, n, over_m, soft, A)
                         lifts = False
                         if lawful and law.lifting > 0.0:
                             for c in range(nc):
@@ -374,25 +308,9 @@ def simulate_body(  # type: ignore[no-untyped-def]
                 if not abs(x0) + abs(x1) + abs(x2) + abs(y0) + abs(y1) + abs(y2) + abs(p0) + abs(p1) + abs(p2) < 1e9:
                     finite[toss] = False
                     break
-                # along the velocity: quaternion times exp(omega h), by series for the small angles of a step
+                # along the velocity
                 p0, p1, p2 = p0 + h * m0, p1 + h * m1, p2 + h * m2
-                f0, f1, f2 = 0.5 * h * f0, 0.5 * h * f1, 0.5 * h * f2
-                angle = f0 * f0 + f1 * f1 + f2 * f2
-                if angle < 0.04:
-                    s = 1.0 - angle / 6.0 * (1.0 - angle / 20.0 * (1.0 - angle / 42.0 * (1.0 - angle / 72.0)))
-                    co = 1.0 - angle / 2.0 * (
-                        1.0 - angle / 12.0 * (1.0 - angle / 30.0 * (1.0 - angle / 56.0 * (1.0 - angle / 90.0)))
-                    )
-                else:
-                    angle = math.sqrt(angle)
-                    s, co = math.sin(angle) / angle, math.cos(angle)
-                s0, s1, s2 = s * f0, s * f1, s * f2
-                t0 = a * co - b * s0 - d * s1 - e * s2
-                t1 = a * s0 + b * co + d * s2 - e * s1
-                t2 = a * s1 - b * s2 + d * co + e * s0
-                g0 = a * s2 + b * s1 - d * s0 + e * co
-                s = 1.0 / math.sqrt(t0 * t0 + t1 * t1 + t2 * t2 + g0 * g0)
-                a, b, d, e = s * t0, s * t1, s * t2, s * g0
+                a, b, d, e = turned(a, b, d, e, 0.5 * h * f0, 0.5 * h * f1, 0.5 * h * f2)
                 v_0, v_1, v_2, w0, w1, w2 = x0, x1, x2, y0, y1, y2
                 if status != 0:
                     unsolved[toss] += 1

@@ -1,4 +1,4 @@
-"""Where a step of a tree ends that has an impact in it (ADR 10). The single body's kernel has the same inline."""
+"""Where a step of a tree ends that has an impact in it (ADR 10); the single body's kernel has its own."""
 
 from __future__ import annotations
 

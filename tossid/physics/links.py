@@ -27,7 +27,6 @@ from tossid.physics.articulated import (
     own,
     tree_features,
 )
-from tossid.physics.body import network
 from tossid.physics.contact import (
     RECOVERY_SPEED,
     STEADY,
@@ -40,6 +39,7 @@ from tossid.physics.contact import (
 )
 from tossid.physics.forces import Forces, Law, forces_of, law_of
 from tossid.physics.impacts import carry_over, first_impact
+from tossid.physics.network import network
 from tossid.physics.pulls import drive, hold_bodies, pull, resist_spins, rub
 from tossid.physics.single import inset
 from tossid.physics.solvers.workspace import LAM

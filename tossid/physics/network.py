@@ -1,0 +1,30 @@
+"""The learned residual of a system, in a kernel."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def network(linear, W0, b0, W1, b1, W2, f, h0, h1, out):  # type: ignore[no-untyped-def]
+    """out (nv,) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1); see `system.Residual`."""
+    nf, h = f.shape[0], b0.shape[0]
+    for i in range(h):
+        s = b0[i]
+        for j in range(nf):
+            s += W0[i, j] * f[j]
+        h0[i] = math.tanh(s)
+    for i in range(h):
+        s = b1[i]
+        for j in range(h):
+            s += W1[i, j] * h0[j]
+        h1[i] = math.tanh(s)
+    for i in range(W2.shape[0]):
+        s = 0.0
+        for j in range(nf):
+            s += linear[i, j] * f[j]
+        for j in range(h):
+            s += W2[i, j] * h1[j]
+        out[i] = s
