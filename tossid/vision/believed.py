@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from tossid.rotations import geodesic_angle, matrix_to_quat, quat_continuous, transform_inv
 from tossid.types import PoseTrack
-from tossid.vision.graph import Solution
 from tossid.vision.initial import there
 from tossid.vision.reprojection import Errors
 from tossid.vision.resect import DIFFERENT
 from tossid.vision.scene import Scene
+from tossid.vision.solution import Solution
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

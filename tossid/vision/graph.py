@@ -36,6 +36,7 @@ from tossid.vision.priors import (
     tag_key,
 )
 from tossid.vision.scene import Scene
+from tossid.vision.solution import Motion, Solution, unsolved
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -53,55 +54,12 @@ CLOCK = 0.002
 """How well a clock's offset is known before the graph [s]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """How bodies move at each step, and clocks.
-
-    twist: for each body (n or 1, 6) rotation [rad/s] and translation [m/s] in its own frame. clock: (cameras,)
-    offsets [s] taken off the frames' lateness. free: (cameras,) whose offset is a variable.
-    """
-
-    twist: list[Array]
-    clock: Array
-    free: Bools
-
-
-@dataclass(eq=False)
-class Solution:
-    """Optimised poses, and covariances in the tangent (rotation [rad], translation [m], of the moving frame).
-
-    camera_cov: (cameras, 6, 6). tag_cov: (tags, 6, 6). world_cov: as `State.world`, (n or 1, 6, 6). Zero where
-    exactly known, NaN where unknown. clock, clock_sigma: (cameras,) [s]. tree_cov: of each body that others hang on,
-    (n, 6 + m, 6 + m) of its tangent and their m angles together, in the order of the bodies.
-    """
-
-    state: State
-    camera_cov: Array
-    tag_cov: Array
-    world_cov: list[Array]
-    clock: Array
-    clock_sigma: Array
-    tree_cov: dict[int, Array] = field(default_factory=dict)
-
-
 @dataclass(eq=False)
 class _Built:
     graph: gtsam.NonlinearFactorGraph = field(default_factory=gtsam.NonlinearFactorGraph)
     values: gtsam.Values = field(default_factory=gtsam.Values)
     fixed: dict[int, Array] = field(default_factory=dict)
     noise: Noise = field(default_factory=Noise)
-
-
-def unsolved(state: State, clock: Array) -> Solution:
-    """Poses as they are, without covariances."""
-    return Solution(
-        state.copy(),
-        np.full((len(state.camera), 6, 6), np.nan),
-        np.full((len(state.tag), 6, 6), np.nan),
-        [np.full((len(T), 6, 6), np.nan) for T in state.world],
-        clock.copy(),
-        np.zeros(len(clock)),
-    )
 
 
 def solve(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +10,7 @@ from tossid.vision.hinge import Hinge, Hinges
 from tossid.vision.layout import chain, limbs
 from tossid.vision.priors import body_key, joint_key
 from tossid.vision.scene import Scene
-
-if TYPE_CHECKING:
-    from tossid.vision.graph import Solution
+from tossid.vision.solution import Solution
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -12,11 +12,11 @@ from tossid.rotations import geodesic_angle, matrix_to_quat
 from tossid.vision.camera import Camera
 from tossid.vision.checks import Suspect
 from tossid.vision.factors import Flaws
-from tossid.vision.graph import Solution
 from tossid.vision.initial import State, there
 from tossid.vision.layout import TagLayout
 from tossid.vision.reprojection import Errors
 from tossid.vision.scene import Scene
+from tossid.vision.solution import Solution
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

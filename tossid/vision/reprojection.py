@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.rotations import transform_inv, transform_points
-from tossid.vision.graph import Motion
 from tossid.vision.initial import State
 from tossid.vision.resect import SQUARE, retract
 from tossid.vision.scene import Scene
+from tossid.vision.solution import Motion
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -19,13 +19,14 @@ from tossid.vision.checks import BETTER, Suspect, check_set_up
 from tossid.vision.clocks import SAME, clock_offsets
 from tossid.vision.factors import NO_FLAWS, Flaws
 from tossid.vision.flaws import find_flaws, settled
-from tossid.vision.graph import Motion, Solution, solve, unsolved
+from tossid.vision.graph import solve
 from tossid.vision.initial import Decisions, given, initialise, place, there
 from tossid.vision.layout import Body, TagLayout, articulated, body_tags, limbs
 from tossid.vision.priors import Prior, calibrates, priors, tag_key
 from tossid.vision.report import Frames, TrackReport, found, frame_errors, make_report
 from tossid.vision.reprojection import Errors, reproject
 from tossid.vision.scene import Scene, observe, words
+from tossid.vision.solution import Motion, Solution, unsolved
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
