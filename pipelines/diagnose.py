@@ -347,7 +347,7 @@ def _say(found: Diagnosis, gap: dict[str, Any], folder: Path, console: Console) 
         for f in shown
     ]
     if rows:
-        console.table(["effect", "found (95 % interval)", "closes alone", "verdict"], rows)
+        console.table(["effect", "found (95 % interval)", "closes", "verdict"], rows)
     release = gap["next_toss"].get("release")
     if release:
         console.say(f"next toss: see {folder / 'gap.html'}")

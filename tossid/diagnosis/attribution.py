@@ -184,9 +184,9 @@ def _report(
     inside = [e.name for e in present.hypothesis.effects if e.name not in found.unnamed]
     named = tuple(sorted(inside, key=lambda name: -found.needed[name].total))
     closed, unexplained = share_left(first, present, judge, floor)
-    flown = _closed_by_flown(judge, found, floor)
+    closes = _closed_by_each(judge, found, floor)
     if found.unnamed:
-        shares = [flown[name] for name in found.unnamed]
+        shares = [closes[name] for name in found.unnamed]
         other = Interval(sum(s.value for s in shares), sum(s.low for s in shares), sum(s.high for s in shares))
         closed = Interval(closed.value - other.value, closed.low - other.value, closed.high - other.value)
         unexplained = (Share("flight", other), *(share for share in unexplained if share.name != "flight"))
@@ -204,7 +204,7 @@ def _report(
         verdict=verdict,
         gap=gap,
         left=left,
-        findings=_findings(library, judge, found, named, floor, spread, flown),
+        findings=_findings(library, judge, found, named, floor, spread, closes),
         named=named,
         gap_closed=closed,
         unexplained=unexplained,
@@ -241,7 +241,7 @@ def _findings(
     named: Sequence[str],
     floor: Floor,
     spread: Array | None,
-    flown: Mapping[str, Interval],
+    joined: Mapping[str, Interval],
 ) -> tuple[Finding, ...]:
     n, present = judge.n, found.present
     known = intervals(present.fitted, n, spread, found.flown)
@@ -250,8 +250,8 @@ def _findings(
     for effect in library:
         alone = found.tried.get(effect.name)
         shown = alone or found.in_flight.get(effect.name)
-        closes = flown.get(effect.name, Interval(0.0, 0.0, 0.0))
-        if alone is not None:
+        closes = joined.get(effect.name, Interval(0.0, 0.0, 0.0))
+        if alone is not None and effect.name not in joined:
             closes = share_left(found.first, alone, judge, floor)[0]
         group: tuple[str, ...] = ()
         parameters: dict[str, Interval] = {}
@@ -263,7 +263,7 @@ def _findings(
         elif effect.name in stands_for:
             name, each = stands_for[effect.name]
             shown, parameters = each, intervals(each.fitted, n)[effect.name]
-            closes = flown[name] if name in flown else share_left(found.first, each, judge, floor)[0]
+            closes = joined[name]
             group = (name, *(o.name for o in found.classes[name] if o.name != effect.name))
             verdict = "confusable"
         else:
@@ -288,14 +288,16 @@ def _findings(
     return tuple(out)
 
 
-def _closed_by_flown(judge: Judge, found: Found, floor: Floor) -> dict[str, Interval]:
-    """Shares of the gap that each effect which flight has shown closes beyond those before it."""
-    out, less = {}, 0.0
-    for k in range(found.flown):
-        more = share_left(found.first, found.history[k + 1], judge, floor)[0]
-        name = found.present.hypothesis.effects[k].name
-        out[name] = Interval(more.value - less, more.low - less, more.high - less)
-        less = more.value
+def _closed_by_each(judge: Judge, found: Found, floor: Floor) -> dict[str, Interval]:
+    """Shares of the gap that each effect of the last hypothesis closed when it joined, beyond those before it; of what
+    has taken the place of another that flight has shown, as much as that."""
+    shares = [share_left(found.first, each, judge, floor)[0] for each in found.history[1:]]
+    company = [{effect.name for effect in each.hypothesis.effects} for each in found.history[1:]]
+    out, nothing = {}, Interval(0.0, 0.0, 0.0)
+    for i, effect in enumerate(found.present.hypothesis.effects):
+        k = i if i < found.flown else next(k for k, names in enumerate(company) if effect.name in names)
+        less = (shares[k - 1] if k else nothing).value
+        out[effect.name] = Interval(shares[k].value - less, shares[k].low - less, shares[k].high - less)
     return out
 
 

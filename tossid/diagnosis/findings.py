@@ -150,8 +150,8 @@ class Finding:
     """What the tosses say of one effect.
 
     parameters: values with intervals, of the effects that are named or confusable. evidence: gain of log-likelihood
-    on tosses that took no part in the fit, p-value, number of tosses. gap_closed: by it alone. detectable: the
-    smallest size of each parameter that these tosses would have shown.
+    on tosses that took no part in the fit, p-value, number of tosses. gap_closed: if found, beyond those before it;
+    else by it alone. detectable: the smallest size of each parameter that these tosses would have shown.
     """
 
     name: str

@@ -159,7 +159,7 @@ def _named_table(diagnosis: Diagnosis) -> str:
                 escape(verdict_of(f)),
             ]
         )
-    head = ["effect", "what it is", "found (95 % interval)", "simulator has", "closes alone", "verdict"]
+    head = ["effect", "what it is", "found (95 % interval)", "simulator has", "closes", "verdict"]
     return _table(head, rows, numbers=[4])
 
 
@@ -254,7 +254,8 @@ def _all_effects(diagnosis: Diagnosis) -> str:
     head = ["effect", "verdict", "gain per toss [nats]", "p", "closes", "smallest change that shows"]
     note = (
         '<p class="note">Gains are of held-out log-likelihood, with 95 % intervals over tosses. A change that would '
-        "have shown is one of four standard errors.</p>"
+        "have shown is one of four standard errors. What a found effect closes of the gap is beyond those before it; "
+        "what another closes is alone.</p>"
     )
     return _table(head, rows, numbers=[2, 3, 4]) + note
 

@@ -106,7 +106,6 @@ class Rounds:
             best = self._simplest(good)
             near = [each for each in fitted if each is not best and each.total > CLASS_GAIN * best.total]
             classes[best.name] = tuple(each.effect for each in near if each.effect is not None)
-            tried.setdefault(best.name, best)
             without = {best.name: replace(present, gain=-best.gain)}
             present, less = self.pruned(first, self.refreshed(best), without)
             history.append(present)

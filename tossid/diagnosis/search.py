@@ -36,9 +36,9 @@ OTHER_POWER = 0.5
 @dataclass(frozen=True)
 class Found:
     """What a search leaves. first: without effects. present: with all that joined and stayed. history: the hypotheses
-    on the way, the first and the last among them. tried: effects by name, as judged in the first round, or when
-    they joined. in_flight: the same of flight alone. needed: named effects, against the hypothesis without each.
-    classes: named effects, what could stand in for each. flown: how many of the named, the first, flight has shown.
+    on the way, the first and the last among them. tried: effects by name, as judged in the first round.
+    in_flight: the same of flight alone. needed: named effects, against the hypothesis without each. classes: named
+    effects, what could stand in for each. flown: how many of the named, the first, flight has shown.
     other_laws: effects that only stand in for a force of another law, each with its power of its state. unsteady:
     effects that flight shows, but not the same in all tosses. Neither has a name."""
 
