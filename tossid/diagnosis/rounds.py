@@ -114,6 +114,7 @@ class Rounds:
     def settled(self, first: Candidate, path: Path) -> Path:
         """The path with everything in its last hypothesis fitted together; and rounds again where an effect has left or
         that has moved it as clearly as an effect would: what did not belong before may belong there."""
+        known: set[frozenset[str]] = set()
         for _ in range(MOST_SETTLED):
             before = path.history[-1]
             if not before.hypothesis.effects:
@@ -121,10 +122,12 @@ class Rounds:
             self.tell("all effects together", 0.8)
             present, less = self.pruned(first, self.refreshed(before, POLISH))
             path = replace(path, history=(*path.history[:-1], present), less=less)
-            stayed = len(present.hypothesis.effects) == len(before.hypothesis.effects)
+            names = frozenset(effect.name for effect in present.hypothesis.effects)
+            stayed = len(names) == len(before.hypothesis.effects)
             clearly = self.judge.better(present, before) < LEVEL / len(self.library)
-            if stayed and not (clearly and self._matters(first, before, present)):
-                break
+            if names in known or (stayed and not (clearly and self._matters(first, before, present))):
+                break  # what had left, came and left again would do so for ever
+            known.add(names)
             further = path.then(self.forward(first, path.history, 0.8))
             if further is path:
                 break
