@@ -101,7 +101,7 @@ class Search(Rounds):
         while True:
             path = contact.settled(first, path)
             present = leader = path.history[-1]
-            if swaps:
+            if swaps and len(present.hypothesis.effects) > flown:
                 # what contact no longer misses may tell what stood in its way before
                 leader, needed, classes = self._decided(present, needed, classes, anew=True)
             if leader is present:
