@@ -84,6 +84,8 @@ def test_an_effect_is_taken_out_with_all_that_contain_it() -> None:
     tilted = {"uniform_force", "world_tilt", "ground_tilt"}  # each is what the others make together
     assert set(Case(0, "without", "lcp", ("uniform_force",), (20.0,), 0).without) == tilted | {"position_force"}
     assert set(Case(0, "without", "lcp", ("ground_tilt",), (20.0,), 0).without) == tilted
+    windless = tilted | {"position_force", "wind", "linear_drag"}
+    assert set(Case(0, "without", "lcp", ("wind",), (20.0,), 0).without) == windless
     assert Case(0, "effect", "lcp", ("linear_drag",), (20.0,), 0).without == ()
 
 

@@ -33,6 +33,8 @@ SUBSTEPS, IMPACT_PARTS = 32, 8
 truth must not share."""
 TOGETHER = frozenset({"uniform_force", "world_tilt", "ground_tilt"})
 """Each is what the other two make: gravity of another direction, in a frame and on a ground that are tilted or not."""
+MADE_OF = {"wind": frozenset({"linear_drag", "uniform_force"})}
+"""What others together say exactly: a drag against moving air is one against still air, and a constant force."""
 REST = 0.01
 """Speed [m/s] below which the object rests."""
 TRIES = 8
@@ -54,8 +56,9 @@ class Case:
         """What is taken out of the library: the effect, all that contain it, and what together would say the same."""
         if self.kind != "without":
             return ()
-        out = {e.name for e in LIBRARY if e.name in self.effects or set(self.effects) & set(e.contains)}
-        out |= TOGETHER if set(self.effects) & TOGETHER else set()
+        true = frozenset(self.effects).union(*(MADE_OF.get(name, frozenset()) for name in self.effects))
+        out = {e.name for e in LIBRARY if e.name in true or true & set(e.contains)}
+        out |= TOGETHER if true & TOGETHER else set()
         return tuple(e.name for e in LIBRARY if e.name in out)
 
     def as_json(self) -> dict[str, Any]:
