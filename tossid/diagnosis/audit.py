@@ -33,8 +33,13 @@ SUBSTEPS, IMPACT_PARTS = 32, 8
 truth must not share."""
 TOGETHER = frozenset({"uniform_force", "world_tilt", "ground_tilt"})
 """Each is what the other two make: gravity of another direction, in a frame and on a ground that are tilted or not."""
-MADE_OF = {"wind": frozenset({"linear_drag", "uniform_force"})}
-"""What others together say exactly: a drag against moving air is one against still air, and a constant force."""
+MADE_OF = {
+    "wind": frozenset({"linear_drag", "uniform_force"}),
+    "time_base": frozenset({"gravity"}),
+    "gravity": frozenset({"time_base"}),
+}
+"""What others say exactly: a drag against moving air is one against still air, and a constant force; a clock of another
+rate is gravity of another size, for rigid contact has no time of its own."""
 REST = 0.01
 """Speed [m/s] below which the object rests."""
 TRIES = 8
