@@ -7,7 +7,7 @@ was not found the smallest size that these tosses would have shown.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.stats import t as student
 
 from tossid.diagnosis.engines import Engine
 from tossid.diagnosis.evidence import Hypothesis, gains
-from tossid.diagnosis.findings import Contact, Diagnosis, Finding, Interval, Share, Verdict
+from tossid.diagnosis.findings import Contact, Diagnosis, Finding, Gap, Interval, Share, Verdict
 from tossid.diagnosis.fitting import Fitted, derivatives, toss_sums
 from tossid.diagnosis.gap import Floor, measure_gap, noise_floor, rollout_errors, share_left
 from tossid.diagnosis.judging import Candidate, Judge
@@ -34,6 +34,8 @@ Progress = Callable[[str, float], None]
 
 FLOOR_REACHED = 1.03
 """Times the noise floor, at which nothing is left to explain."""
+MOST_CLOSED, ALL_CLOSED = 0.5, 0.9
+"""Shares of the gap that effects have to close, to explain it in part; in full, if no phase has clearly some left."""
 CUTS = ((LENGTH // 4, 1.0), (LENGTH // 2, -1.0), (3 * LENGTH // 4, 1.0))
 """Frames by which tosses are cut elsewhere, and to which side fits begin."""
 ASIDE = 0.1
@@ -190,18 +192,8 @@ def _report(
         other = Interval(sum(s.value for s in shares), sum(s.low for s in shares), sum(s.high for s in shares))
         closed = Interval(closed.value - other.value, closed.low - other.value, closed.high - other.value)
         unexplained = (Share("flight", other), *(share for share in unexplained if share.name != "flight"))
-    verdict: Verdict
-    if not named:
-        nothing = gap.total.value < 1.15 * gap.noise_floor or gap.total.low < gap.noise_floor
-        verdict = "no_gap" if nothing and not found.unnamed else "unexplained"
-    elif not found.unnamed and (
-        left.total.value < FLOOR_REACHED * left.noise_floor or (closed.value > 0.9 and not unexplained)
-    ):
-        verdict = "explained"
-    else:
-        verdict = "partly_explained" if closed.value > 0.5 else "unexplained"
     return Diagnosis(
-        verdict=verdict,
+        verdict=whole_verdict(gap, left, closed, found.unnamed, unexplained, any_named=bool(named)),
         gap=gap,
         left=left,
         findings=_findings(library, judge, found, named, floor, spread, closes),
@@ -219,6 +211,22 @@ def _report(
         place=located(tosses, first, present, gap, left, seed=seed),
         witnesses=witnesses(unseen or tosses, first.hypothesis.world(), present.hypothesis.world()),
     )
+
+
+def whole_verdict(
+    gap: Gap, left: Gap, closed: Interval, unnamed: Collection[str], unexplained: Sequence[Share], *, any_named: bool
+) -> Verdict:
+    """What the named effects make of a gap. Nearly at the floor is not enough where the gap was small: more than half
+    of it has to be closed too."""
+    if not any_named:
+        nothing = gap.total.value < 1.15 * gap.noise_floor or gap.total.low < gap.noise_floor
+        return "no_gap" if nothing and not unnamed else "unexplained"
+    if closed.value <= MOST_CLOSED:
+        return "unexplained"
+    reached = left.total.value < FLOOR_REACHED * left.noise_floor
+    if not unnamed and (reached or (closed.value > ALL_CLOSED and not unexplained)):
+        return "explained"
+    return "partly_explained"
 
 
 def _other_laws(found: Found, n: int) -> tuple[tuple[str, Interval], ...]:
