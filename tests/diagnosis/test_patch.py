@@ -205,14 +205,20 @@ def test_a_corner_rebounds_with_its_restitution(users: Path) -> None:
 
 
 def test_compliance_sinks_by_the_weight_on_its_corners(users: Path) -> None:
-    m = patched(users, compliance=[2000.0, 20.0]).after
+    m = patched(users, compliance=[2000.0, 20.0, 0.0]).after
     d = fly(m, [0] * 6, 1.0, z=HALF)
     sunk = HALF - d.qpos[2]
     assert sunk == pytest.approx(0.37 * 9.81 / 4 / 2000.0, rel=0.01)
 
 
+def test_an_impedance_holds_its_share_of_the_load_at_once(users: Path) -> None:
+    m = patched(users, compliance=[1000.0, 60.0, 0.9]).after
+    d = fly(m, [0] * 6, 1.0, z=HALF)
+    assert HALF - d.qpos[2] == pytest.approx(0.1 * 0.37 * 9.81 / 4 / 1000.0, rel=0.03)
+
+
 def test_friction_found_after_compliance_reaches_the_pair(users: Path) -> None:
-    m = patched(users, compliance=[20000.0, 60.0], friction=[0.3]).after
+    m = patched(users, compliance=[20000.0, 60.0, 0.0], friction=[0.3]).after
     d = slide(m, [1.0, 0, 0, 0, 0, 0], 0.1)
     assert d.qvel[0] == pytest.approx(1.0 - 0.2943, abs=0.02)
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from tossid.errors import InputError
-from tossid.objects import ObjectModel, load_object
+from tossid.objects import ObjectModel, load_object, to_mjcf
 from tossid.physics import simulate
-from tossid.physics.effects import Forces, Law, Recording, World
+from tossid.physics.effects import LIBRARY, Forces, Law, Recording, World
 from tossid.physics.effects.in_mujoco import damping_ratio, inexpressible, toss_in_mujoco
 from tossid.physics.forces import DRAG, MAGNUS, SPIN, SPRING, TURNING, VORTEX
 from tossid.physics.mujoco_engine import simulate_mujoco
+from tossid.rotations import quat_exp
 
 CONF = Path(__file__).parents[2] / "conf/object"
 DT = 1 / 148
@@ -140,3 +143,50 @@ def test_what_it_cannot_express_is_named(cube: ObjectModel) -> None:
     with pytest.raises(InputError, match="velocity_friction"):
         toss_in_mujoco(world, FLAT, np.zeros((1, 6)), 2, DT)
     assert inexpressible(World(cube, recording=Recording(length_scale=1.1))) == ()
+
+
+HELD = {"stiffness_npm": 925.0, "damping_nspm": 37.0, "impedance_rel": 0.95}
+"""What MuJoCo's contact of a time constant of 0.02 s and an impedance of 0.95 is for a mass of 0.37 kg."""
+
+
+def landings(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cubes that fall on a face, an edge or a corner, slowly across and without spin."""
+    turns = [[0.0, 0, 0], [0.5, 0, 0], [0.6, 0.5, 0]]
+    q = np.array([[0, 0, 0.12, *quat_exp(np.array(turns[i % 3]))] for i in range(count)])
+    v = np.zeros((count, 6))
+    v[:, 0] = 0.3
+    return q, v
+
+
+@pytest.mark.parametrize(("friction", "lifting", "atol"), [(0.0, 0.0, 3e-5), (0.18, 1e-4, 2e-4)])
+def test_an_impedance_gives_mujoco_s_own_soft_contact(
+    cube: ObjectModel, friction: float, lifting: float, atol: float
+) -> None:
+    """A user's scene with a time constant and a damping ratio, through landing and the first turn after it."""
+    body = cube.with_changes(friction=friction)
+    m = mujoco.MjModel.from_xml_string(
+        to_mjcf(body, timestep=2.5e-5, solref=(0.02, 1.0), solimp=(0.95, 0.95, 0.001, 0.5, 2.0))
+    )
+    world = {e.name: e for e in LIBRARY}["compliance"].apply(World(body), HELD)
+    world = replace(world, law=world.law._replace(lifting=lifting))
+    q0, v0 = landings(3)
+    ours = simulate(world.system(), q0, v0, n_steps=28, dt=0.005, substeps=200)
+    for i in range(3):
+        d = mujoco.MjData(m)
+        d.qpos[:], d.qvel[:] = q0[i], v0[i]
+        path = []
+        for _ in range(28):
+            mujoco.mj_step(m, d, 200)
+            path.append(d.qpos.copy())
+        np.testing.assert_allclose(ours.q[i, 1:, :3], np.array(path)[:, :3], atol=atol)
+    assert ours.q[:, :, 2].min() < HALF - 1e-3, "softness shows"
+
+
+def test_an_added_mass_in_mujoco_is_ours(cube: ObjectModel) -> None:
+    world = {e.name: e for e in LIBRARY}["compliance"].apply(World(cube), HELD)
+    q0, v0 = landings(3)
+    theirs, _ = toss_in_mujoco(world, q0, v0, 34, 0.005)
+    ours = simulate(
+        replace(world, law=world.law._replace(lifting=1e-4)).system(), q0, v0, n_steps=34, dt=0.005, substeps=100
+    )
+    np.testing.assert_allclose(theirs[:, :29, :3], ours.q[:, :29, :3], atol=4e-4)

@@ -49,6 +49,7 @@ CONTACTS = {
     "adhesion": Law(adhesion=0.8),
     "rounded": Law(rounding=0.006),
     "relaxed": Law(lifting=1e-3),
+    "held at once": Law(added_mass=3.0),
 }
 
 
@@ -60,7 +61,7 @@ def test_a_tree_of_one_body_is_that_body(
     odd = cube.with_changes(com=np.array([[1e-3, -2e-3, 6e-3]]), inertia=cube.inertia * np.diag([1.0, 1.2, 0.9]))
     if what == "bouncing":
         odd = odd.with_changes(restitution=0.4)
-    if what == "soft":
+    if what in ("soft", "held at once"):
         odd = odd.with_changes(compliance=3e-5, relaxation=2e-3)
     forces = EVERYTHING._replace(spin=0.0, magnus=0.0) if what == "forces" else Forces()
     system = World(odd, forces=forces, law=CONTACTS.get(what, Law())).system()

@@ -132,7 +132,11 @@ def _velocity_friction(size: float, u: Array) -> Values:
 
 def _compliance(size: float, u: Array) -> Values:
     stiffness = 1 / size
-    return {"stiffness_npm": stiffness, "damping_nspm": 2 * _between(0.1, 0.8, u[1]) * math.sqrt(stiffness * 0.37)}
+    return {
+        "stiffness_npm": stiffness,
+        "damping_nspm": 2 * _between(0.1, 0.8, u[1]) * math.sqrt(stiffness * 0.37),
+        "impedance_rel": max(0.0, 0.95 * float(u[2])),  # none in half of the cases
+    }
 
 
 STRENGTHS: dict[str, Strength] = {

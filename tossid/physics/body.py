@@ -34,6 +34,7 @@ from tossid.physics.contact import (
     TOUCHING,
     UNKNOWN,
     above_ground,
+    kept_speed,
     settling,
     solve_exact,
 )
@@ -57,7 +58,9 @@ def simulate_body(  # type: ignore[no-untyped-def]
     nc = mu.shape[0]
     h = loaded = dt / substeps  # of a step, and of that whose impulses are in `warm`
     over_m = 1.0 / mass
-    soft = compliance / (h * settling(h, compliance, relaxation))
+    added = law.added_mass if lawful else 0.0
+    soft = compliance / (h * settling(h, compliance, relaxation, added))
+    keeps, keeps_across = kept_speed(h, compliance, relaxation, added)
     rigid = compliance == 0.0 and relaxation == 0.0
     radius = law.rounding if lawful else 0.0
     whole = impact_parts == 1 or not rigid  # steps do not end at impacts
@@ -78,7 +81,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
         a, b, d, e = q0[toss, 3], q0[toss, 4], q0[toss, 5], q0[toss, 6]
         v_0, v_1, v_2 = v0[toss, 0], v0[toss, 1], v0[toss, 2]
         w0, w1, w2 = v0[toss, 3], v0[toss, 4], v0[toss, 5]
-        cold = True
+        cold = nc > 0  # not a literal, of which numba would compile a second version
         sunk[:] = UNKNOWN
         for i in range(7):
             qs[toss, 0, i] = q0[toss, i]
@@ -87,7 +90,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
         reached, quiet = 0, 0
         for step in range(n_steps[toss]):
             done, left = 0, 0
-            rest, strikes, again = dt, 0, False
+            rest, strikes, again = dt, np.int64(0), False
             while done < substeps:
                 r00, r01, r02 = 1.0 - 2.0 * (d * d + e * e), 2.0 * (b * d - a * e), 2.0 * (b * e + a * d)
                 r10, r11, r12 = 2.0 * (b * d + a * e), 1.0 - 2.0 * (b * b + e * e), 2.0 * (d * e - a * b)
@@ -109,7 +112,8 @@ def simulate_body(  # type: ignore[no-untyped-def]
                         length = STRIKE * dt
                     if length != h:
                         h = length
-                        soft = compliance / (h * settling(h, compliance, relaxation))
+                        soft = compliance / (h * settling(h, compliance, relaxation, added))
+                        keeps, keeps_across = kept_speed(h, compliance, relaxation, added)
                         turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
                     left = parts
                     carried[:] = 0.0
@@ -175,7 +179,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                         z = min(z, RECOVERY_SPEED * h)  # is on the ground, and settles there
                     height[c] = z
                     low = low or z < reach
-                touched, status, residual, n = False, 0, 0.0, 0
+                touched, status, residual, n = False, 0, 0.0, np.int64(0)
                 u0, u1, u2, n0, n1, n2, f0, f1, f2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                 if low:
                     # velocities of the centre of mass, free (u) and before the step (k)
@@ -199,7 +203,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                             vn = u2 + tau[c, 0, 0] * y0 + tau[c, 0, 1] * y1 + tau[c, 0, 2] * y2
                             state[c] = 2 if height[c] / h + vn < CLOSING_SPEED else 1
                     for _attempt in range(4):
-                        n, closed = 0, True
+                        n, closed = np.int64(0), True  # not a literal, of which numba would compile a second version
                         for c in range(nc):
                             if state[c] != 2:
                                 continue
@@ -211,14 +215,18 @@ def simulate_body(  # type: ignore[no-untyped-def]
                                 G[r + k, 0] = root[0, 0] * m0 + root[1, 0] * m1 + root[2, 0] * m2
                                 G[r + k, 1] = root[1, 1] * m1 + root[2, 1] * m2
                                 G[r + k, 2] = root[2, 2] * m2
-                            free = V[B, r] + u2
+                            free, lasts = V[B, r] + u2, 0.0
                             target = height[c] / h + free
                             if restitution > 0.0 and target < 0.0:
                                 before = k2 + tau[c, 0, 0] * w0 + tau[c, 0, 1] * w1 + tau[c, 0, 2] * w2
                                 if before < -BOUNCE_SPEED and (strike or whole or before > -IMPACT_SPEED):
                                     target = min(target, free + restitution * before)
                             elif target < 0.0 or height[c] < 0.0:
-                                target = height[c] / settling(h, compliance, relaxation) + free
+                                target = height[c] / settling(h, compliance, relaxation, added) + free
+                                if keeps > 0.0:
+                                    before = k2 + tau[c, 0, 0] * w0 + tau[c, 0, 1] * w1 + tau[c, 0, 2] * w2
+                                    target -= keeps * before
+                                    lasts = keeps_across
                             V[B, r] = target
                             V[B, r + 1] += u0
                             V[B, r + 2] += u1
@@ -227,6 +235,8 @@ def simulate_body(  # type: ignore[no-untyped-def]
                                 slip1 = k0 + tau[c, 1, 0] * w0 + tau[c, 1, 1] * w1 + tau[c, 1, 2] * w2
                                 slip2 = k1 + tau[c, 2, 0] * w0 + tau[c, 2, 1] * w1 + tau[c, 2, 2] * w2
                                 grip = friction_of(law, grip, slip1, slip2, V[B, r + 1], V[B, r + 2])
+                                V[B, r + 1] -= lasts * slip1
+                                V[B, r + 2] -= lasts * slip2
                             if cohesion > 0.0 and not cold and warm[c, 0] > 0.0:
                                 grip = min(2.0 * grip, grip + cohesion * h / warm[c, 0])
                             V[MU, n] = grip
@@ -234,7 +244,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                             closed = closed and target >= 0.0
                             n += 1
                         if closed:
-                            n = 0
+                            n = np.int64(0)
                             break
                         delassus(G, n, over_m, soft, A)
                         lifts = False
@@ -248,7 +258,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                         f0, f1, f2, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                         touched = False
                         for i in range(n):
-                            r = 3 * i
+                            r = 3 * i  # type: ignore[assignment]
                             i0, i1, i2 = V[LAM, r], V[LAM, r + 1], V[LAM, r + 2]
                             if i0 != 0.0 or i1 != 0.0 or i2 != 0.0:
                                 touched = True

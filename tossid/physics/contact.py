@@ -209,13 +209,27 @@ def find_corners(  # type: ignore[no-untyped-def]
 
 
 @jit
-def settling(h, compliance, relaxation):  # type: ignore[no-untyped-def]
+def settling(h, compliance, relaxation, added_mass):  # type: ignore[no-untyped-def]
     """Time [s] over which a corner that touches is to be back where it belongs, in a step of length h.
 
     A spring at the step's end damps by k h. That is taken off its damper, as far as it goes, and smoothly: of a damper
-    that is weaker, and learned, the motion must still tell.
+    that is weaker, and learned, the motion must still tell. An added mass resists what changes the corner's speed.
     """
-    return math.sqrt(h * h + relaxation * relaxation) if compliance > 0.0 else h + relaxation
+    if compliance == 0.0:
+        return h + relaxation
+    return math.sqrt(h * h + relaxation * relaxation) + added_mass * compliance / h
+
+
+@jit
+def kept_speed(h, compliance, relaxation, added_mass):  # type: ignore[no-untyped-def]
+    """Shares of a touching corner's speed, along the normal and across, that its added mass keeps through a step.
+
+    With m' dv/dt + d v + k z = -f along the normal, and m' dv/dt + d v = -f across, which no spring holds.
+    """
+    inert = added_mass * compliance
+    if inert == 0.0:
+        return 0.0, 0.0
+    return inert / (h * settling(h, compliance, relaxation, added_mass)), inert / (inert + h * relaxation)
 
 
 @jit
@@ -224,8 +238,9 @@ def _assemble(  # type: ignore[no-untyped-def]
     L, u, u_before, xi, xi_before, h, chosen, G, A, V, over_m,
 ):  # fmt: skip
     """The candidates' contact problem (G, A, V[B], V[MU], warm start V[LAM]); returns their number, 0 if all open."""
-    nx = xi.shape[0]
-    n, closed = 0, True
+    nx, added = xi.shape[0], law.added_mass if lawful else 0.0
+    keeps, keeps_across = kept_speed(h, compliance, relaxation, added)
+    n, closed = np.int64(0), True  # a literal zero would have numba compile what it is handed to twice
     for c in range(state.shape[0]):
         if state[c] != 2:
             continue
@@ -240,7 +255,7 @@ def _assemble(  # type: ignore[no-untyped-def]
                 G[x, r + k] = t * L[x, x]
             V[B, r + k] = free
             V[LAM, r + k] = 0.0 if cold else warm[c, k]
-        free = V[B, r]
+        free, lasts = V[B, r], 0.0
         target = height[c] / h + free
         if restitution > 0.0 and target < 0.0:
             before = u_before[0]
@@ -249,7 +264,12 @@ def _assemble(  # type: ignore[no-untyped-def]
             if before < -BOUNCE_SPEED and (bounces or before > -IMPACT_SPEED):
                 target = min(target, free + restitution * before)
         elif target < 0.0 or height[c] < 0.0:
-            target = height[c] / settling(h, compliance, relaxation) + free
+            target = height[c] / settling(h, compliance, relaxation, added) + free
+            if keeps > 0.0:
+                kept, lasts = u_before[0], keeps_across
+                for x in range(nx):
+                    kept += tau[c, 0, x] * xi_before[x]
+                target -= keeps * kept
         V[B, r] = target
         grip = mu[c]
         if lawful:
@@ -258,6 +278,8 @@ def _assemble(  # type: ignore[no-untyped-def]
                 slip1 += tau[c, 1, x] * xi_before[x]
                 slip2 += tau[c, 2, x] * xi_before[x]
             grip = friction_of(law, grip, slip1, slip2, V[B, r + 1], V[B, r + 2])
+            V[B, r + 1] -= lasts * slip1
+            V[B, r + 2] -= lasts * slip2
         if cohesion > 0.0 and not cold and warm[c, 0] > 0.0:
             grip = min(2.0 * grip, grip + cohesion * h / warm[c, 0])
         V[MU, n] = grip
@@ -276,7 +298,7 @@ def _assemble(  # type: ignore[no-untyped-def]
             A[i, j] += over_m
         for j in range(i):
             A[j, i] = A[i, j]
-    soft = compliance / (h * settling(h, compliance, relaxation))
+    soft = compliance / (h * settling(h, compliance, relaxation, added))
     for i in range(0, 3 * n, 3):
         A[i, i] += soft
         A[i + 1, i + 1] += TANGENTIAL * soft

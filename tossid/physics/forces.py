@@ -93,6 +93,8 @@ class Law(NamedTuple):
     lifting [m]: height of a corner below which a step's contact problem is the convex relaxation of Coulomb's (Anitescu
     2006), as MuJoCo has it: what slips at s leaves the ground at mu s. 0: Coulomb's law throughout.
     rounding [m]: radius of the corners, spheres that touch the faces of a box with sharp ones (`inset`).
+    added_mass [kg]: of each corner in contact that yields: its force is that of its spring and damper, less this mass
+    times its acceleration (MuJoCo's 1 / R, by which contact holds most of a load at once).
     """
 
     static_rel: float = 1.0
@@ -103,6 +105,7 @@ class Law(NamedTuple):
     adhesion: float = 0.0
     lifting: float = 0.0
     rounding: float = 0.0
+    added_mass: float = 0.0
 
     @property
     def acts(self) -> bool:
@@ -116,7 +119,7 @@ def forces_of(numbers: Array) -> Forces:
 
 
 def law_of(numbers: Array) -> Law:
-    """The law from its numbers in order (8,), the nominal one of an empty array."""
+    """The law from its numbers in order (9,), the nominal one of an empty array."""
     return Law(*map(float, numbers))
 
 

@@ -151,11 +151,11 @@ def simulate_links(  # type: ignore[no-untyped-def]
             q[i] = qs[toss, 0, i] = q0[toss, i]
         for i in range(nv):
             v[i] = vs[toss, 0, i] = v0[toss, i]
-        cold = True
+        cold = nc > 0  # not a literal, of which numba would compile a second version
         sunk[:] = UNKNOWN
         reached = 0
         for step in range(n_steps[toss]):
-            done, left, rest, strikes, again = 0, 0, dt, 0, False
+            done, left, rest, strikes, again = 0, 0, dt, np.int64(0), False
             while done < substeps:
                 quat_to_mat(q[3], q[4], q[5], q[6], R)
                 outwards(parent, joint_type, tree.turn, tree.place, tree.axis, tree.anchor, q, v, P, E)

@@ -8,7 +8,8 @@ restitution e: solref (-w², -2 z w), a spring and a damper in acceleration's un
     dashpot model revisited", Granular Matter 2007). w is a share of the time step's rate: the softer, the deeper.
 compliance k [N/m] and damping d [N s/m] of a corner: MuJoCo's force is (a_ref - a) / R with a_ref = -B v - K D r,
     so that (K, B) = R (k / D, d) makes it k r + d v, but for an added mass 1 / R at the corner. The impedance D
-    keeps that to 0.2 % of the object's mass. Friction has a reference of its own, which knows no compliance.
+    keeps that to 0.2 % of the object's mass. Friction has a reference of its own, which knows no compliance. The law's
+    added mass is just that 1 / R, and its damping acts on friction too.
 torsional friction and rolling resistance: MuJoCo's own, of 4 or 6 dimensions of contact. There they share one cone
     with friction, so that a sliding contact resists turning less than a resting one.
 """
@@ -151,9 +152,8 @@ def damping_ratio(restitution: float) -> float:
 
 
 def _compliant(world: World, step: float) -> mujoco.MjSpec:
-    model, d = world.object, SOFT_IMPEDANCE
-    solimp = (d, d, 0.001, 0.5, 2.0)
-    spec = mujoco.MjSpec.from_string(to_mjcf(model, gravity=world.gravity, timestep=step, solimp=solimp))
+    model = world.object
+    spec = mujoco.MjSpec.from_string(to_mjcf(model, gravity=world.gravity, timestep=step))
     for body in range(model.n_bodies):
         if (model.corner_body == body).any():
             spec.add_pair(
@@ -162,20 +162,32 @@ def _compliant(world: World, step: float) -> mujoco.MjSpec:
                 geomname2=f"hull_{body}",
                 condim=3,
                 friction=[model.friction, model.friction, 0.0, 0.0, 0.0],
-                solimp=list(solimp),
             )
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = 0, 0
     compiled = spec.compile()
-    spec.option.impratio = 100 * (1 - d) / d  # friction is a hundred times as stiff as what would creep
     for at, pair in enumerate(spec.pairs):
         # MuJoCo's estimate of a corner's inverse mass, from which it makes R = (1 - d) / d of it
         inverse = compiled.body_invweight0[compiled.geom_bodyid[compiled.pair_geom2[at]], 0]
+        d = impedance(world, inverse)
         spring = (1 - d) * inverse / model.compliance
+        pair.solimp = [d, d, 0.001, 0.5, 2.0]
         pair.solref = [-spring, -max(model.relaxation * spring, 1e-9)]
-        # its friction stops in a few time steps
-        pair.solreffriction = [-1e-9, -0.5 * d / step]
+        if world.law.added_mass == 0:  # its friction stops in a few time steps
+            pair.solreffriction = [-1e-9, -0.5 * d / step]
+        spec.option.impratio = friction_stiffness(d)
     return spec
+
+
+def impedance(world: World, inverse: float) -> float:
+    """Impedance D of a compliant contact, with R = (1 - D) / D of a corner's `inverse` mass [1/kg]; 1 / R is added."""
+    added = world.law.added_mass * inverse
+    return max(SOFT_IMPEDANCE, float(added / (1 + added)))
+
+
+def friction_stiffness(impedance: float) -> float:
+    """MuJoCo's impratio that makes friction a hundred times as stiff as what would creep."""
+    return max(1.0, 100 * (1 - impedance) / impedance)
 
 
 def pusher(world: World, hold: float) -> Callable[[Array, Array], Array]:

@@ -40,8 +40,16 @@ def _law(**names: str) -> Callable[[World, Mapping[str, float]], World]:
 
 
 def _compliance(world: World, p: Mapping[str, float]) -> World:
+    """A corner's spring and damper, as felt by what moves; of a load, an impedance D holds the share D at once.
+
+    As a step's reference in MuJoCo, contact cancels D of what else accelerates the corner: it has D / (1 - D) of the
+    object's mass added to it, and D = 0 is the plain spring.
+    """
     stiffness = float(np.exp(p["log_stiffness_npm"])) if "log_stiffness_npm" in p else p["stiffness_npm"]
-    return _body(world, compliance=1 / stiffness, relaxation=p["damping_nspm"] / stiffness, restitution=0.0)
+    left = 1.0 - p["impedance_rel"]
+    softer = _body(world, compliance=left / stiffness, relaxation=p["damping_nspm"] / stiffness, restitution=0.0)
+    added = float(world.object.mass.sum()) * p["impedance_rel"] / left
+    return replace(softer, law=world.law._replace(added_mass=added))
 
 
 def _restitution(world: World, p: Mapping[str, float]) -> World:
@@ -292,13 +300,27 @@ LIBRARY: tuple[Effect, ...] = (
     Effect(
         "compliance",
         "contact",
-        (Parameter("stiffness_npm", 2e5, 200.0, 5e5, 1e3), Parameter("damping_nspm", 100.0, 0.0, 1e3, 2.0)),
+        (
+            Parameter("stiffness_npm", 2e5, 50.0, 5e5, 1e3),
+            Parameter("damping_nspm", 100.0, 0.0, 1e3, 2.0),
+            Parameter("impedance_rel", 0.0, 0.0, 0.995, 0.01),
+        ),
         CONTACT,
-        "contact yields like a spring and a damper",
+        "contact yields like a spring and a damper, or, with an impedance, like MuJoCo's",
         _compliance,
         starts=tuple(
-            {"stiffness_npm": k, "damping_nspm": d}
-            for k, d in ((6e4, 120.0), (2e4, 60.0), (2e4, 15.0), (5e3, 30.0), (5e3, 8.0), (1.5e3, 10.0))
+            {"stiffness_npm": k, "damping_nspm": d, "impedance_rel": impedance}
+            for k, d, impedance in (
+                (6e4, 120.0, 0.0),
+                (2e4, 60.0, 0.0),
+                (2e4, 15.0, 0.0),
+                (5e3, 30.0, 0.0),
+                (5e3, 8.0, 0.0),
+                (1.5e3, 10.0, 0.0),
+                (2.5e4, 185.0, 0.98),
+                (4e3, 75.0, 0.93),
+                (1e3, 37.0, 0.93),
+            )
         ),
     ),
     Effect(

@@ -132,7 +132,7 @@ def cone_newton(A, V, index, m):  # type: ignore[no-untyped-def]
 
     All sticking, the matrix is symmetric (Cholesky); a slipping contact makes it unsymmetric (LU).
     """
-    size, symmetric = 0, True
+    size, symmetric = np.int64(0), True
     for i in range(m):
         k = 3 * i
         if index[KIND, i] == OPEN:

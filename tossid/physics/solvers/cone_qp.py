@@ -97,7 +97,7 @@ def qp_newton(A, V, index, m):  # type: ignore[no-untyped-def]
 
     V[BASIS + t, v] is unknown v's direction in its contact's coordinates, index[ROW, v] its contact's row.
     """
-    size = 0
+    size = np.int64(0)  # not a literal, of which numba would compile a second version
     for i in range(m):
         k = 3 * i
         if index[KIND, i] == OPEN:

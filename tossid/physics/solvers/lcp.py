@@ -256,7 +256,7 @@ def lcp_kernel(  # type: ignore[no-untyped-def]
     """
     n = beta.shape[0]
     chosen = index[2]
-    m, total = 0, 0.0
+    m, total = np.int64(0), 0.0  # not a literal, of which numba would compile a second version
     for i in range(n):
         if active[i]:
             chosen[m] = i
