@@ -39,7 +39,8 @@ def screened(judge: Judge, present: Candidate, effect: Effect) -> Screened:
     """The gain of a step of Gauss-Newton or a part of it, from nothing or from the best start.
 
     First states are as they are for the present hypothesis, or as they are for a start, whichever suit: starts
-    are far from it, and are tried with some of the tosses.
+    are far from it, and are tried with some of the tosses. The best is found with first states near the present ones,
+    which favours what is near; from there, starts farther out are tried with first states of their own.
     """
     now, whole = present.fitted, present.evidence
     nothing = now.hypothesis.plus(effect)
@@ -61,12 +62,36 @@ def screened(judge: Judge, present: Candidate, effect: Effect) -> Screened:
         hypothesis = now.hypothesis.plus(effect, np.array([values[p.name] for p in effect.parameters]))
         e = e0.renewed(hypothesis.world(), refine=2, anew=False)
         tried.append((_gain(gains(ll(e, hypothesis), base), e), hypothesis, e))
+
+    def begun(hypothesis: Hypothesis, near: Evidence) -> tuple[float, Array, Evidence]:
+        e = near.renewed(hypothesis.world(), refine=4, restarts=1)
+        before = np.maximum(base, ll(e, now.hypothesis))
+        return _gain(gains(np.maximum(ll(e0, hypothesis), ll(e, hypothesis)), before), e), before, e
+
     _, hypothesis, e = max(tried, key=lambda each: each[0])
-    e = e.renewed(hypothesis.world(), refine=4, restarts=1)
-    before = np.maximum(base, ll(e, now.hypothesis))
-    begin = _gain(gains(np.maximum(ll(e0, hypothesis), ll(e, hypothesis)), before), e)
+    begin, before, e = begun(hypothesis, e)
+    for farther in _beyond(hypothesis, [each[1] for each in tried], nothing):
+        promised = begun(farther, e)
+        if promised[0] <= begin:
+            break
+        hypothesis, (begin, before, e) = farther, promised
     far = _stepped(judge, present, hypothesis, e, before, begin)
     return replace(far, gain=far.gain / share, far=True) if far.gain / share > best.gain else best
+
+
+def _beyond(start: Hypothesis, starts: list[Hypothesis], nothing: Hypothesis) -> list[Hypothesis]:
+    """Those of an effect's starts that are farther from nothing than one of them, on its side, nearest first.
+
+    None where the effect has several parameters, whose starts have no order.
+    """
+    if len(start.values[-1]) > 1:
+        return []
+
+    def away(each: Hypothesis) -> float:
+        return float((each.values[-1] - nothing.values[-1])[0])
+
+    here = away(start)
+    return sorted((each for each in starts if away(each) * np.sign(here) > abs(here)), key=lambda each: abs(away(each)))
 
 
 def _stepped(

@@ -98,7 +98,7 @@ LIBRARY: tuple[Effect, ...] = (
         CONTACT,
         "the object is larger or smaller than stated",
         lambda w, p: _body(w, corner_pos=p["size_rel"] * w.object.corner_pos),
-        starts=tuple({"size_rel": size} for size in (0.965, 0.99, 1.01, 1.035)),
+        starts=tuple({"size_rel": size} for size in (0.93, 0.965, 0.99, 1.01, 1.035, 1.07)),
     ),
     Effect(
         "rounded_corners",
