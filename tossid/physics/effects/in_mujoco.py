@@ -175,7 +175,7 @@ def _compliant(world: World, step: float) -> mujoco.MjSpec:
         pair.solref = [-spring, -max(model.relaxation * spring, 1e-9)]
         if world.law.added_mass == 0:  # its friction stops in a few time steps
             pair.solreffriction = [-1e-9, -0.5 * d / step]
-        spec.option.impratio = friction_stiffness(d)
+        spec.option.impratio = max(spec.option.impratio, friction_stiffness(d))
     return spec
 
 
