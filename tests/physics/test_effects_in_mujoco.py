@@ -149,11 +149,11 @@ HELD = {"stiffness_npm": 925.0, "damping_nspm": 37.0, "impedance_rel": 0.95}
 """What MuJoCo's contact of a time constant of 0.02 s and an impedance of 0.95 is for a mass of 0.37 kg."""
 
 
-def landings(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Cubes that fall on a face, an edge or a corner, slowly across and without spin."""
-    turns = [[0.0, 0, 0], [0.5, 0, 0], [0.6, 0.5, 0]]
-    q = np.array([[0, 0, 0.12, *quat_exp(np.array(turns[i % 3]))] for i in range(count)])
-    v = np.zeros((count, 6))
+def landings() -> tuple[np.ndarray, np.ndarray]:
+    """Cubes that fall on a face, an edge and a corner, slowly across and without spin."""
+    turns = np.array([[0.0, 0, 0], [0.5, 0, 0], [0.6, 0.5, 0]])
+    q = np.array([[0, 0, 0.12, *quat_exp(turn)] for turn in turns])
+    v = np.zeros((3, 6))
     v[:, 0] = 0.3
     return q, v
 
@@ -169,7 +169,7 @@ def test_an_impedance_gives_mujoco_s_own_soft_contact(
     )
     world = {e.name: e for e in LIBRARY}["compliance"].apply(World(body), HELD)
     world = replace(world, law=world.law._replace(lifting=lifting))
-    q0, v0 = landings(3)
+    q0, v0 = landings()
     ours = simulate(world.system(), q0, v0, n_steps=28, dt=0.005, substeps=200)
     for i in range(3):
         d = mujoco.MjData(m)
@@ -184,7 +184,7 @@ def test_an_impedance_gives_mujoco_s_own_soft_contact(
 
 def test_an_added_mass_in_mujoco_is_ours(cube: ObjectModel) -> None:
     world = {e.name: e for e in LIBRARY}["compliance"].apply(World(cube), HELD)
-    q0, v0 = landings(3)
+    q0, v0 = landings()
     theirs, _ = toss_in_mujoco(world, q0, v0, 34, 0.005)
     ours = simulate(
         replace(world, law=world.law._replace(lifting=1e-4)).system(), q0, v0, n_steps=34, dt=0.005, substeps=100

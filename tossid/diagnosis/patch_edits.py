@@ -18,8 +18,7 @@ from tossid.physics.effects.in_mujoco import (
     BOUNCE_RATE,
     SOFT_IMPEDANCE,
     damping_ratio,
-    friction_stiffness,
-    impedance,
+    soft_contact,
 )
 from tossid.physics.forces import ADHESION_REACH
 from tossid.physics.mujoco_engine import RIGID_SOLIMP, RIGID_STEP
@@ -249,28 +248,24 @@ def _corner_mass(world: World) -> float:
 
 def compliance(edit: Edit, before: World, after: World) -> None:
     """A spring and a damper at each corner, as `effects.in_mujoco` has them: an impedance and its solref."""
-    o = after.object
     pair = _pair(edit, before)
     if pair is None:
         return
     m = edit.compiled()
-    stiffness = 1 / o.compliance
-    # MuJoCo's estimate of a corner's inverse mass, from which it makes R = (1 - d) / d of it
-    inverse = float(m.body_invweight0[_body_of(m), 0])
-    d = impedance(after, inverse)
-    spring = stiffness * (1 - d) * inverse
+    stiffness = 1 / after.object.compliance
+    soft = soft_contact(after, float(m.body_invweight0[_body_of(m), 0]))
     where, note = "contact pair", "stiffness and damping of a corner"
-    if d == SOFT_IMPEDANCE:
+    if soft.impedance == SOFT_IMPEDANCE:
         note += ", but for an added mass of 0.2 %"
-    edit.set(pair, "solref", [-spring, -max(o.relaxation * spring, 1e-9)], where, note=note)
-    edit.set(pair, "solimp", [d, d, 0.001, 0.5, 2.0], where)
+    edit.set(pair, "solref", soft.solref, where, note=note)
+    edit.set(pair, "solimp", soft.solimp, where)
     _finer(edit, 1 / (STEPS_A_SWING * float(np.sqrt(stiffness / (_corner_mass(after) + after.law.added_mass)))))
     if after.law.added_mass == 0:
-        edit.set(pair, "solreffriction", [-1e-9, -0.5 * d / edit.spec.option.timestep], where)
+        edit.set(pair, "solreffriction", soft.solreffriction(edit.spec.option.timestep), where)
     if edit.spec.option.cone != mujoco.mjtCone.mjCONE_ELLIPTIC:
         edit.spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         edit.changed("option", "cone", "pyramidal", "elliptic")
-    edit.set(edit.spec.option, "impratio", friction_stiffness(d), "option", note="friction does not creep")
+    edit.set(edit.spec.option, "impratio", soft.impratio, "option", note="friction does not creep")
 
 
 def _restitution(edit: Edit, before: World, after: World) -> None:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -167,27 +168,39 @@ def _compliant(world: World, step: float) -> mujoco.MjSpec:
         geom.contype, geom.conaffinity = 0, 0
     compiled = spec.compile()
     for at, pair in enumerate(spec.pairs):
-        # MuJoCo's estimate of a corner's inverse mass, from which it makes R = (1 - d) / d of it
         inverse = compiled.body_invweight0[compiled.geom_bodyid[compiled.pair_geom2[at]], 0]
-        d = impedance(world, inverse)
-        spring = (1 - d) * inverse / model.compliance
-        pair.solimp = [d, d, 0.001, 0.5, 2.0]
-        pair.solref = [-spring, -max(model.relaxation * spring, 1e-9)]
-        if world.law.added_mass == 0:  # its friction stops in a few time steps
-            pair.solreffriction = [-1e-9, -0.5 * d / step]
-        spec.option.impratio = max(spec.option.impratio, friction_stiffness(d))
+        soft = soft_contact(world, inverse)
+        pair.solimp, pair.solref = soft.solimp, soft.solref
+        if world.law.added_mass == 0:
+            pair.solreffriction = soft.solreffriction(step)
+        spec.option.impratio = max(spec.option.impratio, soft.impratio)
     return spec
 
 
-def impedance(world: World, inverse: float) -> float:
-    """Impedance D of a compliant contact, with R = (1 - D) / D of a corner's `inverse` mass [1/kg]; 1 / R is added."""
-    added = world.law.added_mass * inverse
-    return max(SOFT_IMPEDANCE, float(added / (1 + added)))
+class SoftContact(NamedTuple):
+    """A contact that yields, in MuJoCo's numbers; friction is a hundred times as stiff as what would creep."""
+
+    impedance: float
+    solref: list[float]
+    solimp: list[float]
+    impratio: float
+
+    def solreffriction(self, step: float) -> list[float]:
+        """Of friction that stops in a few time steps [s], whatever the contact's damping."""
+        return [-1e-9, -0.5 * self.impedance / step]
 
 
-def friction_stiffness(impedance: float) -> float:
-    """MuJoCo's impratio that makes friction a hundred times as stiff as what would creep."""
-    return max(1.0, 100 * (1 - impedance) / impedance)
+def soft_contact(world: World, inverse: float) -> SoftContact:
+    """MuJoCo's contact of a world whose corners yield.
+
+    Args:
+        inverse: MuJoCo's estimate of a corner's inverse mass [1/kg], from which it makes R = (1 - D) / D of it.
+    """
+    o, added = world.object, world.law.added_mass * inverse
+    d = max(SOFT_IMPEDANCE, float(added / (1 + added)))
+    spring = (1 - d) * inverse / o.compliance
+    solref = [-spring, -max(o.relaxation * spring, 1e-9)]
+    return SoftContact(d, solref, [d, d, 0.001, 0.5, 2.0], max(1.0, 100 * (1 - d) / d))
 
 
 def pusher(world: World, hold: float) -> Callable[[Array, Array], Array]:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from tossid.physics.effects.effect import Effect, Parameter
 from tossid.physics.effects.world import World
 from tossid.physics.forces import DRAG, MAGNUS, SPIN, SPRING, TURNING, VORTEX
@@ -45,8 +43,7 @@ def _compliance(world: World, p: Mapping[str, float]) -> World:
     As a step's reference in MuJoCo, contact cancels D of what else accelerates the corner: it has D / (1 - D) of the
     object's mass added to it, and D = 0 is the plain spring.
     """
-    stiffness = float(np.exp(p["log_stiffness_npm"])) if "log_stiffness_npm" in p else p["stiffness_npm"]
-    left = 1.0 - p["impedance_rel"]
+    stiffness, left = p["stiffness_npm"], 1.0 - p["impedance_rel"]
     softer = _body(world, compliance=left / stiffness, relaxation=p["damping_nspm"] / stiffness, restitution=0.0)
     added = float(world.object.mass.sum()) * p["impedance_rel"] / left
     return replace(softer, law=world.law._replace(added_mass=added))
