@@ -11,19 +11,21 @@ from tossid.types import Toss
 DT = 1 / 148
 
 
-def thrown(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """States (count, 7), (count, 6) above the ground, turned and thrown anyhow."""
-    q = np.zeros((count, 7))
+def thrown(rng: np.random.Generator, count: int, n_joints: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """States (count, nq), (count, nv) above the ground, turned and thrown anyhow."""
+    q = np.zeros((count, 7 + n_joints))
     q[:, 2] = rng.uniform(0.12, 0.3, count)
-    q[:, 3:] = rng.normal(size=(count, 4))
-    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
-    return q, np.concatenate([rng.normal(size=(count, 3)), 4 * rng.normal(size=(count, 3))], axis=1)
+    q[:, 3:7] = rng.normal(size=(count, 4))
+    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+    v = np.concatenate([rng.normal(size=(count, 3)), 4 * rng.normal(size=(count, 3))], axis=1)
+    q[:, 7:] = rng.uniform(-3, 3, (count, n_joints))
+    return q, np.concatenate([v, 4 * rng.normal(size=(count, n_joints))], axis=1)
 
 
 def tosses(model: ObjectModel, count: int, *, seed: int, frames: int = 70, substeps: int = 1) -> list[Toss]:
     """Tosses by the LCP engine, without noise."""
-    q, v = thrown(np.random.default_rng(seed), count)
+    q, v = thrown(np.random.default_rng(seed), count, model.n_joints)
     run = simulate(make_system(model), q, v, n_steps=frames, dt=DT, substeps=substeps)
-    zero, phase = np.zeros((frames + 1, 6, 6)), np.zeros(frames + 1, dtype=np.uint8)
+    zero, phase = np.zeros((frames + 1, model.nv, model.nv)), np.zeros(frames + 1, dtype=np.uint8)
     t = np.arange(frames + 1) * DT
     return [Toss(str(i), t, run.q[i], run.v[i], zero, zero, phase) for i in range(count)]

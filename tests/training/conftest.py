@@ -1,5 +1,5 @@
 from __future__ import annotations
 
-from tests.models.conftest import cube
+from tests.models.conftest import cube, elbow
 
-__all__ = ["cube"]
+__all__ = ["cube", "elbow"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
 from tossid.models.predictor import Predictor, Simulator
-from tossid.models.shots import first_states
+from tossid.models.shots import first_states, stretches
 from tossid.motion import Measurement, flight_frames, flight_states
 from tossid.objects import JointType, ObjectModel, body_poses, center_positions, corner_positions
 from tossid.physics import Simulation, make_system
@@ -121,11 +121,7 @@ def score_windows(
 
     A toss's score is the mean over its stretches; tosses shorter than one have nan.
     """
-    parts = [
-        (i, toss.frames(slice(first, first + steps + 1)))
-        for i, toss in enumerate(tosses)
-        for first in range(0, len(toss) - steps, steps)
-    ]
+    parts = stretches(tosses, steps)
     scores = score_tosses(predictor, model, [part for _, part in parts], measurement=measurement, n_threads=n_threads)
     of = np.array([i for i, _ in parts])
 

@@ -55,14 +55,12 @@ def first_states(tosses: Sequence[Toss], predictor: Predictor, *, velocity_lag: 
 
 
 def flight_starts(model: ObjectModel, tosses: Sequence[Toss], *, gravity: float) -> list[FlightState | None]:
-    """First states as free flight tells them; None where there is too little flight, or for objects with joints.
+    """First states of a rigid body as free flight tells them; None where there is too little flight.
 
     Args:
         model: the object as it is believed to be: its centre of mass flies, its corners touch first.
         gravity: the model's own downward acceleration, by which the flight is fitted [m/s²].
     """
-    if model.n_joints:
-        return [None] * len(tosses)
     states = flight_states(tosses, model, gravity=gravity)
     return [state if state.n_frames >= FEWEST_FLIGHT_FRAMES else None for state in states]
 
@@ -82,26 +80,51 @@ def make_shots(
         horizon: frames to predict after the object may first have touched the ground.
         first: `first_states`. flight: `flight_starts`.
     """
-    states: list[tuple[int, Array, Array]] = []
-    in_flight = [flight_frames(toss, model) for toss in tosses]
+    n_steps = [min(flight_frames(toss, model) + horizon, len(toss) - 1) for toss in tosses]
+    rows = []
     for i, start in enumerate(flight):
-        states.append((i, first[0][i], first[1][i]))
+        rows.append((i, tosses[i], first[0][i], first[1][i], n_steps[i]))
         if start is not None:
-            states.append((i, start.q, start.v))
-    index = np.array([i for i, _, _ in states])
-    n_steps = np.array([min(in_flight[i] + horizon, len(tosses[i]) - 1) for i in index])
-    target = np.empty((len(states), n_steps.max(), model.nq))
-    for row, i in enumerate(index):
-        n = n_steps[row]
-        target[row, :n] = tosses[i].q[1 : n + 1]
-        target[row, n:] = tosses[i].q[n]
+            rows.append((i, tosses[i], start.q, start.v, n_steps[i]))
+    return _shots(model, rows)
+
+
+def make_stretches(
+    model: ObjectModel, tosses: Sequence[Toss], predictor: Predictor, *, steps: int, velocity_lag: float
+) -> Shots:
+    """One shot from every `steps`-th recorded state on, so many frames long (`stretches`), or as the longest toss is.
+
+    For objects with joints: a few impacts after a recorded state, links are anywhere, and tell nothing more.
+    """
+    steps = min(steps, max(len(toss) for toss in tosses) - 1)
+    parts = stretches(tosses, steps)
+    q, v = first_states([part for _, part in parts], predictor, velocity_lag=velocity_lag)
+    return _shots(model, [(i, part, q[row], v[row], steps) for row, (i, part) in enumerate(parts)])
+
+
+def stretches(tosses: Sequence[Toss], steps: int) -> list[tuple[int, Toss]]:
+    """Tosses cut into stretches of `steps` frames and their first, each with its toss's index; a shorter rest goes."""
+    return [
+        (i, toss.frames(slice(first, first + steps + 1)))
+        for i, toss in enumerate(tosses)
+        for first in range(0, len(toss) - steps, steps)
+    ]
+
+
+def _shots(model: ObjectModel, rows: Sequence[tuple[int, Toss, Array, Array, int]]) -> Shots:
+    """Of rows of a toss's index, what was recorded, first q and v, and frames to predict."""
+    n_steps = np.array([n for *_, n in rows])
+    target = np.empty((len(rows), n_steps.max(), model.nq))
+    for row, (_, toss, _, _, n) in enumerate(rows):
+        target[row, :n] = toss.q[1 : n + 1]
+        target[row, n:] = toss.q[n]
     return Shots(
-        q0=np.stack([q for _, q, _ in states]),
-        v0=np.stack([v for _, _, v in states]),
+        q0=np.stack([q for _, _, q, _, _ in rows]),
+        v0=np.stack([v for _, _, _, v, _ in rows]),
         n_steps=n_steps,
         target=target,
-        toss=index,
-        dt=float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses]))),
+        toss=np.array([i for i, *_ in rows]),
+        dt=float(np.median(np.concatenate([np.diff(toss.t) for _, toss, *_ in rows]))),
         length=0.5 * model.width,
     )
 

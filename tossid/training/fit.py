@@ -6,6 +6,7 @@
    (The unstructured `e2e` has one stage instead, "one-step".)
 3. "rollout-N": friction (and contact law and inertia), by open-loop prediction until N frames after first contact,
    N growing: short predictions are smooth in the parameters from far away, long ones decide the last digits.
+   Of objects with joints, over stretches of N frames from everywhere in a toss.
 
 The loop yields records and knows no tracker. Its state is plain tensors and
 numbers, so that an interrupted fit goes on exactly where it was.
@@ -24,7 +25,7 @@ import numpy as np
 
 from tossid.errors import DivergedError
 from tossid.models.protocol import DynamicsModel
-from tossid.models.shots import Shots, first_states, flight_starts, make_shots
+from tossid.models.shots import Shots, first_states, flight_starts, make_shots, make_stretches
 from tossid.models.transitions import make_transitions
 from tossid.motion import FlightState
 from tossid.objects import ObjectModel
@@ -45,6 +46,7 @@ class FitSettings:
         min_improvement: relative improvement that counts as better.
         optimizer: of the implicit loss: "lbfgs" or "adam". learning_rate: Adam's.
         horizons: frames after first contact of the rollout stages, one after another; none for the implicit loss alone.
+            Objects with joints: the first one only, and stretches of so many frames (`shots.make_stretches`).
         n_threads: for rollouts.
     """
 
@@ -113,7 +115,9 @@ class Fit:
         true = model.measurement.true_toss
         self._tosses = (tuple(true(toss) for toss in train), tuple(true(toss) for toss in validation))
         self._transitions = tuple(make_transitions(model.object, tosses) for tosses in self._tosses)
-        self.stages = model.stages(self.settings.horizons)
+        # a few impacts into a toss, links are anywhere: longer stretches of a tree tell nothing more
+        horizons = self.settings.horizons[: 1 if model.object.n_joints else None]
+        self.stages = model.stages(horizons)
         self.stage = 0
         self.epoch = 0
         self.stale = 0
@@ -152,6 +156,11 @@ class Fit:
     def _shots(self, horizon: int) -> tuple[Shots, Shots]:
         learned, gravity = self.model.learned_object(), self.model.flight_gravity(self._transitions[0])
         predictor, lag = self.model.simulator(), self.model.measurement.velocity_lag
+        if learned.n_joints:
+            train, validation = (
+                make_stretches(learned, tosses, predictor, steps=horizon, velocity_lag=lag) for tosses in self._tosses
+            )
+            return train, validation
         if self._flights is None or self._flights.outdated(learned, gravity):
             fitted = tuple(flight_starts(learned, tosses, gravity=gravity) for tosses in self._tosses)
             self._flights = _Flights(learned, gravity, fitted)
