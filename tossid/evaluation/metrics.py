@@ -63,7 +63,7 @@ def roll_out(
     """
     measurement = measurement or Measurement()
     true = [measurement.true_toss(toss) for toss in tosses]
-    q0, v0 = first_states(true, predictor, velocity_lag=measurement.velocity_lag)
+    q0, v0 = first_states(true, model, predictor, velocity_lag=measurement.velocity_lag)
     if from_flight:
         states = flight_states(true, model)
         q0, v0 = np.stack([s.q for s in states]), np.stack([s.v for s in states])

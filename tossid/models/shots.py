@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tossid.models.predictor import Predictor
 from tossid.motion import FlightState, flight_frames, flight_states
-from tossid.objects import ObjectModel
+from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import quat_boxminus
 from tossid.types import Toss
 
@@ -43,14 +43,21 @@ class Shots:
         return np.arange(self.target.shape[1]) < self.n_steps[:, None]
 
 
-def first_states(tosses: Sequence[Toss], predictor: Predictor, *, velocity_lag: float) -> tuple[Array, Array]:
+def first_states(
+    tosses: Sequence[Toss], model: ObjectModel, predictor: Predictor, *, velocity_lag: float
+) -> tuple[Array, Array]:
     """Recorded first states (B, nq), (B, nv), with velocities brought forward over their lag by the model.
 
+    What lies in the ground is lifted out of it: a contact that yields would throw it up, by as much as a pose that
+    is 5 mm off is worth in its springs.
+
     Args:
-        tosses: with true lengths; each begins in free flight, as a toss does.
+        tosses: with true lengths.
+        model: whose corners are lifted.
         velocity_lag: [s], see `motion.Measurement`.
     """
     q, v = np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses])
+    q[:, 2] += np.maximum(0.0, -corner_positions(model, q)[..., 2].min(axis=-1))
     return q, v + velocity_lag * predictor.acceleration(q, v) if velocity_lag else v
 
 
@@ -98,7 +105,7 @@ def make_stretches(
     """
     steps = min(steps, max(len(toss) for toss in tosses) - 1)
     parts = stretches(tosses, steps)
-    q, v = first_states([part for _, part in parts], predictor, velocity_lag=velocity_lag)
+    q, v = first_states([part for _, part in parts], model, predictor, velocity_lag=velocity_lag)
     return _shots(model, [(i, part, q[row], v[row], steps) for row, (i, part) in enumerate(parts)])
 
 

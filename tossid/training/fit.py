@@ -46,7 +46,7 @@ class FitSettings:
         min_improvement: relative improvement that counts as better.
         optimizer: of the implicit loss: "lbfgs" or "adam". learning_rate: Adam's.
         horizons: frames after first contact of the rollout stages, one after another; none for the implicit loss alone.
-            Objects with joints: the first one only, and stretches of so many frames (`shots.make_stretches`).
+            Objects with joints: stretches (`shots.make_stretches`) of half the first, and then of the first.
         n_threads: for rollouts.
     """
 
@@ -115,8 +115,9 @@ class Fit:
         true = model.measurement.true_toss
         self._tosses = (tuple(true(toss) for toss in train), tuple(true(toss) for toss in validation))
         self._transitions = tuple(make_transitions(model.object, tosses) for tosses in self._tosses)
-        # a few impacts into a toss, links are anywhere: longer stretches of a tree tell nothing more
-        horizons = self.settings.horizons[: 1 if model.object.n_joints else None]
+        horizons = self.settings.horizons
+        if model.object.n_joints and horizons:  # a few impacts on, links are anywhere
+            horizons = (max(1, horizons[0] // 2), horizons[0])
         self.stages = model.stages(horizons)
         self.stage = 0
         self.epoch = 0
@@ -169,7 +170,7 @@ class Fit:
                 learned,
                 tosses,
                 horizon=horizon,
-                first=first_states(tosses, predictor, velocity_lag=lag),
+                first=first_states(tosses, learned, predictor, velocity_lag=lag),
                 flight=flight,
             )
             for tosses, flight in zip(self._tosses, self._flights.fitted, strict=True)
