@@ -32,8 +32,8 @@ class ModelConfig:
     gap_scale: Positive
     """distance below which a gap counts quadratically [m]; the noise of the corners' heights"""
     horizons: tuple[Count, ...]
-    """frames after first contact of the rollouts that refine friction, contact law and inertia; with joints, of stretches
-    from everywhere in a toss, half the first and then the first long; []: no such stages"""
+    """frames after first contact of the rollouts that refine friction, contact law and inertia; with joints, of
+    stretches from everywhere in a toss, half the first and then the first long; []: no such stages"""
     inertia: Literal["log_cholesky", "triangular", "direct"]
     """parameterisation of a learned inertia"""
     start_inertia: Positive
