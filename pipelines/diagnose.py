@@ -89,8 +89,8 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
                 )
             if found.contact != "own" and simulator.mjcf is not None:
                 remarks.append(
-                    "Contact is taken as rigid; these tosses follow that more than your model's own contact. Make it "
-                    "stiffer (solref, solimp) and its time step shorter."
+                    "Contact is taken as rigid; these tosses follow that more than your model's own contact. The patch "
+                    "makes it so (solref, solimp, a shorter time step and an elliptic cone)."
                 )
             progress("next toss and patch", 0.95)
             extra = _beside(config, found, simulator, tosses, dataset.object, threads, console)
@@ -263,7 +263,8 @@ def _beside(
         rng=np.random.default_rng(config.seed),
         n_threads=threads,
     )
-    patch = make_patch(found.hypothesis, mjcf=simulator.mjcf)
+    rigid = simulator.mjcf is not None and found.contact != "own"
+    patch = make_patch(found.hypothesis, mjcf=simulator.mjcf, rigid=rigid)
     report: dict[str, Any] = patch.as_json()
     report["rerun"] = None
     if patch.changes or patch.recording or simulator.mjcf is not None:

@@ -88,9 +88,12 @@ def _cut_elsewhere(
     to either side of what was found. What flight has shown is near where it belongs: moved far away, it would be held
     there by first states in contact that suit it.
     """
-    present = found.present
-    if not present.hypothesis.effects:
+    if not found.present.hypothesis.effects:
         return found, None
+    present = found.present
+    if not np.diag(present.fitted.H.sum(0)).all():
+        # the search ended with what flight had shown held, which has no slopes then: here all of it may move
+        present = judge.judged(present, present.effect, present.hypothesis, 0)
     flat = present.hypothesis.flat()
     nothing = np.concatenate([effect.nominal(present.hypothesis.base) for effect in present.hypothesis.effects])
     flies = [Phase.FLIGHT in effect.phases for effect in present.hypothesis.effects for _ in effect.parameters]

@@ -16,7 +16,7 @@ import numpy as np
 
 from tossid.diagnosis.edit import Change, Edit
 from tossid.diagnosis.evidence import Hypothesis
-from tossid.diagnosis.patch_edits import EDITS, OF_LINKS, REASONS, RECORDED, compliance
+from tossid.diagnosis.patch_edits import EDITS, OF_LINKS, REASONS, RECORDED, compliance, rigid_contact
 from tossid.errors import ObjectError
 from tossid.objects import to_mjcf
 from tossid.physics.effects import World
@@ -51,11 +51,12 @@ class Patch:
         }
 
 
-def make_patch(hypothesis: Hypothesis, *, mjcf: Path | None = None) -> Patch:
+def make_patch(hypothesis: Hypothesis, *, mjcf: Path | None = None, rigid: bool = False) -> Patch:
     """What turns the hypothesis's base world into the world with its effects.
 
     Args:
         mjcf: the file of the user's own MuJoCo model; a near rigid scene of the base world if None.
+        rigid: its contact is made rigid first, as the hypothesis has it and the model does not.
 
     Raises:
         ObjectError: MuJoCo cannot compile the model.
@@ -69,6 +70,9 @@ def make_patch(hypothesis: Hypothesis, *, mjcf: Path | None = None) -> Patch:
     compiled = edit.compiled()
     if before.residual is not None:
         edit.cannot["residual"] = "a learned residual acceleration has no counterpart in MJCF"
+    if rigid:
+        edit.effect = "rigid contact"
+        rigid_contact(edit)
     world = before
     for effect, values in zip(hypothesis.effects, hypothesis.values, strict=True):
         after = effect.at(world, values)

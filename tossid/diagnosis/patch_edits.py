@@ -20,8 +20,7 @@ from tossid.physics.effects.in_mujoco import (
     damping_ratio,
     soft_contact,
 )
-from tossid.physics.forces import ADHESION_REACH
-from tossid.physics.mujoco_engine import RIGID_SOLIMP, RIGID_STEP
+from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, RIGID_STEP
 from tossid.rotations import quat_exp, quat_rotate, quat_to_matrix, skew
 
 Array = NDArray[np.float64]
@@ -262,9 +261,7 @@ def compliance(edit: Edit, before: World, after: World) -> None:
     _finer(edit, 1 / (STEPS_A_SWING * float(np.sqrt(stiffness / (_corner_mass(after) + after.law.added_mass)))))
     if after.law.added_mass == 0:
         edit.set(pair, "solreffriction", soft.solreffriction(edit.spec.option.timestep), where)
-    if edit.spec.option.cone != mujoco.mjtCone.mjCONE_ELLIPTIC:
-        edit.spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-        edit.changed("option", "cone", "pyramidal", "elliptic")
+    _round_cone(edit)
     edit.set(edit.spec.option, "impratio", soft.impratio, "option", note="friction does not creep")
 
 
@@ -274,8 +271,7 @@ def _restitution(edit: Edit, before: World, after: World) -> None:
     _finer(edit, 2 * RIGID_STEP)
     rate = min(BOUNCE_RATE, 0.5 / ratio) / edit.spec.option.timestep
     note = "exact for a corner that lands alone; several at once leave with another speed"
-    for element in (*edit.grounds, *edit.own, *edit.spec.pairs):
-        where = _named("geom" if isinstance(element, mujoco.MjsGeom) else "contact pair", element)
+    for where, element in _contacts(edit):
         edit.set(element, "solref", [-(rate**2), -2 * ratio * rate], where, exact=False, note=note)
         edit.set(element, "solimp", RIGID_SOLIMP, where, exact=False)
 
@@ -286,10 +282,27 @@ def _finer(edit: Edit, step: float) -> None:
         edit.set(edit.spec.option, "timestep", step, "option", note="resolves the contact's spring")
 
 
-def _adhesion(edit: Edit, before: World, after: World) -> None:
-    for geom in edit.own:
-        edit.set(geom, "adhesion", after.law.adhesion, _named("geom", geom), note="needs MuJoCo 4")
-        edit.set(geom, "gap", ADHESION_REACH, _named("geom", geom), note="how far it reaches")
+def rigid_contact(edit: Edit) -> None:
+    """Contact as rigid as `mujoco_engine` has it, with Coulomb's cone."""
+    _finer(edit, 2 * RIGID_STEP)
+    solref = [2 * edit.spec.option.timestep, RIGID_DAMPING]
+    for where, element in _contacts(edit):
+        edit.set(element, "solref", solref, where, note="as stiff as the time step bears")
+        edit.set(element, "solimp", RIGID_SOLIMP, where)
+    _round_cone(edit)
+
+
+def _contacts(edit: Edit) -> list[tuple[str, mujoco.MjsGeom | mujoco.MjsPair]]:
+    """What contact's numbers stand in, and where that is."""
+    geoms = [(_named("geom", geom), geom) for geom in (*edit.grounds, *edit.own)]
+    return [*geoms, *((_named("contact pair", pair), pair) for pair in edit.spec.pairs)]
+
+
+def _round_cone(edit: Edit) -> None:
+    """Friction that is the same in all directions."""
+    if edit.spec.option.cone != mujoco.mjtCone.mjCONE_ELLIPTIC:
+        edit.spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        edit.changed("option", "cone", "pyramidal", "elliptic")
 
 
 EDITS: Mapping[str, Callable[[Edit, World, World], None]] = {
@@ -313,12 +326,12 @@ EDITS: Mapping[str, Callable[[Edit, World, World], None]] = {
     "joint_damping": _joints,
     "joint_friction": _joints,
     "joint_stiffness": _joints,
-    "adhesion": _adhesion,
 }
 
 REASONS = {
     "velocity_friction": "MuJoCo's friction does not depend on speed",
     "cohesion": "MuJoCo's friction is in proportion to the load",
+    "adhesion": "MuJoCo's adhesion holds against a pull, and takes most of its friction from what slides",
     "rounded_corners": "it takes other geoms: spheres of this radius in the corners of smaller boxes",
     "spin_drag": "MuJoCo's fluid resists spin only together with velocity",
     "magnus": "MuJoCo has it for ellipsoids only",
