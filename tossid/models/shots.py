@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.models.predictor import Predictor
+from tossid.models.predictor import Predictor, Simulator
 from tossid.motion import FlightState, flight_frames, flight_states
 from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import quat_boxminus
@@ -48,15 +48,17 @@ def first_states(
 ) -> tuple[Array, Array]:
     """Recorded first states (B, nq), (B, nv), with velocities brought forward over their lag by the model.
 
-    What lies in the ground is lifted out of it: a contact that yields would throw it up, by as much as a pose that
-    is 5 mm off is worth in its springs.
+    What lies in the ground, as the predictor has its corners, is lifted out of it: a contact that yields would throw
+    it up, by as much as a pose that is 5 mm off is worth in its springs.
 
     Args:
         tosses: with true lengths.
-        model: whose corners are lifted.
+        model: the object, whose corners are meant where the predictor has none.
         velocity_lag: [s], see `motion.Measurement`.
     """
     q, v = np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses])
+    if isinstance(predictor, Simulator):
+        model = model.with_changes(corner_pos=predictor.system.corner_pos)
     q[:, 2] += np.maximum(0.0, -corner_positions(model, q)[..., 2].min(axis=-1))
     return q, v + velocity_lag * predictor.acceleration(q, v) if velocity_lag else v
 
