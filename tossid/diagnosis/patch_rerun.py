@@ -97,12 +97,12 @@ def _affordable(tosses: Sequence[Toss], timestep: float) -> Sequence[Toss]:
 def _misses(windows: Windows, world: World, simulated: MujocoWorld, *, n_threads: int) -> tuple[Evidence, Array]:
     """Whitened misses (W, L, K) of MuJoCo in windows whose first states are refined under tossid's own simulator.
 
-    A window that begins in the ground has its ground that much lower: a stiff spring would throw up what a tracker
-    has put there, and tossid's rigid contact leaves it where it is.
+    A window that begins in rigid ground has its ground that much lower: MuJoCo's stiff spring would throw up what a
+    tracker has put there, and tossid's contact leaves it where it is.
     """
     kept, whitening = linearise(windows, world, refine=2, n_threads=n_threads)
     sunk = corner_positions(world.object, world.to_ground(kept.at_q, kept.at_v)[0])[..., 2].min(-1)
-    q, lift = kept.at_q.copy(), np.maximum(-sunk, 0.0)
+    q, lift = kept.at_q.copy(), np.maximum(-sunk, 0.0) * (world.object.compliance == 0)
     q[:, 2] += lift
     run = simulated.roll_out(q, kept.at_v, n_steps=kept.steps, dt=kept.dt, n_threads=n_threads)
     run[..., 2] -= lift[:, None]
