@@ -50,19 +50,18 @@ def load_object(
         spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, mujoco.FatalError) as error:
         raise FileError(path, f"MuJoCo cannot parse it: {_first_line(error)}") from error
-    try:
-        path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise FileError(path, f"is no text in UTF-8 (byte {error.start}); expected MJCF or URDF") from error
     # arrays and text must agree to the last digit: read back what will be kept
     _free_base(spec)
     try:
         _embed_meshes(spec, spec.compile())
         spec.compile()
+        text = spec.to_xml()
+    except UnicodeDecodeError as error:
+        raise FileError(path, "names something in other letters than UTF-8's; expected MJCF or URDF") from error
     except (ValueError, mujoco.FatalError) as error:
         raise FileError(path, f"MuJoCo cannot compile it: {_first_line(error)}") from error
     return object_from_mjcf(
-        spec.to_xml(),
+        text,
         name=name,
         friction=friction,
         restitution=restitution,
