@@ -89,13 +89,15 @@ def make_shots(
         horizon: frames to predict after the object may first have touched the ground.
         first: `first_states`. flight: `flight_starts`.
     """
-    n_steps = [min(flight_frames(toss, model) + horizon, len(toss) - 1) for toss in tosses]
-    rows = []
+    n_steps = np.array([min(flight_frames(toss, model) + horizon, len(toss) - 1) for toss in tosses])
+    states: list[tuple[int, Array, Array]] = []
     for i, start in enumerate(flight):
-        rows.append((i, tosses[i], first[0][i], first[1][i], n_steps[i]))
+        states.append((i, first[0][i], first[1][i]))
         if start is not None:
-            rows.append((i, tosses[i], start.q, start.v, n_steps[i]))
-    return _shots(model, rows)
+            states.append((i, start.q, start.v))
+    index, q, v = zip(*states, strict=True)
+    which = np.array(index)
+    return _shots(model, [tosses[i] for i in index], which, np.stack(q), np.stack(v), n_steps[which])
 
 
 def make_stretches(
@@ -106,9 +108,9 @@ def make_stretches(
     For objects with joints: a few impacts after a recorded state, links are anywhere, and tell nothing more.
     """
     steps = min(steps, max(len(toss) for toss in tosses) - 1)
-    parts = stretches(tosses, steps)
-    q, v = first_states([part for _, part in parts], model, predictor, velocity_lag=velocity_lag)
-    return _shots(model, [(i, part, q[row], v[row], steps) for row, (i, part) in enumerate(parts)])
+    index, cut = zip(*stretches(tosses, steps), strict=True)
+    q, v = first_states(cut, model, predictor, velocity_lag=velocity_lag)
+    return _shots(model, cut, np.array(index), q, v, np.full(len(cut), steps))
 
 
 def stretches(tosses: Sequence[Toss], steps: int) -> list[tuple[int, Toss]]:
@@ -120,20 +122,26 @@ def stretches(tosses: Sequence[Toss], steps: int) -> list[tuple[int, Toss]]:
     ]
 
 
-def _shots(model: ObjectModel, rows: Sequence[tuple[int, Toss, Array, Array, int]]) -> Shots:
-    """Of rows of a toss's index, what was recorded, first q and v, and frames to predict."""
-    n_steps = np.array([n for *_, n in rows])
-    target = np.empty((len(rows), n_steps.max(), model.nq))
-    for row, (_, toss, _, _, n) in enumerate(rows):
-        target[row, :n] = toss.q[1 : n + 1]
-        target[row, n:] = toss.q[n]
+def _shots(
+    model: ObjectModel,
+    recorded: Sequence[Toss],
+    toss: NDArray[np.int64],
+    q0: Array,
+    v0: Array,
+    n_steps: NDArray[np.int64],
+) -> Shots:
+    """Of S first states: what was recorded from each on, the index of its toss, and how many frames to predict."""
+    target = np.empty((len(recorded), n_steps.max(), model.nq))
+    for row, (each, n) in enumerate(zip(recorded, n_steps, strict=True)):
+        target[row, :n] = each.q[1 : n + 1]
+        target[row, n:] = each.q[n]
     return Shots(
-        q0=np.stack([q for _, _, q, _, _ in rows]),
-        v0=np.stack([v for _, _, _, v, _ in rows]),
+        q0=q0,
+        v0=v0,
         n_steps=n_steps,
         target=target,
-        toss=np.array([i for i, *_ in rows]),
-        dt=float(np.median(np.concatenate([np.diff(toss.t) for _, toss, *_ in rows]))),
+        toss=toss,
+        dt=float(np.median(np.concatenate([np.diff(each.t) for each in recorded]))),
         length=0.5 * model.width,
     )
 
