@@ -57,7 +57,7 @@ def load_object(
         spec.compile()
         text = spec.to_xml()
     except UnicodeDecodeError as error:
-        raise FileError(path, "names something in other letters than UTF-8's; expected MJCF or URDF") from error
+        raise FileError(path, "holds letters that are not UTF-8, its own or an included file's") from error
     except (ValueError, mujoco.FatalError) as error:
         raise FileError(path, f"MuJoCo cannot compile it: {_first_line(error)}") from error
     return object_from_mjcf(
