@@ -209,6 +209,26 @@ def test_the_library_of_an_object_with_joints(cube: ObjectModel, elbow: ObjectMo
         np.testing.assert_array_equal(same.roll_out(q, v, n_steps=10, dt=DT, substeps=2), nominal)
 
 
+def test_the_inertia_of_links_may_be_of_another_shape(cube: ObjectModel, elbow: ObjectModel) -> None:
+    of_links, of_a_body = ({e.name: e for e in library_for(model)}["inertia"] for model in (elbow, cube))
+    world = World(elbow)
+    same = of_links.at(world, of_links.nominal(world))
+    np.testing.assert_allclose(same.object.inertia, elbow.inertia, rtol=1e-12)
+    larger = of_links.at(world, np.array([1.3, 1.0, 1.0])).object.inertia
+    np.testing.assert_allclose(larger, of_a_body.at(world, np.array([1.3])).object.inertia, rtol=1e-12)
+
+    # a solid box of 1, 2, 3 becomes one of 1, 4, 1.5
+    box = 0.1 * np.array([1.0, 4.0, 9.0]) / 12
+    moments = np.diag(box.sum() - box)
+    boxes = World(elbow.with_changes(inertia=np.tile(moments, (2, 1, 1))))
+    found = of_links.at(boxes, np.array([1.0, 4.0, 0.25])).object.inertia
+    other = 0.1 * np.array([1.0, 16.0, 2.25]) / 12
+    np.testing.assert_allclose(found, np.tile(np.diag(other.sum() - other), (2, 1, 1)), atol=1e-15)
+    for least in ([5.0, 0.05, 0.05], [0.2, 10.0, 0.05], [1.0, 10.0, 10.0]):
+        a, b, c = np.linalg.eigvalsh(of_links.at(world, np.array(least)).object.inertia[1])
+        assert 0 < a <= b <= c < a + b
+
+
 def test_recorded_joints_come_back(elbow: ObjectModel) -> None:
     world = World(elbow, recording=Recording(length_scale=1.1, clock_rate=0.9, joint_offset=0.3))
     q, v = flying(elbow)

@@ -16,6 +16,7 @@ from tossid.errors import FileError, InputError, MotionError, ObjectError
 from tossid.objects import ObjectModel
 from tossid.store.atomic import write_whole
 from tossid.store.hashing import file_sha256
+from tossid.store.heaps import check_heaps
 from tossid.store.object_text import model_of_text, text_of_model
 from tossid.store.schema import (
     FRAMES,
@@ -221,6 +222,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
     if not path.is_file():
         raise FileError(path, "no such dataset file")
     try:
+        check_heaps(path)
         with h5py.File(path, "r", locking="best-effort") as file:
             yield file
     except FileError:

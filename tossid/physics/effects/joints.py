@@ -1,4 +1,4 @@
-"""The effects of joints: of an object with several joints, each is the same in all of them."""
+"""The effects of objects with joints. Of several joints or links, each is the same in all of them."""
 
 from __future__ import annotations
 
@@ -33,6 +33,41 @@ def _read(**names: str) -> Callable[[World], Mapping[str, float]]:
 
     return read
 
+
+def _links_inertia(world: World, p: Mapping[str, float]) -> World:
+    """All moments of inertia times a factor, and what mass does along the links' own y and z times another.
+
+    The second moments of mass along the axes, S = tr(I) / 2 E - I, are what is scaled: so I = tr(S) E - S stays the
+    inertia of some body.
+    """
+    I, E = world.object.inertia, np.eye(3)
+    second = 0.5 * np.trace(I, axis1=1, axis2=2)[:, None, None] * E - I
+    along = np.sqrt(p["scale_rel"] * np.array([1.0, p["along_y_rel"], p["along_z_rel"]]))
+    second = second * np.outer(along, along)
+    return replace(
+        world, object=world.object.with_changes(inertia=np.trace(second, axis1=1, axis2=2)[:, None, None] * E - second)
+    )
+
+
+LINKS_INERTIA = Effect(
+    "inertia",
+    "body",
+    (
+        Parameter("scale_rel", 1.0, 0.2, 5.0, 0.03),
+        Parameter("along_y_rel", 1.0, 0.05, 10.0, 0.05),
+        Parameter("along_z_rel", 1.0, 0.05, 10.0, 0.05),
+    ),
+    ALL,
+    "the links' moments of inertia are not those stated",
+    _links_inertia,
+    starts=(
+        *({"scale_rel": scale, "along_y_rel": 1.0, "along_z_rel": 1.0} for scale in (0.45, 0.7, 1.4, 2.0)),
+        {"scale_rel": 1.0, "along_y_rel": 0.5, "along_z_rel": 0.5},
+        {"scale_rel": 0.5, "along_y_rel": 2.0, "along_z_rel": 1.0},
+        {"scale_rel": 0.5, "along_y_rel": 1.0, "along_z_rel": 2.0},
+    ),
+)
+"""In the place of the library's `inertia`: what links do to one another depends on its shape, in flight too."""
 
 JOINT_EFFECTS: tuple[Effect, ...] = (
     Effect(
@@ -78,4 +113,6 @@ JOINT_EFFECTS: tuple[Effect, ...] = (
 
 def library_for(model: ObjectModel) -> tuple[Effect, ...]:
     """The effects that an object can have: those of joints only where it has any."""
-    return LIBRARY + (JOINT_EFFECTS if model.n_joints else ())
+    if not model.n_joints:
+        return LIBRARY
+    return (*(LINKS_INERTIA if each.name == LINKS_INERTIA.name else each for each in LIBRARY), *JOINT_EFFECTS)
