@@ -1,8 +1,9 @@
 """Fuzzing guided by coverage: `make fuzz SECONDS=600`, or `python -m tests.fuzz.run tum mjcf --seconds 600`.
 
 libFuzzer (by atheris) changes a valid file as long as something new happens in tossid's readers. It stops at the first
-finding: an exception that is no `TossidError`, more than 5 s, or more than 1 GiB of memory. The file that did it is
-left in outputs/fuzz/TARGET; kept in tests/fuzz/findings/TARGET, it is a test. What was tried is gone on from next time.
+finding: an exception that is no `TossidError`, more than 5 s, more than 1 GiB of memory, or 256 MiB that are not given
+back. The file that did it is left in outputs/fuzz/TARGET; kept in tests/fuzz/findings/TARGET, it is a test. What was
+tried is gone on from next time.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from pathlib import Path
 
 OUT = Path("outputs/fuzz")
 MEMORY = 2**30
+KEPT = 2**28
+"""Bytes that reading a file may leave taken."""
 TOO_LONG_S = 5
 LARGEST = 2**19
 """Bytes of a file."""
@@ -40,17 +43,24 @@ def fuzz(name: str, seconds: int) -> None:
         file = target.make(Path(folder))
         (corpus / "valid").write_bytes(file.read_bytes())
         target.read(file)
-        pages = int(Path("/proc/self/statm").read_text().split()[0])
-        resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MEMORY, resource.RLIM_INFINITY))
+        resource.setrlimit(resource.RLIMIT_AS, (_taken() + MEMORY, resource.RLIM_INFINITY))
 
         def once(content: bytes) -> None:
             file.write_bytes(content)
+            before = _taken()
             with contextlib.suppress(TossidError):
                 target.read(file)
+            if _taken() > before + KEPT:
+                raise MemoryError(f"{_taken() - before} bytes are not given back")
 
         limits = [f"-max_total_time={seconds}", f"-timeout={TOO_LONG_S}", f"-max_len={LARGEST}", "-rss_limit_mb=0"]
         atheris.Setup([sys.argv[0], *limits, f"-artifact_prefix={OUT / name}/", "-verbosity=0", str(corpus)], once)
         atheris.Fuzz()
+
+
+def _taken() -> int:
+    """This process's address space in bytes."""
+    return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 
 
 def main() -> None:

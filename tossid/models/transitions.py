@@ -11,7 +11,7 @@ from torch import Tensor
 
 from tossid.errors import InputError
 from tossid.objects import ObjectModel, corner_positions
-from tossid.physics import make_system, tree_batch
+from tossid.physics import TreeBatch, make_system, tree_batch
 from tossid.types import Toss
 
 CONTACT_MARGIN = 0.25
@@ -23,6 +23,12 @@ FLIGHT_CLEARANCE = 0.1
 JOINTED_MARGIN, JOINTED_CLEARANCE = 0.4, 0.3
 """The same of objects with joints, whose stated geometry is seldom that exact at every angle: the published elbow's
 corners stop up to 2 cm above the ground, and what 1 cm takes for flight falls at 8.4 m/s² (3 cm: 9.8)."""
+
+MOST_UNUSUAL = 20.0
+"""Robust standard deviations (1.48 median absolute deviations) from the median of all flights by which a transition's
+acceleration may differ, along each axis of the world. Beyond that it is no flight: a hand or the ground had a part."""
+LEAST_UNUSUAL = 0.5
+"""[m/s²] that it may differ by in any case: tosses without noise have no scatter."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +44,7 @@ class Transitions:
         up_next: (N, n_b, 3) the world's vertical in each body's axes after the step.
         z_next: (N, n_b) height of each body's origin after the step [m].
         near: (K,) rows that may involve contact.
-        flight: (F,) rows that surely do not: clear of the ground before and after.
+        flight: (F,) rows that surely do not: clear of the ground before and after, and accelerated as flights are.
         toss: (N,) index of the toss.
     """
 
@@ -99,11 +105,18 @@ def make_transitions(model: ObjectModel, tosses: Sequence[Toss]) -> Transitions:
     clearance = (JOINTED_CLEARANCE if jointed else FLIGHT_CLEARANCE) * model.width
     clear = np.minimum(lowest, corner_positions(model, q)[..., 2].min(axis=1)) > clearance
 
+    dt = np.concatenate([np.diff(toss.t) for toss in tosses])
+    if clear.any():
+        a = _common_acceleration(model, here, (v_next - v) / dt[:, None])
+        middle = np.median(a[clear], axis=0)
+        scatter = 1.4826 * np.median(np.abs(a[clear] - middle), axis=0)
+        clear &= (np.abs(a - middle) <= np.maximum(MOST_UNUSUAL * scatter, LEAST_UNUSUAL)).all(axis=1)
+
     def tensor(array: np.ndarray) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(array))
 
     return Transitions(
-        dt=tensor(np.concatenate([np.diff(toss.t) for toss in tosses])),
+        dt=tensor(dt),
         v=tensor(v),
         v_next=tensor(v_next),
         dv=tensor(v_next - v),
@@ -120,3 +133,11 @@ def make_transitions(model: ObjectModel, tosses: Sequence[Toss]) -> Transitions:
         flight=tensor(np.flatnonzero(clear)),
         toss=tensor(np.concatenate([np.full(len(toss) - 1, i) for i, toss in enumerate(tosses)])),
     )
+
+
+def _common_acceleration(model: ObjectModel, at: TreeBatch, dv_dt: np.ndarray) -> np.ndarray:
+    """Acceleration (N, 3) of the bodies' common centre of mass in the world, for dv/dt (N, nv)."""
+    angular, linear = (np.einsum("nbij,nj->nbi", at.X[:, :, part], dv_dt) for part in (slice(0, 3), slice(3, 6)))
+    swing = np.cross(at.omega, np.cross(at.omega, model.com))
+    own = linear + at.xdd + np.cross(angular + at.alpha, model.com) + swing
+    return np.einsum("b,nbij,nbj->ni", model.mass / model.mass.sum(), at.R, own)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tossid.errors import FileError, InputError
 from tossid.vision.camera import Camera
 from tossid.vision.recording import FrameFile, Recording, in_order, read_set_up
-from tossid.vision.rosbag import IMAGE_TYPES, Bag, find_bags, grey_image, stamp
+from tossid.vision.rosbag import IMAGE_TYPES, Bag, as_defined, find_bags, grey_image, stamp
 from tossid.vision.times import read_times
 
 VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm")
@@ -111,9 +111,13 @@ class BagImages:
             for _, t_ns, message in bag.messages([topic], start=min(wanted), stop=max(wanted) + 1):
                 if t_ns in wanted:
                     try:
-                        yield grey_image(message)
+                        with as_defined(path, topic, message):
+                            image = grey_image(message)
+                    except FileError:
+                        raise
                     except InputError as error:
                         raise FileError(path, f"{topic} at {t_ns * 1e-9:.6f} s: {error}") from error
+                    yield image
 
 
 def image_topics(bag: Bag, cameras: Sequence[Camera]) -> dict[str, str]:
@@ -156,7 +160,8 @@ def read_bag_images(path: str | Path, folder: Path | None = None) -> Recording:
             name_of = {topic: name for name, topic in topics.items()}
             for topic, t_ns, message in bag.messages(list(name_of)):
                 name = name_of[topic]
-                frames[name].append(FrameFile(name, stamp(message, t_ns) - late[name], file, t_ns))
+                with as_defined(file, topic, message):
+                    frames[name].append(FrameFile(name, stamp(message, t_ns) - late[name], file, t_ns))
     silent = [camera for camera in cameras if not frames[camera.name]]
     if silent:
         wanted = ", ".join(camera.image_topic or f"no rostopic for {camera.name}" for camera in silent)

@@ -13,7 +13,7 @@ import struct
 import tempfile
 import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from io import SEEK_END, BytesIO
 from pathlib import Path
@@ -325,7 +325,8 @@ def read_bag_detections(path: Path, cameras: Sequence[Camera], *, sigma: float) 
             for topic, t_ns, message in bag.messages(list(topics)):
                 camera = topics[topic]
                 n_frames[camera.name] += 1
-                found += _detections(file, camera, stamp(message, t_ns), message, sigma)
+                with as_defined(file, topic, message):
+                    found += _detections(file, camera, stamp(message, t_ns), message, sigma)
             problems += bag.problems if topics else []
     if not used:
         wanted = ", ".join(camera.tag_topic or f"no tagtopic for {camera.name}" for camera in cameras)
@@ -335,23 +336,40 @@ def read_bag_detections(path: Path, cameras: Sequence[Camera], *, sigma: float) 
     return BagDetections(tuple(found), n_frames, tuple(problems))
 
 
+@contextmanager
+def as_defined(path: Path, topic: str, message: Any) -> Iterator[None]:
+    """Reading a message's fields, which are what the bag's own definition of its type says.
+
+    Raises:
+        FileError: they are not those of a type by that name.
+    """
+    try:
+        yield
+    except (AttributeError, TypeError, ValueError, OverflowError, IndexError, cv2.error) as error:
+        what = f"a {message.__msgtype__} by another definition, or with other content, than its own"
+        raise FileError(path, f"topic {topic} holds {what} ({_said(error)})") from error
+
+
 def stamp(message: Any, t_ns: int) -> int:
     """A message's own time [ns], or that of its recording where it has none."""
     own = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
     return int(own or t_ns)
 
 
-def _detections(path: Path, camera: Camera, t_ns: int, message: Any, sigma: float) -> Iterator[Detection]:
+def _detections(path: Path, camera: Camera, t_ns: int, message: Any, sigma: float) -> list[Detection]:
     rows = getattr(message, "apriltags", None)
     rows = getattr(message, "detections", None) if rows is None else rows
     if rows is None:
         raise FileError(path, f"topic {camera.tag_topic} holds {message.__msgtype__}, expected AprilTag detections")
-    t = t_ns * 1e-9 - camera.clock_offset
+    t, cov = t_ns * 1e-9 - camera.clock_offset, np.tile(sigma**2 * np.eye(2), (4, 1, 1))
+    found = []
     for row in rows:
         corners = np.array([[corner.x, corner.y] for corner in row.corners], dtype=float)
+        if corners.shape != (4, 2) or not np.isfinite(corners).all():
+            raise ValueError(f"a tag's corners are {corners.tolist()}")
         margin = float(getattr(row, "decision_margin", 0.0))
-        cov = np.tile(sigma**2 * np.eye(2), (4, 1, 1))
-        yield Detection(camera.name, t, int(row.id), corners, cov, int(row.hamming), margin)
+        found.append(Detection(camera.name, t, int(row.id), corners, cov, int(row.hamming), margin))
+    return found
 
 
 def grey_image(message: Any) -> NDArray[np.uint8]:
