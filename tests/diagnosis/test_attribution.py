@@ -9,10 +9,11 @@ import pytest
 
 from tests.diagnosis.tossed import seen
 from tests.models.conftest import cube
-from tossid.diagnosis.attribution import diagnose
+from tossid.diagnosis.attribution import _without_nothings, diagnose
 from tossid.diagnosis.evidence import Evidence, Hypothesis
 from tossid.diagnosis.fitting import fit
-from tossid.diagnosis.judging import one_sided
+from tossid.diagnosis.judging import Judge, one_sided
+from tossid.diagnosis.search import Found
 from tossid.diagnosis.whitening import linearise
 from tossid.diagnosis.windows import make_windows
 from tossid.objects import ObjectModel
@@ -78,6 +79,28 @@ def test_nothing_is_named_of_nothing(cube: ObjectModel) -> None:
     found = diagnose(seen(World(cube), cube, 14, seed=3), World(cube), library=FEW)
     assert found.named == ()
     assert found.verdict == "no_gap"
+
+
+def test_what_is_nothing_once_tosses_are_cut_elsewhere_loses_its_name(cube: ObjectModel) -> None:
+    """The ground is level: tilts that are found where tosses are cut first scatter about none."""
+    nominal = World(cube)
+    tosses = seen(NAMES["friction"].at(nominal, np.array([0.3])), cube, 10, seed=8)
+    judge = Judge.of(tosses, cube, seed=0, n_threads=1)
+    first = judge.start(Hypothesis(nominal))
+    both = Hypothesis(nominal).plus(NAMES["ground_tilt"]).plus(NAMES["friction"])
+    present = judge.judged(first, None, both)
+    tilt, friction = (present.hypothesis.values_of(name) for name in ("ground_tilt", "friction"))
+    assert np.abs(tilt).max() < 2e-3
+    assert friction == pytest.approx(0.3, abs=0.01)
+    of = {"ground_tilt": present, "friction": present}
+    found = Found(first, present, (first, present), {}, {}, of, dict.fromkeys(of, ()))
+    left, spread = _without_nothings(judge, found, np.array([2e-3, 2e-3, 1e-3]))
+    assert [effect.name for effect in left.present.hypothesis.effects] == ["friction"]
+    assert left.history == (first, left.present)
+    assert list(left.needed) == list(left.classes) == ["friction"]
+    np.testing.assert_array_equal(spread, [1e-3])
+    # of what flight has shown, contact has no say
+    assert _without_nothings(judge, replace(found, flown=1), np.array([2e-3, 2e-3, 1e-3]))[0].needed == of
 
 
 def test_two_effects_are_both_named(cube: ObjectModel) -> None:

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 from scipy.stats import t as student
 
 from tossid.diagnosis.engines import Engine
@@ -26,7 +27,7 @@ from tossid.diagnosis.search import Found, Search
 from tossid.diagnosis.windows import FLIGHT_WEIGHT, LENGTH, make_windows
 from tossid.diagnosis.witnesses import witnesses
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, OTHER_LAWS, POWER, Effect, World
+from tossid.physics.effects import LIBRARY, NEVER_NOTHING, OTHER_LAWS, POWER, Effect, World
 from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
@@ -74,6 +75,7 @@ def diagnose(
     found = Search(judge, library, tell).run(Hypothesis(world))
     tell("cut elsewhere", 0.92)
     found, spread = _cut_elsewhere(tosses, world.object, judge, found)
+    found, spread = _without_nothings(judge, found, spread)
     tell("what is left", 0.97)
     return _report(tosses, unseen, library, judge, found, spread, started, seed)
 
@@ -123,6 +125,43 @@ def _cut_elsewhere(
     return found.ending(settled), np.std(values, axis=0, ddof=1)
 
 
+def _without_nothings(judge: Judge, found: Found, spread: Array | None) -> tuple[Found, Array | None]:
+    """Without effects of contact whose values are not clearly other than nothing (Wald's test, 5 %), the least clear
+    first: they gained something where tosses were cut first, and not elsewhere."""
+    while spread is not None and (name := _nothing(judge, found, spread)):
+        hypothesis = found.present.hypothesis
+        own = _place(hypothesis, name)
+        found = replace(
+            found.ending(judge.judged(found.present, None, hypothesis.minus(name))),
+            needed={other: each for other, each in found.needed.items() if other != name},
+            classes={other: group for other, group in found.classes.items() if other != name},
+        )
+        spread = np.delete(spread, own)
+    return found, spread
+
+
+def _nothing(judge: Judge, found: Found, spread: Array) -> str | None:
+    """The effect that contact has shown and that is least clearly other than nothing; None if each is."""
+    hypothesis = found.present.hypothesis
+    cov = _covariance(found.present.fitted, judge.n, spread, found.flown)
+    least, name = CLASS_LEVEL, None
+    for effect in hypothesis.effects[found.flown :]:
+        own = _place(hypothesis, effect.name)
+        size = np.sqrt(np.diag(cov)[own])
+        away = (hypothesis.values_of(effect.name) - effect.nominal(hypothesis.base)) / size
+        alike = cov[own, own] / np.outer(size, size)
+        p_value = float(chi2.sf(away @ np.linalg.pinv(alike, hermitian=True) @ away, len(away)))
+        if effect.name not in NEVER_NOTHING and p_value > least:
+            least, name = p_value, effect.name
+    return name
+
+
+def _place(hypothesis: Hypothesis, name: str) -> slice:
+    """Where an effect's values are among all."""
+    names = [effect.name for effect in hypothesis.effects for _ in effect.parameters]
+    return slice(names.index(name), names.index(name) + names.count(name))
+
+
 def intervals(fitted: Fitted, n: int, spread: Array | None = None, flown: int = 0) -> dict[str, dict[str, Interval]]:
     """95 % intervals of every effect's parameters: sandwich over tosses, Student's quantile.
 
@@ -136,14 +175,7 @@ def intervals(fitted: Fitted, n: int, spread: Array | None = None, flown: int = 
     out: dict[str, dict[str, Interval]] = {}
     if not fitted.hypothesis.effects:
         return out
-    cov = fitted.covariance()
-    variance = np.maximum(np.diag(cov), 0.0)
-    first = sum(len(effect.parameters) for effect in fitted.hypothesis.effects[:flown])
-    if first:
-        variance[:first] = np.maximum(variance[:first], _in_flight(fitted, flown, n))
-    if spread is not None:
-        variance = variance + spread**2
-    error = np.sqrt(variance)
+    error = np.sqrt(np.diag(_covariance(fitted, n, spread, flown)))
     quantile = float(student.ppf(0.975, max(1, n - len(error))))
     low, high = fitted.hypothesis.bounds
     k = 0
@@ -155,6 +187,18 @@ def intervals(fitted: Fitted, n: int, spread: Array | None = None, flown: int = 
             k += 1
         out[effect.name] = named
     return out
+
+
+def _covariance(fitted: Fitted, n: int, spread: Array | None, flown: int) -> Array:
+    """(P, P) of all parameters, by every source of error that `intervals` names."""
+    cov = fitted.covariance()
+    variance = np.maximum(np.diag(cov), 0.0)
+    first = sum(len(effect.parameters) for effect in fitted.hypothesis.effects[:flown])
+    if first:
+        variance[:first] = np.maximum(variance[:first], _in_flight(fitted, flown, n))
+    if spread is not None:
+        variance = variance + spread**2
+    return cov + np.diag(variance - np.diag(cov))
 
 
 def _in_flight(fitted: Fitted, flown: int, n: int) -> Array:

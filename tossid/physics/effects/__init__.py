@@ -2,12 +2,13 @@
 
 from tossid.physics.effects.effect import Effect, Parameter
 from tossid.physics.effects.joints import JOINT_EFFECTS, library_for
-from tossid.physics.effects.library import LIBRARY, OTHER_LAWS, POWER
+from tossid.physics.effects.library import LIBRARY, NEVER_NOTHING, OTHER_LAWS, POWER
 from tossid.physics.effects.world import Forces, Law, Recording, World
 
 __all__ = [
     "JOINT_EFFECTS",
     "LIBRARY",
+    "NEVER_NOTHING",
     "OTHER_LAWS",
     "POWER",
     "Effect",

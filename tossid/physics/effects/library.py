@@ -363,6 +363,9 @@ LIBRARY: tuple[Effect, ...] = (
     ),
 )
 
+NEVER_NOTHING = ("wind", "compliance")
+"""Effects whose nominal values only stand near nothing."""
+
 POWER = "power"
 
 _STATES = {
