@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from tests.diagnosis.by_hand import diagnosis, gap, without_effects
+from tests.diagnosis.by_hand import diagnosis, gap, hypothesis, without_effects
 from tests.evaluation.figures.reading import assert_legible, words
 from tossid.diagnosis.figures import evidence, gain_per_toss, over_time, report_figures, where_it_lies
 from tossid.diagnosis.findings import Interval, Share
@@ -109,6 +109,12 @@ def test_what_is_left_is_said_with_its_place(cube: ObjectModel) -> None:
     left = (Share("impact", Interval(0.3, 0.2, 0.4)),)
     found = replace(diagnosis(cube), verdict="partly_explained", gap_closed=Interval(0.6, 0.5, 0.7), unexplained=left)
     assert "Left is 40 %, clearly so at impacts (30 % of the first gap)" in sentences(found)[-1]
+
+
+def test_what_is_not_the_same_in_all_tosses_is_said_with_its_size(cube: ObjectModel) -> None:
+    found = replace(diagnosis(cube), hypothesis=hypothesis(cube, uniform_force=[0.26, -0.13, 0.0]), named=())
+    said = " ".join(sentences(replace(found, unsteady=("uniform_force",))))
+    assert "something like uniform_force (x 0.260 N, y −0.130 N, z 0 N for all together), but not the same" in said
 
 
 def test_an_odd_toss_is_named(cube: ObjectModel) -> None:

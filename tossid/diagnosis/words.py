@@ -21,6 +21,8 @@ _UNITS = {
     "ns2pm2": ("N s²/m²", 1.0),
     "ns2pm": ("N s²/m", 1.0),
     "nms": ("N m s", 1.0),
+    "nm": ("N m", 1.0),
+    "nmprad": ("N m/rad", 1.0),
     "ps": ("1/s", 1.0),
 }
 _CHANNELS = {
@@ -92,10 +94,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
         said.append(_how_far(diagnosis))
         said += _not_told_apart(diagnosis)
     said += [_another_law(name, power) for name, power in diagnosis.other_laws]
-    said += [
-        f"In flight there is something like {name}, but not the same in all tosses, as no effect of the library is."
-        for name in diagnosis.unsteady
-    ]
+    said += [_unsteady(diagnosis, name) for name in diagnosis.unsteady]
     said.append(_what_is_left(diagnosis))
     if diagnosis.gap.odd:
         s = "" if len(diagnosis.gap.odd) == 1 else "s"
@@ -174,6 +173,16 @@ def _another_law(name: str, power: Interval) -> str:
     return (
         f"In flight there is a force like {name}, but it grows {grows} with {state}: by {power.value:+.1f} "
         f"({power.low:+.1f} to {power.high:+.1f}) in the power. No effect of the library has that law."
+    )
+
+
+def _unsteady(diagnosis: Diagnosis, name: str) -> str:
+    effect = next(e for e in diagnosis.hypothesis.effects if e.name == name)
+    values = effect.named(diagnosis.hypothesis.values_of(name))
+    size = ", ".join(f"{parameter(key)} {quantity(key, value)}" for key, value in values.items())
+    return (
+        f"In flight there is something like {name} ({size} for all together), but not the same in all tosses, as no "
+        "effect of the library is."
     )
 
 
