@@ -89,6 +89,7 @@ def test_an_effect_is_taken_out_with_all_that_contain_it() -> None:
     for name in ("time_base", "gravity"):
         left_out = Case(0, "without", "lcp", (name,), (20.0,), 0).without
         assert set(left_out) == {"time_base", "gravity", "uniform_force", "position_force"}
+    assert Case(0, "without", "lcp", ("joint_friction",), (20.0,), 0).without == ("joint_friction",)
     assert Case(0, "effect", "lcp", ("linear_drag",), (20.0,), 0).without == ()
 
 

@@ -62,9 +62,10 @@ class Case:
         if self.kind != "without":
             return ()
         true = frozenset(self.effects).union(*(MADE_OF.get(name, frozenset()) for name in self.effects))
-        out = {e.name for e in LIBRARY if e.name in true or true & set(e.contains)}
+        library = (*LIBRARY, *JOINT_EFFECTS)
+        out = {e.name for e in library if e.name in true or true & set(e.contains)}
         out |= TOGETHER if true & TOGETHER else set()
-        return tuple(e.name for e in LIBRARY if e.name in out)
+        return tuple(e.name for e in library if e.name in out)
 
     def as_json(self) -> dict[str, Any]:
         """Plain values."""
