@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 import mujoco
 import numpy as np
@@ -18,26 +19,30 @@ Array = NDArray[np.float64]
 _JOINTS = {mujoco.mjtJoint.mjJNT_HINGE: JointType.HINGE, mujoco.mjtJoint.mjJNT_SLIDE: JointType.SLIDE}
 
 
-def load_object(
-    path: str | Path,
-    *,
-    name: str | None = None,
-    friction: float = 0.18,
-    restitution: float = 0.0,
-    compliance: float = 0.0,
-    relaxation: float = 0.0,
-    cohesion: float = 0.0,
-    width: float | None = None,
-    tags: Sequence[Tag] = (),
-) -> ObjectModel:
+class Stated(TypedDict, total=False):
+    """What an object's file cannot say.
+
+    name: the object's; the model's own by default. friction (0.18), restitution, compliance [m/N], relaxation [s],
+    cohesion [N]: of object and ground. width: reference length [m]; by default the longest edge of the base's corners.
+    tags: AprilTags on the bodies.
+    """
+
+    name: str | None
+    friction: float
+    restitution: float
+    compliance: float
+    relaxation: float
+    cohesion: float
+    width: float | None
+    tags: Sequence[Tag]
+
+
+def load_object(path: str | Path, **stated: Unpack[Stated]) -> ObjectModel:
     """Read an object from an MJCF or URDF file.
 
     Args:
         path: the file. A base without a joint gets a free joint.
-        name: the object's name; the model's own if None.
-        friction, restitution, compliance, relaxation, cohesion: what the file cannot say about object and ground.
-        width: reference length [m]; the longest edge of the base's corners if None.
-        tags: AprilTags on the bodies.
+        stated: what the file cannot say, see `Stated`.
 
     Raises:
         FileError: the file is missing or MuJoCo cannot parse it.
@@ -60,20 +65,20 @@ def load_object(
         raise FileError(path, "holds letters that are not UTF-8, its own or an included file's") from error
     except (ValueError, mujoco.FatalError) as error:
         raise FileError(path, f"MuJoCo cannot compile it: {_first_line(error)}") from error
-    return object_from_mjcf(
-        text,
-        name=name,
-        friction=friction,
-        restitution=restitution,
-        compliance=compliance,
-        relaxation=relaxation,
-        cohesion=cohesion,
-        width=width,
-        tags=tags,
-    )
+    return object_from_mjcf(text, **stated)
 
 
-def object_from_mjcf(
+def object_from_mjcf(text: str, **stated: Unpack[Stated]) -> ObjectModel:
+    """The same from MJCF text (as a dataset carries it)."""
+    try:
+        spec = mujoco.MjSpec.from_string(text)
+    except (ValueError, mujoco.FatalError) as error:
+        raise ObjectError(f"MuJoCo cannot parse the object's MJCF: {_first_line(error)}") from error
+    return _from_spec(spec, text, **stated)
+
+
+def _from_spec(
+    spec: mujoco.MjSpec,
     text: str,
     *,
     name: str | None = None,
@@ -84,38 +89,6 @@ def object_from_mjcf(
     cohesion: float = 0.0,
     width: float | None = None,
     tags: Sequence[Tag] = (),
-) -> ObjectModel:
-    """The same from MJCF text (as a dataset carries it)."""
-    try:
-        spec = mujoco.MjSpec.from_string(text)
-    except (ValueError, mujoco.FatalError) as error:
-        raise ObjectError(f"MuJoCo cannot parse the object's MJCF: {_first_line(error)}") from error
-    return _from_spec(
-        spec,
-        text,
-        name=name,
-        friction=friction,
-        restitution=restitution,
-        compliance=compliance,
-        relaxation=relaxation,
-        cohesion=cohesion,
-        width=width,
-        tags=tags,
-    )
-
-
-def _from_spec(
-    spec: mujoco.MjSpec,
-    text: str,
-    *,
-    name: str | None,
-    friction: float,
-    restitution: float,
-    compliance: float,
-    relaxation: float,
-    cohesion: float,
-    width: float | None,
-    tags: Sequence[Tag],
 ) -> ObjectModel:
     _free_base(spec)
     try:
