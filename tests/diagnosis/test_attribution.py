@@ -9,7 +9,7 @@ import pytest
 
 from tests.diagnosis.tossed import seen
 from tests.models.conftest import cube
-from tossid.diagnosis.attribution import _without_nothings, diagnose
+from tossid.diagnosis.attribution import _walked, _without_nothings, diagnose
 from tossid.diagnosis.evidence import Evidence, Hypothesis
 from tossid.diagnosis.fitting import fit
 from tossid.diagnosis.judging import Judge, one_sided
@@ -79,6 +79,21 @@ def test_nothing_is_named_of_nothing(cube: ObjectModel) -> None:
     found = diagnose(seen(World(cube), cube, 14, seed=3), World(cube), library=FEW)
     assert found.named == ()
     assert found.verdict == "no_gap"
+
+
+@pytest.mark.parametrize("begin", [1.01, 1.05])
+def test_an_effect_that_a_fit_cannot_reach_is_walked_to(cube: ObjectModel, begin: float) -> None:
+    nominal = World(cube)
+    geometry = NAMES["geometry"]
+    judge = Judge.of(seen(geometry.at(nominal, np.array([1.03])), cube, 8, seed=9), cube, seed=0, n_threads=1)
+    first, away = (judge.start(each) for each in (Hypothesis(nominal), Hypothesis(nominal).plus(geometry, [begin])))
+    found = Found(first, away, (first, away), {}, {}, {"geometry": away}, {"geometry": ()})
+    walked = _walked(judge, found)
+    assert walked.present.hypothesis.values_of("geometry") == pytest.approx(1.03, abs=1e-3)
+    assert walked.history == (first, walked.present)
+    # flight tells its own, and is not rough
+    shown = replace(found, flown=1)
+    assert _walked(judge, shown) is shown
 
 
 def test_what_is_nothing_once_tosses_are_cut_elsewhere_loses_its_name(cube: ObjectModel) -> None:

@@ -37,6 +37,10 @@ FLOOR_REACHED = 1.03
 """Times the noise floor, at which nothing is left to explain."""
 MOST_CLOSED, ALL_CLOSED = 0.5, 0.9
 """Shares of the gap that effects have to close, to explain it in part; in full, if no phase has clearly some left."""
+WALK = (0.4, 0.04)
+"""Largest and smallest share of an effect by which it is moved,"""
+WORTH_A_STEP = 3.0
+"""and the gain of log-likelihood that is worth it."""
 CUTS = ((LENGTH // 4, 1.0), (LENGTH // 2, -1.0), (3 * LENGTH // 4, 1.0))
 """Frames by which tosses are cut elsewhere, and to which side fits begin."""
 ASIDE = 0.1
@@ -73,11 +77,38 @@ def diagnose(
     tell("the gap", 0.02)
     judge, world = judge.with_contact(world)
     found = Search(judge, library, tell).run(Hypothesis(world))
+    tell("farther away", 0.9)
+    found = _walked(judge, found)
     tell("cut elsewhere", 0.92)
     found, spread = _cut_elsewhere(tosses, world.object, judge, found)
     found, spread = _without_nothings(judge, found, spread)
     tell("what is left", 0.97)
     return _report(tosses, unseen, library, judge, found, spread, started, seed)
+
+
+def _walked(judge: Judge, found: Found) -> Found:
+    """The search's result with each effect that contact has shown by one number looked for farther away.
+
+    Contact makes the likelihood rough: a fit ends near where it began, far from where all tosses together suit an
+    effect best. So its number is moved away from nothing and towards it, by less and less of what it is, wherever
+    first states that are sought anew make that better.
+    """
+    present = found.present
+    for effect in present.hypothesis.effects[found.flown :]:
+        reach = WALK[0] if len(effect.parameters) == 1 else 0.0
+        while reach > WALK[1]:
+            for share in (1.0 + reach, 1.0 - reach):
+                nothing, values = effect.nominal(present.hypothesis.base), present.hypothesis.values_of(effect.name)
+                asked = present.hypothesis.with_instead(effect.name, effect, nothing + share * (values - nothing))
+                there = judge.start(asked.at(np.clip(asked.flat(), *asked.bounds)))
+                if judge.contest(there, present).sum() > WORTH_A_STEP:
+                    present = there
+                    break
+            else:
+                reach *= 0.5
+    if present is found.present:
+        return found
+    return found.ending(judge.judged(present, found.present.effect, present.hypothesis))
 
 
 def _cut_elsewhere(

@@ -107,6 +107,7 @@ JOINT_EFFECTS: tuple[Effect, ...] = (
         ALL,
         "recorded joint angles are off by a constant",
         lambda w, p: replace(w, recording=replace(w.recording, joint_offset=p["angle_rad"])),
+        starts=tuple({"angle_rad": angle} for angle in (-0.1, -0.03, 0.03, 0.1)),
     ),
 )
 
