@@ -267,9 +267,12 @@ def _report(
     closes = _closed_by_each(judge, found, floor)
     if found.unnamed:
         shares = [closes[name] for name in found.unnamed]
-        other = Interval(sum(s.value for s in shares), sum(s.low for s in shares), sum(s.high for s in shares))
+        other = Interval(
+            *(max(0.0, sum(part)) for part in zip(*((s.value, s.low, s.high) for s in shares), strict=True))
+        )
         closed = Interval(closed.value - other.value, closed.low - other.value, closed.high - other.value)
-        unexplained = (Share("flight", other), *(share for share in unexplained if share.name != "flight"))
+        if other.value > 0:
+            unexplained = (Share("flight", other), *(share for share in unexplained if share.name != "flight"))
     return Diagnosis(
         verdict=whole_verdict(gap, left, closed, found.unnamed, unexplained, any_named=bool(named)),
         gap=gap,
