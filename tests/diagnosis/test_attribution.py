@@ -9,11 +9,12 @@ import pytest
 
 from tests.diagnosis.tossed import seen
 from tests.models.conftest import cube
-from tossid.diagnosis.attribution import _walked, _without_nothings, diagnose
+from tossid.diagnosis.attribution import diagnose
 from tossid.diagnosis.evidence import Evidence, Hypothesis
 from tossid.diagnosis.fitting import fit
 from tossid.diagnosis.judging import Judge, one_sided
 from tossid.diagnosis.search import Found
+from tossid.diagnosis.settling import walked, without_nothings
 from tossid.diagnosis.whitening import linearise
 from tossid.diagnosis.windows import make_windows
 from tossid.objects import ObjectModel
@@ -88,12 +89,12 @@ def test_an_effect_that_a_fit_cannot_reach_is_walked_to(cube: ObjectModel, begin
     judge = Judge.of(seen(geometry.at(nominal, np.array([1.03])), cube, 8, seed=9), cube, seed=0, n_threads=1)
     first, away = (judge.start(each) for each in (Hypothesis(nominal), Hypothesis(nominal).plus(geometry, [begin])))
     found = Found(first, away, (first, away), {}, {}, {"geometry": away}, {"geometry": ()})
-    walked = _walked(judge, found)
-    assert walked.present.hypothesis.values_of("geometry") == pytest.approx(1.03, abs=1e-3)
-    assert walked.history == (first, walked.present)
+    there = walked(judge, found)
+    assert there.present.hypothesis.values_of("geometry") == pytest.approx(1.03, abs=1e-3)
+    assert there.history == (first, there.present)
     # flight tells its own, and is not rough
     shown = replace(found, flown=1)
-    assert _walked(judge, shown) is shown
+    assert walked(judge, shown) is shown
 
 
 def test_what_is_nothing_once_tosses_are_cut_elsewhere_loses_its_name(cube: ObjectModel) -> None:
@@ -109,13 +110,13 @@ def test_what_is_nothing_once_tosses_are_cut_elsewhere_loses_its_name(cube: Obje
     assert friction == pytest.approx(0.3, abs=0.01)
     of = {"ground_tilt": present, "friction": present}
     found = Found(first, present, (first, present), {}, {}, of, dict.fromkeys(of, ()))
-    left, spread = _without_nothings(judge, found, np.array([2e-3, 2e-3, 1e-3]))
+    left, spread = without_nothings(judge, found, np.array([2e-3, 2e-3, 1e-3]))
     assert [effect.name for effect in left.present.hypothesis.effects] == ["friction"]
     assert left.history == (first, left.present)
     assert list(left.needed) == list(left.classes) == ["friction"]
     np.testing.assert_array_equal(spread, [1e-3])
     # of what flight has shown, contact has no say
-    assert _without_nothings(judge, replace(found, flown=1), np.array([2e-3, 2e-3, 1e-3]))[0].needed == of
+    assert without_nothings(judge, replace(found, flown=1), np.array([2e-3, 2e-3, 1e-3]))[0].needed == of
 
 
 def test_two_effects_are_both_named(cube: ObjectModel) -> None:

@@ -40,6 +40,8 @@ MADE_OF = {
 }
 """What others say exactly: a drag against moving air is one against still air, and a constant force; a clock of another
 rate is gravity of another size, for rigid contact has no time of its own."""
+EFFECTS = (*LIBRARY, *JOINT_EFFECTS)
+"""All that a case may have."""
 REST = 0.01
 """Speed [m/s] below which the object rests."""
 TRIES = 8
@@ -62,10 +64,9 @@ class Case:
         if self.kind != "without":
             return ()
         true = frozenset(self.effects).union(*(MADE_OF.get(name, frozenset()) for name in self.effects))
-        library = (*LIBRARY, *JOINT_EFFECTS)
-        out = {e.name for e in library if e.name in true or true & set(e.contains)}
+        out = {e.name for e in EFFECTS if e.name in true or true & set(e.contains)}
         out |= TOGETHER if true & TOGETHER else set()
-        return tuple(e.name for e in library if e.name in out)
+        return tuple(e.name for e in EFFECTS if e.name in out)
 
     def as_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -279,7 +280,7 @@ def _pair(names: Iterator[str]) -> tuple[str, str]:
 
 def effect_named(name: str) -> Effect:
     """The library's effect of that name."""
-    return next(effect for effect in (*LIBRARY, *JOINT_EFFECTS) if effect.name == name)
+    return next(effect for effect in EFFECTS if effect.name == name)
 
 
 def strengths_for(model: ObjectModel) -> dict[str, Strength]:

@@ -60,6 +60,11 @@ class Hypothesis:
         """(P,) of the effect of that name."""
         return next(values for effect, values in zip(self.effects, self.values, strict=True) if effect.name == name)
 
+    def place_of(self, name: str) -> slice:
+        """Where the values of the effect of that name are among all."""
+        names = [effect.name for effect in self.effects for _ in effect.parameters]
+        return slice(names.index(name), names.index(name) + names.count(name))
+
     def with_instead(self, name: str, effect: Effect, values: Array) -> Hypothesis:
         """With another effect in the place of the effect of that name."""
         k = [each.name for each in self.effects].index(name)

@@ -10,8 +10,9 @@ import torch
 from torch import Tensor
 
 from tossid.errors import InputError
+from tossid.motion.kinematics import com_velocities
 from tossid.objects import ObjectModel, corner_positions
-from tossid.physics import TreeBatch, make_system, tree_batch
+from tossid.physics import make_system, tree_batch
 from tossid.types import Toss
 
 CONTACT_MARGIN = 0.25
@@ -107,7 +108,8 @@ def make_transitions(model: ObjectModel, tosses: Sequence[Toss]) -> Transitions:
 
     dt = np.concatenate([np.diff(toss.t) for toss in tosses])
     if clear.any():
-        a = _common_acceleration(model, here, (v_next - v) / dt[:, None])
+        share = model.mass / model.mass.sum()
+        a = (share @ com_velocities(model, q_next, v_next) - share @ com_velocities(model, q, v)) / dt[:, None]
         middle = np.median(a[clear], axis=0)
         scatter = 1.4826 * np.median(np.abs(a[clear] - middle), axis=0)
         clear &= (np.abs(a - middle) <= np.maximum(MOST_UNUSUAL * scatter, LEAST_UNUSUAL)).all(axis=1)
@@ -133,11 +135,3 @@ def make_transitions(model: ObjectModel, tosses: Sequence[Toss]) -> Transitions:
         flight=tensor(np.flatnonzero(clear)),
         toss=tensor(np.concatenate([np.full(len(toss) - 1, i) for i, toss in enumerate(tosses)])),
     )
-
-
-def _common_acceleration(model: ObjectModel, at: TreeBatch, dv_dt: np.ndarray) -> np.ndarray:
-    """Acceleration (N, 3) of the bodies' common centre of mass in the world, for dv/dt (N, nv)."""
-    angular, linear = (np.einsum("nbij,nj->nbi", at.X[:, :, part], dv_dt) for part in (slice(0, 3), slice(3, 6)))
-    swing = np.cross(at.omega, np.cross(at.omega, model.com))
-    own = linear + at.xdd + np.cross(angular + at.alpha, model.com) + swing
-    return np.einsum("b,nbij,nbj->ni", model.mass / model.mass.sum(), at.R, own)

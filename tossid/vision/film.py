@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.errors import FileError, InputError
+from tossid.errors import FileError
 from tossid.vision.camera import Camera
 from tossid.vision.recording import FrameFile, Recording, in_order, read_set_up
 from tossid.vision.rosbag import IMAGE_TYPES, Bag, as_defined, find_bags, grey_image, stamp
@@ -110,13 +110,8 @@ class BagImages:
         with Bag(path) as bag:
             for _, t_ns, message in bag.messages([topic], start=min(wanted), stop=max(wanted) + 1):
                 if t_ns in wanted:
-                    try:
-                        with as_defined(path, topic, message):
-                            image = grey_image(message)
-                    except FileError:
-                        raise
-                    except InputError as error:
-                        raise FileError(path, f"{topic} at {t_ns * 1e-9:.6f} s: {error}") from error
+                    with as_defined(path, f"{topic} at {t_ns * 1e-9:.6f} s", message):
+                        image = grey_image(message)
                     yield image
 
 

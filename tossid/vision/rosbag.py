@@ -9,16 +9,14 @@ from __future__ import annotations
 import bz2
 import gzip
 import shutil
-import struct
 import tempfile
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from io import SEEK_END, BytesIO
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO
+from typing import Any
 
 import cv2
 import numpy as np
@@ -31,6 +29,7 @@ from rosbags.typesys.store import Typestore
 from tossid.errors import FileError, InputError
 from tossid.types import Detection
 from tossid.vision.camera import Camera
+from tossid.vision.rosbag_rescue import Rescue
 
 SUFFIXES = (".bag", ".mcap", ".db3", ".bag.bz2", ".bag.gz")
 PACKED: dict[str, type[bz2.BZ2File] | type[gzip.GzipFile]] = {".bz2": bz2.BZ2File, ".gz": gzip.GzipFile}
@@ -102,7 +101,7 @@ class Bag:
         self.problems: list[str] = []
         self._stack = ExitStack()
         self._reader: AnyReader | None = None
-        self._rescued: _Rescue | None = None
+        self._rescued: Rescue | None = None
 
     def __enter__(self) -> Bag:
         try:
@@ -113,7 +112,7 @@ class Bag:
                 try:
                     self._reader = self._stack.enter_context(AnyReader([plain]))
                 except Exception as error:  # as below
-                    self._rescued = _Rescue(plain)
+                    self._rescued = Rescue(plain)
                     if not self._rescued.types():
                         raise FileError(self.path, f"is not a bag that can be read ({_said(error)})") from error
             if self._reader is not None:
@@ -181,110 +180,6 @@ def _said(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
-class _Rescue:
-    """A ROS 1 bag without its index, read from its start as far as its records are whole.
-
-    Format: wiki.ros.org/Bags/Format/2.0.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.connections: dict[int, tuple[str, str, str]] = {}  # topic, type, definition
-        count, last = 0, 0
-        for _, t_ns, _ in self._records():
-            count, last = count + 1, max(last, t_ns)
-        self.found = f"{count} messages are whole, the last of {last * 1e-9:.3f} s"
-
-    def types(self) -> dict[str, str]:
-        return {topic: kind for topic, kind, _ in self.connections.values()}
-
-    def messages(self, topics: Sequence[str]) -> Iterator[tuple[str, int, Any]]:
-        stores: dict[int, Typestore] = {}
-        for number, t_ns, raw in self._records():
-            topic, kind, definition = self.connections[number]
-            if topic not in topics:
-                continue
-            if number not in stores:
-                stores[number] = get_typestore(Stores.EMPTY)
-                stores[number].register(get_types_from_msg(definition, kind))
-            yield topic, t_ns, stores[number].deserialize_ros1(raw, kind)
-
-    def _records(self) -> Iterator[tuple[int, int, bytes]]:
-        """(connection, time [ns], message) in the order of the file."""
-        with self.path.open("rb") as stream:
-            if not stream.readline().startswith(b"#ROSBAG V2.0"):
-                return
-            yield from self._walk(stream, inside=False)
-
-    def _walk(self, stream: BinaryIO, *, inside: bool) -> Iterator[tuple[int, int, bytes]]:
-        here = stream.tell()
-        end = stream.seek(0, SEEK_END)
-        stream.seek(here)
-        while True:
-            head, data, whole = _record(stream, end)
-            if head is None:
-                return
-            op = head.get("op", b"\0")[0]
-            if op == 5 and not inside:
-                try:
-                    chunk = _unchunked(head.get("compression", b"none"), data)
-                except (OSError, EOFError, RuntimeError, ValueError):
-                    return
-                yield from self._walk(BytesIO(chunk), inside=True)
-            elif op == 7 and whole:
-                fields = _fields(data)
-                kind = fields["type"].decode().replace("/", "/msg/")
-                topic = head["topic"].decode().lstrip("/")
-                number = struct.unpack("<I", head["conn"])[0]
-                self.connections[number] = (topic, kind, fields["message_definition"].decode())
-            elif op == 2 and whole:
-                number = struct.unpack("<I", head["conn"])[0]
-                seconds, nanoseconds = struct.unpack("<II", head["time"])
-                if number in self.connections:
-                    yield number, seconds * 10**9 + nanoseconds, data
-            if not whole:
-                return
-
-
-def _record(stream: BinaryIO, end: int) -> tuple[dict[str, bytes] | None, bytes, bool]:
-    """Header fields, data, and whether it is all there; None at the end."""
-    length = stream.read(4)
-    if len(length) < 4:
-        return None, b"", False
-    header, whole = _sized(stream, length, end)
-    size = stream.read(4)
-    if not whole or len(size) < 4:
-        return None, b"", False
-    data, whole = _sized(stream, size, end)
-    return _fields(header), data, whole
-
-
-def _sized(stream: BinaryIO, size: bytes, end: int) -> tuple[bytes, bool]:
-    """As many bytes as announced, and whether there are as many; no more is asked for than is left."""
-    n, left = struct.unpack("<I", size)[0], end - stream.tell()
-    return stream.read(min(n, left)), n <= left
-
-
-def _fields(header: bytes) -> dict[str, bytes]:
-    fields, at = {}, 0
-    while at + 4 <= len(header):
-        n = struct.unpack_from("<I", header, at)[0]
-        name, _, value = header[at + 4 : at + 4 + n].partition(b"=")
-        fields[name.decode(errors="replace")] = value
-        at += 4 + n
-    return fields
-
-
-def _unchunked(compression: bytes, data: bytes) -> bytes:
-    if compression == b"none":
-        return data
-    if compression == b"bz2":
-        return bz2.decompress(data)
-    import lz4.frame
-
-    return bytes(lz4.frame.decompress(data))
-
-
 @dataclass(frozen=True, eq=False)
 class BagDetections:
     """Ready detections of a bag. n_frames: images that were searched, by camera. problems: what was lost."""
@@ -337,17 +232,24 @@ def read_bag_detections(path: Path, cameras: Sequence[Camera], *, sigma: float) 
 
 
 @contextmanager
-def as_defined(path: Path, topic: str, message: Any) -> Iterator[None]:
+def as_defined(path: Path, where: str, message: Any) -> Iterator[None]:
     """Reading a message's fields, which are what the bag's own definition of its type says.
 
+    Args:
+        where: the topic, for the error.
+
     Raises:
-        FileError: they are not those of a type by that name.
+        FileError: they are not those of a type by that name, or hold what cannot be used.
     """
     try:
         yield
+    except FileError:
+        raise
+    except InputError as error:
+        raise FileError(path, f"{where}: {error}") from error
     except (AttributeError, TypeError, ValueError, OverflowError, IndexError, cv2.error) as error:
         what = f"a {message.__msgtype__} by another definition, or with other content, than its own"
-        raise FileError(path, f"topic {topic} holds {what} ({_said(error)})") from error
+        raise FileError(path, f"topic {where} holds {what} ({_said(error)})") from error
 
 
 def stamp(message: Any, t_ns: int) -> int:
