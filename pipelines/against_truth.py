@@ -26,6 +26,7 @@ from pipelines.frames import detect_stage, object_track, open_stage, segment_sta
 from pipelines.opening import Opened
 from pipelines.schemas import IngestConfig
 from pipelines.synthesize import TRUTH
+from tossid.motion import tosses_from_tracks
 from tossid.motion.kinematics import com_velocities, jump_speed
 from tossid.objects import GRAVITY, ObjectModel, body_poses
 from tossid.rotations import quat_boxminus, transform, transform_points
@@ -93,7 +94,8 @@ def against_truth(folder: Path, console: Console, detections: list[Detection] | 
     clock.append(time.process_time())
     tracked = track_stage(opened, detections, config.track, console=console)
     poses, model = object_track(opened, tracked), opened.object()
-    tosses, _, stretches = segment_stage(poses, model, config.segment, gravity=config.gravity, console=console)
+    tracks, stretches = segment_stage(poses, model, config.segment, gravity=config.gravity, console=console)
+    tosses = tosses_from_tracks(tracks, model, gravity=config.gravity)
     clock.append(time.process_time())
     ground = find_ground(poses, model, gravity=config.gravity)
     (truth,) = read_tracks(folder / "truth_poses.npz")

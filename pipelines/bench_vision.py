@@ -22,6 +22,7 @@ from pipelines.console import Console
 from pipelines.frames import detect_stage, object_track, open_stage, segment_stage, track_stage
 from pipelines.opening import Opened
 from pipelines.schemas import IngestConfig
+from tossid.motion import tosses_from_tracks
 from tossid.objects import ObjectModel, Tag
 from tossid.rotations import quat_normalize, transform, transform_points
 from tossid.types import Detection, Frame
@@ -174,7 +175,8 @@ def _ingest(film: Path, opened: Opened) -> dict[str, str]:
     tracked = track_stage(opened, detections, config.track, console=quiet)
     started.append(time.process_time())
     poses = object_track(opened, tracked)
-    segment_stage(poses, opened.object(), config.segment, gravity=config.gravity, console=quiet)
+    tracks, _ = segment_stage(poses, opened.object(), config.segment, gravity=config.gravity, console=quiet)
+    tosses_from_tracks(tracks, opened.object(), gravity=config.gravity)
     started.append(time.process_time())
     detect, track, segment = np.diff(started)
     before = time.perf_counter()

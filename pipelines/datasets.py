@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
@@ -12,48 +12,29 @@ from pipelines.config import as_plain
 from pipelines.console import Console
 from pipelines.info import show
 from pipelines.version import commit, version
-from tossid.errors import InputError
-from tossid.store import dataset_info, write_dataset
-from tossid.types import Dataset
+from tossid.store import dataset_info
 
-if TYPE_CHECKING:
-    from tossid.objects import ObjectModel
-    from tossid.types import Toss
+Lineage = Mapping[str, str | int | float | bool]
 
 _NOT_LINEAGE = ("out", "threads")
 """Keys that leave the data as they are: the same data from the same call are the same bytes."""
 
 
-def save(
-    tosses: Sequence[Toss],
-    model: ObjectModel,
-    path: Path,
-    *,
-    rate_hz: float,
-    source: str,
-    command: str,
-    config: Any,
-    lineage: dict[str, str | int | float | bool],
-) -> None:
-    """Write a dataset with where it comes from.
+def provenance(command: str, config: Any, lineage: Lineage) -> dict[str, str | int | float | bool]:
+    """Where a dataset comes from.
 
     Args:
-        path: the file, as `output_file` yields it.
-        source: importer or simulator.
         command, config: what made it, with all its keys.
         lineage: source path and hash, covariances' origin, and the like.
     """
-    if not tosses:
-        raise InputError("no toss was found; there is nothing to write")
     keys = {name: value for name, value in as_plain(config).items() if name not in _NOT_LINEAGE}
-    provenance = {
+    return {
         "command": f"tossid {command}",
         "version": version(),
         "commit": commit(),
         "config": yaml.safe_dump(keys, sort_keys=False, allow_unicode=True),
         **lineage,
     }
-    write_dataset(Dataset(model, tuple(tosses), float(rate_hz), source, provenance), path)
 
 
 def described(path: Path, console: Console) -> dict[str, Any]:

@@ -168,7 +168,7 @@ def _simulator(config: DiagnoseConfig, recorded: ObjectModel) -> Simulator:
 
 def _chosen(config: DiagnoseConfig, dataset: Dataset) -> tuple[tuple[Toss, ...], tuple[Toss, ...]]:
     """The tosses that are diagnosed, and those of the test split, if others are."""
-    tosses = dataset.tosses if config.split is None else dataset.of_split(config.split)
+    tosses = tuple(dataset.tosses) if config.split is None else dataset.of_split(config.split)
     last = None if config.tosses is None else config.skip + config.tosses
     unseen = () if config.split in (None, "test") else _lasting(dataset.of_split("test"))[1]
     return tosses[config.skip : last], unseen

@@ -14,6 +14,7 @@ from tossid.errors import FileError, InputError
 if TYPE_CHECKING:
     from pipelines.checkpoints import Checkpoint
     from pipelines.runs import RunRecord
+    from tossid.types import Dataset
 
 FOLDER = Path("outputs/evaluate")
 
@@ -25,8 +26,33 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
 
         return run_sweep(config, config.sweep, console)
 
-    from pipelines.calling import jsonable
     from pipelines.checkpoints import load_checkpoint
+    from pipelines.runs import find_run
+    from tossid.store import open_dataset
+
+    record = find_run(config.run)
+    if record.checkpoint is None:
+        raise InputError(f"run {record.name} ({record.id or record.folder}) has no checkpoint")
+    trained = load_checkpoint(record.checkpoint)
+    data, split, sha256 = _data(config, trained)
+    with open_dataset(data, split="test" if split == "test" else None) as dataset:
+        if not dataset.tosses:
+            raise InputError(f"{data}: no held-out tosses to judge")
+        return _judge(config, record, trained, dataset, data, split, sha256, console)
+
+
+def _judge(
+    config: EvaluateConfig,
+    record: RunRecord,
+    trained: Checkpoint,
+    dataset: Dataset,
+    data: Path,
+    split: str,
+    sha256: str,
+    console: Console,
+) -> dict[str, Any]:
+    """Metrics and figures of a trained model on the dataset's tosses."""
+    from pipelines.calling import jsonable
     from pipelines.learning import evaluate_model, predicted_motions
     from pipelines.outputs import output_folder
     from pipelines.pictures import (
@@ -37,21 +63,9 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
         write_figures,
         write_film,
     )
-    from pipelines.runs import find_run
     from pipelines.tracking import tracked_run
-    from tossid.store import read_dataset
 
-    record = find_run(config.run)
-    if record.checkpoint is None:
-        raise InputError(f"run {record.name} ({record.id or record.folder}) has no checkpoint")
-    trained = load_checkpoint(record.checkpoint)
-    data, split, sha256 = _data(config, trained)
-    dataset = read_dataset(data)
-    tosses = dataset.of_split("test") if split == "test" else dataset.tosses
-    if not tosses:
-        raise InputError(f"{data}: no held-out tosses to judge")
-
-    name, model = trained.config.name, trained.model
+    name, model, tosses = trained.config.name, trained.model, dataset.tosses
     judged = evaluate_model(model, dataset.object, tosses)
     result: dict[str, Any] = {
         "run": record.id,
@@ -72,7 +86,7 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
         figures |= residual_figure(
             model, judged, tosses, name=f"{name.upper()}, {gravity_given(trained.config.gravity)}"
         )
-        figures |= joint_figure(model, judged, tosses, dataset.object, name=name.upper())
+        figures |= joint_figure(model, rollouts, dataset.object, name=name.upper())
         with output_folder(folder, made_by="evaluate") as temporary:
             paths = write_figures(figures, temporary / "figures")
             paths += write_film(judged, tosses, rollouts, dataset.object, temporary / "figures", name=name)

@@ -14,16 +14,16 @@ import numpy as np
 
 from pipelines.calling import jsonable
 from pipelines.console import Console
-from pipelines.datasets import described, save
+from pipelines.datasets import Lineage, described, provenance
 from pipelines.opening import CameraSource, Opened, open_recording, source_at
 from pipelines.outputs import output_file
 from pipelines.project import DATASETS, check_dataset_name, newest_recording
 from pipelines.schemas import DetectConfig, IngestConfig, ObjectConfig, SegmentConfig, SegmentStageConfig, TrackConfig
 from tossid.errors import ConfigError, FileError, InputError, ObjectError
-from tossid.motion import covariance_source, median_rate, tosses_from_tracks
+from tossid.motion import covariance_source, median_rate, tosses_in_turn
 from tossid.objects import ObjectModel
-from tossid.store import draw_splits, source_sha256
-from tossid.types import Detection, PoseTrack, Toss
+from tossid.store import dataset_writer, drawn_splits, source_sha256
+from tossid.types import Detection, PoseTrack
 from tossid.vision.believed import TrackSettings
 from tossid.vision.camera import Camera
 from tossid.vision.detect import DetectSettings, detect_frames
@@ -43,29 +43,28 @@ OFF = 0.01, np.deg2rad(1.0)
 def ingest_frames(config: IngestConfig, source: CameraSource, console: Console) -> dict[str, Any]:
     """All three stages in memory, from a recording to a dataset."""
     opened = open_recording(source, config.object, default="cube")
-    model = opened.object()
     out = check_dataset_name("out", config.out or DATASETS / f"{opened.name}.h5")
     with output_file(out) as temporary:
         tally: Counter[str] = Counter()
         detections = detected(opened, config.detect, threads=config.threads, console=console, tally=tally)
         tracked = track_stage(opened, detections, config.track, console=console)
         poses, report = object_track(opened, tracked), tracked.report
-        poses, ground = level_stage(opened, poses, config.level, gravity=config.gravity, console=console)
-        tosses, tracks, rejected = segment_stage(poses, model, config.segment, gravity=config.gravity, console=console)
-        _save(
-            tosses,
-            tracks,
-            model,
+        ground, rejected = _to_dataset(
+            poses,
+            opened,
             temporary,
             config,
+            console,
             command="ingest",
             source=source.name,
-            source_path=str(opened.path),
-            source_sha256=source_sha256(opened.path),
-            n_images=opened.recording.n_frames if opened.recording is not None else 0,
-            n_detections=int(tally["tags"]),
-            n_poses=report.n_poses,
-            reprojection_rms_px=report.rms,
+            lineage={
+                "source_path": str(opened.path),
+                "source_sha256": source_sha256(opened.path),
+                "n_images": opened.recording.n_frames if opened.recording is not None else 0,
+                "n_detections": int(tally["tags"]),
+                "n_poses": report.n_poses,
+                "reprojection_rms_px": report.rms,
+            },
         )
     facts = described(out, console)
     return {
@@ -202,64 +201,56 @@ def level_stage(
 
 def segment_stage(
     poses: PoseTrack, model: ObjectModel, config: SegmentConfig, *, gravity: float, console: Console
-) -> tuple[tuple[Toss, ...], tuple[PoseTrack, ...], list[dict[str, Any]]]:
-    """Tosses with velocities, the tracks they were made of, and the stretches that are no toss."""
+) -> tuple[tuple[PoseTrack, ...], list[dict[str, Any]]]:
+    """The tosses' tracks, and the stretches that are no toss."""
     tracks, stretches = segment(poses, model, gravity=gravity, settings=SegmentSettings(**asdict(config)))
     console.say(f"segment: {len(tracks)} tosses; {len(stretches)} stretches are none")
     for stretch in stretches:
         console.say(f"  {stretch.t0:.2f} s to {stretch.t1:.2f} s: {stretch.reason}")
     if not tracks:
         raise InputError(f"no toss in {len(poses.t)} poses of '{model.name}'; see the reasons above")
-    tosses = tosses_from_tracks(tracks, model, gravity=gravity)
-    return tosses, tracks, [{"t0": s.t0, "t1": s.t1, "reason": s.reason} for s in stretches]
+    return tracks, [{"t0": s.t0, "t1": s.t1, "reason": s.reason} for s in stretches]
 
 
 def segment_file(config: SegmentStageConfig, console: Console) -> dict[str, Any]:
     """The third stage from file to file."""
     opened = open_stage(config.recording, config.object, default="cube")
-    model = opened.object()
     source = config.poses or STAGES / opened.name / "poses.npz"
     out = check_dataset_name("out", config.out or DATASETS / f"{opened.name}.h5")
     poses = read_track(source)
     with output_file(out) as temporary:
-        poses, ground = level_stage(opened, poses, config.level, gravity=config.gravity, console=console)
-        tosses, tracks, rejected = segment_stage(poses, model, config.segment, gravity=config.gravity, console=console)
-        _save(
-            tosses,
-            tracks,
-            model,
-            temporary,
-            config,
-            command="segment",
-            source="frames",
-            source_path=str(source),
-            source_sha256=source_sha256(source),
+        lineage = {"source_path": str(source), "source_sha256": source_sha256(source)}
+        ground, rejected = _to_dataset(
+            poses, opened, temporary, config, console, command="segment", source="frames", lineage=lineage
         )
     return {**described(out, console), "ground": ground, "segment": {"rejected": rejected}}
 
 
-def _save(
-    tosses: Sequence[Toss],
-    tracks: Sequence[PoseTrack],
-    model: ObjectModel,
+def _to_dataset(
+    poses: PoseTrack,
+    opened: Opened,
     path: Path,
     config: IngestConfig | SegmentStageConfig,
+    console: Console,
     *,
     command: str,
     source: str,
-    **lineage: str | int | float,
-) -> None:
-    """Draw the splits and write what camera frames gave, with its lineage."""
-    save(
-        draw_splits(tosses, fractions=config.splits, seed=config.seed),
-        model,
-        path,
-        rate_hz=median_rate(tracks),
-        source=source,
-        command=command,
-        config=config,
-        lineage={**lineage, "covariance_source": covariance_source(tracks)},
-    )
+    lineage: Lineage,
+) -> tuple[dict[str, Any] | None, list[dict[str, Any]]]:
+    """Level, segment, smooth and write, toss by toss; returns what was found of the ground, and what is no toss."""
+    model, gravity = opened.object(), config.gravity
+    poses, ground = level_stage(opened, poses, config.level, gravity=gravity, console=console)
+    tracks, rejected = segment_stage(poses, model, config.segment, gravity=gravity, console=console)
+    with dataset_writer(model, path) as writer:
+        for toss in tosses_in_turn(tracks, model, gravity=gravity):
+            writer.add(toss)
+        writer.finish(
+            rate_hz=median_rate(tracks),
+            source=source,
+            provenance=provenance(command, config, {**lineage, "covariance_source": covariance_source(tracks)}),
+            splits=drawn_splits([track.name for track in tracks], fractions=config.splits, seed=config.seed),
+        )
+    return ground, rejected
 
 
 def read_track(path: Path) -> PoseTrack:

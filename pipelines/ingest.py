@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from pipelines.console import Console
@@ -35,42 +36,42 @@ def _import(
     out = check_dataset_name("out", config.out or DATASETS / f"{path.resolve().name}.h5")
     model = load_object(config.object or object_named("elbow" if isinstance(source, PllSource) else "cube"))
 
-    from pipelines.datasets import described, save
-    from tossid.motion import covariance_source, find_defects, tosses_from_tracks
-    from tossid.store import draw_splits, source_sha256
+    from pipelines.datasets import described, provenance
+    from tossid.motion import covariance_source, find_defects, tosses_in_turn
+    from tossid.store import dataset_writer, drawn_splits, source_sha256
 
-    with output_file(out) as temporary:
+    with output_file(out) as temporary, dataset_writer(model, temporary) as writer:
         console.say(f"{path}: reading tosses of '{model.name}'")
         tracks, rate_hz = _read(source, model)
         console.say(f"{path}: {len(tracks)} tosses, {sum(len(track.t) for track in tracks)} frames")
-        with console.progress("velocities and phases", len(tracks), unit="tosses"):
-            tosses = tosses_from_tracks(tracks, model, gravity=config.gravity, end_at_rest=source.name == "tum")
-        defects = find_defects(tosses, model, gravity=config.gravity)
-        broken = {defect.toss for defect in defects}
-        if broken:
-            _say_defects(config, defects, len(tosses), console)
-        aside = broken if config.defects == "set_aside" else set()
-        sound = [toss for toss in tosses if toss.name not in aside]
-        drawn = {toss.name: toss for toss in draw_splits(sound, fractions=config.splits, seed=config.seed)}
-        save(
-            [drawn.get(toss.name, toss) for toss in tosses],
-            model,
-            temporary,
+        names: list[str] = []
+        defects: list[Defect] = []
+        with console.progress("velocities and phases", len(tracks), unit="tosses") as progress:
+            for toss in tosses_in_turn(tracks, model, gravity=config.gravity, end_at_rest=source.name == "tum"):
+                writer.add(toss)
+                names.append(toss.name)
+                defects += find_defects([toss], model, gravity=config.gravity)
+                progress.advance()
+        if defects:
+            _say_defects(config, defects, len(tracks), console)
+        aside = {defect.toss for defect in defects} if config.defects == "set_aside" else set()
+        sound = [name for name in names if name not in aside]
+        lineage = {
+            "source_path": str(path),
+            "source_sha256": source_sha256(path),
+            "covariance_source": covariance_source(tracks),
+            "defects": "; ".join(f"{d.toss}: {d.rule} {d.value:.1f}" for d in defects),
+        }
+        writer.finish(
             rate_hz=rate_hz,
             source=source.name,
-            command="ingest",
-            config=config,
-            lineage={
-                "source_path": str(path),
-                "source_sha256": source_sha256(path),
-                "covariance_source": covariance_source(tracks),
-                "defects": "; ".join(f"{d.toss}: {d.rule} {d.value:.1f}" for d in defects),
-            },
+            provenance=provenance("ingest", config, lineage),
+            splits=drawn_splits(sound, fractions=config.splits, seed=config.seed),
         )
     return described(out, console)
 
 
-def _say_defects(config: IngestConfig, defects: tuple[Defect, ...], n_tosses: int, console: Console) -> None:
+def _say_defects(config: IngestConfig, defects: Sequence[Defect], n_tosses: int, console: Console) -> None:
     """Which rules how many tosses break, and what becomes of them."""
     from tossid.motion.defects import RULES
 
@@ -81,7 +82,7 @@ def _say_defects(config: IngestConfig, defects: tuple[Defect, ...], n_tosses: in
     console.warn(f"{n} of {n_tosses} tosses have defects ({said}): {done}")
 
 
-def _read(source: ContactNetsSource | PllSource | TumSource, model: ObjectModel) -> tuple[tuple[PoseTrack, ...], float]:
+def _read(source: ContactNetsSource | PllSource | TumSource, model: ObjectModel) -> tuple[Sequence[PoseTrack], float]:
     """The source's tracks, and their rate [Hz]."""
     from tossid import store
     from tossid.motion import median_rate

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,23 @@ from pipelines.checkpoints import build_model
 from pipelines.config import as_plain
 from pipelines.schemas import ModelConfig, TrainConfig
 from tossid.errors import InputError
-from tossid.evaluation.metrics import TossScores, roll_out, score_tosses, score_windows, summarize_scores
+from tossid.evaluation.metrics import (
+    TossScores,
+    frame_time,
+    joined,
+    roll_out,
+    score_tosses,
+    score_windows,
+    summarize_scores,
+)
 from tossid.models.protocol import DynamicsModel
 from tossid.motion import Calibration, Measurement, calibrate
 from tossid.objects import ObjectModel
 from tossid.training.fit import EpochRecord, Fit, FitSettings
-from tossid.types import Dataset, Toss
+from tossid.types import Dataset, OnDemand, Rollout, Toss
 
+BATCH = 256
+"""Tosses that are rolled out together."""
 NOT_LEARNING = ("data", "restart")
 """Keys of train that leave a training of given data as it is."""
 
@@ -43,17 +54,12 @@ class Judged:
         metrics: CONTRACT.md's, with `from_flight` for an object without joints, `sixteen_steps`, and the counts
             `unsolved` and `diverged`.
         scores: of each toss, from its first state.
+        names: of the tosses.
     """
 
     metrics: dict[str, Any]
     scores: TossScores
-
-
-@dataclass(frozen=True)
-class Predicted:
-    """A predicted motion: q (n, nq) at the toss's frames."""
-
-    q: np.ndarray
+    names: tuple[str, ...]
 
 
 def learning_keys(config: TrainConfig) -> dict[str, Any]:
@@ -157,21 +163,39 @@ def numbers_of(record: EpochRecord) -> dict[str, float]:
     return {f"{record.stage}/{name}": value for name, value in losses.items()}
 
 
-def evaluate_model(model: DynamicsModel, nominal: ObjectModel, tosses: tuple[Toss, ...]) -> Judged:
-    """Roll the tosses out open loop and measure. nominal: the object whose centre, width and corners are compared."""
-    predictor, measurement = model.simulator(), model.measurement
-    scores = score_tosses(predictor, nominal, tosses, measurement=measurement)
+def evaluate_model(model: DynamicsModel, nominal: ObjectModel, tosses: Sequence[Toss]) -> Judged:
+    """Roll the tosses out open loop and measure.
+
+    Args:
+        nominal: the object whose centre, width and corners are compared.
+        tosses: `BATCH` of them are in memory at a time.
+    """
+    predictor, measurement, dt = model.simulator(), model.measurement, frame_time(tosses)
+    starts, flights, windows, names = [], [], [], []
+    for first in range(0, len(tosses), BATCH):
+        batch = tosses[first : first + BATCH]
+        score = partial(score_tosses, predictor, nominal, batch, measurement=measurement, dt=dt)
+        starts.append(score())
+        if nominal.n_joints == 0:
+            flights.append(score(from_flight=True))
+        windows.append(score_windows(predictor, nominal, batch, measurement=measurement, dt=dt))
+        names += [toss.name for toss in batch]
+    scores = joined(starts)
     metrics: dict[str, Any] = summarize_scores(scores, nominal)
-    if nominal.n_joints == 0:
-        flown = score_tosses(predictor, nominal, tosses, measurement=measurement, from_flight=True)
-        metrics["from_flight"] = summarize_scores(flown, nominal)
-    short = score_windows(predictor, nominal, tosses, measurement=measurement)
-    metrics["sixteen_steps"] = summarize_scores(short, nominal)
+    if flights:
+        metrics["from_flight"] = summarize_scores(joined(flights), nominal)
+    metrics["sixteen_steps"] = summarize_scores(joined(windows), nominal)
     metrics |= {"unsolved": scores.unsolved, "diverged": scores.diverged}
-    return Judged(metrics, scores)
+    return Judged(metrics, scores, tuple(names))
 
 
-def predicted_motions(model: DynamicsModel, nominal: ObjectModel, tosses: tuple[Toss, ...]) -> tuple[Predicted, ...]:
-    """The motions that `evaluate_model` scores."""
-    run = roll_out(model.simulator(), nominal, tosses, measurement=model.measurement)
-    return tuple(Predicted(run.q[i, : len(toss)]) for i, toss in enumerate(tosses))
+def predicted_motions(model: DynamicsModel, nominal: ObjectModel, tosses: Sequence[Toss]) -> OnDemand[Rollout]:
+    """The motions that `evaluate_model` scores: those next to the one asked for are rolled out with it, and kept."""
+    dt = frame_time(tosses)
+
+    def batch(k: int) -> tuple[Rollout, ...]:
+        some = tosses[k * BATCH : (k + 1) * BATCH]
+        return roll_out(model.simulator(), nominal, some, measurement=model.measurement, dt=dt)
+
+    batches = OnDemand(batch, -(-len(tosses) // BATCH), kept=1)
+    return OnDemand(lambda i: batches[i // BATCH][i % BATCH], len(tosses), kept=0)

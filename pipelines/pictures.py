@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.learning import Judged, Predicted, Trained
+from pipelines.learning import Judged, Trained
 from pipelines.outputs import output_file
 from tossid.models.contactnets import ContactNets
 from tossid.models.protocol import DynamicsModel
 from tossid.objects import GRAVITY, ObjectModel
-from tossid.types import Toss
+from tossid.types import Rollout, Toss
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,13 +32,13 @@ def training_figures(trained: Trained, *, name: str) -> dict[str, Figure]:
 
 
 def evaluation_figures(
-    judged: Judged, tosses: Sequence[Toss], rollouts: Sequence[Predicted], nominal: ObjectModel, *, name: str
+    judged: Judged, tosses: Sequence[Toss], rollouts: Sequence[Rollout], nominal: ObjectModel, *, name: str
 ) -> dict[str, Figure]:
     """Errors over tosses and along rollouts; the median and the worst toss (by position) side by side with measured."""
     from tossid.evaluation.figures import errors_along, errors_along_rollout, errors_over_tosses, toss_comparison
     from tossid.motion import flight_frames
 
-    figures = {"errors_over_tosses": errors_over_tosses({name: judged.scores}, [toss.name for toss in tosses])}
+    figures = {"errors_over_tosses": errors_over_tosses({name: judged.scores}, judged.names)}
     if sum(flight_frames(toss, nominal) < len(toss) for toss in tosses) > 1:
         figures["errors_along_rollout"] = errors_along_rollout({name: errors_along(tosses, rollouts, nominal)})
     for what, i in ranked(judged.scores.position_error_pct).items():
@@ -49,17 +49,15 @@ def evaluation_figures(
 
 
 def joint_figure(
-    model: DynamicsModel, judged: Judged, tosses: Sequence[Toss], stated: ObjectModel, *, name: str
+    model: DynamicsModel, rollouts: Sequence[Rollout], stated: ObjectModel, *, name: str
 ) -> dict[str, Figure]:
     """Learned geometry at several joint angles, where there are joints and a geometry; which corners touch is seen in
-    the model's rollouts of the tosses."""
+    the model's rollouts."""
     if not stated.n_joints or not isinstance(model, ContactNets):
         return {}
     from tossid.evaluation.figures import geometry_at_angles
-    from tossid.evaluation.metrics import roll_out
 
-    run = roll_out(model.simulator(), stated, tosses, measurement=model.measurement)
-    seen = run.lam_n.sum(axis=(0, 1)) > 0
+    seen = np.any([run.lam_n.sum(axis=0) > 0 for run in rollouts], axis=0)
     title = f"Geometry learned by {name}, at several joint angles"
     return {
         "geometry_at_angles": geometry_at_angles(
@@ -71,7 +69,7 @@ def joint_figure(
 def write_film(
     judged: Judged,
     tosses: Sequence[Toss],
-    rollouts: Sequence[Predicted],
+    rollouts: Sequence[Rollout],
     stated: ObjectModel,
     folder: Path,
     *,

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,8 +24,8 @@ from pipelines.pictures import write_figures
 TOSSES = (10, 100, 1000, 10000)
 MINUTES = (1, 5, 20, 60)
 WORKERS = (1, 2)
-MOST_DIAGNOSED = 100
-"""Tosses that a diagnosis is asked about at most: it is linear in them, and minutes for a hundred."""
+MOST_DIAGNOSED = 1000
+"""Tosses that a diagnosis is asked about at most: it takes 8 MiB of memory for each."""
 STUDIED = 100
 """Tosses of the study that workers share."""
 TOSSED = ("frames=false", "engine=lcp", "noise.position=1.5e-4", "noise.rotation=1.5e-3", "seconds=0.7")
@@ -56,58 +56,60 @@ class Took(NamedTuple):
 
 
 def main(tosses: Sequence[int] = TOSSES, minutes: Sequence[float] = MINUTES) -> None:
-    """Measure, print and draw; figures and numbers lie in `OUT`."""
+    """Measure, print and draw; figures and numbers lie in `OUT`, each number as soon as it is there."""
     from tossid.evaluation.figures import costs_of_size
 
-    console = Console()
+    console, rows = Console(), list[Took]()
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        rows = [took for n in tosses for took in _tosses(folder, n, console)]
-        rows += _film(folder, minutes, console)
-        for n in WORKERS:
-            # each anew: what is computed is not computed again
-            (folder / f"workers-{n}").mkdir()
-            keys = [*STUDY, f"data=../tosses-{STUDIED}", f"sweep.workers={n}"]
-            rows.append(_taken("study", n, folder / f"workers-{n}", console, ["evaluate", *keys]))
+        for took in _all(Path(name), tosses, minutes, console):
+            rows.append(took)
+            with output_file(OUT / "scale.json") as temporary:
+                temporary.write_text(json.dumps([row._asdict() for row in rows], indent=1))
     heads = ["command", "size", "elapsed s", "CPU s", "memory GiB"]
     table = [[r.what, f"{r.size:g}", f"{r.elapsed:.1f}", f"{r.cpu:.1f}", f"{r.memory:.2f}"] for r in rows]
     console.table(heads, table, title="Tosses; minutes of film (two cameras of 640 by 512 px at 60 Hz); workers")
-    with output_file(OUT / "scale.json") as temporary:
-        temporary.write_text(json.dumps([row._asdict() for row in rows], indent=1))
     for path in write_figures({"scale": costs_of_size(_panels(rows))}, OUT):
         console.say(f"figure: {path}")
 
 
-def _tosses(folder: Path, n: int, console: Console) -> list[Took]:
+def _all(folder: Path, tosses: Sequence[int], minutes: Sequence[float], console: Console) -> Iterator[Took]:
+    for n in tosses:
+        yield from _tosses(folder, n, console)
+    for n in WORKERS:
+        # each anew: what is computed is not computed again
+        (folder / f"workers-{n}").mkdir()
+        keys = [*STUDY, f"data=../tosses-{STUDIED}", f"sweep.workers={n}"]
+        yield _taken("study", n, folder / f"workers-{n}", console, ["evaluate", *keys])
+    yield from _film(folder, minutes, console)
+
+
+def _tosses(folder: Path, n: int, console: Console) -> Iterator[Took]:
     """The commands on so many tosses, which come through TUM files."""
     data = f"tosses-{n}"
     keys = [*TOSSED, f"tosses={n}", f"out={data}"]
-    took = [_taken("synthesize", n, folder, console, ["synthesize", *keys])]
+    yield _taken("synthesize", n, folder, console, ["synthesize", *keys])
     _as_tum(folder / data, folder / f"tum-{n}")
     keys = ["source=tum", f"source.path=tum-{n}", "object=cube", f"out={data}.h5"]
-    took.append(_taken("ingest", n, folder, console, ["ingest", *keys]))
-    took.append(_taken("train", n, folder, console, ["train", *TRAIN, f"data={data}"]))
-    took.append(_taken("evaluate", n, folder, console, ["evaluate", f"data={data}"]))
+    yield _taken("ingest", n, folder, console, ["ingest", *keys])
+    yield _taken("train", n, folder, console, ["train", *TRAIN, f"data={data}"])
+    yield _taken("evaluate", n, folder, console, ["evaluate", f"data={data}"])
     if n <= MOST_DIAGNOSED:
-        took.append(_taken("diagnose", n, folder, console, ["diagnose", f"data={data}"]))
-    return took
+        yield _taken("diagnose", n, folder, console, ["diagnose", f"data={data}"])
 
 
 def _as_tum(data: Path, out: Path) -> None:
-    from tossid.store import read_dataset, write_tum
+    from tossid.store import open_dataset, write_tum
 
-    write_tum(out, read_dataset(data / "tosses.h5").tosses)
+    with open_dataset(data / "tosses.h5") as dataset:
+        write_tum(out, dataset.tosses)
 
 
-def _film(folder: Path, minutes: Sequence[float], console: Console) -> list[Took]:
+def _film(folder: Path, minutes: Sequence[float], console: Console) -> Iterator[Took]:
     """`ingest` of the same tosses, filmed over and over."""
     _taken("film", 1, folder, console, ["synthesize", *FILM, "out=film"])
-    took = []
     for length in minutes:
         _repeated(folder / "film", folder / "long", 60.0 * length)
-        keys = ["source.path=long", "out=long.h5"]
-        took.append(_taken("ingest film", length, folder, console, ["ingest", *keys]))
-    return took
+        yield _taken("ingest film", length, folder, console, ["ingest", "source.path=long", "out=long.h5"])
 
 
 def _repeated(film: Path, out: Path, seconds: float) -> None:

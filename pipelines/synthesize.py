@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipelines.console import Console
-from pipelines.datasets import save
+from pipelines.datasets import provenance
 from pipelines.outputs import output_folder
 from pipelines.project import RECORDINGS, load_object, write_object
 from pipelines.schemas import SynthesizeConfig
 from pipelines.tossing import add_noise, label_as_seen, make_tosses, world_of
 from tossid.errors import ConfigError
-from tossid.store import draw_splits, file_sha256
+from tossid.store import draw_splits, file_sha256, write_dataset
+from tossid.types import Dataset
 
 if TYPE_CHECKING:
     from tossid.objects import ObjectModel
@@ -79,16 +80,9 @@ def run(config: SynthesizeConfig, console: Console) -> dict[str, Any]:
 
 
 def _save(config: SynthesizeConfig, tosses: tuple[Toss, ...], model: ObjectModel, path: Path, unsolved: int) -> None:
-    save(
-        tosses,
-        model,
-        path,
-        rate_hz=config.rate_hz,
-        source=f"synthetic ({config.engine.name})",
-        command="synthesize",
-        config=config,
-        lineage={
-            "covariance_source": "stated by the noise keys" if path.name == TOSSES else "exact states",
-            "unsolved_steps": unsolved,
-        },
-    )
+    lineage = {
+        "covariance_source": "stated by the noise keys" if path.name == TOSSES else "exact states",
+        "unsolved_steps": unsolved,
+    }
+    source = f"synthetic ({config.engine.name})"
+    write_dataset(Dataset(model, tosses, config.rate_hz, source, provenance("synthesize", config, lineage)), path)

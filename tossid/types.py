@@ -9,9 +9,11 @@ A covariance of q lives in the tangent space: position [m², world], rotation
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any
+from functools import lru_cache
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from numpy.typing import NDArray
 from tossid.errors import MotionError
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 QUAT_NORM_TOLERANCE = 1e-3
 SPLITS = ("train", "validation", "test")
@@ -148,13 +151,39 @@ class Toss:
 @dataclass(frozen=True, slots=True)
 class Rollout:
     """A predicted motion. t (n,), q (n, nq), v (n, nv), lam_n (n, n_c) [N s] normal impulses of the
-    step that ended at each frame, unsolved: how many of its contact problems met no tolerance."""
+    step that ended at each frame, unsolved: how many of its contact problems met no tolerance, diverged: whether a
+    state became NaN or infinite, from where on the motion stays where it was."""
 
     t: Array
     q: Array
     v: Array
     lam_n: Array
     unsolved: int = 0
+    diverged: bool = False
+
+
+class OnDemand(Sequence[T]):
+    """Items that are read when they are asked for: all of them may be more than fits into memory.
+
+    Args:
+        read: gives item i. count: how many there are.
+        kept: so many that were asked for last stay in memory.
+    """
+
+    def __init__(self, read: Callable[[int], T], count: int, *, kept: int) -> None:
+        self._read: Callable[[int], T] = lru_cache(kept)(read)
+        self._at = range(count)
+
+    def __len__(self) -> int:
+        return len(self._at)
+
+    @overload
+    def __getitem__(self, which: int) -> T: ...
+    @overload
+    def __getitem__(self, which: slice) -> tuple[T, ...]: ...
+    def __getitem__(self, which: int | slice) -> T | tuple[T, ...]:
+        at = self._at[which]
+        return self._read(at) if isinstance(at, int) else tuple(self._read(i) for i in at)
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,11 +191,12 @@ class Dataset:
     """Tosses of one object.
 
     object: an `tossid.objects.ObjectModel` (typed `Any` here: objects build on types).
+    tosses: a tuple, or `OnDemand` of an open file.
     source: which importer or simulator made it. provenance: flat str -> str | int | float | bool.
     """
 
     object: Any
-    tosses: tuple[Toss, ...]
+    tosses: Sequence[Toss]
     rate_hz: float
     source: str
     provenance: dict[str, Any] = field(default_factory=dict)

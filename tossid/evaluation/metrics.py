@@ -14,10 +14,10 @@ from tossid.models.predictor import Predictor, Simulator
 from tossid.models.shots import first_states, stretches
 from tossid.motion import Measurement, flight_frames, flight_states
 from tossid.objects import JointType, ObjectModel, body_poses, center_positions, corner_positions
-from tossid.physics import Simulation, make_system
+from tossid.physics import make_system
 from tossid.physics.tree import kinematics, make_work, mass_matrix
 from tossid.rotations import geodesic_angle
-from tossid.types import Toss
+from tossid.types import Rollout, Toss
 
 Array = NDArray[np.float64]
 
@@ -52,25 +52,38 @@ def roll_out(
     *,
     measurement: Measurement | None = None,
     from_flight: bool = False,
+    dt: float | None = None,
     n_threads: int = 1,
-) -> Simulation:
+) -> tuple[Rollout, ...]:
     """Every toss from its first state to its last frame, open loop, as it would be recorded (q; v is the simulator's).
 
     Args:
         predictor: what is judged, in true lengths. model: the nominal object.
         measurement: how the tosses were recorded.
         from_flight: start from the state estimated from the toss's first free flight.
+        dt: between frames [s]; by default the tosses' `frame_time`.
     """
+    if not tosses:
+        return ()
     measurement = measurement or Measurement()
     true = [measurement.true_toss(toss) for toss in tosses]
     q0, v0 = first_states(true, model, predictor, velocity_lag=measurement.velocity_lag)
     if from_flight:
         states = flight_states(true, model)
         q0, v0 = np.stack([s.q for s in states]), np.stack([s.v for s in states])
-    steps = np.array([len(toss) - 1 for toss in tosses])
-    dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
-    run = predictor.rollout(q0, v0, n_steps=steps, dt=dt, n_threads=n_threads)
-    return run._replace(q=measurement.recorded_q(run.q))
+    length = np.array([len(toss) for toss in tosses])
+    dt = dt or frame_time(tosses)
+    run = predictor.rollout(q0, v0, n_steps=length - 1, dt=dt, n_threads=n_threads)
+    q, lam_n = measurement.recorded_q(run.q), np.pad(run.lam_n, ((0, 0), (1, 0), (0, 0)))
+    return tuple(
+        Rollout(toss.t, q[i, :n], run.v[i, :n], lam_n[i, :n], int(run.unsolved[i]), not run.finite[i])
+        for i, (toss, n) in enumerate(zip(tosses, length, strict=True))
+    )
+
+
+def frame_time(tosses: Sequence[Toss]) -> float:
+    """The median time between frames of all tosses [s]."""
+    return float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
 
 
 def score_tosses(
@@ -80,17 +93,21 @@ def score_tosses(
     *,
     measurement: Measurement | None = None,
     from_flight: bool = False,
+    dt: float | None = None,
     n_threads: int = 1,
 ) -> TossScores:
     """Roll every toss out (`roll_out`), and compare with what was recorded."""
     measurement = measurement or Measurement()
-    run = roll_out(predictor, model, tosses, measurement=measurement, from_flight=from_flight, n_threads=n_threads)
+    runs = roll_out(
+        predictor, model, tosses, measurement=measurement, from_flight=from_flight, dt=dt, n_threads=n_threads
+    )
     position, rotation, penetration, gravity, joint, miss = (np.empty(len(tosses)) for _ in range(6))
     link = np.empty((len(tosses), model.n_bodies))
+    unsolved = diverged = 0
     hinge = 7 + np.flatnonzero(model.joint_type[1:] == JointType.HINGE)
     stated = Simulator(make_system(model))
-    for i, toss in enumerate(tosses):
-        q = run.q[i, : len(toss)]
+    for i, (toss, run) in enumerate(zip(tosses, runs, strict=True)):
+        q = run.q
         distance = np.linalg.norm(center_positions(model, q) - center_positions(model, toss.q), axis=1)
         position[i] = 100 * distance.mean() / model.width
         rotation[i] = np.rad2deg(geodesic_angle(q[:, 3:7], toss.q[:, 3:7])).mean()
@@ -104,7 +121,8 @@ def score_tosses(
             found = predictor.acceleration(true.q[:n], true.v[:n])
             gravity[i] = -found[:, 2].mean()
             miss[i] = _flight_miss(stated, true.q[:n], true.v[:n], found)
-    unsolved, diverged = int(run.unsolved.sum()), int((~run.finite).sum())
+        unsolved += run.unsolved
+        diverged += run.diverged
     return TossScores(position, rotation, penetration, gravity, joint, link, miss, unsolved, diverged)
 
 
@@ -115,6 +133,7 @@ def score_windows(
     *,
     steps: int = SHORT,
     measurement: Measurement | None = None,
+    dt: float | None = None,
     n_threads: int = 1,
 ) -> TossScores:
     """`score_tosses` of short rollouts, each from a recorded state: every toss cut into stretches of so many steps.
@@ -122,7 +141,9 @@ def score_windows(
     A toss's score is the mean over its stretches; tosses shorter than one have nan.
     """
     parts = stretches(tosses, steps)
-    scores = score_tosses(predictor, model, [part for _, part in parts], measurement=measurement, n_threads=n_threads)
+    cut = [part for _, part in parts]
+    dt = dt or frame_time(tosses)
+    scores = score_tosses(predictor, model, cut, measurement=measurement, dt=dt, n_threads=n_threads)
     of = np.array([i for i, _ in parts])
 
     def by_toss(values: Array) -> Array:
@@ -138,6 +159,16 @@ def score_windows(
         **{name: by_toss(value) for name, value in vars(scores).items() if isinstance(value, np.ndarray)},
         unsolved=scores.unsolved,
         diverged=scores.diverged,
+    )
+
+
+def joined(parts: Sequence[TossScores]) -> TossScores:
+    """Scores of tosses one after the other."""
+    names = [name for name, value in vars(parts[0]).items() if isinstance(value, np.ndarray)]
+    return TossScores(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+        unsolved=sum(part.unsolved for part in parts),
+        diverged=sum(part.diverged for part in parts),
     )
 
 

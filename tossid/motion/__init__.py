@@ -8,7 +8,7 @@ from tossid.motion.measurement import Calibration, Measurement, calibrate
 from tossid.motion.noise import PoseNoise, pose_noise, velocity_noise
 from tossid.motion.phases import label_phases
 from tossid.motion.smoother import Smoothed, smooth_tracks
-from tossid.motion.tosses import covariance_source, median_rate, tosses_from_tracks
+from tossid.motion.tosses import covariance_source, median_rate, tosses_from_tracks, tosses_in_turn
 
 __all__ = [
     "Calibration",
@@ -34,5 +34,6 @@ __all__ = [
     "pose_noise",
     "smooth_tracks",
     "tosses_from_tracks",
+    "tosses_in_turn",
     "velocity_noise",
 ]

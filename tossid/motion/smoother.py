@@ -28,7 +28,7 @@ Lange, Little, Taylor, JASA 84 (1989).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +43,8 @@ Array = NDArray[np.float64]
 
 BATCH = 64
 """Tracks smoothed together; the first batch, drawn evenly, gives the density in flight."""
+NEAR = 512
+"""Tracks in a row of which batches of similar length are made."""
 SEARCH_PASSES, DENSITY_PASSES, FINAL_PASSES = 6, 8, 6
 """Passes that find the contact intervals, then the density in contact, and that follow with both densities in place."""
 NU = 3.0
@@ -105,8 +107,16 @@ def smooth_tracks(
         q_cov: (n, nv, nv) measurement covariance of each track.
         gravity: [m/s²].
     """
+    return list(smooth_in_turn(tracks, model, q_cov, gravity=gravity))
+
+
+def smooth_in_turn(
+    tracks: Sequence[PoseTrack], model: ObjectModel, q_cov: Sequence[Array], *, gravity: float = GRAVITY
+) -> Iterator[Smoothed]:
+    """`smooth_tracks` one by one, of more tracks than fit into memory: at most `NEAR` and a batch are kept."""
     density = None
-    out: dict[int, Smoothed] = {}
+    done: dict[int, Smoothed] = {}
+    turn = 0
     for places in _batches([len(track.t) for track in tracks]):
         batch = pad([tracks[i] for i in places], model, [q_cov[i] for i in places])
         state = _find_contact(model, batch, gravity)
@@ -124,16 +134,19 @@ def smooth_tracks(
             state.factor = np.where(state.contact, _factor(noise, batch.h, density[1]), 1.0)
         for i, place in enumerate(places):
             arrays = unpad(batch, i, state.q, state.v, state.cov)
-            out[int(place)] = Smoothed(*arrays, contact=state.contact[: len(arrays[0]) - 1, i].copy())
-    return [out[i] for i in range(len(tracks))]
+            done[int(place)] = Smoothed(*arrays, contact=state.contact[: len(arrays[0]) - 1, i].copy())
+        while turn in done:
+            yield done.pop(turn)
+            turn += 1
 
 
 def _batches(lengths: Sequence[int]) -> list[Array]:
-    """Places of the tracks in batches: first an even sample of all, then the rest by length."""
+    """Places of the tracks in batches: first an even sample of all, then the rest by length, `NEAR` after `NEAR`."""
     order = np.argsort(lengths, kind="stable")
     sample = np.unique(np.linspace(0, len(order) - 1, min(BATCH, len(order))).astype(int))
     rest = np.delete(order, sample)
-    return [order[sample], *(rest[k : k + BATCH] for k in range(0, len(rest), BATCH))]
+    rows = [rest[rest // NEAR == row] for row in range(-(-len(order) // NEAR))]
+    return [order[sample], *(row[k : k + BATCH] for row in rows for k in range(0, len(row), BATCH))]
 
 
 def gyration(model: ObjectModel) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from tossid.errors import InputError
 from tossid.motion.noise import pose_noise, velocity_noise
 from tossid.motion.phases import label_phases
-from tossid.motion.smoother import Smoothed, gyration, smooth_tracks
+from tossid.motion.smoother import Smoothed, gyration, smooth_in_turn, smooth_tracks
 from tossid.objects import GRAVITY, ObjectModel, corner_positions
-from tossid.types import Phase, PoseTrack, Toss
+from tossid.types import OnDemand, Phase, PoseTrack, Toss
 
 Array = NDArray[np.float64]
 
@@ -50,6 +50,18 @@ def tosses_from_tracks(
     Raises:
         InputError: the tracks do not fit the object, or lie in the ground.
     """
+    return tuple(tosses_in_turn(tracks, model, gravity=gravity, velocities=velocities, end_at_rest=end_at_rest))
+
+
+def tosses_in_turn(
+    tracks: Sequence[PoseTrack],
+    model: ObjectModel,
+    *,
+    gravity: float = GRAVITY,
+    velocities: str = "recorded",
+    end_at_rest: bool = False,
+) -> Iterator[Toss]:
+    """`tosses_from_tracks` one by one, of more tracks (`OnDemand`) than fit into memory."""
     _check(tracks, model)
     if velocities not in ("recorded", "smoothed"):
         raise InputError(f"velocities is {velocities!r}, expected 'recorded' or 'smoothed'")
@@ -58,25 +70,9 @@ def tosses_from_tracks(
         missing = tracks[recorded.index(False)].name
         raise InputError(f"track {missing} carries no velocities, others do; expected all or none")
     q_cov = _measurement_covariances(tracks, model)
-    if velocities == "recorded" and all(recorded):
-        tosses = _keep_recorded(tracks, model, q_cov, gravity=gravity)
-    else:
-        smoothed = smooth_tracks(tracks, model, q_cov, gravity=gravity)
-        tosses = [
-            Toss(
-                track.name,
-                track.t,
-                s.q,
-                s.v,
-                s.q_cov,
-                s.v_cov,
-                _label(model, track.t, s, gravity),
-                q_measured=track.q,
-                q_measured_cov=cov,
-            )
-            for track, s, cov in zip(tracks, smoothed, q_cov, strict=True)
-        ]
-    return tuple(_until_rest(toss) if end_at_rest else toss for toss in tosses)
+    kept = velocities == "recorded" and all(recorded)
+    made = (_as_recorded if kept else _as_smoothed)(tracks, model, q_cov, gravity)
+    return (_until_rest(toss) for toss in made) if end_at_rest else made
 
 
 def covariance_source(tracks: Sequence[PoseTrack], *, velocities: str = "recorded") -> str:
@@ -108,32 +104,42 @@ def _check(tracks: Sequence[PoseTrack], model: ObjectModel) -> None:
         )
 
 
-def _measurement_covariances(tracks: Sequence[PoseTrack], model: ObjectModel) -> list[Array]:
-    if all(track.q_cov is not None for track in tracks):
-        return [track.q_cov for track in tracks if track.q_cov is not None]
-    cov = pose_noise(tracks, model).q_cov
-    return [
-        np.broadcast_to(cov, (len(track.t), *cov.shape)).copy() if track.q_cov is None else track.q_cov
-        for track in tracks
-    ]
+def _measurement_covariances(tracks: Sequence[PoseTrack], model: ObjectModel) -> Sequence[Array]:
+    """(n, nv, nv) of each track: its own, or what flight shows of them all."""
+    given = all(track.q_cov is not None for track in tracks)
+    cov = np.zeros((model.nv, model.nv)) if given else pose_noise(tracks, model).q_cov
+
+    def of(i: int) -> Array:
+        own = tracks[i].q_cov
+        return np.broadcast_to(cov, (len(tracks[i].t), *cov.shape)).copy() if own is None else own
+
+    return OnDemand(of, len(tracks), kept=0)
 
 
-def _keep_recorded(
-    tracks: Sequence[PoseTrack], model: ObjectModel, q_cov: Sequence[Array], *, gravity: float
-) -> list[Toss]:
-    kept = [(track, track.v) for track in tracks if track.v is not None]
-    phases = [label_phases(model, track.t, track.q, v, gravity=gravity) for track, v in kept]
-    sample = np.unique(np.linspace(0, len(tracks) - 1, min(SAMPLE, len(tracks))).astype(int))
-    smoothed = smooth_tracks([tracks[i] for i in sample], model, [q_cov[i] for i in sample], gravity=gravity)
-    v_cov = velocity_noise(
-        np.concatenate([kept[i][1] for i in sample]),
-        np.concatenate([s.v for s in smoothed]),
-        np.concatenate([phases[i] for i in sample]),
-    )
-    return [
-        Toss(track.name, track.t, track.q, v, cov, v_cov[phase], phase)
-        for (track, v), cov, phase in zip(kept, q_cov, phases, strict=True)
-    ]
+def _as_smoothed(
+    tracks: Sequence[PoseTrack], model: ObjectModel, q_cov: Sequence[Array], gravity: float
+) -> Iterator[Toss]:
+    smoothed = smooth_in_turn(tracks, model, q_cov, gravity=gravity)
+    for track, s, cov in zip(tracks, smoothed, q_cov, strict=True):
+        phase = _label(model, track.t, s, gravity)
+        yield Toss(track.name, track.t, s.q, s.v, s.q_cov, s.v_cov, phase, q_measured=track.q, q_measured_cov=cov)
+
+
+def _as_recorded(
+    tracks: Sequence[PoseTrack], model: ObjectModel, q_cov: Sequence[Array], gravity: float
+) -> Iterator[Toss]:
+    def labelled(track: PoseTrack) -> tuple[Array, NDArray[np.uint8]]:
+        assert track.v is not None
+        return track.v, label_phases(model, track.t, track.q, track.v, gravity=gravity)
+
+    chosen = np.unique(np.linspace(0, len(tracks) - 1, min(SAMPLE, len(tracks))).astype(int))
+    sample = [tracks[i] for i in chosen]
+    smoothed = smooth_tracks(sample, model, [q_cov[i] for i in chosen], gravity=gravity)
+    v, phase = zip(*(labelled(track) for track in sample), strict=True)
+    v_cov = velocity_noise(np.concatenate(v), np.concatenate([s.v for s in smoothed]), np.concatenate(phase))
+    for track, cov in zip(tracks, q_cov, strict=True):
+        own, phases = labelled(track)
+        yield Toss(track.name, track.t, track.q, own, cov, v_cov[phases], phases)
 
 
 def _label(model: ObjectModel, t: Array, s: Smoothed, gravity: float) -> NDArray[np.uint8]:

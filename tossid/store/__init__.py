@@ -1,17 +1,20 @@
 """The store: toss datasets in HDF5, and importers of other people's recordings. Only this room opens HDF5."""
 
-from tossid.store.dataset import dataset_info, read_dataset, write_dataset
+from tossid.store.dataset import dataset_info, dataset_writer, open_dataset, read_dataset, write_dataset
 from tossid.store.hashing import file_sha256, source_sha256
 from tossid.store.importers import read_contactnets, read_pll, read_tum, write_tum
 from tossid.store.schema import KNOWN_SCHEMAS, SCHEMA
-from tossid.store.splits import draw_splits
+from tossid.store.splits import draw_splits, drawn_splits
 
 __all__ = [
     "KNOWN_SCHEMAS",
     "SCHEMA",
     "dataset_info",
+    "dataset_writer",
     "draw_splits",
+    "drawn_splits",
     "file_sha256",
+    "open_dataset",
     "read_contactnets",
     "read_dataset",
     "read_pll",

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from tossid.errors import OutputError
 
@@ -16,13 +19,24 @@ def write_whole(path: Path, content: bytes | memoryview) -> None:
     Raises:
         OutputError: the disk is full, or the place cannot be written.
     """
+    with whole_file(path) as stream:
+        stream.write(content)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """`write_whole` of what is written to the stream (it can be read back, too) until the block ends.
+
+    Raises:
+        OutputError: the disk is full, or the place cannot be written.
+    """
     path = Path(path)
     beside = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            with open(beside, "wb") as stream:
-                stream.write(content)
+            with open(beside, "w+b") as stream:
+                yield stream
                 stream.flush()
                 os.fsync(stream.fileno())
             os.replace(beside, path)

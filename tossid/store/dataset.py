@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import io
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, TypeVar
 
 import h5py
 import numpy as np
 
 from tossid.errors import FileError, InputError, MotionError, ObjectError
 from tossid.objects import ObjectModel
-from tossid.store.atomic import write_whole
+from tossid.store.atomic import whole_file
 from tossid.store.hashing import file_sha256
 from tossid.store.heaps import check_heaps
 from tossid.store.object_text import model_of_text, text_of_model
@@ -32,11 +32,15 @@ from tossid.store.schema import (
     plain,
     refuse_strangers,
 )
-from tossid.types import Dataset, Phase, Toss
+from tossid.types import Dataset, OnDemand, Phase, Toss
+
+T = TypeVar("T")
 
 _ROOT = {"object", "provenance", "tosses"}
 _UNKNOWN_SOURCE = "not stated"
 _CONTACT_LAW = ("compliance", "relaxation", "cohesion")  # of an object; absent where 0, as in files older than they
+KEPT = 256
+"""Tosses of an open dataset that stay in memory."""
 
 
 def write_dataset(dataset: Dataset, path: Path) -> None:
@@ -51,13 +55,144 @@ def write_dataset(dataset: Dataset, path: Path) -> None:
         ObjectError: the object cannot be said in MJCF.
         OutputError: the disk is full or the place cannot be written.
     """
-    _check(dataset)
-    text = text_of_model(dataset.object)
-    # built in memory: HDF5 does not survive a full disk, a plain write does
-    image = io.BytesIO()
-    with h5py.File(image, "w", libver=("v110", "v110")) as file:
-        _fill(file, dataset, text)
-    write_whole(path, image.getbuffer())
+    with dataset_writer(dataset.object, path) as writer:
+        for toss in dataset.tosses:
+            writer.add(toss)
+        writer.finish(rate_hz=dataset.rate_hz, source=dataset.source, provenance=dataset.provenance)
+
+
+@contextmanager
+def dataset_writer(model: ObjectModel, path: Path) -> Iterator[DatasetWriter]:
+    """`write_dataset` of tosses that come one by one, and never need to be in memory together.
+
+    The file appears when the block ends, after `DatasetWriter.finish`.
+
+    Raises:
+        InputError, ObjectError, OutputError: as `write_dataset`.
+    """
+    if not isinstance(model, ObjectModel):
+        raise InputError(f"the dataset's object is a {type(model).__name__}, expected an ObjectModel")
+    text = text_of_model(model)
+    with whole_file(path) as stream:
+        sink = _Sink(stream)
+        try:
+            with h5py.File(sink, "w", libver=("v110", "v110")) as file:
+                _write_object(file.create_group("object"), model, text)
+                yield DatasetWriter(file, model, sink)
+        finally:
+            sink.check()
+
+
+class DatasetWriter:
+    """See `dataset_writer`."""
+
+    def __init__(self, file: h5py.File, model: ObjectModel, sink: _Sink) -> None:
+        self._model, self._sink = model, sink
+        self._file, self._tosses = file, file.create_group("tosses")
+        self._splits: dict[str, str] = {}
+        self._n_frames = 0
+
+    def add(self, toss: Toss) -> None:
+        """Write the next toss.
+
+        Raises:
+            InputError: its name is taken or none, or it is of another object.
+            OSError: the disk is full.
+        """
+        self._check(toss)
+        into = self._tosses.create_group(toss.name)
+        into.attrs["index"] = len(self._splits)
+        for member in MEMBERS:
+            value = getattr(toss, member.name)
+            if value is None:
+                continue
+            made = _put(into, member.name, np.ascontiguousarray(value, dtype=member.dtype))
+            made.attrs["unit"], made.attrs["meaning"] = member.unit, member.meaning
+        self._splits[toss.name] = toss.split
+        self._n_frames += len(toss)
+        self._sink.check()
+
+    def finish(
+        self, *, rate_hz: float, source: str, provenance: Mapping[str, Any], splits: Mapping[str, str] | None = None
+    ) -> None:
+        """Write what may be known only after the last toss.
+
+        Args:
+            splits: of tosses by name, where they differ from the tosses' own.
+
+        Raises:
+            InputError: there was no toss, or rate or provenance are none.
+        """
+        if not self._splits:
+            raise InputError("the dataset has no tosses")
+        if not (np.isfinite(rate_hz) and rate_hz > 0):
+            raise InputError(f"the dataset's rate is {rate_hz} Hz, expected a positive number")
+        _check_provenance(provenance)
+        for name, split in (self._splits | dict(splits or {})).items():
+            self._tosses[name].attrs["split"] = split
+        file = self._file
+        file.attrs["schema"] = SCHEMA
+        file.attrs["source"] = source
+        file.attrs["rate_hz"] = float(rate_hz)
+        file.attrs["frames"] = FRAMES
+        file.attrs["covariance_source"] = str(provenance.get("covariance_source", _UNKNOWN_SOURCE))
+        file.attrs["n_tosses"] = len(self._splits)
+        file.attrs["n_frames"] = self._n_frames
+        group = file.create_group("provenance")
+        for key, value in sorted(provenance.items()):
+            group.attrs[key] = plain(value)
+
+    def _check(self, toss: Toss) -> None:
+        model = self._model
+        if not toss.name or "/" in toss.name or "\x00" in toss.name or toss.name in (".", ".."):
+            raise InputError(f"a toss cannot be named {toss.name!r} (empty, a dot, or with '/')")
+        if toss.name in self._splits:
+            raise InputError(f"two tosses are named {toss.name!r}")
+        if toss.q.shape[1] != model.nq:
+            raise InputError(
+                f"toss {toss.name} has {toss.q.shape[1] - 7} joints, object '{model.name}' has {model.n_joints}"
+            )
+        if toss.phase.max() > max(Phase):
+            raise InputError(f"toss {toss.name} has phase {toss.phase.max()}, expected at most {max(Phase)}")
+
+
+class _Sink:
+    """The stream that HDF5 writes to. HDF5 does not survive a full disk, so it is never told: the first error is kept
+    for `check`, and nothing is written from then on."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+        self._error: OSError | None = None
+
+    def check(self) -> None:
+        if self._error is not None:
+            raise self._error
+
+    def read(self, size: int = -1) -> bytes:
+        return self._tried(lambda: self._stream.read(size), bytes(max(0, size)))
+
+    def write(self, data: bytes) -> int:
+        return self._tried(lambda: self._stream.write(data), len(data))
+
+    def seek(self, place: int, whence: int = 0) -> int:
+        return self._tried(lambda: self._stream.seek(place, whence), place)
+
+    def tell(self) -> int:
+        return self._tried(self._stream.tell, 0)
+
+    def truncate(self, size: int | None = None) -> int:
+        return self._tried(lambda: self._stream.truncate(size), size or 0)
+
+    def flush(self) -> None:
+        self._tried(self._stream.flush, None)
+
+    def _tried(self, do: Callable[[], T], otherwise: T) -> T:
+        if self._error is None:
+            try:
+                return do()
+            except OSError as error:
+                self._error = error
+        return otherwise
 
 
 def read_dataset(path: Path) -> Dataset:
@@ -67,34 +202,51 @@ def read_dataset(path: Path) -> Dataset:
         FileError: missing, damaged, of an unknown schema, or holding what is no
             motion; the error names the file and the group.
     """
+    with open_dataset(path) as dataset:
+        return replace(dataset, tosses=tuple(dataset.tosses))
+
+
+@contextmanager
+def open_dataset(path: Path, *, split: str | None = None) -> Iterator[Dataset]:
+    """A dataset whose tosses are read when they are asked for, while the block lasts; a few stay in memory.
+
+    Args:
+        split: only its tosses; None for all.
+
+    Raises:
+        FileError: as `read_dataset`; what is wrong with a toss, when it is read.
+    """
     path = Path(path)
     with _opened(path) as file:
-        _check_root(path, file)
-        model = _read_object(path, child(path, file, "object", h5py.Group))
-        provenance = _read_provenance(path, child(path, file, "provenance", h5py.Group))
-        tosses = []
-        for group in _toss_groups(path, file):
-            arrays = {}
-            refuse_strangers(path, group, {member.name for member in MEMBERS})
-            for member, data in _checked_members(path, group, model.nq, model.nv):
-                arrays[member] = data[()]
-            split = attribute(path, group, "split", str)
-            name = group.name.rsplit("/", 1)[1]
-            try:
-                toss = Toss(name=name, split=split, **arrays)
-            except MotionError as error:
-                row = None if error.row is None else f"{group.name}, frame {error.row}"
-                raise FileError(path, error.problem, row=row or group.name) from error
-            if toss.phase.max() > max(Phase):
-                raise FileError(path, f"{group.name}/phase holds {toss.phase.max()}, expected at most {max(Phase)}")
-            tosses.append(toss)
-        return Dataset(
-            object=model,
-            tosses=tuple(tosses),
-            rate_hz=_positive(path, file, "rate_hz"),
-            source=attribute(path, file, "source", str),
-            provenance=provenance,
-        )
+        with _explained(path):
+            _check_root(path, file)
+            model = _read_object(path, child(path, file, "object", h5py.Group))
+            names = [
+                name
+                for name in _toss_names(path, file)
+                if split in (None, attribute(path, file["tosses"][name], "split", str))
+            ]
+            rate_hz, source = _positive(path, file, "rate_hz"), attribute(path, file, "source", str)
+            provenance = _read_provenance(path, child(path, file, "provenance", h5py.Group))
+
+        def read(i: int) -> Toss:
+            with _explained(path):
+                return _read_toss(path, file["tosses"][names[i]], model)
+
+        yield Dataset(model, OnDemand(read, len(names), kept=KEPT), rate_hz, source, provenance)
+
+
+def _read_toss(path: Path, group: h5py.Group, model: ObjectModel) -> Toss:
+    refuse_strangers(path, group, {member.name for member in MEMBERS})
+    arrays = {member: data[()] for member, data in _checked_members(path, group, model.nq, model.nv)}
+    try:
+        toss = Toss(name=group.name.rsplit("/", 1)[1], split=attribute(path, group, "split", str), **arrays)
+    except MotionError as error:
+        row = None if error.row is None else f"{group.name}, frame {error.row}"
+        raise FileError(path, error.problem, row=row or group.name) from error
+    if toss.phase.max() > max(Phase):
+        raise FileError(path, f"{group.name}/phase holds {toss.phase.max()}, expected at most {max(Phase)}")
+    return toss
 
 
 def dataset_info(path: Path) -> dict[str, Any]:
@@ -109,14 +261,15 @@ def dataset_info(path: Path) -> dict[str, Any]:
         FileError: as `read_dataset`, for what is looked at.
     """
     path = Path(path)
-    with _opened(path) as file:
+    with _opened(path) as file, _explained(path):
         _check_root(path, file)
         model = child(path, file, "object", h5py.Group)
         nq, nv = attribute(path, model, "nq", int), attribute(path, model, "nv", int)
         splits: Counter[str] = Counter()
         phases = np.zeros(max(Phase) + 1, dtype=int)
         n_tosses, n_frames, duration = 0, 0, 0.0
-        for group in _toss_groups(path, file):
+        for name in _toss_names(path, file):
+            group = child(path, file["tosses"], name, h5py.Group)
             data = dict(_checked_members(path, group, nq, nv))
             phase = data["phase"][()]
             if phase.max() > max(Phase):
@@ -143,45 +296,15 @@ def dataset_info(path: Path) -> dict[str, Any]:
         }
 
 
-def _check(dataset: Dataset) -> None:
-    if not isinstance(dataset.object, ObjectModel):
-        raise InputError(f"the dataset's object is a {type(dataset.object).__name__}, expected an ObjectModel")
-    if not dataset.tosses:
-        raise InputError("the dataset has no tosses")
-    if not (np.isfinite(dataset.rate_hz) and dataset.rate_hz > 0):
-        raise InputError(f"the dataset's rate is {dataset.rate_hz} Hz, expected a positive number")
-    names: set[str] = set()
-    for toss in dataset.tosses:
-        if not toss.name or "/" in toss.name or "\x00" in toss.name or toss.name in (".", ".."):
-            raise InputError(f"a toss cannot be named {toss.name!r} (empty, a dot, or with '/')")
-        if toss.name in names:
-            raise InputError(f"two tosses are named {toss.name!r}")
-        names.add(toss.name)
-        if toss.q.shape[1] != dataset.object.nq:
-            raise InputError(
-                f"toss {toss.name} has {toss.q.shape[1] - 7} joints, object '{dataset.object.name}' has "
-                f"{dataset.object.n_joints}"
-            )
-        if toss.phase.max() > max(Phase):
-            raise InputError(f"toss {toss.name} has phase {toss.phase.max()}, expected at most {max(Phase)}")
-    for key, value in dataset.provenance.items():
+def _check_provenance(provenance: Mapping[str, Any]) -> None:
+    for key, value in provenance.items():
         if not isinstance(key, str) or not key or not isinstance(value, (str, int, float, bool, np.generic)):
             raise InputError(f"provenance {key!r} is a {type(value).__name__}, expected str, int, float or bool")
         if isinstance(value, str) and (len(value.encode()) > MAX_ATTRIBUTE_TEXT or "\x00" in value):
             raise InputError(f"provenance {key!r} is text that an attribute cannot hold ({len(value)} characters)")
 
 
-def _fill(file: h5py.File, dataset: Dataset, text: str) -> None:
-    model = dataset.object
-    file.attrs["schema"] = SCHEMA
-    file.attrs["source"] = dataset.source
-    file.attrs["rate_hz"] = float(dataset.rate_hz)
-    file.attrs["frames"] = FRAMES
-    file.attrs["covariance_source"] = str(dataset.provenance.get("covariance_source", _UNKNOWN_SOURCE))
-    file.attrs["n_tosses"] = len(dataset.tosses)
-    file.attrs["n_frames"] = sum(len(toss) for toss in dataset.tosses)
-
-    group = file.create_group("object")
+def _write_object(group: h5py.Group, model: ObjectModel, text: str) -> None:
     group.attrs["name"] = model.name
     group.attrs["friction"], group.attrs["restitution"] = float(model.friction), float(model.restitution)
     for name in _CONTACT_LAW:
@@ -194,22 +317,6 @@ def _fill(file: h5py.File, dataset: Dataset, text: str) -> None:
         rows = [(tag.id, tag.body, tag.size, tag.T_body_tag) for tag in model.tags]
         _put(group, "tags", np.array(rows, dtype=TAG_DTYPE))
 
-    group = file.create_group("provenance")
-    for key, value in sorted(dataset.provenance.items()):
-        group.attrs[key] = plain(value)
-
-    group = file.create_group("tosses")
-    for index, toss in enumerate(dataset.tosses):
-        into = group.create_group(toss.name)
-        into.attrs["index"], into.attrs["split"] = index, toss.split
-        for member in MEMBERS:
-            value = getattr(toss, member.name)
-            if value is None:
-                continue
-            data = np.ascontiguousarray(value, dtype=member.dtype)
-            made = _put(into, member.name, data)
-            made.attrs["unit"], made.attrs["meaning"] = member.unit, member.meaning
-
 
 def _put(group: h5py.Group, name: str, data: np.ndarray) -> h5py.Dataset:
     """A compressed array: deflate ends with a checksum, so that no damaged array is read."""
@@ -218,13 +325,21 @@ def _put(group: h5py.Group, name: str, data: np.ndarray) -> h5py.Dataset:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[h5py.File]:
-    """The file, for reading; whatever HDF5 finds wrong with it becomes one `FileError`."""
+    """The file, for reading; `_explained` should be around what is read of it."""
     if not path.is_file():
         raise FileError(path, "no such dataset file")
-    try:
+    with _explained(path):
         check_heaps(path)
-        with h5py.File(path, "r", locking="best-effort") as file:
-            yield file
+        file = h5py.File(path, "r", locking="best-effort")
+    with file:
+        yield file
+
+
+@contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    """Whatever HDF5 finds wrong with a file becomes one `FileError`."""
+    try:
+        yield
     except FileError:
         raise
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError, UnicodeError) as error:
@@ -242,15 +357,16 @@ def _check_root(path: Path, file: h5py.File) -> None:
     refuse_strangers(path, file, _ROOT)
 
 
-def _toss_groups(path: Path, file: h5py.File) -> list[h5py.Group]:
+def _toss_names(path: Path, file: h5py.File) -> list[str]:
+    """The tosses' names, in their order."""
     tosses = child(path, file, "tosses", h5py.Group)
-    groups = [child(path, tosses, name, h5py.Group) for name in tosses]
-    places = [attribute(path, group, "index", int) for group in groups]
-    if sorted(places) != list(range(len(groups))):
+    names = list(tosses)
+    places = [attribute(path, child(path, tosses, name, h5py.Group), "index", int) for name in names]
+    if sorted(places) != list(range(len(names))):
         raise FileError(path, "the tosses' index attributes are not 0, 1, 2, …")
-    if len(groups) != attribute(path, file, "n_tosses", int) or not groups:
-        raise FileError(path, f"/tosses holds {len(groups)} tosses, n_tosses says {plain(file.attrs['n_tosses'])}")
-    return [group for _, group in sorted(zip(places, groups, strict=True), key=lambda pair: pair[0])]
+    if len(names) != attribute(path, file, "n_tosses", int) or not names:
+        raise FileError(path, f"/tosses holds {len(names)} tosses, n_tosses says {plain(file.attrs['n_tosses'])}")
+    return [name for _, name in sorted(zip(places, names, strict=True))]
 
 
 def _checked_members(path: Path, group: h5py.Group, nq: int, nv: int) -> Iterator[tuple[str, h5py.Dataset]]:

@@ -14,7 +14,13 @@ from tossid.types import SPLITS, Toss
 
 
 def draw_splits(tosses: Sequence[Toss], *, fractions: Sequence[float] = (0.5, 0.3, 0.2), seed: int) -> tuple[Toss, ...]:
-    """Draw train, validation and test by toss; the tosses come back in their order, labelled.
+    """`drawn_splits` of tosses; they come back in their order, labelled."""
+    split = drawn_splits([toss.name for toss in tosses], fractions=fractions, seed=seed)
+    return tuple(replace(toss, split=split[toss.name]) for toss in tosses)
+
+
+def drawn_splits(names: Sequence[str], *, fractions: Sequence[float] = (0.5, 0.3, 0.2), seed: int) -> dict[str, str]:
+    """Draw train, validation and test by toss: each name's split.
 
     The draw depends on the tosses' names and the seed only, not on their
     order. Counts are the fractions' by largest remainder; with three tosses or
@@ -26,15 +32,14 @@ def draw_splits(tosses: Sequence[Toss], *, fractions: Sequence[float] = (0.5, 0.
     share = np.asarray(fractions, dtype=float)
     if share.shape != (3,) or not np.isfinite(share).all() or (share < 0).any() or abs(share.sum() - 1) > 1e-6:
         raise InputError(f"split fractions are {list(fractions)}, expected three that are not negative, with sum 1")
-    names = sorted((toss.name for toss in tosses), key=natural_key)
+    names = sorted(names, key=natural_key)
     if len(set(names)) < len(names):
         twice = next(a for a, b in pairwise(names) if a == b)
         raise InputError(f"two tosses are named {twice!r}; names must differ to draw splits")
     count = _counts(share, len(names))
     drawn = np.random.default_rng(seed).permutation(len(names))
     label = np.repeat(SPLITS, count)
-    split = {names[index]: str(label[place]) for place, index in enumerate(drawn)}
-    return tuple(replace(toss, split=split[toss.name]) for toss in tosses)
+    return {names[index]: str(label[place]) for place, index in enumerate(drawn)}
 
 
 def _counts(share: np.ndarray, n: int) -> np.ndarray:

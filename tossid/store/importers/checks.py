@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from tossid.errors import FileError, InputError, MotionError
 from tossid.rotations import quat_boxminus, quat_normalize
 from tossid.store.hashing import natural_key
-from tossid.types import PoseTrack
+from tossid.types import OnDemand, PoseTrack
 
 Array = NDArray[np.float64]
 
+KEPT = 1024
+"""Tracks of a folder that stay in memory; more are read again when they are asked for again."""
 MAX_POSITION = 20.0
 """[m] from the origin: tosses are room-sized."""
 MAX_SPEED = 50.0
@@ -44,6 +46,11 @@ def files_of(folder: Path, suffix: str, *, but_not: str | None = None) -> list[P
     if not found:
         raise FileError(folder, f"holds no *{suffix} file; expected one a toss")
     return sorted(found, key=lambda path: natural_key(path.name))
+
+
+def tracks_of(files: Sequence[Path], read: Callable[[Path], PoseTrack]) -> Sequence[PoseTrack]:
+    """A track of each file, read when it is asked for."""
+    return OnDemand(lambda i: read(files[i]), len(files), kept=KEPT)
 
 
 def read_tensor(path: Path, columns: Sequence[int]) -> Array:
@@ -117,28 +124,23 @@ def check_velocities(folder: Path, tracks: Sequence[PoseTrack]) -> None:
     in another order and angular velocities in another frame. Single frames may
     be off: recordings have glitches.
     """
-    moved: list[Array] = []
-    said: list[Array] = []
-    turned: list[Array] = []
-    spun: list[Array] = []
+    cases = (
+        ("velocities", MIN_MOVING_SPEED, "lengths or rate in other units?"),
+        ("angular velocities", MIN_MOVING_SPIN, "quaternion order, frame or rate?"),
+    )
+    misses: list[list[Array]] = [[] for _ in cases]
     for track in tracks:
         assert track.v is not None
         dt = np.diff(track.t)[:, None]
-        moved.append(np.diff(track.q[:, :3], axis=0) / dt)
-        turned.append(quat_boxminus(track.q[1:, 3:7], track.q[:-1, 3:7]) / dt)
-        said.append(0.5 * (track.v[1:, :3] + track.v[:-1, :3]))
-        spun.append(0.5 * (track.v[1:, 3:6] + track.v[:-1, 3:6]))
-    cases = (
-        ("velocities", moved, said, MIN_MOVING_SPEED, "lengths or rate in other units?"),
-        ("angular velocities", turned, spun, MIN_MOVING_SPIN, "quaternion order, frame or rate?"),
-    )
-    for what, differences, recorded, least, hint in cases:
-        a, b = np.concatenate(differences), np.concatenate(recorded)
-        size = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
-        moving = size > least
-        if not moving.any():
-            continue
-        off = float(np.median(np.linalg.norm(a - b, axis=1)[moving] / size[moving]))
+        moved = np.diff(track.q[:, :3], axis=0) / dt, quat_boxminus(track.q[1:, 3:7], track.q[:-1, 3:7]) / dt
+        recorded = np.split(0.5 * (track.v[1:, :6] + track.v[:-1, :6]), 2, axis=1)
+        for a, b, (_, least, _), of_case in zip(moved, recorded, cases, misses, strict=True):
+            size = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
+            moving = size > least
+            of_case.append(np.linalg.norm(a - b, axis=1)[moving] / size[moving])
+    for (what, _, hint), of_case in zip(cases, misses, strict=True):
+        all_of_them = np.concatenate(of_case)
+        off = float(np.median(all_of_them)) if len(all_of_them) else 0.0
         if off > MAX_MISMATCH:
             raise FileError(folder, f"recorded {what} disagree with the poses by {off:.0%} in the median; {hint}")
 

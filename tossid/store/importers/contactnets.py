@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from tossid.errors import FileError, InputError
-from tossid.store.importers.checks import check_rate, check_velocities, checked_track, files_of, read_tensor
+from tossid.store.importers.checks import check_rate, check_velocities, checked_track, files_of, read_tensor, tracks_of
 from tossid.types import PoseTrack
 
 COLUMNS = 19
@@ -18,7 +19,7 @@ LOWEST_CENTER = (0.7, 5.0)
 that comes to rest has its centre at 1 (on a face) to sqrt(3) (on a corner)."""
 
 
-def read_contactnets(folder: Path, *, half_width: float = 0.0524, rate_hz: float = 148.0) -> tuple[PoseTrack, ...]:
+def read_contactnets(folder: Path, *, half_width: float = 0.0524, rate_hz: float = 148.0) -> Sequence[PoseTrack]:
     """Read a folder of `N.pt`, each a tensor (1, n, 19) or (n, 19), lengths in half widths of the cube.
 
     Args:
@@ -36,12 +37,14 @@ def read_contactnets(folder: Path, *, half_width: float = 0.0524, rate_hz: float
     if not (np.isfinite(half_width) and half_width > 0):
         raise InputError(f"the half width is {half_width} m, expected a positive number")
     folder = Path(folder)
-    tracks = []
-    for path in files_of(folder, ".pt"):
+
+    def read(path: Path) -> PoseTrack:
         rows = read_tensor(path, (COLUMNS,))
         q = np.concatenate([half_width * rows[:, :3], rows[:, 3:7]], axis=1)
         v = np.concatenate([half_width * rows[:, 7:10], rows[:, 10:13]], axis=1)
-        tracks.append(checked_track(path, np.arange(len(rows)) / rate_hz, q, v))
+        return checked_track(path, np.arange(len(rows)) / rate_hz, q, v)
+
+    tracks = tracks_of(files_of(folder, ".pt"), read)
     check_velocities(folder, tracks)
     lowest = float(np.median([track.q[:, 2].min() for track in tracks])) / half_width
     if not LOWEST_CENTER[0] < lowest < LOWEST_CENTER[1]:
@@ -50,4 +53,4 @@ def read_contactnets(folder: Path, *, half_width: float = 0.0524, rate_hz: float
             f"the cube's centre comes down to {lowest:.3g} half widths (median), expected between 1 and 1.7; "
             "are the lengths in half widths?",
         )
-    return tuple(tracks)
+    return tracks

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from tossid.errors import FileError, InputError
-from tossid.store.importers.checks import check_rate, check_velocities, checked_track, files_of, read_tensor
+from tossid.store.importers.checks import check_rate, check_velocities, checked_track, files_of, read_tensor, tracks_of
 from tossid.types import PoseTrack
 
 
-def read_pll(folder: Path, *, n_joints: int, rate_hz: float = 148.0) -> tuple[PoseTrack, ...]:
+def read_pll(folder: Path, *, n_joints: int, rate_hz: float = 148.0) -> Sequence[PoseTrack]:
     """Read a folder of `N.pt`, each a tensor (n, 13 or 15) in metres and radians.
 
     Columns: quaternion wxyz (4), position (3), [joint angle], angular velocity
@@ -29,8 +30,8 @@ def read_pll(folder: Path, *, n_joints: int, rate_hz: float = 148.0) -> tuple[Po
     if n_joints not in (0, 1):
         raise InputError(f"the pll format has no or one joint, the object has {n_joints}")
     folder = Path(folder)
-    tracks = []
-    for path in files_of(folder, ".pt"):
+
+    def read(path: Path) -> PoseTrack:
         rows = read_tensor(path, (13, 15))
         if rows.shape[1] != 13 + 2 * n_joints:
             raise FileError(
@@ -43,6 +44,8 @@ def read_pll(folder: Path, *, n_joints: int, rate_hz: float = 148.0) -> tuple[Po
         spin, speed, rates = np.split(rows[:, 7 + n_joints :], [3, 6], axis=1)
         q = np.concatenate([p, quat, np.unwrap(joints, axis=0)], axis=1)
         v = np.concatenate([speed, spin, rates], axis=1)
-        tracks.append(checked_track(path, np.arange(len(rows)) / rate_hz, q, v))
+        return checked_track(path, np.arange(len(rows)) / rate_hz, q, v)
+
+    tracks = tracks_of(files_of(folder, ".pt"), read)
     check_velocities(folder, tracks)
-    return tuple(tracks)
+    return tracks

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tossid.errors import FileError, InputError
 from tossid.rotations import wxyz_to_xyzw, xyzw_to_wxyz
 from tossid.store.atomic import write_whole
-from tossid.store.importers.checks import checked_track, files_of
+from tossid.store.importers.checks import checked_track, files_of, tracks_of
 from tossid.types import PoseTrack, Toss
 
 Array = NDArray[np.float64]
@@ -22,7 +22,7 @@ _SAME_TIME = 1e-6
 _MAX_FILE = 1 << 28
 
 
-def read_tum(folder: Path, *, n_joints: int) -> tuple[PoseTrack, ...]:
+def read_tum(folder: Path, *, n_joints: int) -> Sequence[PoseTrack]:
     """Read a folder of `NAME.txt`, and for an articulated object `NAME.joints.txt` beside each.
 
     A pose is that of the object's first link in a world with z up and ground
@@ -33,20 +33,24 @@ def read_tum(folder: Path, *, n_joints: int) -> tuple[PoseTrack, ...]:
         FileError: a file is missing or is not what it should be; names file and line.
     """
     folder = Path(folder)
-    tracks = []
-    for path in files_of(folder, ".txt", but_not=_JOINTS):
-        rows, lines = _read_rows(path, 8, "timestamp tx ty tz qx qy qz qw")
-        t = rows[:, 0].copy()
-        q = np.concatenate([rows[:, 1:4], xyzw_to_wxyz(rows[:, 4:8])], axis=1)
-        beside = path.with_name(path.name.removesuffix(".txt") + _JOINTS)
-        if n_joints:
-            if not beside.is_file():
-                raise FileError(beside, f"is missing; the object has {n_joints} joints")
-            q = np.concatenate([q, _read_joints(beside, t, n_joints)], axis=1)
-        elif beside.exists():
-            raise FileError(beside, "gives joint angles, but the object has no joints")
-        tracks.append(checked_track(path, t, q, None, row_names=[f"line {line}" for line in lines]))
-    return tuple(tracks)
+    tracks = tracks_of(files_of(folder, ".txt", but_not=_JOINTS), lambda path: _read_track(path, n_joints))
+    for _ in tracks:  # every file is checked now
+        pass
+    return tracks
+
+
+def _read_track(path: Path, n_joints: int) -> PoseTrack:
+    rows, lines = _read_rows(path, 8, "timestamp tx ty tz qx qy qz qw")
+    t = rows[:, 0].copy()
+    q = np.concatenate([rows[:, 1:4], xyzw_to_wxyz(rows[:, 4:8])], axis=1)
+    beside = path.with_name(path.name.removesuffix(".txt") + _JOINTS)
+    if n_joints:
+        if not beside.is_file():
+            raise FileError(beside, f"is missing; the object has {n_joints} joints")
+        q = np.concatenate([q, _read_joints(beside, t, n_joints)], axis=1)
+    elif beside.exists():
+        raise FileError(beside, "gives joint angles, but the object has no joints")
+    return checked_track(path, t, q, None, row_names=[f"line {line}" for line in lines])
 
 
 def write_tum(folder: Path, tracks: Sequence[PoseTrack | Toss]) -> None:
