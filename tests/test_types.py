@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tossid.errors import MotionError
-from tossid.types import Dataset, PoseTrack, Toss, check_motion
+from tossid.types import Dataset, OnDemand, PoseTrack, Toss, check_motion
 
 N = 5
 
@@ -86,3 +86,23 @@ def test_a_dataset_gives_its_splits() -> None:
     tosses = tuple(Toss(name=split, split=split, **arrays()) for split in ("train", "test", "validation", ""))
     dataset = Dataset(object=None, tosses=tosses, rate_hz=148.0, source="x")
     assert [toss.name for toss in dataset.of_split("train", "validation")] == ["train", "validation"]
+
+
+def test_items_on_demand_are_read_when_asked_for_and_the_last_few_kept() -> None:
+    read: list[int] = []
+
+    def item(i: int) -> int:
+        read.append(i)
+        return 10 * i
+
+    items = OnDemand(item, 5, kept=2)
+    assert (len(items), read) == (5, [])
+    assert items[3] == items[-2] == 30
+    assert items[1:4] == (10, 20, 30)
+    assert read == [3, 1, 2, 3]  # 3 had gone when 2 came
+    assert items[2] + items[3] == 50
+    assert read == [3, 1, 2, 3]
+    assert list(items) == [0, 10, 20, 30, 40]
+    assert read == [3, 1, 2, 3, 0, 1, 2, 3, 4]
+    with pytest.raises(IndexError):
+        items[5]

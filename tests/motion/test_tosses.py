@@ -10,10 +10,10 @@ import pytest
 
 from tests.motion.bouncing import bounce, tracked
 from tossid.errors import InputError
-from tossid.motion import covariance_source, median_rate, tosses_from_tracks
+from tossid.motion import covariance_source, median_rate, smoother, tosses_from_tracks, tosses_in_turn
 from tossid.objects import ObjectModel
 from tossid.store import read_contactnets, read_pll
-from tossid.types import Phase, PoseTrack
+from tossid.types import OnDemand, Phase, PoseTrack
 
 
 @pytest.fixture(scope="module")
@@ -122,3 +122,31 @@ def test_the_real_elbow(elbow: ObjectModel, shared_data: Path) -> None:
     assert all(toss.v.shape == (121, 7) for toss in tosses)
     phase = np.concatenate([toss.phase for toss in tosses])
     assert {Phase.FLIGHT, Phase.IMPACT, Phase.REST} <= set(phase.tolist())
+
+
+@pytest.mark.parametrize("recorded", [False, True])
+def test_more_tracks_than_are_kept_come_in_their_order(
+    cube: ObjectModel, tracks: list[PoseTrack], recorded: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(4)
+    many = [replace(tracks[i % 6], name=f"n{i}") for i in rng.permutation(18)]
+    many = [replace(track, t=track.t[: 40 + 2 * i], q=track.q[: 40 + 2 * i]) for i, track in enumerate(many)]
+    if recorded:
+        many = [replace(track, v=np.gradient(track.q[:, :6], 1 / 148, axis=0)) for track in many]
+    at_once = tosses_from_tracks(many, cube)
+    monkeypatch.setattr(smoother, "BATCH", 3)
+    monkeypatch.setattr(smoother, "NEAR", 5)
+    at_once_in_threes = tosses_from_tracks(many, cube)
+    read = [0]
+
+    def track(i: int) -> PoseTrack:
+        read[0] += 1
+        return many[i]
+
+    in_turn = list(tosses_in_turn(OnDemand(track, len(many), kept=6), cube))
+    assert read[0] > 2 * len(many)
+    assert [toss.name for toss in in_turn] == [track.name for track in many]
+    for a, b, c in zip(in_turn, at_once_in_threes, at_once, strict=True):
+        np.testing.assert_array_equal(a.v, b.v)
+        np.testing.assert_array_equal(a.q_cov, b.q_cov)
+        np.testing.assert_allclose(a.q[:, :3], c.q[:, :3], atol=1e-3)  # another sample gives the densities

@@ -24,7 +24,7 @@ from pipelines.runs import find_run, find_runs, metric_history
 from pipelines.schemas import TrainConfig
 from tests.pipelines.conftest import KEYS, one_line
 from tossid.errors import InputError
-from tossid.store import read_dataset
+from tossid.store import open_dataset, read_dataset
 
 SLOW = """
 import sys, time
@@ -160,6 +160,25 @@ def test_figures_show_the_rollouts_that_are_scored(made: Path) -> None:
     ):
         apart = center_positions(dataset.object, seen.q) - center_positions(dataset.object, toss.q)
         assert 100 * np.linalg.norm(apart, axis=1).mean() / dataset.object.width == pytest.approx(error, abs=1e-9)
+
+
+def test_tosses_in_batches_are_judged_as_all_at_once(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = load("train", TrainConfig, ["model=cn", "epochs=2"])
+    dataset = read_dataset(made / "tosses" / "tosses.h5")
+    model = learning.train_model(learning.prepare(dataset, config)).model
+    whole = learning.evaluate_model(model, dataset.object, dataset.tosses)
+    motions = list(learning.predicted_motions(model, dataset.object, dataset.tosses))
+    monkeypatch.setattr(learning, "BATCH", 3)
+    with open_dataset(made / "tosses" / "tosses.h5") as opened:
+        assert len(opened.tosses) > 6
+        parts = learning.evaluate_model(model, opened.object, opened.tosses)
+        again = learning.predicted_motions(model, opened.object, opened.tosses)
+        assert parts.names == tuple(toss.name for toss in dataset.tosses)
+        for name, value in vars(whole.scores).items():
+            np.testing.assert_allclose(vars(parts.scores)[name], value, rtol=1e-9, atol=1e-9, err_msg=name)
+        for a, b in zip(again, motions, strict=True):
+            np.testing.assert_array_equal(a.q, b.q)
+    assert parts.metrics.keys() == whole.metrics.keys()
 
 
 def test_fewer_tosses_are_drawn_by_the_seed(made: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import resource
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,15 @@ from tests.physics.trees import random_tree
 from tests.store.makers import make_dataset, make_toss
 from tossid.errors import FileError, InputError, ObjectError, OutputError
 from tossid.objects import ObjectModel, Tag
-from tossid.store import SCHEMA, dataset_info, file_sha256, read_dataset, write_dataset
+from tossid.store import (
+    SCHEMA,
+    dataset_info,
+    dataset_writer,
+    file_sha256,
+    open_dataset,
+    read_dataset,
+    write_dataset,
+)
 from tossid.types import SPLITS, Dataset, Phase
 
 ARRAYS = ("t", "q", "v", "q_cov", "v_cov", "phase")
@@ -81,6 +90,40 @@ def test_a_dataset_survives(dataset: Dataset, path: Path) -> None:
     again = read_dataset(path)
     assert_same(dataset, again)
     assert_same_object(dataset.object, again.object)
+
+
+def test_tosses_are_read_when_they_are_asked_for(dataset: Dataset, path: Path) -> None:
+    spoilt = dataset.tosses[2]
+    with h5py.File(path, "a") as file:
+        file[f"tosses/{spoilt.name}/t"][3] = np.nan
+    with open_dataset(path) as opened:
+        assert len(opened.tosses) == 4
+        assert_same(replace(dataset, tosses=dataset.tosses[:2]), replace(opened, tosses=opened.tosses[:2]))
+        with pytest.raises(FileError, match=f"{spoilt.name}, frame 3: time is not finite"):
+            opened.tosses[2]
+        with pytest.raises(ValueError, match="mine"):  # what goes wrong in the block is not the file's fault
+            raise ValueError("mine")
+    with open_dataset(path, split="validation") as opened:
+        assert [toss.name for toss in opened.tosses] == ["toss_0001"]
+    with open_dataset(path, split="") as opened:
+        assert not opened.tosses
+
+
+def test_tosses_that_come_one_by_one_give_the_same_file(dataset: Dataset, path: Path, tmp_path: Path) -> None:
+    rest = {"rate_hz": dataset.rate_hz, "source": dataset.source, "provenance": dataset.provenance}
+    with dataset_writer(dataset.object, tmp_path / "a.h5") as writer:
+        for toss in dataset.tosses:
+            writer.add(replace(toss, split=""))
+        assert not (tmp_path / "a.h5").exists()
+        writer.finish(**rest, splits={toss.name: toss.split for toss in dataset.tosses})
+    assert (tmp_path / "a.h5").read_bytes() == path.read_bytes()
+    with (
+        pytest.raises(InputError, match="two tosses are named"),
+        dataset_writer(dataset.object, tmp_path / "b.h5") as writer,
+    ):
+        writer.add(dataset.tosses[0])
+        writer.add(dataset.tosses[0])
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a.h5", "tosses.h5"]
 
 
 def test_tags_and_values_that_mjcf_cannot_say_survive(cube: ObjectModel, tmp_path: Path) -> None:
@@ -266,6 +309,23 @@ def test_a_really_full_device(dataset: Dataset, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="No space left"):
         write_dataset(dataset, tmp_path / "a.h5")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("size", [3_000, 30_000, 150_000])
+def test_a_disk_that_fills_up_leaves_the_earlier_file(cube: ObjectModel, path: Path, size: int) -> None:
+    before, large = path.read_bytes(), make_dataset(cube, tosses=60)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        with pytest.raises(OutputError, match=r"tosses\.h5: cannot be written \(File too large\)"):
+            write_dataset(large, path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert path.read_bytes() == before
+    assert nothing_beside(path)
+    write_dataset(large, path)
+    assert path.stat().st_size > 150_000
+    assert_same(large, read_dataset(path))
 
 
 def test_an_interrupt_leaves_the_earlier_file(dataset: Dataset, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
