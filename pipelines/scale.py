@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -78,9 +80,30 @@ def _all(folder: Path, tosses: Sequence[int], minutes: Sequence[float], console:
     for n in WORKERS:
         # each anew: what is computed is not computed again
         (folder / f"workers-{n}").mkdir()
-        keys = [*STUDY, f"data=../tosses-{STUDIED}", f"sweep.workers={n}"]
-        yield _taken("study", n, folder / f"workers-{n}", console, ["evaluate", *keys])
+        keys = [*STUDY, f"data=../tosses-{STUDIED}"]
+        yield _taken("study", n, folder / f"workers-{n}", console, ["evaluate", *keys, f"sweep.workers={n}"])
+        (folder / f"cluster-{n}").mkdir()
+        with _cluster(folder / f"cluster-{n}", n) as address:
+            there = ["launcher=dask", f"launcher.address={address}", "launcher.wait_s=60"]
+            yield _taken("study by Dask", n, folder / f"cluster-{n}", console, ["evaluate", *keys, *there])
     yield from _film(folder, minutes, console)
+
+
+@contextmanager
+def _cluster(folder: Path, workers: int) -> Iterator[str]:
+    """The address of a Dask scheduler with so many workers of one thread, each a process of this machine."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with ExitStack() as ends, (folder / "cluster.log").open("ab") as log:
+        address = f"tcp://127.0.0.1:{port}"
+        scheduler = ["scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
+        worker = ["worker", address, "--nthreads", "1", "--no-dashboard", "--local-directory", str(folder)]
+        for args in (scheduler, *[worker] * workers):
+            command = [sys.executable, "-m", f"distributed.cli.dask_{args[0]}", *args[1:]]
+            process = subprocess.Popen(command, cwd=folder, stdout=log, stderr=log)
+            ends.callback(process.wait)
+            ends.callback(process.terminate)
+        yield address
 
 
 def _tosses(folder: Path, n: int, console: Console) -> Iterator[Took]:
