@@ -209,8 +209,10 @@ def _remove_stale(path: Path) -> None:
 
 
 def _is_temporary(name: str, path: Path) -> bool:
-    """Whether a name is that of a temporary of `path` (".NAME.tmp-PID-RANDOM.SUFFIX")."""
-    return re.fullmatch(re.escape(f".{path.stem}.tmp-") + r"\d+-[0-9a-f]{8}" + re.escape(path.suffix), name) is not None
+    """Whether a name is that of a temporary of `path` (".NAME.tmp-PID-RANDOM.SUFFIX"), or of one that
+    `tossid.store.atomic` was writing in its place ("." before, ".PID.partial" after it)."""
+    own = re.escape(f".{path.stem}.tmp-") + r"\d+-[0-9a-f]{8}" + re.escape(path.suffix)
+    return re.fullmatch(rf"{own}|\.{own}\.\d+\.partial", name) is not None
 
 
 def _refuse_foreign(path: Path) -> None:

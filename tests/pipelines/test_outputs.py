@@ -15,6 +15,7 @@ import pytest
 from pipelines import outputs
 from pipelines.outputs import output_file, output_folder
 from tossid.errors import InputError, OutputError
+from tossid.store.atomic import whole_file
 
 
 def entries(folder: Path) -> list[str]:
@@ -192,6 +193,18 @@ def test_a_killed_writer_of_a_folder_is_tidied_up_after(tmp_path: Path) -> None:
         (temporary / "two").write_text("two")
     assert entries(out) == [outputs.MARKER, "two"]
     assert entries(tmp_path) == ["rec"]
+
+
+def test_what_a_killed_writer_leaves_goes_with_the_next(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    with output_file(path) as temporary, whole_file(temporary) as stream:
+        stream.write(b"half")
+        left = [name for name in entries(tmp_path) if not name.endswith(".lock")]
+    assert len(left) == 1
+    (tmp_path / left[0]).write_bytes(b"half")  # as kill -9 would have left it
+    with output_file(path) as temporary:
+        temporary.write_text("new")
+    assert entries(tmp_path) == ["a.h5"]
 
 
 def test_other_outputs_temporaries_are_left_alone(tmp_path: Path) -> None:
