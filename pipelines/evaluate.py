@@ -81,7 +81,7 @@ def _judge(
         tracked.data(data, sha256, context="evaluation")
         tracked.tag("evaluated_run", record.id)
         tracked.metrics(means(judged.metrics))
-        rollouts = predicted_motions(model, dataset.object, tosses)
+        rollouts = predicted_motions(model, dataset.object, tosses, dt=judged.dt)
         figures = evaluation_figures(judged, tosses, rollouts, dataset.object, name=name)
         figures |= residual_figure(
             model, judged, tosses, name=f"{name.upper()}, {gravity_given(trained.config.gravity)}"

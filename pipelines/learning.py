@@ -55,11 +55,13 @@ class Judged:
             `unsolved` and `diverged`.
         scores: of each toss, from its first state.
         names: of the tosses.
+        dt: between frames [s], as they were rolled out.
     """
 
     metrics: dict[str, Any]
     scores: TossScores
     names: tuple[str, ...]
+    dt: float
 
 
 def learning_keys(config: TrainConfig) -> dict[str, Any]:
@@ -186,16 +188,18 @@ def evaluate_model(model: DynamicsModel, nominal: ObjectModel, tosses: Sequence[
         metrics["from_flight"] = summarize_scores(joined(flights), nominal)
     metrics["sixteen_steps"] = summarize_scores(joined(windows), nominal)
     metrics |= {"unsolved": scores.unsolved, "diverged": scores.diverged}
-    return Judged(metrics, scores, tuple(names))
+    return Judged(metrics, scores, tuple(names), dt)
 
 
-def predicted_motions(model: DynamicsModel, nominal: ObjectModel, tosses: Sequence[Toss]) -> OnDemand[Rollout]:
+def predicted_motions(
+    model: DynamicsModel, nominal: ObjectModel, tosses: Sequence[Toss], *, dt: float | None = None
+) -> OnDemand[Rollout]:
     """The motions that `evaluate_model` scores: those next to the one asked for are rolled out with it, and kept."""
-    dt = frame_time(tosses)
+    predictor, measurement, dt = model.simulator(), model.measurement, dt or frame_time(tosses)
 
     def batch(k: int) -> tuple[Rollout, ...]:
         some = tosses[k * BATCH : (k + 1) * BATCH]
-        return roll_out(model.simulator(), nominal, some, measurement=model.measurement, dt=dt)
+        return roll_out(predictor, nominal, some, measurement=measurement, dt=dt)
 
     batches = OnDemand(batch, -(-len(tosses) // BATCH), kept=1)
     return OnDemand(lambda i: batches[i // BATCH][i % BATCH], len(tosses), kept=0)
