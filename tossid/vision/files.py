@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterable, Sequence
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,30 @@ DETECTIONS = "tossid.detections/2"
 DETECTIONS_1 = "tossid.detections/1"
 """As before, with one covariance (2, 2) for a tag's four corners."""
 TRACKS = "tossid.tracks/1"
+_TEXT, _COUNT, _NUMBER = "U", "iu", "f"
+_KINDS = {_TEXT: "text", _COUNT: "integers", _NUMBER: "floating-point numbers"}
+_DETECTIONS = {
+    "schema": (_TEXT, 0),
+    "cameras": (_TEXT, 1),
+    "camera": (_COUNT, 1),
+    "t": (_NUMBER, 1),
+    "tag_id": (_COUNT, 1),
+    "corners": (_NUMBER, 3),
+    "corner_cov": (_NUMBER, None),
+    "hamming": (_COUNT, 1),
+    "margin": (_NUMBER, 1),
+}
+"""Kind of each array's values, and its dimensions (None: checked later)."""
+_TRACKS = {
+    "schema": (_TEXT, 0),
+    "names": (_TEXT, 1),
+    "lengths": (_COUNT, 1),
+    "t": (_NUMBER, 1),
+    "q": (_NUMBER, 2),
+    "q_cov": (_NUMBER, 3),
+}
+_LEAST_LIMIT, _LARGEST_RATIO = 1 << 24, 500
+"""A file may unpack to so many bytes, or to so many times its size (deflate's most is 1,032)."""
 
 
 def write_detections(detections: Iterable[Detection], path: str | Path) -> None:
@@ -41,11 +66,7 @@ def write_detections(detections: Iterable[Detection], path: str | Path) -> None:
 def read_detections(path: str | Path) -> tuple[Detection, ...]:
     """Read what `write_detections` wrote, now or as `DETECTIONS_1`. `FileError` on anything else."""
     path = Path(path)
-    data = _read(path, DETECTIONS, DETECTIONS_1)
-    keys = ("cameras", "camera", "t", "tag_id", "corners", "corner_cov", "hamming", "margin")
-    missing = [key for key in keys if key not in data]
-    if missing:
-        raise FileError(path, f"has no {', '.join(missing)}")
+    data = _read(path, _DETECTIONS, DETECTIONS, DETECTIONS_1)
     n, old = len(data["t"]), str(data["schema"]) == DETECTIONS_1
     shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("camera", "tag_id", "hamming", "margin"), (n,))
     shapes |= {"corners": (n, 4, 2), "corner_cov": (n, 2, 2) if old else (n, 4, 2, 2)}
@@ -92,12 +113,11 @@ def write_tracks(tracks: Sequence[PoseTrack], path: str | Path) -> None:
 def read_tracks(path: str | Path) -> tuple[PoseTrack, ...]:
     """Read what `write_tracks` wrote. `FileError` on anything else."""
     path = Path(path)
-    data = _read(path, TRACKS)
-    missing = [key for key in ("names", "lengths", "t", "q", "q_cov") if key not in data]
-    if missing:
-        raise FileError(path, f"has no {', '.join(missing)}")
-    lengths, n = data["lengths"], len(data["t"])
-    if lengths.sum() != n or len(data["names"]) != len(lengths) or len(data["q"]) != n or len(data["q_cov"]) != n:
+    data = _read(path, _TRACKS, TRACKS)
+    lengths, n = data["lengths"].astype(np.int64), len(data["t"])
+    if not ((lengths >= 0) & (lengths <= n)).all() or lengths.sum() != n:
+        raise FileError(path, "the tracks' lengths do not fit its times")
+    if len(data["names"]) != len(lengths) or len(data["q"]) != n or len(data["q_cov"]) != n:
         raise FileError(path, "the lengths of its arrays do not fit together")
     tracks = []
     for name, end, length in zip(data["names"], np.cumsum(lengths), lengths, strict=True):
@@ -127,15 +147,32 @@ def _write(path: Path, **arrays: Any) -> None:
             Path(made).unlink(missing_ok=True)
 
 
-def _read(path: Path, *schemas: str) -> dict[str, Any]:
+def _read(path: Path, kinds: Mapping[str, tuple[str, int | None]], *schemas: str) -> dict[str, np.ndarray]:
+    """The arrays of a file of one of the schemas, of the kinds and dimensions that they must have."""
     try:
+        limit = max(_LEAST_LIMIT, _LARGEST_RATIO * path.stat().st_size)
+        with zipfile.ZipFile(path) as members:
+            size = sum(member.file_size for member in members.infolist())
+        if size > limit:
+            raise FileError(path, f"would unpack to {size} bytes, expected at most {limit}")
         with np.load(path, allow_pickle=False) as archive:
             data = {key: archive[key] for key in archive.files}
     except FileNotFoundError as error:
         raise FileError(path, "no such file") from error
+    except FileError:
+        raise
     except Exception as error:  # of a damaged archive, zipfile, zlib and numpy raise whatever they come across
         raise FileError(path, f"is not a whole {schemas[0]} file") from error
     found = str(data.get("schema", "nothing"))
     if found not in schemas:
         raise FileError(path, f"holds {found}, expected {schemas[0]}")
+    missing = [key for key in kinds if key not in data]
+    if missing:
+        raise FileError(path, f"has no {', '.join(missing)}")
+    for key, (kind, dimensions) in kinds.items():
+        array = data[key]  # numpy gives the bytes of what is no array
+        if not isinstance(array, np.ndarray) or array.dtype.kind not in kind:
+            raise FileError(path, f"{key} holds {getattr(array, 'dtype', 'bytes')}, expected {_KINDS[kind]}")
+        if dimensions not in (None, array.ndim):
+            raise FileError(path, f"{key} has shape {array.shape}, expected {dimensions} dimensions")
     return data
