@@ -41,6 +41,9 @@ _UNKNOWN_SOURCE = "not stated"
 _CONTACT_LAW = ("compliance", "relaxation", "cohesion")  # of an object; absent where 0, as in files older than they
 KEPT = 256
 """Tosses of an open dataset that stay in memory."""
+HEADERS = 1 << 20
+"""Bytes of HDF5's headers, as they lie in the file, that stay in memory, where they take some ten times as much; HDF5's
+own limit is 32 MiB."""
 
 
 def write_dataset(dataset: Dataset, path: Path) -> None:
@@ -76,7 +79,7 @@ def dataset_writer(model: ObjectModel, path: Path) -> Iterator[DatasetWriter]:
     with whole_file(path) as stream:
         sink = _Sink(stream)
         try:
-            with h5py.File(sink, "w", libver=("v110", "v110")) as file:
+            with _frugal(h5py.File(sink, "w", libver=("v110", "v110"))) as file:
                 _write_object(file.create_group("object"), model, text)
                 yield DatasetWriter(file, model, sink)
         finally:
@@ -323,6 +326,16 @@ def _put(group: h5py.Group, name: str, data: np.ndarray) -> h5py.Dataset:
     return group.create_dataset(name, data=data, compression="gzip", compression_opts=4, shuffle=True)
 
 
+def _frugal(file: h5py.File) -> h5py.File:
+    """The file, with a cache of headers that does not grow beyond `HEADERS`."""
+    config = file.id.get_mdc_config()
+    config.set_initial_size = True
+    config.initial_size = config.min_size = config.max_size = HEADERS
+    config.incr_mode = config.flash_incr_mode = config.decr_mode = 0  # it stays as it is
+    file.id.set_mdc_config(config)
+    return file
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[h5py.File]:
     """The file, for reading; `_explained` should be around what is read of it."""
@@ -330,7 +343,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         raise FileError(path, "no such dataset file")
     with _explained(path):
         check_heaps(path)
-        file = h5py.File(path, "r", locking="best-effort")
+        file = _frugal(h5py.File(path, "r", locking="best-effort"))
     with file:
         yield file
 
