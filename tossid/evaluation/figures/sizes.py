@@ -12,12 +12,14 @@ from tossid.evaluation.figures.style import new_figure, panel_grid, styled
 Cost = tuple[float, float, float]
 """Size, CPU time [s], memory [GiB]."""
 
+LEAST_GIB = 0.125
+"""Where the axis of memory begins."""
 COLORS = ("#0072B2", "#009E73", "#D55E00", "#CC79A7", "#C28E00")
 
 
 @styled
 def costs_of_size(panels: Mapping[str, Mapping[str, Sequence[Cost]]]) -> Figure:
-    """CPU time (both axes logarithmic) above memory, a column for each kind of size.
+    """CPU time above memory, a column for each kind of size; all axes are logarithmic, so a slope of one is linear.
 
     Args:
         panels: name of the size's axis: commands, each with its costs in order of size.
@@ -35,12 +37,14 @@ def costs_of_size(panels: Mapping[str, Mapping[str, Sequence[Cost]]]) -> Figure:
             ax.set(xscale="log", xlabel=title)
             ax.set_xticks(sorted({c[0] for costs in commands.values() for c in costs}))
             ax.set_ylabel(unit)
+            ax.set_yscale("log")
+            top = max(c[row + 1] for costs in commands.values() for c in costs)
             if row == 0:
-                ax.set_yscale("log")
-                ax.set_ylim(top=50 * max(c[1] for costs in commands.values() for c in costs))
+                ax.set_ylim(top=50 * top)
                 ax.legend(ncols=2)
             else:
-                ax.set_ylim(0, 1.15 * max(c[2] for costs in commands.values() for c in costs))
+                ax.set_ylim(LEAST_GIB, 1.5 * max(top, 1.0))
+                ax.set_yticks([2.0**k for k in range(-3, 8) if LEAST_GIB <= 2.0**k <= 1.5 * max(top, 1.0)])
             for axis in (ax.xaxis, ax.yaxis):
                 axis.set_major_formatter(plain)
                 axis.set_minor_formatter(NullFormatter())
