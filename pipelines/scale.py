@@ -12,7 +12,6 @@ import socket
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -43,6 +42,14 @@ FILM = (
 TRAIN = ("model=cnrpi", "epochs=4")
 STUDY = ("--sweep", "gravity", "sweep.models=[cn,cnrp]", "sweep.values=[0,4.905,9.81]", "sweep.train=['epochs=60']")
 OUT = Path("outputs/scale")
+MEASURE = """
+import json, resource, subprocess, sys, time
+started = time.monotonic()
+status = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL).returncode
+elapsed, used = time.monotonic() - started, resource.getrusage(resource.RUSAGE_CHILDREN)
+print(json.dumps([status, elapsed, used.ru_utime + used.ru_stime, used.ru_maxrss]))
+"""
+"""Runs a command from a small process: Linux counts what a process's parent held as the process's own."""
 PAUSE_NS = 500_000_000
 """Between the end of a film and its next time."""
 
@@ -160,14 +167,12 @@ def _taken(what: str, size: float, folder: Path, console: Console, args: Sequenc
         subprocess.CalledProcessError: it failed; its own words are on standard error.
     """
     console.say(f"$ tossid {' '.join(args)}")
-    started = time.monotonic()
-    process = subprocess.Popen([sys.executable, "-m", "pipelines.app", *args, "--quiet"], cwd=folder)
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise subprocess.CalledProcessError(process.returncode, process.args)
-    cpu = usage.ru_utime + usage.ru_stime
-    return Took(what, size, time.monotonic() - started, cpu, usage.ru_maxrss / 2**20)
+    command = [sys.executable, "-m", "pipelines.app", *args, "--quiet"]
+    measured = subprocess.run([sys.executable, "-c", MEASURE, *command], cwd=folder, stdout=subprocess.PIPE, check=True)
+    status, elapsed, cpu, memory = json.loads(measured.stdout)
+    if status:
+        raise subprocess.CalledProcessError(status, command)
+    return Took(what, size, elapsed, cpu, memory / 2**20)
 
 
 def _panels(rows: Sequence[Took]) -> dict[str, dict[str, list[tuple[float, float, float]]]]:
