@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import difflib
 import inspect
-import math
 import sys
 import types
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from pipelines.schemas import Bounds, Ordered
-from tossid.errors import ConfigError
+from tossid.errors import ConfigError, brief
 
 CONF = Path(__file__).resolve().parent.parent / "conf"
 """The project's values."""
@@ -205,8 +204,8 @@ def convert(hint: Any, value: Any, *, key: str) -> Any:
         scalar = _scalar(hint, value)
         if scalar is not None:
             return scalar
-    near = nearest(str(value), [str(choice) for choice in get_args(hint)]) if origin is Literal else None
-    raise ConfigError(key, f"{shorten(repr(value))} will not do; expected {describe(hint)}.", suggestion=near)
+    near = nearest(brief(value).strip("'"), [str(choice) for choice in get_args(hint)]) if origin is Literal else None
+    raise ConfigError(key, f"{shorten(brief(value))} will not do; expected {describe(hint)}.", suggestion=near)
 
 
 def _scalar(hint: Any, value: Any) -> Any:
@@ -218,12 +217,17 @@ def _scalar(hint: Any, value: Any) -> Any:
     if hint is int:
         return value if isinstance(value, int) else None
     if hint is float:
-        return float(value) if isinstance(value, (int, float)) and math.isfinite(value) else None
+        return float(value) if isinstance(value, (int, float)) and abs(value) <= sys.float_info.max else None
     if hint is str:
-        return str(value) if isinstance(value, (str, int, float)) else None
+        return str(value) if isinstance(value, (str, float)) or _is_short(value) else None
     if hint is Path:
         return Path(value).expanduser() if isinstance(value, str) and value else None
     return None
+
+
+def _is_short(value: Any) -> bool:
+    """Whether it is a whole number that can be printed."""
+    return isinstance(value, int) and abs(value) < 10**400
 
 
 def _convert_union(hint: Any, value: Any, key: str) -> Any:
@@ -243,12 +247,12 @@ def _convert_union(hint: Any, value: Any, key: str) -> Any:
             errors.append(error)
     if len(errors) == 1 and get_origin(rest[0]) is Annotated:
         raise errors[0]
-    raise ConfigError(key, f"{shorten(repr(value))} will not do; expected {describe(hint)}.")
+    raise ConfigError(key, f"{shorten(brief(value))} will not do; expected {describe(hint)}.")
 
 
 def _convert_dataclass(schema: type, value: Any, key: str) -> Any:
     if not isinstance(value, dict):
-        raise ConfigError(key or schema.__name__, f"{shorten(repr(value))} is no part with keys of its own.")
+        raise ConfigError(key or schema.__name__, f"{shorten(brief(value))} is no part with keys of its own.")
     hints = get_type_hints(schema, include_extras=True)
     dot = f"{key}." if key else ""
     names = [field.name for field in fields(schema)]

@@ -123,16 +123,15 @@ def recorded_object(folder: Path) -> ObjectConfig | None:
     """The object that `write_object` left in a recording, None if it left none."""
     from dataclasses import replace
 
-    import yaml
-
     from pipelines.keys import convert
+    from tossid.yaml_files import read_yaml
 
     path = folder / "object.yaml"
     if not path.is_file():
         return None
     try:
-        config = convert(ObjectConfig, yaml.safe_load(path.read_text()), key="object")
-    except (yaml.YAMLError, UnicodeDecodeError, ConfigError) as error:
+        config = convert(ObjectConfig, read_yaml(path), key="object")
+    except ConfigError as error:
         raise FileError(path, f"does not describe an object: {' '.join(str(error).split())}") from error
     tags = folder / config.tags if config.tags is not None else None
     return replace(config, path=folder / config.path, tags=tags)

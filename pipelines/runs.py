@@ -12,6 +12,7 @@ from urllib.parse import unquote, urlparse
 
 from pipelines.mlflow_store import client
 from tossid.errors import FileError, InputError
+from tossid.yaml_files import read_yaml
 
 EXPERIMENT = "tossid"
 CHECKPOINT = "checkpoint.pt"
@@ -160,8 +161,6 @@ def metric_history(run_id: str, name: str) -> list[tuple[int, float]]:
 
 def record_of(run: Any) -> RunRecord:
     """A `RunRecord` of what MLflow's client returned; its artifacts are fetched where they lie elsewhere."""
-    import yaml
-
     folder = _artifacts(run)
     checkpoint, config = folder / CHECKPOINT, folder / CONFIG
     return RunRecord(
@@ -170,7 +169,7 @@ def record_of(run: Any) -> RunRecord:
         status=run.info.status,
         folder=folder,
         checkpoint=checkpoint if checkpoint.is_file() else None,
-        config=yaml.safe_load(config.read_text()) if config.is_file() else {},
+        config=read_yaml(config) if config.is_file() else {},
         tags=dict(run.data.tags),
         params=dict(run.data.params),
         metrics=dict(run.data.metrics),
@@ -200,18 +199,10 @@ def _artifacts(run: Any) -> Path:
 
 
 def _folder_record(folder: Path) -> RunRecord:
-    import yaml
-
     checkpoint = folder / CHECKPOINT
     if not checkpoint.is_file():
         raise FileError(folder, f"is no run: expected a folder with {CHECKPOINT} and {CONFIG}")
-    try:
-        config = yaml.safe_load((folder / CONFIG).read_text())
-    except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
-        raise FileError(folder / CONFIG, "cannot be read as YAML") from error
-    if not isinstance(config, dict):
-        raise FileError(folder / CONFIG, "holds no config")
-    return RunRecord(run_id_in(folder) or "", folder.name, "FINISHED", folder, checkpoint, config)
+    return RunRecord(run_id_in(folder) or "", folder.name, "FINISHED", folder, checkpoint, read_yaml(folder / CONFIG))
 
 
 def run_id_in(folder: Path) -> str | None:

@@ -2,8 +2,21 @@
 
 from __future__ import annotations
 
+import reprlib
 from pathlib import Path
 from typing import Any
+
+_BRIEF = reprlib.Repr()
+_BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother, _BRIEF.maxlong = 2, 60, 60, 60
+
+
+def brief(value: Any) -> str:
+    """A value from outside in an error's words, however large, deep or long it is."""
+    try:
+        text = _BRIEF.repr(value)
+    except ValueError:  # Python prints no integer of more than some thousand digits
+        text = f"a long {type(value).__name__}"
+    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 class TossidError(Exception):

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from rosbags.rosbag2 import StoragePlugin
 
+from pipelines import project
 from pipelines.checkpoints import build_model, load_checkpoint, save_checkpoint
 from pipelines.config import load
 from pipelines.schemas import TrainConfig
@@ -97,6 +98,18 @@ def _urdf(folder: Path) -> Path:
     return folder / "elbow.urdf"
 
 
+def _recorded(folder: Path) -> Path:
+    project.write_object(project.object_named("cube"), folder)
+    write_tagslam(layout_of(_cube()), folder / "tagslam.yaml")
+    return folder / "object.yaml"
+
+
+def _read_recorded(file: Path) -> None:
+    config = project.recorded_object(file.parent)
+    assert config is not None
+    project.load_object(config)
+
+
 def _layout(folder: Path) -> Path:
     write_tagslam(layout_of(_cube()), folder / "tagslam.yaml")
     return folder / "tagslam.yaml"
@@ -164,6 +177,7 @@ TARGETS = {
     "tracks": Target(_tracks, read_tracks),
     "mjcf": Target(_copy("elbow.xml"), load_object),
     "urdf": Target(_urdf, load_object),
+    "object": Target(_recorded, _read_recorded),
     "tagslam": Target(_layout, read_tagslam),
     "cameras": Target(_cameras("cameras.yaml"), lambda file: read_cameras(file.parent)),
     "camera_poses": Target(_cameras("camera_poses.yaml"), lambda file: read_cameras(file.parent)),

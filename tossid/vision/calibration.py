@@ -11,11 +11,12 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from tossid.errors import FileError, InputError
+from tossid.errors import FileError, InputError, brief
 from tossid.rotations import transform_inv
 from tossid.vision.camera import Camera
 from tossid.vision.layout import TagLayout
-from tossid.vision.tagslam import EXACT, number, numbers, pose_mapping, read_noise, read_pose, read_tagslam, read_yaml
+from tossid.vision.tagslam import EXACT, number, numbers, pose_mapping, read_noise, read_pose, read_tagslam
+from tossid.yaml_files import read_yaml
 
 Array = NDArray[np.float64]
 
@@ -72,7 +73,7 @@ def _read_camera(
     if missing:
         raise FileError(path, f"{name} has no {', '.join(missing)}")
     if entry.get("camera_model", "pinhole") != "pinhole":
-        raise FileError(path, f"{name}.camera_model is {entry['camera_model']!r}, expected pinhole")
+        raise FileError(path, f"{name}.camera_model is {brief(entry['camera_model'])}, expected pinhole")
     width, height = numbers(path, f"{name}.resolution", entry["resolution"], 2)
     coefficients = entry.get("distortion_coeffs") or []
     rotation, translation = (

@@ -11,9 +11,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from tossid.errors import FileError
+from tossid.errors import FileError, brief
 from tossid.rotations import matrix_to_rotvec, transform_from_rotvec, transform_inv
 from tossid.vision.layout import FAMILIES, USUAL, Body, BodyTag, Coordinate, Distance, Remap, Squash, TagLayout
+from tossid.yaml_files import read_yaml
 
 Array = NDArray[np.float64]
 
@@ -21,45 +22,29 @@ EXACT = 1e-6
 """Standard deviation [m, rad] that is written for a pose that is known exactly."""
 
 
-def read_yaml(path: Path) -> dict[str, Any]:
-    """A YAML file that holds a mapping. `FileError` otherwise."""
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise FileError(path, "no such file") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(path, f"cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" (line {mark.line + 1})" if mark is not None else ""
-        raise FileError(path, f"is not valid YAML{where}") from error
-    if not isinstance(content, dict):
-        raise FileError(path, "holds no mapping of names to values")
-    return content
-
-
 def number(path: Path, where: str, value: Any) -> float:
     """A finite number, or `FileError`."""
-    if isinstance(value, str):  # YAML 1.1 reads '1e-05' as text
-        with contextlib.suppress(ValueError):
-            value = float(value)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise FileError(path, f"{where} is {value!r}, expected a finite number")
-    return float(value)
+    read = np.nan
+    if isinstance(value, str | int | float) and not isinstance(value, bool):  # YAML 1.1 reads '1e-05' as text
+        with contextlib.suppress(ValueError, OverflowError):
+            read = float(value)
+    if not np.isfinite(read):
+        raise FileError(path, f"{where} is {brief(value)}, expected a finite number")
+    return read
 
 
 def numbers(path: Path, where: str, value: Any, count: int | tuple[int, ...]) -> Array:
     """A list of finite numbers of the given length(s), or `FileError`."""
     counts = (count,) if isinstance(count, int) else count
     if not isinstance(value, list) or len(value) not in counts:
-        raise FileError(path, f"{where} is {value!r}, expected {' or '.join(map(str, counts))} numbers")
+        raise FileError(path, f"{where} is {brief(value)}, expected {' or '.join(map(str, counts))} numbers")
     return np.array([number(path, where, item) for item in value], dtype=float)
 
 
 def read_xyz(path: Path, where: str, value: Any) -> Array:
     """A mapping x, y, z. (3,)."""
     if not isinstance(value, dict) or not {"x", "y", "z"} <= set(value):
-        raise FileError(path, f"{where} is {value!r}, expected x, y, z")
+        raise FileError(path, f"{where} is {brief(value)}, expected x, y, z")
     return np.array([number(path, f"{where}.{key}", value[key]) for key in "xyz"])
 
 
@@ -132,24 +117,24 @@ def read_tagslam(path: str | Path) -> TagLayout:
 def _family(path: Path, where: str, value: Any) -> str:
     name = str(value) if str(value).startswith("tag") else f"tag{value}"
     if name not in FAMILIES:
-        raise FileError(path, f"{where} is {value!r}, expected one of {', '.join(FAMILIES)}")
+        raise FileError(path, f"{where} is {brief(value)}, expected one of {', '.join(FAMILIES)}")
     return name
 
 
 def _mapping(path: Path, where: str, value: Any) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise FileError(path, f"{where} is {value!r}, expected names with values")
+        raise FileError(path, f"{where} is {brief(value)}, expected names with values")
     return value
 
 
 def _named(path: Path, where: str, entries: Any) -> list[tuple[str, dict[str, Any]]]:
     """A list of mappings that hold one named mapping each."""
     if not isinstance(entries, list):
-        raise FileError(path, f"{where} is {entries!r}, expected a list")
+        raise FileError(path, f"{where} is {brief(entries)}, expected a list")
     found = []
     for entry in entries:
         if not isinstance(entry, dict) or len(entry) != 1 or not isinstance(next(iter(entry.values())), dict):
-            raise FileError(path, f"{where}: {entry!r} is not one name with its values")
+            raise FileError(path, f"{where}: {brief(entry)} is not one name with its values")
         name, value = next(iter(entry.items()))
         found.append((str(name), value))
     return found
@@ -159,7 +144,7 @@ def _read_body(path: Path, name: str, body: dict[str, Any], defaults: dict[str, 
     family = _family(path, f"{name}.tag_family", body.get("tag_family", family))
     is_static = body.get("is_static")
     if not isinstance(is_static, bool):
-        raise FileError(path, f"{name}.is_static is {is_static!r}, expected true or false")
+        raise FileError(path, f"{name}.is_static is {brief(is_static)}, expected true or false")
     size = body.get("default_tag_size")
     default_size = None if size is None else number(path, f"{name}.default_tag_size", size)
     pose = body.get("pose")
@@ -178,7 +163,7 @@ def _read_body(path: Path, name: str, body: dict[str, Any], defaults: dict[str, 
     elif kind == "simple":
         tags = [_read_tag(path, name, tag, default_size, family) for tag in body.get("tags") or []]
     else:
-        raise FileError(path, f"{name}.type is {kind!r}, expected simple or board")
+        raise FileError(path, f"{name}.type is {brief(kind)}, expected simple or board")
     override = [body.get(f"override_tag_{key}_noise") for key in ("position", "rotation")]
     if None not in override:
         p, r = (np.full(3, number(path, f"{name}.override_tag_noise", value)) for value in override)
@@ -194,13 +179,13 @@ def _read_body(path: Path, name: str, body: dict[str, Any], defaults: dict[str, 
 
 def _ids(path: Path, where: str, value: Any) -> frozenset[int]:
     if not isinstance(value, list) or not all(isinstance(item, int) for item in value):
-        raise FileError(path, f"{where} is {value!r}, expected a list of tag ids")
+        raise FileError(path, f"{where} is {brief(value)}, expected a list of tag ids")
     return frozenset(value)
 
 
 def _read_tag(path: Path, body: str, tag: Any, default_size: float | None, family: str) -> BodyTag:
     if not isinstance(tag, dict) or not isinstance(tag.get("id"), int) or isinstance(tag.get("id"), bool):
-        raise FileError(path, f"{body}.tags: {tag!r} has no whole-number id")
+        raise FileError(path, f"{body}.tags: {brief(tag)} has no whole-number id")
     where = f"{body}.tags[{tag['id']}]"
     if "size" not in tag and default_size is None:
         raise FileError(path, f"{where} has no size, and {body} no default_tag_size")
@@ -280,7 +265,7 @@ def _read_remaps(path: Path, entries: Any) -> tuple[Remap, ...]:
         for again in entry.get("remaps") or []:
             again = _mapping(path, "tag_id_remap.remaps", again)
             if not isinstance(entry.get("id"), int) or not isinstance(again.get("remap_id"), int):
-                raise FileError(path, f"tag_id_remap: {entry!r} needs id and remap_id")
+                raise FileError(path, f"tag_id_remap: {brief(entry)} needs id and remap_id")
             start, end = (
                 number(path, f"tag_id_remap.{key}", again[key]) if key in again else float(none)
                 for key, none in (("start_time", "-inf"), ("end_time", "inf"))
@@ -295,7 +280,7 @@ def _read_squashes(path: Path, entries: Any) -> tuple[Squash, ...]:
         entry = _mapping(path, "squash", entry)
         time = number(path, "squash.time", entry["time"]) if "time" in entry else None
         if time is None and not entry.get("camera"):
-            raise FileError(path, f"squash: {entry!r} needs a time or a camera")
+            raise FileError(path, f"squash: {brief(entry)} needs a time or a camera")
         tags = _ids(path, "squash.tags", entry.get("tags") or [])
         squashes.append(Squash(tags, time, entry.get("camera") or None))
     return tuple(squashes)
