@@ -221,8 +221,15 @@ def _scalar(hint: Any, value: Any) -> Any:
     if hint is str:
         return str(value) if isinstance(value, (str, float)) or _is_short(value) else None
     if hint is Path:
-        return Path(value).expanduser() if isinstance(value, str) and value else None
+        return _path(value) if isinstance(value, str) and value and "\0" not in value else None
     return None
+
+
+def _path(text: str) -> Path | None:
+    try:
+        return Path(text).expanduser()
+    except RuntimeError:  # the home of nobody
+        return None
 
 
 def _is_short(value: Any) -> bool:

@@ -41,6 +41,8 @@ def test_a_mapping_is_read(tmp_path: Path) -> None:
         ("a: " + "x" * 300_000, "larger than 256 KiB"),
         ("!!python/object/apply:os.system [ls]", "not valid YAML"),
         ("\x00", "not valid YAML"),
+        ("a: !!int ''", "not valid YAML"),
+        ("a: !!timestamp x", "not valid YAML"),
     ],
     ids=lambda text: text[:24],
 )

@@ -37,10 +37,10 @@ def read_yaml(path: Path) -> dict[str, Any]:
         mark = getattr(error, "problem_mark", None)
         where = f" (line {mark.line + 1})" if mark is not None else ""
         raise FileError(path, f"is not valid YAML{where}") from error
-    except (ValueError, ArithmeticError) as error:  # dates and numbers that are none
-        raise FileError(path, f"is not valid YAML ({error})") from error
     except RecursionError as error:
         raise FileError(path, "is nested too deeply") from error
+    except Exception as error:  # of dates and numbers that are none, PyYAML raises whatever it comes across
+        raise FileError(path, f"is not valid YAML ({error})") from error
     if not isinstance(content, dict):
         raise FileError(path, "holds no mapping of names to values")
     return content

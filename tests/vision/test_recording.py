@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -127,3 +128,43 @@ def test_options_are_checked(tmp_path: Path, tagged: ObjectModel):
         RecordingWriter(tmp_path / "rec", [CAMERA], layout_of(tagged), image_format="gif")
     with pytest.raises(InputError, match="101"):
         RecordingWriter(tmp_path / "rec", [CAMERA], layout_of(tagged), quality=101)
+
+
+def test_what_stays_of_a_frame_is_a_name_and_a_time(written: Path):
+    folder = written / "frames" / "left"
+    first = min(folder.iterdir())
+    for i in range(5000):
+        (folder / f"{10**9 + 7 * i:015d}.png").hardlink_to(first)
+    read_recording(written)
+    tracemalloc.start()
+    recording = read_recording(written)
+    kept = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert recording.n_frames == 5004
+    assert kept < 100 * 5004
+    times = [file.t_ns for file in recording.frames["left"]]
+    assert times == sorted(times)
+    assert [file.t_ns for file in recording.frames["left"][4:6]] == [10**9, 10**9 + 7]
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        (f"{10**30}.png", "has the time stamp 10{30} ns, expected at most"),
+        ("0.1.png", "has the same time stamp as"),
+        ("notes.doc", "is neither an image nor a file of times"),
+        ("left.png", "is not named like a frame"),
+    ],
+)
+def test_a_frame_whose_time_will_not_do_is_named(written: Path, name: str, says: str):
+    folder = written / "frames" / "left"
+    (folder / name).write_bytes(min(folder.iterdir()).read_bytes())
+    with pytest.raises(FileError, match=says):
+        read_recording(written)
+
+
+def test_a_clock_that_is_off_by_ages_is_refused(written: Path):
+    text = (written / "cameras.yaml").read_text()
+    (written / "cameras.yaml").write_text(text.replace("left:\n", "left:\n  clock_offset: 1.0e+300\n"))
+    with pytest.raises(FileError, match="clock offset"):
+        read_recording(written)

@@ -304,7 +304,7 @@ def detect_frames(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _batches(recording: Recording) -> Iterator[list[tuple[FrameFile, ...]]]:
+def _batches(recording: Recording) -> Iterator[list[Sequence[FrameFile]]]:
     """For each stretch of time, one run of frames a camera."""
     first = min(files[0].t_ns for files in recording.frames.values())
     last = max(files[-1].t_ns for files in recording.frames.values())

@@ -11,7 +11,7 @@ import itertools
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -22,13 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import FileError, InputError, OutputError
-from tossid.types import Frame
+from tossid.types import Frame, OnDemand
 from tossid.vision.calibration import read_cameras, write_cameras
 from tossid.vision.camera import Camera
 from tossid.vision.layout import TagLayout
 from tossid.vision.tagslam import read_tagslam, write_tagslam
 from tossid.vision.times import TIME_FILES, time_of_name, times_of
 
+LATEST_NS = 1 << 62
+"""No clock shows a time beyond this: it is the year 2116."""
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".pgm", ".tif", ".tiff")
 _ENDINGS = {b"\xff\xd8\xff": b"\xff\xd9", b"\x89PNG": b"IEND\xaeB`\x82"}
 
@@ -71,7 +73,7 @@ class Recording:
     folder: Path
     cameras: tuple[Camera, ...]
     layout: TagLayout
-    frames: dict[str, tuple[FrameFile, ...]]
+    frames: Mapping[str, Sequence[FrameFile]]
     reader: FrameReader = field(default_factory=ImageFiles)
     problems: tuple[str, ...] = ()
 
@@ -166,26 +168,43 @@ def read_recording(folder: str | Path) -> Recording:
     return Recording(folder, cameras, layout, frames)
 
 
-def _list_frames(folder: Path, camera: Camera) -> tuple[FrameFile, ...]:
+def _list_frames(folder: Path, camera: Camera) -> Sequence[FrameFile]:
+    """The frames in a folder in order of time. An hour has hundreds of thousands: of each a name and a time stay."""
     if not folder.is_dir():
         raise FileError(folder, f"no such folder; expected the frames of camera '{camera.name}'")
-    images, times = [], None
-    for entry in sorted(os.scandir(folder), key=lambda entry: entry.name):
-        path = Path(entry.path)
+    found, times, strangers = [], [], []
+    for entry in os.scandir(folder):
         if entry.name.startswith(".") or not entry.is_file():
             continue
         if entry.name in TIME_FILES:
-            times = path
-        elif path.suffix.lower() in IMAGE_SUFFIXES:
-            images.append(path)
+            times.append(entry.name)
+        elif entry.name.lower().endswith(IMAGE_SUFFIXES):
+            found.append(os.fsencode(entry.name))
         else:
-            raise FileError(path, f"is neither an image nor a file of times ({', '.join(TIME_FILES)})")
-    if not images:
+            strangers.append(entry.name)
+    if strangers:
+        raise FileError(folder / min(strangers), f"is neither an image nor a file of times ({', '.join(TIME_FILES)})")
+    if not found:
         raise FileError(folder, f"has no frames of camera '{camera.name}'")
-    stamps = [time_of_name(path) for path in images] if times is None else times_of(times, images)
-    late = round(camera.clock_offset * 1e9)
-    files = [FrameFile(camera.name, t_ns - late, path) for t_ns, path in zip(stamps, images, strict=True)]
-    return in_order(files)
+    names = np.sort(np.array(found))
+
+    def path(i: int) -> Path:
+        return folder / os.fsdecode(names[i])
+
+    images = OnDemand(path, len(names), kept=0)
+    stamps = times_of(folder / max(times), images) if times else [time_of_name(image) for image in images]
+    beyond = [i for i, t_ns in enumerate(stamps) if abs(t_ns) > LATEST_NS]
+    if beyond:
+        raise FileError(path(beyond[0]), f"has the time stamp {stamps[beyond[0]]} ns, expected at most {LATEST_NS}")
+    if abs(camera.clock_offset) * 1e9 > LATEST_NS / 4:
+        raise FileError(folder, f"camera '{camera.name}' has a clock offset of {camera.clock_offset} s")
+    t_ns = np.array(stamps, dtype=np.int64) - round(camera.clock_offset * 1e9)
+    order = np.argsort(t_ns, kind="stable")
+    same = np.flatnonzero(np.diff(t_ns[order]) == 0)
+    if len(same):
+        one, other = path(order[same[0]]), path(order[same[0] + 1])
+        raise FileError(other, f"has the same time stamp as {one.name}")
+    return OnDemand(lambda i: FrameFile(camera.name, int(t_ns[order[i]]), path(order[i])), len(order), kept=0)
 
 
 def in_order(files: Iterable[FrameFile]) -> tuple[FrameFile, ...]:
