@@ -49,8 +49,9 @@ def test_a_mapping_is_read(tmp_path: Path) -> None:
 def test_anything_else_is_one_clear_error(content: str, says: str, tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
     path.write_text(content)
-    with pytest.raises(FileError, match=says):
+    with pytest.raises(FileError, match=says) as caught:
         read_yaml(path)
+    assert str(caught.value).count("a.yaml") == 1  # one error, not one in another
 
 
 def test_what_laughs_a_billion_times_is_said_briefly(tmp_path: Path) -> None:

@@ -26,13 +26,16 @@ def read_yaml(path: Path) -> dict[str, Any]:
         FileError: it is missing, no such file, or holds what only a hostile one does.
     """
     try:
-        if path.stat().st_size > LARGEST:
-            raise FileError(path, f"is larger than {LARGEST >> 10} KiB, expected a description in YAML")
-        content = yaml.load(path.read_text(encoding="utf-8"), _Loader)
+        large = path.stat().st_size > LARGEST
+        text = "" if large else path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
         raise FileError(path, "no such file") from error
     except (OSError, UnicodeDecodeError) as error:
         raise FileError(path, f"cannot be read: {error}") from error
+    if large:
+        raise FileError(path, f"is larger than {LARGEST >> 10} KiB, expected a description in YAML")
+    try:
+        content = yaml.load(text, _Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f" (line {mark.line + 1})" if mark is not None else ""
