@@ -14,7 +14,7 @@ import yaml
 from tossid.errors import FileError
 
 LARGEST = 1 << 18
-"""Bytes of a file; so many take PyYAML two seconds."""
+"""Bytes of a file; so many take PyYAML a second."""
 LONGEST_NUMBER = 400
 """Characters."""
 
