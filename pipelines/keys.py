@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import difflib
 import inspect
+import os
 import sys
 import types
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,6 +20,8 @@ from tossid.errors import ConfigError, brief
 CONF = Path(__file__).resolve().parent.parent / "conf"
 """The project's values."""
 
+LONGEST_NAME = 255
+"""Bytes of a file's or folder's name."""
 MISSING = "???"
 """Hydra's mark of a value that the caller has to give."""
 
@@ -226,9 +229,11 @@ def _scalar(hint: Any, value: Any) -> Any:
 
 
 def _path(text: str) -> Path | None:
+    """A path that the system can be asked about; None for names that none can have."""
     try:
-        return Path(text).expanduser()
-    except RuntimeError:  # the home of nobody
+        path = Path(text).expanduser()
+        return path if all(len(os.fsencode(part)) <= LONGEST_NAME for part in path.parts) else None
+    except (RuntimeError, UnicodeEncodeError):  # the home of nobody, half a letter
         return None
 
 
