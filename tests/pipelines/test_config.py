@@ -297,13 +297,13 @@ def test_conf_says_what_the_vision_room_was_tuned_with(part: str, settings_class
 
 @pytest.mark.parametrize("text", ["~nobodyatall/x", "a" * 256, "ü" * 128, "a/\0", "\ud800.h5", ""])
 def test_a_place_that_no_file_can_have_is_refused(text: str) -> None:
-    with pytest.raises(ConfigError, match="out: .* will not do; expected a path"):
+    with pytest.raises(ConfigError, match=r"out: .* will not do; expected a path"):
         convert(Path, text, key="out")
 
 
 @pytest.mark.parametrize("hint", [float, str])
 def test_a_number_that_nothing_can_hold_is_refused(hint: type) -> None:
-    with pytest.raises(ConfigError, match="x: .* will not do"):
+    with pytest.raises(ConfigError, match=r"x: .* will not do"):
         convert(hint, 1 << 20_000, key="x")
     assert convert(float, 10**300, key="x") == 1e300
     assert convert(Path, "a" * 255, key="out") == Path("a" * 255)
