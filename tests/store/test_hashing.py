@@ -35,6 +35,19 @@ def test_a_folders_hash_knows_names_and_contents(tmp_path: Path) -> None:
     assert folder("e", {"1.txt": "x", "deep/2.txt": "y", "3.txt": ""}) != base
 
 
+def test_names_are_hashed_in_sorted_order_whatever_they_are(tmp_path: Path) -> None:
+    names = ["a/z", "a.x", "a-", "ab", "a/b/c", "a/b.d", "a/b/-", ".hidden/x", "Z", "é/1", "é0", "b/a", "a0"]
+    for name in names:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(name)
+    (tmp_path / "link").symlink_to(tmp_path / "Z")
+    (tmp_path / "elsewhere").symlink_to(tmp_path / "a")
+    digest = hashlib.sha256()
+    for name in sorted([*names, "link"]):  # what lies behind a linked folder is not the source's own
+        digest.update(f"{file_sha256(tmp_path / name)}  {name}\n".encode())
+    assert source_sha256(tmp_path) == digest.hexdigest()
+
+
 def test_what_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="nowhere"):
         file_sha256(tmp_path / "nowhere")

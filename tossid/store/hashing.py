@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 from tossid.errors import FileError
@@ -39,10 +41,25 @@ def source_sha256(path: Path | str) -> str:
     if not path.is_dir():
         return file_sha256(path)
     digest = hashlib.sha256()
-    names = sorted(p.relative_to(path).as_posix() for p in path.rglob("*") if p.is_file())
-    for name in names:
+    for name in _names(path, ""):
         digest.update(f"{file_sha256(path / name)}  {name}\n".encode())
     return digest.hexdigest()
+
+
+def _names(folder: Path, prefix: str) -> Iterator[str]:
+    """Files in a folder and below, by their relative names in sorted order; one folder's names at a time."""
+    with os.scandir(folder) as entries:
+        # with its slash, a folder sorts as the names in it do
+        found = sorted(
+            entry.name + "/" if folds else entry.name
+            for entry in entries
+            if (folds := entry.is_dir(follow_symlinks=False)) or entry.is_file()
+        )
+    for name in found:
+        if name.endswith("/"):
+            yield from _names(folder / name, prefix + name)
+        else:
+            yield prefix + name
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
