@@ -40,7 +40,14 @@ FILM = (
     "camera.samples=4",
 )
 TRAIN = ("model=cnrpi", "epochs=4")
-STUDY = ("--sweep", "gravity", "sweep.models=[cn,cnrp]", "sweep.values=[0,4.905,9.81]", "sweep.train=['epochs=60']")
+STUDY = (
+    "--sweep",
+    "gravity",
+    "sweep.models=[cn,cnrp]",
+    "sweep.values=[0,4.905,9.81]",
+    "sweep.seeds=[0,1,2,3]",
+    "sweep.train=['epochs=60']",
+)
 OUT = Path("outputs/scale")
 MEASURE = """
 import json, resource, subprocess, sys, time
