@@ -107,6 +107,7 @@ def test_slurms_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     command(tmp_path / "sbatch", FAKE_SBATCH)
     command(tmp_path / "scancel", '#!/bin/sh\nkill -- "-$1" 2>/dev/null || kill "$1"\n')
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))  # what the job is to do stands in this file
     monkeypatch.chdir(tmp_path)
     launcher = SlurmLauncher("slurm", 1, None, None, "1GiB", "00:10:00", "lo", 120.0)
     with open_workers(launcher, None) as there:
