@@ -11,7 +11,7 @@ import itertools
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -199,21 +199,23 @@ def _list_frames(folder: Path, camera: Camera) -> Sequence[FrameFile]:
     if abs(camera.clock_offset) * 1e9 > LATEST_NS / 4:
         raise FileError(folder, f"camera '{camera.name}' has a clock offset of {camera.clock_offset} s")
     t_ns = np.array(stamps, dtype=np.int64) - round(camera.clock_offset * 1e9)
-    order = np.argsort(t_ns, kind="stable")
-    same = np.flatnonzero(np.diff(t_ns[order]) == 0)
-    if len(same):
-        one, other = path(order[same[0]]), path(order[same[0] + 1])
-        raise FileError(other, f"has the same time stamp as {one.name}")
+    order = np.array(_order(t_ns, path))
     return OnDemand(lambda i: FrameFile(camera.name, int(t_ns[order[i]]), path(order[i])), len(order), kept=0)
 
 
 def in_order(files: Iterable[FrameFile]) -> tuple[FrameFile, ...]:
     """Frames of one camera in order of time. `FileError` where two have one time stamp."""
-    ordered = sorted(files, key=lambda file: file.t_ns)
-    for one, next_one in itertools.pairwise(ordered):
-        if one.t_ns == next_one.t_ns:
-            raise FileError(next_one.path, f"has the same time stamp as {one.path.name}")
-    return tuple(ordered)
+    given = tuple(files)
+    return tuple(given[i] for i in _order([file.t_ns for file in given], lambda i: given[i].path))
+
+
+def _order(t_ns: Sequence[int] | NDArray[np.int64], path: Callable[[int], Path]) -> list[int]:
+    """Frames' places in order of time. `FileError` where two have one time stamp; path: where a frame lies."""
+    order = sorted(range(len(t_ns)), key=t_ns.__getitem__)
+    for one, other in itertools.pairwise(order):
+        if t_ns[one] == t_ns[other]:
+            raise FileError(path(other), f"has the same time stamp as {path(one).name}")
+    return order
 
 
 class RecordingWriter:
