@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -23,7 +23,7 @@ from tossid.errors import ConfigError, FileError, InputError, ObjectError
 from tossid.motion import covariance_source, median_rate, tosses_in_turn
 from tossid.objects import ObjectModel
 from tossid.store import dataset_writer, drawn_splits, source_sha256
-from tossid.types import Detection, PoseTrack
+from tossid.types import Detection, LongTrack, PoseTrack
 from tossid.vision.believed import TrackSettings
 from tossid.vision.camera import Camera
 from tossid.vision.detect import DetectSettings, detect_frames
@@ -31,6 +31,7 @@ from tossid.vision.files import read_tracks
 from tossid.vision.ground import find_ground
 from tossid.vision.layout import articulated, object_body
 from tossid.vision.segment import SegmentSettings, segment
+from tossid.vision.spool import PoseSpool
 from tossid.vision.stream import track_stream
 from tossid.vision.track import Tracked
 
@@ -41,14 +42,22 @@ OFF = 0.01, np.deg2rad(1.0)
 
 
 def ingest_frames(config: IngestConfig, source: CameraSource, console: Console) -> dict[str, Any]:
-    """All three stages in memory, from a recording to a dataset."""
+    """All three stages, from a recording to a dataset; no more than a stretch of it is in memory at a time."""
     opened = open_recording(source, config.object, default="cube")
     out = check_dataset_name("out", config.out or DATASETS / f"{opened.name}.h5")
-    with output_file(out) as temporary:
+    name = object_name(opened)
+    with output_file(out) as temporary, PoseSpool(temporary.parent) as spool:
+
+        def keep(body: str, part: PoseTrack) -> None:
+            if body == name:
+                spool.add(part)
+
         tally: Counter[str] = Counter()
         detections = detected(opened, config.detect, threads=config.threads, console=console, tally=tally)
-        tracked = track_stage(opened, detections, config.track, console=console)
-        poses, report = object_track(opened, tracked), tracked.report
+        report = track_stage(opened, detections, config.track, console=console, keep=keep).report
+        poses = spool.track()
+        if poses is None:
+            raise _too_few(opened, name)
         ground, rejected = _to_dataset(
             poses,
             opened,
@@ -118,11 +127,19 @@ def counts(tally: Counter[str]) -> dict[str, int]:
     return {name: int(count) for name, count in sorted(tally.items())}
 
 
-def track_stage(opened: Opened, detections: Iterable[Detection], config: TrackConfig, *, console: Console) -> Tracked:
+def track_stage(
+    opened: Opened,
+    detections: Iterable[Detection],
+    config: TrackConfig,
+    *,
+    console: Console,
+    keep: Callable[[str, PoseTrack], None] | None = None,
+) -> Tracked:
     """The poses of all moving bodies in every frame that shows them, and what else the scene did not say.
 
     Args:
         detections: as they come, in order of time; or all.
+        keep: takes the poses instead, as `track_stream` has it.
     """
     settings = TrackSettings(**asdict(config))
     if opened.model is None:  # of bodies that nothing is known of, no accuracy is asked
@@ -133,7 +150,9 @@ def track_stage(opened: Opened, detections: Iterable[Detection], config: TrackCo
         if isinstance(detections, Sequence):
             detections = sorted(detections, key=lambda detection: detection.t)
             bar = stack.enter_context(console.progress("track", None, unit="poses")).advance
-        tracked = track_stream(detections, opened.cameras, layout, settings=settings, name=opened.name, progress=bar)
+        tracked = track_stream(
+            detections, opened.cameras, layout, settings=settings, name=opened.name, progress=bar, keep=keep
+        )
     report = tracked.report
     console.say(f"track: {report.n_poses} poses in {report.n_steps} frames, reprojection {report.rms:.2f} px rms")
     for reason, count in report.dropped_steps.items():
@@ -156,6 +175,20 @@ def with_clocks(tracked: Tracked) -> tuple[Camera, ...]:
     )
 
 
+def object_name(opened: Opened) -> str:
+    """The name of the object's body in the scene.
+
+    Raises:
+        ObjectError: the object is no moving body of the scene.
+    """
+    model = opened.object()
+    body = object_body(opened.layout, model.body_names)
+    if body is None or body.is_static:
+        names = ", ".join(body.name for body in opened.layout.bodies)
+        raise ObjectError(f"object '{model.name}' is no moving body of the scene (its bodies: {names})")
+    return body.name
+
+
 def object_track(opened: Opened, tracked: Tracked) -> PoseTrack:
     """The track of the object's body, with its joints.
 
@@ -163,19 +196,19 @@ def object_track(opened: Opened, tracked: Tracked) -> PoseTrack:
         ObjectError: the object is no moving body of the scene.
         InputError: it has too few poses.
     """
-    model = opened.object()
-    body = object_body(opened.layout, model.body_names)
-    if body is None or body.is_static:
-        names = ", ".join(body.name for body in opened.layout.bodies)
-        raise ObjectError(f"object '{model.name}' is no moving body of the scene (its bodies: {names})")
-    if body.name not in tracked.tracks:
-        raise InputError(f"{opened.path}: too few poses of '{body.name}' for a track")
-    return tracked.tracks[body.name]
+    name = object_name(opened)
+    if name not in tracked.tracks:
+        raise _too_few(opened, name)
+    return tracked.tracks[name]
+
+
+def _too_few(opened: Opened, body: str) -> InputError:
+    return InputError(f"{opened.path}: too few poses of '{body}' for a track")
 
 
 def level_stage(
-    opened: Opened, poses: PoseTrack, level: str, *, gravity: float, console: Console
-) -> tuple[PoseTrack, dict[str, Any] | None]:
+    opened: Opened, poses: PoseTrack | LongTrack, level: str, *, gravity: float, console: Console
+) -> tuple[PoseTrack | LongTrack, dict[str, Any] | None]:
     """Poses in the ground's frame, where the set-up does not give it (the key `level`), and what was found of it."""
     try:
         ground = find_ground(poses, opened.object(), gravity=gravity)
@@ -196,12 +229,14 @@ def level_stage(
     elif off:
         console.warn("the world's z = 0 is not the ground; level=always turns and shifts it")
     facts = {**jsonable(asdict(ground)), "levelled": do}
-    return (ground.levelled(poses) if do else poses), facts
+    if not do:
+        return poses, facts
+    return LongTrack(poses.name, poses.t, lambda which: ground.levelled(poses.frames(which))), facts
 
 
 def segment_stage(
-    poses: PoseTrack, model: ObjectModel, config: SegmentConfig, *, gravity: float, console: Console
-) -> tuple[tuple[PoseTrack, ...], list[dict[str, Any]]]:
+    poses: PoseTrack | LongTrack, model: ObjectModel, config: SegmentConfig, *, gravity: float, console: Console
+) -> tuple[Sequence[PoseTrack], list[dict[str, Any]]]:
     """The tosses' tracks, and the stretches that are no toss."""
     tracks, stretches = segment(poses, model, gravity=gravity, settings=SegmentSettings(**asdict(config)))
     console.say(f"segment: {len(tracks)} tosses; {len(stretches)} stretches are none")
@@ -227,7 +262,7 @@ def segment_file(config: SegmentStageConfig, console: Console) -> dict[str, Any]
 
 
 def _to_dataset(
-    poses: PoseTrack,
+    poses: PoseTrack | LongTrack,
     opened: Opened,
     path: Path,
     config: IngestConfig | SegmentStageConfig,

@@ -84,6 +84,24 @@ class PoseTrack:
         if self.q_cov is not None:
             _check_cov("q_cov", self.q_cov, len(self.t), self.q.shape[1] - 1)
 
+    def frames(self, which: slice) -> PoseTrack:
+        """A stretch of it."""
+        cov, v = (None if array is None else array[which] for array in (self.q_cov, self.v))
+        return PoseTrack(self.name, self.t[which], self.q[which], cov, v)
+
+
+@dataclass(frozen=True, slots=True)
+class LongTrack:
+    """A track of which only the times are in memory. t (n,). read: gives frames first to last of it."""
+
+    name: str
+    t: Array
+    read: Callable[[slice], PoseTrack]
+
+    def frames(self, which: slice) -> PoseTrack:
+        """A stretch of it."""
+        return self.read(which)
+
 
 @dataclass(frozen=True, slots=True)
 class Toss:

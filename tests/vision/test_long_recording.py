@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ MEASURED, COARSE = (5e-5, 5e-4), (1e-4, 2e-3)
 
 def _segmented(
     model: ObjectModel, seed: int, seconds: float, noise: tuple[float, float]
-) -> tuple[Handled, tuple[PoseTrack, ...], tuple[Stretch, ...], float]:
+) -> tuple[Handled, Sequence[PoseTrack], tuple[Stretch, ...], float]:
     rng = np.random.default_rng(seed)
     made = Handling(model, rng).recording(seconds)
     track = made.tracked(rng, sigma=noise[0], turn=noise[1])
@@ -27,7 +28,7 @@ def _segmented(
     return made, found, rejected, time.perf_counter() - started
 
 
-def _check(made: Handled, found: tuple[PoseTrack, ...], rejected: tuple[Stretch, ...]) -> None:
+def _check(made: Handled, found: Sequence[PoseTrack], rejected: tuple[Stretch, ...]) -> None:
     spans = [(round((toss.t[0] - made.t[0]) * RATE), round((toss.t[-1] - made.t[0]) * RATE)) for toss in found]
     assert len(spans) == len(made.release)  # none missing, none that is no toss
     for (first, last), release, rest in zip(spans, made.release, made.rest, strict=True):

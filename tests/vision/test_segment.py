@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -32,7 +34,7 @@ def _frames(track_: PoseTrack, timeline: Timeline) -> tuple[int, int]:
     return round(ends[0]), round(ends[1])
 
 
-def _assert_found(found: tuple[PoseTrack, ...], timeline: Timeline) -> None:
+def _assert_found(found: Sequence[PoseTrack], timeline: Timeline) -> None:
     assert len(found) == len(timeline.release)
     for toss, release, rest in zip(found, timeline.release, timeline.rest, strict=True):
         first, last = _frames(toss, timeline)
@@ -77,7 +79,7 @@ def test_carrying_without_a_throw_is_no_toss(cube: ObjectModel):
     q[:, 0], q[:, 2], q[:, 3] = 0.5 * ease, 0.0524 + 0.25 * np.sin(np.pi * ease) ** 2, 1.0
     rng = np.random.default_rng(0)
     found, rejected = segment(_tracked(Timeline(t, q, (), np.zeros(0), np.zeros(0)), rng), cube)
-    assert found == ()
+    assert len(found) == 0
     assert {stretch.reason for stretch in rejected} == {"resting", "carried: no free flight"}
 
 
@@ -102,7 +104,7 @@ def test_a_throw_that_is_caught_is_no_toss(cube: ObjectModel):
     q[:, 2], q[:, 3] = z, 1.0
     rng = np.random.default_rng(0)
     found, rejected = segment(_tracked(Timeline(t, q, (), np.zeros(0), np.zeros(0)), rng), cube)
-    assert found == ()
+    assert len(found) == 0
     assert any(stretch.reason.startswith("carried") for stretch in rejected)
 
 

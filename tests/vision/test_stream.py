@@ -12,7 +12,7 @@ import pytest
 from tests.vision.sights import seen, tangent, tumble
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
-from tossid.types import Detection
+from tossid.types import Detection, PoseTrack
 from tossid.vision import stream
 from tossid.vision.camera import Camera
 from tossid.vision.layout import layout_of
@@ -114,3 +114,25 @@ def test_what_is_to_be_calibrated_is_tracked_as_a_whole(tagged: ObjectModel) -> 
     settings, loose = TrackSettings(clocks=False), replace(layout, bodies=(*layout.bodies[:-1], unknown))
     found = track_stream(detections, cameras, loose, settings=settings)
     assert body.tags[0].id in found.report.tags
+
+
+@pytest.mark.usefixtures("short_pieces")
+@pytest.mark.parametrize("known", [True, False])
+def test_poses_are_handed_on_as_they_are_found(tagged: ObjectModel, known: bool) -> None:
+    """Piece by piece, or, of what is tracked as a whole, at its end; the same poses."""
+    rng, cameras, layout = np.random.default_rng(5), default_rig(), layout_of(tagged)
+    t, q = tumble(300 if known else 60, rng)
+    detections = list(_sights(cameras, tagged, t, q, rng))
+    if not known:
+        body = layout.bodies[-1]
+        body = replace(body, tags=(replace(body.tags[0], T_body_tag=None), *body.tags[1:]))
+        layout = replace(layout, bodies=(*layout.bodies[:-1], body))
+    parts: list[PoseTrack] = []
+    settings = TrackSettings(clocks=False)
+    whole = track_stream(detections, cameras, layout, settings=settings).tracks["cube"]
+    found = track_stream(detections, cameras, layout, settings=settings, keep=lambda body, part: parts.append(part))
+    assert found.tracks == {}
+    assert found.report.n_poses == len(whole.t)
+    assert len(parts) > 1 if known else len(parts) == 1
+    np.testing.assert_array_equal(np.concatenate([part.q for part in parts]), whole.q)
+    assert (np.sum(whole.q[1:, 3:7] * whole.q[:-1, 3:7], axis=1) > 0).all()

@@ -7,6 +7,7 @@ one rest have in common (a face's own error) is not averaged out within it: the 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,13 +16,16 @@ from numpy.typing import NDArray
 from tossid.errors import InputError
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.rotations import geodesic_angle, quat_continuous, quat_exp, quat_mul, quat_normalize, quat_to_matrix
-from tossid.types import PoseTrack
+from tossid.types import LongTrack, PoseTrack
 from tossid.vision.parabolas import local_parabolas
 from tossid.vision.standing import center_of_mass, stands, touching
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
+BLOCK = 10_000
+"""Frames that are looked at at a time."""
 HALF = 5
 """Frames on each side over which accelerations are looked at."""
 FALLING = 1.0
@@ -82,7 +86,7 @@ class Ground:
         q = track.q.copy()
         q[:, :3] = q[:, :3] @ turn.T
         q[:, 2] -= self.height
-        q[:, 3:7] = quat_continuous(quat_mul(quat, q[:, 3:7]))
+        q[:, 3:7] = quat_mul(quat, q[:, 3:7])
         cov = track.q_cov
         if cov is not None:
             T = np.eye(cov.shape[-1])
@@ -91,7 +95,7 @@ class Ground:
         return PoseTrack(track.name, track.t, q, cov)
 
 
-def find_ground(track: PoseTrack, model: ObjectModel, *, gravity: float = GRAVITY) -> Ground:
+def find_ground(track: PoseTrack | LongTrack, model: ObjectModel, *, gravity: float = GRAVITY) -> Ground:
     """Up and the ground, from all flights and rests of a recording.
 
     Args:
@@ -102,7 +106,7 @@ def find_ground(track: PoseTrack, model: ObjectModel, *, gravity: float = GRAVIT
     """
     up, sigma, n_falling = _up(track, model, gravity)
     ground = Ground(up, sigma, 0.0, np.zeros(2), np.zeros((3, 3)), 0.0, 0, 0, n_falling)
-    rests = [touching(model, q) for q in _rests(ground.levelled(track)) if stands(model, q)]
+    rests = [touching(model, q) for q in _rests(track, ground) if stands(model, q)]
     if len(rests) < FEWEST_RESTS:
         raise InputError(f"the object rests in {len(rests)} places; the ground is found from {FEWEST_RESTS} or more")
     for level in (True, False):
@@ -122,64 +126,85 @@ def find_ground(track: PoseTrack, model: ObjectModel, *, gravity: float = GRAVIT
     return ground
 
 
-def _up(track: PoseTrack, model: ObjectModel, gravity: float) -> tuple[Array, float, int]:
+def _blocks(n: int, before: int, after: int) -> Iterator[tuple[slice, slice]]:
+    """`BLOCK` frames at a time with so many before and after them, and which of these are the block's own."""
+    for first in range(0, n, BLOCK):
+        start, stop = max(first - before, 0), min(first + BLOCK + after, n)
+        yield slice(start, stop), slice(first - start, min(first + BLOCK, n) - start)
+
+
+def _up(track: PoseTrack | LongTrack, model: ObjectModel, gravity: float) -> tuple[Array, float, int]:
     """Against gravity, its uncertainty [rad], and from how many frames; the world's z where too few fall alike."""
-    com = center_of_mass(model, track.q)
-    third = np.diff(com, n=3, axis=0)
-    noise = np.full(len(com), 1.4826 * np.median(np.abs(third)) / np.sqrt(20.0) + 1e-6)
-    _, acceleration, _ = local_parabolas(track.t, com, HALF, noise)
-    size = np.linalg.norm(acceleration, axis=1)
-    index = np.arange(len(com))
-    span = track.t[np.minimum(index + HALF, len(com) - 1)] - track.t[np.maximum(index - HALF, 0)]
-    even = span < 1.5 * 2 * HALF * float(np.median(np.diff(track.t)))
-    falling = _in_runs((np.abs(size - gravity) < FALLING) & even)
-    ways = -acceleration / size[:, None]
+    index, ways = _like_falling(track, model, gravity)
+    falling = _in_runs(index)
+    index, ways = index[falling], ways[falling]
     up = np.array([0.0, 0.0, 1.0])
-    if falling.any():
-        some = ways[falling][:: max(int(falling.sum()) // 1000, 1)]
-        up = some[np.argmax((some @ some.T > np.cos(ALIKE)).sum(axis=1))]
+    if len(ways):
+        some = ways[:: max(len(ways) // 1000, 1)]
+        up = some[np.argmax([np.sum(some @ one > np.cos(ALIKE)) for one in some])]
         for _ in range(10):
-            near = _in_runs(falling & (ways @ up > np.cos(ALIKE)))
-            mean = np.median(ways[near if near.any() else falling], axis=0)
+            near = ways @ up > np.cos(ALIKE)
+            near[near] = _in_runs(index[near])
+            mean = np.median(ways[near] if near.any() else ways, axis=0)
             up = mean / np.linalg.norm(mean)
-        falling = near
-    n = int(falling.sum())
+        ways = ways[near]
+    n = len(ways)
     if n < FEWEST_FALLING:
         return np.array([0.0, 0.0, 1.0]), float("nan"), 0
-    across = ways[falling] - (ways[falling] @ up)[:, None] * up
+    across = ways - (ways @ up)[:, None] * up
     scatter = float(np.median(np.linalg.norm(across, axis=1))) / 1.1774  # of Rayleigh's law
     # neighbouring frames share their windows; a median's error is 1.25 times a mean's
     return up, 1.2533 * scatter / float(np.sqrt(n / (2 * HALF + 1))), n
 
 
-def _in_runs(flags: Bools) -> Bools:
-    """Flags of which `RUN` stand in a row: a hand's acceleration is that of gravity in passing only."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    out = np.zeros_like(flags)
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        out[first:last] = last - first >= RUN
-    return out
+def _like_falling(track: PoseTrack | LongTrack, model: ObjectModel, gravity: float) -> tuple[Ints, Array]:
+    """Frames (k,) whose acceleration is of gravity's size, and the way against it (k, 3)."""
+    n, longest = len(track.t), 1.5 * 2 * HALF * float(np.median(np.diff(track.t)))
+    frames, ways = [], []
+    for around, own in _blocks(n, HALF, HALF):
+        part = track.frames(around)
+        com = center_of_mass(model, part.q)
+        third = np.diff(com, n=3, axis=0)
+        noise = np.full(len(com), 1.4826 * np.median(np.abs(third)) / np.sqrt(20.0) + 1e-6)
+        _, acceleration, _ = local_parabolas(part.t, com, HALF, noise)
+        index = np.arange(around.start, around.stop)[own]
+        span = track.t[np.minimum(index + HALF, n - 1)] - track.t[np.maximum(index - HALF, 0)]
+        size = np.linalg.norm(acceleration[own], axis=1)
+        chosen = (np.abs(size - gravity) < FALLING) & (span < longest)
+        frames.append(index[chosen])
+        ways.append(-acceleration[own][chosen] / size[chosen, None])
+    return np.concatenate(frames), np.concatenate(ways)
 
 
-def _rests(track: PoseTrack) -> list[Array]:
-    """The poses at which the object lies still, one of each run of frames. (nq,) each."""
+def _in_runs(index: Ints) -> Bools:
+    """Which of some frames stand in a row of `RUN`: a hand's acceleration is that of gravity in passing only."""
+    run = np.cumsum(np.diff(index, prepend=index[:1]) > 1)
+    return np.asarray(np.bincount(run)[run] >= RUN)
+
+
+def _rests(track: PoseTrack | LongTrack, ground: Ground) -> list[Array]:
+    """The poses at which the object lies still, one of each run of frames, in the ground's frame. (nq,) each."""
     n, dt = len(track.t), float(np.median(np.diff(track.t)))
     span = max(round(LONG / dt), 4)
     if n <= span:
         return []
-    q, quiet = track.q, np.ones(n - span, dtype=bool)
-    quiet &= track.t[span:] - track.t[:-span] < 1.5 * span * dt
-    for step in (span // 2, span):
-        to = slice(step, n - span + step)
-        quiet &= np.linalg.norm(q[to, :3] - q[: n - span, :3], axis=1) < STILL[0]
-        quiet &= geodesic_angle(q[to, 3:7], q[: n - span, 3:7]) < STILL[1]
-        quiet &= (np.abs(q[to, 7:] - q[: n - span, 7:]) < STILL[1]).all(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(np.int8)))
+    still = []
+    for around, _ in _blocks(n - span, 0, 0):
+        part = ground.levelled(track.frames(slice(around.start, around.stop + span)))
+        q, count = part.q, around.stop - around.start
+        quiet = part.t[span:] - part.t[:-span] < 1.5 * span * dt
+        for step in (span // 2, span):
+            to = slice(step, count + step)
+            quiet &= np.linalg.norm(q[to, :3] - q[:count, :3], axis=1) < STILL[0]
+            quiet &= geodesic_angle(q[to, 3:7], q[:count, 3:7]) < STILL[1]
+            quiet &= (np.abs(q[to, 7:] - q[:count, 7:]) < STILL[1]).all(axis=1)
+        still.append(around.start + np.flatnonzero(quiet))
+    index = np.concatenate(still)
     poses = []
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        own = q[first : last + span]
-        pose = np.median(own, axis=0)
-        pose[3:7] = quat_normalize(quat_continuous(own[:, 3:7]).mean(axis=0))
+    for run in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1) if len(index) else ():
+        q = ground.levelled(track.frames(slice(max(run[0], run[-1] + 1 - BLOCK), run[-1] + 1 + span))).q
+        pose = np.median(q, axis=0)
+        pose[3:7] = quat_normalize(quat_continuous(q[:, 3:7]).mean(axis=0))
         poses.append(pose)
     return poses
 

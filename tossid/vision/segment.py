@@ -8,8 +8,8 @@ air, and by the energy it brings in, for an object left to itself can only lose 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,20 @@ from numpy.typing import NDArray
 from tossid.errors import InputError
 from tossid.objects import GRAVITY, ObjectModel, corner_positions
 from tossid.rotations import geodesic_angle, quat_boxminus, quat_continuous, quat_normalize
-from tossid.types import PoseTrack
+from tossid.types import LongTrack, OnDemand, PoseTrack
 from tossid.vision.parabolas import local_parabolas
 from tossid.vision.standing import center_of_mass, stands
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+BLOCK = 10_000
+"""Frames that are looked at at a time, or more, for what lies between rests is looked at as one."""
+SETTLED = 1.0
+"""Rests that are nearer to one another [s] may be one."""
+KEPT = 64
+"""Tosses that stay in memory once they were read."""
+RESTING = "resting"
 CLEAR, HELD = 0.008, 0.05
 """An object whose lowest corner is higher than this over the ground [m] for longer than this [s], and does not fall, is
 held. (An impact looks like that for as long as a local fit of the acceleration spans it.)"""
@@ -64,12 +71,12 @@ class Stretch:
 
 
 def segment(
-    track: PoseTrack,
+    track: PoseTrack | LongTrack,
     model: ObjectModel,
     *,
     gravity: float = GRAVITY,
     settings: SegmentSettings = SegmentSettings(),
-) -> tuple[tuple[PoseTrack, ...], tuple[Stretch, ...]]:
+) -> tuple[Sequence[PoseTrack], tuple[Stretch, ...]]:
     """Cut a track into tosses.
 
     A toss starts with the first frame of free flight after the release (or with
@@ -77,45 +84,69 @@ def segment(
     which the object stays at rest (or with the track).
 
     Args:
-        track: at a mostly even rate, in a world whose z points up, ground at z = 0.
+        track: at a mostly even rate, in a world whose z points up, ground at z = 0. Some `BLOCK` of it are in memory
+            at a time.
         gravity: [m/s²].
 
     Returns:
-        the tosses, named after the track and numbered, and every other stretch with its reason.
+        the tosses, named after the track and numbered (read of it when they are asked for), and every other stretch
+        with its reason.
     """
-    n = len(track.t)
-    dt = float(np.median(np.diff(track.t)))
+    t, n = track.t, len(track.t)
+    dt = float(np.median(np.diff(t)))
     if n < 8:
         raise InputError(f"a track of {n} poses is too short to hold a toss")
-    com = center_of_mass(model, track.q)
-    low = corner_positions(model, track.q)[..., 2].min(axis=1)
     # of the body whose moments are largest for its mass: an upper bound for the energy of spin
     gyration = float((np.linalg.eigvalsh(model.inertia).max(axis=1) / model.mass).max())
-    tosses: list[PoseTrack] = []
+    tosses: list[slice] = []
     rejected: list[Stretch] = []
 
-    def reject(first: int, last: int, reason: str) -> None:
-        if last >= first:
-            rejected.append(Stretch(first, last, float(track.t[first]), float(track.t[last]), reason))
+    def look(first: int, stop: int) -> _Part:
+        return _Part(model, track.frames(slice(first, stop)), dt, gravity, gyration, settings)
 
     # frames missing for longer than a toss can do without split the track
-    breaks = np.flatnonzero(np.diff(track.t) > max(settings.max_gap, 2.5 * dt)) + 1
-    edges = [0, *breaks.tolist(), n]
-    for number, (a, b) in enumerate(itertools.pairwise(edges)):
-        open_end = number < len(edges) - 2
-        cov = None if track.q_cov is None else track.q_cov[a:b]
-        part = _Part(model, track.t[a:b], com[a:b], track.q[a:b], cov, low[a:b], dt, gravity, gyration, settings)
-        if b - a < 8:
-            reject(a, b - 1, "too short")
+    breaks = np.flatnonzero(np.diff(t) > max(settings.max_gap, 2.5 * dt)) + 1
+    for start, stop in itertools.pairwise([0, *breaks.tolist(), n]):
+        if stop - start < 8:
+            stretches = iter([(start, stop - 1, "too short")])
+        else:
+            stretches = _from_rest_to_rest(look, start, stop, round(SETTLED / dt), open_end=stop < n)
+        for first, last, reason in stretches:
+            if not reason:
+                tosses.append(slice(first, last + 1))
+            elif last >= first:
+                if rejected and reason == rejected[-1].reason == RESTING and first <= rejected[-1].last + 1:
+                    first = rejected.pop().first  # one rest, of several blocks
+                rejected.append(Stretch(first, last, float(t[first]), float(t[last]), reason))
+
+    def toss(i: int) -> PoseTrack:
+        return replace(track.frames(tosses[i]), name=f"{track.name}_{i:03d}")
+
+    return OnDemand(toss, len(tosses), kept=KEPT), tuple(rejected)
+
+
+def _from_rest_to_rest(
+    look: Callable[[int, int], _Part], start: int, stop: int, settled: int, *, open_end: bool
+) -> Iterator[tuple[int, int, str]]:
+    """(first, last, reason) of frames from start to stop, in blocks: what was before a rest does not matter after it.
+
+    Args:
+        look: at frames of the track. settled: frames within which rests may be one. open_end: more frames follow later.
+    """
+    at, size = start, BLOCK
+    while True:
+        end = min(at + size, stop)
+        part = look(at, end)
+        rests = part.rests(resting=at > start)
+        until = None if end == stop else part.until(rests, settled)
+        if until is None and end < stop:
+            size *= 2
             continue
-        for first, last, reason in part.stretches(open_end=open_end):
-            if reason:
-                reject(a + first, a + last, reason)
-            else:
-                own = slice(a + first, a + last + 1)
-                cov = None if track.q_cov is None else track.q_cov[own]
-                tosses.append(PoseTrack(f"{track.name}_{len(tosses):03d}", track.t[own], track.q[own], cov))
-    return tuple(tosses), tuple(rejected)
+        for first, last, reason in part.stretches(rests, until, open_end=open_end):
+            yield at + first, at + last, reason
+        if until is None:
+            return
+        at, size = at + until, BLOCK
 
 
 def rest_frame(q: Array, *, settings: SegmentSettings = SegmentSettings()) -> int:
@@ -166,17 +197,16 @@ class _Part:
     def __init__(
         self,
         model: ObjectModel,
-        t: Array,
-        com: Array,
-        q: Array,
-        q_cov: Array | None,
-        low: Array,
+        track: PoseTrack,
         dt: float,
         gravity: float,
         gyration: float,
         settings: SegmentSettings,
     ) -> None:
-        self.model, self.t, self.com, self.q, self.low = model, t, com, q, low
+        t, q, q_cov = track.t, track.q, track.q_cov
+        com = center_of_mass(model, q)
+        self.model, self.t, self.com, self.q = model, t, com, q
+        self.low = corner_positions(model, q)[..., 2].min(axis=1)
         self.dt, self.gravity, self.gyration, self.settings = dt, gravity, gyration, settings
         # noise of each frame [m], [rad]: what the track says, and at least what its third differences
         # show, which of smooth motion are far smaller than of noise
@@ -203,8 +233,11 @@ class _Part:
         rate = rate / (self.t[2 * k :] - self.t[: -2 * k])
         return np.concatenate([np.repeat(rate[:1], k), rate, np.repeat(rate[-1:], k)])
 
-    def rests(self) -> list[tuple[int, int]]:
-        """Runs of frames at rest: the first within the tolerance of the run's own pose, to the last."""
+    def rests(self, *, resting: bool) -> list[tuple[int, int]]:
+        """Runs of frames at rest: the first within the tolerance of the run's own pose, to the last.
+
+        resting: the object is known to rest at the first frame.
+        """
         n = len(self.t)
         span = max(round(self.settings.min_rest / self.dt), 4)
         if n <= span:
@@ -233,7 +266,18 @@ class _Part:
                 first = min(first, found.pop()[0])
             if (last - first) * self.dt >= 0.9 * self.settings.min_rest:
                 found.append((first, last))
+        if resting and found and found[0][0] < span:
+            found[0] = (0, found[0][1])
         return self._merge(found)
+
+    def until(self, rests: list[tuple[int, int]], settled: int) -> int | None:
+        """A frame at rest after which nothing can change what was before it, the last if there are several."""
+        end = len(self.t) - 1 - settled
+        ended = [first for first, last in rests if last < end and first > 0]
+        if ended:
+            return ended[-1]
+        # a rest that goes on, and has for long
+        return end if rests and rests[-1][0] + settled < end <= rests[-1][1] else None
 
     def _around(self, a: int, b: int, pose: Array, distance: Array, angle: Array) -> tuple[int, int]:
         """The longest run at a pose that has to do with frames a to b, as far as it goes on both sides.
@@ -261,25 +305,27 @@ class _Part:
                 between = slice(merged[-1][1], first + 1)
                 fall = self.com[merged[-1][1], 2] - self.com[between, 2]
                 speed = np.linalg.norm(self.velocity[between], axis=1).max()
-                if -fall.min() < 0.004 and speed < 0.15 and (first - merged[-1][1]) * self.dt < 1.0:
+                if -fall.min() < 0.004 and speed < 0.15 and (first - merged[-1][1]) * self.dt < SETTLED:
                     # it had not come to rest before
                     merged[-1] = (first, last)
                     continue
             merged.append((first, last))
         return merged
 
-    def stretches(self, *, open_end: bool) -> Iterator[tuple[int, int, str]]:
-        """(first, last, reason) of all frames in order; an empty reason is a toss."""
+    def stretches(
+        self, rests: list[tuple[int, int]], until: int | None, *, open_end: bool
+    ) -> Iterator[tuple[int, int, str]]:
+        """(first, last, reason) of all frames in order, or of those to a frame at rest; an empty reason is a toss."""
         n = len(self.t)
-        rests = self.rests()
+        ends = [*rests, (n, n)] if until is None else [(a, min(b, until)) for a, b in rests if a <= until]
         at = 0
-        for first_rest, last_rest in [*rests, (n, n)]:
+        for first_rest, last_rest in ends:
             end = min(first_rest, n - 1)
             if end > at or (first_rest == n and at < n - 1):
                 at_end = first_rest == n
                 yield from self._motion(at, end, at_end=at_end, open_end=open_end)
-            if first_rest < n:
-                yield min(first_rest + 1, last_rest), last_rest, "resting"
+            if first_rest < n and first_rest != until:
+                yield min(first_rest + 1, last_rest), last_rest, RESTING
                 at = last_rest + 1
             if at >= n:
                 break

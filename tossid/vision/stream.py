@@ -40,21 +40,26 @@ def track_stream(
     settings: TrackSettings = DEFAULT,
     name: str | None = None,
     progress: Callable[[int], None] | None = None,
+    keep: Callable[[str, PoseTrack], None] | None = None,
 ) -> Tracked:
     """As `track_scene`, of detections as they come.
 
     Args:
         detections: in order of time, but for `LATE`, where all that is static is known; else in any order.
         progress: called with the number of poses found since the last call.
+        keep: takes poses as they are found, a moving body's name and the next stretch of its track; what is returned
+            then has no tracks.
 
     Raises:
         InputError: as `track_scene`, if no piece gives a pose.
     """
+    tracks = _Tracks(keep)
     if not settled(cameras, layout):
         tracked = track_scene(list(detections), cameras, layout, settings=settings, name=name)
+        tracks.go_on(tracked.tracks)
         if progress is not None:
             progress(tracked.report.n_poses)
-        return tracked
+        return replace(tracked, tracks=tracks.whole())
     done: list[Tracked] = []
     failed: list[InputError] = []
     pieces = _Pieces(detections)
@@ -69,12 +74,14 @@ def track_stream(
             looking, pieces.clocks = False, tracked.report.clocks
             pieces.put_back(piece)
             continue
+        tracks.go_on(tracked.tracks)
+        tracked = replace(tracked, tracks={})
         done.append(tracked if not done else replace(tracked, cameras=(), layout=layout))
         if progress is not None:
             progress(tracked.report.n_poses)
     if not done:
         raise failed[0] if failed else InputError("no detection of any tag of the scene: nothing to track")
-    return _joined(done, pieces.clocks, len(failed))
+    return _joined(done, tracks.whole(), pieces.clocks, len(failed))
 
 
 def settled(cameras: Sequence[Camera], layout: TagLayout) -> bool:
@@ -135,10 +142,42 @@ class _Pieces:
         return d if late is None else replace(d, t=d.t - late[0])
 
 
-def _joined(done: Sequence[Tracked], clocks: dict[str, tuple[float, float]], n_failed: int) -> Tracked:
+class _Tracks:
+    """Tracks by body that go on from piece to piece: signs of quaternions and turns of joints too."""
+
+    def __init__(self, keep: Callable[[str, PoseTrack], None] | None) -> None:
+        self._parts: dict[str, list[PoseTrack]] = {}
+        self._last: dict[str, np.ndarray] = {}
+        self._keep = keep or (lambda body, part: self._parts.setdefault(body, []).append(part))
+
+    def go_on(self, tracks: dict[str, PoseTrack]) -> None:
+        """Take the next piece's."""
+        for body, part in tracks.items():
+            if body in self._last:
+                q = np.concatenate([self._last[body], part.q])
+                q[:, 3:7] = quat_continuous(q[:, 3:7])
+                q[:, 7:] = np.unwrap(q[:, 7:], axis=0)
+                part = replace(part, q=q[1:])
+            self._last[body] = part.q[-1:].copy()
+            self._keep(body, part)
+
+    def whole(self) -> dict[str, PoseTrack]:
+        """All of them; none where another keeps them."""
+        return {body: _one_track(parts) for body, parts in self._parts.items()}
+
+
+def _one_track(parts: Sequence[PoseTrack]) -> PoseTrack:
+    if len(parts) == 1:
+        return parts[0]
+    covs = [part.q_cov for part in parts if part.q_cov is not None]
+    t, q = np.concatenate([part.t for part in parts]), np.concatenate([part.q for part in parts])
+    return PoseTrack(parts[0].name, t, q, np.concatenate(covs))
+
+
+def _joined(
+    done: Sequence[Tracked], tracks: dict[str, PoseTrack], clocks: dict[str, tuple[float, float]], n_failed: int
+) -> Tracked:
     """One after another. Pieces without any pose are counted as such."""
-    names = dict.fromkeys(name for tracked in done for name in tracked.tracks)
-    tracks = {name: _one_track([d.tracks[name] for d in done if name in d.tracks]) for name in names}
     frames = Frames(
         *(np.concatenate([getattr(d.frames, field) for d in done]) for field in ("t", "camera", "rms", "tags"))
     )
@@ -147,17 +186,6 @@ def _joined(done: Sequence[Tracked], clocks: dict[str, tuple[float, float]], n_f
     if n_failed:
         report.dropped_tags[f"in {n_failed} stretches of {PIECE:g} s without a pose"] = n_failed
     return Tracked(tracks, done[0].cameras, done[0].layout, frames, report)
-
-
-def _one_track(parts: Sequence[PoseTrack]) -> PoseTrack:
-    """Signs of quaternions and turns of joints go on from part to part."""
-    if len(parts) == 1:
-        return parts[0]
-    q = np.concatenate([part.q for part in parts])
-    q[:, 3:7] = quat_continuous(q[:, 3:7])
-    q[:, 7:] = np.unwrap(q[:, 7:], axis=0)
-    covs = [part.q_cov for part in parts if part.q_cov is not None]
-    return PoseTrack(parts[0].name, np.concatenate([part.t for part in parts]), q, np.concatenate(covs))
 
 
 def _one_report(reports: Sequence[TrackReport], frames: Frames, cameras: Sequence[str]) -> TrackReport:
