@@ -86,7 +86,12 @@ def _lost(error: BaseException) -> bool:
     """Whether workers are gone, not the work wrong."""
     if isinstance(error, (BrokenExecutor, CancelledError)):
         return True
-    return "distributed" in sys.modules and isinstance(error, sys.modules["distributed"].KilledWorker)
+    if "distributed" not in sys.modules:
+        return False
+    from distributed import KilledWorker
+    from distributed.scheduler import NoWorkerError
+
+    return isinstance(error, (KilledWorker, NoWorkerError))
 
 
 def _with_code(code: str, function: Callable[..., R], *args: Any) -> R:
@@ -193,24 +198,28 @@ def _dask(scheduler: Any, wait_s: float, key: str) -> Iterator[Workers]:
 def _slurm(launcher: SlurmLauncher) -> Iterator[Any]:
     """Jobs of one core, ended with the command."""
     try:
+        import dask
         from dask_jobqueue import SLURMCluster
     except ImportError as error:
         raise ConfigError("launcher", f"dask-jobqueue is not installed; {EXTRA} installs it.") from error
+    # jobs that all have ended are not followed by others
+    patience = {"distributed.scheduler.no-workers-timeout": f"{launcher.wait_s}s"}
     try:
-        cluster = SLURMCluster(
-            queue=launcher.queue,
-            account=launcher.account,
-            memory=launcher.memory,
-            walltime=launcher.walltime,
-            interface=launcher.interface,
-            cores=1,
-            processes=1,
-            n_workers=launcher.jobs,
-            job_name="tossid",
-            log_directory=os.path.abspath("outputs/logs/slurm"),
-            job_script_prologue=[f"export {name}=1" for name in _ONE_THREAD],
-            scheduler_options={"dashboard": False},
-        )
+        with dask.config.set(patience):
+            cluster = SLURMCluster(
+                queue=launcher.queue,
+                account=launcher.account,
+                memory=launcher.memory,
+                walltime=launcher.walltime,
+                interface=launcher.interface,
+                cores=1,
+                processes=1,
+                n_workers=launcher.jobs,
+                job_name="tossid",
+                log_directory=os.path.abspath("outputs/logs/slurm"),
+                job_script_prologue=[f"export {name}=1" for name in _ONE_THREAD],
+                scheduler_options={"dashboard": False},
+            )
     except (OSError, ValueError, RuntimeError) as error:
         raise ConfigError("launcher", f"jobs cannot be submitted to Slurm ({error}).") from error
     with cluster:

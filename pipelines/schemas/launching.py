@@ -47,7 +47,7 @@ class SlurmLauncher:
     interface: str | None
     """network interface that jobs reach this machine by ("ib0"); null: the one of its name"""
     wait_s: Positive
-    """how long to wait for the first job to start [s]"""
+    """how long to wait for the first job to start, and for another once none is left [s]"""
 
 
 Launcher = ProcessesLauncher | DaskLauncher | SlurmLauncher

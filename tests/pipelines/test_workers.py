@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import stat
 import subprocess
 import sys
@@ -34,6 +35,11 @@ def halved(x: int) -> int:
 def die_of_three(x: int) -> int:
     if x == 3:
         os._exit(9)
+    return x
+
+
+def end_this_job(x: int) -> int:
+    os.killpg(0, signal.SIGKILL)
     return x
 
 
@@ -100,22 +106,35 @@ echo "Submitted batch job $!"
 """
 
 
-@pytest.mark.slow
-def test_slurms_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Slurm itself is not there; its two commands are, and the job is a real worker."""
+@pytest.fixture
+def slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Slurm itself is not there; its two commands are, and the jobs are real workers. Where these leave their notes."""
     pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is an extra: pip install -e '.[cluster]'")
     command(tmp_path / "sbatch", FAKE_SBATCH)
     command(tmp_path / "scancel", '#!/bin/sh\nkill -- "-$1" 2>/dev/null || kill "$1"\n')
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))  # what the job is to do stands in this file
     monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.slow
+def test_slurms_jobs(slurm: Path) -> None:
     launcher = SlurmLauncher("slurm", 1, None, None, "1GiB", "00:10:00", "lo", 120.0)
     with open_workers(launcher, None) as there:
         assert there.count == 1
         assert words(list(as_done(halved, [4, 3], there.submit))) == {4: 2, 3: "3 is odd"}
-    (job,) = (tmp_path / "sbatch.jobs").read_text().split()
+    (job,) = (slurm / "sbatch.jobs").read_text().split()
     # ended with the command
     assert wait_for(lambda: not Path(f"/proc/{job}").exists() or "Z" in state_of(job), 60)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("slurm")
+def test_slurms_jobs_have_all_died() -> None:
+    launcher = SlurmLauncher("slurm", 1, None, None, "1GiB", "00:10:00", "lo", 30.0)
+    with pytest.raises(SolverError, match="lost .NoWorkerError"), open_workers(launcher, None) as there:
+        list(as_done(end_this_job, [1, 2], there.submit))
 
 
 def state_of(pid: str) -> str:

@@ -123,6 +123,11 @@ def test_tosses_that_come_one_by_one_give_the_same_file(dataset: Dataset, path: 
     ):
         writer.add(dataset.tosses[0])
         writer.add(dataset.tosses[0])
+    with (
+        pytest.raises(RuntimeError, match=r"c\.h5: the block ended without"),
+        dataset_writer(dataset.object, tmp_path / "c.h5") as writer,
+    ):
+        writer.add(dataset.tosses[0])
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a.h5", "tosses.h5"]
 
 

@@ -72,6 +72,7 @@ def dataset_writer(model: ObjectModel, path: Path) -> Iterator[DatasetWriter]:
 
     Raises:
         InputError, ObjectError, OutputError: as `write_dataset`.
+        RuntimeError: the block ended without `finish`; there is no file then.
     """
     if not isinstance(model, ObjectModel):
         raise InputError(f"the dataset's object is a {type(model).__name__}, expected an ObjectModel")
@@ -82,6 +83,8 @@ def dataset_writer(model: ObjectModel, path: Path) -> Iterator[DatasetWriter]:
             with _frugal(h5py.File(sink, "w", libver=("v110", "v110"))) as file:
                 _write_object(file.create_group("object"), model, text)
                 yield DatasetWriter(file, model, sink)
+                if "schema" not in file.attrs:
+                    raise RuntimeError(f"{path}: the block ended without DatasetWriter.finish")
         finally:
             sink.check()
 
