@@ -133,7 +133,7 @@ def test_slurms_jobs(slurm: Path) -> None:
 @pytest.mark.usefixtures("slurm")
 def test_slurms_jobs_have_all_died() -> None:
     launcher = SlurmLauncher("slurm", 1, None, None, "1GiB", "00:10:00", "lo", 30.0)
-    with pytest.raises(SolverError, match="lost .NoWorkerError"), open_workers(launcher, None) as there:
+    with pytest.raises(SolverError, match=r"lost .NoWorkerError"), open_workers(launcher, None) as there:
         list(as_done(end_this_job, [1, 2], there.submit))
 
 
