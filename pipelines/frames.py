@@ -31,8 +31,8 @@ from tossid.vision.files import read_tracks
 from tossid.vision.ground import find_ground
 from tossid.vision.layout import articulated, object_body
 from tossid.vision.segment import SegmentSettings, segment
-from tossid.vision.spool import PoseSpool
-from tossid.vision.stream import track_stream
+from tossid.vision.spool import detections_aside, pose_spool
+from tossid.vision.stream import settled, track_stream
 from tossid.vision.track import Tracked
 
 STAGES = Path("outputs/stages")
@@ -46,7 +46,7 @@ def ingest_frames(config: IngestConfig, source: CameraSource, console: Console) 
     opened = open_recording(source, config.object, default="cube")
     out = check_dataset_name("out", config.out or DATASETS / f"{opened.name}.h5")
     name = object_name(opened)
-    with output_file(out) as temporary, PoseSpool(temporary.parent) as spool:
+    with output_file(out) as temporary, pose_spool(temporary.parent) as spool:
 
         def keep(body: str, part: PoseTrack) -> None:
             if body == name:
@@ -54,7 +54,8 @@ def ingest_frames(config: IngestConfig, source: CameraSource, console: Console) 
 
         tally: Counter[str] = Counter()
         detections = detected(opened, config.detect, threads=config.threads, console=console, tally=tally)
-        report = track_stage(opened, detections, config.track, console=console, keep=keep).report
+        aside = temporary.parent
+        report = track_stage(opened, detections, config.track, console=console, aside=aside, keep=keep).report
         poses = spool.track()
         if poses is None:
             raise _too_few(opened, name)
@@ -133,12 +134,14 @@ def track_stage(
     config: TrackConfig,
     *,
     console: Console,
+    aside: Path | None = None,
     keep: Callable[[str, PoseTrack], None] | None = None,
 ) -> Tracked:
     """The poses of all moving bodies in every frame that shows them, and what else the scene did not say.
 
     Args:
         detections: as they come, in order of time; or all.
+        aside: a folder where those that come lie on the disk while they are needed more than once.
         keep: takes the poses instead, as `track_stream` has it.
     """
     settings = TrackSettings(**asdict(config))
@@ -150,6 +153,8 @@ def track_stage(
         if isinstance(detections, Sequence):
             detections = sorted(detections, key=lambda detection: detection.t)
             bar = stack.enter_context(console.progress("track", None, unit="poses")).advance
+        elif aside is not None and not settled(opened.cameras, layout):
+            detections = stack.enter_context(detections_aside(detections, aside))
         tracked = track_stream(
             detections, opened.cameras, layout, settings=settings, name=opened.name, progress=bar, keep=keep
         )

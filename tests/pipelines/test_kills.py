@@ -1,5 +1,5 @@
 """kill -9 at random moments of every command: no output is ever half written, none of before is lost, and a rerun
-completes. `KILLS=200` spreads so many over the commands."""
+completes. `KILLS=200` spreads so many over the commands; a process that had ended by then does not count."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from tossid.store import read_dataset
 
 FILM = ["tosses=1", "camera.count=2", "camera.samples=2", "camera.pause_s=[0.1,0.1]", "camera.carry_s=[0.2,0.2]"]
 SWEEP = ["sweep.models=[cn,cnrp]", "sweep.values=[4.905,9.81]", "sweep.train=['epochs=2']", "sweep.workers=1"]
+AUDIT = ["tosses=6", "cases=1", "engines=[lcp]", "workers=1"]
 COMMANDS = {
     "synthesize": ["synthesize", "frames=false", "engine=lcp", "tosses=4", "seconds=0.5", "out=made"],
     "film": ["synthesize", *FILM, "out=filmed"],
@@ -35,13 +36,15 @@ COMMANDS = {
     "segment": ["segment", "recording=film", "poses=tracked.npz", "out=parts.h5"],
     "train": ["train", *KEYS, "data=tosses"],
     "evaluate": ["evaluate", "data=tosses", "run=RUN"],
-    "sweep": ["evaluate", "--sweep", "gravity", *SWEEP, "data=tosses"],
+    "sweep": ["evaluate", "--sweep", "gravity", *SWEEP, "sweep.seeds=[ROUND]", "data=tosses"],
     "diagnose": ["diagnose", "data=tosses", "tosses=6", "out=gap"],
+    "audit": ["audit", *AUDIT, "seed=ROUND", "out=audited-ROUND"],
     "export": ["export", "run=RUN", "format=urdf", "out=here/cube.urdf"],
     "register": ["register", "name=cube", "run=RUN"],
-    "new-object": ["new-object", "name=brick", "box=[0.2,0.1,0.06]", "mass=0.8", "out=brick"],
+    "new-object": ["new-object", "name=brickROUND", "box=[0.2,0.1,0.06]", "mass=0.8", "out=brickROUND"],
     "view": ["view", "recording=film", "sheet=sheet.png"],
 }
+"""ROUND: counts the reruns that completed, for what would go on with what is done and find nothing left to do."""
 KILLS = int(os.environ.get("KILLS", "28"))
 EACH = max(1, round(KILLS / len(COMMANDS)))
 RERUN_EVERY = 4
@@ -62,9 +65,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield folder
 
 
-def tossid(name: str, folder: Path) -> subprocess.Popen[bytes]:
+def tossid(name: str, folder: Path, turn: int) -> subprocess.Popen[bytes]:
     trained = next(folder.glob("outputs/train/*/checkpoint.pt"), folder / "none")
-    args = [arg.replace("RUN", str(trained.parent)) for arg in COMMANDS[name]]
+    args = [arg.replace("ROUND", str(turn)).replace("RUN", str(trained.parent)) for arg in COMMANDS[name]]
     return subprocess.Popen(
         [sys.executable, "-m", "pipelines.app", *args, "--quiet"],
         cwd=folder,
@@ -74,10 +77,10 @@ def tossid(name: str, folder: Path) -> subprocess.Popen[bytes]:
     )
 
 
-def completes(name: str, folder: Path) -> float:
+def completes(name: str, folder: Path, turn: int = 0) -> float:
     """Seconds of a run that ends well."""
     started = time.monotonic()
-    with tossid(name, folder) as running:
+    with tossid(name, folder, turn) as running:
         err = running.communicate(timeout=300)[1].decode()
     kept = name == "new-object" and "is there already" in err  # which it says of a whole one only: see `check_whole`
     assert running.returncode == 0 or kept, err[-2000:]
@@ -124,17 +127,22 @@ def test_a_killed_command_leaves_whole_files_and_runs_again(name: str, folder: P
         completes("train", folder)
     seconds = completes(name, folder)
     rng = np.random.default_rng(sum(map(ord, name)))
-    for turn in range(EACH):
+    kills, turn, since = 0, 1, 0
+    while kills < EACH:
         before = files(folder)
-        with tossid(name, folder) as running:
+        with tossid(name, folder, turn) as running:
             time.sleep(rng.uniform(0.2, 1.0) * seconds)
-            os.killpg(running.pid, signal.SIGKILL)
+            ended = running.poll() is not None
+            if not ended:
+                os.killpg(running.pid, signal.SIGKILL)
             running.communicate(timeout=60)
+        kills, since = kills + (not ended), since + 1
         after = files(folder)
         assert before <= after, f"lost: {before - after}"
         for path in sorted(after):
             check_whole(path)
-        if turn % RERUN_EVERY == RERUN_EVERY - 1 or turn == EACH - 1:
-            completes(name, folder)
+        if ended or since == RERUN_EVERY or kills == EACH:
+            completes(name, folder, turn)
             for path in sorted(files(folder)):
                 check_whole(path)
+            turn, since = turn + 1, 0

@@ -14,7 +14,7 @@ from tossid.errors import MotionError
 from tossid.objects import ObjectModel
 from tossid.types import LongTrack, PoseTrack
 from tossid.vision import ground, segment
-from tossid.vision.spool import PoseSpool
+from tossid.vision.spool import PoseSpool, pose_spool
 
 BLOCK = 1500
 
@@ -47,7 +47,7 @@ def _spooled(spool: PoseSpool, *tracks: PoseTrack) -> LongTrack:
 @pytest.mark.parametrize("covariance", [True, False])
 def test_what_is_spooled_is_read_as_it_was(track: PoseTrack, tmp_path: Path, covariance: bool) -> None:
     track = track if covariance else replace(track, q_cov=None)
-    with PoseSpool(tmp_path) as spool:
+    with pose_spool(tmp_path) as spool:
         assert spool.track() is None
         long = _spooled(spool, track)
         assert list(tmp_path.iterdir()) == []  # nothing is left behind, whatever ends the process
@@ -62,7 +62,7 @@ def test_what_is_spooled_is_read_as_it_was(track: PoseTrack, tmp_path: Path, cov
 
 
 def test_a_spool_takes_one_track(track: PoseTrack, tmp_path: Path) -> None:
-    with PoseSpool(tmp_path) as spool:
+    with pose_spool(tmp_path) as spool:
         spool.add(track.frames(slice(100)))
         with pytest.raises(MotionError, match="time does not increase"):
             spool.add(track.frames(slice(99, 200)))
@@ -71,7 +71,7 @@ def test_a_spool_takes_one_track(track: PoseTrack, tmp_path: Path) -> None:
 
 
 def test_the_same_from_a_file_as_in_memory(cube: ObjectModel, track: PoseTrack, tmp_path: Path) -> None:
-    with PoseSpool(tmp_path) as spool:
+    with pose_spool(tmp_path) as spool:
         long = _spooled(spool, track)
         (found, rejected), (same, others) = segment.segment(track, cube), segment.segment(long, cube)
         assert rejected == others
@@ -126,7 +126,7 @@ def test_a_long_rest_is_one(cube: ObjectModel, track: PoseTrack) -> None:
 def test_memory_does_not_grow_with_the_track(cube: ObjectModel, track: PoseTrack, tmp_path: Path) -> None:
     n, peaks = len(track.t), []
     for turns in (1, 3):
-        with PoseSpool(tmp_path) as spool:
+        with pose_spool(tmp_path) as spool:
             again = [replace(track, t=track.t + turn * (track.t[-1] + 0.5)) for turn in range(turns)]
             long = _spooled(spool, *again)
             del again

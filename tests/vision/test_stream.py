@@ -5,11 +5,12 @@ from __future__ import annotations
 import tracemalloc
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.vision.sights import seen, tangent, tumble
+from tests.vision.sights import nees, seen, tangent, tumble
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.types import Detection, PoseTrack
@@ -17,6 +18,7 @@ from tossid.vision import stream
 from tossid.vision.camera import Camera
 from tossid.vision.layout import layout_of
 from tossid.vision.rig import default_rig
+from tossid.vision.spool import detections_aside
 from tossid.vision.stream import settled, track_stream
 from tossid.vision.track import TrackSettings, track_scene
 
@@ -136,3 +138,77 @@ def test_poses_are_handed_on_as_they_are_found(tagged: ObjectModel, known: bool)
     assert len(parts) > 1 if known else len(parts) == 1
     np.testing.assert_array_equal(np.concatenate([part.q for part in parts]), whole.q)
     assert (np.sum(whole.q[1:, 3:7] * whole.q[:-1, 3:7], axis=1) > 0).all()
+
+
+@pytest.fixture
+def soon_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream, "LONG", 200)
+    monkeypatch.setattr(stream, "STRETCHES", 4)
+    monkeypatch.setattr(stream, "STRETCH", 50)
+
+
+@pytest.mark.usefixtures("short_pieces", "soon_long")
+@pytest.mark.parametrize("what", ["cameras", "tags"])
+def test_a_long_recording_is_calibrated_by_stretches_of_it(tagged: ObjectModel, tmp_path: Path, what: str) -> None:
+    """Poses as good as tracked in one go, covariances that hold, and what is static within its own deviations."""
+    rng, true = np.random.default_rng(6), default_rig()
+    t, q = tumble(300, rng)
+    detections = list(_sights(true, tagged, t, q, rng))
+    cameras, layout, body = true, layout_of(tagged), layout_of(tagged).bodies[-1]
+    if what == "cameras":
+        cameras = (true[0], *(replace(camera, T_rig_cam=None) for camera in true[1:]))
+    else:
+        unknown = [replace(tag, T_body_tag=None) for tag in body.tags[1:]]
+        layout = replace(layout, bodies=(*layout.bodies[:-1], replace(body, tags=(body.tags[0], *unknown))))
+    settings = TrackSettings(clocks=False)
+    whole = track_scene(detections, cameras, layout, settings=settings).tracks["cube"]
+    with detections_aside(iter(detections), tmp_path) as aside:
+        assert list(tmp_path.iterdir()) == []
+        found = track_stream(aside, cameras, layout, settings=settings)
+    track = found.tracks["cube"]
+    assert found.report.n_poses == found.report.n_steps == len(track.t) == 300
+    errors = [np.linalg.norm(tangent(one, q)[:, :3], axis=1) for one in (whole, track)]
+    assert np.median(errors[0]) < 3e-4
+    assert np.median(errors[1]) < 2.0 * np.median(errors[0])  # the stretches are 200 of 300 frames
+    assert np.percentile(errors[1], 95) < 2.0 * np.percentile(errors[0], 95)
+    assert 0.6 < np.mean(nees(track, q)) < 1.6  # all frames share one draw of the calibration's error
+    if what == "cameras":
+        for camera, truth in zip(found.cameras[1:], true[1:], strict=True):
+            assert camera.T_rig_cam is not None
+            moved = found.report.cameras[camera.name]
+            assert moved.distance is None  # against what was given, not against what the stretches found
+            off = np.linalg.norm(camera.T_rig_cam[:3, 3] - truth.T_rig_cam[:3, 3])
+            assert off < 5 * moved.sigma < 1e-3
+    else:
+        assert set(found.report.tags) == {tag.id for tag in body.tags[1:]}
+        for tag, truth in zip(found.layout.bodies[-1].tags, body.tags, strict=True):
+            assert np.abs(tag.T_body_tag - truth.T_body_tag).max() < 3e-3
+
+
+@pytest.mark.usefixtures("short_pieces", "soon_long")
+def test_a_long_recordings_clock_is_found_by_stretches_of_it(tagged: ObjectModel) -> None:
+    rng, cameras = np.random.default_rng(7), default_rig()
+    t, q = tumble(500, rng)
+    detections = [replace(d, t=d.t + 0.0405) if d.camera == "cam1" else d for d in _sights(cameras, tagged, t, q, rng)]
+    loose = tuple(replace(camera, T_rig_cam_cov=np.eye(6) * 1e-8) for camera in cameras)
+    found = track_stream(iter(sorted(detections, key=lambda d: d.t)), loose, layout_of(tagged))
+    assert found.report.clocks["cam1"][0] == pytest.approx(0.0405, abs=5e-4)
+    track = found.tracks["cube"]
+    near = np.abs(track.t[:, None] - t).argmin(axis=1)
+    good = np.abs(track.t - t[near]) < 1e-3
+    assert good.sum() > 420
+    assert np.median(np.linalg.norm(track.q[good, :3] - q[near[good], :3], axis=1)) < 1e-3
+
+
+def test_detections_that_are_aside_are_what_they_were(tagged: ObjectModel, tmp_path: Path) -> None:
+    rng, cameras = np.random.default_rng(8), default_rig()
+    t, q = tumble(40, rng)
+    detections = [replace(d, hamming=1, margin=31.5) for d in _sights(cameras, tagged, t, q, rng)]
+    with detections_aside(iter(detections), tmp_path) as aside:
+        for _ in range(2):
+            again = list(aside)
+            assert len(again) == len(detections)
+            for a, b in zip(detections, again, strict=True):
+                assert (a.camera, a.t, a.tag_id, a.hamming, a.margin) == (b.camera, b.t, b.tag_id, b.hamming, b.margin)
+                np.testing.assert_array_equal(a.corners, b.corners)
+                np.testing.assert_array_equal(a.corner_cov, b.corner_cov)

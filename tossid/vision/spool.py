@@ -1,36 +1,86 @@
-"""Poses of a long recording, in a file while it is worked on: they may be more than fits into memory."""
+"""What a long recording gives, in a file while it is worked on: it may be more than fits into memory.
+
+The files have no name and are gone with the process, however that ends. They lie in a folder that is given, for the
+system's temporary one may be memory, too.
+"""
 
 from __future__ import annotations
 
+import itertools
 import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
+from typing import BinaryIO
 
 import numpy as np
 
 from tossid.errors import MotionError
-from tossid.types import LongTrack, PoseTrack
+from tossid.types import Detection, LongTrack, PoseTrack
+
+ROW = np.dtype(
+    [
+        ("camera", "i4"),
+        ("t", "f8"),
+        ("tag_id", "i8"),
+        ("corners", "f8", (4, 2)),
+        ("corner_cov", "f8", (4, 2, 2)),
+        ("hamming", "i8"),
+        ("margin", "f8"),
+    ]
+)
+"""A detection."""
+AT_ONCE = 4096
+"""Detections that are written or read at once."""
+
+
+@contextmanager
+def pose_spool(folder: Path) -> Iterator[PoseSpool]:
+    """A file for poses, while the block lasts."""
+    with tempfile.TemporaryFile(dir=folder) as file:
+        yield PoseSpool(file)
+
+
+@contextmanager
+def detections_aside(detections: Iterable[Detection], folder: Path) -> Iterator[SpooledDetections]:
+    """Detections that can be gone through again and again, while the block lasts."""
+    with tempfile.TemporaryFile(dir=folder) as file:
+        yield SpooledDetections(detections, file)
+
+
+class SpooledDetections(Iterable[Detection]):
+    """See `detections_aside`."""
+
+    def __init__(self, detections: Iterable[Detection], file: BinaryIO) -> None:
+        self._file, self._cameras = file, dict[str, int]()
+        self.count = 0
+        source = iter(detections)
+        while some := list(itertools.islice(source, AT_ONCE)):
+            rows = np.empty(len(some), dtype=ROW)
+            for i, d in enumerate(some):
+                camera = self._cameras.setdefault(d.camera, len(self._cameras))
+                rows[i] = camera, d.t, d.tag_id, d.corners, d.corner_cov, d.hamming, d.margin
+            file.write(rows.tobytes())
+            self.count += len(some)
+
+    def __iter__(self) -> Iterator[Detection]:
+        names = list(self._cameras)
+        for first in range(0, self.count, AT_ONCE):
+            self._file.seek(first * ROW.itemsize)
+            rows = np.frombuffer(self._file.read(min(AT_ONCE, self.count - first) * ROW.itemsize), dtype=ROW)
+            for camera, t, tag_id, corners, cov, hamming, margin in rows:
+                yield Detection(
+                    names[camera], float(t), int(tag_id), corners.copy(), cov.copy(), int(hamming), float(margin)
+                )
 
 
 class PoseSpool:
-    """A track's stretches one after another in an unnamed file, which is gone with the process, however that ends.
+    """A track's stretches one after another; see `pose_spool`."""
 
-    Args:
-        folder: where the file is to lie. A temporary folder may be memory, too.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  (closed by __exit__)
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
         self._shape: tuple[str, int, int] | None = None
         self._t: list[np.ndarray] = []
-
-    def __enter__(self) -> PoseSpool:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._file.close()
 
     def add(self, part: PoseTrack) -> None:
         """Take the next stretch; all have a covariance of their poses, or none has."""

@@ -2,13 +2,14 @@
 
 Where all that is static is exactly known, time steps share nothing but the clocks' offsets: pieces of some seconds are
 tracked one after another as detections come in, and all that is kept of them is their poses and what the report says.
-Otherwise the recording is tracked as a whole.
+Otherwise a recording is tracked as a whole, unless it is long: then stretches from all over it tell what is static, and
+the pieces follow with that as their prior.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +29,10 @@ PIECE = 20.0
 """Length of a piece [s]."""
 LATE = 2.0
 """Detections come in order of time, but for so much [s]."""
+LONG = 12_000
+"""Times of frames up to which a recording is tracked as a whole where something static is to be found."""
+STRETCHES, STRETCH = 20, 600
+"""Of a longer one, so many stretches of so many times of frames tell what is static."""
 BORDER = 0.5
 """A piece ends at the widest gap between frames within so long of its full length [s]."""
 
@@ -45,7 +50,8 @@ def track_stream(
     """As `track_scene`, of detections as they come.
 
     Args:
-        detections: in order of time, but for `LATE`, where all that is static is known; else in any order.
+        detections: in order of time, but for `LATE`, where all that is static is known, or the recording is `LONG`;
+            else in any order. Where they are needed more than once and come from an iterator, they are kept in memory.
         progress: called with the number of poses found since the last call.
         keep: takes poses as they are found, a moving body's name and the next stretch of its track; what is returned
             then has no tracks.
@@ -54,16 +60,20 @@ def track_stream(
         InputError: as `track_scene`, if no piece gives a pose.
     """
     tracks = _Tracks(keep)
+    pieces, looking, statics = _Pieces(detections), settings.clocks, None
     if not settled(cameras, layout):
-        tracked = track_scene(list(detections), cameras, layout, settings=settings, name=name)
-        tracks.go_on(tracked.tracks)
-        if progress is not None:
-            progress(tracked.report.n_poses)
-        return replace(tracked, tracks=tracks.whole())
+        detections = list(detections) if isinstance(detections, Iterator) else detections
+        sample = _sample(detections) if all(body.stillness is None for body in layout.bodies) else None
+        statics = track_scene(list(sample or detections), cameras, layout, settings=settings, name=name)
+        if sample is None:
+            tracks.go_on(statics.tracks)
+            if progress is not None:
+                progress(statics.report.n_poses)
+            return replace(statics, tracks=tracks.whole())
+        cameras, layout = statics.cameras, statics.layout
+        pieces, looking = _Pieces(detections, statics.report.clocks), False
     done: list[Tracked] = []
     failed: list[InputError] = []
-    pieces = _Pieces(detections)
-    looking = settings.clocks
     while piece := pieces.take():
         try:
             tracked = track_scene(piece, cameras, layout, settings=replace(settings, clocks=looking), name=name)
@@ -75,13 +85,28 @@ def track_stream(
             pieces.put_back(piece)
             continue
         tracks.go_on(tracked.tracks)
-        tracked = replace(tracked, tracks={})
-        done.append(tracked if not done else replace(tracked, cameras=(), layout=layout))
+        statics = statics or tracked
+        done.append(replace(tracked, tracks={}, cameras=(), layout=layout))
         if progress is not None:
             progress(tracked.report.n_poses)
-    if not done:
+    if statics is None or not done:
         raise failed[0] if failed else InputError("no detection of any tag of the scene: nothing to track")
-    return _joined(done, tracks.whole(), pieces.clocks, len(failed))
+    return _joined(done, statics, tracks.whole(), pieces.clocks, len(failed))
+
+
+def _sample(detections: Iterable[Detection]) -> list[Detection] | None:
+    """Those of stretches all over a recording; None where it is not `LONG`."""
+    t = np.unique(np.fromiter((d.t for d in detections), dtype=float))
+    if len(t) <= LONG:
+        return None
+    starts = np.linspace(0, len(t) - STRETCH, STRETCHES).astype(np.int64)
+    first, last = t[starts], t[starts + STRETCH - 1]
+
+    def chosen(time: float) -> bool:
+        i = int(np.searchsorted(first, time, side="right")) - 1
+        return i >= 0 and time <= last[i]
+
+    return [d for d in detections if chosen(d.t)]
 
 
 def settled(cameras: Sequence[Camera], layout: TagLayout) -> bool:
@@ -108,8 +133,8 @@ def _small(sigma: np.ndarray | None) -> bool:
 class _Pieces:
     """Stretches of time, in order. clocks: of cameras that are late [s], and the standard deviations; taken off."""
 
-    def __init__(self, detections: Iterable[Detection]) -> None:
-        self.clocks: dict[str, tuple[float, float]] = {}
+    def __init__(self, detections: Iterable[Detection], clocks: dict[str, tuple[float, float]] | None = None) -> None:
+        self.clocks: dict[str, tuple[float, float]] = clocks or {}
         self._source = iter(detections)
         self._waiting: list[Detection] = []
 
@@ -175,17 +200,22 @@ def _one_track(parts: Sequence[PoseTrack]) -> PoseTrack:
 
 
 def _joined(
-    done: Sequence[Tracked], tracks: dict[str, PoseTrack], clocks: dict[str, tuple[float, float]], n_failed: int
+    done: Sequence[Tracked],
+    statics: Tracked,
+    tracks: dict[str, PoseTrack],
+    clocks: dict[str, tuple[float, float]],
+    n_failed: int,
 ) -> Tracked:
-    """One after another. Pieces without any pose are counted as such."""
+    """One after another, and what is static as `statics` has it. Pieces without any pose are counted as such."""
     frames = Frames(
         *(np.concatenate([getattr(d.frames, field) for d in done]) for field in ("t", "camera", "rms", "tags"))
     )
-    report = _one_report([d.report for d in done], frames, [camera.name for camera in done[0].cameras])
-    report = replace(report, clocks=clocks)
+    report = _one_report([d.report for d in done], frames, [camera.name for camera in statics.cameras])
+    found = statics.report
+    report = replace(report, clocks=clocks, cameras=found.cameras, tags=found.tags, prints=found.prints)
     if n_failed:
         report.dropped_tags[f"in {n_failed} stretches of {PIECE:g} s without a pose"] = n_failed
-    return Tracked(tracks, done[0].cameras, done[0].layout, frames, report)
+    return Tracked(tracks, statics.cameras, statics.layout, frames, report)
 
 
 def _one_report(reports: Sequence[TrackReport], frames: Frames, cameras: Sequence[str]) -> TrackReport:
