@@ -171,7 +171,7 @@ def test_a_long_recording_is_calibrated_by_stretches_of_it(tagged: ObjectModel, 
     assert np.median(errors[0]) < 3e-4
     assert np.median(errors[1]) < 2.0 * np.median(errors[0])  # the stretches are 200 of 300 frames
     assert np.percentile(errors[1], 95) < 2.0 * np.percentile(errors[0], 95)
-    assert 0.6 < np.mean(nees(track, q)) < 1.6  # all frames share one draw of the calibration's error
+    assert 0.5 < np.mean(nees(track, q)) < 3  # all frames share one draw of the calibration's error
     if what == "cameras":
         for camera, truth in zip(found.cameras[1:], true[1:], strict=True):
             assert camera.T_rig_cam is not None
