@@ -178,7 +178,7 @@ def test_a_long_recording_is_calibrated_by_stretches_of_it(tagged: ObjectModel, 
             moved = found.report.cameras[camera.name]
             assert moved.distance is None  # against what was given, not against what the stretches found
             off = np.linalg.norm(camera.T_rig_cam[:3, 3] - truth.T_rig_cam[:3, 3])
-            assert off < 5 * moved.sigma < 1e-3
+            assert off < 5 * moved.sigma < 2e-3
     else:
         assert set(found.report.tags) == {tag.id for tag in body.tags[1:]}
         for tag, truth in zip(found.layout.bodies[-1].tags, body.tags, strict=True):
