@@ -119,6 +119,12 @@ def test_windows_give_what_one_batch_gives(tagged: ObjectModel):
     assert (distance < sigma).all()
     ratio = np.diagonal(parts.world_cov[-1], axis1=1, axis2=2) / np.diagonal(whole.world_cov[-1], axis1=1, axis2=2)
     assert 0.7 < np.median(ratio) < 1.5
+    # what is static is as sure as the sample made it, which is of fewer steps; no window adds to that
+    known = np.isfinite(whole.tag_cov).all(axis=(1, 2)) & whole.tag_cov.any(axis=(1, 2))
+    assert known.sum() == len(layout.bodies[-1].tags) - 1
+    ratio = np.diagonal(parts.tag_cov[known], axis1=1, axis2=2) / np.diagonal(whole.tag_cov[known], axis1=1, axis2=2)
+    assert (ratio > 1).all()
+    assert np.median(ratio) < 4
 
 
 def _wall(rng: np.random.Generator, *, noise: float = 0.0) -> tuple[list[Detection], list[Camera], TagLayout]:

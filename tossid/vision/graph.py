@@ -10,7 +10,6 @@ in one batch; the steps follow in windows, with it as their prior, so that memor
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import gtsam
@@ -98,11 +97,17 @@ def solve(
     if len(steps) <= window:
         _batch(scene, solution, used, steps, known, motion, flaws, scale, covariances, statics=True, solved=solved)
         return solution
+    learned: dict[int, Prior] = {}
     if together:
-        known, motion = _sampled(scene, solution, used, steps, known, motion, flaws, scale, window)
+        motion, learned = _sampled(scene, solution, used, steps, known, motion, flaws, scale, window)
     for a in range(0, len(steps), window):
         own = steps[a : a + window]
-        _batch(scene, solution, used, own, known, motion, flaws, scale, covariances, statics=False, solved=solved)
+        both = {**known, **learned}
+        _batch(scene, solution, used, own, both, motion, flaws, scale, covariances, statics=False, solved=solved)
+    for key, poses, covs, at in _statics(scene, solution):
+        if key in learned:  # not as the last window has it
+            poses[at], cov = learned[key].T, learned[key].cov
+            covs[at] = 0.0 if cov is None else cov
     return solution
 
 
@@ -116,12 +121,16 @@ def _sampled(
     flaws: Flaws,
     scale: float,
     window: int,
-) -> tuple[dict[int, Prior], Motion]:
+) -> tuple[Motion, dict[int, Prior]]:
     """What a sample of steps tells of all that is static, as knowledge for the rest."""
     sample = _spread(scene, used, steps, window)
     _batch(scene, solution, used, sample, known, motion, flaws, scale, True, statics=True)
-    known = dict(known) | dict(_learned(scene, solution))
-    return known, Motion(motion.twist, solution.clock.copy(), _no(scene))
+    learned = {
+        key: Prior(poses[at].copy(), covs[at].copy() if covs[at].any() else None)
+        for key, poses, covs, at in _statics(scene, solution)
+        if np.isfinite(covs[at]).all()
+    }
+    return Motion(motion.twist, solution.clock.copy(), _no(scene)), learned
 
 
 def _spread(scene: Scene, used: Bools, steps: Ints, window: int) -> Ints:
@@ -138,16 +147,13 @@ def _no(scene: Scene) -> Bools:
     return np.zeros(len(scene.cameras), dtype=bool)
 
 
-def _learned(scene: Scene, solution: Solution) -> Iterator[tuple[int, Prior]]:
-    """What a batch found of static things, as prior of the next."""
-    parts = [(camera_key(c), solution.state.camera[c], solution.camera_cov[c]) for c in range(len(scene.cameras))]
-    parts += [(tag_key(i), solution.state.tag[i], solution.tag_cov[i]) for i in range(len(scene.tags))]
-    for b, body in enumerate(scene.bodies):
-        if body.is_static:
-            parts.append((body_key(b, 0), solution.state.world[b][0], solution.world_cov[b][0]))
-    for key, T, cov in parts:
-        if np.isfinite(cov).all():
-            yield key, Prior(T.copy(), cov if cov.any() else None)
+def _statics(scene: Scene, solution: Solution) -> list[tuple[int, Array, Array, int]]:
+    """Of all that is static: key, array of poses, array of their covariances, and place in both."""
+    state = solution.state
+    slots = [(camera_key(c), state.camera, solution.camera_cov, c) for c in range(len(scene.cameras))]
+    slots += [(tag_key(i), state.tag, solution.tag_cov, i) for i in range(len(scene.tags))]
+    statics = [b for b, body in enumerate(scene.bodies) if body.is_static]
+    return slots + [(body_key(b, 0), state.world[b], solution.world_cov[b], 0) for b in statics]
 
 
 def _batch(
@@ -170,10 +176,9 @@ def _batch(
     built.noise.scale = scale
     marginals = marginals_of(built.graph, values) if covariances and values.size() else None
     state = solution.state
-    slots = [(camera_key(c), state.camera, solution.camera_cov, c) for c in range(len(scene.cameras))]
-    slots += [(tag_key(i), state.tag, solution.tag_cov, i) for i in range(len(scene.tags))]
+    slots = _statics(scene, solution)
     for b, body in enumerate(scene.bodies):
-        for step in (0,) if body.is_static else () if body.hinge is not None else steps:
+        for step in () if body.is_static or body.hinge is not None else steps:
             slots.append((body_key(b, int(step)), state.world[b], solution.world_cov[b], int(step)))
     for key, poses, covs, at in slots:
         if key in built.fixed:
