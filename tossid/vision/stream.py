@@ -212,7 +212,15 @@ def _joined(
     )
     report = _one_report([d.report for d in done], frames, [camera.name for camera in statics.cameras])
     found = statics.report
-    report = replace(report, clocks=clocks, cameras=found.cameras, tags=found.tags, prints=found.prints)
+    suspects = {(suspect.kind, suspect.name): suspect for suspect in (*report.suspects, *found.suspects)}
+    report = replace(
+        report,
+        clocks=clocks,
+        cameras=found.cameras,
+        tags=found.tags,
+        prints=found.prints,
+        suspects=list(suspects.values()),
+    )
     if n_failed:
         report.dropped_tags[f"in {n_failed} stretches of {PIECE:g} s without a pose"] = n_failed
     return Tracked(tracks, statics.cameras, statics.layout, frames, report)
