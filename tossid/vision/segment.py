@@ -298,15 +298,20 @@ class _Part:
             reach *= 2
 
     def _merge(self, rests: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        """Join rests between which the object only settled further by itself."""
+        """Join rests between which the object only settled further by itself: it had not come to rest before.
+
+        On the ground it may have stood on what does not hold for long, and tipped over: no faster than by its fall.
+        """
         merged: list[tuple[int, int]] = []
         for first, last in rests:
             if merged:
-                between = slice(merged[-1][1], first + 1)
-                fall = self.com[merged[-1][1], 2] - self.com[between, 2]
-                speed = np.linalg.norm(self.velocity[between], axis=1).max()
-                if -fall.min() < 0.004 and speed < 0.15 and (first - merged[-1][1]) * self.dt < SETTLED:
-                    # it had not come to rest before
+                before = merged[-1][1]
+                between = slice(before, first + 1)
+                fall = self.com[before, 2] - self.com[between, 2]
+                speed = np.linalg.norm(self.velocity[between], axis=1)
+                lay = self.low[before] < self.low[first] + CLEAR
+                fastest = np.sqrt(0.15**2 + (2 * self.gravity * np.maximum(fall, 0.0) if lay else 0.0))
+                if -fall.min() < 0.004 and (speed < fastest).all() and (first - before) * self.dt < SETTLED:
                     merged[-1] = (first, last)
                     continue
             merged.append((first, last))
