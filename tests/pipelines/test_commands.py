@@ -14,6 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import yaml
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.stores.ros1_noetic import builtin_interfaces__msg__Time as Time
@@ -31,6 +32,7 @@ from tossid.objects import corner_positions
 from tossid.rotations import geodesic_angle, quat_boxminus
 from tossid.store import file_sha256, read_dataset, write_tum
 from tossid.types import Phase
+from tossid.vision import stream
 from tossid.vision.calibration import read_cameras
 from tossid.vision.files import read_detections
 from tossid.vision.recording import read_recording
@@ -263,6 +265,31 @@ def test_ingest_reads_videos_and_bags_as_it_reads_frames(
         assert found["n_tosses"] == frames["n_tosses"]
         (mine,), (theirs,) = (read_dataset(Path(f"{name}.h5")).tosses for name in (source, "frames"))
         np.testing.assert_allclose(mine.q, theirs.q, atol=1e-6)
+
+
+def test_ingest_finds_where_a_camera_stands(
+    film: Path, project: Path, answer: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the film as a whole, and, of one that is taken for long, from stretches of it."""
+    (recording,) = (film / "data" / "raw").iterdir()
+    told = answer("ingest", f"source.path={recording}", "out=told.h5")
+    shutil.copytree(recording, project / "blind")
+    poses = yaml.safe_load((recording / "camera_poses.yaml").read_text())
+    (project / "blind" / "camera_poses.yaml").write_text(yaml.safe_dump({"cam0": poses["cam0"]}))
+    whole = answer("ingest", "source.path=blind", "out=whole.h5")
+    for name, value in {"LONG": 50, "STRETCHES": 5, "STRETCH": 20, "PIECE": 0.3, "LATE": 0.2, "BORDER": 0.1}.items():
+        monkeypatch.setattr(stream, name, value)
+    parts = answer("ingest", "source.path=blind", "out=parts.h5")
+    assert told["track"]["cameras"] == {}
+    (true,) = read_dataset(project / "told.h5").tosses
+    for name, made in (("whole", whole), ("parts", parts)):
+        assert list(made["track"]["cameras"]) == ["cam1"]
+        assert made["track"]["n_poses"] > 0.95 * told["track"]["n_poses"]
+        (toss,) = read_dataset(project / f"{name}.h5").tosses
+        both, at, true_at = np.intersect1d(np.round(toss.t, 6), np.round(true.t, 6), return_indices=True)
+        assert len(both) > 0.9 * len(true.t)
+        assert np.median(np.linalg.norm(toss.q[at, :3] - true.q[true_at, :3], axis=1)) < 1e-3
+    assert sorted(path.name for path in project.glob("*.h5*")) == ["parts.h5", "told.h5", "whole.h5"]
 
 
 def test_ingest_reads_the_real_cube(project: Path, shared_data: Path, answer: Any) -> None:
