@@ -149,12 +149,13 @@ def track_stage(
         settings = replace(settings, max_sigma=float("inf"), max_angle_sigma=float("inf"))
     layout = opened.layout if opened.model is None else articulated(opened.layout, opened.model)
     with ExitStack() as stack:
-        bar = None  # detections that are still to be found have their own
         if isinstance(detections, Sequence):
             detections = sorted(detections, key=lambda detection: detection.t)
-            bar = stack.enter_context(console.progress("track", None, unit="poses")).advance
         elif aside is not None and not settled(opened.cameras, layout):
             detections = stack.enter_context(detections_aside(detections, aside))
+        bar = None
+        if not isinstance(detections, Iterator):  # those that are still to be found have their own
+            bar = stack.enter_context(console.progress("track", None, unit="poses")).advance
         tracked = track_stream(
             detections, opened.cameras, layout, settings=settings, name=opened.name, progress=bar, keep=keep
         )
