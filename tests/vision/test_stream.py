@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from tossid.vision.layout import layout_of
 from tossid.vision.rig import default_rig
 from tossid.vision.spool import detections_aside
 from tossid.vision.stream import settled, track_stream
-from tossid.vision.track import TrackSettings, track_scene
+from tossid.vision.track import Tracked, TrackSettings, track_scene
 
 
 @pytest.fixture
@@ -35,6 +35,21 @@ def _sights(
 ) -> Iterator[Detection]:
     for i in range(len(t)):
         yield from seen(cameras, model, float(t[i]), q[i], rng, 0.1)
+
+
+def _late(detections: Iterable[Detection]) -> list[Detection]:
+    """In order of their time stamps, of which cam1's are 40.5 ms late."""
+    stamped = (replace(d, t=d.t + 0.0405) if d.camera == "cam1" else d for d in detections)
+    return sorted(stamped, key=lambda d: d.t)
+
+
+def _assert_clock_taken_off(found: Tracked, t: np.ndarray, q: np.ndarray, *, more_than: int) -> None:
+    assert found.report.clocks["cam1"][0] == pytest.approx(0.0405, abs=5e-4)
+    track = found.tracks["cube"]
+    near = np.abs(track.t[:, None] - t).argmin(axis=1)
+    good = np.abs(track.t - t[near]) < 1e-3
+    assert good.sum() > more_than
+    assert np.median(np.linalg.norm(track.q[good, :3] - q[near[good], :3], axis=1)) < 1e-3
 
 
 @pytest.mark.usefixtures("short_pieces")
@@ -93,14 +108,9 @@ def test_nothing_to_see_for_a_while_is_no_end(tagged: ObjectModel) -> None:
 def test_a_clock_is_found_once_and_taken_off_all_pieces(tagged: ObjectModel) -> None:
     rng, cameras = np.random.default_rng(3), default_rig()
     t, q = tumble(400, rng)
-    detections = [replace(d, t=d.t + 0.0405) if d.camera == "cam1" else d for d in _sights(cameras, tagged, t, q, rng)]
-    found = track_stream(sorted(detections, key=lambda d: d.t), cameras, layout_of(tagged))
-    assert found.report.clocks["cam1"][0] == pytest.approx(0.0405, abs=5e-4)
-    track = found.tracks["cube"]
-    near = np.abs(track.t[:, None] - t).argmin(axis=1)
-    good = np.abs(track.t - t[near]) < 1e-3
-    assert good.sum() > 350
-    assert np.median(np.linalg.norm(track.q[good, :3] - q[near[good], :3], axis=1)) < 1e-3
+    detections = _late(_sights(cameras, tagged, t, q, rng))
+    found = track_stream(detections, cameras, layout_of(tagged))
+    _assert_clock_taken_off(found, t, q, more_than=350)
 
 
 def test_what_is_to_be_calibrated_is_tracked_as_a_whole(tagged: ObjectModel) -> None:
@@ -189,15 +199,10 @@ def test_a_long_recording_is_calibrated_by_stretches_of_it(tagged: ObjectModel, 
 def test_a_long_recordings_clock_is_found_by_stretches_of_it(tagged: ObjectModel) -> None:
     rng, cameras = np.random.default_rng(7), default_rig()
     t, q = tumble(500, rng)
-    detections = [replace(d, t=d.t + 0.0405) if d.camera == "cam1" else d for d in _sights(cameras, tagged, t, q, rng)]
+    detections = _late(_sights(cameras, tagged, t, q, rng))
     loose = tuple(replace(camera, T_rig_cam_cov=np.eye(6) * 1e-8) for camera in cameras)
-    found = track_stream(iter(sorted(detections, key=lambda d: d.t)), loose, layout_of(tagged))
-    assert found.report.clocks["cam1"][0] == pytest.approx(0.0405, abs=5e-4)
-    track = found.tracks["cube"]
-    near = np.abs(track.t[:, None] - t).argmin(axis=1)
-    good = np.abs(track.t - t[near]) < 1e-3
-    assert good.sum() > 420
-    assert np.median(np.linalg.norm(track.q[good, :3] - q[near[good], :3], axis=1)) < 1e-3
+    found = track_stream(iter(detections), loose, layout_of(tagged))
+    _assert_clock_taken_off(found, t, q, more_than=420)
 
 
 def test_detections_that_are_aside_are_what_they_were(tagged: ObjectModel, tmp_path: Path) -> None:

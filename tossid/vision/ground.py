@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.objects import GRAVITY, ObjectModel
-from tossid.rotations import geodesic_angle, quat_continuous, quat_exp, quat_mul, quat_normalize, quat_to_matrix
+from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
 from tossid.types import LongTrack, PoseTrack
-from tossid.vision.parabolas import local_parabolas
-from tossid.vision.standing import center_of_mass, stands, touching
+from tossid.vision.parabolas import local_parabolas, scatter
+from tossid.vision.standing import center_of_mass, mean_pose, stands, still_for, touching
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -126,10 +126,10 @@ def find_ground(track: PoseTrack | LongTrack, model: ObjectModel, *, gravity: fl
     return ground
 
 
-def _blocks(n: int, before: int, after: int) -> Iterator[tuple[slice, slice]]:
-    """`BLOCK` frames at a time with so many before and after them, and which of these are the block's own."""
+def _blocks(n: int, beside: int) -> Iterator[tuple[slice, slice]]:
+    """`BLOCK` frames at a time with so many on each side of them, and which of these are the block's own."""
     for first in range(0, n, BLOCK):
-        start, stop = max(first - before, 0), min(first + BLOCK + after, n)
+        start, stop = max(first - beside, 0), min(first + BLOCK + beside, n)
         yield slice(start, stop), slice(first - start, min(first + BLOCK, n) - start)
 
 
@@ -161,11 +161,10 @@ def _like_falling(track: PoseTrack | LongTrack, model: ObjectModel, gravity: flo
     """Frames (k,) whose acceleration is of gravity's size, and the way against it (k, 3)."""
     n, longest = len(track.t), 1.5 * 2 * HALF * float(np.median(np.diff(track.t)))
     frames, ways = [], []
-    for around, own in _blocks(n, HALF, HALF):
+    for around, own in _blocks(n, HALF):
         part = track.frames(around)
         com = center_of_mass(model, part.q)
-        third = np.diff(com, n=3, axis=0)
-        noise = np.full(len(com), 1.4826 * np.median(np.abs(third)) / np.sqrt(20.0) + 1e-6)
+        noise = np.full(len(com), scatter(np.diff(com, n=3, axis=0)) + 1e-6)
         _, acceleration, _ = local_parabolas(part.t, com, HALF, noise)
         index = np.arange(around.start, around.stop)[own]
         span = track.t[np.minimum(index + HALF, n - 1)] - track.t[np.maximum(index - HALF, 0)]
@@ -189,24 +188,15 @@ def _rests(track: PoseTrack | LongTrack, ground: Ground) -> list[Array]:
     if n <= span:
         return []
     still = []
-    for around, _ in _blocks(n - span, 0, 0):
+    for around, _ in _blocks(n - span, 0):
         part = ground.levelled(track.frames(slice(around.start, around.stop + span)))
-        q, count = part.q, around.stop - around.start
-        quiet = part.t[span:] - part.t[:-span] < 1.5 * span * dt
-        for step in (span // 2, span):
-            to = slice(step, count + step)
-            quiet &= np.linalg.norm(q[to, :3] - q[:count, :3], axis=1) < STILL[0]
-            quiet &= geodesic_angle(q[to, 3:7], q[:count, 3:7]) < STILL[1]
-            quiet &= (np.abs(q[to, 7:] - q[:count, 7:]) < STILL[1]).all(axis=1)
+        quiet = still_for(part.q, span, *STILL) & (part.t[span:] - part.t[:-span] < 1.5 * span * dt)
         still.append(around.start + np.flatnonzero(quiet))
     index = np.concatenate(still)
-    poses = []
-    for run in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1) if len(index) else ():
-        q = ground.levelled(track.frames(slice(max(run[0], run[-1] + 1 - BLOCK), run[-1] + 1 + span))).q
-        pose = np.median(q, axis=0)
-        pose[3:7] = quat_normalize(quat_continuous(q[:, 3:7]).mean(axis=0))
-        poses.append(pose)
-    return poses
+    runs = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1) if len(index) else []
+    # of a rest longer than a block, its end
+    ends = [slice(max(run[0], run[-1] + 1 - BLOCK), run[-1] + 1 + span) for run in runs]
+    return [mean_pose(ground.levelled(track.frames(end)).q) for end in ends]
 
 
 def _design(rests: list[Array]) -> tuple[Array, Array, NDArray[np.int64]]:

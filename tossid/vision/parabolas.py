@@ -1,4 +1,4 @@
-"""Velocity and acceleration of a tracked point, by parabolas through each frame's neighbours."""
+"""Velocity, acceleration and noise of a tracked point, by parabolas through each frame's neighbours."""
 
 from __future__ import annotations
 
@@ -11,6 +11,11 @@ BESIDE = 4.0
 """Noise by which a frame's distance from the parabola calls for a second look."""
 FITS = 2.0
 """Noise within which (rms) the other frames lie on a parabola if one of them is left out."""
+
+
+def scatter(third: Array) -> float:
+    """Standard deviation of a quantity from its third differences, robustly: of smooth motion they are far smaller."""
+    return float(1.4826 * np.median(np.abs(third)) / np.sqrt(20.0))
 
 
 def local_parabolas(t: Array, x: Array, half: int, noise: Array) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.objects import GRAVITY, ObjectModel, corner_positions
-from tossid.rotations import geodesic_angle, quat_boxminus, quat_continuous, quat_normalize
+from tossid.rotations import quat_boxminus
 from tossid.types import LongTrack, OnDemand, PoseTrack
-from tossid.vision.parabolas import local_parabolas
-from tossid.vision.standing import center_of_mass, stands
+from tossid.vision.parabolas import local_parabolas, scatter
+from tossid.vision.standing import center_of_mass, mean_pose, near, stands, still_for
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -155,23 +155,9 @@ def rest_frame(q: Array, *, settings: SegmentSettings = SegmentSettings()) -> in
     q: (n, nq). A single frame beyond the tolerance does not count as motion.
     """
     distance, angle = np.full(len(q), settings.rest_distance), np.full(len(q), settings.rest_angle)
-    moving = ~_still(q, _mean_pose(q[-5:]), distance, angle)
+    moving = ~near(q, mean_pose(q[-5:]), distance, angle)
     index = np.flatnonzero(moving & ~_alone(moving))
     return int(min(index[-1] + 1, len(q) - 1)) if len(index) else 0
-
-
-def _mean_pose(q: Array) -> Array:
-    """Medians of positions and joints, mean of orientations (all near each other). (n, nq) -> (nq,)."""
-    pose = np.median(q, axis=0)
-    pose[3:7] = quat_normalize(quat_continuous(q[:, 3:7]).mean(axis=0))
-    return np.asarray(pose)
-
-
-def _still(q: Array, pose: Array, distance: Array, angle: Array) -> Bools:
-    near = np.linalg.norm(q[:, :3] - pose[:3], axis=1) < distance
-    turned = geodesic_angle(q[:, 3:7], pose[3:7]) < angle
-    joints = (np.abs(q[:, 7:] - pose[7:]) < angle[:, None]).all(axis=1)
-    return np.asarray(near & turned & joints)
 
 
 def _alone(flags: Bools) -> Bools:
@@ -184,11 +170,6 @@ def _runs(flags: Bools) -> Iterator[tuple[int, int]]:
     """First and last index of each run of true flags."""
     steps = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     yield from zip(steps[::2].tolist(), (steps[1::2] - 1).tolist(), strict=True)
-
-
-def _scatter(third: Array) -> float:
-    """Standard deviation of a quantity from its third differences, robustly."""
-    return float(1.4826 * np.median(np.abs(third)) / np.sqrt(20.0))
 
 
 class _Part:
@@ -211,8 +192,8 @@ class _Part:
         # noise of each frame [m], [rad]: what the track says, and at least what its third differences
         # show, which of smooth motion are far smaller than of noise
         turn = quat_boxminus(q[1:, 3:7], q[:-1, 3:7])
-        self.noise = np.full(len(t), _scatter(np.diff(com, n=3, axis=0)))
-        self.turn_noise = np.full(len(t), _scatter(np.diff(turn, n=2, axis=0)))
+        self.noise = np.full(len(t), scatter(np.diff(com, n=3, axis=0)))
+        self.turn_noise = np.full(len(t), scatter(np.diff(turn, n=2, axis=0)))
         if q_cov is not None:
             self.noise = np.maximum(self.noise, np.sqrt(np.linalg.eigvalsh(q_cov[:, :3, :3])[:, -1]))
             self.turn_noise = np.maximum(self.turn_noise, np.sqrt(np.linalg.eigvalsh(q_cov[:, 3:6, 3:6])[:, -1]))
@@ -245,18 +226,11 @@ class _Part:
         distance = np.maximum(self.settings.rest_distance, 4 * self.noise)
         angle = np.maximum(self.settings.rest_angle, 4 * self.turn_noise)
         # candidates: the same pose at both ends and in the middle of the shortest rest
-        p, quat, joints = self.q[:, :3], self.q[:, 3:7], self.q[:, 7:]
-        quiet = np.ones(n - span, dtype=bool)
-        for step in (span // 2, span):
-            to = slice(step, n - span + step)
-            near, close = 1.5 * distance[: n - span], 1.5 * angle[: n - span]
-            quiet &= np.linalg.norm(p[to] - p[: n - span], axis=1) < near
-            quiet &= geodesic_angle(quat[to], quat[: n - span]) < close
-            quiet &= (np.abs(joints[to] - joints[: n - span]) < close[:, None]).all(axis=1)
+        quiet = still_for(self.q, span, 1.5 * distance[: n - span], 1.5 * angle[: n - span])
         found: list[tuple[int, int]] = []
         for a, b in _runs(quiet):
             # what comes last is nearest to the final pose
-            pose = _mean_pose(self.q[(a + b + span) // 2 : b + span + 1])
+            pose = mean_pose(self.q[(a + b + span) // 2 : b + span + 1])
             first, last = self._around(a, b + span, pose, distance, angle)
             if last < first:
                 continue
@@ -287,7 +261,7 @@ class _Part:
         n, reach = len(self.t), b - a + 1
         while True:
             low, high = max(a - reach, 0), min(b + reach, n - 1) + 1
-            still = _still(self.q[low:high], pose, distance[low:high], angle[low:high])
+            still = near(self.q[low:high], pose, distance[low:high], angle[low:high])
             still |= _alone(~still)
             runs = [(low + i, low + j) for i, j in _runs(still) if low + j >= a and low + i <= b]
             if not runs:

@@ -1,4 +1,4 @@
-"""Where an object's mass is, and whether it stands by itself."""
+"""Where an object's mass is, whether it stands by itself, and when it does not move."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.objects import ObjectModel, body_poses, corner_positions
-from tossid.rotations import quat_rotate
+from tossid.rotations import geodesic_angle, quat_continuous, quat_normalize, quat_rotate
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 TOUCHING_REL = 0.05
 """Of the object's width: how much higher than its lowest corner others are that touch."""
@@ -35,3 +36,25 @@ def stands(model: ObjectModel, q: Array) -> bool:
     angle = np.sort(np.arctan2(around[:, 1], around[:, 0]))
     gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
     return bool(gaps.max() < HALF_TURN)
+
+
+def mean_pose(q: Array) -> Array:
+    """Medians of positions and joints, mean of orientations (all near each other). (n, nq) -> (nq,)."""
+    pose = np.median(q, axis=0)
+    pose[3:7] = quat_normalize(quat_continuous(q[:, 3:7]).mean(axis=0))
+    return np.asarray(pose)
+
+
+def near(q: Array, pose: Array, distance: Array | float, angle: Array | float) -> Bools:
+    """Which configurations are so near [m], [rad] to a pose. (n, nq) to (nq,), or each to its own (n, nq). -> (n,)."""
+    close = np.linalg.norm(q[:, :3] - pose[..., :3], axis=1) < distance
+    turned = geodesic_angle(q[:, 3:7], pose[..., 3:7]) < angle
+    joints = (np.abs(q[:, 7:] - pose[..., 7:]) < np.asarray(angle)[..., None]).all(axis=1)
+    return np.asarray(close & turned & joints)
+
+
+def still_for(q: Array, span: int, distance: Array | float, angle: Array | float) -> Bools:
+    """Frames whose pose is the same again half of `span` and `span` frames later. (n, nq) -> (n - span,)."""
+    count = len(q) - span
+    half, whole = (near(q[step : count + step], q[:count], distance, angle) for step in (span // 2, span))
+    return np.asarray(half & whole)

@@ -70,6 +70,7 @@ def track_stream(
             if progress is not None:
                 progress(statics.report.n_poses)
             return replace(statics, tracks=tracks.whole())
+        del sample  # what follows takes no memory of it
         cameras, layout = statics.cameras, statics.layout
         pieces, looking = _Pieces(detections, statics.report.clocks), False
     done: list[Tracked] = []
@@ -210,24 +211,20 @@ def _joined(
     frames = Frames(
         *(np.concatenate([getattr(d.frames, field) for d in done]) for field in ("t", "camera", "rms", "tags"))
     )
-    report = _one_report([d.report for d in done], frames, [camera.name for camera in statics.cameras])
-    found = statics.report
-    suspects = {(suspect.kind, suspect.name): suspect for suspect in (*report.suspects, *found.suspects)}
-    report = replace(
-        report,
-        clocks=clocks,
-        cameras=found.cameras,
-        tags=found.tags,
-        prints=found.prints,
-        suspects=list(suspects.values()),
-    )
+    report = _one_report([d.report for d in done], statics.report, frames, [camera.name for camera in statics.cameras])
+    report = replace(report, clocks=clocks)
     if n_failed:
         report.dropped_tags[f"in {n_failed} stretches of {PIECE:g} s without a pose"] = n_failed
     return Tracked(tracks, statics.cameras, statics.layout, frames, report)
 
 
-def _one_report(reports: Sequence[TrackReport], frames: Frames, cameras: Sequence[str]) -> TrackReport:
-    """Sums and worst cases; a tag's reprojection is the mean over pieces, weighted by their poses."""
+def _one_report(
+    reports: Sequence[TrackReport], found: TrackReport, frames: Frames, cameras: Sequence[str]
+) -> TrackReport:
+    """Sums and worst cases; a tag's reprojection is the mean over pieces, weighted by their poses.
+
+    found: says what is static, and what was suspect where that was found.
+    """
 
     def rms(own: np.ndarray) -> float:
         return float(np.sqrt(np.average(frames.rms[own] ** 2, weights=frames.tags[own])))
@@ -238,18 +235,18 @@ def _one_report(reports: Sequence[TrackReport], frames: Frames, cameras: Sequenc
     dropped_steps: Counter[str] = Counter()
     dropped_tags: Counter[str] = Counter()
     suspects: dict[tuple[str, str], Suspect] = {}
+    for suspect in (suspect for report in (found, *reports) for suspect in report.suspects):
+        suspects.setdefault((suspect.kind, suspect.name), suspect)
     for report in reports:
         for tag_id, value in report.rms_by_tag.items():
             squares[tag_id].append((value**2, max(report.n_poses, 1)))
         dropped_steps.update(report.dropped_steps)
         dropped_tags.update(report.dropped_tags)
-        for suspect in report.suspects:
-            suspects.setdefault((suspect.kind, suspect.name), suspect)
     unplaced = [name for name in reports[0].unplaced if all(name in report.unplaced for report in reports)]
     worst = sorted((row for report in reports for row in report.worst_frames), key=lambda row: -row[2])[:10]
     whole = rms(frames.tags > 0)
     return replace(
-        reports[0],
+        found,
         n_steps=sum(report.n_steps for report in reports),
         n_poses=sum(report.n_poses for report in reports),
         rms=whole,
@@ -265,4 +262,6 @@ def _one_report(reports: Sequence[TrackReport], frames: Frames, cameras: Sequenc
         worst_frames=worst,
         unplaced=unplaced,
         suspects=list(suspects.values()),
+        spread=reports[0].spread,
+        rms_bare=reports[0].rms_bare,
     )
