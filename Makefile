@@ -4,6 +4,7 @@
 #     further arguments for pip. torch is pinned to an exact version; what pip takes by default on Linux
 #     is its CUDA build (several GB). On a machine without a GPU, name the index of torch's CPU builds here;
 #     with a GPU, name the index of the build for your CUDA version, or nothing.
+# make LOCK=none setup      newest packages within the ranges of pyproject.toml, not those of requirements/*.txt
 # make TEST_JOBS=8 test               so many tests at once
 # make SECONDS=600 fuzz              so long for each reader of files
 # make DATA=FOLDER experiments        FOLDER holds contactnets_cube (README.md, "Studies")
@@ -11,6 +12,9 @@
 
 PYTHON   ?= python3
 PIP_ARGS ?=
+LOCK     ?= auto
+UV_ARGS  ?=
+LOCK_ARGS := --quiet --extra dev --universal --python-version 3.11.5 --generate-hashes --no-header --no-annotate --upgrade
 VENV     := .venv
 BIN      := $(VENV)/bin
 STAMP    := $(VENV)/.installed
@@ -20,32 +24,45 @@ DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo experiments tagslam truth test test-slow fuzz check format dependencies bench scale docs figures clean distclean
+.PHONY: help setup lock demo experiments tagslam truth test test-slow fuzz check format dependencies bench scale docs figures clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(STAMP)  ## build the environment in .venv (once)
 
-$(STAMP): pyproject.toml
+$(STAMP): pyproject.toml $(wildcard requirements/*.txt)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
 	  || { echo "tossid needs Python 3.11 or newer as '$(PYTHON)'; name another: make PYTHON=python3.12 $(MAKECMDGOALS)" >&2; exit 2; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) \
 	  || { rm -rf $(VENV); echo "could not make $(VENV); on Debian and Ubuntu: apt install python3-venv" >&2; exit 2; }
-	$(BIN)/python -m pip install --quiet $(PIP_ARGS) -e '.[dev]'
+	@lock=$(LOCK); [ "$$lock" != auto ] || lock=$$($(BIN)/python requirements/choose.py $(PIP_ARGS)) || exit 2; \
+	if [ "$$lock" = none ]; then \
+	  $(BIN)/python -m pip install --quiet $(PIP_ARGS) -e '.[dev]'; \
+	else \
+	  $(BIN)/python -m pip install --quiet $(PIP_ARGS) --require-hashes -r requirements/$$lock.txt && \
+	  $(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .; \
+	fi
 	@touch $@
 
+lock: $(STAMP)  ## resolve requirements/*.txt anew: make UV_ARGS="--index URL" lock, where URL has torch's CPU builds
+	$(BIN)/python -m pip install --quiet $(PIP_ARGS) uv
+	$(BIN)/uv pip compile $(LOCK_ARGS) -o requirements/cuda.txt pyproject.toml
+	@mkdir -p build
+	printf 'torch==2.13.0+cpu\n' > build/override.txt
+	$(BIN)/uv pip compile $(LOCK_ARGS) $(UV_ARGS) --override build/override.txt -o requirements/cpu.txt pyproject.toml
+
 demo: $(STAMP)  ## the main job, end to end, on embedded defaults
-	$(BIN)/python -m pipelines.demo
+	$(BIN)/python -m pipelines.tools.demo
 
 experiments: $(STAMP)  ## the studies on published recordings, hours: make DATA=FOLDER experiments
-	$(BIN)/python -m pipelines.experiments $(DATA)
+	$(BIN)/python -m pipelines.tools.experiments $(DATA)
 
 tagslam: $(STAMP)  ## TagSLAM's published recordings against its own poses: make DATA=FOLDER tagslam
-	$(RUN_ONE) $(BIN)/python -m pipelines.against_tagslam $(DATA)
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.against_tagslam $(DATA)
 
 truth: $(STAMP)  ## filmed tosses from images to velocities, against the truth; half an hour
-	$(RUN_ONE) $(BIN)/python -m pipelines.against_truth
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.against_truth
 
 test: $(STAMP)  ## the tests
 	$(RUN_ONE) $(BIN)/python -m pytest -q -n $(TEST_JOBS)
@@ -68,23 +85,23 @@ format: $(STAMP)  ## format and fix what can be fixed
 	$(BIN)/ruff check --fix .
 
 dependencies: $(STAMP)  ## what is installed fits together, and has no known vulnerability (asks osv.dev)
-	$(BIN)/python -m pipelines.dependencies
+	$(BIN)/python -m pipelines.tools.dependencies
 
 bench: $(STAMP)  ## speed of the simulators, the training and the command line
-	$(BIN)/python -m pipelines.bench
+	$(BIN)/python -m pipelines.tools.bench
 
 scale: $(STAMP)  ## time and memory of the commands against tosses, minutes of film and workers, hours
-	$(RUN_ONE) $(BIN)/python -m pipelines.scale
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.scale
 
 docs: $(STAMP)  ## the documentation as a site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 figures: $(STAMP)  ## the gallery, docs/gallery.md, on tosses made here; some minutes
-	$(RUN_ONE) $(BIN)/python -m pipelines.gallery
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.gallery
 
 clean:  ## remove caches and logs (never data, runs or the environment)
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache outputs/logs
 	find . -name __pycache__ -type d -not -path './$(VENV)/*' -prune -exec rm -rf {} +
 
 distclean: clean  ## also remove the environment
-	rm -rf $(VENV) *.egg-info
+	rm -rf $(VENV)

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import copy
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tossid.objects import ObjectModel, load_object
+from tossid import code_digest
+from tossid.objects import OBJECT_FILES, ObjectModel, load_object
 
 ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(autouse=True)
+def digests_forget_registrations() -> Iterator[None]:
+    """What one test registers does not change the digests of the next: workers of its own do not know it."""
+    before = copy.deepcopy(code_digest._outside)
+    yield
+    code_digest._outside.clear()
+    code_digest._outside.update(before)
 
 
 @pytest.fixture(scope="session")
@@ -24,9 +36,9 @@ def shared_data() -> Path:
 
 @pytest.fixture(scope="session")
 def cube() -> ObjectModel:
-    return load_object(ROOT / "conf" / "object" / "cube.xml")
+    return load_object(OBJECT_FILES / "cube.xml")
 
 
 @pytest.fixture(scope="session")
 def elbow() -> ObjectModel:
-    return load_object(ROOT / "conf" / "object" / "elbow.xml")
+    return load_object(OBJECT_FILES / "elbow.xml")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tossid.errors import MotionError
-from tossid.types import Dataset, OnDemand, PoseTrack, Toss, check_motion
+from tossid.types import OnDemand, PoseTrack, Toss, check_motion
 
 N = 5
 
@@ -80,12 +80,6 @@ def test_a_track_checks_itself() -> None:
 def test_one_frame_is_no_motion() -> None:
     with pytest.raises(MotionError, match="n >= 2"):
         check_motion(np.zeros(1), np.array([[0, 0, 0, 1, 0, 0, 0.0]]))
-
-
-def test_a_dataset_gives_its_splits() -> None:
-    tosses = tuple(Toss(name=split, split=split, **arrays()) for split in ("train", "test", "validation", ""))
-    dataset = Dataset(object=None, tosses=tosses, rate_hz=148.0, source="x")
-    assert [toss.name for toss in dataset.of_split("train", "validation")] == ["train", "validation"]
 
 
 def test_items_on_demand_are_read_when_asked_for_and_the_last_few_kept() -> None:

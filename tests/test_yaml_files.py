@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from tossid.errors import FileError, brief
-from tossid.vision.tagslam import number
-from tossid.yaml_files import read_yaml
+from tossid.yaml_files import number, read_yaml
 
 LAUGHS = "\n".join(["a0: &a0 [x]", *(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 30))])
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import reprlib
+from collections.abc import Iterable
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,11 @@ def brief(value: Any) -> str:
     except ValueError:  # Python prints no integer of more than some thousand digits
         text = f"a long {type(value).__name__}"
     return "".join(c if c.isprintable() else "?" for c in text)
+
+
+def nearest(word: str, candidates: Iterable[str]) -> str | None:
+    """The candidate whose spelling is nearest to a word, None if none is near."""
+    return next(iter(get_close_matches(word, list(candidates), n=1)), None)
 
 
 class TossidError(Exception):

@@ -16,7 +16,7 @@ _SMALL = 1e-8
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """a × b, several times as fast as `np.cross` on the small batches that are common here."""
+    """Cross product a × b, several times as fast as `np.cross` on the small batches that are common here."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     a0, a1, a2, b0, b1, b2 = a[..., 0], a[..., 1], a[..., 2], b[..., 0], b[..., 1], b[..., 2]
     out[..., 0] = a1 * b2 - a2 * b1

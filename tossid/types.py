@@ -10,10 +10,10 @@ A covariance of q lives in the tangent space: position [m², world], rotation
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
-from typing import Any, TypeVar, overload
+from typing import TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,13 @@ class Phase(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One image of one camera. image: (height, width) uint8, t [s]."""
+    """One image of one camera.
+
+    Attributes:
+        camera: The camera's name.
+        t: Its time stamp [s].
+        image: (height, width) grey levels.
+    """
 
     camera: str
     t: float
@@ -51,9 +57,15 @@ class Frame:
 class Detection:
     """One AprilTag seen in one frame.
 
-    corners: (4, 2) [px], pixel centres at integers (OpenCV), in the order
-    bottom-left, bottom-right, top-right, top-left of the tag. corner_cov: (4, 2, 2)
-    [px²], each corner's own. hamming: corrected bits. margin: decision margin.
+    Attributes:
+        camera: The camera's name.
+        t: The frame's time stamp [s].
+        tag_id: The tag's id.
+        corners: (4, 2) [px], pixel centres at integers (OpenCV), in the order bottom-left, bottom-right, top-right,
+            top-left of the tag.
+        corner_cov: (4, 2, 2) [px²], each corner's own.
+        hamming: Corrected bits.
+        margin: Decision margin.
     """
 
     camera: str
@@ -67,10 +79,14 @@ class Detection:
 
 @dataclass(frozen=True, slots=True)
 class PoseTrack:
-    """Tracked configurations. t (n,), q (n, nq), q_cov (n, nv, nv) or None if unknown.
+    """Tracked configurations. Frames may be missing: t is increasing, not uniform.
 
-    v: (n, nv) recorded velocities, None where the source carries none.
-    Frames may be missing: t is increasing, not uniform.
+    Attributes:
+        name: The track's name.
+        t: (n,) times [s].
+        q: (n, nq) configurations.
+        q_cov: (n, nv, nv) covariances of q, None if unknown.
+        v: (n, nv) recorded velocities, None where the source carries none.
     """
 
     name: str
@@ -92,7 +108,13 @@ class PoseTrack:
 
 @dataclass(frozen=True, slots=True)
 class LongTrack:
-    """A track of which only the times are in memory. t (n,). read: gives frames first to last of it."""
+    """A track of which only the times are in memory.
+
+    Attributes:
+        name: The track's name.
+        t: (n,) times [s].
+        read: Gives a stretch of its frames.
+    """
 
     name: str
     t: Array
@@ -105,11 +127,20 @@ class LongTrack:
 
 @dataclass(frozen=True, slots=True)
 class Toss:
-    """One toss: t (n,), q (n, nq), v (n, nv), covariances (n, nv, nv), phase (n,) of `Phase`.
+    """One toss.
 
-    split: one of "train", "validation", "test", or "" where none was drawn.
-    q_measured (n, nq), q_measured_cov (n, nv, nv): the single poses that a smoother made q of, whose errors are
-    independent from frame to frame; None where q itself is what was measured.
+    Attributes:
+        name: The toss's name.
+        t: (n,) times [s].
+        q: (n, nq) configurations.
+        v: (n, nv) velocities.
+        q_cov: (n, nv, nv) covariances of q.
+        v_cov: (n, nv, nv) covariances of v.
+        phase: (n,) of `Phase`.
+        split: One of "train", "validation", "test", or "" where none was drawn.
+        q_measured: (n, nq) the single poses that a smoother made q of, whose errors are independent from frame to
+            frame; None where q itself is what was measured.
+        q_measured_cov: (n, nv, nv) their covariances.
     """
 
     name: str
@@ -168,9 +199,16 @@ class Toss:
 
 @dataclass(frozen=True, slots=True)
 class Rollout:
-    """A predicted motion. t (n,), q (n, nq), v (n, nv), lam_n (n, n_c) [N s] normal impulses of the
-    step that ended at each frame, unsolved: how many of its contact problems met no tolerance, diverged: whether a
-    state became NaN or infinite, from where on the motion stays where it was."""
+    """A predicted motion.
+
+    Attributes:
+        t: (n,) times [s].
+        q: (n, nq) configurations.
+        v: (n, nv) velocities.
+        lam_n: (n, n_c) normal impulses of the step that ended at each frame [N s].
+        unsolved: How many of its contact problems met no tolerance.
+        diverged: Whether a state became NaN or infinite; from there on the motion stays where it was.
+    """
 
     t: Array
     q: Array
@@ -181,14 +219,16 @@ class Rollout:
 
 
 class OnDemand(Sequence[T]):
-    """Items that are read when they are asked for: all of them may be more than fits into memory.
-
-    Args:
-        read: gives item i. count: how many there are.
-        kept: so many that were asked for last stay in memory.
-    """
+    """Items that are read when they are asked for: all of them may be more than fits into memory."""
 
     def __init__(self, read: Callable[[int], T], count: int, *, kept: int) -> None:
+        """Items that a function gives.
+
+        Args:
+            read: Gives item i.
+            count: How many there are.
+            kept: So many that were asked for last stay in memory.
+        """
         self._read: Callable[[int], T] = lru_cache(kept)(read)
         self._at = range(count)
 
@@ -204,33 +244,18 @@ class OnDemand(Sequence[T]):
         return self._read(at) if isinstance(at, int) else tuple(self._read(i) for i in at)
 
 
-@dataclass(frozen=True, slots=True)
-class Dataset:
-    """Tosses of one object.
-
-    object: an `tossid.objects.ObjectModel` (typed `Any` here: objects build on types).
-    tosses: a tuple, or `OnDemand` of an open file.
-    source: which importer or simulator made it. provenance: flat str -> str | int | float | bool.
-    """
-
-    object: Any
-    tosses: Sequence[Toss]
-    rate_hz: float
-    source: str
-    provenance: dict[str, Any] = field(default_factory=dict)
-
-    def of_split(self, *splits: str) -> tuple[Toss, ...]:
-        """The tosses of the named splits, in order."""
-        return tuple(toss for toss in self.tosses if toss.split in splits)
-
-
 def check_motion(t: Array, q: Array, v: Array | None = None) -> None:
     """Raise `MotionError` (with the row) unless the arrays are a motion.
 
     Checks shape, finiteness, increasing time and unit quaternions (within 1e-3).
 
     Args:
-        t: (n,) [s]. q: (n, 7 + n_joints). v: (n, 6 + n_joints) or None.
+        t: (n,) times [s].
+        q: (n, 7 + n_joints) configurations.
+        v: (n, 6 + n_joints) velocities, or None.
+
+    Raises:
+        MotionError: They are not; it has the row.
     """
     if t.ndim != 1 or len(t) < 2:
         raise MotionError(f"time has shape {t.shape}, expected (n,) with n >= 2")

@@ -6,12 +6,18 @@ hundred thousand digits take their time: what no description of cameras or objec
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
-from tossid.errors import FileError
+from tossid.errors import FileError, brief
+from tossid.rotations import transform_from_rotvec
+
+Array = NDArray[np.float64]
 
 LARGEST = 1 << 18
 """Bytes of a file; so many take PyYAML a second."""
@@ -47,6 +53,40 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise FileError(path, "holds no mapping of names to values")
     return content
+
+
+def number(path: Path, where: str, value: Any) -> float:
+    """A finite number, or `FileError`."""
+    read = np.nan
+    if isinstance(value, str | int | float) and not isinstance(value, bool):  # YAML 1.1 reads '1e-05' as text
+        with contextlib.suppress(ValueError, OverflowError):
+            read = float(value)
+    if not np.isfinite(read):
+        raise FileError(path, f"{where} is {brief(value)}, expected a finite number")
+    return read
+
+
+def numbers(path: Path, where: str, value: Any, count: int | tuple[int, ...]) -> Array:
+    """A list of finite numbers of the given length(s), or `FileError`."""
+    counts = (count,) if isinstance(count, int) else count
+    if not isinstance(value, list) or len(value) not in counts:
+        raise FileError(path, f"{where} is {brief(value)}, expected {' or '.join(map(str, counts))} numbers")
+    return np.array([number(path, where, item) for item in value], dtype=float)
+
+
+def read_xyz(path: Path, where: str, value: Any) -> Array:
+    """A mapping x, y, z. (3,)."""
+    if not isinstance(value, dict) or not {"x", "y", "z"} <= set(value):
+        raise FileError(path, f"{where} is {brief(value)}, expected x, y, z")
+    return np.array([number(path, f"{where}.{key}", value[key]) for key in "xyz"])
+
+
+def read_pose(path: Path, where: str, value: Any) -> Array:
+    """A mapping position, rotation (rotation vector [rad]). (4, 4)."""
+    if not isinstance(value, dict) or "position" not in value or "rotation" not in value:
+        raise FileError(path, f"{where} needs position and rotation")
+    position = read_xyz(path, f"{where}.position", value["position"])
+    return transform_from_rotvec(position, read_xyz(path, f"{where}.rotation", value["rotation"]))
 
 
 class _Loader(yaml.SafeLoader):

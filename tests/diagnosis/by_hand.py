@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from tossid.diagnosis.evidence import Hypothesis
-from tossid.diagnosis.findings import Diagnosis, Finding, Gap, Interval, Share, Step
+from tossid.diagnosis.findings import Corner, Finding, Gap, Interval, Place, Share, Step
+from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.localisation.relations import COMPONENTS, STATES, relate
+from tossid.diagnosis.result import Diagnosis
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, Effect, World
 
@@ -108,3 +110,26 @@ def without_effects(model: ObjectModel, verdict: str, *, n: int = 20) -> Diagnos
         hypothesis=Hypothesis(World(model)),
         alternatives=(),
     )
+
+
+def with_place(model: ObjectModel) -> Diagnosis:
+    """A diagnosis with a place: drag in flight, nothing in contact, and one corner that is worst."""
+    rng = np.random.default_rng(0)
+    n = 40
+    toss = np.arange(n) % 20
+    states = rng.normal(size=(n, len(STATES)))
+    value, variance = 0.05 * rng.normal(size=(n, len(COMPONENTS))), np.full((n, len(COMPONENTS)), 1e-3)
+    value[:, 3] -= 0.3 * states[:, STATES.index("horizontal_speed")]
+    flight = relate("flight", value, variance, states, toss, np.random.default_rng(1))
+    contact = relate("contact", rng.normal(size=value.shape), variance, states, toss, np.random.default_rng(1))
+    assert flight is not None
+    assert contact is not None
+    shares = np.array([0.5, *np.full(7, 0.5 / 7)])
+    both = [
+        tuple(
+            Corner((float(x), float(y), float(z)), Interval(k * s, k * s / 2, k * s * 2), 40, 8 * k * s)
+            for (x, y, z), s in zip(model.corner_pos, shares, strict=True)
+        )
+        for k in (1.0, 0.3)
+    ]
+    return replace(diagnosis(model), place=Place((flight, contact), both[0], (flight,), both[1]))

@@ -13,13 +13,10 @@ import pytest
 from scipy.stats import binom
 
 from tests.diagnosis.tossed import seen
-from tests.models.conftest import cube
-from tossid.diagnosis.attribution import diagnose
-from tossid.diagnosis.findings import Diagnosis
+from tossid.diagnosis.explain import explain
+from tossid.diagnosis.result import Diagnosis
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, World
-
-__all__ = ["cube"]
 
 EFFECTS = {effect.name: effect for effect in LIBRARY}
 SOME = [EFFECTS[name] for name in ("com_offset", "gravity", "linear_drag", "friction", "rolling_resistance")]
@@ -33,7 +30,7 @@ def diagnoses(cube: ObjectModel, name: str, truth: list[float], count: int, *, f
     world = World(cube)
     there = EFFECTS[name].at(world, np.array(truth)) if name else world
     for seed in range(first, first + count):
-        yield diagnose(seen(there, cube, TOSSES, seed=seed), world, library=SOME, n_threads=2, seed=seed)
+        yield explain(seen(there, cube, TOSSES, seed=seed), world, library=SOME, n_threads=2, seed=seed)
 
 
 def most(count: int, rate: float) -> int:

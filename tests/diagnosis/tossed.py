@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from tests.models.made import DT, thrown
+from tossid.diagnosis.likelihood.windows import difference, moved_pose
 from tossid.motion import label_phases
 from tossid.objects import ObjectModel
-from tossid.physics.effects import World
+from tossid.physics.effects import World, effects_for
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul
 from tossid.types import Toss
 
@@ -39,3 +40,32 @@ def seen(world: World, nominal: ObjectModel, count: int, *, seed: int, frames: i
 def _spin(poses: np.ndarray) -> np.ndarray:
     rate = quat_boxminus(poses[1:, 3:], poses[:-1, 3:]) / DT
     return np.concatenate([rate, rate[-1:]])
+
+
+def seen_with_joint(
+    world: World, nominal: ObjectModel, count: int, *, seed: int, frames: int, height: float
+) -> list[Toss]:
+    """Tosses of a world from so much higher than where a cube is thrown, recorded with noise."""
+    rng = np.random.default_rng(seed)
+    q, v = thrown(rng, count)
+    q = np.concatenate([q, rng.uniform(-3, 3, (count, 1))], axis=1)
+    v = np.concatenate([v, 5 * rng.normal(size=(count, 1))], axis=1)
+    q[:, 2] += height
+    run = world.roll_out(q, v, n_steps=frames, dt=DT, substeps=16, impact_parts=8)
+    t = np.arange(frames + 1) * DT
+    std = np.array([POSITION] * 3 + [ROTATION] * 4)
+    cov = np.broadcast_to(np.diag(std**2), (frames + 1, 7, 7)).copy()
+    v_cov = np.broadcast_to(np.diag([0.03**2] * 3 + [0.3**2] * 4), (frames + 1, 7, 7)).copy()
+    out = []
+    for i in range(count):
+        poses = moved_pose(run[i], std * rng.normal(size=(frames + 1, 7)))
+        speed = difference(poses[1:], poses[:-1]) / DT
+        velocity = np.concatenate([speed, speed[-1:]])
+        phase = label_phases(nominal, t, poses, velocity, gravity=9.81)
+        out.append(Toss(str(i), t, poses, velocity, cov, v_cov, phase))
+    return out
+
+
+def with_effect(model: ObjectModel, name: str, values: list[float]) -> World:
+    effect = next(effect for effect in effects_for(model) if effect.name == name)
+    return effect.at(World(model), np.array(values))

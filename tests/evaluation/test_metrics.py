@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from tossid.evaluation.metrics import score_tosses, score_windows, wrapped
 from tossid.models.predictor import Simulator
-from tossid.objects import ObjectModel, load_object
+from tossid.objects import OBJECT_FILES, ObjectModel, load_object
 from tossid.physics import make_system, simulate
 from tossid.types import Toss
 
@@ -18,7 +16,7 @@ DT = 1 / 148
 
 @pytest.fixture(scope="module")
 def elbow() -> ObjectModel:
-    return load_object(Path(__file__).parents[2] / "conf/object/elbow.xml")
+    return load_object(OBJECT_FILES / "elbow.xml")
 
 
 @pytest.fixture(scope="module")

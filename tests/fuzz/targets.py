@@ -6,7 +6,7 @@ A reader may return or raise `TossidError`. Anything else is a finding.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -14,24 +14,22 @@ import numpy as np
 import torch
 from rosbags.rosbag2 import StoragePlugin
 
-from pipelines import project
-from pipelines.checkpoints import build_model, load_checkpoint, save_checkpoint
-from pipelines.config import load
-from pipelines.schemas import TrainConfig
 from tests.store.makers import contactnets_rows, make_dataset, pll_rows, spinning
 from tests.vision.bags import CAMERAS, write_bag
-from tossid.objects import ObjectModel, load_object, to_urdf
+from tossid.models import TrainedModel, build_model, variant
+from tossid.objects import OBJECT_FILES, ObjectModel, load_object, recorded_object, to_urdf, write_object
+from tossid.settings.training import TrainSettings
 from tossid.store import read_contactnets, read_dataset, read_pll, read_tum, write_dataset, write_tum
 from tossid.types import Detection, PoseTrack
-from tossid.vision.calibration import read_cameras, write_cameras
-from tossid.vision.faces import default_tags
-from tossid.vision.files import read_detections, read_tracks, write_detections, write_tracks
-from tossid.vision.layout import layout_of
-from tossid.vision.recording import read_image, read_recording
-from tossid.vision.rosbag import Bag, read_bag_detections
-from tossid.vision.tagslam import read_tagslam, write_tagslam
-
-OBJECTS = Path(__file__).parents[2] / "conf" / "object"
+from tossid.vision.recordings.bags import read_bag_detections
+from tossid.vision.recordings.frames import read_recording
+from tossid.vision.recordings.npz import read_detections, read_tracks, write_detections, write_tracks
+from tossid.vision.recordings.recording import read_image
+from tossid.vision.recordings.rosbag import Bag
+from tossid.vision.setup.calibration import read_cameras, write_cameras
+from tossid.vision.setup.faces import default_tags
+from tossid.vision.setup.layout import layout_of
+from tossid.vision.setup.tagslam import read_tagslam, write_tagslam
 
 
 @dataclass(frozen=True)
@@ -43,7 +41,7 @@ class Target:
 
 
 def _cube() -> ObjectModel:
-    cube = load_object(OBJECTS / "cube.xml")
+    cube = load_object(OBJECT_FILES / "cube.xml")
     return cube.with_changes(tags=default_tags(cube))
 
 
@@ -84,14 +82,14 @@ def _tracks(folder: Path) -> Path:
 
 def _copy(name: str) -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
-        (folder / name).write_bytes((OBJECTS / name).read_bytes())
+        (folder / name).write_bytes((OBJECT_FILES / name).read_bytes())
         return folder / name
 
     return make
 
 
 def _urdf(folder: Path) -> Path:
-    text, meshes = to_urdf(load_object(OBJECTS / "elbow.xml"), meshes="elbow")
+    text, meshes = to_urdf(load_object(OBJECT_FILES / "elbow.xml"), meshes="elbow")
     for name, content in meshes.items():
         (folder / name).write_text(content)
     (folder / "elbow.urdf").write_text(text)
@@ -99,15 +97,15 @@ def _urdf(folder: Path) -> Path:
 
 
 def _recorded(folder: Path) -> Path:
-    project.write_object(project.object_named("cube"), folder)
+    write_object(load_object("cube"), load_object("cube").mjcf, folder)
     write_tagslam(layout_of(_cube()), folder / "tagslam.yaml")
     return folder / "object.yaml"
 
 
 def _read_recorded(file: Path) -> None:
-    config = project.recorded_object(file.parent)
+    config = recorded_object(file.parent)
     assert config is not None
-    project.load_object(config)
+    load_object(config)
 
 
 def _layout(folder: Path) -> Path:
@@ -161,11 +159,10 @@ def _times(folder: Path) -> Path:
 
 
 def _checkpoint(folder: Path) -> Path:
-    config = load("train", TrainConfig, ["model=cnrp", "model.hidden=4"]).model
-    model = build_model(config, _cube(), seed=0)
-    path = folder / "model.pt"
-    save_checkpoint(path, model=model, config=config, seed=0, data=folder / "tosses.h5", sha256="0" * 64, fit={})
-    return path
+    settings = TrainSettings(model=replace(variant("cnrp"), hidden=4))
+    model = build_model(settings.model, _cube())
+    trained = TrainedModel(model, settings, model.parameters_report(), sha256="0" * 64)
+    return trained.save(folder / "model.pt")
 
 
 TARGETS = {
@@ -188,5 +185,5 @@ TARGETS = {
     "bag2_mcap": Target(_bag(2, StoragePlugin.MCAP, "*.mcap"), _read_bag),
     "bag2_sqlite": Target(_bag(2, StoragePlugin.SQLITE3, "*.db3"), _read_bag),
     "bag2_metadata": Target(_bag(2, StoragePlugin.MCAP, "metadata.yaml"), _read_bag),
-    "checkpoint": Target(_checkpoint, load_checkpoint),
+    "checkpoint": Target(_checkpoint, TrainedModel.load),
 }

@@ -51,18 +51,18 @@ def force(t: Transitions, mass: Tensor, moment: Tensor, inertia: Tensor, gravity
     return -torch.einsum("nbij,nbi->nj", t.X, torch.cat([angular, linear], dim=-1))
 
 
-def world_residual(t: Transitions, residual: Tensor) -> Tensor:
-    """A residual (N, nv) from the base's frame to the order of v (linear part in the world)."""
-    linear = torch.einsum("nij,nj->ni", t.R[:, 0], residual[:, :3])
-    return torch.cat([linear, residual[:, 3:]], dim=-1)
+def a_res_in_order_of_v(t: Transitions, a_res: Tensor) -> Tensor:
+    """A learned acceleration (N, nv) from the base's frame to the order of v (linear part in the world)."""
+    linear = torch.einsum("nij,nj->ni", t.R[:, 0], a_res[:, :3])
+    return torch.cat([linear, a_res[:, 3:]], dim=-1)
 
 
 def free_acceleration(t: Transitions, d: Dynamics) -> tuple[Tensor, Tensor]:
     """M (N, nv, nv) and a = M^-1 k + a_res (N, nv)."""
     M = mass_matrix(t, d.mass, d.moment, d.inertia)
     a = torch.linalg.solve(M, force(t, d.mass, d.moment, d.inertia, d.gravity))
-    if d.residual is not None:
-        a = a + world_residual(t, d.residual)
+    if d.a_res is not None:
+        a = a + a_res_in_order_of_v(t, d.a_res)
     return M, a
 
 

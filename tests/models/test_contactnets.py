@@ -7,10 +7,11 @@ import pytest
 import torch
 
 from tests.models.made import tosses
-from tossid.models.contactnets import ContactNets, ContactNetsSettings
+from tossid.models.contactnets import ContactNets
 from tossid.models.transitions import Transitions, make_transitions
 from tossid.objects import ObjectModel
-from tossid.training.fit import Fit, FitSettings
+from tossid.settings.training import ModelSettings, TrainSettings
+from tossid.training.fit import Fit
 
 
 @pytest.fixture(scope="module")
@@ -19,17 +20,18 @@ def transitions(cube: ObjectModel) -> Transitions:
 
 
 def test_the_loss_is_almost_zero_at_the_truth(cube: ObjectModel, transitions: Transitions) -> None:
-    loss, parts = ContactNets(cube, ContactNetsSettings()).loss(transitions)
-    wrong, _ = ContactNets(cube.with_changes(friction=0.36), ContactNetsSettings()).loss(transitions)
+    loss, parts = ContactNets(cube, ModelSettings()).loss(transitions)
+    wrong, _ = ContactNets(cube.with_changes(friction=0.36), ModelSettings()).loss(transitions)
     assert parts["unsolved"] == 0
     assert float(loss.detach()) < 0.5 * float(wrong.detach())
 
 
 def test_gradient_by_the_envelope_theorem(cube: ObjectModel, transitions: Transitions) -> None:
-    settings = ContactNetsSettings(learn_inertia=True, learn_residual=True, hidden=4)
+    settings = ModelSettings(learn_inertia=True, learn_k_res=True, hidden=4)
     model = ContactNets(cube, settings, seed=1)
     rng = np.random.default_rng(0)
-    parameters = model.stage_parameters("contact") + model.stage_parameters("continuous")
+    plans = {plan.name: plan for plan in model.stages()}
+    parameters = plans["contact"].parameters + plans["continuous"].parameters
     with torch.no_grad():
         for p in parameters:
             p += 0.02 * torch.from_numpy(rng.normal(size=p.shape))
@@ -49,12 +51,12 @@ def test_gradient_by_the_envelope_theorem(cube: ObjectModel, transitions: Transi
 def test_geometry_and_friction_come_back(cube: ObjectModel) -> None:
     made = tosses(cube, 64, seed=3)
     start = cube.with_changes(corner_pos=1.2 * cube.corner_pos, friction=2 * cube.friction)
-    model = ContactNets(start, ContactNetsSettings())
+    model = ContactNets(start, ModelSettings(horizons=()))
     fit = Fit(
         model,
         made[:48],
         made[48:],
-        FitSettings(epochs=60, patience=10, horizons=()),
+        TrainSettings(epochs=60, patience=10),
     )
     records = list(fit.epochs())
     assert records[-1].validation_loss < records[0].validation_loss
@@ -65,8 +67,8 @@ def test_geometry_and_friction_come_back(cube: ObjectModel) -> None:
 
 def test_missing_gravity_is_repaired_from_flight(cube: ObjectModel) -> None:
     made = tosses(cube, 8, seed=5)
-    model = ContactNets(cube, ContactNetsSettings(gravity=0.0, learn_residual=True), seed=0)
-    list(Fit(model, made, made, FitSettings(epochs=25, horizons=())).epochs())
+    model = ContactNets(cube, ModelSettings(gravity=0.0, learn_k_res=True, horizons=()), seed=0)
+    list(Fit(model, made, made, TrainSettings(epochs=25)).epochs())
     data = make_transitions(cube, made)
     assert model.flight_gravity(data) == pytest.approx(9.81, rel=0.02)
     acceleration = model.simulator().acceleration(made[0].q[:5], made[0].v[:5])

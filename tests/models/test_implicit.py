@@ -37,7 +37,7 @@ def made_up(model: ObjectModel, rng: np.random.Generator, *, count: int = 60) ->
     return make_transitions(model, [Toss("made up", np.arange(count) / 148, q, v, zero, zero, phase)])
 
 
-def random_numbers(model: ObjectModel, rng: np.random.Generator, n: int, *, residual: bool) -> Dynamics:
+def random_numbers(model: ObjectModel, rng: np.random.Generator, n: int, *, a_res: bool) -> Dynamics:
     """Numbers far from the object's: centres of mass off the origins, full inertia, tilted gravity."""
     points = model.width * rng.normal(size=(model.n_bodies, 20, 3)) + 0.2 * model.width
     mass = model.mass * rng.uniform(0.5, 2.0, model.n_bodies)
@@ -51,7 +51,7 @@ def random_numbers(model: ObjectModel, rng: np.random.Generator, n: int, *, resi
         np.array(rng.uniform(0.05, 0.8)),
         np.array([0.0, 0.0, -9.81]) + rng.normal(size=3),
     )
-    accelerations = torch.from_numpy(rng.normal(size=(n, model.nv))).requires_grad_() if residual else None
+    accelerations = torch.from_numpy(rng.normal(size=(n, model.nv))).requires_grad_() if a_res else None
     return Dynamics(*(torch.from_numpy(part).requires_grad_() for part in parts), accelerations)
 
 
@@ -59,8 +59,8 @@ def problem(seed: int, cube: ObjectModel, *, bodies: int) -> tuple[Transitions, 
     rng = np.random.default_rng(seed)
     model = cube if bodies == 1 else random_tree(rng, n_bodies=bodies)
     t = made_up(model, rng)
-    metric = tuple(part.detach() for part in random_numbers(model, rng, 0, residual=False)[:3])
-    d = random_numbers(model, rng, len(t), residual=seed % 3 != 0)
+    metric = tuple(part.detach() for part in random_numbers(model, rng, 0, a_res=False)[:3])
+    d = random_numbers(model, rng, len(t), a_res=seed % 3 != 0)
     return t, d, {"corner_body": torch.as_tensor(model.corner_body), "metric": metric, "weights": WEIGHTS}
 
 

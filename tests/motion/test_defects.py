@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tossid.motion import find_defects
-from tossid.objects import ObjectModel, load_object
+from tossid.objects import OBJECT_FILES, ObjectModel, load_object
 from tossid.physics import make_system, simulate
 from tossid.rotations import quat_exp, quat_mul
 from tossid.types import Toss
 
-CONF = Path(__file__).parents[2] / "conf/object"
 DT = 1 / 148
 
 
 @pytest.fixture(scope="module", params=["cube", "elbow"])
 def model(request: pytest.FixtureRequest) -> ObjectModel:
-    return load_object(CONF / f"{request.param}.xml")
+    return load_object(OBJECT_FILES / f"{request.param}.xml")
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.models.made import DT, tosses
-from tossid.motion import Measurement, calibrate
+from tossid.motion import MeasurementModel, estimate_measurement
 from tossid.objects import ObjectModel
 from tossid.types import Toss
 
@@ -29,28 +29,28 @@ def recorded(model: ObjectModel, *, scale: float, lag: float, count: int = 40) -
 
 @pytest.mark.parametrize("scale", [0.978, 1.03])
 def test_scale_and_lag_are_found(cube: ObjectModel, scale: float) -> None:
-    shown = calibrate(recorded(cube, scale=scale, lag=0.5 * DT), cube)
-    assert shown.n_at_rest > 20
-    assert shown.n_in_flight > 30
-    assert shown.length_scale == pytest.approx(scale, abs=1.5e-3)
-    assert shown.velocity_lag == pytest.approx(0.5 * DT, rel=0.1)
-    assert shown.measurement == Measurement(shown.length_scale, shown.velocity_lag)
-    assert shown.length_scale_ci95[0] < shown.length_scale < shown.length_scale_ci95[1]
+    estimate = estimate_measurement(recorded(cube, scale=scale, lag=0.5 * DT), cube)
+    assert estimate.n_at_rest > 20
+    assert estimate.n_in_flight > 30
+    assert estimate.length_scale == pytest.approx(scale, abs=1.5e-3)
+    assert estimate.velocity_lag == pytest.approx(0.5 * DT, rel=0.1)
+    assert estimate.measurement == MeasurementModel(estimate.length_scale, estimate.velocity_lag)
+    assert estimate.length_scale_ci95[0] < estimate.length_scale < estimate.length_scale_ci95[1]
 
 
 def test_exact_recordings_are_left_alone(cube: ObjectModel) -> None:
-    assert calibrate(recorded(cube, scale=1.0, lag=0.0), cube).measurement == Measurement()
+    assert estimate_measurement(recorded(cube, scale=1.0, lag=0.0), cube).measurement == MeasurementModel()
 
 
 def test_few_tosses_are_not_believed(cube: ObjectModel) -> None:
-    shown = calibrate(recorded(cube, scale=0.9, lag=0.0, count=5), cube)
-    assert shown.measurement == Measurement()
-    assert np.isnan(shown.length_scale_ci95).all()
+    estimate = estimate_measurement(recorded(cube, scale=0.9, lag=0.0, count=5), cube)
+    assert estimate.measurement == MeasurementModel()
+    assert np.isnan(estimate.length_scale_ci95).all()
 
 
 def test_true_lengths_are_recorded_ones_undone(cube: ObjectModel) -> None:
     toss = tosses(cube, 1, seed=0)[0]
-    measurement = Measurement(length_scale=0.8)
+    measurement = MeasurementModel(length_scale=0.8)
     true = measurement.true_toss(toss)
     np.testing.assert_allclose(measurement.recorded_q(true.q), toss.q, atol=1e-12)
     np.testing.assert_allclose(0.8 * true.v[:, :3], toss.v[:, :3], atol=1e-12)

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.tossed import seen
-from tests.models.conftest import cube
-from tossid.motion.resting import FEWEST, FRAMES, rest_scatter
+from tossid.motion.resting import rest_scatter
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 from tossid.rotations import quat_exp, quat_mul, quat_rotate
+from tossid.settings.motion import RestScatterSettings
 from tossid.types import Toss
 
-__all__ = ["cube"]
+SETTINGS = RestScatterSettings()
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_a_frame_that_is_off_is_no_scatter(cube: ObjectModel, tosses: list[Toss]
         q[:, :3] += quat_rotate(q[:, 3:7], off)
         moved.append(replace(toss, q=q, q_measured=None, q_measured_cov=None))
     assert rest_scatter(moved, cube)[0] == 0.0
-    assert rest_scatter(moved[: 2 * FEWEST - 1], cube)[0] > 2e-4
+    assert rest_scatter(moved[: 2 * SETTINGS.fewest_tosses - 1], cube)[0] > 2e-4
 
 
 def test_scatter_comes_back(cube: ObjectModel, tosses: list[Toss]) -> None:
@@ -57,9 +57,11 @@ def test_scatter_comes_back(cube: ObjectModel, tosses: list[Toss]) -> None:
 def test_few_resting_tosses_tell_nothing(cube: ObjectModel, tosses: list[Toss]) -> None:
     rng = np.random.default_rng(1)
     moved = [shifted(toss, 5e-3 * rng.normal(), np.zeros(3)) for toss in tosses]
-    assert rest_scatter(moved[: FEWEST - 1], cube) == (0.0, 0.0)
+    assert rest_scatter(moved[: SETTINGS.fewest_tosses - 1], cube) == (0.0, 0.0)
     short = [
-        replace(toss, **{k: getattr(toss, k)[: FRAMES - 1] for k in ("t", "q", "v", "q_cov", "v_cov", "phase")})
+        replace(
+            toss, **{k: getattr(toss, k)[: SETTINGS.frames - 1] for k in ("t", "q", "v", "q_cov", "v_cov", "phase")}
+        )
         for toss in tosses
     ]
     assert rest_scatter(short, cube) == (0.0, 0.0)

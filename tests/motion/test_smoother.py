@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from tests.motion.bouncing import Truth, away_from_jumps, bounce, tracked
-from tossid.motion import Smoothed, may_touch, smooth_tracks, smoother
+from tossid.motion import Smoothed, may_touch, smooth_tracks
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_boxminus
+from tossid.settings.motion import SmootherSettings
 from tossid.types import PoseTrack
 
 Case = tuple[list[Truth], list[PoseTrack], list[Smoothed]]
@@ -82,15 +83,14 @@ def test_covariances_in_contact_are_not_too_small(case: Case) -> None:
     assert (6 * everywhere > 12.6).mean() < 0.08
 
 
-@pytest.mark.parametrize("density_passes", [0, smoother.DENSITY_PASSES])
-def test_poses_to_microns_tell_how_evenly_contact_moves(
-    cube: ObjectModel, monkeypatch: pytest.MonkeyPatch, density_passes: int
-) -> None:
-    """Their velocities away from impacts are told neither too boldly nor, as with a fixed density, too cautiously."""
-    monkeypatch.setattr(smoother, "DENSITY_PASSES", density_passes)
+@pytest.mark.parametrize("density_passes", [0, 8])
+def test_the_density_in_contact_is_estimated_from_precise_poses(cube: ObjectModel, density_passes: int) -> None:
+    """Covariances of velocities away from impacts are neither too small nor, as with a fixed density, too large."""
+    settings = SmootherSettings(density_passes=density_passes)
     truths = bounce(cube, np.random.default_rng(5), tosses=12, frames=120)
     tracks = [tracked(truth, np.random.default_rng(6), position=6e-6, rotation=1e-4) for truth in truths]
-    results = smooth_tracks(tracks, cube, [track.q_cov for track in tracks if track.q_cov is not None])
+    covs = [track.q_cov for track in tracks if track.q_cov is not None]
+    results = smooth_tracks(tracks, cube, covs, settings=settings)
     away = [away_from_jumps(truth, 3 * HALF_FALL) for truth in truths]
     of_v = [nees(errors(x, s)[1][at], s.v_cov[at]) for x, s, at in zip(truths, results, away, strict=True)]
     mean = np.concatenate(of_v).mean()
@@ -106,9 +106,9 @@ def test_poses_are_better_than_measured(case: Case) -> None:
 
 def test_no_contact_is_taken_for_flight(case: Case) -> None:
     touched = np.concatenate([truth.contact for truth in case[0]])
-    told = np.concatenate([result.contact for result in case[2]])
+    found = np.concatenate([result.contact for result in case[2]])
     assert touched.sum() > 500
-    assert not (touched & ~told).any()
+    assert not (touched & ~found).any()
 
 
 def test_velocity_after_an_impact_owes_nothing_to_before(cube: ObjectModel) -> None:
@@ -160,9 +160,9 @@ def test_wrong_geometry_is_noticed_in_the_motion(cube: ObjectModel) -> None:
     _, tracks, results = smoothed(small, truths)
     touched = np.concatenate([truth.contact for truth in truths])
     gate = np.concatenate([may_touch(small, track.t, track.q) for track in tracks])
-    told = np.concatenate([result.contact for result in results])
+    found = np.concatenate([result.contact for result in results])
     assert (touched & ~gate).sum() > 20
-    assert (touched & ~told).sum() < 0.1 * touched.sum()
+    assert (touched & ~found).sum() < 0.1 * touched.sum()
 
 
 def test_uneven_times_and_missing_frames(cube: ObjectModel) -> None:

@@ -10,8 +10,9 @@ import pytest
 
 from tests.motion.bouncing import bounce, tracked
 from tossid.errors import InputError
-from tossid.motion import covariance_source, median_rate, smoother, tosses_from_tracks, tosses_in_turn
+from tossid.motion import covariance_source, median_rate, tosses_from_tracks, tosses_in_turn
 from tossid.objects import ObjectModel
+from tossid.settings.motion import MotionSettings, SmootherSettings
 from tossid.store import read_contactnets, read_pll
 from tossid.types import OnDemand, Phase, PoseTrack
 
@@ -126,7 +127,7 @@ def test_the_real_elbow(elbow: ObjectModel, shared_data: Path) -> None:
 
 @pytest.mark.parametrize("recorded", [False, True])
 def test_more_tracks_than_are_kept_come_in_their_order(
-    cube: ObjectModel, tracks: list[PoseTrack], recorded: bool, monkeypatch: pytest.MonkeyPatch
+    cube: ObjectModel, tracks: list[PoseTrack], recorded: bool
 ) -> None:
     rng = np.random.default_rng(4)
     many = [replace(tracks[i % 6], name=f"n{i}") for i in rng.permutation(18)]
@@ -134,16 +135,15 @@ def test_more_tracks_than_are_kept_come_in_their_order(
     if recorded:
         many = [replace(track, v=np.gradient(track.q[:, :6], 1 / 148, axis=0)) for track in many]
     at_once = tosses_from_tracks(many, cube)
-    monkeypatch.setattr(smoother, "BATCH", 3)
-    monkeypatch.setattr(smoother, "NEAR", 5)
-    at_once_in_threes = tosses_from_tracks(many, cube)
+    small = MotionSettings(smoother=SmootherSettings(batch=3, sorted_tracks=5))
+    at_once_in_threes = tosses_from_tracks(many, cube, settings=small)
     read = [0]
 
     def track(i: int) -> PoseTrack:
         read[0] += 1
         return many[i]
 
-    in_turn = list(tosses_in_turn(OnDemand(track, len(many), kept=6), cube))
+    in_turn = list(tosses_in_turn(OnDemand(track, len(many), kept=6), cube, settings=small))
     assert read[0] > 2 * len(many)
     assert [toss.name for toss in in_turn] == [track.name for track in many]
     for a, b, c in zip(in_turn, at_once_in_threes, at_once, strict=True):

@@ -2,37 +2,35 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from tossid.objects import ObjectModel, load_object
-from tossid.physics import Residual, System, make_system, simulate, stepping
+from tossid.objects import OBJECT_FILES, ObjectModel, load_object
+from tossid.physics import LearnedAcceleration, System, make_system, simulate, stepping
 
 DT = 1 / 148
 
 
 @pytest.fixture(scope="module")
 def cube() -> ObjectModel:
-    return load_object(Path(__file__).parents[2] / "conf/object/cube.xml")
+    return load_object(OBJECT_FILES / "cube.xml")
 
 
 def systems(cube: ObjectModel) -> dict[str, System]:
     rng = np.random.default_rng(0)
     shapes = ((6, 9), (8, 9), (8,), (8, 8), (8,), (6, 8))
-    residual = Residual(*(0.1 * rng.normal(size=shape) for shape in shapes))
+    k_res = LearnedAcceleration(*(0.1 * rng.normal(size=shape) for shape in shapes))
     product = 1e-5 * np.array([[0.0, 1, 0], [1, 0, 2], [0, 2, 0]])
     odd = cube.with_changes(com=np.array([[1e-3, -2e-3, 6e-3]]), inertia=1.3 * cube.inertia + product)
     return {
         "nominal": make_system(cube),
         "odd": make_system(
             odd.with_changes(restitution=0.2),
-            residual=residual,
+            k_res=k_res,
             friction=np.linspace(0.1, 0.3, 8),
             gravity=[0.1, 0.2, -9.5],
         ),
-        "soft": make_system(odd.with_changes(compliance=3e-5, relaxation=2e-3), residual=residual),
+        "soft": make_system(odd.with_changes(compliance=3e-5, relaxation=2e-3), k_res=k_res),
         "cohesive": make_system(cube.with_changes(cohesion=0.1)),
         "soft and cohesive": make_system(odd.with_changes(compliance=3e-5, relaxation=5e-3, cohesion=0.1)),
         "slow": make_system(odd.with_changes(relaxation=0.02, cohesion=0.05)),
@@ -125,7 +123,7 @@ def test_what_an_impact_does_hangs_on_no_grid_of_steps(cube: ObjectModel) -> Non
 @pytest.mark.parametrize("name", ["nominal", "soft", "cohesive"])
 def test_what_has_come_to_rest_stays_and_is_carried(cube: ObjectModel, name: str) -> None:
     """The kernel ends a toss at rest; what it fills in is what steps would have come to."""
-    system = systems(cube)[name]._replace(residual=make_system(cube).residual, com=make_system(cube).com)
+    system = systems(cube)[name]._replace(k_res=make_system(cube).k_res, com=make_system(cube).com)
     q = np.zeros((1, 7))
     q[0, :4] = 0.0, 0.0, float(-cube.corner_pos[:, 2].min()), 1.0
     out = simulate(system, q, np.array([[0.3, 0.2, -0.2, 0.0, 0.0, 0.5]]), n_steps=200, dt=DT)

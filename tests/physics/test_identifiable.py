@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from tests.physics.trees import random_tree
-from tossid.objects import ObjectModel, load_object
+from tossid.objects import OBJECT_FILES, ObjectModel, load_object
 from tossid.physics import make_system, tree
 from tossid.physics.identifiable import base_parameters, inertial_parameters
-
-CONF = Path(__file__).parents[2] / "conf/object"
 
 
 def mass_matrix(model: ObjectModel, q: np.ndarray) -> np.ndarray:
@@ -23,7 +19,7 @@ def mass_matrix(model: ObjectModel, q: np.ndarray) -> np.ndarray:
 
 
 def test_a_single_body_has_ten_and_a_hinge_takes_three_away() -> None:
-    cube, elbow = (load_object(CONF / f"{name}.xml") for name in ("cube", "elbow"))
+    cube, elbow = (load_object(OBJECT_FILES / f"{name}.xml") for name in ("cube", "elbow"))
     assert len(base_parameters(cube).names) == 10
     assert len(base_parameters(elbow).names) == 17
     rng = np.random.default_rng(0)
@@ -32,7 +28,7 @@ def test_a_single_body_has_ten_and_a_hinge_takes_three_away() -> None:
 
 
 def test_mass_on_the_hinge_s_axis_belongs_to_either_link() -> None:
-    elbow = load_object(CONF / "elbow.xml")
+    elbow = load_object(OBJECT_FILES / "elbow.xml")
     base = base_parameters(elbow)
     assert base.names[0] == "elbow_1.m + 1 elbow_2.m"
     # a point of 0.1 kg on the axis, 2 cm along it, moves from the second link to the first

@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from tests.physics.test_body import falling
 from tests.physics.trees import random_state, random_tree
 from tossid.errors import ObjectError
-from tossid.objects import JointLaw, ObjectModel, load_object
+from tossid.objects import OBJECT_FILES, JointLaw, ObjectModel, load_object
 from tossid.physics import Simulation, make_system, simulate, stepping, tree
-from tossid.physics.effects import JOINT_EFFECTS, Forces, Law, Recording, World, library_for
+from tossid.physics.effects import JOINT_EFFECTS, Forces, Law, RecordingErrors, World, effects_for
 from tossid.physics.effects.in_mujoco import toss_in_mujoco
 
-CONF = Path(__file__).parents[2] / "conf/object"
 DT = 1 / 148
 
 
 @pytest.fixture(scope="module")
 def cube() -> ObjectModel:
-    return load_object(CONF / "cube.xml")
+    return load_object(OBJECT_FILES / "cube.xml")
 
 
 @pytest.fixture(scope="module")
 def elbow() -> ObjectModel:
-    return load_object(CONF / "elbow.xml")
+    return load_object(OBJECT_FILES / "elbow.xml")
 
 
 def jointed(model: ObjectModel, **law: float) -> ObjectModel:
@@ -195,7 +192,7 @@ def test_what_an_impact_of_a_tree_does_hangs_on_no_grid_of_steps(elbow: ObjectMo
 
 
 def test_the_library_of_an_object_with_joints(cube: ObjectModel, elbow: ObjectModel) -> None:
-    assert {e.name for e in library_for(elbow)} - {e.name for e in library_for(cube)} == {
+    assert {e.name for e in effects_for(elbow)} - {e.name for e in effects_for(cube)} == {
         "joint_damping",
         "joint_friction",
         "joint_stiffness",
@@ -210,7 +207,7 @@ def test_the_library_of_an_object_with_joints(cube: ObjectModel, elbow: ObjectMo
 
 
 def test_the_inertia_of_links_may_be_of_another_shape(cube: ObjectModel, elbow: ObjectModel) -> None:
-    of_links, of_a_body = ({e.name: e for e in library_for(model)}["inertia"] for model in (elbow, cube))
+    of_links, of_a_body = ({e.name: e for e in effects_for(model)}["inertia"] for model in (elbow, cube))
     world = World(elbow)
     same = of_links.at(world, of_links.nominal(world))
     np.testing.assert_allclose(same.object.inertia, elbow.inertia, rtol=1e-12)
@@ -230,7 +227,7 @@ def test_the_inertia_of_links_may_be_of_another_shape(cube: ObjectModel, elbow: 
 
 
 def test_recorded_joints_come_back(elbow: ObjectModel) -> None:
-    world = World(elbow, recording=Recording(length_scale=1.1, clock_rate=0.9, joint_offset=0.3))
+    world = World(elbow, recording=RecordingErrors(length_scale=1.1, clock_rate=0.9, joint_offset=0.3))
     q, v = flying(elbow)
     recorded_q, recorded_v = world.recorded(q, v)
     np.testing.assert_allclose(recorded_q[:, 7], q[:, 7] + 0.3)

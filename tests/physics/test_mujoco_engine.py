@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 
 from tossid.errors import DivergedError, InputError, MotionError
-from tossid.objects import ObjectModel, corner_positions, load_object
+from tossid.objects import OBJECT_FILES, ObjectModel, corner_positions, load_object
 from tossid.physics.mujoco_engine import simulate_mujoco
 
-OBJECTS = Path(__file__).parents[2] / "conf" / "object"
 DT = 1 / 148
 HALF = 0.0524
 
 
 @pytest.fixture(scope="module")
 def cube() -> ObjectModel:
-    return load_object(OBJECTS / "cube.xml", friction=0.18)
+    return load_object(OBJECT_FILES / "cube.xml", friction=0.18)
 
 
 def tosses(model: ObjectModel, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -82,7 +81,7 @@ def test_a_sliding_cube_stops_where_coulomb_says(cube: ObjectModel) -> None:
 
 
 def test_the_elbow_lands_and_threads_and_chunks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    elbow = load_object(OBJECTS / "elbow.xml", friction=0.3)
+    elbow = load_object(OBJECT_FILES / "elbow.xml", friction=0.3)
     q0, v0 = tosses(elbow, 4, 2)
     q, v = simulate_mujoco(elbow, q0, v0, 60, DT, substeps=40)
     assert q.shape == (4, 61, 8)

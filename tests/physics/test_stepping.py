@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from tests.physics.trees import random_state, random_tree
 from tossid.errors import InputError
-from tossid.objects import ObjectModel, corner_positions, load_object
-from tossid.physics import make_system, no_residual, simulate, tree
+from tossid.objects import OBJECT_FILES, ObjectModel, corner_positions, load_object
+from tossid.physics import make_system, no_learned_acceleration, simulate, tree
 from tossid.rotations import quat_exp
 
-CUBE = Path(__file__).parents[2] / "conf/object/cube.xml"
+CUBE = OBJECT_FILES / "cube.xml"
 HALF = 0.0524
 
 
@@ -53,11 +51,13 @@ def test_flight_is_ballistic_and_keeps_angular_momentum(cube: ObjectModel) -> No
 
 
 @pytest.mark.parametrize("n_directions", [0, 4])
-def test_a_residual_linear_in_its_features_is_quadratic_drag(cube: ObjectModel, n_directions: int) -> None:
+def test_a_learned_acceleration_linear_in_its_features_is_quadratic_drag(cube: ObjectModel, n_directions: int) -> None:
     drag, speed, time = 0.3, np.array([1.5, -2.0, 4.0]), 0.5
     linear = np.zeros((6, 9))
     linear[:3, 3:6] = -drag * np.eye(3)
-    system = make_system(cube, gravity=0.0, residual=no_residual(0)._replace(linear=linear, W2=np.zeros((6, 0))))
+    system = make_system(
+        cube, gravity=0.0, k_res=no_learned_acceleration(0)._replace(linear=linear, W2=np.zeros((6, 0)))
+    )
     q, v = np.array([[0, 0, 2.0, *quat_exp([0.3, 0.4, 0.5])]]), np.array([[*speed, 0, 0, 0]])
     run = simulate(system, q, v, n_steps=100, dt=time / 100, substeps=20, n_directions=n_directions)
     expected = speed / (1 + drag * np.linalg.norm(speed) * time)  # of dv/dt = -drag |v| v

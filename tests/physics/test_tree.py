@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.physics.trees import random_state, random_tree
-from tossid.physics import Residual, System, articulated, contact, free, simulate, tree
+from tossid.physics import LearnedAcceleration, System, articulated, contact, free, simulate, tree
 from tossid.physics.solvers import solve_cone
 from tossid.physics.system import make_system
 
@@ -58,12 +58,12 @@ def test_configuration_steps_like_mujoco() -> None:
 
 
 def tossed(rng: np.random.Generator, n_bodies: int) -> tuple[System, np.ndarray, np.ndarray]:
-    """A random tree with a random residual over the ground, and 30 states of it."""
+    """A random tree with a random learned acceleration over the ground, and 30 states of it."""
     model = random_tree(rng, n_bodies=n_bodies)
     nv, nf = model.nv, 6 + 3 * n_bodies
     shapes = ((nv, nf), (8, nf), (8,), (8, 8), (8,), (nv, 8))
-    residual = Residual(*(0.1 * rng.normal(size=shape) for shape in shapes))
-    system = make_system(model, gravity=[0.3, -0.2, -9.81], friction=0.3, residual=residual)
+    k_res = LearnedAcceleration(*(0.1 * rng.normal(size=shape) for shape in shapes))
+    system = make_system(model, gravity=[0.3, -0.2, -9.81], friction=0.3, k_res=k_res)
     q, v = map(np.array, zip(*(random_state(rng, model) for _ in range(30)), strict=True))
     q[:, 2] = rng.uniform(0.05, 0.2, 30)
     q[:, 7:] *= 0.5
@@ -85,10 +85,10 @@ def plain_step(system: System, q: np.ndarray, v: np.ndarray, h: float) -> tuple[
     b = J @ vf
     soft = (phi < 0) | (phi + h * b[:n] < 0)
     # a spring at the step's end damps by k h, which is taken off its damper
-    settling = h + system.relaxation if system.compliance == 0 else np.hypot(h, system.relaxation)
-    b[:n] += phi / np.where(soft, settling, h)
+    recovery_time = h + system.relaxation if system.compliance == 0 else np.hypot(h, system.relaxation)
+    b[:n] += phi / np.where(soft, recovery_time, h)
     A = J @ np.linalg.solve(work.M, J.T)
-    slack = system.compliance / (h * settling)
+    slack = system.compliance / (h * recovery_time)
     A += slack * np.diag(np.r_[np.ones(n), np.full(2 * n, contact.TANGENTIAL)])
     found = solve_cone(A[None], b[None], system.mu[None], tolerance=1e-11)
     assert found.status[0] == 0

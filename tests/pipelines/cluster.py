@@ -15,13 +15,35 @@ from pathlib import Path
 NET = "10.88.214"
 PORT = 18786
 MODULE = [sys.executable, "-m"]
+QUIET = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"]
+
+
+def write_certificate(folder: Path) -> list[str]:
+    """Write a certificate that is its own authority; returns the options of Dask's programs that name it."""
+    from distributed.security import Security
+
+    folder.mkdir(mode=0o700)
+    made = Security.temporary().get_tls_config_for_role("scheduler")
+    (folder / "cert.pem").write_text(made["cert"])
+    (folder / "key.pem").write_text(made["key"])
+    cert, key = str(folder / "cert.pem"), str(folder / "key.pem")
+    return ["--tls-ca-file", cert, "--tls-cert", cert, "--tls-key", key]
 
 
 @dataclass
 class Cluster:
-    """head: stands before a command that is to run beside the scheduler. apart: each worker has its own network."""
+    """A running scheduler.
+
+    Attributes:
+        address: Where it listens.
+        tls: Folder of the certificate that it, its workers and its clients hold.
+        head: Begins a command that runs beside the scheduler.
+        workers: Their processes.
+        apart: Whether each worker has a network of its own.
+    """
 
     address: str
+    tls: Path
     head: list[str]
     workers: list[subprocess.Popen[bytes]]
     apart: bool
@@ -34,17 +56,18 @@ def cluster(folder: Path, count: int = 2) -> Iterator[Cluster]:
         apart = ends.enter_context(_namespaces(count))
         places = [_inside(f"tossid-{os.getpid()}-{i}") if apart else [] for i in range(count + 1)]
         host = f"{NET}.1" if apart else "127.0.0.1"
-        address = f"tcp://{host}:{PORT}"
+        address = f"tls://{host}:{PORT}"
+        secure = write_certificate(folder / "tls")
         begun = ends.enter_context(_ended())
         start = {"cwd": folder, "stdout": subprocess.DEVNULL, "stderr": (folder / "cluster.log").open("ab")}
-        scheduler = ["distributed.cli.dask_scheduler", "--host", host, "--port", str(PORT), "--no-dashboard"]
+        scheduler = ["distributed.cli.dask_scheduler", "--host", host, "--port", str(PORT), *QUIET, *secure]
         begun.append(subprocess.Popen([*places[0], *MODULE, *scheduler], **start))
-        worker = ["distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+        worker = ["distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", *QUIET, *secure]
         begun += [
             subprocess.Popen([*place, *MODULE, *worker, "--local-directory", str(folder)], **start)
             for place in places[1:]
         ]
-        yield Cluster(address, places[0], begun[1:], apart)
+        yield Cluster(address, folder / "tls", places[0], begun[1:], apart)
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from pipelines import app
+from pipelines.cli import app
 
 KEYS = ["model=cnrpi", "epochs=12", "patience=12"]
 """A short training."""
@@ -36,7 +36,7 @@ def tossid(project: Path) -> Run:
 
     def run(*args: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            [sys.executable, "-m", "pipelines.app", *args], capture_output=True, text=True, cwd=project, timeout=120
+            [sys.executable, "-m", "pipelines.cli.app", *args], capture_output=True, text=True, cwd=project, timeout=120
         )
 
     return run

@@ -6,11 +6,16 @@ import numpy as np
 
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp
-from tossid.types import SPLITS, Dataset, Toss
+from tossid.store import Dataset
+from tossid.types import SPLITS, Toss
 
 H = 1 / 148
 HALF = 0.0524
 """Of the published cube's width [m]."""
+
+
+ARRAYS = ("t", "q", "v", "q_cov", "v_cov", "phase")
+"""Of a toss."""
 
 
 def spinning(n: int, rng: np.random.Generator, *, n_joints: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -38,6 +43,16 @@ def make_dataset(model: ObjectModel, *, tosses: int = 4, seed: int = 0) -> Datas
     )
     provenance = {"command": "test", "seed": seed, "noise": 0.5, "exact": True, "covariance_source": "made up"}
     return Dataset(object=model, tosses=made, rate_hz=148.0, source="test", provenance=provenance)
+
+
+def assert_same(a: Dataset, b: Dataset) -> None:
+    assert (a.rate_hz, a.source, a.provenance) == (b.rate_hz, b.source, b.provenance)
+    assert [type(x) for x in a.provenance.values()] == [type(b.provenance[key]) for key in a.provenance]
+    assert [(toss.name, toss.split) for toss in a.tosses] == [(toss.name, toss.split) for toss in b.tosses]
+    for x, y in zip(a.tosses, b.tosses, strict=True):
+        for name in ARRAYS:
+            np.testing.assert_array_equal(getattr(x, name), getattr(y, name))
+            assert getattr(x, name).dtype == getattr(y, name).dtype
 
 
 def contactnets_rows(n: int, rng: np.random.Generator) -> np.ndarray:

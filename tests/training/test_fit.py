@@ -9,12 +9,12 @@ import pytest
 import torch
 
 from tests.models.made import tosses
-from tossid.models.contactnets import ContactNets, ContactNetsSettings
-from tossid.models.predictor import SUBSTEPS
-from tossid.motion import Measurement
+from tossid.models.contactnets import ContactNets
+from tossid.motion import MeasurementModel
 from tossid.objects import ObjectModel
 from tossid.physics.identifiable import base_parameters
-from tossid.training.fit import Fit, FitSettings
+from tossid.settings.training import ModelSettings, TrainSettings
+from tossid.training.fit import Fit
 
 COM = np.array([[1e-3, -2e-3, 6e-3]])
 
@@ -24,9 +24,9 @@ def test_it_goes_on_where_it_was(cube: ObjectModel, optimizer: str, stop: int) -
     made = tosses(cube.with_changes(com=COM), 6, seed=0)
 
     def fresh() -> Fit:
-        settings = ContactNetsSettings(learn_inertia=True, learn_residual=True, hidden=4)
+        settings = ModelSettings(learn_inertia=True, learn_k_res=True, hidden=4, horizons=(10, 20))
         model = ContactNets(cube.with_changes(friction=0.3), settings)
-        return Fit(model, made[:4], made[4:], FitSettings(epochs=3, optimizer=optimizer, horizons=(10, 20)))
+        return Fit(model, made[:4], made[4:], TrainSettings(epochs=3, optimizer=optimizer))
 
     whole = fresh()
     count = len(list(whole.epochs()))
@@ -45,8 +45,8 @@ def test_it_goes_on_where_it_was(cube: ObjectModel, optimizer: str, stop: int) -
 def test_inertia_and_contact_law_come_back_from_rollouts(cube: ObjectModel) -> None:
     law = {"compliance": 1 / 30e3, "relaxation": 3.28e-3, "cohesion": 0.05}
     truth = cube.with_changes(com=COM, inertia=1.4 * cube.inertia, **law)
-    made = tosses(truth, 40, seed=3, substeps=SUBSTEPS)
-    settings = ContactNetsSettings(learn_geometry=False, learn_inertia=True, learn_contact_law=True, implicit=False)
+    made = tosses(truth, 40, seed=3, substeps=ModelSettings.substeps)
+    settings = ModelSettings(learn_geometry=False, learn_inertia=True, learn_contact_law=True, implicit=False)
     model = ContactNets(cube.with_changes(friction=0.25), settings)
     records = list(Fit(model, made[:30], made[30:]).epochs())
     learned = model.learned_object()
@@ -64,11 +64,11 @@ def test_the_inertia_of_links_comes_back_from_stretches(elbow: ObjectModel) -> N
     """Begun with links that are too round and balanced, as the published ones are; what motion tells comes back."""
     thin = np.diag([0.3, 0.6, 0.6])
     truth = elbow.with_changes(inertia=elbow.inertia @ thin, com=elbow.com + np.diag([0.01, 0.008, 0])[:2])
-    made = tosses(truth, 16, seed=4, substeps=SUBSTEPS)
-    settings = ContactNetsSettings(learn_geometry=False, learn_inertia=True, implicit=False)
+    made = tosses(truth, 16, seed=4, substeps=ModelSettings.substeps)
+    settings = ModelSettings(learn_geometry=False, learn_inertia=True, implicit=False)
     model = ContactNets(elbow, settings)
     fit = Fit(model, made[:12], made[12:])
-    assert fit.stages == ("rollout-10", "rollout-20")
+    assert [plan.name for plan in fit.stages] == ["rollout-10", "rollout-20"]
     list(fit.epochs())
     errors = base_parameters(elbow).errors
     assert errors(elbow, truth).max() > 0.1
@@ -77,8 +77,8 @@ def test_the_inertia_of_links_comes_back_from_stretches(elbow: ObjectModel) -> N
 
 def test_contact_stays_rigid_where_a_softer_one_explains_little(cube: ObjectModel) -> None:
     """What a soft contact would gain at a wrong inertia is the inertia's."""
-    made = tosses(cube.with_changes(com=COM), 40, seed=3, substeps=SUBSTEPS)
-    settings = ContactNetsSettings(learn_geometry=False, learn_inertia=True, learn_contact_law=True, implicit=False)
+    made = tosses(cube.with_changes(com=COM), 40, seed=3, substeps=ModelSettings.substeps)
+    settings = ModelSettings(learn_geometry=False, learn_inertia=True, learn_contact_law=True, implicit=False)
     model = ContactNets(cube.with_changes(inertia=1.08 * cube.inertia), settings)
     list(Fit(model, made[:30], made[30:]).epochs())
     learned = model.learned_object()
@@ -91,8 +91,8 @@ def test_contact_stays_rigid_where_a_softer_one_explains_little(cube: ObjectMode
 def test_rollouts_that_feel_nothing_teach_nothing(cube: ObjectModel) -> None:
     """Without gravity a toss that still climbs never lands: friction stays as the implicit loss left it."""
     rising = [replace(toss, v=toss.v + np.array([0, 0, 3.0, 0, 0, 0])) for toss in tosses(cube, 4, seed=1)]
-    model = ContactNets(cube, ContactNetsSettings(gravity=0.0, learn_geometry=False))
-    records = list(Fit(model, rising[:2], rising[2:], FitSettings(epochs=2, horizons=(5, 10))).epochs())
+    model = ContactNets(cube, ModelSettings(gravity=0.0, learn_geometry=False, horizons=(5, 10)))
+    records = list(Fit(model, rising[:2], rising[2:], TrainSettings(epochs=2)).epochs())
     assert [record.stage for record in records[-2:]] == ["rollout-5", "rollout-10"]
     assert records[-1].validation_loss < float("inf")
 
@@ -101,15 +101,15 @@ def test_short_lengths_and_late_velocities_do_not_spoil_what_is_learned(cube: Ob
     truth = cube.with_changes(com=COM)
     lag, scale = 0.5 / 148, 0.95
     recorded = []
-    for toss in tosses(truth, 30, seed=3, substeps=SUBSTEPS):
+    for toss in tosses(truth, 30, seed=3, substeps=ModelSettings.substeps):
         q, v = toss.q.copy(), toss.v.copy()
         v[:, 2] += 9.81 * lag
         q[:, :3] *= scale
         v[:, :3] *= scale
         recorded.append(replace(toss, q=q, v=v))
-    settings = ContactNetsSettings(gravity=0.0, learn_geometry=False, learn_inertia=True, learn_residual=True)
-    model = ContactNets(cube, settings, measurement=Measurement(scale, lag))
-    fit = Fit(model, recorded[:20], recorded[20:], FitSettings(epochs=25))
+    settings = ModelSettings(gravity=0.0, learn_geometry=False, learn_inertia=True, learn_k_res=True)
+    model = ContactNets(cube, settings, measurement=MeasurementModel(scale, lag))
+    fit = Fit(model, recorded[:20], recorded[20:], TrainSettings(epochs=25))
     list(fit.epochs())
     assert model.flight_gravity(fit._transitions[0]) == pytest.approx(9.81, rel=0.01)
     assert np.abs(model.learned_object().com - COM).max() < 1e-3

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from tests.models.made import tosses
-from tossid.models.contactnets import ContactNets, ContactNetsSettings
-from tossid.models.predictor import SUBSTEPS
+from tossid.models.contactnets import ContactNets
 from tossid.objects import ObjectModel
+from tossid.settings.training import ModelSettings
 from tossid.training.fit import Fit
 from tossid.training.uncertainty import parameter_intervals
 from tossid.types import Toss
@@ -24,8 +24,8 @@ def noisy(made: list[Toss], *, seed: int) -> list[Toss]:
 
 def test_intervals_cover_the_truth(cube: ObjectModel) -> None:
     truth = cube.with_changes(com=np.array([[2e-3, 0, 5e-3]]), inertia=1.3 * cube.inertia)
-    made = noisy(tosses(truth, 60, seed=7, substeps=SUBSTEPS), seed=1)
-    settings = ContactNetsSettings(learn_geometry=False, learn_inertia=True, implicit=False)
+    made = noisy(tosses(truth, 60, seed=7, substeps=ModelSettings.substeps), seed=1)
+    settings = ModelSettings(learn_geometry=False, learn_inertia=True, implicit=False)
     fit = Fit(ContactNets(cube, settings), made[:45], made[45:])
     list(fit.epochs())
     before = fit.model.learned_object()
@@ -50,6 +50,6 @@ def test_intervals_cover_the_truth(cube: ObjectModel) -> None:
 
 def test_a_model_without_rollouts_has_none(cube: ObjectModel) -> None:
     made = tosses(cube, 4, seed=0)
-    fit = Fit(ContactNets(cube, ContactNetsSettings()), made[:2], made[2:])
+    fit = Fit(ContactNets(cube, ModelSettings()), made[:2], made[2:])
     fit.stages = fit.stages[:1]
     assert parameter_intervals(fit) is None

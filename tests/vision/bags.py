@@ -11,8 +11,8 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from tossid.vision.camera import Camera
-from tossid.vision.rosbag import APRILTAG_MSGS, typestore
+from tossid.vision.cameras.camera import Camera
+from tossid.vision.recordings.rosbag import APRILTAG_MSGS, typestore
 
 CAMERAS = tuple(
     Camera(name, (64, 48), [60, 60, 32, 24], image_topic=f"/{name}/image", tag_topic=f"/{name}/tags", clock_offset=late)

@@ -9,12 +9,14 @@ import pytest
 
 from tests.vision.tosses import thrown
 from tossid.objects import ObjectModel
-from tossid.vision.camera import Camera
-from tossid.vision.faces import default_tags
-from tossid.vision.layout import layout_of
-from tossid.vision.recording import Recording, RecordingWriter, read_recording
-from tossid.vision.rig import default_rig
-from tossid.vision.timeline import Timeline, make_timeline, render_timeline
+from tossid.synthesis.timeline import Timeline, make_timeline, render_timeline
+from tossid.vision.cameras.camera import Camera
+from tossid.vision.cameras.rig import default_rig
+from tossid.vision.recordings.frames import read_recording
+from tossid.vision.recordings.recording import Recording
+from tossid.vision.recordings.writing import RecordingWriter
+from tossid.vision.setup.faces import default_tags
+from tossid.vision.setup.layout import layout_of
 
 
 @pytest.fixture(scope="session")

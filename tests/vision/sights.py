@@ -9,8 +9,8 @@ import numpy as np
 from tossid.objects import ObjectModel, body_poses
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize, transform, transform_points
 from tossid.types import Detection, PoseTrack
-from tossid.vision.camera import Camera
-from tossid.vision.faces import tag_corners
+from tossid.vision.cameras.camera import Camera
+from tossid.vision.setup.faces import tag_corners
 
 
 def tangent(track_: PoseTrack, q: np.ndarray) -> np.ndarray:

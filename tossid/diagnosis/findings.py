@@ -1,4 +1,4 @@
-"""What a diagnosis says. Frozen, plain values and arrays; `as_json` gives CONTRACT.md's gap.json."""
+"""The parts of a diagnosis's result: frozen, plain values and arrays, each with its form in gap.json."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.evidence import Hypothesis
-
 Array = NDArray[np.float64]
 
-SCHEMA = "tossid.gap/1"
 EffectVerdict = Literal["identified", "confusable", "not_supported", "not_identifiable"]
-Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained"]
-Contact = Literal["coulomb", "relaxed", "own"]
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A value with its 95 % interval."""
+    """A value with its 95 % interval.
+
+    Attributes:
+        value: The estimate.
+        low: Lower end.
+        high: Upper end.
+    """
 
     value: float
     low: float
@@ -33,7 +34,12 @@ class Interval:
 
 @dataclass(frozen=True)
 class Share:
-    """Part `name` (a phase, a channel) of the gap above the noise floor; `rms_mm` where it is a length."""
+    """A part of the gap above the noise floor.
+
+    Attributes:
+        name: Of a phase or a channel.
+        share: Its share of the whole.
+    """
 
     name: str
     share: Interval
@@ -41,12 +47,16 @@ class Share:
 
 @dataclass(frozen=True)
 class Gap:
-    """How far predictions miss, in standard deviations of what noise alone would leave.
+    """How far predictions are off, in standard deviations of what noise alone would leave.
 
-    total: root mean square of whitened misses over tosses; noise_floor: what it would be were the simulator right
-    (computed by simulation). by_phase, by_channel: shares of the excess of squares. by_length: root mean square for
-    windows of so many frames, with the floor's. frames: one row a whitened frame (toss, time [s], phase, excess),
-    for pictures. odd: names of tosses that miss far more than the others.
+    Attributes:
+        total: Root mean square of whitened residuals.
+        noise_floor: What it would be if the simulator were right, by simulation.
+        by_phase: Shares of the excess of deviance over the floor.
+        by_channel: Likewise.
+        by_length: (frames, root mean square, floor) for windows of several lengths.
+        frames: (m, 4) toss, time [s], phase and excess of each row of a window, for figures.
+        odd: Names of tosses whose residuals are far larger than the others'.
     """
 
     total: Interval
@@ -60,11 +70,14 @@ class Gap:
 
 @dataclass(frozen=True)
 class Corner:
-    """What of the gap above the floor comes in frames in which a corner touches, of all frames in contact.
+    """What of the gap above the noise floor arises in frames in which a corner touches, of all frames with contact.
 
-    place [m], in the base's frame with all joints at zero; link: whose, 0 for the base. frames: in which it touches,
-    alone or with others. per_frame: its share over its share of the frames, 1 for as much as in any contact; None for
-    a corner that never touches.
+    Attributes:
+        place: The corner [m], in the base's frame with all joints at zero.
+        share: Its share.
+        frames: In how many it touches, alone or with others.
+        per_frame: Its share over its share of the frames, 1 for as much as in any contact; None if it never touches.
+        link: Number of its link, 0 for the base.
     """
 
     place: tuple[float, float, float]
@@ -90,11 +103,22 @@ class Corner:
 class Relation:
     """The residual wrench of the windows in a phase, and the state that explains one component of it best.
 
-    component, state: names of `wrench`. r2: share of the component's squares that a curve over the state (its mean, if
-    no state is clear) explains on tosses that took no part; p_value: that signs drawn by toss give as good a best pair;
-    clear: whether that is a finding. r2_state, p_state, state_clear: the same beyond the component's mean.
-    means: of all components over the windows [N], [N m]. points (windows, 4): state, component, its standard error,
-    toss. curve (m, 4): state, fitted component, its 95 % band.
+    Attributes:
+        phase: "flight" or "contact".
+        windows: How many determine the component.
+        tosses: Of how many tosses.
+        component: Its name (`localisation.relations.COMPONENTS`).
+        state: Name of the state (`localisation.relations.STATES`).
+        r2: Share of the component's squares that a curve over the state (its mean, if no state is clear) explains on
+            tosses that took no part.
+        p_value: Probability that signs drawn by toss give as good a best pair.
+        clear: Whether the component is clearly there.
+        r2_state: As `r2`, beyond the component's mean.
+        p_state: As `p_value`, beyond the component's mean.
+        state_clear: Whether the component clearly depends on the state.
+        means: Of all components over the windows [N], [N m].
+        points: (windows, 4) state, component, its standard error, toss.
+        curve: (m, 4) state, fitted component, its 95 % band.
     """
 
     phase: str
@@ -113,7 +137,7 @@ class Relation:
     curve: Array
 
     def as_json(self) -> dict[str, Any]:
-        """One of gap.json's "wrench"; the curve at its ends and between, forces in N, torques in N m."""
+        """One of gap.json's "wrench", with five points of the curve."""
         some = self.curve[np.linspace(0, len(self.curve) - 1, 5).round().astype(int)]
         return {
             "phase": self.phase,
@@ -134,9 +158,13 @@ class Relation:
 
 @dataclass(frozen=True)
 class Place:
-    """Where in the state and on the object the gap is: of the stated simulator, and with the named effects in.
+    """Where in the state of the motion and on the object the gap is.
 
-    wrench: residual wrenches by phase. corners: shares of the first gap's excess in contact.
+    Attributes:
+        wrench: The stated simulator's residual wrenches by phase.
+        corners: Shares of its excess in contact.
+        wrench_left: As `wrench`, with the effects in.
+        corners_left: As `corners`, with the effects in; of the same whole.
     """
 
     wrench: tuple[Relation, ...] = ()
@@ -149,9 +177,16 @@ class Place:
 class Finding:
     """What the tosses say of one effect.
 
-    parameters: values with intervals, of the effects that are named or confusable. evidence: gain of log-likelihood
-    on tosses that took no part in the fit, p-value, number of tosses. gap_closed: if found, beyond those before it;
-    else by it alone. detectable: the smallest size of each parameter that these tosses would have shown.
+    Attributes:
+        name: Of the effect.
+        verdict: What is concluded.
+        says: The effect in words.
+        phases: In which it acts.
+        parameters: Values with intervals, if it is named or confusable.
+        evidence: Gain of log-likelihood on tosses that took no part in the fit, p-value, number of tosses.
+        gap_closed: Share of the gap; of a named effect beyond those before it, else by it alone.
+        confusable_with: Other effects of its class.
+        detectable: The smallest size of each parameter that these tosses would reveal.
     """
 
     name: str
@@ -181,10 +216,15 @@ class Finding:
 
 @dataclass(frozen=True)
 class Step:
-    """Rollout errors on tosses that took no part in the fit, with these effects in: each toss at values fitted to the
-    other folds, and (unseen) other tosses at values fitted to all of these, if there are any.
+    """Rollout errors on tosses that took no part in the fit, with some effects in.
 
-    gap_left: mean square of whitened misses.
+    Attributes:
+        effects: Their names.
+        position_error_pct: Mean distance, in % of the object's width; each toss at values fitted to the other folds.
+        rotation_error_deg: Mean angle, likewise.
+        gap_left: Mean square of whitened residuals, likewise.
+        unseen_position_error_pct: Of other tosses, at values fitted to all of these; None if there are none.
+        unseen_rotation_error_deg: Likewise.
     """
 
     effects: tuple[str, ...]
@@ -209,8 +249,16 @@ class Step:
 
 @dataclass(frozen=True)
 class Witness:
-    """A quantity that tosses show without a simulator (`witnesses`), beside what the stated simulator has for it and
-    what the diagnosis found. effect: of which it speaks. tosses: that show it."""
+    """A quantity that tosses reveal without a simulator (`localisation.witnesses`).
+
+    Attributes:
+        quantity: In words.
+        effect: Name of the effect of which it speaks.
+        stated: Its value in the stated simulator.
+        found: Its value with the effects that the diagnosis found.
+        measured: Its value in the tosses.
+        tosses: How many reveal it.
+    """
 
     quantity: str
     effect: str
@@ -229,78 +277,3 @@ class Witness:
             "measured": self.measured.as_json(),
             "tosses": self.tosses,
         }
-
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """All of it. named: the effects that explain the gap, in order of what is lost without each.
-
-    gap_closed: by all named together; unexplained: phases (by name) in which clearly something is left, with the
-    share of the first gap that is left there. hypothesis: the world with all of them, fitted to all tosses.
-    contact: what the tosses follow most of Coulomb's law, its relaxation and a MuJoCo model's own; it is no effect.
-    alternatives: the same with a confusable effect swapped in. place: where in the state and on the object.
-    witnesses: what tosses say of some effects without a simulator. other_laws: effects that are in the hypothesis for
-    a force that grows with so much another power of its state than theirs; unsteady: for one that is not the same in
-    all tosses. Such forces have no name.
-    """
-
-    verdict: Verdict
-    gap: Gap
-    left: Gap
-    findings: tuple[Finding, ...]
-    named: tuple[str, ...]
-    gap_closed: Interval
-    unexplained: tuple[Share, ...]
-    steps: tuple[Step, ...]
-    hypothesis: Hypothesis
-    n_tosses: int
-    seconds: float
-    alternatives: tuple[Hypothesis, ...] = ()
-    contact: Contact = "coulomb"
-    place: Place = field(default_factory=Place)
-    witnesses: tuple[Witness, ...] = ()
-    other_laws: tuple[tuple[str, Interval], ...] = ()
-    unsteady: tuple[str, ...] = ()
-
-    def as_json(self) -> dict[str, Any]:
-        """gap.json but for next_toss and patch."""
-        gap = {
-            "total": {**self.gap.total.as_json(), "unit": "standard deviations of noise"},
-            "noise_floor": self.gap.noise_floor,
-            "by_phase": [{"phase": s.name, **_share(s)} for s in self.gap.by_phase],
-            "by_channel": [{"channel": s.name, **_share(s)} for s in self.gap.by_channel],
-            "by_length": [{"frames": n, "rms": rms, "floor": floor} for n, rms, floor in self.gap.by_length],
-            "odd_tosses": list(self.gap.odd),
-            "by_corner": [corner.as_json() for corner in self.place.corners],
-            "wrench": [relation.as_json() for relation in self.place.wrench],
-        }
-        left = {
-            **self.left.total.as_json(),
-            "noise_floor": self.left.noise_floor,
-            "by_corner": [corner.as_json() for corner in self.place.corners_left],
-            "wrench": [relation.as_json() for relation in self.place.wrench_left],
-        }
-        return {
-            "schema": SCHEMA,
-            "n_tosses": self.n_tosses,
-            "contact": self.contact,
-            "gap": gap,
-            "gap_left": left,
-            "effects": [finding.as_json() for finding in self.findings],
-            "explanation": {
-                "verdict": self.verdict,
-                "effects": list(self.named),
-                "gap_closed": self.gap_closed.as_json(),
-                "unexplained_share": max(0.0, 1.0 - self.gap_closed.value),
-                "unexplained_where": [{"phase": s.name, **_share(s)} for s in self.unexplained],
-                "other_laws": [{"like": name, "further_power": each.as_json()} for name, each in self.other_laws],
-                "unsteady": list(self.unsteady),
-            },
-            "steps": [step.as_json() for step in self.steps],
-            "witnesses": [witness.as_json() for witness in self.witnesses],
-            "seconds": self.seconds,
-        }
-
-
-def _share(share: Share) -> dict[str, Any]:
-    return {"share": share.share.value, "ci95": [share.share.low, share.share.high]}

@@ -1,78 +1,185 @@
-"""The simulators that can be diagnosed, as worlds."""
+"""What can be diagnosed: each kind of simulator, read as a world of tossid's own.
+
+`diagnose` takes whatever a registered reader accepts. A new kind of simulator is one function here, or anywhere else,
+under `@reader(KIND, ACCEPTS)`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 
-from tossid.diagnosis.engines import Engine
-from tossid.diagnosis.patch import read_spec
-from tossid.diagnosis.windows import steps_of
-from tossid.errors import InputError
+from tossid.diagnosis.likelihood.engine_discrepancy import Engine
+from tossid.diagnosis.likelihood.windows import steps_of
+from tossid.diagnosis.patch.make import read_spec
+from tossid.errors import InputError, brief
 from tossid.objects import ObjectModel, load_object
-from tossid.physics.effects import Recording, World
+from tossid.physics.effects import RecordingErrors, World
 from tossid.physics.forces import Forces
 from tossid.rotations import geodesic_angle, quat_rotate
+from tossid.settings.diagnosis import CheckSettings, DiagnoseSettings
 from tossid.types import Toss
 
 if TYPE_CHECKING:
     from tossid.models.protocol import DynamicsModel
 
-ANOTHER = 1.6
-"""Ratio of the edges of two objects beyond which one is not a wrong statement of the other."""
-STILL = 10.0
-"""Standard deviations of poses within which nothing moves."""
+
+@dataclass(frozen=True)
+class Simulator:
+    """A simulator to be diagnosed.
+
+    Attributes:
+        kind: What it is: "nominal", "run", "mjcf" or "world".
+        about: The simulator in words.
+        world: The simulator as a world of tossid's own, to which effects are added.
+        mjcf: The user's own MJCF file, which the patch changes.
+        engine: The user's own MuJoCo model, whose contact may be taken as it is.
+        run: The tracker's id of the training that the model comes from.
+    """
+
+    kind: str
+    about: str
+    world: World
+    mjcf: Path | None = None
+    engine: Engine | None = None
+    run: str | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """gap.json's "simulator"."""
+        return {"sim": self.kind, "about": self.about, "run": self.run}
+
+
+Reader = Callable[[Any, ObjectModel], Simulator]
+"""(what the caller gave, the dataset's object) -> the simulator."""
+_READERS: dict[str, tuple[Callable[[Any], bool], Reader]] = {}
+
+
+def reader(kind: str, accepts: Callable[[Any], bool]) -> Callable[[Reader], Reader]:
+    """A decorator that registers how a kind of simulator is read.
+
+    Args:
+        kind: The kind's name.
+        accepts: Whether what the caller gave is of this kind.
+    """
+
+    def register(read: Reader) -> Reader:
+        _READERS[kind] = accepts, read
+        return read
+
+    return register
+
+
+def read_simulator(given: Any, recorded: ObjectModel) -> Simulator:
+    """The simulator that a caller means.
+
+    Args:
+        given: A `Simulator`, or anything that a registered reader accepts: "nominal", a trained model, the path of an
+            MJCF file, a `World`.
+        recorded: The dataset's object.
+
+    Raises:
+        InputError: No reader accepts it, or it cannot be used.
+        FileError, ObjectError: A file cannot be read.
+    """
+    if isinstance(given, Simulator):
+        return given
+    for accepts, read in _READERS.values():
+        if accepts(given):
+            return read(given, recorded)
+    raise InputError(
+        f"{brief(given)} is no simulator; expected 'nominal', a trained model, the path of an MJCF file or a World"
+    )
+
+
+@reader("nominal", lambda given: isinstance(given, str) and given == "nominal")
+def _nominal(given: Any, recorded: ObjectModel) -> Simulator:
+    return nominal(recorded)
+
+
+@reader("world", lambda given: isinstance(given, World))
+def _world(given: Any, recorded: ObjectModel) -> Simulator:
+    return Simulator("world", f"a world with '{given.object.name}'", given)
+
+
+@reader("run", lambda given: hasattr(_model_in(given), "learned_object"))
+def _trained(given: Any, recorded: ObjectModel) -> Simulator:
+    return Simulator("run", "the trained model", world_of_model(_model_in(given)))
+
+
+@reader("mjcf", lambda given: isinstance(given, (str, Path)))
+def _mjcf(given: Any, recorded: ObjectModel) -> Simulator:
+    path = Path(given)
+    world, engine = world_of_mjcf(path, width=recorded.width)
+    return Simulator("mjcf", f"the MuJoCo model {path}", world, mjcf=path, engine=engine)
+
+
+def _model_in(given: Any) -> Any:
+    """The model of what a training returns, or the model itself."""
+    return getattr(given, "model", given)
+
+
+def nominal(recorded: ObjectModel, **changes: Any) -> Simulator:
+    """The dataset's object as it is stated, in tossid's own rigid contact.
+
+    Args:
+        recorded: The dataset's object.
+        changes: Of the world, such as `gravity`.
+    """
+    return Simulator("nominal", f"the stated '{recorded.name}', rigid", World(recorded, **changes))
 
 
 def world_of_model(model: DynamicsModel) -> World:
     """The world of a trained model: what it has learned, and the rest as given.
 
-    Raises:
-        InputError: the model is no simulator with an object (e2e).
-    """
-    # takes seconds to load, and is needed for trained models alone
-    from tossid.models.contactnets import ContactNets
+    Args:
+        model: Of an object with contact.
 
-    if not isinstance(model, ContactNets):
+    Raises:
+        InputError: The model has no object (e2e).
+    """
+    mechanics = model.mechanics()
+    if mechanics is None:
         raise InputError("a network (e2e) has no object and no contact that could be diagnosed; name another run")
-    residual = None if model.residual is None else model.residual.arrays()
     return World(
-        model.learned_object(),
-        gravity=model.settings.gravity,
-        recording=Recording(length_scale=model.measurement.length_scale),
-        residual=residual,
+        mechanics.object,
+        gravity=mechanics.gravity,
+        recording=RecordingErrors(length_scale=model.measurement.length_scale),
+        k_res=mechanics.k_res,
     )
 
 
 def world_of_mjcf(path: Path, *, width: float) -> tuple[World, Engine]:
-    """The world of a user's MuJoCo model, with contact as if it were rigid, and what MuJoCo makes of the model itself.
+    """The world of a user's MuJoCo model with contact as if it were rigid, and the model itself as the other engine.
 
     Args:
-        width: of the dataset's object [m], which errors refer to.
+        path: The MJCF file: one free body, and the ground as a plane.
+        width: Of the dataset's object [m], to which errors refer.
 
     Raises:
-        FileError, ObjectError: the file cannot be read, or is no single free body.
-        InputError: it has no ground that is a plane.
+        FileError, ObjectError: The file cannot be read, or holds no single free body.
+        InputError: It has no ground that is a plane.
     """
     given = load_object(path, width=width)
     m = read_spec(path).compile()
-    grounds = [g for g in range(m.ngeom) if m.geom_bodyid[g] == 0 and (m.geom_contype[g] or m.geom_conaffinity[g])]
-    own = [g for g in range(m.ngeom) if m.geom_bodyid[g] != 0 and (m.geom_contype[g] or m.geom_conaffinity[g])]
+    colliding = [g for g in range(m.ngeom) if m.geom_contype[g] or m.geom_conaffinity[g]]
+    grounds = [g for g in colliding if m.geom_bodyid[g] == 0]
+    own = [g for g in colliding if m.geom_bodyid[g] != 0]
     if len(grounds) != 1 or m.geom_type[grounds[0]] != mujoco.mjtGeom.mjGEOM_PLANE:
         raise InputError(f"{path}: has {len(grounds)} geoms to land on, expected one: the ground, a plane")
     ground = grounds[0]
     normal = quat_rotate(m.geom_quat[ground], np.array([0.0, 0.0, 1.0]))
-    tilt = _tilt_of(normal)
     g, mass = m.opt.gravity, float(given.mass.sum())
     world = World(
         given.with_changes(friction=_friction(m, ground, own[0])),
         gravity=float(-g[2]),
         forces=Forces(x=float(mass * g[0]), y=float(mass * g[1])),
         ground_height=float(m.geom_pos[ground] @ normal),
-        ground_tilt=tilt,
+        ground_tilt=_tilt_of(normal),
     )
     return world, Engine(m, world)
 
@@ -97,11 +204,22 @@ def _friction(m: mujoco.MjModel, ground: int, own: int) -> float:
     return one if order > 0 else other if order < 0 else max(one, other)
 
 
-def check_same_object(world: World, recorded: ObjectModel, *, where: str) -> None:
+# ---------------------------------------------------------------- what is refused
+
+
+def check_same_object(
+    world: World, recorded: ObjectModel, *, where: str, settings: CheckSettings = CheckSettings()
+) -> None:
     """Refuse a simulator of another object than the one that was tossed.
 
+    Args:
+        world: The simulator's.
+        recorded: The dataset's object.
+        where: The dataset in words, for the error.
+        settings: How different sizes may be.
+
     Raises:
-        InputError: it has other joints, or another size.
+        InputError: It has other joints, or another size.
     """
     given = world.object
     if given.n_joints != recorded.n_joints:
@@ -110,7 +228,7 @@ def check_same_object(world: World, recorded: ObjectModel, *, where: str) -> Non
             f"has {given.n_joints}; both must be of the same object"
         )
     ratio = np.ptp(given.corner_pos, axis=0) / np.ptp(recorded.corner_pos, axis=0)
-    if (np.maximum(ratio, 1 / ratio) > ANOTHER).any():
+    if (np.maximum(ratio, 1 / ratio) > settings.size_ratio).any():
         sizes = [" x ".join(f"{1e3 * x:.0f}" for x in np.ptp(o.corner_pos, axis=0)) for o in (given, recorded)]
         raise InputError(
             f"{where}: tosses of '{recorded.name}' ({sizes[1]} mm), the simulator's '{given.name}' measures "
@@ -118,19 +236,34 @@ def check_same_object(world: World, recorded: ObjectModel, *, where: str) -> Non
         )
 
 
-def check_runs(world: World, tosses: tuple[Toss, ...], *, where: str, n_threads: int) -> list[str]:
-    """Names of the tosses that the simulator does not survive, where they are few.
+def check_runs(
+    world: World,
+    tosses: Sequence[Toss],
+    *,
+    where: str,
+    n_threads: int = 1,
+    settings: DiagnoseSettings = DiagnoseSettings(),
+) -> list[str]:
+    """Names of the tosses on which the simulator diverges, where they are few.
+
+    Args:
+        world: The simulator's.
+        tosses: From whose first states it is run to their ends.
+        where: The simulator in words, for the error.
+        n_threads: Of the simulator.
+        settings: How many may diverge, and how finely is simulated.
 
     Raises:
-        InputError: they are many: more than a tenth.
+        InputError: More of them diverge.
     """
     q, v = np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses])
     steps = np.array([len(toss) - 1 for toss in tosses])
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
-    run = world.roll_out(q, v, n_steps=steps, dt=dt, **steps_of(world), n_threads=n_threads)
+    how = steps_of(world, settings.likelihood.simulation)
+    run = world.roll_out(q, v, n_steps=steps, dt=dt, **how, n_threads=n_threads)
     far = np.nanmax(np.abs(np.where(np.isfinite(run[..., :3]), run[..., :3], np.inf)), axis=(1, 2))
     lost = [toss.name for toss, size in zip(tosses, far, strict=True) if not size < 1e3]
-    if len(lost) > 0.1 * len(tosses):
+    if len(lost) > settings.checks.most_diverged * len(tosses):
         raise InputError(
             f"{where}: the simulator diverges (NaN, or farther than 1 km) on {len(lost)} of {len(tosses)} tosses, "
             f"the first of them '{lost[0]}'"
@@ -138,9 +271,14 @@ def check_runs(world: World, tosses: tuple[Toss, ...], *, where: str, n_threads:
     return lost
 
 
-def moves(toss: Toss) -> bool:
-    """Whether anything moves in a toss: farther than `STILL` times the noise of its poses, from its first frame."""
+def moves(toss: Toss, settings: CheckSettings = CheckSettings()) -> bool:
+    """Whether anything moves in a toss: away from its first pose by much more than the noise of its poses.
+
+    Args:
+        toss: As recorded.
+        settings: How many standard deviations of noise are no motion.
+    """
     std = np.sqrt(np.median(np.einsum("nii->ni", toss.measured[1]), axis=0))
     far = np.linalg.norm(toss.q[:, :3] - toss.q[0, :3], axis=1).max()
     turned = geodesic_angle(toss.q[:, 3:7], toss.q[0, 3:7]).max()
-    return bool(far > STILL * max(std[:3].max(), 1e-4) or turned > STILL * max(std[3:6].max(), 1e-3))
+    return bool(far > settings.still * max(std[:3].max(), 1e-4) or turned > settings.still * max(std[3:6].max(), 1e-3))

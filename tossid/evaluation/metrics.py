@@ -12,28 +12,35 @@ from scipy.stats import bootstrap
 
 from tossid.models.predictor import Predictor, Simulator
 from tossid.models.shots import first_states, stretches
-from tossid.motion import Measurement, flight_frames, flight_states
+from tossid.motion import MeasurementModel, flight_frames, flight_states
 from tossid.objects import JointType, ObjectModel, body_poses, center_positions, corner_positions
 from tossid.physics import make_system
 from tossid.physics.tree import kinematics, make_work, mass_matrix
 from tossid.rotations import geodesic_angle
+from tossid.settings.evaluation import EvaluateSettings
 from tossid.types import Rollout, Toss
 
 Array = NDArray[np.float64]
 
-SHORT = 16
-"""Steps of a short rollout, as the paper has them."""
 AT_ONCE = 1 << 21
-"""Values that a bootstrap draws together: its jackknife would hold the square of the tosses."""
+"""Values that a bootstrap draws together; bounds the memory, as its jackknife holds the square of the tosses."""
 
 
 @dataclass(frozen=True)
 class TossScores:
-    """Scores of rollouts, one a toss (B,); see `score_tosses`. unsolved: contact problems that missed the tolerance.
+    """Scores of rollouts, one a toss (B,).
 
-    joint_error_deg: mean over frames and hinges, within half a turn. link_error_deg (B, n_b): rotation of each body.
-    flight_miss_pct: how far the model's acceleration in free flight is from that of the stated object under 9.81 m/s²,
-    median over the flight's states, in % of it; both in the norm of the stated mass matrix.
+    Attributes:
+        position_error_pct: Mean over frames of the distance of the geometric centres [% of the width].
+        rotation_error_deg: Mean over frames of the geodesic angle.
+        penetration_mm: Mean over frames of the depth of the deepest stated corner.
+        gravity_ms2: Mean downward acceleration of the model in the toss's free flight.
+        joint_error_deg: Mean over frames and hinges, within half a turn; NaN without hinges.
+        link_error_deg: (B, n_b) mean over frames of each body's geodesic angle.
+        flight_miss_pct: How far the model's acceleration in free flight is from that of the stated object under
+            9.81 m/s²: median over the flight's states, in % of it, both in the norm of the stated mass matrix.
+        unsolved: Contact problems that were not solved to the tolerance.
+        diverged: Rollouts in which a state became NaN or infinite.
     """
 
     position_error_pct: Array
@@ -52,7 +59,7 @@ def roll_out(
     model: ObjectModel,
     tosses: Sequence[Toss],
     *,
-    measurement: Measurement | None = None,
+    measurement: MeasurementModel | None = None,
     from_flight: bool = False,
     dt: float | None = None,
     n_threads: int = 1,
@@ -60,14 +67,17 @@ def roll_out(
     """Every toss from its first state to its last frame, open loop, as it would be recorded (q; v is the simulator's).
 
     Args:
-        predictor: what is judged, in true lengths. model: the nominal object.
-        measurement: how the tosses were recorded.
-        from_flight: start from the state estimated from the toss's first free flight.
-        dt: between frames [s]; by default the tosses' `frame_time`.
+        predictor: What is rolled out, in true lengths.
+        model: The object as it is stated.
+        tosses: As recorded.
+        measurement: How recorded motion relates to true motion.
+        from_flight: Start from the state estimated from the toss's first free flight.
+        dt: Between frames [s]; None for the tosses' `frame_time`.
+        n_threads: For rollouts.
     """
     if not tosses:
         return ()
-    measurement = measurement or Measurement()
+    measurement = measurement or MeasurementModel()
     true = [measurement.true_toss(toss) for toss in tosses]
     q0, v0 = first_states(true, model, predictor, velocity_lag=measurement.velocity_lag)
     if from_flight:
@@ -84,7 +94,11 @@ def roll_out(
 
 
 def frame_time(tosses: Sequence[Toss]) -> float:
-    """The median time between frames of all tosses [s]."""
+    """The median time between frames of all tosses [s].
+
+    Args:
+        tosses: At least one.
+    """
     return float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
 
 
@@ -93,17 +107,27 @@ def score_tosses(
     model: ObjectModel,
     tosses: Sequence[Toss],
     *,
-    measurement: Measurement | None = None,
+    measurement: MeasurementModel | None = None,
     from_flight: bool = False,
     dt: float | None = None,
     n_threads: int = 1,
 ) -> TossScores:
-    """Roll every toss out (`roll_out`), and compare with what was recorded."""
-    measurement = measurement or Measurement()
+    """Scores of open-loop rollouts (`roll_out`) of every toss.
+
+    Args:
+        predictor: As of `roll_out`, as all others.
+        model: The object as it is stated; its centre, width and corners are compared.
+        tosses: As recorded.
+        measurement: How recorded motion relates to true motion.
+        from_flight: Start from the state estimated from the toss's first free flight.
+        dt: Between frames [s]; None for the tosses' `frame_time`.
+        n_threads: For rollouts.
+    """
+    measurement = measurement or MeasurementModel()
     runs = roll_out(
         predictor, model, tosses, measurement=measurement, from_flight=from_flight, dt=dt, n_threads=n_threads
     )
-    position, rotation, penetration, gravity, joint, miss = (np.empty(len(tosses)) for _ in range(6))
+    position, rotation, penetration, gravity, joint, flight = (np.empty(len(tosses)) for _ in range(6))
     link = np.empty((len(tosses), model.n_bodies))
     unsolved = diverged = 0
     hinge = 7 + np.flatnonzero(model.joint_type[1:] == JointType.HINGE)
@@ -118,14 +142,14 @@ def score_tosses(
         penetration[i] = 1e3 * np.maximum(-corner_positions(model, q)[..., 2].min(axis=1), 0).mean()
         n = flight_frames(toss, model)
         true = measurement.true_toss(toss)
-        gravity[i] = miss[i] = np.nan
+        gravity[i] = flight[i] = np.nan
         if n:
             found = predictor.acceleration(true.q[:n], true.v[:n])
             gravity[i] = -found[:, 2].mean()
-            miss[i] = _flight_miss(stated, true.q[:n], true.v[:n], found)
+            flight[i] = _flight_error(stated, true.q[:n], true.v[:n], found)
         unsolved += run.unsolved
         diverged += run.diverged
-    return TossScores(position, rotation, penetration, gravity, joint, link, miss, unsolved, diverged)
+    return TossScores(position, rotation, penetration, gravity, joint, link, flight, unsolved, diverged)
 
 
 def score_windows(
@@ -133,14 +157,24 @@ def score_windows(
     model: ObjectModel,
     tosses: Sequence[Toss],
     *,
-    steps: int = SHORT,
-    measurement: Measurement | None = None,
+    steps: int = EvaluateSettings.short_steps,
+    measurement: MeasurementModel | None = None,
     dt: float | None = None,
     n_threads: int = 1,
 ) -> TossScores:
-    """`score_tosses` of short rollouts, each from a recorded state: every toss cut into stretches of so many steps.
+    """Scores of short rollouts, each from a recorded state: every toss is cut into stretches.
 
-    A toss's score is the mean over its stretches; tosses shorter than one have nan.
+    Args:
+        predictor: As of `roll_out`.
+        model: The object as it is stated.
+        tosses: As recorded.
+        steps: Frames of a stretch.
+        measurement: How recorded motion relates to true motion.
+        dt: Between frames [s]; None for the tosses' `frame_time`.
+        n_threads: For rollouts.
+
+    Returns:
+        A toss's score is the mean over its stretches; tosses shorter than one have NaN.
     """
     parts = stretches(tosses, steps)
     cut = [part for _, part in parts]
@@ -165,7 +199,11 @@ def score_windows(
 
 
 def joined(parts: Sequence[TossScores]) -> TossScores:
-    """Scores of tosses one after the other."""
+    """Scores of several batches of tosses as one.
+
+    Args:
+        parts: At least one.
+    """
     names = [name for name, value in vars(parts[0]).items() if isinstance(value, np.ndarray)]
     return TossScores(
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
@@ -175,11 +213,15 @@ def joined(parts: Sequence[TossScores]) -> TossScores:
 
 
 def wrapped(angle: Array) -> Array:
-    """Angles [rad] within half a turn: a hinge that is off by whole turns is where it should be."""
+    """Angles within half a turn: a hinge that is off by whole turns is where it should be.
+
+    Args:
+        angle: [rad].
+    """
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
-def _flight_miss(stated: Simulator, q: Array, v: Array, found: Array) -> float:
+def _flight_error(stated: Simulator, q: Array, v: Array, found: Array) -> float:
     """Median over states of |found - stated| / |stated| [%], accelerations (n, nv) in the norm of M."""
     off, size = found - stated.acceleration(q, v), stated.acceleration(q, v)
     work, ratios = make_work(stated.system), np.empty(len(q))
@@ -190,23 +232,42 @@ def _flight_miss(stated: Simulator, q: Array, v: Array, found: Array) -> float:
     return 100 * float(np.median(ratios))
 
 
-def summarize(values: Array, *, seed: int = 0) -> dict[str, Any]:
-    """Mean over tosses with its 95 % interval (BCa bootstrap over tosses, SciPy). Missing values are left out."""
+def summarize(values: Array, *, draws: int = EvaluateSettings.draws, seed: int = 0) -> dict[str, Any]:
+    """Mean over tosses with its 95 % interval, by a BCa bootstrap over tosses (Efron 1987; SciPy's).
+
+    Args:
+        values: (B,), one a toss; missing ones (NaN) are left out.
+        draws: Sets of tosses that are drawn.
+        seed: Of the draws.
+
+    Returns:
+        {"mean", "ci95": [low, high], "n"}.
+    """
     values = values[np.isfinite(values)]
     mean = float(values.mean()) if len(values) else float("nan")
     if len(values) < 2 or np.ptp(values) < 1e-12:
         return {"mean": mean, "ci95": [mean, mean], "n": len(values)}
     rng, batch = np.random.default_rng(seed), max(1, AT_ONCE // len(values))
-    interval = bootstrap((values,), np.mean, n_resamples=2000, batch=batch, rng=rng).confidence_interval
+    interval = bootstrap((values,), np.mean, n_resamples=draws, batch=batch, rng=rng).confidence_interval
     return {"mean": mean, "ci95": [float(interval.low), float(interval.high)], "n": len(values)}
 
 
-def summarize_scores(scores: TossScores, model: ObjectModel) -> dict[str, Any]:
-    """CONTRACT.md's four metrics and the miss in flight, each with mean and interval; joints and links if there are."""
+def summarize_scores(
+    scores: TossScores, model: ObjectModel, *, draws: int = EvaluateSettings.draws, seed: int = 0
+) -> dict[str, Any]:
+    """The four metrics and the error in flight, each with mean and interval; joints and links where there are any.
+
+    Args:
+        scores: One a toss.
+        model: The object, for its joints.
+        draws: As of `summarize`.
+        seed: As of `summarize`.
+    """
     keys = ["position_error_pct", "rotation_error_deg", "penetration_mm", "gravity_ms2", "flight_miss_pct"]
-    found = {key: summarize(getattr(scores, key)) for key in keys}
+    found = {key: summarize(getattr(scores, key), draws=draws, seed=seed) for key in keys}
     if model.n_joints:
-        found["joint_error_deg"] = summarize(scores.joint_error_deg)
+        found["joint_error_deg"] = summarize(scores.joint_error_deg, draws=draws, seed=seed)
         for b in range(1, model.n_bodies):
-            found[f"rotation_error_deg_{model.body_names[b]}"] = summarize(scores.link_error_deg[:, b])
+            key = f"rotation_error_deg_{model.body_names[b]}"
+            found[key] = summarize(scores.link_error_deg[:, b], draws=draws, seed=seed)
     return found

@@ -1,11 +1,11 @@
 """ContactNets: an object's contact, and on demand its continuous dynamics, learned by the implicit loss.
 
-The three variants differ in what they learn (`cn.py`, `cnrp.py`, `cnrpi.py`).
+Sources: Pfrommer, Halm and Posa, "ContactNets", CoRL 2020 (arXiv 2009.11193); Bianchini, Halm and Posa, "Simultaneous
+Learning of Contact and Continuous Dynamics", CoRL 2023 (arXiv 2310.12054). What a variant learns is in its settings.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,92 +14,67 @@ from torch import Tensor, nn
 
 from tossid.models.implicit import Dynamics, LossTerms, LossWeights, free_acceleration, implicit_loss
 from tossid.models.inertia import divergence, make_inertia
-from tossid.models.parameters import SCALE, ContactLaw, Friction, Geometry, ResidualNet
+from tossid.models.parameters import SCALE, ContactLaw, Friction, Geometry, LearnedAccelerationNet
 from tossid.models.predictor import Simulator
+from tossid.models.protocol import Mechanics, Objective, StagePlan
+from tossid.models.registry import register_model
 from tossid.models.transitions import Transitions
-from tossid.motion import Measurement
-from tossid.objects import GRAVITY, ObjectModel
-from tossid.physics import System, make_system
-
-
-@dataclass(frozen=True)
-class ContactNetsSettings:
-    """What is given to a ContactNets model and how its loss is weighed.
-
-    Attributes:
-        gravity: downward acceleration of the given continuous dynamics k_hat [m/s²].
-        learn_geometry, learn_friction, learn_contact_law, learn_residual, learn_inertia: what is
-            learned. The contact law (`parameters.ContactLaw`) is learned from rollouts only.
-        inertia: parameterisation of the inertia (`inertia.KINDS`).
-        hidden: width of the residual's hidden layers.
-        residual_weight: weight of the mean squared residual acceleration but for its uniform vertical part.
-        inertia_weight: of a tree's `inertia.divergence` from the given in the implicit loss [m²/s²]. By itself that
-            loss finds light links good, which little impulse moves wherever the data are: real tosses took one from
-            0.37 kg to 0.2 g. Rollouts have no such term.
-        weights: of the loss's terms.
-        implicit: contact is learned by the implicit loss first; False (diffsim) learns it from rollouts alone.
-        refine_geometry: rollouts learn the corners too.
-    """
-
-    gravity: float = GRAVITY
-    learn_geometry: bool = True
-    learn_friction: bool = True
-    learn_contact_law: bool = False
-    learn_residual: bool = False
-    learn_inertia: bool = False
-    inertia: str = "log_cholesky"
-    hidden: int = 16
-    residual_weight: float = 1e-6
-    inertia_weight: float = 2e-4
-    weights: LossWeights = field(default_factory=LossWeights)
-    implicit: bool = True
-    refine_geometry: bool = False
+from tossid.motion import MeasurementModel
+from tossid.objects import ObjectModel
+from tossid.settings.training import ModelSettings
 
 
 class ContactNets(nn.Module):
     """A learnable rigid body (or tree) over the ground.
 
     Args:
-        model: the object as given: the start of everything learned, and the truth of the rest.
-        settings: what is learned and given.
-        seed: for the residual's weights.
-        measurement: how recorded motion relates to the model's.
+        model: The object as given: the start of everything learned, and the truth of the rest.
+        settings: What is learned and given.
+        seed: Of the first weights of k_res.
+        measurement: How recorded motion relates to the model's; None for exact.
     """
 
     def __init__(
         self,
         model: ObjectModel,
-        settings: ContactNetsSettings,
+        settings: ModelSettings,
         *,
         seed: int = 0,
-        measurement: Measurement | None = None,
+        measurement: MeasurementModel | None = None,
     ) -> None:
         super().__init__()
-        measurement = measurement or Measurement()
+        measurement = measurement or MeasurementModel()
         recorded = [measurement.length_scale, measurement.velocity_lag]
         self.register_buffer("recorded", torch.tensor(recorded, dtype=torch.float64))
         self.object = model
         self.settings = settings
+        self.weights = LossWeights(
+            settings.complementarity, settings.dissipation, settings.penetration, settings.gap_scale
+        )
         self.corner_body = torch.as_tensor(model.corner_body)
         self.geometry = Geometry(model, learn=settings.learn_geometry)
         self.friction = Friction(model, learn=settings.learn_friction)
         self.contact_law = ContactLaw(model, learn=settings.learn_contact_law)
         self.inertia = make_inertia(model, kind=settings.inertia, learn=settings.learn_inertia)
-        self.residual: ResidualNet | None = None
-        if settings.learn_residual:
+        self.k_res: LearnedAccelerationNet | None = None
+        if settings.learn_k_res:
             generator = torch.Generator().manual_seed(seed)
-            self.residual = ResidualNet(model.n_joints, hidden=settings.hidden, generator=generator)
+            self.k_res = LearnedAccelerationNet(model.n_joints, hidden=settings.hidden, generator=generator)
         with torch.no_grad():
             self._metric = tuple(part.clone() for part in make_inertia(model, learn=False)())
 
     @property
-    def measurement(self) -> Measurement:
+    def measurement(self) -> MeasurementModel:
         """How recorded motion relates to the model's."""
         length_scale, velocity_lag = self.get_buffer("recorded").tolist()
-        return Measurement(length_scale, velocity_lag)
+        return MeasurementModel(length_scale, velocity_lag)
 
     def dynamics(self, features: Tensor) -> Dynamics:
-        """The model's numbers, with gradients, for the transitions whose features (N, n_f) are given."""
+        """The model's numbers, with gradients.
+
+        Args:
+            features: (N, n_f), of the transitions.
+        """
         mass, moment, inertia = self.inertia()
         return Dynamics(
             mass=mass,
@@ -108,7 +83,7 @@ class ContactNets(nn.Module):
             corner_pos=self.geometry(),
             mu=self.friction(),
             gravity=torch.tensor([0.0, 0.0, -self.settings.gravity], dtype=torch.float64),
-            residual=None if self.residual is None else self.residual(features),
+            a_res=None if self.k_res is None else self.k_res(features),
         )
 
     def terms(self, transitions: Transitions) -> LossTerms:
@@ -118,7 +93,7 @@ class ContactNets(nn.Module):
             self.dynamics(transitions.features),
             corner_body=self.corner_body,
             metric=self._metric,
-            weights=self.settings.weights,
+            weights=self.weights,
         )
 
     def loss(self, transitions: Transitions) -> tuple[Tensor, dict[str, float]]:
@@ -130,9 +105,9 @@ class ContactNets(nn.Module):
             "dissipation": terms.dissipation,
             "penetration": terms.penetration,
         }
-        if self.residual is not None:
-            size = self.residual.rest(transitions.features).square().sum(-1).mean()
-            parts["residual"] = self.settings.residual_weight * size
+        if self.k_res is not None:
+            size = self.k_res.without_vertical(transitions.features).square().sum(-1).mean()
+            parts["k_res"] = self.settings.residual_weight * size
         if self.settings.learn_inertia and self.object.n_joints:
             parts["inertia"] = self.settings.inertia_weight * divergence(self.inertia(), self._metric)
         total = torch.stack(list(parts.values())).sum()
@@ -158,43 +133,49 @@ class ContactNets(nn.Module):
                 cohesion=cohesion,
             )
 
-    def stages(self, horizons: tuple[int, ...]) -> tuple[str, ...]:
-        """Continuous dynamics from flight, contact by the implicit loss, then rollouts."""
-        names = [] if self.residual is None else ["continuous"]
-        names += ["contact"] if self.settings.implicit else []
-        return (*names, *(f"rollout-{horizon}" for horizon in horizons))
+    def stages(self) -> tuple[StagePlan, ...]:
+        """Continuous dynamics from flight, contact by the implicit loss, then rollouts over growing horizons.
 
-    def stage_parameters(self, stage: str) -> list[nn.Parameter]:
-        """What a stage learns: rollouts teach few numbers, the implicit loss the corners too."""
-        if stage == "continuous":
-            return _learned(self.residual, self.inertia)
-        if stage == "contact":
-            return _learned(self.geometry, self.friction, self.inertia)
-        geometry = self.geometry if self.settings.refine_geometry else None
-        return _learned(self.friction, self.contact_law, self.inertia, geometry)
+        Rollouts determine few numbers; the corners are left to the implicit loss, unless the settings say otherwise.
+        Objects with joints predict stretches of half the first horizon, and then of the first: a few impacts on, links
+        may be anywhere.
+        """
+        settings, plans = self.settings, []
+        if self.k_res is not None:
+            plans.append(StagePlan("continuous", Objective.FLIGHT_LOSS, _learned(self.k_res, self.inertia)))
+        if settings.implicit:
+            contact = _learned(self.geometry, self.friction, self.inertia)
+            plans.append(StagePlan("contact", Objective.LOSS, contact))
+        horizons = settings.horizons
+        if self.object.n_joints and horizons:
+            horizons = (max(1, horizons[0] // 2), horizons[0])
+        geometry = self.geometry if settings.refine_geometry else None
+        parameters = _learned(self.friction, self.contact_law, self.inertia, geometry)
+        starts = self.contact_law if settings.learn_contact_law else None
+        for horizon in horizons:
+            plans.append(StagePlan(f"rollout-{horizon}", Objective.ROLLOUT, parameters, horizon, starts=starts))
+        return tuple(plans)
 
     def flight_gravity(self, transitions: Transitions) -> float:
         """Mean downward acceleration in free flight, as the model has it [m/s²]."""
-        if self.residual is None or not len(transitions.flight):
+        if self.k_res is None or not len(transitions.flight):
             return self.settings.gravity
         flight = transitions.in_flight()
         with torch.no_grad():
             a = free_acceleration(flight, self.dynamics(flight.features))
         return float(-a[:, 2].mean())
 
-    def carried_gravity(self) -> float:
-        """Downward acceleration [m/s²] of k_hat and the residual's uniform vertical part: a simulator's gravity."""
-        uniform = 0.0 if self.residual is None else SCALE * float(self.residual.vertical.detach())
-        return self.settings.gravity - uniform
+    def mechanics(self) -> Mechanics:
+        """The model as rigid bodies with contact."""
+        net, gravity = self.k_res, self.settings.gravity
+        if net is None:
+            return Mechanics(self.learned_object(), gravity, weights=self.weights)
+        vertical = SCALE * float(net.vertical.detach())
+        return Mechanics(self.learned_object(), gravity, net.arrays(), vertical, self.weights)
 
     def simulator(self) -> Simulator:
         """The learned simulator."""
-        return Simulator(self.system())
-
-    def system(self) -> System:
-        """The learned simulator's numbers."""
-        residual = None if self.residual is None else self.residual.arrays()
-        return make_system(self.learned_object(), gravity=self.settings.gravity, residual=residual)
+        return Simulator(self.mechanics().system(), substeps=self.settings.substeps)
 
     def parameters_report(self) -> dict[str, Any]:
         """What was learned and what was given, with units."""
@@ -218,5 +199,28 @@ class ContactNets(nn.Module):
         return report
 
 
+def build(
+    settings: ModelSettings, given: ObjectModel, *, seed: int = 0, measurement: MeasurementModel | None = None
+) -> ContactNets:
+    """The untrained model, at the start that the settings ask for.
+
+    Args:
+        settings: What is learned and given, and how far the start is from the given object.
+        given: The object as it is stated.
+        seed: Of the corners' offsets and of the first weights of k_res.
+        measurement: How recorded motion relates to the model's; None for exact.
+    """
+    com = given.com.copy()
+    com[0] += settings.start_com
+    off = np.random.default_rng(seed).normal(size=given.corner_pos.shape) * settings.start_corners
+    start = given.with_changes(
+        inertia=settings.start_inertia * given.inertia, com=com, corner_pos=given.corner_pos + off
+    )
+    return ContactNets(start, settings, seed=seed, measurement=measurement)
+
+
 def _learned(*modules: nn.Module | None) -> list[nn.Parameter]:
     return [p for module in modules if module is not None for p in module.parameters() if p.requires_grad]
+
+
+register_model("contactnets", ModelSettings, build)

@@ -2,9 +2,9 @@
 
     v' = v + dt s net(state),   q' = q moved along v' for dt
 
-The paper's "end-to-end" baseline (Bianchini and Posa 2023, section V). The state is
-given in the base's frame, where the world's symmetries are exact; with the
-height it is all that a body over a plane depends on.
+An end-to-end baseline after Bianchini, Halm and Posa, "Simultaneous Learning of Contact and Continuous Dynamics",
+CoRL 2023 (arXiv 2310.12054); the network and its inputs are our own. The state is given in the base's frame, where the
+world's symmetries are exact; with the height it is all that a body over a plane depends on.
 """
 
 from __future__ import annotations
@@ -18,11 +18,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from tossid.models.protocol import Objective, StagePlan
+from tossid.models.registry import register_model
 from tossid.models.transitions import Transitions
-from tossid.motion import Measurement
+from tossid.motion import MeasurementModel
 from tossid.objects import ObjectModel
 from tossid.physics import Simulation, System, make_system, n_features, tree_batch
 from tossid.rotations import quat_exp, quat_mul, quat_normalize
+from tossid.settings.training import ModelSettings
 
 Array = NDArray[np.float64]
 
@@ -36,9 +39,9 @@ class EndToEnd(nn.Module):
     """A network from the state to the next velocity.
 
     Args:
-        model: the object; only its number of joints and its width matter.
-        hidden: width of the two hidden layers.
-        seed: of the weights.
+        model: The object; only its number of joints and its width matter.
+        hidden: Width of the two hidden layers.
+        seed: Of the weights.
     """
 
     def __init__(self, model: ObjectModel, *, hidden: int = 128, seed: int = 0) -> None:
@@ -53,7 +56,15 @@ class EndToEnd(nn.Module):
         self.biases = nn.ParameterList(nn.Parameter(torch.zeros(b, dtype=torch.float64)) for b in sizes[1:])
 
     def forward(self, height: Tensor, features: Tensor) -> Tensor:
-        """Acceleration over a frame (N, nv), linear part in the base's frame, from z (N,) [m] and features (N, n_f)."""
+        """Mean acceleration over a frame.
+
+        Args:
+            height: (N,), of the base's origin [m].
+            features: (N, n_f), of `physics.tree_batch`.
+
+        Returns:
+            (N, nv), the linear part in the base's frame [m/s², rad/s²].
+        """
         x = torch.cat([(height / self.object.width)[:, None], features], dim=1)
         last = len(self.weights) - 1
         for i, (W, b) in enumerate(zip(self.weights, self.biases, strict=True)):
@@ -63,7 +74,7 @@ class EndToEnd(nn.Module):
         return SCALE * x
 
     def loss(self, transitions: Transitions) -> tuple[Tensor, dict[str, float]]:
-        """Mean squared miss of the next velocity, spins counted over half a width [m²/s²]."""
+        """Mean squared residual of the next velocity, spins counted over half a width [m²/s²]."""
         t = transitions
         predicted = t.dt[:, None] * self(t.z, t.features)
         linear = t.dv[:, :3] - torch.einsum("nij,nj->ni", t.R[:, 0], predicted[:, :3])
@@ -71,16 +82,12 @@ class EndToEnd(nn.Module):
         value = (linear.square().sum(-1) + turning.square().sum(-1)).mean()
         return value, {"prediction": float(value.detach())}
 
-    measurement = Measurement()
-    """A network predicts recorded motion from recorded motion."""
+    measurement = MeasurementModel()
+    """Exact: a network predicts recorded motion from recorded motion."""
 
-    def stages(self, horizons: tuple[int, ...]) -> tuple[str, ...]:
-        """One: "one-step"."""
-        return ("one-step",)
-
-    def stage_parameters(self, stage: str) -> list[nn.Parameter]:
-        """All weights."""
-        return list(self.parameters())
+    def stages(self) -> tuple[StagePlan, ...]:
+        """One: the error of the next velocity, by Adam, over all weights."""
+        return (StagePlan("one-step", Objective.LOSS, list(self.parameters()), optimizer="adam"),)
 
     def flight_gravity(self, transitions: Transitions) -> float:
         """Mean downward acceleration in free flight, as the network has it [m/s²]."""
@@ -97,6 +104,9 @@ class EndToEnd(nn.Module):
         """How many numbers were learned; none has a meaning of its own."""
         return {"n_weights": float(sum(p.numel() for p in self.parameters()))}
 
+    def mechanics(self) -> None:
+        """None: a network of motion is no rigid body."""
+
     def simulator(self) -> NetworkSimulator:
         """Rolls the network out."""
         return NetworkSimulator(self, make_system(self.object))
@@ -104,15 +114,29 @@ class EndToEnd(nn.Module):
 
 @dataclass(frozen=True)
 class NetworkSimulator:
-    """Open-loop use of an `EndToEnd`; a `predictor.Predictor`."""
+    """Open-loop use of an `EndToEnd`; a `predictor.Predictor`.
+
+    Attributes:
+        network: The model.
+        system: The object as given, for the kinematics of the inputs.
+    """
 
     network: EndToEnd
     system: System
+    corner_pos: None = None
 
     def rollout(
         self, q0: Array, v0: Array, *, n_steps: int | NDArray[np.int64], dt: float, n_threads: int = 1
     ) -> Simulation:
-        """Frame by frame, all tosses at once; `lam_n` is zero, as a network knows no impulses."""
+        """Roll out frame by frame, all tosses at once; `lam_n` is zero, as a network knows no impulses.
+
+        Args:
+            q0: (B, nq).
+            v0: (B, nv).
+            n_steps: Frames to predict, for all or for each.
+            dt: Length of a frame [s].
+            n_threads: Unused.
+        """
         count, model = len(q0), self.network.object
         steps = np.broadcast_to(np.asarray(n_steps, dtype=np.int64), (count,))
         T = int(steps.max())
@@ -133,8 +157,25 @@ class NetworkSimulator:
         return Simulation(q, v, nothing, np.zeros(count, dtype=np.int64), np.zeros(count), finite)
 
     def acceleration(self, q: Array, v: Array) -> Array:
-        """What the network adds to the velocity, over dt (N, nv)."""
+        """Mean acceleration over a frame (N, nv), at (N, nq), (N, nv), in v's frames [m/s², rad/s²]."""
         batch = tree_batch(self.system, np.ascontiguousarray(q), np.ascontiguousarray(v))
         with torch.no_grad():
             a = self.network(torch.from_numpy(batch.x[:, 0, 2].copy()), torch.from_numpy(batch.features)).numpy()
         return np.concatenate([np.einsum("nij,nj->ni", batch.R[:, 0], a[:, :3]), a[:, 3:]], axis=1)
+
+
+def build(
+    settings: ModelSettings, given: ObjectModel, *, seed: int = 0, measurement: MeasurementModel | None = None
+) -> EndToEnd:
+    """The untrained network.
+
+    Args:
+        settings: Of its fields, `hidden` counts.
+        given: The object.
+        seed: Of the weights.
+        measurement: Unused: recorded motion is predicted as it is.
+    """
+    return EndToEnd(given, hidden=settings.hidden, seed=seed)
+
+
+register_model("e2e", ModelSettings, build)

@@ -1,8 +1,8 @@
 """The implicit, violation-based loss of ContactNets, with its inner problem solved exactly.
 
-For one transition (q, v) -> (q', v') of length dt, with dv = v' - v, the model's
-free acceleration a = M^-1 k + a_res, corners' signed distances phi' = phi(q'),
-contact Jacobians J = J(q) and sliding velocities s = J_t v':
+For one transition (q, v) -> (q', v') of length dt, with dv = v' - v, the model's free acceleration
+a = M^-1 k_hat + a_res, the corners' signed distances phi' = phi(q'), contact Jacobians J = J(q) and sliding velocities
+s = J_t v':
 
     loss = min over lam in the friction cones of
            1/2 |dv - dt a - M^-1 J^T lam|²_W                      prediction
@@ -10,15 +10,17 @@ contact Jacobians J = J(q) and sliding velocities s = J_t v':
          + w_d       sum (mu lam_n |s| + lam_t . s)               maximum dissipation
          + w_p / 2   m (min(phi', 0) / dt)²                       penetration
 
-all in joules, divided by the object's mass. Source: Pfrommer, Halm and Posa,
-"ContactNets", CoRL 2020, eq. 10 to 14; Bianchini and Posa 2023, eq. 13 to 18. The metric
-W is the given mass matrix, also where inertia is learned: with the learned one,
-shrinking it would lower the loss by itself.
+all in joules, divided by the object's mass m. |x|²_W is x^T W x, where W is the given mass matrix, also where inertia
+is learned: with the learned one, shrinking it would lower the loss by itself. Of |phi'|, values below the noise of
+heights count quadratically: sqrt(phi'² + c²) - c with c = `gap_scale`.
 
-At the minimiser, the gradient of the loss is that of the objective with lam_n and
-beta = lam_t / mu held (envelope theorem; in these, the cone does not depend on mu),
-so nothing differentiates through the solver, and loss and gradient come from one pass of
-a kernel over the transitions (`implicit_kernel`).
+The four terms are those of Pfrommer, Halm and Posa, "ContactNets: Learning Discontinuous Contact Dynamics with Smooth,
+Implicit Representations", CoRL 2020 (arXiv 2009.11193), and of Bianchini, Halm and Posa, "Simultaneous Learning of
+Contact and Continuous Dynamics", CoRL 2023 (arXiv 2310.12054). Metric, units and the smoothed gap are our own.
+
+At the minimiser, the gradient of the loss is that of the objective with lam_n and beta = lam_t / mu held (envelope
+theorem; in these, the cone does not depend on mu). So nothing differentiates through the solver, and loss and gradient
+come from one pass of a kernel over the transitions (`implicit_kernel`).
 """
 
 from __future__ import annotations
@@ -33,23 +35,28 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from tossid.errors import InputError
-from tossid.models.implicit_kernel import Contact, Sums, inner_problem, loss_sums
-from tossid.models.implicit_motion import Array, Motion, Work, accelerations, make_work
+from tossid.models.implicit_kernel import Contact, Problem, Sums, inner_problem, loss_sums
+from tossid.models.implicit_motion import Array, Kinematics, Work, accelerations, make_work
 from tossid.models.transitions import Transitions
 from tossid.physics.solvers import SolverStatus, solve_cone_qp
 from tossid.physics.solvers.problem import DEFAULT_TOLERANCE
 
 Rows = NDArray[np.integer[Any]]
-Problem = tuple[Motion, Array, Array, Contact]
-"""Motion, gravity, residual, contact."""
 
 MAX_ITERATIONS = 60
-"""Of the quick solver of the inner problem; what it leaves is tried again by `solve_cone_qp`."""
+"""Of the quick solver of the inner problem; a problem that it does not solve is given to `solve_cone_qp`."""
 
 
 @dataclass(frozen=True)
 class LossWeights:
-    """Weights of the loss's terms, dimensionless (prediction has weight 1)."""
+    """Weights of the loss's terms (prediction has weight 1).
+
+    Attributes:
+        complementarity: w_c.
+        dissipation: w_d.
+        penetration: w_p.
+        gap_scale: Distance below which a gap counts quadratically [m].
+    """
 
     complementarity: float = 1.0
     dissipation: float = 100.0
@@ -60,9 +67,14 @@ class LossWeights:
 class Dynamics(NamedTuple):
     """A model's numbers, as tensors that may carry gradients.
 
-    mass (n_b,), moment (n_b, 3), inertia (n_b, 3, 3) about body origins; corner_pos
-    (n_c, 3); mu (); gravity (3,) of k_hat; residual (N, nv) acceleration in the
-    base's frame, or None.
+    Attributes:
+        mass: (n_b,) [kg].
+        moment: (n_b, 3) mass times centre of mass, from the body's origin [kg m].
+        inertia: (n_b, 3, 3) about the body's origin [kg m²].
+        corner_pos: (n_c, 3) in the bodies' frames [m].
+        mu: () friction.
+        gravity: (3,) of k_hat [m/s²].
+        a_res: (N, nv) learned acceleration in the base's frame, or None.
     """
 
     mass: Tensor
@@ -71,11 +83,11 @@ class Dynamics(NamedTuple):
     corner_pos: Tensor
     mu: Tensor
     gravity: Tensor
-    residual: Tensor | None
+    a_res: Tensor | None
 
 
 class LossTerms(NamedTuple):
-    """Each term's mean over the transitions () [m²/s²]; unsolved counts inner problems without a solution."""
+    """Each term's mean over the transitions () [m²/s²], and how many inner problems have no solution."""
 
     prediction: Tensor
     complementarity: Tensor
@@ -85,10 +97,15 @@ class LossTerms(NamedTuple):
 
 
 def free_acceleration(t: Transitions, d: Dynamics) -> Tensor:
-    """a = M^-1 k + a_res (N, nv), without gradients."""
+    """The free acceleration a = M^-1 k_hat + a_res (N, nv), without gradients.
+
+    Args:
+        t: The transitions.
+        d: The model's numbers.
+    """
     out = np.empty(t.v.shape)
     body = _bodies(*d[:3])
-    accelerations(_motion(t), _array(d.gravity), _residual(d, t), make_work(body, body, np.zeros((0, 3))), out)
+    accelerations(_kinematics(t), _array(d.gravity), _a_res(d, t), make_work(body, body, np.zeros((0, 3))), out)
     return torch.from_numpy(out)
 
 
@@ -98,24 +115,24 @@ def implicit_loss(
     """The loss's terms; differentiable (once) in `d`.
 
     Args:
-        t: transitions.
-        d: the model's numbers.
+        t: The transitions.
+        d: The model's numbers.
         corner_body: (n_c,) body of each corner.
-        metric: given mass, moment, inertia, for W.
-        weights: of the terms.
+        metric: Given mass, moment and inertia, for W.
+        weights: Of the terms.
 
     Raises:
-        InputError: negative friction.
+        InputError: The friction is negative.
     """
     learned = [x is not None and torch.is_grad_enabled() and x.requires_grad for x in d]
     inertial, touching = any(learned[:3]) or learned[5], any(learned[3:5])
     mu = float(d.mu.detach())
     if mu < 0:
         raise InputError(f"friction of {mu}; expected at least 0")
-    problem = (
-        _motion(t),
+    problem = Problem(
+        _kinematics(t),
         _array(d.gravity),
-        _residual(d, t),
+        _a_res(d, t),
         Contact(
             corner_body.numpy(),
             mu,
@@ -126,11 +143,11 @@ def implicit_loss(
         ),
     )
     n, nc = len(t), len(d.corner_pos)
-    sums = _zero_sums(t, nc, residual=learned[6])
+    sums = _zero_sums(t, nc, with_a_res=learned[6])
     work = make_work(_bodies(*d[:3]), _bodies(*metric), _array(d.corner_pos))
 
     def add(rows: Rows, given: Array) -> Rows:
-        return loss_sums(*problem, rows, given, DEFAULT_TOLERANCE, MAX_ITERATIONS, work, sums, inertial, touching)
+        return loss_sums(problem, rows, given, DEFAULT_TOLERANCE, MAX_ITERATIONS, work, sums, inertial, touching)
 
     status = add(np.arange(n), np.zeros((0, 3 * nc)))
     again = np.flatnonzero(status == SolverStatus.MAX_ITERATIONS)
@@ -169,8 +186,8 @@ def _solve_again(rows: Rows, problem: Problem, work: Work) -> tuple[Array, int]:
     order = np.concatenate([np.arange(0, 3 * n, 3), np.arange(3 * n).reshape(n, 3)[:, 1:].ravel()])
     lam, unsolved = np.empty((len(rows), 3 * n)), 0
     for k, row in enumerate(rows.tolist()):
-        A, c = inner_problem(*problem, row, work)
-        solution = solve_cone_qp(A[None][:, order][:, :, order], c[None, order], np.full(n, problem[-1].mu))
+        A, c = inner_problem(problem, row, work)
+        solution = solve_cone_qp(A[None][:, order][:, :, order], c[None, order], np.full(n, problem.contact.mu))
         lam[k, order] = solution.lam[0]
         unsolved += solution.unsolved
     return lam, unsolved
@@ -185,19 +202,19 @@ def _bodies(mass: Tensor, moment: Tensor, inertia: Tensor) -> Array:
     return _array(torch.cat([mass[:, None], moment, inertia.flatten(1)], dim=1))
 
 
-def _zero_sums(t: Transitions, n_corners: int, *, residual: bool) -> Sums:
+def _zero_sums(t: Transitions, n_corners: int, *, with_a_res: bool) -> Sums:
     n, n_bodies, _, nv = t.X.shape
     bodies = ((n_bodies,), (n_bodies, 3), (n_bodies, 3, 3))
-    shapes = ((4,), *bodies, (4, n_corners, 3), (4,), (3,), (n if residual else 0, nv))
+    shapes = ((4,), *bodies, (4, n_corners, 3), (4,), (3,), (n if with_a_res else 0, nv))
     return Sums._make(np.zeros(shape) for shape in shapes)
 
 
-def _residual(d: Dynamics, t: Transitions) -> Array:
+def _a_res(d: Dynamics, t: Transitions) -> Array:
     """(N, nv), or no rows."""
-    return np.zeros((0, t.v.shape[1])) if d.residual is None else _array(d.residual)
+    return np.zeros((0, t.v.shape[1])) if d.a_res is None else _array(d.a_res)
 
 
-def _motion(t: Transitions) -> Motion:
+def _kinematics(t: Transitions) -> Kinematics:
     near = np.zeros(len(t), dtype=np.bool_)
     near[t.near.numpy()] = True
-    return Motion._make([*(_array(getattr(t, name)) for name in Motion._fields[:-1]), near])
+    return Kinematics._make([*(_array(getattr(t, name)) for name in Kinematics._fields[:-1]), near])

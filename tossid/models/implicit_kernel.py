@@ -4,7 +4,8 @@ With twists and wrenches about the bodies' origins nothing of the size of a cont
 is stored. For a corner at r (world axes, from its body's origin), a body's twist (w, u) = X v
 gives the corner's velocity J v = u + w x r, and its impulse f the wrench (r x f, f).
 
-With y = W miss / m and z = M^-1 y (m the total mass, p = M^-1 J^T lam, a_0 = M^-1 k),
+With the residual r = dv - dt a - M^-1 J^T lam, y = W r / m and z = M^-1 y (m the total mass, p = M^-1 J^T lam,
+a_0 = M^-1 k),
 
     d prediction = -z . (dt dk - dM (dt a_0 + p) + dJ^T lam + J_t^T dlam_t) - dt y . da_res
 
@@ -19,24 +20,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.kernels import fused_kernel
 from tossid.models.implicit_motion import (
     A0,
     ACCEL,
     ALPHA,
     BASE,
     BODY,
-    FACTOR,
     FREE,
     GAP,
     HALF,
     HEIGHT,
     METRIC,
-    MISS,
     NEXT,
     PHI,
     PLACE,
     POS,
     PUSH,
+    RESIDUAL,
     SLIDE,
     SPEED,
     SPIN,
@@ -46,17 +47,17 @@ from tossid.models.implicit_motion import (
     WEIGHT,
     WRENCH,
     Array,
+    Kinematics,
     Y,
     Z,
-    add_residual,
+    add_a_res,
     add_wrench,
     body_twist,
     cross,
     dot,
-    factor,
     free_motion,
     get,
-    jit,
+    half_response,
     load,
     mass_matrix,
     product,
@@ -74,7 +75,16 @@ PREDICTION, COMPLEMENTARITY, DISSIPATION, PENETRATION = 0, 1, 2, 3
 
 
 class Contact(NamedTuple):
-    """corner_body (n_c,), friction, the terms' weights and the gap's scale [m]."""
+    """The corners and the weights of the terms.
+
+    Attributes:
+        corner_body: (n_c,) body of each corner.
+        mu: Friction.
+        complementarity: Weight of impulses at a distance.
+        dissipation: Weight of friction that does not oppose sliding.
+        penetration: Weight of corners below the ground.
+        gap_scale: Distance below which a gap counts quadratically [m].
+    """
 
     corner_body: NDArray[np.int64]
     mu: float
@@ -84,11 +94,34 @@ class Contact(NamedTuple):
     gap_scale: float
 
 
-class Sums(NamedTuple):
-    """Sums over transitions: the terms (4,), and their gradients in the numbers of `implicit.Dynamics`, in its order.
+class Problem(NamedTuple):
+    """What the loss is a function of.
 
-    corner_pos (4, n_c, 3) and mu (4,) hold one for each term; the others, in their numbers' own shapes, enter the
-    prediction alone. residual has no rows if its gradient is not wanted.
+    Attributes:
+        kin: The transitions.
+        gravity: (3,) of k_hat [m/s²].
+        a_res: (N, nv) learned acceleration in the base's frame, or no rows.
+        contact: The corners and the weights.
+    """
+
+    kin: Kinematics
+    gravity: Array
+    a_res: Array
+    contact: Contact
+
+
+class Sums(NamedTuple):
+    """Sums over transitions: the terms, and their gradients in the numbers of `implicit.Dynamics`, in its order.
+
+    Attributes:
+        terms: (4,) prediction, complementarity, dissipation, penetration.
+        mass: (n_b,), of the prediction alone, as the next two, `gravity` and `a_res`.
+        moment: (n_b, 3).
+        inertia: (n_b, 3, 3).
+        corner_pos: (4, n_c, 3), one for each term.
+        mu: (4,), one for each term.
+        gravity: (3,).
+        a_res: (N, nv); no rows if it is not wanted.
     """
 
     terms: Array
@@ -98,30 +131,30 @@ class Sums(NamedTuple):
     corner_pos: Array
     mu: Array
     gravity: Array
-    residual: Array
+    a_res: Array
 
 
-@jit
+@fused_kernel
 def corner_velocity(P, b, at, Q, c):  # type: ignore[no-untyped-def]
-    """u + w x r of corner c of body b (world), for the body's twist at column `at`."""
+    """Velocity u + w x r of corner c of body b (world), for the body's twist at column `at`."""
     x = cross(get(P, b, at), get(Q, c, PLACE))
     return P[b, at + 3] + x[0], P[b, at + 4] + x[1], P[b, at + 5] + x[2]
 
 
-@jit
-def prepare(motion, n, gravity, residual, work):  # type: ignore[no-untyped-def]
-    """The transition in scratch; U[MISS] without impulses, and U[Y]."""
-    P, G, U, X = work.P, work.G, work.U, work.X
-    load(motion, n, gravity, P, X)
+@fused_kernel
+def prepare(problem, n, work):  # type: ignore[no-untyped-def]
+    """The transition in scratch; U[RESIDUAL] = dv - dt a without impulses, and U[Y]."""
+    P, G, U, X, kin = work.P, work.G, work.U, work.X, problem.kin
+    load(kin, n, problem.gravity, P, X)
     free_motion(P, X, G, U)
     for j in range(U.shape[1]):
-        U[MISS, j] = motion.dv[n, j] - motion.dt[n] * U[A0, j]
-    add_residual(P, residual, n, U, MISS, -motion.dt[n])
+        U[RESIDUAL, j] = kin.dv[n, j] - kin.dt[n] * U[A0, j]
+    add_a_res(P, problem.a_res, n, U, RESIDUAL, -kin.dt[n])
     mass_matrix(P, METRIC, X, G, WEIGHT)
     weigh(G, U)
 
 
-@jit
+@fused_kernel
 def prepare_contact(v_next, n, dt, contact, work, V):  # type: ignore[no-untyped-def]
     """The corners' gaps and sliding; the inner problem's linear part into V[B], friction into V[MU].
 
@@ -153,7 +186,7 @@ def prepare_contact(v_next, n, dt, contact, work, V):  # type: ignore[no-untyped
     return size
 
 
-@jit
+@fused_kernel
 def inner_matrix(corner_body, P, Q, G, X, XC, H, A):  # type: ignore[no-untyped-def]
     """A (3 n_c, 3 n_c) = J M^-1 W M^-1 J^T, contact-major (normal first). After `prepare_contact`."""
     nv, m = H.shape
@@ -186,32 +219,9 @@ def inner_matrix(corner_body, P, Q, G, X, XC, H, A):  # type: ignore[no-untyped-
                 A[i, j] += h0 * H[k, j]
 
 
-@jit
-def half_response(G):  # type: ignore[no-untyped-def]
-    """G[HALF] = C^T = M^-1 F, where W = F F^T."""
-    nv = G.shape[1]
-    factor(G, WEIGHT, HALF)
-    for i in range(nv):
-        G[HALF, i, i] = 1.0 / G[HALF, i, i]
-        for j in range(i + 1, nv):
-            G[HALF, i, j] = 0.0
-    for i in range(nv):
-        for k in range(i):
-            for j in range(nv):
-                G[HALF, i, j] -= G[FACTOR, i, k] * G[HALF, k, j]
-        for j in range(nv):
-            G[HALF, i, j] *= G[FACTOR, i, i]
-    for i in range(nv - 1, -1, -1):
-        for k in range(i + 1, nv):
-            for j in range(nv):
-                G[HALF, i, j] -= G[FACTOR, k, i] * G[HALF, k, j]
-        for j in range(nv):
-            G[HALF, i, j] *= G[FACTOR, i, i]
-
-
-@jit
+@fused_kernel
 def apply_impulses(corner_body, P, Q, G, U, X, V):  # type: ignore[no-untyped-def]
-    """U[PUSH] = p = M^-1 J^T lam of V[LAM], and U[MISS] less p."""
+    """U[PUSH] = p = M^-1 J^T lam of V[LAM], and U[RESIDUAL] less p."""
     for b in range(len(P)):
         for i in range(6):
             P[b, WRENCH + i] = 0.0
@@ -225,11 +235,11 @@ def apply_impulses(corner_body, P, Q, G, U, X, V):  # type: ignore[no-untyped-de
         add_wrench(X, b, to_body(P, b, get(P, b, WRENCH)), to_body(P, b, get(P, b, WRENCH + 3)), U, PUSH)
     solve(G, U, PUSH)
     for j in range(U.shape[1]):
-        U[MISS, j] -= U[PUSH, j]
+        U[RESIDUAL, j] -= U[PUSH, j]
     weigh(G, U)
 
 
-@jit
+@fused_kernel
 def inertial_gradient(dt, P, X, U, sums):  # type: ignore[no-untyped-def]
     """Add the prediction's gradient in mass, moment, inertia and gravity; U[Z] is set, U[PUSH] becomes dt a_0 + p."""
     for j in range(U.shape[1]):
@@ -251,7 +261,7 @@ def inertial_gradient(dt, P, X, U, sums):  # type: ignore[no-untyped-def]
             sums.gravity[i] -= dt * pull[i]
 
 
-@jit
+@fused_kernel
 def contact_terms(dt, contact, total, Q, V, terms):  # type: ignore[no-untyped-def]
     """Add the terms of contact."""
     for c in range(len(Q)):
@@ -263,7 +273,7 @@ def contact_terms(dt, contact, total, Q, V, terms):  # type: ignore[no-untyped-d
         terms[PENETRATION] += 0.5 * contact.penetration * depth * depth
 
 
-@jit
+@fused_kernel
 def contact_gradient(dt, contact, total, P, Q, V, by_corner, by_mu):  # type: ignore[no-untyped-def]
     """Add all terms' gradients in corners and friction; twist TEST is set."""
     mu, weight_t = contact.mu, contact.dissipation / total
@@ -292,21 +302,28 @@ def contact_gradient(dt, contact, total, P, Q, V, by_corner, by_mu):  # type: ig
             by_mu[DISSIPATION] += weight_t * (lam_n * speed + (lam_1 * s1 + lam_2 * s2) / mu)
 
 
-@jit
+@fused_kernel
 def loss_sums(  # type: ignore[no-untyped-def]
-    motion, gravity, residual, contact, rows, given, tolerance, max_iterations, work, sums, inertial, touching
+    problem, rows, given, tolerance, max_iterations, work, sums, inertial, touching
 ):
     """Add the loss of some transitions, and on demand its gradient, to `sums`.
 
     Args:
-        rows: (K,) transitions. given: (K, 3 n_c) their impulses, contact-major; solved for if it has no rows.
-        tolerance, max_iterations: of the inner problem.
-        inertial: gradients in mass, moment, inertia and gravity. touching: in corners and friction.
+        problem: `Problem`.
+        rows: (K,) transitions.
+        given: (K, 3 n_c) their impulses, contact-major; solved for if it has no rows.
+        tolerance: Of the inner problem.
+        max_iterations: Of its solver.
+        work: Scratch.
+        sums: `Sums`, added to.
+        inertial: Whether gradients in mass, moment, inertia and gravity are wanted.
+        touching: Whether those in corners and friction are.
 
     Returns:
         status (K,) of the inner problems. Where it is MAX_ITERATIONS, nothing was added.
     """
     P, Q, G, U, X = work.P, work.Q, work.G, work.U, work.X
+    kin, contact = problem.kin, problem.contact
     nc, nv = len(Q), X.shape[2]
     V, index = work_arrays(nc)
     A = V[TOP + 3 * nc :]
@@ -316,11 +333,11 @@ def loss_sums(  # type: ignore[no-untyped-def]
         total += P[b, METRIC]
     for k in range(len(rows)):
         n = rows[k]
-        dt, near = motion.dt[n], motion.near[n]
+        dt, near = kin.dt[n], kin.near[n]
         pushed = near and len(given) > 0
-        prepare(motion, n, gravity, residual, work)
+        prepare(problem, n, work)
         if near:
-            size = prepare_contact(motion.v_next, n, dt, contact, work, V)
+            size = prepare_contact(kin.v_next, n, dt, contact, work, V)
             for j in range(3 * nc):
                 V[LAM, j] = given[k, j] if pushed else 0.0
             if not size < math.inf:
@@ -337,7 +354,7 @@ def loss_sums(  # type: ignore[no-untyped-def]
             apply_impulses(contact.corner_body, P, Q, G, U, X, V)
         prediction = 0.0
         for j in range(nv):
-            prediction += U[MISS, j] * U[Y, j]
+            prediction += U[RESIDUAL, j] * U[Y, j]
             U[Y, j] /= total
             U[Z, j] = U[Y, j]
         sums.terms[PREDICTION] += 0.5 * prediction / total
@@ -353,20 +370,21 @@ def loss_sums(  # type: ignore[no-untyped-def]
             contact_gradient(dt, contact, total, P, Q, V, sums.corner_pos, sums.mu)
         if inertial:
             inertial_gradient(dt, P, X, U, sums)
-        if len(sums.residual):
+        if len(sums.a_res):
             turned = to_body(P, BASE, get(U, Y, BASE))
             for j in range(nv):
-                sums.residual[n, j] = -dt * (turned[j] if j < 3 else U[Y, j])
+                sums.a_res[n, j] = -dt * (turned[j] if j < 3 else U[Y, j])
     return status
 
 
-@jit
-def inner_problem(motion, gravity, residual, contact, n, work):  # type: ignore[no-untyped-def]
+@fused_kernel
+def inner_problem(problem, n, work):  # type: ignore[no-untyped-def]
     """The inner problem (A, c) of transition n, contact-major."""
+    kin, contact = problem.kin, problem.contact
     nc = len(work.Q)
     V, _ = work_arrays(nc)
     A = np.empty((3 * nc, 3 * nc))
-    prepare(motion, n, gravity, residual, work)
-    prepare_contact(motion.v_next, n, motion.dt[n], contact, work, V)
+    prepare(problem, n, work)
+    prepare_contact(kin.v_next, n, kin.dt[n], contact, work, V)
     inner_matrix(contact.corner_body, work.P, work.Q, work.G, work.X, work.XC, work.H, A)
     return A, V[B, : 3 * nc].copy()

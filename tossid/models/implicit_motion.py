@@ -11,32 +11,31 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tossid.kernels import fused_kernel
 
-jit = numba.njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
+Array = NDArray[np.float64]
 
 # The names of columns and rows are int64, not int, as Numba compiles a function anew for every int that it is given.
 _P = np.array([0, 9, 12, 15, 18, 21, 22, 28, 34, 40, 46, 59, 72])
 _Q = np.array([0, 3, 6, 8, 9, 10, 11])
 _ROWS = np.arange(5)
 # Columns of P (n_b, WIDTH). In body axes: rotation, spin, its derivative, acceleration less gravity, vertical and
-# height after the step. In world axes (angular, linear): twists of v', M^-1 W miss before impulses and z; wrench.
-# Mass, moment and inertia: the model's and the metric's.
+# height after the step. In world axes (angular, linear): twists of v', of M^-1 W residual before impulses, and of z;
+# wrench. Mass, moment and inertia: the model's and the metric's.
 TURN, SPIN, ALPHA, ACCEL, UP, HEIGHT, NEXT, FREE, TEST, WRENCH, BODY, METRIC, WIDTH = _P
 # Columns of Q (n_c, DEPTH): place in body and in world axes, sliding velocity, its length, phi', and gap / dt.
 POS, PLACE, SLIDE, SPEED, PHI, GAP, DEPTH = _Q
 # G (5, nv, nv): M, its factor, W, C = (M^-1 F)^T with W = F F^T, and S X of one body (six rows).
 MASS, FACTOR, WEIGHT, HALF, SPATIAL = _ROWS
-# U (5, nv): M^-1 k, M^-1 J^T lam, miss, y = W miss (over m), z = M^-1 y.
-A0, PUSH, MISS, Y, Z = _ROWS
+# U (5, nv): M^-1 k, M^-1 J^T lam, residual, y = W residual (over m), z = M^-1 y.
+A0, PUSH, RESIDUAL, Y, Z = _ROWS
 BASE = np.int64(0)
 
 
-class Motion(NamedTuple):
+class Kinematics(NamedTuple):
     """What the kernels read of `Transitions`, as arrays; near (N,) says whether contact is possible."""
 
     dt: Array
@@ -77,39 +76,39 @@ def make_work(body: Array, metric: Array, corner_pos: Array) -> Work:
     return Work(P, Q, np.zeros((5, nv, nv)), np.zeros((5, nv)), X, XC, H)
 
 
-@jit
+@fused_kernel
 def cross(a, b):  # type: ignore[no-untyped-def]
-    """a x b of three numbers each."""
+    """Cross product a x b of three numbers each."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@jit
+@fused_kernel
 def dot(a, b):  # type: ignore[no-untyped-def]
-    """a . b of three numbers each."""
+    """Scalar product a . b of three numbers each."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@jit
+@fused_kernel
 def get(P, b, at):  # type: ignore[no-untyped-def]
     """The three numbers P[b, at : at + 3]."""
     return P[b, at], P[b, at + 1], P[b, at + 2]
 
 
-@jit
+@fused_kernel
 def put(P, b, at, x):  # type: ignore[no-untyped-def]
     """P[b, at : at + 3] = x."""
     P[b, at], P[b, at + 1], P[b, at + 2] = x
 
 
-@jit
+@fused_kernel
 def product(P, b, at, x):  # type: ignore[no-untyped-def]
     """A x for the 3x3 matrix A at P[b, at : at + 9]; with TURN, from body to world axes."""
     return dot(get(P, b, at), x), dot(get(P, b, at + 3), x), dot(get(P, b, at + 6), x)
 
 
-@jit
+@fused_kernel
 def to_body(P, b, x):  # type: ignore[no-untyped-def]
-    """x from world to body axes."""
+    """A vector x from world to body axes."""
     return (
         P[b, TURN] * x[0] + P[b, TURN + 3] * x[1] + P[b, TURN + 6] * x[2],
         P[b, TURN + 1] * x[0] + P[b, TURN + 4] * x[1] + P[b, TURN + 7] * x[2],
@@ -117,27 +116,27 @@ def to_body(P, b, x):  # type: ignore[no-untyped-def]
     )
 
 
-@jit
-def load(motion, n, gravity, P, X):  # type: ignore[no-untyped-def]
+@fused_kernel
+def load(kin, n, gravity, P, X):  # type: ignore[no-untyped-def]
     """Transition n into X and the first columns of P."""
     g = (gravity[0], gravity[1], gravity[2])
     for b in range(len(P)):
         for i in range(3):
             for j in range(3):
-                P[b, TURN + 3 * i + j] = motion.R[n, b, i, j]
+                P[b, TURN + 3 * i + j] = kin.R[n, b, i, j]
         down = to_body(P, b, g)
         for i in range(3):
-            P[b, SPIN + i] = motion.omega[n, b, i]
-            P[b, ALPHA + i] = motion.alpha[n, b, i]
-            P[b, ACCEL + i] = motion.xdd[n, b, i] - down[i]
-            P[b, UP + i] = motion.up_next[n, b, i]
-        P[b, HEIGHT] = motion.z_next[n, b]
+            P[b, SPIN + i] = kin.omega[n, b, i]
+            P[b, ALPHA + i] = kin.alpha[n, b, i]
+            P[b, ACCEL + i] = kin.xdd[n, b, i] - down[i]
+            P[b, UP + i] = kin.up_next[n, b, i]
+        P[b, HEIGHT] = kin.z_next[n, b]
         for i in range(6):
             for j in range(X.shape[2]):
-                X[b, i, j] = motion.X[n, b, i, j]
+                X[b, i, j] = kin.X[n, b, i, j]
 
 
-@jit
+@fused_kernel
 def body_twist(X, b, U, row):  # type: ignore[no-untyped-def]
     """X[b] x for x = U[row], as angular and linear part (body axes)."""
     w0, w1, w2, u0, u1, u2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -152,7 +151,7 @@ def body_twist(X, b, U, row):  # type: ignore[no-untyped-def]
     return (w0, w1, w2), (u0, u1, u2)
 
 
-@jit
+@fused_kernel
 def world_twists(P, X, U, row, at):  # type: ignore[no-untyped-def]
     """P[b, at : at + 6] = X[b] x in world axes for x = U[row] and every body."""
     for b in range(len(P)):
@@ -161,7 +160,7 @@ def world_twists(P, X, U, row, at):  # type: ignore[no-untyped-def]
         put(P, b, at + 3, product(P, b, TURN, u))
 
 
-@jit
+@fused_kernel
 def add_wrench(X, b, torque, force, U, row):  # type: ignore[no-untyped-def]
     """U[row] += X[b]^T (torque, force), body axes."""
     for j in range(X.shape[2]):
@@ -175,7 +174,7 @@ def add_wrench(X, b, torque, force, U, row):  # type: ignore[no-untyped-def]
         )
 
 
-@jit
+@fused_kernel
 def mass_matrix(P, at, X, G, row):  # type: ignore[no-untyped-def]
     """G[row] = sum over bodies of X^T [[inertia, h^], [-h^, mass]] X, lower triangle; numbers in column `at` of P."""
     nv = X.shape[2]
@@ -195,7 +194,7 @@ def mass_matrix(P, at, X, G, row):  # type: ignore[no-untyped-def]
                 G[row, i, j] = value
 
 
-@jit
+@fused_kernel
 def factor(G, row, into):  # type: ignore[no-untyped-def]
     """Cholesky factor of G[row] into G[into], its diagonal inverted; NaN if G[row] is not positive definite."""
     nv = G.shape[1]
@@ -212,7 +211,7 @@ def factor(G, row, into):  # type: ignore[no-untyped-def]
             G[into, i, j] = value * inverse
 
 
-@jit
+@fused_kernel
 def solve(G, U, row):  # type: ignore[no-untyped-def]
     """U[row] <- M^-1 U[row]."""
     nv = U.shape[1]
@@ -228,19 +227,42 @@ def solve(G, U, row):  # type: ignore[no-untyped-def]
         U[row, i] = value * G[FACTOR, i, i]
 
 
-@jit
+@fused_kernel
+def half_response(G):  # type: ignore[no-untyped-def]
+    """G[HALF] = C^T = M^-1 F, where W = F F^T."""
+    nv = G.shape[1]
+    factor(G, WEIGHT, HALF)
+    for i in range(nv):
+        G[HALF, i, i] = 1.0 / G[HALF, i, i]
+        for j in range(i + 1, nv):
+            G[HALF, i, j] = 0.0
+    for i in range(nv):
+        for k in range(i):
+            for j in range(nv):
+                G[HALF, i, j] -= G[FACTOR, i, k] * G[HALF, k, j]
+        for j in range(nv):
+            G[HALF, i, j] *= G[FACTOR, i, i]
+    for i in range(nv - 1, -1, -1):
+        for k in range(i + 1, nv):
+            for j in range(nv):
+                G[HALF, i, j] -= G[FACTOR, k, i] * G[HALF, k, j]
+        for j in range(nv):
+            G[HALF, i, j] *= G[FACTOR, i, i]
+
+
+@fused_kernel
 def weigh(G, U):  # type: ignore[no-untyped-def]
-    """U[Y] = W U[MISS]."""
+    """U[Y] = W U[RESIDUAL]."""
     for i in range(U.shape[1]):
-        x = U[MISS, i]
+        x = U[RESIDUAL, i]
         value = G[WEIGHT, i, i] * x
         for j in range(i):
-            value += G[WEIGHT, i, j] * U[MISS, j]
+            value += G[WEIGHT, i, j] * U[RESIDUAL, j]
             U[Y, j] += G[WEIGHT, i, j] * x
         U[Y, i] = value
 
 
-@jit
+@fused_kernel
 def free_motion(P, X, G, U):  # type: ignore[no-untyped-def]
     """M, its factor, and U[A0] = M^-1 k: gravity less Coriolis, centrifugal and gyroscopic forces (Newton-Euler)."""
     mass_matrix(P, BODY, X, G, MASS)
@@ -257,21 +279,21 @@ def free_motion(P, X, G, U):  # type: ignore[no-untyped-def]
     solve(G, U, A0)
 
 
-@jit
-def add_residual(P, residual, n, out, row, scale):  # type: ignore[no-untyped-def]
+@fused_kernel
+def add_a_res(P, a_res, n, out, row, scale):  # type: ignore[no-untyped-def]
     """out[row] += scale a_res, from the base's axes to the order of v."""
-    if len(residual):
-        turned = product(P, BASE, TURN, get(residual, n, BASE))
-        for j in range(residual.shape[1]):
-            out[row, j] += scale * (turned[j] if j < 3 else residual[n, j])
+    if len(a_res):
+        turned = product(P, BASE, TURN, get(a_res, n, BASE))
+        for j in range(a_res.shape[1]):
+            out[row, j] += scale * (turned[j] if j < 3 else a_res[n, j])
 
 
-@jit
-def accelerations(motion, gravity, residual, work, out):  # type: ignore[no-untyped-def]
-    """out (N, nv) = M^-1 k + a_res."""
+@fused_kernel
+def accelerations(kin, gravity, a_res, work, out):  # type: ignore[no-untyped-def]
+    """The free acceleration M^-1 k + a_res into out (N, nv)."""
     for n in range(len(out)):
-        load(motion, n, gravity, work.P, work.X)
+        load(kin, n, gravity, work.P, work.X)
         free_motion(work.P, work.X, work.G, work.U)
         for j in range(out.shape[1]):
             out[n, j] = work.U[A0, j]
-        add_residual(work.P, residual, n, out, n, 1.0)
+        add_a_res(work.P, a_res, n, out, n, 1.0)

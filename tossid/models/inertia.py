@@ -1,11 +1,9 @@
 """Inertial parameters of bodies as free numbers: three parameterisations behind one interface.
 
-Each is a torch module whose `forward` gives mass (n_b,) [kg], first moment m c
-(n_b, 3) [kg m] and inertia about the body's origin (n_b, 3, 3) [kg m²]. Tosses
-over the ground cannot see the scale of mass: the base's mass is what was given,
-and the ratios of the other bodies' masses to it are learned. Lengths are in
-units of the object's width and masses in units of the body's given one, so that
-all numbers are of order one.
+Each is a torch module whose `forward` gives mass (n_b,) [kg], first moment m c (n_b, 3) [kg m] and inertia about the
+body's origin (n_b, 3, 3) [kg m²]. Tosses over a fixed ground do not determine the scale of mass: the base's mass is the
+given one, and the ratios of the other bodies' masses to it are learned. Lengths are in units of the object's width and
+masses in units of the body's given one, so that all numbers are of order one.
 """
 
 from __future__ import annotations
@@ -16,8 +14,6 @@ from torch import Tensor, nn
 
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
-
-KINDS = ("log_cholesky", "triangular", "direct")
 
 
 class _Bodies(nn.Module):
@@ -76,7 +72,7 @@ class LogCholesky(nn.Module):
         self.com = _parameter(U[:, :3, 3], learn=learn)
 
     def forward(self) -> tuple[Tensor, Tensor, Tensor]:
-        """The interface's three values."""
+        """Mass, first moment and inertia, as the module says."""
         e, s = self.log_diagonal.exp(), self.shear
         n = len(e)
         U = torch.zeros(n, 3, 3, dtype=torch.float64)
@@ -104,7 +100,7 @@ class Triangular(_Bodies):
         self.A = _parameter(_six(np.linalg.cholesky(unit).transpose(0, 2, 1)), learn=learn)
 
     def forward(self) -> tuple[Tensor, Tensor, Tensor]:
-        """The interface's three values."""
+        """Mass, first moment and inertia, as the module says."""
         A = torch.zeros(len(self.A), 3, 3, dtype=torch.float64)
         rows, columns = _SIX
         A[:, rows, columns] = self.A
@@ -127,7 +123,7 @@ class Direct(_Bodies):
         self.moments = _parameter(_six(unit), learn=learn)
 
     def forward(self) -> tuple[Tensor, Tensor, Tensor]:
-        """The interface's three values."""
+        """Mass, first moment and inertia, as the module says."""
         I = torch.zeros(len(self.moments), 3, 3, dtype=torch.float64)
         rows, columns = _SIX
         I[:, rows, columns] = self.moments
@@ -151,33 +147,45 @@ _SIX = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])
 """Rows and columns of the six numbers of an upper triangle."""
 
 
+KINDS: dict[str, type[LogCholesky | Triangular | Direct]] = {
+    "log_cholesky": LogCholesky,
+    "triangular": Triangular,
+    "direct": Direct,
+}
+"""The parameterisations by name."""
+
+
 def make_inertia(model: ObjectModel, *, kind: str = "log_cholesky", learn: bool) -> LogCholesky | Triangular | Direct:
-    """The parameterisation of that kind, at the object's own inertia.
+    """A parameterisation at the object's own inertia.
+
+    Args:
+        model: The object.
+        kind: One of `KINDS`.
+        learn: False keeps the numbers fixed.
 
     Raises:
-        InputError: there is no such kind.
+        InputError: There is no such kind.
     """
-    if kind == "log_cholesky":
-        return LogCholesky(model, learn=learn)
-    if kind == "triangular":
-        return Triangular(model, learn=learn)
-    if kind == "direct":
-        return Direct(model, learn=learn)
-    raise InputError(f"inertia '{kind}': expected one of {', '.join(KINDS)}")
+    if kind not in KINDS:
+        raise InputError(f"inertia '{kind}': expected one of {', '.join(KINDS)}")
+    return KINDS[kind](model, learn=learn)
 
 
 def divergence(learned: tuple[Tensor, Tensor, Tensor], given: tuple[Tensor, Tensor, Tensor]) -> Tensor:
     """How far bodies are from given ones: sum over bodies of tr(X) - log det X - 4, X = S_0^-1 S of pseudo-inertias.
 
-    0 for equal bodies, without bound towards a massless or flat one (Lee, Wensing and Park, "Geometric robot dynamic
-    identification", T-RO 2020: the entropic divergence). Each argument: mass (n_b,), first moment (n_b, 3), inertia
-    about the origin (n_b, 3, 3).
+    0 for equal bodies, without bound towards a massless or flat one: the entropic divergence of Lee, Wensing and Park,
+    "Geometric robot dynamic identification", T-RO 2020.
+
+    Args:
+        learned: Mass (n_b,), first moment (n_b, 3), inertia about the origin (n_b, 3, 3).
+        given: The same of the given bodies.
     """
     here, there = _pseudo(*learned), _pseudo(*given)
     root = torch.linalg.cholesky(there)
     shape = torch.linalg.solve_triangular(root, here, upper=False)
     X = torch.linalg.solve_triangular(root, shape.mT, upper=False)
-    values = torch.linalg.eigvalsh(X).clamp(min=1e-9)  # numbers that are no body's, too, have a distance
+    values = torch.linalg.eigvalsh(X).clamp(min=1e-9)  # defined for numbers of no physical body, too
     return (values - values.log() - 1).sum()
 
 

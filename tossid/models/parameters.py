@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import exp, log, sqrt
 
 import numpy as np
@@ -9,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from tossid.objects import GRAVITY, ObjectModel
-from tossid.physics import Residual, n_features
+from tossid.physics import LearnedAcceleration, n_features
 
 torch_double = torch.float64
 
@@ -17,11 +18,11 @@ torch_double = torch.float64
 class Geometry(nn.Module):
     """Corner positions [m], in the bodies' frames, as offsets in units of `UNIT` times the object's width.
 
-    The unit makes an offset weigh about as much in the implicit loss as friction's
-    logarithm does; with offsets in widths, friction would hardly move before the fit is done.
+    With this unit an offset weighs about as much in the implicit loss as friction's logarithm does; with offsets in
+    widths, friction would hardly change before the fit ends.
 
     Args:
-        model: the object whose corners are the start.
+        model: The object whose corners are the start.
         learn: False keeps them fixed.
     """
 
@@ -39,12 +40,17 @@ class Geometry(nn.Module):
 
 
 class Friction(nn.Module):
-    """One Coulomb coefficient, kept positive by its logarithm."""
+    """One Coulomb coefficient, kept positive by its logarithm.
 
-    def __init__(self, model: ObjectModel, *, learn: bool, start: float | None = None) -> None:
+    Args:
+        model: The object whose friction is the start.
+        learn: False keeps it fixed.
+    """
+
+    def __init__(self, model: ObjectModel, *, learn: bool) -> None:
         super().__init__()
-        mu = model.friction if start is None else start
-        self.log_mu = nn.Parameter(torch.tensor(float(np.log(mu)), dtype=torch_double), requires_grad=learn)
+        log_mu = torch.tensor(float(np.log(model.friction)), dtype=torch_double)
+        self.log_mu = nn.Parameter(log_mu, requires_grad=learn)
 
     def forward(self) -> Tensor:
         """() dimensionless."""
@@ -52,23 +58,25 @@ class Friction(nn.Module):
 
 
 class ContactLaw(nn.Module):
-    """Spring, damper and cohesion of a corner on the ground (`physics.stepping` has the law); from rollouts only.
+    """Spring, damper and cohesion of a corner on the ground; learned from rollouts only.
 
-    Three numbers of order one: the logarithms of the contact time t_c [ms], of the damping zeta, and of the
-    cohesion in tenths of the object's weight. With the object's mass m, compliance = t_c² / m and
-    relaxation = zeta t_c: a corner that carries a quarter of the mass turns within about pi t_c / 2, critically
-    damped at zeta = 1. The implicit loss knows none of it: it is rigid, as its sources are.
+    The law is in `physics.stepping`. Three numbers of order one: the logarithms of the contact time t_c [ms], of the
+    damping ratio zeta, and of the cohesion in tenths of the object's weight. With the object's mass m,
+
+        compliance = t_c² / m,   relaxation = zeta t_c:
+
+    a corner that carries a quarter of the mass turns within about pi t_c / 2, critically damped at zeta = 1. The
+    implicit loss is rigid, as its sources are, and knows none of this.
 
     Args:
-        model: the object; what it states is kept unless `learn`.
-        learn: True starts from a contact that is all but rigid.
+        model: The object; what it states is kept unless `learn`.
+        learn: True starts from a contact that is almost rigid.
     """
 
-    CONTACT_TIMES = (0.5, 1.0, 2.0, 3.0, 5.0)
-    DAMPINGS = (0.2, 0.4, 0.7, 1.5)
-    """Starts that a fit looks through: between hardly any bounce and much of it the loss has ridges."""
-    STEP = 1.7
-    """[ms] of rollouts: less damping than one step's is not told from none, and starts have more than that."""
+    RIGID = (0.05, 0.02, 1e-4)
+    """Contact time [ms], damping, and cohesion in tenths of the weight, of a contact as stiff as the law can be.
+
+    Where contact is rigid (simulated tosses), a softer one would have its effect explained by a wrong inertia."""
 
     def __init__(self, model: ObjectModel, *, learn: bool) -> None:
         super().__init__()
@@ -87,25 +95,38 @@ class ContactLaw(nn.Module):
         zeta = exp(min(max(damping, log(0.02)), log(20.0)))
         return t_c**2 / self.mass, zeta * t_c, 0.1 * self.mass * GRAVITY * exp(min(cohesion, 3.0))
 
-    def starts(self) -> list[Tensor]:
-        """Values to start from, with the cohesion that there is."""
+    def starts(
+        self, contact_times_ms: Sequence[float], dampings: Sequence[float], *, simulator_step_ms: float
+    ) -> list[Tensor]:
+        """Values to start from, with the present cohesion: the loss has ridges between little bounce and much.
+
+        Args:
+            contact_times_ms: Contact times [ms].
+            dampings: Damping ratios, each combined with each time.
+            simulator_step_ms: The rollouts' time step h [ms], which damps by itself: a relaxation r is taken as
+                sqrt(r² + 2 h r).
+        """
         cohesion = float(self.value[2].detach())
-        pairs = [(time, damping * time) for time in self.CONTACT_TIMES for damping in self.DAMPINGS]
-        seen = [(time, sqrt(slow**2 + 2 * self.STEP * slow)) for time, slow in pairs]
-        return [torch.tensor([log(time), log(slow / time), cohesion], dtype=torch_double) for time, slow in seen]
+        pairs = [(time, damping * time) for time in contact_times_ms for damping in dampings]
+        damped = [(time, sqrt(slow**2 + 2 * simulator_step_ms * slow)) for time, slow in pairs]
+        return [torch.tensor([log(time), log(slow / time), cohesion], dtype=torch_double) for time, slow in damped]
+
+    def rigid(self) -> Tensor:
+        """The value of an almost rigid contact."""
+        return torch.tensor(self.RIGID).double().log()
 
 
-class ResidualNet(nn.Module):
-    """Residual acceleration a_res(q, v), in the base's frame: linear in the features plus a small network.
+class LearnedAccelerationNet(nn.Module):
+    """A learned acceleration a_res(q, v), in the base's frame: linear in the features plus a small network.
 
-    See `physics.Residual` for the formula. A uniform vertical acceleration, which is what wrong gravity needs,
-    is a number of its own: it may be large, while the rest (linear part and network, which start at zero) has to
-    pay for what it says.
+    `physics.LearnedAcceleration` has the formula; the force is k_res = M a_res. A uniform vertical acceleration, which
+    is what a wrong gravity needs, is a parameter of its own: it may be large, while the linear part and the network,
+    which start at zero, are penalised.
 
     Args:
-        n_joints: joints beside the free base.
-        hidden: width of the two hidden layers.
-        generator: for the start of the weights.
+        n_joints: Joints beside the free base.
+        hidden: Width of the two hidden layers.
+        generator: For the first weights.
     """
 
     def __init__(self, n_joints: int, *, hidden: int, generator: torch.Generator) -> None:
@@ -125,24 +146,24 @@ class ResidualNet(nn.Module):
     def forward(self, features: Tensor) -> Tensor:
         """(N, n_f) -> (N, nv) in the base's frame [m/s², rad/s²]."""
         vertical = SCALE * self.vertical * features[:, :3]
-        rest = self.rest(features)
+        rest = self.without_vertical(features)
         return torch.cat([rest[:, :3] + vertical, rest[:, 3:]], dim=-1)
 
-    def rest(self, features: Tensor) -> Tensor:
-        """The same without the uniform vertical acceleration."""
+    def without_vertical(self, features: Tensor) -> Tensor:
+        """The same without its uniform vertical part."""
         hidden = torch.tanh(torch.tanh(features @ self.W0.T + self.b0) @ self.W1.T + self.b1)
         return SCALE * (features @ self.linear.T + hidden @ self.W2.T)
 
-    def arrays(self) -> Residual:
+    def arrays(self) -> LearnedAcceleration:
         """The same function for the simulator's kernels."""
         n = lambda p: np.ascontiguousarray(p.detach().numpy())  # noqa: E731
         linear = SCALE * n(self.linear)
         linear[:3, :3] += SCALE * float(self.vertical.detach()) * np.eye(3)
-        return Residual(linear, n(self.W0), n(self.b0), n(self.W1), n(self.b1), SCALE * n(self.W2))
+        return LearnedAcceleration(linear, n(self.W0), n(self.b0), n(self.W1), n(self.b1), SCALE * n(self.W2))
 
 
 COHESION = 0.03
 """Start of cohesion, in tenths of the object's weight."""
 
 SCALE = 10.0
-"""Unit of the residual's output [m/s², rad/s²], so that its weights are of order one."""
+"""Unit of the output of k_res [m/s², rad/s²], so that its weights are of order one."""

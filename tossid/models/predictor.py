@@ -1,4 +1,4 @@
-"""What can be rolled out and judged: a simulator with a model's numbers, or a network."""
+"""What can be rolled out: a simulator with a model's numbers, a network, or anything with these two methods."""
 
 from __future__ import annotations
 
@@ -11,20 +11,30 @@ from numpy.typing import NDArray
 from tossid.physics import Simulation, System, simulate
 from tossid.physics.free import free_acceleration
 from tossid.physics.tree import make_work
+from tossid.settings.training import ModelSettings
 
 Array = NDArray[np.float64]
 
-SUBSTEPS = 4
-"""Steps of the simulator a frame, in training and in evaluation."""
-
 
 class Predictor(Protocol):
-    """Predicts motion from initial states."""
+    """Predicts motion from a first state."""
+
+    @property
+    def corner_pos(self) -> Array | None:
+        """(n_c, 3) corners in their bodies' frames [m]; None for a predictor that has no geometry."""
 
     def rollout(
         self, q0: Array, v0: Array, *, n_steps: int | NDArray[np.int64], dt: float, n_threads: int = 1
     ) -> Simulation:
-        """Roll out (B, nq), (B, nv) for n_steps frames of length dt [s]; see `physics.Simulation`."""
+        """Roll out first states.
+
+        Args:
+            q0: (B, nq).
+            v0: (B, nv).
+            n_steps: Frames to predict, for all or for each.
+            dt: Length of a frame [s].
+            n_threads: For the batch.
+        """
 
     def acceleration(self, q: Array, v: Array) -> Array:
         """(N, nv) without contact, at (N, nq), (N, nv), in v's frames [m/s², rad/s²]."""
@@ -32,15 +42,33 @@ class Predictor(Protocol):
 
 @dataclass(frozen=True)
 class Simulator:
-    """The time-stepping simulator with the numbers of `system`."""
+    """The time-stepping simulator with certain numbers.
+
+    Attributes:
+        system: The numbers.
+        substeps: Steps a frame.
+    """
 
     system: System
-    substeps: int = SUBSTEPS
+    substeps: int = ModelSettings.substeps
+
+    @property
+    def corner_pos(self) -> Array:
+        """(n_c, 3) corners in their bodies' frames [m]."""
+        return self.system.corner_pos
 
     def rollout(
         self, q0: Array, v0: Array, *, n_steps: int | NDArray[np.int64], dt: float, n_threads: int = 1
     ) -> Simulation:
-        """Roll out; see `physics.simulate`."""
+        """Roll out first states; see `physics.simulate`.
+
+        Args:
+            q0: (B, nq).
+            v0: (B, nv).
+            n_steps: Frames to predict, for all or for each.
+            dt: Length of a frame [s].
+            n_threads: For the batch.
+        """
         return simulate(self.system, q0, v0, n_steps=n_steps, dt=dt, substeps=self.substeps, n_threads=n_threads)
 
     def acceleration(self, q: Array, v: Array) -> Array:

@@ -1,42 +1,141 @@
-"""What every model offers to training and evaluation."""
+"""What every model offers to training, evaluation, export and diagnosis."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from tossid.models.implicit import LossWeights
 from tossid.models.predictor import Predictor
 from tossid.models.transitions import Transitions
-from tossid.motion import Measurement
+from tossid.motion import MeasurementModel
 from tossid.objects import ObjectModel
+from tossid.physics import LearnedAcceleration, System, make_system
+
+Array = NDArray[np.float64]
+
+
+class Objective(Enum):
+    """What a stage of training minimises."""
+
+    FLIGHT_LOSS = auto()
+    """the model's own loss, on transitions in free flight"""
+    LOSS = auto()
+    """the model's own loss, on all transitions"""
+    ROLLOUT = auto()
+    """the error of open-loop predictions"""
+
+
+class Starts(Protocol):
+    """A parameter over which the prediction error has several minima, so that several starts are compared."""
+
+    value: nn.Parameter
+
+    def starts(
+        self, contact_times_ms: Sequence[float], dampings: Sequence[float], *, simulator_step_ms: float
+    ) -> list[Tensor]:
+        """Values of a contact that yields, to compare."""
+
+    def rigid(self) -> Tensor:
+        """The value of a contact that is as stiff as it can be."""
+
+
+@dataclass(frozen=True)
+class StagePlan:
+    """One stage of training: what is learned, and what is minimised.
+
+    Attributes:
+        name: What the stage is called in records, such as "contact" or "rollout-20".
+        objective: What it minimises.
+        parameters: What it learns.
+        horizon: Frames of a rollout after first contact, or of a stretch. Unused by losses.
+        optimizer: Of a loss, where the model needs a certain one; None for the one of the settings.
+        starts: A parameter whose starts are compared before the first step of a rollout stage.
+    """
+
+    name: str
+    objective: Objective
+    parameters: list[nn.Parameter]
+    horizon: int = 0
+    optimizer: str | None = None
+    starts: Starts | None = None
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """A model as rigid bodies with contact: what other simulators, exports and reports take from it.
+
+    Attributes:
+        object: The object with what was learned in place of what was given.
+        gravity: Downward acceleration of the given continuous dynamics k_hat [m/s²].
+        k_res: The learned acceleration, None where there is none.
+        vertical: Its uniform vertical part, up positive [m/s²].
+        weights: With which contact was learned by the implicit loss; None for the defaults.
+    """
+
+    object: ObjectModel
+    gravity: float
+    k_res: LearnedAcceleration | None = None
+    vertical: float = 0.0
+    weights: LossWeights | None = None
+
+    @property
+    def carried_gravity(self) -> float:
+        """Downward acceleration of k_hat and the uniform part of k_res: a simulator's gravity [m/s²]."""
+        return self.gravity - self.vertical
+
+    def system(self) -> System:
+        """The numbers that the simulator takes."""
+        return make_system(self.object, gravity=self.gravity, k_res=self.k_res)
+
+    def k_res_without_vertical(self, features: Array) -> Array:
+        """What k_res adds beyond its uniform vertical part.
+
+        Args:
+            features: (N, n_f), of `physics.tree_batch`.
+
+        Returns:
+            (N, nv), in the base's frame [m/s², rad/s²].
+        """
+        if self.k_res is None:
+            return np.zeros((len(features), self.object.nv))
+        net = self.k_res
+        hidden = np.tanh(np.tanh(features @ net.W0.T + net.b0) @ net.W1.T + net.b1)
+        out: Array = features @ net.linear.T + hidden @ net.W2.T
+        out[:, :3] -= self.vertical * features[:, :3]
+        return out
 
 
 class DynamicsModel(Protocol):
     """A learnable model of an object's motion.
 
-    `object` is what was given. A model names its stages of training and what
-    each of them learns; a stage "rollout-N" minimises the open-loop prediction
-    error over N frames, "continuous" the loss in free flight, any other the loss.
+    Attributes:
+        object: The object as it was given.
     """
 
     object: ObjectModel
 
     @property
-    def measurement(self) -> Measurement:
+    def measurement(self) -> MeasurementModel:
         """How recorded motion relates to the model's."""
 
-    def stages(self, horizons: tuple[int, ...]) -> tuple[str, ...]:
-        """Names of the stages, in order."""
-
-    def stage_parameters(self, stage: str) -> list[nn.Parameter]:
-        """What the stage learns."""
+    def stages(self) -> tuple[StagePlan, ...]:
+        """The stages of its training, in order."""
 
     def loss(self, transitions: Transitions) -> tuple[Tensor, dict[str, float]]:
         """Mean loss and its parts."""
 
     def simulator(self) -> Predictor:
         """The model as it is now, for rollouts."""
+
+    def mechanics(self) -> Mechanics | None:
+        """The model as rigid bodies with contact; None for one that is no such thing."""
 
     def learned_object(self) -> ObjectModel:
         """The object with what was learned in place of what was given."""

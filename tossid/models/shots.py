@@ -1,4 +1,4 @@
-"""Open-loop predictions from the starts of tosses, and how far they miss: what rollout training minimises."""
+"""Open-loop predictions from the starts of tosses, and their errors, which rollout training minimises."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.models.predictor import Predictor, Simulator
+from tossid.models.predictor import Predictor
 from tossid.motion import FlightState, flight_frames, flight_states
 from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import quat_boxminus
@@ -16,17 +16,19 @@ from tossid.types import Toss
 
 Array = NDArray[np.float64]
 
-FEWEST_FLIGHT_FRAMES = 4
-"""A toss with fewer frames before first contact starts from its recorded first state only."""
-
 
 @dataclass(frozen=True)
 class Shots:
-    """Initial states and what was measured after them. S shots of at most L frames.
+    """Initial states, and what was measured after them: S shots of at most L frames.
 
-    q0 (S, nq), v0 (S, nv); target (S, L, nq) measured at frames 1 to L, held past a
-    shot's own n_steps (S,); toss (S,) index of the toss; dt [s]; length [m]: half the
-    object's width, in which misses of position are counted.
+    Attributes:
+        q0: (S, nq) first configurations.
+        v0: (S, nv) first velocities.
+        n_steps: (S,) frames to predict.
+        target: (S, L, nq) measured at frames 1 to L, held past a shot's own n_steps.
+        toss: (S,) index of the toss.
+        dt: Length of a frame [s].
+        length: Half the object's width, the unit of errors of position [m].
     """
 
     q0: Array
@@ -46,32 +48,39 @@ class Shots:
 def first_states(
     tosses: Sequence[Toss], model: ObjectModel, predictor: Predictor, *, velocity_lag: float
 ) -> tuple[Array, Array]:
-    """Recorded first states (B, nq), (B, nv), with velocities brought forward over their lag by the model.
+    """Recorded first states, with velocities brought forward over their lag by the model.
 
-    What lies in the ground, as the predictor has its corners, is lifted out of it: a contact that yields would throw
-    it up, by as much as a pose that is 5 mm off is worth in its springs.
+    A state in which the predictor's corners are in the ground is lifted out of it: contact that yields would throw it
+    up, as a pose that is 5 mm too low loads its springs.
 
     Args:
-        tosses: with true lengths.
-        model: the object, whose corners are meant where the predictor has none.
-        velocity_lag: [s], see `motion.Measurement`.
+        tosses: B of them, with true lengths.
+        model: The object; its corners count where the predictor has none.
+        predictor: Gives the corners, and the acceleration over the lag.
+        velocity_lag: [s], see `motion.MeasurementModel`.
+
+    Returns:
+        q (B, nq) and v (B, nv).
     """
     q, v = np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses])
-    if isinstance(predictor, Simulator):
-        model = model.with_changes(corner_pos=predictor.system.corner_pos)
+    model = model.with_changes(corner_pos=predictor.corner_pos) if predictor.corner_pos is not None else model
     q[:, 2] += np.maximum(0.0, -corner_positions(model, q)[..., 2].min(axis=-1))
     return q, v + velocity_lag * predictor.acceleration(q, v) if velocity_lag else v
 
 
-def flight_starts(model: ObjectModel, tosses: Sequence[Toss], *, gravity: float) -> list[FlightState | None]:
-    """First states of a rigid body as free flight tells them; None where there is too little flight.
+def flight_starts(
+    model: ObjectModel, tosses: Sequence[Toss], *, gravity: float, min_frames: int = 4
+) -> list[FlightState | None]:
+    """First states of a rigid body as estimated from its free flight; None where there is too little flight.
 
     Args:
-        model: the object as it is believed to be: its centre of mass flies, its corners touch first.
-        gravity: the model's own downward acceleration, by which the flight is fitted [m/s²].
+        model: The object as it is estimated: its centre of mass flies, its corners touch first.
+        tosses: With true lengths.
+        gravity: The model's own downward acceleration, with which the flight is fitted [m/s²].
+        min_frames: Frames before first contact that are enough.
     """
     states = flight_states(tosses, model, gravity=gravity)
-    return [state if state.n_frames >= FEWEST_FLIGHT_FRAMES else None for state in states]
+    return [state if state.n_frames >= min_frames else None for state in states]
 
 
 def make_shots(
@@ -82,12 +91,14 @@ def make_shots(
     first: tuple[Array, Array],
     flight: Sequence[FlightState | None],
 ) -> Shots:
-    """One shot from each toss's recorded first state, and one from the first state as its free flight tells it.
+    """One shot from each toss's recorded first state, and one from the first state that its flight gives.
 
     Args:
-        model: the object as it is believed to be.
-        horizon: frames to predict after the object may first have touched the ground.
-        first: `first_states`. flight: `flight_starts`.
+        model: The object as it is estimated.
+        tosses: With true lengths.
+        horizon: Frames to predict after the object may first have touched the ground.
+        first: Of `first_states`.
+        flight: Of `flight_starts`.
     """
     n_steps = np.array([min(flight_frames(toss, model) + horizon, len(toss) - 1) for toss in tosses])
     states: list[tuple[int, Array, Array]] = []
@@ -103,9 +114,16 @@ def make_shots(
 def make_stretches(
     model: ObjectModel, tosses: Sequence[Toss], predictor: Predictor, *, steps: int, velocity_lag: float
 ) -> Shots:
-    """One shot from every `steps`-th recorded state on, so many frames long (`stretches`), or as the longest toss is.
+    """One shot from every `steps`-th recorded state on, so many frames long (multiple shooting).
 
-    For objects with joints: a few impacts after a recorded state, links are anywhere, and tell nothing more.
+    For objects with joints: a few impacts after a recorded state, links may be anywhere.
+
+    Args:
+        model: The object as it is estimated.
+        tosses: With true lengths.
+        predictor: As of `first_states`.
+        steps: Frames of a stretch; at most those of the longest toss.
+        velocity_lag: [s], see `motion.MeasurementModel`.
     """
     steps = min(steps, max(len(toss) for toss in tosses) - 1)
     index, cut = zip(*stretches(tosses, steps), strict=True)
@@ -114,7 +132,12 @@ def make_stretches(
 
 
 def stretches(tosses: Sequence[Toss], steps: int) -> list[tuple[int, Toss]]:
-    """Tosses cut into stretches of `steps` frames and their first, each with its toss's index; a shorter rest goes."""
+    """Tosses cut into stretches of equal length, each with its toss's index; a shorter rest is left out.
+
+    Args:
+        tosses: Any.
+        steps: Frames after the first.
+    """
     return [
         (i, toss.frames(slice(first, first + steps + 1)))
         for i, toss in enumerate(tosses)
@@ -146,16 +169,23 @@ def _shots(
     )
 
 
-def prediction_misses(predictor: Predictor, shots: Shots, *, n_threads: int = 1) -> Array:
-    """(S, L, nv): base position in half widths, rotation vector in the body's frame [rad], joints [rad or m].
+def prediction_errors(predictor: Predictor, shots: Shots, *, n_threads: int = 1) -> Array:
+    """How far predictions are from what was measured.
 
-    Zero past a shot's end.
+    Args:
+        predictor: Rolls the first states out.
+        shots: First states and targets.
+        n_threads: For rollouts.
+
+    Returns:
+        (S, L, nv), predicted minus measured: base position in half widths, rotation vector in the body's frame [rad],
+        joints [rad or m]. Zero past a shot's end.
     """
     L = shots.target.shape[1]
     run = predictor.rollout(shots.q0, shots.v0, n_steps=shots.n_steps, dt=shots.dt, n_threads=n_threads)
     q = run.q[:, 1:]
     q = np.concatenate([q, np.repeat(q[:, -1:], L - q.shape[1], axis=1)], axis=1)
-    miss = np.concatenate(
+    error = np.concatenate(
         [
             (q[..., :3] - shots.target[..., :3]) / shots.length,
             quat_boxminus(q[..., 3:7], shots.target[..., 3:7]),
@@ -163,5 +193,5 @@ def prediction_misses(predictor: Predictor, shots: Shots, *, n_threads: int = 1)
         ],
         axis=-1,
     )
-    miss[~shots.inside] = 0.0
-    return miss
+    error[~shots.inside] = 0.0
+    return error

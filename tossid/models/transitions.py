@@ -13,23 +13,8 @@ from tossid.errors import InputError
 from tossid.motion.kinematics import com_velocities
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import make_system, tree_batch
+from tossid.settings.training import TransitionSettings
 from tossid.types import Toss
-
-CONTACT_MARGIN = 0.25
-"""A transition may involve contact when a nominal corner is, after it, lower than this share of the object's width."""
-
-FLIGHT_CLEARANCE = 0.1
-"""A transition is surely in flight when every nominal corner stays higher than this share of the object's width."""
-
-JOINTED_MARGIN, JOINTED_CLEARANCE = 0.4, 0.3
-"""The same of objects with joints, whose stated geometry is seldom that exact at every angle: the published elbow's
-corners stop up to 2 cm above the ground, and what 1 cm takes for flight falls at 8.4 m/s² (3 cm: 9.8)."""
-
-MOST_UNUSUAL = 20.0
-"""Robust standard deviations (1.48 median absolute deviations) from the median of all flights by which a transition's
-acceleration may differ, along each axis of the world. Beyond that it is no flight: a hand or the ground had a part."""
-LEAST_UNUSUAL = 0.5
-"""[m/s²] that it may differ by in any case: tosses without noise have no scatter."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +23,15 @@ class Transitions:
 
     Attributes:
         dt: (N,) [s].
-        v, v_next, dv: (N, nv).
-        X, omega, alpha, xdd, R: kinematics before the step, as in `physics.TreeBatch`.
-        features: (N, n_f) the residual's input; R: (N, n_b, 3, 3) the bodies' rotations.
+        v: (N, nv) velocity before the step.
+        v_next: (N, nv) velocity after it.
+        dv: (N, nv) their difference.
+        X: (N, n_b, 6, nv) body Jacobians before the step; this and the next four as in `physics.TreeBatch`.
+        omega: (N, n_b, 3) bodies' spin.
+        alpha: (N, n_b, 3) bodies' angular acceleration at zero dv/dt.
+        xdd: (N, n_b, 3) acceleration of bodies' origins at zero dv/dt.
+        R: (N, n_b, 3, 3) bodies' rotations.
+        features: (N, n_f) the input of k_res.
         z: (N,) height of the base's origin before the step [m].
         up_next: (N, n_b, 3) the world's vertical in each body's axes after the step.
         z_next: (N, n_b) height of each body's origin after the step [m].
@@ -70,7 +61,11 @@ class Transitions:
         return len(self.dt)
 
     def rows(self, index: Tensor) -> Transitions:
-        """The transitions of the given rows, in that order."""
+        """The transitions of some rows, in that order.
+
+        Args:
+            index: (K,) rows.
+        """
         parts = {name: value[index] for name, value in vars(self).items() if name not in ("near", "flight")}
         for name in ("near", "flight"):
             member = torch.zeros(len(self), dtype=torch.bool)
@@ -83,12 +78,20 @@ class Transitions:
         return self.rows(self.flight)
 
 
-def make_transitions(model: ObjectModel, tosses: Sequence[Toss]) -> Transitions:
-    """All transitions of the tosses.
+def make_transitions(
+    model: ObjectModel, tosses: Sequence[Toss], settings: TransitionSettings | None = None
+) -> Transitions:
+    """All transitions of tosses.
+
+    Args:
+        model: The object, as it is stated.
+        tosses: With true lengths.
+        settings: Which transitions may involve contact, and which surely do not.
 
     Raises:
-        InputError: no toss, or tosses of another object (number of joints).
+        InputError: No toss, or tosses of another object (number of joints).
     """
+    settings = settings or TransitionSettings()
     if not tosses:
         raise InputError("there are no tosses to learn from")
     for toss in tosses:
@@ -102,8 +105,8 @@ def make_transitions(model: ObjectModel, tosses: Sequence[Toss]) -> Transitions:
     here, there = tree_batch(system, q, v), tree_batch(system, q_next, v_next)
     lowest = corner_positions(model, q_next)[..., 2].min(axis=1)
     jointed = model.n_joints > 0
-    margin = (JOINTED_MARGIN if jointed else CONTACT_MARGIN) * model.width
-    clearance = (JOINTED_CLEARANCE if jointed else FLIGHT_CLEARANCE) * model.width
+    margin = (settings.jointed_contact_margin if jointed else settings.contact_margin) * model.width
+    clearance = (settings.jointed_flight_clearance if jointed else settings.flight_clearance) * model.width
     clear = np.minimum(lowest, corner_positions(model, q)[..., 2].min(axis=1)) > clearance
 
     dt = np.concatenate([np.diff(toss.t) for toss in tosses])
@@ -112,7 +115,8 @@ def make_transitions(model: ObjectModel, tosses: Sequence[Toss]) -> Transitions:
         a = (share @ com_velocities(model, q_next, v_next) - share @ com_velocities(model, q, v)) / dt[:, None]
         middle = np.median(a[clear], axis=0)
         scatter = 1.4826 * np.median(np.abs(a[clear] - middle), axis=0)
-        clear &= (np.abs(a - middle) <= np.maximum(MOST_UNUSUAL * scatter, LEAST_UNUSUAL)).all(axis=1)
+        limit = np.maximum(settings.outlier_deviations * scatter, settings.outlier_floor)
+        clear &= (np.abs(a - middle) <= limit).all(axis=1)
 
     def tensor(array: np.ndarray) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(array))

@@ -10,26 +10,29 @@ from tossid.objects import ObjectModel, corner_positions
 Array = NDArray[np.float64]
 
 CLEARANCE_REL = 0.05
-"""Of the object's width: how far a stated corner may be from the true one, and the ground from z = 0."""
+"""How far a stated corner may be from the true one, and the ground from z = 0, in widths of the object."""
 
 
 def lowest_corner(model: ObjectModel, q: Array) -> Array:
-    """Height [m] of the lowest corner of the stated geometry. (*b, nq) -> (*b,)."""
+    """Height of the lowest corner of the stated geometry [m], (*b,).
+
+    Args:
+        model: The object.
+        q: Configurations, (*b, nq).
+    """
     return corner_positions(model, q)[..., 2].min(axis=-1)
 
 
 def may_touch(model: ObjectModel, t: Array, q: Array) -> NDArray[np.bool_]:
-    """Whether the object may touch the ground at some time between a frame and the next.
+    """Whether the object may touch the ground at some time between a frame and the next, (n - 1,).
 
-    Every corner's height is extended in a straight line from the two frames
-    before the interval and back from the two after it: an impact between two
-    frames that are both clear of the ground is not missed.
+    Every corner's height is extrapolated linearly from the two frames before the interval and from the two after it, so
+    that an impact between two frames that are both clear of the ground is found.
 
     Args:
-        t: (n,). q: (n, nq).
-
-    Returns:
-        (n - 1,) bool.
+        model: The object.
+        t: Times [s], (n,).
+        q: Configurations, (n, nq).
     """
     height = corner_positions(model, q)[..., 2]
     h = np.diff(t)

@@ -1,12 +1,12 @@
-"""What is wrong with recorded tosses, by rules that need no simulator but gravity.
+"""Defects of recorded tosses, by rules that need no simulator but gravity.
 
-    flight   the common centre of mass does not fall as gravity has it while no corner is near the ground
+    flight   the common centre of mass does not accelerate by gravity while no corner is near the ground
     speed    a link turns faster, or a joint moves faster, than tosses do
-    flip     a pose jumps: it turns in a frame by what the rates on both sides do not show
-    jolt     rates change within a frame although nothing is near enough to hit
+    flip     a pose jumps: its turn in a frame differs from the rates on both sides
+    jolt     rates change within a frame although the ground is not near
 
-Contact explains none of these. Published recordings have them where a tag was lost or taken for another, or where a
-link's pose came out turned.
+Contact explains none of these. Published recordings have them where a tag was lost or confused with another, or where
+a link's pose is turned.
 """
 
 from __future__ import annotations
@@ -19,30 +19,25 @@ from numpy.typing import NDArray
 
 from tossid.objects import GRAVITY, JointType, ObjectModel, body_poses, corner_positions
 from tossid.rotations import quat_boxminus, quat_rotate
+from tossid.settings.motion import DefectSettings
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
 
 RULES = ("flight", "speed", "flip", "jolt")
-AIR_REL = 0.3
-"""Height of the lowest corner over the ground, in widths, above which nothing touches; stated geometry may be off."""
-FLIGHT_FRAMES = 8
-"""Frames in the air from the first on that a flight must have to be judged."""
-FLIGHT_MS2 = 3.0
-"""[m/s²] by which a flight's acceleration may miss gravity."""
-STANDARD_ERRORS = 4.0
-"""And so many standard errors of the fitted acceleration."""
-SPEED_RADPS = 70.0
-"""Fastest spin of the base and rate of a hinge [rad/s]."""
-FLIP_RADPS = 20.0
-"""[rad/s] by which a frame's turn over its time may differ from the mean of the recorded rates."""
-JOLT_RADPS = 15.0
-"""Change of a rate from one frame to the next in the air [rad/s]."""
+DEFAULT = DefectSettings()
 
 
 @dataclass(frozen=True)
 class Defect:
-    """A toss that breaks a rule: its name, the rule, the worst value and the limit [m/s² or rad/s]."""
+    """A toss that breaks a rule.
+
+    Attributes:
+        toss: Its name.
+        rule: One of `RULES`.
+        value: The worst value [m/s² or rad/s].
+        limit: What it exceeds, in the same unit.
+    """
 
     toss: str
     rule: str
@@ -50,16 +45,21 @@ class Defect:
     limit: float
 
 
-def find_defects(tosses: Sequence[Toss], model: ObjectModel, *, gravity: float = GRAVITY) -> tuple[Defect, ...]:
+def find_defects(
+    tosses: Sequence[Toss], model: ObjectModel, *, gravity: float = GRAVITY, settings: DefectSettings = DEFAULT
+) -> tuple[Defect, ...]:
     """All rules that tosses break, in the order of tosses and `RULES`.
 
     Args:
-        tosses: as recorded. gravity: where they were [m/s²].
+        tosses: As recorded.
+        model: The object.
+        gravity: Where they were recorded [m/s²].
+        settings: The limits.
     """
     found = []
     for toss in tosses:
         dt = np.diff(toss.t)
-        air = corner_positions(model, toss.q)[..., 2].min(axis=1) > AIR_REL * model.width
+        air = corner_positions(model, toss.q)[..., 2].min(axis=1) > settings.air_height * model.width
         turning = [3, 4, 5, *(6 + j for j in range(model.n_joints) if model.joint_type[1 + j] == JointType.HINGE)]
         rates = toss.v[:, turning]
         turn = np.concatenate(
@@ -69,13 +69,13 @@ def find_defects(tosses: Sequence[Toss], model: ObjectModel, *, gravity: float =
             ],
             axis=1,
         )
-        miss = turn / dt[:, None] - 0.5 * (rates[1:] + rates[:-1])
+        difference = turn / dt[:, None] - 0.5 * (rates[1:] + rates[:-1])
         change = np.where((air[1:] & air[:-1])[:, None], np.diff(rates, axis=0), 0.0)
         worst = {
-            "flight": (_flight_miss(toss, model, air, gravity), FLIGHT_MS2),
-            "speed": (_largest(rates), SPEED_RADPS),
-            "flip": (_largest(miss), FLIP_RADPS),
-            "jolt": (_largest(change), JOLT_RADPS),
+            "flight": (_flight_error(toss, model, air, gravity, settings), settings.flight_acceleration),
+            "speed": (_largest(rates), settings.largest_rate),
+            "flip": (_largest(difference), settings.flip_rate),
+            "jolt": (_largest(change), settings.jolt_rate),
         }
         found += [Defect(toss.name, rule, value, limit) for rule, (value, limit) in worst.items() if value > limit]
     return tuple(found)
@@ -87,13 +87,15 @@ def _largest(rates: Array) -> float:
     return float(max(spin, np.abs(rates[:, 3:]).max(initial=0.0)))
 
 
-def _flight_miss(toss: Toss, model: ObjectModel, air: NDArray[np.bool_], gravity: float) -> float:
-    """By how much the common centre of mass's acceleration before the first contact misses gravity [m/s²].
+def _flight_error(
+    toss: Toss, model: ObjectModel, air: NDArray[np.bool_], gravity: float, settings: DefectSettings
+) -> float:
+    """How far the common centre of mass's acceleration before the first contact is from gravity [m/s²].
 
-    0 where the flight is too short, or the miss is within what a fit of it leaves open.
+    0 where the flight is too short, or the difference is within the fit's own error.
     """
     n = len(air) if air.all() else int(np.argmin(air))
-    if n < FLIGHT_FRAMES:
+    if n < settings.flight_frames:
         return 0.0
     place, quat = body_poses(model, toss.q[:n])
     com = (place + quat_rotate(quat, np.broadcast_to(model.com, place.shape))).swapaxes(0, 1)
@@ -103,5 +105,5 @@ def _flight_miss(toss: Toss, model: ObjectModel, air: NDArray[np.bool_], gravity
     fitted, *_ = np.linalg.lstsq(basis, c, rcond=None)
     noise = (c - basis @ fitted).std(axis=0, ddof=3)
     error = float(np.linalg.norm(noise) * np.sqrt(np.linalg.inv(basis.T @ basis)[2, 2]))
-    miss = float(np.linalg.norm(fitted[2] + [0.0, 0.0, gravity]))
-    return miss if miss > STANDARD_ERRORS * error else 0.0
+    difference = float(np.linalg.norm(fitted[2] + [0.0, 0.0, gravity]))
+    return difference if difference > settings.standard_errors * error else 0.0

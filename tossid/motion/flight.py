@@ -1,4 +1,4 @@
-"""The first state of a toss, as its whole free flight before first contact tells it."""
+"""The first state of a toss, fitted to its free flight before first contact."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import ObjectError
+from tossid.kernels import kernel
 from tossid.motion.contact import may_touch
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize, quat_rotate
@@ -21,8 +21,9 @@ Array = NDArray[np.float64]
 FEWEST_FRAMES = 4
 """Frames of flight below which the first recorded velocity takes part in the fit."""
 SUBSTEP = 0.1
-"""[rad] of turn a step when the free rotation is integrated (fourth order)."""
+"""Turn of one step of the integration of free rotation, which is of fourth order [rad]."""
 ITERATIONS = 8
+"""Most Gauss-Newton steps."""
 _DIFFERENCE = 1e-5
 
 
@@ -30,10 +31,12 @@ _DIFFERENCE = 1e-5
 class FlightState:
     """State of a toss's first frame, fitted to its flight.
 
-    q (nq,), v (nv,), cov (2 nv, 2 nv) of (q, v) in the tangent space, n_frames
-    used (0: the toss starts in contact, q and v are the first frame's own), and
-    chi2: the weighted squared residual a degree of freedom (1 where the noise
-    is as stated; the covariance is scaled by it where it is larger).
+    Attributes:
+        q: Configuration, (nq,).
+        v: Velocity, (nv,).
+        cov: Covariance of (q, v) in the tangent space, (2 nv, 2 nv); scaled by `chi2` where that exceeds 1.
+        n_frames: Frames used; 0 where the toss starts in contact, and q and v are as recorded.
+        chi2: Weighted squared residual over its degrees of freedom; 1 where the noise is as stated.
     """
 
     q: Array
@@ -44,25 +47,31 @@ class FlightState:
 
 
 def flight_state(toss: Toss, model: ObjectModel, *, gravity: float = GRAVITY) -> FlightState:
-    """`flight_states` of one toss."""
+    """The first state of one toss; see `flight_states`.
+
+    Args:
+        toss: As recorded.
+        model: The object, without joints.
+        gravity: [m/s²].
+    """
     return flight_states([toss], model, gravity=gravity)[0]
 
 
 def flight_states(tosses: Sequence[Toss], model: ObjectModel, *, gravity: float = GRAVITY) -> list[FlightState]:
-    """Fit ballistic translation and torque-free rotation to each toss's frames before first contact.
+    """The first state of each toss, by fitting ballistic translation and torque-free rotation to its flight.
 
-    Least squares over the poses, weighted with their covariances:
-    c(t) = c_0 + u_0 t - g t²/2 e_z for the centre of mass, and Euler's equation
-    I ω̇ = -ω × I ω with Ṙ = R ω^ for the attitude. Recorded velocities are
-    differences of the same poses, and often lag: they take part (the first
-    one) only where fewer than `FEWEST_FRAMES` frames of flight are there.
-    All tosses are fitted at once (Gauss-Newton, Jacobians by central differences).
+    Least squares over the poses before first contact, weighted with their covariances: c(t) = c_0 + u_0 t - g t²/2 e_z
+    for the centre of mass, and Euler's equation I ω̇ = -ω × I ω with Ṙ = R ω^ for the attitude. Recorded velocities are
+    differences of the same poses, and often lag: the first one takes part only where flight has fewer than
+    `FEWEST_FRAMES` frames. All tosses are fitted together (Gauss-Newton, Jacobians by central differences).
 
     Args:
-        gravity: [m/s²], the truth's 9.81 unless a model is to be judged with its own.
+        tosses: As recorded.
+        model: The object, without joints.
+        gravity: [m/s²]; the true one unless a model is to be judged with its own.
 
     Raises:
-        ObjectError: the object has joints (its flight needs the whole tree's dynamics).
+        ObjectError: The object has joints (its flight needs the whole tree's dynamics).
     """
     if model.n_joints:
         raise ObjectError(f"object '{model.name}' has joints: its flight cannot be fitted as a single body's")
@@ -107,7 +116,12 @@ def flight_states(tosses: Sequence[Toss], model: ObjectModel, *, gravity: float 
 
 
 def flight_frames(toss: Toss, model: ObjectModel) -> int:
-    """Frames from the first on in which the object cannot yet have touched the ground."""
+    """Number of frames from the first on in which the object cannot yet have touched the ground.
+
+    Args:
+        toss: As recorded.
+        model: The object.
+    """
     contact = may_touch(model, toss.t, toss.q)
     return int(np.argmax(contact)) + 1 if contact.any() and not contact[0] else 0 if contact[0] else len(toss)
 
@@ -167,7 +181,7 @@ def _tumble(t: Array, quat: Array, spin: Array, I: Array) -> Array:
     return out
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _spin_rate(w0, w1, w2, I, J):  # type: ignore[no-untyped-def]
     """I^-1 (I ω × ω), J = I^-1."""
     l0 = I[0, 0] * w0 + I[0, 1] * w1 + I[0, 2] * w2
@@ -181,7 +195,7 @@ def _spin_rate(w0, w1, w2, I, J):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _tumble_kernel(t, quat, spin, I, J, ratio, out):  # type: ignore[no-untyped-def]
     """`_tumble`, one state after another; `ratio` bounds how much faster than at the start a body can come to spin."""
     for b in range(quat.shape[0]):

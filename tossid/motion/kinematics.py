@@ -12,14 +12,15 @@ Array = NDArray[np.float64]
 
 
 def body_velocities(model: ObjectModel, q: Array, v: Array) -> tuple[Array, Array]:
-    """Velocity of every body's frame.
+    """Velocities of every body's frame.
 
     Args:
-        q: (*b, nq). v: (*b, nv).
+        model: The object.
+        q: Configurations, (*b, nq).
+        v: Velocities, (*b, nv).
 
     Returns:
-        velocity of the origins (*b, n_b, 3) [m/s, world] and angular velocities
-        (*b, n_b, 3) [rad/s, world].
+        Velocities of the origins (*b, n_b, 3) [m/s, world] and angular velocities (*b, n_b, 3) [rad/s, world].
     """
     pos, quat = body_poses(model, q)
     linear = [v[..., :3]]
@@ -42,7 +43,13 @@ def body_velocities(model: ObjectModel, q: Array, v: Array) -> tuple[Array, Arra
 
 
 def corner_velocities(model: ObjectModel, q: Array, v: Array) -> Array:
-    """World velocities [m/s] of the contact corners. (*b, nq), (*b, nv) -> (*b, n_c, 3)."""
+    """World velocities of the contact corners [m/s], (*b, n_c, 3).
+
+    Args:
+        model: The object.
+        q: Configurations, (*b, nq).
+        v: Velocities, (*b, nv).
+    """
     _, quat = body_poses(model, q)
     linear, angular = body_velocities(model, q, v)
     lever = quat_rotate(quat[..., model.corner_body, :], model.corner_pos)
@@ -50,25 +57,30 @@ def corner_velocities(model: ObjectModel, q: Array, v: Array) -> Array:
 
 
 def com_velocities(model: ObjectModel, q: Array, v: Array) -> Array:
-    """World velocities [m/s] of the bodies' centres of mass. (*b, nq), (*b, nv) -> (*b, n_b, 3)."""
+    """World velocities of the bodies' centres of mass [m/s], (*b, n_b, 3).
+
+    Args:
+        model: The object.
+        q: Configurations, (*b, nq).
+        v: Velocities, (*b, nv).
+    """
     _, quat = body_poses(model, q)
     linear, angular = body_velocities(model, q, v)
     return linear + np.cross(angular, quat_rotate(quat, model.com))
 
 
 def jump_speed(model: ObjectModel, q: Array, before: Array, after: Array, free_fall: Array) -> Array:
-    """Size of a change of velocity beyond free fall, as the speed of the whole mass with its kinetic energy.
+    """Size of a change of velocity beyond free fall, as a speed of the whole mass with the same kinetic energy, (*b,).
 
-    sqrt(Σ_i m_i |Δu_i|² + Δω_iᵀ I_i Δω_i) / sqrt(Σ m), with u the velocity of
-    the bodies' centres of mass: the mass-metric norm of Δv, independent of
-    where the base frame sits.
+    sqrt(Σ_i m_i |Δu_i|² + Δω_iᵀ I_i Δω_i) / sqrt(Σ m), u being the velocity of the bodies' centres of mass: the norm of
+    Δv in the metric of the mass matrix, which does not depend on where the base frame is. [m/s].
 
     Args:
-        q: (*b, nq), where the jump happens. before, after: (*b, nv).
-        free_fall: (*b,) g Δt, by which gravity alone slows the upward velocity [m/s].
-
-    Returns:
-        (*b,) [m/s].
+        model: The object.
+        q: Where the velocity changes, (*b, nq).
+        before: Velocity, (*b, nv).
+        after: Velocity, (*b, nv).
+        free_fall: g Δt, by which gravity alone reduces the upward velocity [m/s], (*b,).
     """
     _, quat = body_poses(model, q)
     step = after - before

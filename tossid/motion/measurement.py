@@ -1,11 +1,11 @@
-"""How recorded motion relates to true motion: the unit of length, and the time that recorded velocities belong to.
+"""The measurement model of recorded tosses: their unit of length, and the time that recorded velocities belong to.
 
-Both show in the tosses themselves, and neither needs gravity, friction or inertia to be known:
+Both are estimated from the tosses, without gravity, friction or inertia:
 
-- Recorded lengths may be short or long by a constant (a tag's printed size, a calibration). An object at rest on a
-  face shows it: its stated geometry must touch the ground, z = 0.
-- Recorded velocities are often differences of neighbouring poses, so those of half a frame ago. In flight that
-  is a constant difference, acceleration times lag, from the slope of the poses.
+- Recorded lengths may be wrong by a factor (a tag's printed size, a calibration). An object at rest on a face shows it:
+  its stated geometry must touch the ground, z = 0.
+- Recorded velocities are often differences of neighbouring poses, so they belong to half a frame earlier. In flight
+  they differ from the slope of the poses by acceleration times lag.
 """
 
 from __future__ import annotations
@@ -19,37 +19,34 @@ from scipy.stats import t as student
 
 from tossid.motion.flight import flight_frames
 from tossid.objects import ObjectModel, corner_positions
+from tossid.settings.motion import MeasurementSettings
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
 
-FEWEST_TOSSES = 8
-"""Tosses that must show a quantity before it is believed."""
-CONFIDENCE = 0.999
-"""Of the interval that must leave out "exact" before a correction is made."""
-SMALLEST_SCALE = 2e-3
-"""Corrections of length smaller than this are not made."""
-SMALLEST_LAG = 0.1
-"""Nor of time smaller than this share of a frame."""
-REST_SPEED, REST_SPIN = 0.05, 0.3
-"""[m/s], [rad/s] below which a toss's last frame is at rest."""
-FLAT = 0.05
-"""Share of the width within which a corner counts as one of the lowest."""
+DEFAULT = MeasurementSettings()
 
 
 @dataclass(frozen=True)
-class Measurement:
+class MeasurementModel:
     """The map from true to recorded motion.
 
-    length_scale: recorded length per true length. velocity_lag [s]: a frame's recorded velocity is that of so
-    much earlier.
+    Attributes:
+        length_scale: Recorded length over true length.
+        velocity_lag: A frame's recorded velocity is that of so much earlier [s].
     """
 
     length_scale: float = 1.0
     velocity_lag: float = 0.0
 
     def true_toss(self, toss: Toss) -> Toss:
-        """The toss with true lengths. Its velocities keep their lag: what came before an impact is not known after."""
+        """The toss with true lengths.
+
+        Its velocities keep their lag: just after an impact, the velocity before it cannot be recovered.
+
+        Args:
+            toss: As recorded.
+        """
         s = self.length_scale
         if s == 1.0:
             return toss
@@ -74,17 +71,28 @@ class Measurement:
         return replace(true, q_measured=shrunk(toss.q_measured), q_measured_cov=cov)
 
     def recorded_q(self, q: Array) -> Array:
-        """True configurations (*b, nq) as they would be recorded."""
+        """True configurations as they would be recorded, (*b, nq).
+
+        Args:
+            q: True configurations, (*b, nq).
+        """
         out = q.copy()
         out[..., :3] *= self.length_scale
         return out
 
 
 @dataclass(frozen=True)
-class Calibration:
-    """What tosses show of their measurement: each value with its interval over tosses, and from how many tosses.
+class MeasurementEstimate:
+    """Length scale and velocity lag of a set of tosses, each with its interval.
 
-    ci95 are Student's over tosses; nan where too few tosses show the quantity.
+    Attributes:
+        length_scale: Mean over tosses.
+        length_scale_ci95: Student's interval over tosses; NaN where too few tosses show it.
+        n_at_rest: Tosses that show it.
+        velocity_lag: Mean over tosses [s].
+        velocity_lag_ci95: Likewise [s].
+        n_in_flight: Tosses that show it.
+        measurement: The model with those values that are significant; see `estimate_measurement`.
     """
 
     length_scale: float
@@ -93,48 +101,51 @@ class Calibration:
     velocity_lag: float
     velocity_lag_ci95: tuple[float, float]
     n_in_flight: int
-    measurement: Measurement
-    """What of it is believed: see `calibrate`."""
+    measurement: MeasurementModel
 
 
-def calibrate(tosses: Sequence[Toss], model: ObjectModel) -> Calibration:
-    """Estimate a dataset's measurement from its tosses.
+def estimate_measurement(
+    tosses: Sequence[Toss], model: ObjectModel, *, settings: MeasurementSettings = DEFAULT
+) -> MeasurementEstimate:
+    """Length scale and velocity lag of tosses, and the measurement model with those that are significant.
 
-    A value is believed (and corrected for) where at least `FEWEST_TOSSES` tosses show it, its 99.9 % interval leaves
-    out "exact", and it matters (`SMALLEST_SCALE`, `SMALLEST_LAG`). Objects with joints: no length scale (their
-    stated geometry is seldom that exact at every angle).
+    A value is significant where enough tosses show it, its 99.9 % interval leaves out "exact", and it is large enough
+    to matter. Objects with joints have no length scale: their stated geometry is seldom exact at every angle.
 
     Args:
-        model: the object as it is stated; its geometry is the reference for length.
+        tosses: As recorded.
+        model: The object; its stated geometry is the reference for length.
+        settings: What is significant.
     """
-    scales = np.array([s for s in (_scale_at_rest(toss, model) for toss in tosses) if s is not None])
+    scales = np.array([s for s in (_scale_at_rest(toss, model, settings) for toss in tosses) if s is not None])
     lags = np.array([lag for lag in (_lag_in_flight(toss, model) for toss in tosses) if lag is not None])
     dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
-    scale, scale_ci, scale_sure = _mean(scales, exact=1.0)
-    lag, lag_ci, lag_sure = _mean(lags, exact=0.0)
-    believed = Measurement(
-        length_scale=scale if scale_sure and abs(scale - 1) > SMALLEST_SCALE else 1.0,
-        velocity_lag=lag if lag_sure and abs(lag) > SMALLEST_LAG * dt else 0.0,
+    scale, scale_ci, scale_sure = _mean(scales, settings, exact=1.0)
+    lag, lag_ci, lag_sure = _mean(lags, settings, exact=0.0)
+    significant = MeasurementModel(
+        length_scale=scale if scale_sure and abs(scale - 1) > settings.smallest_scale else 1.0,
+        velocity_lag=lag if lag_sure and abs(lag) > settings.smallest_lag * dt else 0.0,
     )
-    return Calibration(scale, scale_ci, len(scales), lag, lag_ci, len(lags), believed)
+    return MeasurementEstimate(scale, scale_ci, len(scales), lag, lag_ci, len(lags), significant)
 
 
-def _mean(values: Array, *, exact: float) -> tuple[float, tuple[float, float], bool]:
+def _mean(values: Array, settings: MeasurementSettings, *, exact: float) -> tuple[float, tuple[float, float], bool]:
     """Mean, its 95 % interval, and whether the 99.9 % interval leaves out `exact`."""
     n = len(values)
-    if n < FEWEST_TOSSES:
+    if n < settings.fewest_tosses:
         return exact, (float("nan"), float("nan")), False
     mean, error = float(values.mean()), float(values.std(ddof=1) / np.sqrt(n))
-    wide, narrow = (student.ppf(0.5 + 0.5 * level, n - 1) * error for level in (CONFIDENCE, 0.95))
+    wide, narrow = (student.ppf(0.5 + 0.5 * level, n - 1) * error for level in (settings.confidence, 0.95))
     return mean, (mean - narrow, mean + narrow), bool(abs(mean - exact) > wide)
 
 
-def _scale_at_rest(toss: Toss, model: ObjectModel) -> float | None:
+def _scale_at_rest(toss: Toss, model: ObjectModel, settings: MeasurementSettings) -> float | None:
     """Recorded height over the height that the stated geometry needs to stand on its lowest face."""
-    if model.n_joints or np.linalg.norm(toss.v[-1, :3]) > REST_SPEED or np.linalg.norm(toss.v[-1, 3:]) > REST_SPIN:
+    speed, spin = np.linalg.norm(toss.v[-1, :3]), np.linalg.norm(toss.v[-1, 3:])
+    if model.n_joints or speed > settings.rest_speed or spin > settings.rest_spin:
         return None
     above = np.sort(corner_positions(model, toss.q[-1:])[0, :, 2] - toss.q[-1, 2])
-    lowest = above[above < above[0] + FLAT * model.width]
+    lowest = above[above < above[0] + settings.flat * model.width]
     if len(lowest) < 3 or not -lowest.mean() > 0:
         return None
     return float(-toss.q[-1, 2] / lowest.mean())

@@ -1,7 +1,7 @@
-"""How far poses of resting objects scatter: errors that do not change from frame to frame.
+"""Scatter of the poses of resting objects: errors that do not change from frame to frame.
 
-A tracker's calibration, or uneven ground, puts an object that lies flat a little above the ground or below, and tilts
-it, differently in every place and on every face. No single frame's noise says so.
+A tracker's calibration, or uneven ground, shifts and tilts an object that lies flat by another amount in every place
+and on every face. The noise of single frames does not show this.
 """
 
 from __future__ import annotations
@@ -14,40 +14,42 @@ from scipy.stats import median_abs_deviation
 
 from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import quat_conj, quat_rotate
+from tossid.settings.motion import RestScatterSettings
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
 
-FRAMES = 8
-"""Last frames of a toss in which it has to lie still."""
-STILL = 6.0
-"""Standard deviations of noise within which it does."""
-TOUCHING_REL = 0.05
-"""Of the object's width: how much higher than its lowest corner a resting object's others are that touch."""
-FEWEST = 6
-"""Resting tosses that are enough for a scatter."""
-CLEAR = 2.0
-"""Scatter over that of the noise below which it counts as noise."""
+DEFAULT = RestScatterSettings()
 
 
-def rest_scatter(tosses: Sequence[Toss], model: ObjectModel) -> tuple[float, float]:
+def rest_scatter(
+    tosses: Sequence[Toss], model: ObjectModel, *, settings: RestScatterSettings = DEFAULT
+) -> tuple[float, float]:
     """Standard deviations, beyond noise, of the height [m] and the tilt [rad] at which an object comes to rest.
 
-    A plane is laid through the corners that touch. Heights are taken over one plane through all tosses' places, and
-    over what an offset of the recorded frame in the body makes of each side that is down; slopes against their median:
-    a wrong size, a tilted ground or a wrong frame is no scatter. Zeros where fewer than `FEWEST` tosses end at rest, or
-    where the scatter is that of the noise.
+    A plane is fitted to the corners that touch. Heights are residuals of one plane through all places of rest and, with
+    enough tosses, of an offset of the recorded frame in the body. Slopes are residuals of their median. So a wrong
+    size, a tilted ground and a wrong frame are no scatter. Zeros where too few tosses end at rest, or where the scatter
+    is that of the noise.
+
+    Args:
+        tosses: With measured poses.
+        model: The object.
+        settings: What is at rest, and what is noise.
     """
+    n_frames = settings.frames
     places, downs, slopes, noises = [], [], [], []
     for toss in tosses:
         q, cov = toss.measured
-        if len(q) < FRAMES:
+        if len(q) < n_frames:
             continue
-        last, std = q[-FRAMES:], np.sqrt(np.einsum("nii->ni", cov[-FRAMES:]).mean(0))
-        if np.abs(last[:, :3] - np.median(last[:, :3], axis=0)).max() > STILL * max(float(std[:3].max()), 1e-6):
+        last, std = q[-n_frames:], np.sqrt(np.einsum("nii->ni", cov[-n_frames:]).mean(0))
+        if np.abs(last[:, :3] - np.median(last[:, :3], axis=0)).max() > settings.still_sigmas * max(
+            float(std[:3].max()), 1e-6
+        ):
             continue
         corners = np.median(corner_positions(model, last), axis=0)
-        low = corners[corners[:, 2] < corners[:, 2].min() + TOUCHING_REL * model.width]
+        low = corners[corners[:, 2] < corners[:, 2].min() + settings.touching_height * model.width]
         A = np.column_stack([np.ones(len(low)), low[:, :2] - low[:, :2].mean(0)])
         if len(low) < 3 or np.linalg.cond(A.T @ A) > 1e6:
             continue
@@ -56,23 +58,25 @@ def rest_scatter(tosses: Sequence[Toss], model: ObjectModel) -> tuple[float, flo
         downs.append(np.median(quat_rotate(quat_conj(last[:, 3:7]), np.array([0.0, 0.0, -1.0])), axis=0))
         slopes.append(slope)
         noises.append([std[2], std[3:5].max()])
-    if len(places) < FEWEST:
+    if len(places) < settings.fewest_tosses:
         return 0.0, 0.0
-    height = _scatter(np.array(places), np.array(downs))
+    height = _scatter(np.array(places), np.array(downs), settings.fewest_tosses)
     tilt = median_abs_deviation(slopes - np.median(slopes, axis=0), axis=None, scale="normal")
-    noise = np.mean(noises, axis=0) / np.sqrt(FRAMES)
+    noise = np.mean(noises, axis=0) / np.sqrt(n_frames)
     found = [
-        float(np.sqrt(size**2 - small**2)) if size > CLEAR * small else 0.0
+        float(np.sqrt(size**2 - small**2)) if size > settings.noise_ratio * small else 0.0
         for size, small in zip((height, tilt), noise, strict=True)
     ]
     return found[0], found[1]
 
 
-def _scatter(places: Array, downs: Array) -> float:
-    """Of heights of places (n, 3) over what fits most: a plane and, if tosses are enough, an offset in the body;
-    downs (n, 3): the downward direction in its axes."""
+def _scatter(places: Array, downs: Array, fewest: int) -> float:
+    """Robust scatter of the heights of places (n, 3) about a plane and, with enough tosses, an offset in the body.
+
+    downs: the downward direction in the body's axes, (n, 3).
+    """
     shared = [np.ones(len(places)), places[:, 0], places[:, 1]]
-    if len(places) >= 2 * FEWEST:
+    if len(places) >= 2 * fewest:
         shared += list(downs.T)
     A, kept = np.column_stack(shared), np.ones(len(places), bool)
     for _ in range(3):

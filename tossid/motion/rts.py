@@ -14,9 +14,16 @@ Array = NDArray[np.float64]
 class LinearSystem:
     """δ_{k+1} = F_k δ_k + d_k + w_k, cov w_k = Q_k;  y_k = (first components of δ_k) + noise, cov R_k.
 
-    Time is the first axis, the batch the second: F (n-1, b, N, N), d (n-1, b, N),
-    Q (n-1, b, N, N), y (n, b, m), R (n, b, m, m), seen (n, b) bool, P0 (N, N),
-    the covariance of δ_0 around zero.
+    Time is the first axis, the batch the second.
+
+    Attributes:
+        F: (n-1, b, N, N).
+        d: (n-1, b, N).
+        Q: (n-1, b, N, N).
+        y: (n, b, m).
+        R: (n, b, m, m).
+        seen: Whether y is there, (n, b).
+        P0: Covariance of δ_0 around zero, (N, N).
     """
 
     F: Array
@@ -30,8 +37,16 @@ class LinearSystem:
 
 @dataclass(frozen=True, slots=True)
 class Filtered:
-    """Kalman filter: mean (n, b, N) and cov (n, b, N, N) given the past and y_k; mean_p and cov_p given the
-    past alone; innovations (n, b, m) and their covariances (n, b, m, m)."""
+    """The Kalman filter's output.
+
+    Attributes:
+        mean: Given the past and y_k, (n, b, N).
+        cov: Likewise, (n, b, N, N).
+        mean_p: Given the past alone, (n, b, N).
+        cov_p: Likewise, (n, b, N, N).
+        innovation: y_k less its prediction, (n, b, m).
+        innovation_cov: (n, b, m, m).
+    """
 
     mean: Array
     cov: Array
@@ -42,7 +57,11 @@ class Filtered:
 
 
 def filter_forward(system: LinearSystem) -> Filtered:
-    """Kalman filter of a batch (Joseph's form)."""
+    """The Kalman filter of a batch (Joseph's form of the covariance).
+
+    Args:
+        system: The linear systems.
+    """
     n, b, m = system.y.shape
     N = system.P0.shape[0]
     mean, cov = np.zeros((n, b, N)), np.zeros((n, b, N, N))
@@ -71,6 +90,9 @@ def filter_forward(system: LinearSystem) -> Filtered:
 
 def smooth(system: LinearSystem) -> tuple[Array, Array, Array]:
     """Means, covariances and lag-one covariances given all measurements.
+
+    Args:
+        system: The linear systems.
 
     Returns:
         δ (n, b, N), P (n, b, N, N), and C (n-1, b, N, N) = cov(δ_k, δ_{k+1}).

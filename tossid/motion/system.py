@@ -1,4 +1,4 @@
-"""The smoother's linear system: tracks side by side, their motion linearised, and back.
+"""The smoother's linear system: tracks side by side, their motion linearised, and the way back to tracks.
 
 State, error and process noise are those of `tossid.motion.smoother`.
 """
@@ -35,11 +35,16 @@ PRIOR = (1.0, 1.0, 10.0, 100.0)
 
 @dataclass(slots=True)
 class Batch:
-    """Tracks of different lengths side by side, time first; a free body's origin is its centre of mass.
+    """Tracks of different lengths side by side, time first; the origin of a free body is its centre of mass.
 
-    h (n-1, b) [s], q (n, b, nq), R (n, b, nv, nv) measurement covariance, seen
-    (n, b), touch (n-1, b) whether the geometry allows contact, inside (n-1, b)
-    intervals between two seen frames, origin (3,) [m] in the base frame.
+    Attributes:
+        h: Time steps [s], (n-1, b).
+        q: Poses, (n, b, nq).
+        R: Measurement covariance, (n, b, nv, nv).
+        seen: Whether there is a pose, (n, b).
+        touch: Whether the geometry allows contact in an interval, (n-1, b).
+        inside: Whether an interval lies between two poses, (n-1, b).
+        origin: The point that q describes, in the base frame [m], (3,).
     """
 
     h: Array
@@ -52,7 +57,13 @@ class Batch:
 
 
 def pad(tracks: Sequence[PoseTrack], model: ObjectModel, q_cov: Sequence[Array]) -> Batch:
-    """A batch of tracks; what is added to short ones has no measurement and changes nothing."""
+    """A batch of tracks; short ones are extended by frames without measurement.
+
+    Args:
+        tracks: Of one object.
+        model: The object.
+        q_cov: Measurement covariance of each, (n, nv, nv).
+    """
     c = model.com[0] if model.n_joints == 0 else np.zeros(3)
     n, b, nv = max(len(track.t) for track in tracks), len(tracks), model.nv
     batch = Batch(
@@ -77,7 +88,15 @@ def pad(tracks: Sequence[PoseTrack], model: ObjectModel, q_cov: Sequence[Array])
 
 
 def unpad(batch: Batch, i: int, q: Array, v: Array, cov: Array) -> tuple[Array, Array, Array, Array]:
-    """q, v, q_cov and v_cov of track i, brought back from the centre of mass to the base frame's origin."""
+    """q, v, q_cov and v_cov of one track, moved back from the centre of mass to the base frame's origin.
+
+    Args:
+        batch: The tracks.
+        i: Number of the track.
+        q: Smoothed poses, (n, b, nq).
+        v: Velocities, (n, b, nv).
+        cov: Covariances of both, (n, b, 2 nv, 2 nv).
+    """
     nv, m, c = v.shape[-1], int(batch.seen[:, i].sum()), batch.origin
     q_i, v_i, cov_i = q[:m, i], v[:m, i].copy(), cov[:m, i]
     arm = quat_rotate(q_i[:, 3:7], c)
@@ -111,13 +130,24 @@ def _minus(a: Array, b: Array) -> Array:
 
 
 def differences(q: Array, h: Array) -> Array:
-    """Forward differences (n, b, nv) of poses (n, b, nq), where the smoother starts."""
+    """Forward differences of poses, (n, b, nv), where the smoother starts.
+
+    Args:
+        q: Poses, (n, b, nq).
+        h: Time steps [s], (n-1, b).
+    """
     v = _minus(q[1:], q[:-1]) / h[..., None]
     return np.concatenate([v, v[-1:]])
 
 
 def retract(q: Array, v: Array, delta: Array) -> tuple[Array, Array]:
-    """The trajectory moved by its errors δ (n, b, 2 nv)."""
+    """A trajectory moved by its errors.
+
+    Args:
+        q: Poses, (n, b, nq).
+        v: Velocities, (n, b, nv).
+        delta: Errors δ, (n, b, 2 nv).
+    """
     nv = v.shape[-1]
     turned = quat_normalize(quat_mul(q[..., 3:7], quat_exp(delta[..., 3:6])))
     moved = np.concatenate([q[..., :3] + delta[..., :3], turned, q[..., 7:] + delta[..., 6:nv]], axis=-1)
@@ -128,7 +158,12 @@ def linearise(model: ObjectModel, q: Array, v: Array, batch: Batch, S: Array, fa
     """The system for δ around a reference trajectory.
 
     Args:
-        q, v: reference (n, b, ·). S: densities (n-1, b, nv). fall: downward acceleration (n-1, b).
+        model: The object.
+        q: Reference poses, (n, b, nq).
+        v: Reference velocities, (n, b, nv).
+        batch: Measurements.
+        S: Densities of the accelerations [m²/s³, rad²/s³], (n-1, b, nv).
+        fall: Downward acceleration [m/s²], (n-1, b).
     """
     n, b, nv = v.shape
     N = 2 * nv
@@ -140,7 +175,7 @@ def linearise(model: ObjectModel, q: Array, v: Array, batch: Batch, S: Array, fa
         momentum = spin @ I
         alpha = -np.cross(spin, momentum) @ I_inv
         A = -I_inv @ (skew(spin) @ I - skew(momentum))
-    else:  # a tree's bodies turn each other: left to the white accelerations
+    else:  # how a tree's bodies turn each other is left to the white accelerations
         alpha, A = np.zeros_like(spin), np.zeros((*spin.shape, 3))
     phi = (spin + 0.5 * h * alpha) * h
 
@@ -175,7 +210,14 @@ def linearise(model: ObjectModel, q: Array, v: Array, batch: Batch, S: Array, fa
 
 
 def noise_moments(system: LinearSystem, mean: Array, cov: Array, lag: Array) -> Array:
-    """E[w²] (n-1, b, nv) of the velocity part of w, given all measurements."""
+    """E[w²] of the velocity part of w, given all measurements, (n-1, b, nv).
+
+    Args:
+        system: The linear system.
+        mean: Smoothed means, (n, b, 2 nv).
+        cov: Smoothed covariances, (n, b, 2 nv, 2 nv).
+        lag: Lag-one covariances, (n-1, b, 2 nv, 2 nv).
+    """
     nv = mean.shape[-1] // 2
     F = system.F[..., nv:, :]
     w = mean[1:, :, nv:] - (F @ mean[:-1, ..., None])[..., 0] - system.d[..., nv:]

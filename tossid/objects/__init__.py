@@ -1,22 +1,32 @@
 """Objects: from MJCF or URDF to a kinematic tree with corners and tags, and back."""
 
+from tossid.objects.boxes import box
 from tossid.objects.kinematics import body_poses, center_positions, corner_positions
-from tossid.objects.mjcf import load_object, object_from_mjcf, to_mjcf
+from tossid.objects.load import OBJECT_FILES, absolute_paths, load_object
+from tossid.objects.mjcf import object_from_mjcf, to_mjcf
 from tossid.objects.model import GRAVITY, JointLaw, JointType, ObjectModel, Tag, free_joints
+from tossid.objects.recorded import recorded_object, write_object
+from tossid.objects.tags import read_tags
 from tossid.objects.urdf import to_urdf
 
 __all__ = [
     "GRAVITY",
     "JointLaw",
     "JointType",
+    "OBJECT_FILES",
     "ObjectModel",
     "Tag",
+    "absolute_paths",
     "body_poses",
+    "box",
     "center_positions",
     "corner_positions",
     "free_joints",
     "load_object",
     "object_from_mjcf",
+    "read_tags",
+    "recorded_object",
     "to_mjcf",
     "to_urdf",
+    "write_object",
 ]

@@ -15,6 +15,7 @@ def body_poses(model: ObjectModel, q: Array) -> tuple[Array, Array]:
     """World pose of every body's frame.
 
     Args:
+        model: The object.
         q: (*b, nq) configurations.
 
     Returns:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict
 
 import mujoco
 import numpy as np
@@ -22,9 +22,15 @@ _JOINTS = {mujoco.mjtJoint.mjJNT_HINGE: JointType.HINGE, mujoco.mjtJoint.mjJNT_S
 class Stated(TypedDict, total=False):
     """What an object's file cannot say.
 
-    name: the object's; the model's own by default. friction (0.18), restitution, compliance [m/N], relaxation [s],
-    cohesion [N]: of object and ground. width: reference length [m]; by default the longest edge of the base's corners.
-    tags: AprilTags on the bodies.
+    Attributes:
+        name: The object's name; the model's own by default.
+        friction: Coulomb's coefficient of object and ground, 0.18 by default.
+        restitution: Newton's coefficient, 0 by default.
+        compliance: How far a corner sinks for each newton on it [m/N], 0 by default.
+        relaxation: Damping over stiffness of a corner [s], 0 by default.
+        cohesion: Friction of a loaded corner beyond `friction` times its load [N], 0 by default.
+        width: The length that relative position errors refer to [m]; the longest edge of the base by default.
+        tags: AprilTags on the bodies, or the path of a file that lists them in TagSLAM's form (`load_object` only).
     """
 
     name: str | None
@@ -34,21 +40,19 @@ class Stated(TypedDict, total=False):
     relaxation: float
     cohesion: float
     width: float | None
-    tags: Sequence[Tag]
+    tags: Sequence[Tag] | str | Path | None
 
 
-def load_object(path: str | Path, **stated: Unpack[Stated]) -> ObjectModel:
-    """Read an object from an MJCF or URDF file.
+def object_from_file(path: Path) -> ObjectModel:
+    """The object of an MJCF or URDF file, without what the file cannot say.
 
     Args:
-        path: the file. A base without a joint gets a free joint.
-        stated: what the file cannot say, see `Stated`.
+        path: The file. A base without a joint gets a free joint.
 
     Raises:
-        FileError: the file is missing or MuJoCo cannot parse it.
-        ObjectError: it is no tree of one free base with hinges and slides.
+        FileError: The file is missing or MuJoCo cannot parse it.
+        ObjectError: It is no tree of one free base with hinges and slides.
     """
-    path = Path(path)
     if not path.is_file():
         raise FileError(path, "no such object file; expected MJCF or URDF")
     try:
@@ -65,11 +69,19 @@ def load_object(path: str | Path, **stated: Unpack[Stated]) -> ObjectModel:
         raise FileError(path, "holds letters that are not UTF-8, its own or an included file's") from error
     except (ValueError, mujoco.FatalError) as error:
         raise FileError(path, f"MuJoCo cannot compile it: {_first_line(error)}") from error
-    return object_from_mjcf(text, **stated)
+    return object_from_mjcf(text)
 
 
-def object_from_mjcf(text: str, **stated: Unpack[Stated]) -> ObjectModel:
-    """The same from MJCF text (as a dataset carries it)."""
+def object_from_mjcf(text: str, **stated: Any) -> ObjectModel:
+    """The object of MJCF text, as a dataset carries it.
+
+    Args:
+        text: MJCF that names no other files.
+        **stated: What the text cannot say, see `Stated`; `tags` as a sequence.
+
+    Raises:
+        ObjectError: MuJoCo cannot parse the text, or it is no tree of one free base with hinges and slides.
+    """
     try:
         spec = mujoco.MjSpec.from_string(text)
     except (ValueError, mujoco.FatalError) as error:
@@ -259,16 +271,18 @@ def to_mjcf(
     solref: tuple[float, float] = (0.002, 1.0),
     solimp: tuple[float, ...] = (0.98, 0.9999, 0.0001, 0.5, 2.0),
 ) -> str:
-    """A runnable MuJoCo scene of the object over the ground plane z = 0.
+    """A MuJoCo scene of the object over the ground plane z = 0, which runs as it is.
 
-    The corners become one convex mesh a body, so that learned geometry, which is
-    no box any more, survives. Contact between the
-    object's own bodies is off. `solref`, `solimp`: MuJoCo's contact softness;
-    the defaults are near rigid.
+    The corners become one convex mesh a body, so that learned geometry, which is no box any more, survives. Contact
+    between the object's own bodies is off.
 
     Args:
-        gravity: downward acceleration [m/s²]. timestep: [s].
-        ground: add the ground plane.
+        model: The object.
+        gravity: Downward acceleration [m/s²].
+        timestep: MuJoCo's time step [s].
+        ground: Add the ground plane.
+        solref: MuJoCo's reference of contact: time constant [s] and damping ratio; near rigid by default.
+        solimp: MuJoCo's impedance of contact; near rigid by default.
 
     Returns:
         MJCF text.

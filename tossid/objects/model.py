@@ -26,10 +26,14 @@ class JointType(IntEnum):
 
 
 class JointLaw(NamedTuple):
-    """What acts in the joints, by body: each (n_b,), 0 for the base. For slides newtons and metres take the place.
+    """What acts in the joints, by body: each (n_b,), 0 for the base. Of slides newtons and metres take the place.
 
-    damping [N m s/rad]: torque -damping times rate. friction [N m]: Coulomb's, the largest torque against the rate.
-    stiffness [N m/rad]: torque -stiffness (angle - rest), rest [rad]. armature [kg m²]: inertia of the drive.
+    Attributes:
+        damping: Torque against the rate, over the rate [N m s/rad].
+        friction: Coulomb's: the largest torque against the rate [N m].
+        stiffness: Torque towards the rest, over the angle from there [N m/rad].
+        rest: The angle at which the spring is at rest [rad].
+        armature: Inertia of the drive [kg m²].
     """
 
     damping: Array
@@ -53,8 +57,11 @@ def free_joints(n_bodies: int) -> JointLaw:
 class Tag:
     """An AprilTag (36h11) on a body.
 
-    size: outer edge of the black border [m]. T_body_tag: (4, 4), tag frame x
-    right, y up, z out toward the viewer.
+    Attributes:
+        id: Its id.
+        size: Outer edge of the black border [m].
+        body: Index of the body that it is on.
+        T_body_tag: (4, 4) its pose; the tag's x points right, y up, z out toward the viewer.
     """
 
     id: int
@@ -135,22 +142,27 @@ class ObjectModel:
 
     @property
     def n_bodies(self) -> int:
+        """Number of bodies, the base included."""
         return len(self.parent)
 
     @property
     def n_joints(self) -> int:
+        """Number of joints; each body but the base has one."""
         return self.n_bodies - 1
 
     @property
     def nq(self) -> int:
+        """Length of a configuration."""
         return 7 + self.n_joints
 
     @property
     def nv(self) -> int:
+        """Length of a velocity."""
         return 6 + self.n_joints
 
     @property
     def n_corners(self) -> int:
+        """Number of contact corners."""
         return len(self.corner_body)
 
     @property

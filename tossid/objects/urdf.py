@@ -23,7 +23,8 @@ def to_urdf(model: ObjectModel, *, meshes: str) -> tuple[str, dict[str, str]]:
     stiffness and armature.
 
     Args:
-        meshes: beginning of the mesh files' names; they lie beside the URDF.
+        model: The object.
+        meshes: Beginning of the mesh files' names; they lie beside the URDF.
 
     Returns:
         text, and for each mesh file's name its content (Wavefront OBJ, metres).

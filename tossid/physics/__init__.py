@@ -2,16 +2,16 @@
 
 from tossid.physics.batch import TreeBatch, tree_batch
 from tossid.physics.stepping import Simulation, simulate
-from tossid.physics.system import Residual, System, make_system, n_features, no_residual
+from tossid.physics.system import LearnedAcceleration, System, make_system, n_features, no_learned_acceleration
 
 __all__ = [
-    "Residual",
+    "LearnedAcceleration",
     "Simulation",
     "System",
     "TreeBatch",
     "make_system",
     "n_features",
-    "no_residual",
+    "no_learned_acceleration",
     "simulate",
     "tree_batch",
 ]

@@ -18,17 +18,15 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.kernels import fused_kernel
 from tossid.physics.system import System
 from tossid.physics.tree import HINGE
 from tossid.rotations import quat_to_matrix
 
 Array = NDArray[np.float64]
-
-jit = numba.njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
 
 # columns of P (n_b, WIDTH), each a vector of three (base axes, from the base's origin) unless said
 X, AXIS, ANCHOR, SPIN, ALPHA, ACCEL = 0, 3, 6, 9, 12, 15  # origin; joint; spin; accelerations at dv/dt = 0
@@ -69,13 +67,13 @@ def make_articulated(system: System) -> Articulated:
     )
 
 
-@jit
+@fused_kernel
 def cross(a0, a1, a2, b0, b1, b2):  # type: ignore[no-untyped-def]
     """a x b"""
     return a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
 
 
-@jit
+@fused_kernel
 def turned(E, b, x0, x1, x2):  # type: ignore[no-untyped-def]
     """E[b] x"""
     return (
@@ -85,7 +83,7 @@ def turned(E, b, x0, x1, x2):  # type: ignore[no-untyped-def]
     )
 
 
-@jit
+@fused_kernel
 def swing(al0, al1, al2, w0, w1, w2, r0, r1, r2):  # type: ignore[no-untyped-def]
     """alpha x r + w x (w x r)"""
     t0, t1, t2 = cross(w0, w1, w2, r0, r1, r2)
@@ -94,7 +92,7 @@ def swing(al0, al1, al2, w0, w1, w2, r0, r1, r2):  # type: ignore[no-untyped-def
     return s0 + t0, s1 + t1, s2 + t2
 
 
-@jit
+@fused_kernel
 def outwards(parent, joint_type, turn, place, axis, anchor, q, v, P, E):  # type: ignore[no-untyped-def]
     """Poses, spins and the accelerations that remain at dv/dt = 0, for q (nq,), v (nv,)."""
     for i in range(3):
@@ -144,7 +142,7 @@ def outwards(parent, joint_type, turn, place, axis, anchor, q, v, P, E):  # type
         P[b, ACCEL], P[b, ACCEL + 1], P[b, ACCEL + 2] = g0 + s0, g1 + s1, g2 + s2
 
 
-@jit
+@fused_kernel
 def own(parent, mass, com, inertia, P, E):  # type: ignore[no-untyped-def]
     """Mass, moments and bias of each body by itself. After `outwards`."""
     nb = parent.shape[0]
@@ -178,7 +176,7 @@ def own(parent, mass, com, inertia, P, E):  # type: ignore[no-untyped-def]
         P[b, INERTIA + 5] = yz - m * d1 * d2
 
 
-@jit
+@fused_kernel
 def inwards(parent, P):  # type: ignore[no-untyped-def]
     """Mass, moments and bias of each body with all beyond it. After `own`."""
     for b in range(parent.shape[0] - 1, 0, -1):
@@ -187,7 +185,7 @@ def inwards(parent, P):  # type: ignore[no-untyped-def]
             P[up, i] += P[b, i]
 
 
-@jit
+@fused_kernel
 def factor(parent, joint_type, torque, slack, P, L, rate):  # type: ignore[no-untyped-def]
     """Lower Cholesky factor of S into L, with its diagonal's inverse; rate (3 + n_j,) = S^-1 (torque - bias).
 
@@ -266,7 +264,7 @@ def factor(parent, joint_type, torque, slack, P, L, rate):  # type: ignore[no-un
     return True
 
 
-@jit
+@fused_kernel
 def back(L, x, n):  # type: ignore[no-untyped-def]
     """x <- L^-T x, with L as `factor` leaves it."""
     for i in range(n - 1, -1, -1):
@@ -276,7 +274,7 @@ def back(L, x, n):  # type: ignore[no-untyped-def]
         x[i] = s * L[i, i]
 
 
-@jit
+@fused_kernel
 def common_velocity(P, xi, first):  # type: ignore[no-untyped-def]
     """Velocity of the common centre of mass from the base's origin's, base axes: xi_w x d_c + sum_j p_j xi_j / m.
 
@@ -292,7 +290,7 @@ def common_velocity(P, xi, first):  # type: ignore[no-untyped-def]
     return x0, x1, x2
 
 
-@jit
+@fused_kernel
 def contact_row(parent, joint_type, P, body, r0, r1, r2, a0, a1, a2, c, k, tau):  # type: ignore[no-untyped-def]
     """tau[c, k] (3 + n_j,) of the direction a at the place r of `body`. After `factor`."""
     part = 1.0 / P[0, MASS]
@@ -310,7 +308,7 @@ def contact_row(parent, joint_type, P, body, r0, r1, r2, a0, a1, a2, c, k, tau):
         b = parent[b]
 
 
-@jit
+@fused_kernel
 def spin_row(parent, joint_type, P, body, a0, a1, a2, row):  # type: ignore[no-untyped-def]
     """row (3 + n_j,) with row . xi the spin of `body` about the direction a (base axes). After `outwards`."""
     row[:] = 0.0
@@ -322,9 +320,9 @@ def spin_row(parent, joint_type, P, body, a0, a1, a2, row):  # type: ignore[no-u
         b = parent[b]
 
 
-@jit
+@fused_kernel
 def tree_features(R, q, v, f):  # type: ignore[no-untyped-def]
-    """The residual's features into f (n_f,), as `free.features`."""
+    """The learned acceleration's features into f (n_f,), as `free.features`."""
     speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     for i in range(3):
         f[i] = R[2, i]

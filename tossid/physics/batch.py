@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.kernels import kernel
 from tossid.physics.free import features
 from tossid.physics.system import System
 from tossid.physics.tree import bias_force, kinematics, make_work, mass_matrix, point_jacobian
@@ -30,7 +30,7 @@ class TreeBatch(NamedTuple):
     alpha, xdd: (B, n_b, 3) angular acceleration and the origin's acceleration at
         dv/dt = 0, body axes.
     R: (B, n_b, 3, 3) world rotation of the bodies; x: (B, n_b, 3) world position.
-    features: (B, n_f) the residual's input.
+    features: (B, n_f) the learned acceleration's input.
     """
 
     X: Array
@@ -42,7 +42,7 @@ class TreeBatch(NamedTuple):
     features: Array
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _fill(system, work, q, v, X, omega, alpha, xdd, R, x, feature):  # type: ignore[no-untyped-def]
     nb = len(system.parent)
     nv = v.shape[1]

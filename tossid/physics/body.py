@@ -17,9 +17,9 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
+from tossid.kernels import kernel
 from tossid.physics.body_step import delassus, first_impact, turned
 from tossid.physics.contact import (
     BOUNCE_SPEED,
@@ -35,7 +35,7 @@ from tossid.physics.contact import (
     UNKNOWN,
     above_ground,
     kept_speed,
-    settling,
+    recovery_time,
     solve_exact,
 )
 from tossid.physics.forces import SPIN, damped, friction_of, grown, hold, push, resist_spin
@@ -44,10 +44,8 @@ from tossid.physics.network import network
 from tossid.physics.solvers.cone_qp import qp_solve
 from tossid.physics.solvers.workspace import LAM, MU, B
 
-_jit = numba.njit(cache=True, error_model="numpy", nogil=True)
 
-
-@_jit
+@kernel
 def simulate_body(  # type: ignore[no-untyped-def]
     mass, com, inertia, inverse, root, corner, arm, mu, restitution, compliance, relaxation, cohesion, gravity,
     forced, forces, lawful, law, linear, W0, b0, W1, b1, W2,
@@ -59,7 +57,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
     h = loaded = dt / substeps  # of a step, and of that whose impulses are in `warm`
     over_m = 1.0 / mass
     added = law.added_mass if lawful else 0.0
-    soft = compliance / (h * settling(h, compliance, relaxation, added))
+    soft = compliance / (h * recovery_time(h, compliance, relaxation, added))
     keeps, keeps_across = kept_speed(h, compliance, relaxation, added)
     rigid = compliance == 0.0 and relaxation == 0.0
     radius = law.rounding if lawful else 0.0
@@ -112,7 +110,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                         length = STRIKE * dt
                     if length != h:
                         h = length
-                        soft = compliance / (h * settling(h, compliance, relaxation, added))
+                        soft = compliance / (h * recovery_time(h, compliance, relaxation, added))
                         keeps, keeps_across = kept_speed(h, compliance, relaxation, added)
                         turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
                     left = parts
@@ -176,10 +174,10 @@ def simulate_body(  # type: ignore[no-untyped-def]
                     elif rigid and z < 0.0:
                         z *= h / max(h, dt / substeps)  # comes out within a whole step
                     elif z < TOUCHING and not whole:
-                        z = min(z, RECOVERY_SPEED * h)  # is on the ground, and settles there
+                        z = min(z, RECOVERY_SPEED * h)  # is on the ground, and recovers there
                     height[c] = z
                     low = low or z < reach
-                touched, status, residual, n = False, 0, 0.0, np.int64(0)
+                touched, status, kkt_error, n = False, 0, 0.0, np.int64(0)
                 u0, u1, u2, n0, n1, n2, f0, f1, f2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                 if low:
                     # velocities of the centre of mass, free (u) and before the step (k)
@@ -222,7 +220,7 @@ def simulate_body(  # type: ignore[no-untyped-def]
                                 if before < -BOUNCE_SPEED and (strike or whole or before > -IMPACT_SPEED):
                                     target = min(target, free + restitution * before)
                             elif target < 0.0 or height[c] < 0.0:
-                                target = height[c] / settling(h, compliance, relaxation, added) + free
+                                target = height[c] / recovery_time(h, compliance, relaxation, added) + free
                                 if keeps > 0.0:
                                     before = k2 + tau[c, 0, 0] * w0 + tau[c, 0, 1] * w1 + tau[c, 0, 2] * w2
                                     target -= keeps * before
@@ -252,9 +250,9 @@ def simulate_body(  # type: ignore[no-untyped-def]
                             for c in range(nc):
                                 lifts = lifts or (state[c] == 2 and height[c] < law.lifting)
                         if lifts:
-                            status, residual, _ = qp_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
+                            status, kkt_error, _ = qp_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
                         else:
-                            status, residual = solve_exact(A, V, index, n, tolerance)
+                            status, kkt_error = solve_exact(A, V, index, n, tolerance)
                         f0, f1, f2, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                         touched = False
                         for i in range(n):
@@ -324,8 +322,8 @@ def simulate_body(  # type: ignore[no-untyped-def]
                 v_0, v_1, v_2, w0, w1, w2 = x0, x1, x2, y0, y1, y2
                 if status != 0:
                     unsolved[toss] += 1
-                if residual > worst[toss]:
-                    worst[toss] = residual
+                if kkt_error > worst[toss]:
+                    worst[toss] = kkt_error
                 speed = abs(x0) + abs(x1) + abs(x2) + abs(y0) + abs(y1) + abs(y2)
                 quiet = quiet + 1 if rigid and touched and speed < RESTING * tolerance else 0
                 left -= 1

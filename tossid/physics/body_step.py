@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 
-import numba
-
+from tossid.kernels import kernel
 from tossid.physics.contact import IMPACT_SPEED, MOST_STRIKES, TANGENTIAL, TOUCHING
 
-_jit = numba.njit(cache=True, error_model="numpy", nogil=True)
 
-
-@_jit
+@kernel
 def first_impact(  # type: ignore[no-untyped-def]
     corner, arm, r20, r21, r22, p2, v_2, w0, w1, w2, weight, sunk, rigid, strikes, impact_parts, rest, h,
 ):  # fmt: skip
@@ -44,7 +41,7 @@ def first_impact(  # type: ignore[no-untyped-def]
     return parts, strike, length / parts
 
 
-@_jit
+@kernel
 def delassus(G, n, over_m, soft, A):  # type: ignore[no-untyped-def]
     """A (3n, 3n) of n corners from G (3n, 3), with what gives way on its diagonal."""
     for i in range(3 * n):
@@ -61,7 +58,7 @@ def delassus(G, n, over_m, soft, A):  # type: ignore[no-untyped-def]
         A[i + 2, i + 2] += TANGENTIAL * soft
 
 
-@_jit
+@kernel
 def turned(a, b, d, e, x, y, z):  # type: ignore[no-untyped-def]
     """Quaternion (a, b, d, e) times exp(x, y, z), half a rotation vector: by series for the small angles of a step."""
     angle = x * x + y * y + z * z

@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.physics.articulated import X, back, contact_row, jit, turned
+from tossid.kernels import fused_kernel
+from tossid.physics.articulated import X, back, contact_row, turned
 from tossid.physics.forces import friction_of
 from tossid.physics.solvers import cone_work, lcp_kernel, lcp_work, tangent_directions
 from tossid.physics.solvers.cone import cone_solve
@@ -97,9 +98,9 @@ def make_scratch(system: System, n_directions: int) -> Scratch:
     )
 
 
-@jit
+@fused_kernel
 def _polyhedral(A, V, n, directions, tolerance, work, index):  # type: ignore[no-untyped-def]
-    """The problem A, V[B], V[MU] with the polyhedral cone into V[LAM]; returns (status, residual)."""
+    """The problem A, V[B], V[MU] with the polyhedral cone into V[LAM]; returns (status, kkt_error)."""
     k = directions.shape[0]
     A_, b, lam = np.empty((3 * n, 3 * n)), np.empty(3 * n), np.empty(3 * n)
     order = np.empty(3 * n, np.int64)
@@ -110,15 +111,15 @@ def _polyhedral(A, V, n, directions, tolerance, work, index):  # type: ignore[no
         for r2 in range(3 * n):
             A_[order[r], order[r2]] = A[r, r2]
     beta, gamma = np.empty((n, k)), np.empty(n)
-    status, residual, _ = lcp_kernel(
+    status, kkt_error, _ = lcp_kernel(
         A_, b, V[MU, :n].copy(), np.ones(n, np.bool_), directions, lam, beta, gamma, tolerance, 2000, work, index
     )
     for r in range(3 * n):
         V[LAM, r] = lam[order[r]]
-    return status, residual
+    return status, kkt_error
 
 
-@jit
+@fused_kernel
 def above_ground(z, c, sunk, rigid, h):  # type: ignore[no-untyped-def]
     """Height of a corner at z over the ground as it is below it.
 
@@ -132,18 +133,18 @@ def above_ground(z, c, sunk, rigid, h):  # type: ignore[no-untyped-def]
     return z - sunk[c]
 
 
-@jit
+@fused_kernel
 def solve_exact(A, V, index, n, tolerance):  # type: ignore[no-untyped-def]
-    """Impulses of the problem A, V[B], V[MU] into V[LAM], which holds the warm start; returns (status, residual).
+    """Impulses of the problem A, V[B], V[MU] into V[LAM], which holds the warm start; returns (status, kkt_error).
 
     What is not solved from there is tried again from the answers of convex cone programmes, c_n = b_n + mu |w_t|
     held and renewed (Cadoux 2009); the first, with c = b, is nearly always enough.
     """
-    status, residual, _ = cone_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
+    status, kkt_error, _ = cone_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
     if status == SOLVED:
-        return status, residual
+        return status, kkt_error
     b, start, best = np.empty(n), np.zeros(3 * n), V[LAM, : 3 * n].copy()
-    least = residual
+    least = kkt_error
     for i in range(n):
         b[i] = V[B, 3 * i]
     for turn in range(PROGRAMMES):
@@ -159,11 +160,11 @@ def solve_exact(A, V, index, n, tolerance):  # type: ignore[no-untyped-def]
             start[r] = V[LAM, r]
         for i in range(n):
             V[B, 3 * i] = b[i]
-        status, residual, _ = cone_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
+        status, kkt_error, _ = cone_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
         if status == SOLVED:
-            return status, residual
-        if residual < least:
-            least = residual
+            return status, kkt_error
+        if kkt_error < least:
+            least = kkt_error
             for r in range(3 * n):
                 best[r] = V[LAM, r]
         for r in range(3 * n):
@@ -174,15 +175,15 @@ def solve_exact(A, V, index, n, tolerance):  # type: ignore[no-untyped-def]
     return status, least
 
 
-@jit
+@fused_kernel
 def _solve(A, V, index, n, directions, tolerance, work, lcp_index):  # type: ignore[no-untyped-def]
-    """Impulses of the assembled problem into V[LAM], which holds the warm start; returns (status, residual)."""
+    """Impulses of the assembled problem into V[LAM], which holds the warm start; returns (status, kkt_error)."""
     if directions.shape[0] > 0:
         return _polyhedral(A, V, n, directions, tolerance, work, lcp_index)
     return solve_exact(A, V, index, n, tolerance)
 
 
-@jit
+@fused_kernel
 def find_corners(  # type: ignore[no-untyped-def]
     parent, joint_type, corner_body, corner_pos, radius, P, E, R, z0, reach, height, state, place, tau
 ):
@@ -208,8 +209,8 @@ def find_corners(  # type: ignore[no-untyped-def]
     return low
 
 
-@jit
-def settling(h, compliance, relaxation, added_mass):  # type: ignore[no-untyped-def]
+@fused_kernel
+def recovery_time(h, compliance, relaxation, added_mass):  # type: ignore[no-untyped-def]
     """Time [s] over which a corner that touches is to be back where it belongs, in a step of length h.
 
     A spring at the step's end damps by k h. That is taken off its damper, as far as it goes, and smoothly: of a damper
@@ -220,7 +221,7 @@ def settling(h, compliance, relaxation, added_mass):  # type: ignore[no-untyped-
     return math.sqrt(h * h + relaxation * relaxation) + added_mass * compliance / h
 
 
-@jit
+@fused_kernel
 def kept_speed(h, compliance, relaxation, added_mass):  # type: ignore[no-untyped-def]
     """Shares of a touching corner's speed, along the normal and across, that its added mass keeps through a step.
 
@@ -229,10 +230,10 @@ def kept_speed(h, compliance, relaxation, added_mass):  # type: ignore[no-untype
     inert = added_mass * compliance
     if inert == 0.0:
         return 0.0, 0.0
-    return inert / (h * settling(h, compliance, relaxation, added_mass)), inert / (inert + h * relaxation)
+    return inert / (h * recovery_time(h, compliance, relaxation, added_mass)), inert / (inert + h * relaxation)
 
 
-@jit
+@fused_kernel
 def _assemble(  # type: ignore[no-untyped-def]
     state, height, tau, mu, restitution, compliance, relaxation, cohesion, lawful, law, warm, cold, bounces,
     L, u, u_before, xi, xi_before, h, chosen, G, A, V, over_m,
@@ -264,7 +265,7 @@ def _assemble(  # type: ignore[no-untyped-def]
             if before < -BOUNCE_SPEED and (bounces or before > -IMPACT_SPEED):
                 target = min(target, free + restitution * before)
         elif target < 0.0 or height[c] < 0.0:
-            target = height[c] / settling(h, compliance, relaxation, added) + free
+            target = height[c] / recovery_time(h, compliance, relaxation, added) + free
             if keeps > 0.0:
                 kept, lasts = u_before[0], keeps_across
                 for x in range(nx):
@@ -298,7 +299,7 @@ def _assemble(  # type: ignore[no-untyped-def]
             A[i, j] += over_m
         for j in range(i):
             A[j, i] = A[i, j]
-    soft = compliance / (h * settling(h, compliance, relaxation, added))
+    soft = compliance / (h * recovery_time(h, compliance, relaxation, added))
     for i in range(0, 3 * n, 3):
         A[i, i] += soft
         A[i + 1, i + 1] += TANGENTIAL * soft
@@ -306,7 +307,7 @@ def _assemble(  # type: ignore[no-untyped-def]
     return n
 
 
-@jit
+@fused_kernel
 def resolve_contact(  # type: ignore[no-untyped-def]
     mu, restitution, compliance, relaxation, cohesion, lawful, law,
     L, over_m, u, u_before, xi, xi_before, h, tolerance, cold, strike, bounces,
@@ -317,7 +318,7 @@ def resolve_contact(  # type: ignore[no-untyped-def]
     height (n_c,): over the ground as it is below each corner. strike: the step has no length, nor a part in `warm`.
     bounces: restitution acts at any speed of approach, not only below `IMPACT_SPEED`.
 
-    Returns (candidates, 0 if none is hit; touched, status, residual); the candidates' impulses are V[LAM].
+    Returns (candidates, 0 if none is hit; touched, status, kkt_error); the candidates' impulses are V[LAM].
     """
     nx, afresh = xi.shape[0], cold or strike
     for c in range(state.shape[0]):
@@ -338,9 +339,9 @@ def resolve_contact(  # type: ignore[no-untyped-def]
             for c in range(state.shape[0]):
                 lifts = lifts or (state[c] == 2 and height[c] < law.lifting)
         if lifts:
-            status, residual, _ = qp_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
+            status, kkt_error, _ = qp_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
         else:
-            status, residual = _solve(A, V, index, n, directions, tolerance, lcp_work, lcp_index)
+            status, kkt_error = _solve(A, V, index, n, directions, tolerance, lcp_work, lcp_index)
         touched, f0, f1, f2 = False, 0.0, 0.0, 0.0
         for r in range(0, 3 * n, 3):
             f0, f1, f2 = f0 + V[LAM, r], f1 + V[LAM, r + 1], f2 + V[LAM, r + 2]
@@ -365,4 +366,4 @@ def resolve_contact(  # type: ignore[no-untyped-def]
     u[0], u[1], u[2] = u[0] + over_m * f0, u[1] + over_m * f1, u[2] + over_m * f2
     for x in range(nx):
         xi[x] += y[x]
-    return n, touched, status, residual
+    return n, touched, status, kkt_error

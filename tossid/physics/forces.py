@@ -20,18 +20,31 @@ friction. All but an impact's resistance to spin, which follows it, is known bef
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.kernels import kernel
+
 Array = NDArray[np.float64]
 
-_jit = numba.njit(cache=True, error_model="numpy", nogil=True)
 
-NONE, DRAG, SPIN, MAGNUS, SPRING, VORTEX, TURNING = range(7)
-"""`Forces.powered`."""
+class Growing(IntEnum):
+    """The force that grows with a further power of its state: a value of `Forces.powered`."""
+
+    NONE = 0
+    DRAG = 1
+    SPIN = 2
+    MAGNUS = 3
+    SPRING = 4
+    VORTEX = 5
+    TURNING = 6
+
+
+NONE, DRAG, SPIN, MAGNUS, SPRING, VORTEX, TURNING = map(int, Growing)
+"""The same, as kernels compare them."""
 LEAST = 1e-6
 """Of a state, whose power would be infinite at 0."""
 ADHESION_REACH = 5e-4
@@ -123,7 +136,7 @@ def law_of(numbers: Array) -> Law:
     return Law(*map(float, numbers))
 
 
-@_jit
+@kernel
 def damped(inertia, c):  # type: ignore[no-untyped-def]
     """(I + c 1)^-1 (3, 3), by cofactors."""
     A = inertia + c * np.eye(3)
@@ -135,7 +148,7 @@ def damped(inertia, c):  # type: ignore[no-untyped-def]
     return out / (A[0, 0] * out[0, 0] + A[0, 1] * out[1, 0] + A[0, 2] * out[2, 0])
 
 
-@_jit
+@kernel
 def grown(forces, which, x0, x1, x2):  # type: ignore[no-untyped-def]
     """By what a force is multiplied whose state is the vector x, if it is the one that grows with another power."""
     if forces.powered != which:
@@ -143,7 +156,7 @@ def grown(forces, which, x0, x1, x2):  # type: ignore[no-untyped-def]
     return max(math.sqrt(x0 * x0 + x1 * x1 + x2 * x2), LEAST) ** forces.power
 
 
-@_jit
+@kernel
 def push(forces, gravity, over_m, h, R, com, p0, p1, p2, v_0, v_1, v_2, w0, w1, w2, y0, y1, y2):  # type: ignore[no-untyped-def]
     """What the forces add to the velocity of the centre of mass over a step [m/s, world], beside gravity's h g.
 
@@ -191,7 +204,7 @@ def push(forces, gravity, over_m, h, R, com, p0, p1, p2, v_0, v_1, v_2, w0, w1, 
     return 2.0 * (s0 - e0) - h * gravity[0], 2.0 * (s1 - e1) - h * gravity[1], 2.0 * (s2 - e2) - h * gravity[2]
 
 
-@_jit
+@kernel
 def hold(law, inverse, over_m, h, R, com, arm, p2, warm, cold, x0, x1, x2, y0, y1, y2):  # type: ignore[no-untyped-def]
     """Free velocities x (origin, world) and y (spin, body) after adhesion's pull and the resistance to spin.
 
@@ -224,7 +237,7 @@ def hold(law, inverse, over_m, h, R, com, arm, p2, warm, cold, x0, x1, x2, y0, y
     return x0, x1, x2, y[0], y[1], y[2]
 
 
-@_jit
+@kernel
 def resist_spin(law, load, inverse, R, y):  # type: ignore[no-untyped-def]
     """Take from the spin y (3,; body) what contact of a normal impulse `load` resists about the vertical and about the
     horizontal."""
@@ -236,7 +249,7 @@ def resist_spin(law, load, inverse, R, y):  # type: ignore[no-untyped-def]
         _resist(law.rolling * load, spin0 / size, spin1 / size, 0.0, inverse, R, y)
 
 
-@_jit
+@kernel
 def _resist(impulse, d0, d1, d2, inverse, R, y):  # type: ignore[no-untyped-def]
     """Take an angular impulse [N m s] against the spin about the world axis d from y, no more than stops it."""
     a0 = R[0, 0] * d0 + R[1, 0] * d1 + R[2, 0] * d2
@@ -252,7 +265,7 @@ def _resist(impulse, d0, d1, d2, inverse, R, y):  # type: ignore[no-untyped-def]
     y[2] -= s * g2
 
 
-@_jit
+@kernel
 def friction_of(law, mu, before_x, before_y, free_x, free_y):  # type: ignore[no-untyped-def]
     """A corner's friction coefficient in this step, of its slips [m/s] at the start and without contact forces."""
     if law.static_rel != 1.0:

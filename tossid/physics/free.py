@@ -1,4 +1,4 @@
-"""Free motion: dv/dt without contact of any tree, with the learned residual.
+"""Free motion: dv/dt without contact of any tree, with the learned acceleration.
 
 Plain and general: M and bias from the bodies' Jacobians. The time stepper's kernels (`articulated`, `body`)
 are others, and tests hold them to this.
@@ -6,17 +6,15 @@ are others, and tests hold them to this.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from tossid.kernels import kernel
 from tossid.physics.tree import bias_force, cholesky, cholesky_solve, kinematics, mass_matrix
 
-njit = numba.njit(cache=True, error_model="numpy")
 
-
-@njit
+@kernel
 def features(system, q, v, work):  # type: ignore[no-untyped-def]
-    """The residual's features into work.feature: what the base sees, in its own frame.
+    """The learned acceleration's features into work.feature: what the base sees, in its own frame.
 
     (vertical R^T e_z, |v| R^T v [m²/s²], spin [rad/s] / 10, then sin, cos and rate / 10 of each joint). Velocity
     enters as its square: drag at a toss's speeds grows so, and what flight taught must not push what slides slowly.
@@ -34,10 +32,10 @@ def features(system, q, v, work):  # type: ignore[no-untyped-def]
         f[8 + 3 * b] = 0.1 * v[5 + b]
 
 
-@njit
-def residual_acceleration(system, q, v, work, out):  # type: ignore[no-untyped-def]
+@kernel
+def learned_acceleration(system, q, v, work, out):  # type: ignore[no-untyped-def]
     """a_res(q, v) added to out (nv,). After `kinematics`."""
-    net = system.residual
+    net = system.k_res
     if net.linear.shape[0] == 0:
         return
     features(system, q, v, work)
@@ -69,7 +67,7 @@ def residual_acceleration(system, q, v, work, out):  # type: ignore[no-untyped-d
         out[i] += local[i]
 
 
-@njit
+@kernel
 def free_acceleration(system, q, v, work, out):  # type: ignore[no-untyped-def]
     """dv/dt without contact, M^-1 k + a_res, into out (nv,); leaves poses, M, its factor and bias in `work`.
 
@@ -84,5 +82,5 @@ def free_acceleration(system, q, v, work, out):  # type: ignore[no-untyped-def]
     for i in range(nv):
         out[i] = -work.bias[i]
     cholesky_solve(work.L, out, nv)
-    residual_acceleration(system, q, v, work, out)
+    learned_acceleration(system, q, v, work, out)
     return True

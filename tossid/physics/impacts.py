@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 
+from tossid.kernels import fused_kernel
 from tossid.physics.articulated import (
     ACCEL,
     ALPHA,
     SPIN,
     X,
     common_velocity,
-    jit,
     swing,
 )
 from tossid.physics.contact import IMPACT_SPEED, MOST_STRIKES, TOUCHING
 
 
-@jit
+@fused_kernel
 def first_impact(  # type: ignore[no-untyped-def]
     P, E, R, corner_body, place, tau, state, height, sunk, gravity, a0, a1, a2, rate, u_before, before,
     rigid, strikes, impact_parts, h, dt,
@@ -62,7 +62,7 @@ def first_impact(  # type: ignore[no-untyped-def]
     return parts, strike, length / parts
 
 
-@jit
+@fused_kernel
 def carry_over(warm, carried, length, loaded, rigid):  # type: ignore[no-untyped-def]
     """Scale the last step's impulses `warm` (n_c, 3) to a step of another length; returns the length they are of.
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.kernels import fused_kernel
 from tossid.objects import JointLaw, free_joints
 from tossid.physics.articulated import (
     FORCE,
@@ -21,7 +22,6 @@ from tossid.physics.articulated import (
     common_velocity,
     factor,
     inwards,
-    jit,
     make_articulated,
     outwards,
     own,
@@ -99,11 +99,11 @@ def make_links(system: System) -> Links:
     )
 
 
-@jit
+@fused_kernel
 def _accelerate(  # type: ignore[no-untyped-def]
     tree, gravity, jointed, joints, forced, forces, total, h, R, q, v, P, E, L, U, torque, slack, rate
 ):
-    """Free motion over a step of length h, before the residual's; after `outwards`.
+    """Free motion over a step of length h, before the learned one; after `outwards`.
 
     rate (n_x,) becomes that of spin and joint rates. Returns whether M is positive, and the origin's acceleration
     against gravity's (base axes).
@@ -120,7 +120,7 @@ def _accelerate(  # type: ignore[no-untyped-def]
     return good, a0 + over_m * P[0, FORCE], a1 + over_m * P[0, FORCE + 1], a2 + over_m * P[0, FORCE + 2]
 
 
-@jit
+@fused_kernel
 def simulate_links(  # type: ignore[no-untyped-def]
     tree, corner_body, corner_pos, mu, restitution, compliance, relaxation, cohesion, gravity,
     jointed, joints, forced, forces, lawful, law, linear, W0, b0, W1, b1, W2,
@@ -223,7 +223,7 @@ def simulate_links(  # type: ignore[no-untyped-def]
                     )
                 if again:
                     xi += less
-                n, touched, status, residual = 0, False, 0, 0.0
+                n, touched, status, kkt_error = 0, False, 0, 0.0
                 for c in range(nc):
                     z = above_ground(raw[c], c, sunk, rigid, h)
                     if strike and z < TOUCHING:
@@ -231,11 +231,11 @@ def simulate_links(  # type: ignore[no-untyped-def]
                     elif rigid and z < 0.0:
                         z *= h / max(h, dt / substeps)  # comes out within a whole step
                     elif z < TOUCHING and not whole:
-                        z = min(z, RECOVERY_SPEED * h)  # is on the ground, and settles there
+                        z = min(z, RECOVERY_SPEED * h)  # is on the ground, and recovers there
                     height[c] = z
                 bounces = strike or whole
                 if low:
-                    n, touched, status, residual = resolve_contact(
+                    n, touched, status, kkt_error = resolve_contact(
                         mu, restitution, compliance, relaxation, cohesion, lawful, law,
                         L, over_m, u, u_before, xi, before, h, tolerance, cold, strike, bounces,
                         height, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
@@ -292,7 +292,7 @@ def simulate_links(  # type: ignore[no-untyped-def]
                     break
                 if status != 0:
                     unsolved[toss] += 1
-                worst[toss] = max(worst[toss], residual)
+                worst[toss] = max(worst[toss], kkt_error)
                 q[:] = moved
                 v[:] = vf
                 left -= 1

@@ -1,15 +1,15 @@
-"""The learned residual of a system, in a kernel."""
+"""The learned acceleration of a system, in a kernel."""
 
 from __future__ import annotations
 
 import math
 
-import numba
+from tossid.kernels import kernel
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def network(linear, W0, b0, W1, b1, W2, f, h0, h1, out):  # type: ignore[no-untyped-def]
-    """out (nv,) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1); see `system.Residual`."""
+    """out (nv,) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1); see `system.LearnedAcceleration`."""
     nf, h = f.shape[0], b0.shape[0]
     for i in range(h):
         s = b0[i]

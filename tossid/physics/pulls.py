@@ -20,6 +20,7 @@ import math
 
 import numpy as np
 
+from tossid.kernels import fused_kernel
 from tossid.physics.articulated import (
     ANCHOR,
     AXIS,
@@ -31,7 +32,6 @@ from tossid.physics.articulated import (
     back,
     contact_row,
     cross,
-    jit,
     spin_row,
     turned,
 )
@@ -43,7 +43,7 @@ SWEEPS = 8
 """Over the joints that rub, if there are several: each changes the others' rates."""
 
 
-@jit
+@fused_kernel
 def pull(forces, gravity, parent, joint_type, mass, com, total, h, R, q, v, P, E, U):  # type: ignore[no-untyped-def]
     """Put the forces of the state on the bodies: into their bias and, for spin's drag, inertia. After `own`.
 
@@ -94,7 +94,7 @@ def pull(forces, gravity, parent, joint_type, mass, com, total, h, R, q, v, P, E
             P[b, INERTIA + i] += 0.5 * h * s
 
 
-@jit
+@fused_kernel
 def drive(joints, h, q, v, torque, slack):  # type: ignore[no-untyped-def]
     """Torque of each joint and what it adds to S's diagonal, (n_b,) each, as the module says."""
     for b in range(1, torque.shape[0]):
@@ -103,7 +103,7 @@ def drive(joints, h, q, v, torque, slack):  # type: ignore[no-untyped-def]
         slack[b] = joints.armature[b] + 0.5 * h * c + 0.25 * h * h * k
 
 
-@jit
+@fused_kernel
 def answer(L, y, n):  # type: ignore[no-untyped-def]
     """y (n,) <- S^-1 y, with L as `factor` leaves it."""
     for i in range(n):
@@ -114,7 +114,7 @@ def answer(L, y, n):  # type: ignore[no-untyped-def]
     back(L, y, n)
 
 
-@jit
+@fused_kernel
 def rub(friction, h, L, y, taken, xi):  # type: ignore[no-untyped-def]
     """Take the joints' Coulomb friction from their rates in xi. y (n_x,), taken (n_b,): scratch."""
     nb, nx = friction.shape[0], xi.shape[0]
@@ -133,7 +133,7 @@ def rub(friction, h, L, y, taken, xi):  # type: ignore[no-untyped-def]
             taken[b] = impulse
 
 
-@jit
+@fused_kernel
 def resist(impulse, L, row, y, xi):  # type: ignore[no-untyped-def]
     """Take an angular impulse [N m s] against the spin row . xi, no more than stops it. y: scratch."""
     nx, spin, size = xi.shape[0], 0.0, 0.0
@@ -148,7 +148,7 @@ def resist(impulse, L, row, y, xi):  # type: ignore[no-untyped-def]
         xi[x] -= s * y[x]
 
 
-@jit
+@fused_kernel
 def hold_bodies(  # type: ignore[no-untyped-def]
     law, parent, joint_type, corner_body, place, height, over_m, h, R, P, L, warm, cold, row, y, u, xi
 ):
@@ -174,7 +174,7 @@ def hold_bodies(  # type: ignore[no-untyped-def]
         resist_spins(law, parent, joint_type, corner_body, R, P, L, warm, row, y, xi)
 
 
-@jit
+@fused_kernel
 def resist_spins(law, parent, joint_type, corner_body, R, P, L, carried, row, y, xi):  # type: ignore[no-untyped-def]
     """Take from xi (n_x,) what contact resists of each body's spin, of its corners' normal impulses carried[:, 0]."""
     nx, nc = xi.shape[0], corner_body.shape[0]

@@ -63,7 +63,7 @@ from tossid.physics.system import System
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-7
-"""Residual [m/s] below which a step's contact problem counts as solved."""
+"""KKT error [m/s] below which a step's contact problem counts as solved."""
 
 
 class Simulation(NamedTuple):
@@ -72,7 +72,7 @@ class Simulation(NamedTuple):
     q (B, T + 1, nq), v (B, T + 1, nv); frames past a toss's own number of steps
     hold its last state. lam_n (B, T, n_c): normal impulse of each corner over the
     frame [N s]. unsolved (B,): steps whose contact problem missed the tolerance.
-    residual (B,): the largest residual met [m/s]. finite (B,): False where a state
+    kkt_error (B,): the largest KKT error met [m/s]. finite (B,): False where a state
     became NaN or infinite, or M lost its definiteness: the toss stays at its last finite state.
     """
 
@@ -80,7 +80,7 @@ class Simulation(NamedTuple):
     v: Array
     lam_n: Array
     unsolved: NDArray[np.int64]
-    residual: Array
+    kkt_error: Array
     finite: NDArray[np.bool_]
 
 
@@ -108,7 +108,7 @@ def simulate(
             than 0.1 m/s ends there or, where contact gives way, is cut in so many.
         n_directions: 0 for the exact friction cone; k >= 4 (even) for the polyhedral
             cone of k directions, solved as an LCP by Lemke's algorithm.
-        tolerance: on the contact problem's residual [m/s].
+        tolerance: on the contact problem's KKT error [m/s].
         n_threads: tosses are split over this many threads.
 
     Raises:
@@ -132,7 +132,7 @@ def simulate(
         v=np.empty((count, T + 1, system.nv)),
         lam_n=np.zeros((count, T, system.n_corners)),
         unsolved=np.zeros(count, dtype=np.int64),
-        residual=np.zeros(count),
+        kkt_error=np.zeros(count),
         finite=np.ones(count, dtype=bool),
     )
 
@@ -143,12 +143,12 @@ def simulate(
     def part(first: int, last: int) -> None:
         if body is not None:
             simulate_body(
-                *body, *system.residual, q0, v0, steps, float(dt), substeps, impact_parts, tolerance, first, last,
+                *body, *system.k_res, q0, v0, steps, float(dt), substeps, impact_parts, tolerance, first, last,
                 *out, *cone_work(system.n_corners),
             )  # fmt: skip
             return
         simulate_links(
-            *make_links(system), *system.residual, q0, v0, steps, float(dt), substeps, impact_parts, tolerance,
+            *make_links(system), *system.k_res, q0, v0, steps, float(dt), substeps, impact_parts, tolerance,
             first, last, *out, *make_scratch(system, n_directions),
         )  # fmt: skip
 

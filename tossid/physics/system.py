@@ -13,14 +13,14 @@ from tossid.objects import GRAVITY, JointLaw, ObjectModel
 Array = NDArray[np.float64]
 
 
-class Residual(NamedTuple):
-    """A learned residual acceleration a_res(q, v) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1).
+class LearnedAcceleration(NamedTuple):
+    """A learned acceleration a_res(q, v) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1).
 
     f are the features of `free.features`, in the base's frame, where the world's
     symmetries (translation, turning about the vertical) are exact; the output is
     an acceleration in the same frame. Velocity enters f as |v| R^T v, so that a
     linear drag matrix is quadratic drag. The force is k_res = M a_res. Empty arrays
-    (zero rows of `linear`) mean no residual.
+    (zero rows of `linear`) mean none.
 
     linear (nv, n_f), W0 (h, n_f), b0 (h,), W1 (h, h), b1 (h,), W2 (nv, h).
     """
@@ -61,7 +61,7 @@ class System(NamedTuple):
     mu: Array
     restitution: float
     gravity: Array
-    residual: Residual
+    k_res: LearnedAcceleration
     compliance: float = 0.0
     relaxation: float = 0.0
     cohesion: float = 0.0
@@ -83,14 +83,16 @@ class System(NamedTuple):
 
 
 def n_features(n_joints: int) -> int:
-    """Length of the residual's features: vertical (3), |v| v (3), spin (3), and sin, cos, rate of each joint."""
+    """Features of the learned acceleration: vertical (3), |v| v (3), spin (3), and sin, cos, rate of each joint."""
     return 9 + 3 * n_joints
 
 
-def no_residual(n_joints: int) -> Residual:
-    """A residual that is absent."""
+def no_learned_acceleration(n_joints: int) -> LearnedAcceleration:
+    """A learned acceleration that is absent."""
     nv, nf = 6 + n_joints, n_features(n_joints)
-    return Residual(np.zeros((0, nf)), np.zeros((0, nf)), np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros((nv, 0)))
+    return LearnedAcceleration(
+        np.zeros((0, nf)), np.zeros((0, nf)), np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros((nv, 0))
+    )
 
 
 def make_system(
@@ -98,14 +100,14 @@ def make_system(
     *,
     gravity: float | ArrayLike = GRAVITY,
     friction: float | ArrayLike | None = None,
-    residual: Residual | None = None,
+    k_res: LearnedAcceleration | None = None,
 ) -> System:
     """The nominal simulator of an object.
 
     Args:
         gravity: downward acceleration [m/s²], or a world vector (3,).
         friction: one coefficient, or one a corner (n_c,); the object's own if None.
-        residual: a learned residual acceleration.
+        k_res: a learned acceleration.
 
     Raises:
         ObjectError: the object has both restitution and a spring's compliance or relaxation.
@@ -133,7 +135,7 @@ def make_system(
         mu=np.broadcast_to(np.asarray(mu, dtype=float), (model.n_corners,)).copy(),
         restitution=float(model.restitution),
         gravity=g.copy() if g.ndim else np.array([0.0, 0.0, -float(g)]),
-        residual=residual or no_residual(model.n_joints),
+        k_res=k_res or no_learned_acceleration(model.n_joints),
         compliance=float(model.compliance),
         relaxation=float(model.relaxation),
         cohesion=float(model.cohesion),

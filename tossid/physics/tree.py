@@ -11,17 +11,15 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.kernels import fused_kernel, kernel
 from tossid.physics.system import System, n_features
 
 Array = NDArray[np.float64]
 
 HINGE = 1  # JointType.HINGE, as a constant that Numba can fold
-
-njit = numba.njit(cache=True, error_model="numpy")
 
 
 class Work(NamedTuple):
@@ -47,7 +45,7 @@ class Work(NamedTuple):
 def make_work(system: System) -> Work:
     """Scratch arrays for `system`."""
     nb, nv = len(system.parent), system.nv
-    h = max(len(system.residual.b0), 1)
+    h = max(len(system.k_res.b0), 1)
     z = np.zeros
     return Work(
         z((nb, 3)),
@@ -68,7 +66,7 @@ def make_work(system: System) -> Work:
     )
 
 
-@njit
+@fused_kernel
 def quat_to_mat(w, x, y, z, R):  # type: ignore[no-untyped-def]
     """Rotation matrix of a unit quaternion into R (3, 3)."""
     R[0, 0] = 1 - 2 * (y * y + z * z)
@@ -82,13 +80,13 @@ def quat_to_mat(w, x, y, z, R):  # type: ignore[no-untyped-def]
     R[2, 2] = 1 - 2 * (x * x + y * y)
 
 
-@njit
+@kernel
 def _matvec(R, x, out):  # type: ignore[no-untyped-def]
     for i in range(3):
         out[i] = R[i, 0] * x[0] + R[i, 1] * x[1] + R[i, 2] * x[2]
 
 
-@njit
+@kernel
 def _cross_add(a, b, scale, out):  # type: ignore[no-untyped-def]
     """out += scale * a x b"""
     out[0] += scale * (a[1] * b[2] - a[2] * b[1])
@@ -96,7 +94,7 @@ def _cross_add(a, b, scale, out):  # type: ignore[no-untyped-def]
     out[2] += scale * (a[0] * b[1] - a[1] * b[0])
 
 
-@njit
+@kernel
 def kinematics(system, q, work):  # type: ignore[no-untyped-def]
     """Poses of all bodies (work.xpos, work.xmat), joint axes and anchors, for q (nq,)."""
     nb = len(system.parent)
@@ -141,7 +139,7 @@ def kinematics(system, q, work):  # type: ignore[no-untyped-def]
                 work.anchor[b, i] += angle * work.axis[b, i]
 
 
-@njit
+@kernel
 def point_jacobian(system, work, body, point, J):  # type: ignore[no-untyped-def]
     """Jacobian (3, nv) of a world point fixed to `body`: its world velocity is J v. After `kinematics`."""
     J[:] = 0.0
@@ -172,7 +170,7 @@ def point_jacobian(system, work, body, point, J):  # type: ignore[no-untyped-def
         b = system.parent[b]
 
 
-@njit
+@kernel
 def mass_matrix(system, work):  # type: ignore[no-untyped-def]
     """M(q) (nv, nv) into work.M, and the Jacobians of centres of mass. After `kinematics`."""
     nb = len(system.parent)
@@ -224,7 +222,7 @@ def mass_matrix(system, work):  # type: ignore[no-untyped-def]
             work.M[j, i] = work.M[i, j]
 
 
-@njit
+@kernel
 def bias_force(system, q, v, work):  # type: ignore[no-untyped-def]
     """bias(q, v) (nv,) into work.bias: Coriolis, centrifugal, gyroscopic and gravity. After `mass_matrix`."""
     nb = len(system.parent)
@@ -302,7 +300,7 @@ def bias_force(system, q, v, work):  # type: ignore[no-untyped-def]
             work.bias[j] += s
 
 
-@njit
+@kernel
 def cholesky(A, L, n):  # type: ignore[no-untyped-def]
     """Lower factor of A (n, n) into L. False if A is not positive definite."""
     for i in range(n):
@@ -319,7 +317,7 @@ def cholesky(A, L, n):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit
+@kernel
 def cholesky_solve(L, x, n):  # type: ignore[no-untyped-def]
     """x (n,) <- (L L^T)^-1 x, in place."""
     for i in range(n):
@@ -334,7 +332,7 @@ def cholesky_solve(L, x, n):  # type: ignore[no-untyped-def]
         x[i] = s / L[i, i]
 
 
-@njit
+@fused_kernel
 def integrate_configuration(q, v, dt, out):  # type: ignore[no-untyped-def]
     """out (nq,) = q moved along v (nv,) for dt [s]: quaternion times exp(omega dt), body frame."""
     for i in range(3):

@@ -52,7 +52,15 @@ def model_of_text(
     """The object that `text_of_model` wrote.
 
     Args:
-        tags: rows of `tossid.store.schema.TAG_DTYPE`, or None.
+        text: MJCF that names no other files.
+        name: The object's name.
+        friction: Coulomb's coefficient of object and ground.
+        restitution: Newton's coefficient.
+        compliance: How far a corner sinks for each newton on it [m/N].
+        relaxation: Damping over stiffness of a corner [s].
+        cohesion: Friction of a loaded corner beyond `friction` times its load [N].
+        width: Reference length [m].
+        tags: Rows of `tossid.store.schema.TAG_DTYPE`, or None.
 
     Raises:
         ObjectError: MuJoCo cannot read the text, the text names other files, or a value cannot be.

@@ -45,12 +45,27 @@ MAX_ATTRIBUTE_TEXT = 32_000
 # shuffle, deflate, Fletcher's checksum: HDF5 would load a plugin (code) for others
 _FILTERS = frozenset({h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32})
 
+CONTACT_LAW = ("compliance", "relaxation", "cohesion")
+"""Attributes of an object that are absent where they are 0, as in files that are older than they."""
+HEADERS = 1 << 20
+"""Bytes of HDF5's headers, as they lie in the file, that stay in memory, where they take some ten times as much. HDF5's
+own limit is 32 MiB."""
+
 TAG_DTYPE = np.dtype([("id", "<i8"), ("body", "<i8"), ("size_m", "<f8"), ("T_body_tag", "<f8", (4, 4))])
 
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """One array of a toss. shape: names of its dimensions, "n", "nq" or "nv". optional: it may be absent."""
+    """One array of a toss.
+
+    Attributes:
+        name: Of the array, here and in `tossid.types.Toss`.
+        shape: Names of its dimensions: "n", "nq" or "nv".
+        dtype: Its type.
+        unit: Its unit.
+        meaning: What it is, and in which frame.
+        optional: Whether it may be absent.
+    """
 
     name: str
     shape: tuple[str, ...]
@@ -97,11 +112,14 @@ def refuse_strangers(path: Path, group: h5py.Group, known: set[str]) -> None:
 def check_stored(path: Path, data: h5py.Dataset, dtype: np.dtype[Any], shape: tuple[int | None, ...]) -> None:
     """Raise `FileError` unless a data set has the type and shape, and its bytes are in the file.
 
-    Checked before anything is read: a damaged or hostile file may declare
-    shapes that fill the memory, or filters and links that load other files.
+    Checked before anything is read: a damaged or hostile file may declare shapes that fill the memory, or filters and
+    links that load other files.
 
     Args:
-        shape: expected; None where any length will do.
+        path: The file, for the error.
+        data: The data set.
+        dtype: Its expected type.
+        shape: Its expected shape; None where any length will do.
     """
     where = data.name
     if data.dtype != dtype:
@@ -145,3 +163,13 @@ def attribute(path: Path, holder: h5py.Group, name: str, kind: type) -> Any:
 def plain(value: Any) -> Any:
     """NumPy scalars as Python's own; everything else as it is."""
     return value.item() if isinstance(value, np.generic) else value
+
+
+def frugal(file: h5py.File) -> h5py.File:
+    """The file, with a cache of headers that does not grow beyond `HEADERS`."""
+    config = file.id.get_mdc_config()
+    config.set_initial_size = True
+    config.initial_size = config.min_size = config.max_size = HEADERS
+    config.incr_mode = config.flash_incr_mode = config.decr_mode = 0  # it stays as it is
+    file.id.set_mdc_config(config)
+    return file

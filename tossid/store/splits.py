@@ -27,7 +27,12 @@ def drawn_splits(names: Sequence[str], *, fractions: Sequence[float] = (0.5, 0.3
     more no split of a positive fraction is empty.
 
     Args:
-        fractions: of train, validation and test; not negative, with sum 1.
+        names: The tosses' names, no two alike.
+        fractions: Of train, validation and test; not negative, with sum 1.
+        seed: Of the draw.
+
+    Raises:
+        InputError: The fractions or the names will not do.
     """
     share = np.asarray(fractions, dtype=float)
     if share.shape != (3,) or not np.isfinite(share).all() or (share < 0).any() or abs(share.sum() - 1) > 1e-6:

@@ -1,22 +1,24 @@
 """The fit loop: stage by stage, each stopped early on validation tosses.
 
-1. "continuous": the residual acceleration, by the implicit loss on transitions that surely involve no contact.
-   Learned together with contact, impulses at rest would stand in for missing gravity.
-2. "contact": geometry, friction (and inertia), by the implicit loss on all transitions.
-   (The unstructured `e2e` has one stage instead, "one-step".)
-3. "rollout-N": friction (and contact law and inertia), by open-loop prediction until N frames after first contact,
-   N growing: short predictions are smooth in the parameters from far away, long ones decide the last digits.
-   Of objects with joints, over stretches of N frames from everywhere in a toss.
+The model names its stages (`models.protocol.StagePlan`); for ContactNets these are
 
-The loop yields records and knows no tracker. Its state is plain tensors and
-numbers, so that an interrupted fit goes on exactly where it was.
+1. "continuous": the learned acceleration, by the implicit loss on transitions that surely involve no contact. Learned
+   together with contact, impulses at rest would stand in for missing gravity.
+2. "contact": geometry, friction (and inertia), by the implicit loss on all transitions.
+3. "rollout-N": friction (and contact law and inertia), by open-loop prediction until N frames after first contact,
+   N growing: short predictions are smooth in the parameters from far away, long ones decide the last digits. Of objects
+   with joints, over stretches of N frames from everywhere in a toss.
+
+The loop yields records and knows no tracker. Its state is plain tensors and numbers, so that an interrupted fit goes on
+exactly where it was.
 """
 
 from __future__ import annotations
 
 import copy
+import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -24,68 +26,28 @@ from typing import Any
 import numpy as np
 
 from tossid.errors import DivergedError
-from tossid.models.protocol import DynamicsModel
+from tossid.models.protocol import DynamicsModel, Objective, StagePlan
 from tossid.models.shots import Shots, first_states, flight_starts, make_shots, make_stretches
-from tossid.models.transitions import make_transitions
+from tossid.models.trained import EpochRecord
+from tossid.models.transitions import Transitions, make_transitions
 from tossid.motion import FlightState
 from tossid.objects import ObjectModel
-from tossid.training.stages import LossStage, RolloutStage, Stage
+from tossid.settings.training import TrainSettings
+from tossid.training.losses import LossStage, Stage
+from tossid.training.rollouts import RolloutStage
 from tossid.types import Toss
-
-ROLLOUT_EPOCHS = 15
-"""At most this many Gauss-Newton steps a rollout stage."""
-
-
-@dataclass(frozen=True)
-class FitSettings:
-    """How long and how carefully to fit.
-
-    Attributes:
-        epochs: at most this many epochs a stage of the implicit loss.
-        patience: stop a stage after this many epochs without a better validation loss.
-        min_improvement: relative improvement that counts as better.
-        optimizer: of the implicit loss: "lbfgs" or "adam". learning_rate: Adam's.
-        horizons: frames after first contact of the rollout stages, one after another; none for the implicit loss alone.
-            Objects with joints: stretches (`shots.make_stretches`) of half the first, and then of the first.
-        n_threads: for rollouts.
-    """
-
-    epochs: int = 60
-    patience: int = 8
-    min_improvement: float = 1e-4
-    optimizer: str = "lbfgs"
-    learning_rate: float = 1e-3
-    horizons: tuple[int, ...] = (20, 90)
-    n_threads: int = 1
-
-
-@dataclass(frozen=True)
-class EpochRecord:
-    """One epoch: losses (implicit [m²/s²], rollout [half widths², rad²]) and the loss's parts on training data.
-
-    passes: how often the data were gone through. best: the validation loss was the stage's best so far.
-    """
-
-    stage: str
-    epoch: int
-    train_loss: float
-    validation_loss: float
-    parts: dict[str, float]
-    passes: int
-    seconds: float
-    best: bool
 
 
 @dataclass(frozen=True)
 class _Flights:
-    """What the flights said of the first states, for a model as it was."""
+    """First states that flights gave, for a model as it was."""
 
     model: ObjectModel
     gravity: float
     fitted: tuple[list[FlightState | None], ...]
 
     COM_REL, INERTIA_REL, GRAVITY_REL = 1e-3, 0.01, 1e-3
-    """Changes (in widths, and relative) that first states do not feel."""
+    """Changes (in widths, and relative) on which first states do not depend."""
 
     def outdated(self, model: ObjectModel, gravity: float) -> bool:
         return bool(
@@ -96,11 +58,13 @@ class _Flights:
 
 
 class Fit:
-    """A fit under way.
+    """A fit in progress.
 
     Args:
-        model: fitted in place; holds the best parameters when `epochs` is exhausted.
-        train, validation: different tosses of the model's object, as recorded.
+        model: Fitted in place; holds the best parameters when `epochs` is exhausted.
+        train: Tosses to learn from, as recorded.
+        validation: Other tosses, which end the stages.
+        settings: How long and how carefully.
     """
 
     def __init__(
@@ -108,17 +72,18 @@ class Fit:
         model: DynamicsModel,
         train: Sequence[Toss],
         validation: Sequence[Toss],
-        settings: FitSettings | None = None,
+        settings: TrainSettings | None = None,
     ) -> None:
         self.model = model
-        self.settings = settings or FitSettings()
+        self.settings = settings or TrainSettings()
+        self.train_tosses = tuple(train)
         true = model.measurement.true_toss
         self._tosses = (tuple(true(toss) for toss in train), tuple(true(toss) for toss in validation))
-        self._transitions = tuple(make_transitions(model.object, tosses) for tosses in self._tosses)
-        horizons = self.settings.horizons
-        if model.object.n_joints and horizons:  # a few impacts on, links are anywhere
-            horizons = (max(1, horizons[0] // 2), horizons[0])
-        self.stages = model.stages(horizons)
+        self._transitions = tuple(
+            make_transitions(model.object, tosses, self.settings.transitions) for tosses in self._tosses
+        )
+        self._n_threads = self.settings.threads or os.cpu_count() or 1
+        self.stages = model.stages()
         self.stage = 0
         self.epoch = 0
         self.stale = 0
@@ -127,32 +92,33 @@ class Fit:
         self._current: Stage | None = None
         self._flights: _Flights | None = None
 
-    def _make(self, stage: str) -> Stage:
-        """A stage, when its turn comes: what it starts from is the model as it is then."""
-        settings, parameters = self.settings, self.model.stage_parameters(stage)
-        if stage.startswith("rollout-"):
-            make = partial(self._shots, int(stage.removeprefix("rollout-")))
-            return RolloutStage(
-                stage, self.model, parameters, make, epochs=ROLLOUT_EPOCHS, n_threads=settings.n_threads
-            )
-        train, validation = self._transitions
-        if stage == "continuous":
-            train, validation = train.in_flight(), validation.in_flight()
-        return LossStage(
-            stage,
-            self.model,
-            parameters,
-            train,
-            validation,
-            epochs=settings.epochs,
-            optimizer="adam" if stage == "one-step" else settings.optimizer,
-            learning_rate=settings.learning_rate,
-        )
+    @property
+    def most_epochs(self) -> int:
+        """How many epochs there can be."""
+        most = {Objective.ROLLOUT: self.settings.rollouts.epochs}
+        return sum(most.get(plan.objective, self.settings.epochs) for plan in self.stages)
+
+    def _make(self, plan: StagePlan) -> Stage:
+        """A stage, when its turn comes: it starts from the model as it is then."""
+        make: dict[Objective, Callable[[StagePlan], Stage]] = {
+            Objective.FLIGHT_LOSS: partial(self._loss_stage, choose=Transitions.in_flight),
+            Objective.LOSS: self._loss_stage,
+            Objective.ROLLOUT: self._rollout_stage,
+        }
+        return make[plan.objective](plan)
+
+    def _loss_stage(self, plan: StagePlan, choose: Callable[[Transitions], Transitions] = lambda t: t) -> LossStage:
+        train, validation = (choose(transitions) for transitions in self._transitions)
+        return LossStage(plan, self.model, train, validation, self.settings)
+
+    def _rollout_stage(self, plan: StagePlan) -> RolloutStage:
+        make = partial(self._shots, plan.horizon)
+        return RolloutStage(plan, self.model, make, self.settings.rollouts, n_threads=self._n_threads)
 
     def longest_rollout(self) -> RolloutStage | None:
-        """The last rollout stage, at the model's present parameters; None for a model that has none."""
-        stage = self._make(self.stages[-1])
-        return stage if isinstance(stage, RolloutStage) else None
+        """The last stage at the model's present parameters, if it is one of rollouts; None otherwise."""
+        last = self.stages[-1]
+        return self._rollout_stage(last) if last.objective is Objective.ROLLOUT else None
 
     def _shots(self, horizon: int) -> tuple[Shots, Shots]:
         learned, gravity = self.model.learned_object(), self.model.flight_gravity(self._transitions[0])
@@ -163,7 +129,10 @@ class Fit:
             )
             return train, validation
         if self._flights is None or self._flights.outdated(learned, gravity):
-            fitted = tuple(flight_starts(learned, tosses, gravity=gravity) for tosses in self._tosses)
+            frames = self.settings.rollouts.min_flight_frames
+            fitted = tuple(
+                flight_starts(learned, tosses, gravity=gravity, min_frames=frames) for tosses in self._tosses
+            )
             self._flights = _Flights(learned, gravity, fitted)
         train, validation = (
             make_shots(
@@ -178,7 +147,7 @@ class Fit:
         return train, validation
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything needed to go on: tensors, numbers and strings only."""
+        """Everything that is needed to go on: tensors, numbers and text only."""
         return {
             "stage": self.stage,
             "epoch": self.epoch,
@@ -190,7 +159,11 @@ class Fit:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state_dict()` of an equal fit."""
+        """Go on from `state_dict()` of an equal fit.
+
+        Args:
+            state: Tensors, numbers and text.
+        """
         self.stage, self.epoch, self.stale = state["stage"], state["epoch"], state["stale"]
         self.best_loss, self.best = state["best_loss"], state["best"]
         self.model.load_state_dict(state["model"])
@@ -202,8 +175,11 @@ class Fit:
     def epochs(self) -> Iterator[EpochRecord]:
         """Fit, one record an epoch.
 
+        Yields:
+            The record of each epoch.
+
         Raises:
-            DivergedError: the loss became NaN or infinite; the state before it is attached.
+            DivergedError: The loss became NaN or infinite; the state before it is attached.
         """
         while self.stage < len(self.stages):
             if self._current is None:
@@ -228,7 +204,7 @@ class Fit:
             raise DivergedError(
                 f"the loss became {now.train_loss} in stage '{stage.name}', epoch {self.epoch}", state=before
             )
-        better = now.validation_loss < self.best_loss * (1 - self.settings.min_improvement)
+        better = now.validation_loss < self.best_loss * (1 - self.settings.least_improvement)
         if better:
             self.best_loss, self.best, self.stale = now.validation_loss, copy.deepcopy(self.model.state_dict()), 0
         else:

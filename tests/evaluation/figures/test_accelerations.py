@@ -9,7 +9,7 @@ from tossid.evaluation.figures.accelerations import _mass_and_jacobian, accelera
 from tossid.models.implicit import LossWeights
 from tossid.motion import corner_velocities
 from tossid.objects import ObjectModel
-from tossid.physics import System, make_system, no_residual, simulate
+from tossid.physics import System, make_system, no_learned_acceleration, simulate
 from tossid.physics.tree import kinematics, make_work, mass_matrix
 from tossid.rotations import quat_normalize
 from tossid.types import Phase, Toss
@@ -17,14 +17,14 @@ from tossid.types import Phase, Toss
 
 def missing_half(model: ObjectModel) -> System:
     """Half of gravity is given, the other half is the residual's."""
-    zero = no_residual(model.n_joints)
+    zero = no_learned_acceleration(model.n_joints)
     nv, nf = 6 + model.n_joints, zero.linear.shape[1]
     linear = np.zeros((nv, nf))
     linear[:3, :3] = -4.905 * np.eye(3)  # along the vertical that the base sees
     net = zero._replace(
         linear=linear, W0=np.zeros((1, nf)), b0=np.zeros(1), W1=np.zeros((1, 1)), b1=np.zeros(1), W2=np.zeros((nv, 1))
     )
-    return make_system(model, gravity=4.905, residual=net)
+    return make_system(model, gravity=4.905, k_res=net)
 
 
 def own_toss(system: System, model: ObjectModel, *, frames: int) -> tuple[Toss, np.ndarray]:

@@ -1,4 +1,4 @@
-"""The common look: labels keep apart, colours are told apart, nothing global changes."""
+"""The common look: labels keep apart, colours can be distinguished, nothing global changes."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_names_of_equal_lines_do_not_touch() -> None:
 
 
 @pytest.mark.parametrize("sees", [np.eye(3), PROTAN, DEUTAN], ids=["all", "protanopia", "deuteranopia"])
-def test_models_are_told_apart(sees: np.ndarray) -> None:
+def test_models_can_be_distinguished(sees: np.ndarray) -> None:
     seen = {name: np.clip(sees @ np.array(to_rgb(LOOKS[name].color)) ** 2.2, 0, 1) ** (1 / 2.2) for name in MODELS}
     apart = {pair: float(np.linalg.norm(seen[pair[0]] - seen[pair[1]])) for pair in combinations(MODELS, 2)}
     by_color_alone = {pair for pair, distance in apart.items() if distance > 0.12}

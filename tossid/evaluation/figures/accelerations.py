@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from tossid.motion import com_velocities
 from tossid.objects import ObjectModel, corner_positions
-from tossid.physics import System, no_residual, tree_batch
+from tossid.physics import System, no_learned_acceleration, tree_batch
 from tossid.physics.free import free_acceleration
 from tossid.physics.solvers import solve_cone_qp
 from tossid.physics.tree import make_work
 from tossid.rotations import skew
+from tossid.settings.figures import FigureSettings
 from tossid.types import Phase, Toss
 
 if TYPE_CHECKING:
@@ -22,17 +23,18 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-NEAR = 2.0
-"""Gap scales (noise of the corners' heights) within which a corner counts as on the ground."""
-
 
 @dataclass(frozen=True)
 class Accelerations:
     """Vertical accelerations of the centre of mass over the n - 1 intervals of a toss, (n - 1,) [m/s²], up positive.
 
-    t: middles of the intervals [s], from the toss's start. given, residual,
-    contact: the model's parts. measured: difference of measured velocities over
-    the interval. separable: False in sustained contact, where residual and contact are one force to the data.
+    Attributes:
+        t: Middles of the intervals, from the toss's start [s].
+        given: The part of the given continuous dynamics, k_hat.
+        residual: The part of the learned acceleration, k_res.
+        contact: The part of the contact impulses.
+        measured: Difference of measured velocities over the interval.
+        separable: False in sustained contact, where the data determine only the sum of k_res and contact.
     """
 
     t: Array
@@ -44,7 +46,12 @@ class Accelerations:
 
 
 def accelerations_over_toss(
-    system: System, model: ObjectModel, toss: Toss, *, weights: LossWeights | None = None
+    system: System,
+    model: ObjectModel,
+    toss: Toss,
+    *,
+    weights: LossWeights | None = None,
+    settings: FigureSettings = FigureSettings(),
 ) -> Accelerations:
     """The parts of a model's explanation of every measured interval (q, v) -> (q', v').
 
@@ -54,25 +61,32 @@ def accelerations_over_toss(
         lam = argmin 1/2 |dv - dt a - M^-1 J^T lam|²_M + w_c sum lam_n gap / dt
                      + w_d sum (mu lam_n |s| + lam_t . s)        over the friction cones, with s = J_t v'
 
-    gap is phi' beyond `NEAR` gap scales and 0 below, in the ground too: a corner that noise lifts by a millimetre,
-    or that has sunk as it landed, bears its load. (The loss charges |phi'|; it asks whether, not how much.)
+    gap is phi' beyond `settings.ground_gap` gap scales and 0 below, in the ground too: a corner that noise lifts by a
+    millimetre, or that has sunk as it landed, bears its load. (The loss uses |phi'|, because it asks whether a corner
+    touches, not how much it bears.)
 
     Args:
-        system: the learned simulator. model: the object that it simulates.
-        weights: of the inner problem's terms; the loss's defaults if None.
+        system: The learned simulator.
+        model: The object that it simulates.
+        toss: The toss as measured.
+        weights: Weights of the inner problem's terms; the loss's defaults if None.
+        settings: From which height on a corner is above the ground.
+
+    Returns:
+        The accelerations.
     """
-    # loads torch, which figures of a diagnosis have no need of
+    # loads torch, which figures of a diagnosis do not need
     from tossid.models.implicit import LossWeights
 
     weights = weights or LossWeights()
     n, dt = len(toss) - 1, np.diff(toss.t)
     acceleration = _free(system, toss)
-    a_res = acceleration - _free(system._replace(residual=no_residual(model.n_joints)), toss)
+    a_res = acceleration - _free(system._replace(k_res=no_learned_acceleration(model.n_joints)), toss)
     M, J = _mass_and_jacobian(system, toss)
     miss = np.diff(toss.v, axis=0) - dt[:, None] * acceleration
 
     height = corner_positions(model, toss.q[1:])[..., 2]
-    gap = np.maximum(height - NEAR * weights.gap_scale, 0) / dt[:, None]
+    gap = np.maximum(height - settings.ground_gap * weights.gap_scale, 0) / dt[:, None]
     sliding = np.einsum("ncij,nj->nci", J[:, :, :2], toss.v[1:])
     speed = np.linalg.norm(sliding, axis=-1)
     cost_n = weights.complementarity * gap + weights.dissipation * system.mu * speed
@@ -84,14 +98,14 @@ def accelerations_over_toss(
 
     # J_com takes v to the velocity of the centre of mass, and accelerations of a given posture likewise
     share = model.mass / model.mass.sum()
-    told_apart = np.isin(toss.phase, (int(Phase.FLIGHT), int(Phase.IMPACT)))
+    separable = np.isin(toss.phase, (int(Phase.FLIGHT), int(Phase.IMPACT)))
     return Accelerations(
         t=toss.t[:-1] - toss.t[0] + 0.5 * dt,
         given=np.full(n, float(system.gravity[2])),
         residual=com_velocities(model, toss.q[:-1], a_res)[..., 2] @ share,
         contact=com_velocities(model, toss.q[:-1], pushed)[..., 2] @ share / dt,
         measured=np.diff(com_velocities(model, toss.q, toss.v)[..., 2] @ share) / dt,
-        separable=told_apart[1:] & told_apart[:-1],
+        separable=separable[1:] & separable[:-1],
     )
 
 

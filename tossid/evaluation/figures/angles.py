@@ -31,13 +31,18 @@ def geometry_at_angles(
     """The object at each joint angle: true edges, learned edges, and which corners ever touched the ground.
 
     Args:
-        truth, learned: the same object with different corners [m]; all joints take the same angle.
-        seen: (n_c,) corners that carried load in the tosses learned from: the others' places are not known.
-        angles: of the hinges [rad].
-        truth_name: what the first is ("true", "as published").
+        truth: The true object, or the stated one.
+        learned: The same object with learned corners.
+        seen: Corners (n_c,) that carried load in the training tosses; the places of the others are not known.
+        angles: Angles of the hinges [rad]; all joints take the same.
+        truth_name: What the first object is called ("true", "as published").
+        title: The figure's title.
+
+    Returns:
+        The figure.
 
     Raises:
-        InputError: other corners, or an object without joints.
+        InputError: The objects have different corners, or no joints.
     """
     if truth.corner_pos.shape != learned.corner_pos.shape or seen.shape != (truth.n_corners,) or not truth.n_joints:
         raise InputError("geometry at joint angles needs two objects with the same corners, and joints")

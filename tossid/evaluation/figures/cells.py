@@ -21,8 +21,13 @@ Cell = Mapping[str, Any]
 class Series:
     """One model's metric over a swept value.
 
-    x (n,): the swept values, increasing. mean, low, high (n,): means over seeds of
-    the metric and of the ends of its 95 % interval over tosses. points (m, 2): (x, metric) of the single seeds.
+    Attributes:
+        name: The model.
+        x: The swept values (n,), increasing.
+        mean: Means of the metric over seeds (n,).
+        low: Means over seeds of the lower end of its 95 % interval over tosses (n,).
+        high: The same of the upper end (n,).
+        points: Swept value and metric of the single seeds (m, 2).
     """
 
     name: str
@@ -34,7 +39,15 @@ class Series:
 
 
 def value_of(cell: Cell, key: str) -> tuple[float, float, float]:
-    """(mean, low, high) of a metric, which is {"mean", "ci95"} or a bare number; NaN where the cell lacks it."""
+    """A metric of a cell with its 95 % interval.
+
+    Args:
+        cell: The cell.
+        key: The metric; its value is {"mean", "ci95"} or a number.
+
+    Returns:
+        Mean, lower and upper end; NaN where the cell lacks the metric.
+    """
     value = cell.get(key)
     if value is None:
         return (float("nan"),) * 3
@@ -47,13 +60,32 @@ def value_of(cell: Cell, key: str) -> tuple[float, float, float]:
 
 
 def models_in(cells: Sequence[Cell], *, key: str = "model") -> list[str]:
-    """The models of a study: known ones in their usual order, others after them."""
+    """The models of a study: known ones in their usual order, others after them.
+
+    Args:
+        cells: The cells.
+        key: What a cell names its model by.
+
+    Returns:
+        The names.
+    """
     found = list(dict.fromkeys(str(cell[key]) for cell in cells))
     return [name for name in LOOKS if name in found] + [name for name in found if name not in LOOKS]
 
 
 def pool(cells: Sequence[Cell], *, model: str, swept: str, metric: str, by: str = "model") -> Series:
-    """The series of one model; cells whose metric is missing or not finite take no part."""
+    """The series of one model; cells whose metric is missing or not finite take no part.
+
+    Args:
+        cells: The cells of all models.
+        model: The model's name.
+        swept: Key of the swept value.
+        metric: Key of the metric.
+        by: What a cell names its model by.
+
+    Returns:
+        The series.
+    """
     rows = [(float(c[swept]), *value_of(c, metric)) for c in cells if str(c[by]) == model]
     table = np.array([row for row in rows if np.isfinite(row[1])]).reshape(-1, 4)
     x = np.unique(table[:, 0])
@@ -62,9 +94,16 @@ def pool(cells: Sequence[Cell], *, model: str, swept: str, metric: str, by: str 
 
 
 def draw_series(ax: Axes, series: Sequence[Series], *, dodge: float = 0.0, log2: bool = False) -> dict[str, Look]:
-    """Lines with interval bars; single seeds as dots where there are several. Names go on with `name_series`.
+    """Draw lines with interval bars, and single seeds as dots where there are several; `name_series` adds the names.
 
-    dodge: models are moved apart by this much of the x axis (a factor's logarithm to base 2 where log2).
+    Args:
+        ax: The axes.
+        series: A series for each model.
+        dodge: Distance along x by which models are moved apart; where `log2`, the logarithm to base 2 of a factor.
+        log2: Whether the x axis is logarithmic.
+
+    Returns:
+        The looks by model.
     """
     names = [one.name for one in series]
     looks = {name: look(name, others=names) for name in names}
@@ -105,7 +144,13 @@ def draw_series(ax: Axes, series: Sequence[Series], *, dodge: float = 0.0, log2:
 
 
 def name_series(ax: Axes, series: Sequence[Series], references: Mapping[str, float] | None = None) -> None:
-    """Each line's name at its right end, and those of the reference levels; the limits must be set."""
+    """Write each line's name at its right end, and those of the reference levels.
+
+    Args:
+        ax: The axes, with their limits set.
+        series: The series that were drawn.
+        references: Levels by name.
+    """
     looks = {one.name: look(one.name, others=[s.name for s in series]) for one in series}
     ends = [(one.x[-1], one.mean[-1], looks[one.name].label, looks[one.name].color) for one in series if len(one.x)]
     right = ax.get_xlim()[1]
@@ -113,7 +158,14 @@ def name_series(ax: Axes, series: Sequence[Series], references: Mapping[str, flo
 
 
 def limits_from_zero(ax: Axes, series: Sequence[Series], *, also: Sequence[float] = (), room: float = 0.08) -> None:
-    """The y axis from zero to the largest finite mean, interval end or given value."""
+    """Set the y axis from zero to the largest finite mean, interval end or given value.
+
+    Args:
+        ax: The axes.
+        series: The series that will be drawn.
+        also: Further values that must be inside.
+        room: Share of free room above.
+    """
     values = np.concatenate([np.asarray(also, dtype=float), *[np.r_[s.mean, s.high, s.points[:, 1]] for s in series]])
     values = values[np.isfinite(values)]
     top = values.max() if len(values) else 1.0
@@ -121,12 +173,27 @@ def limits_from_zero(ax: Axes, series: Sequence[Series], *, also: Sequence[float
 
 
 def nothing_here(ax: Axes) -> None:
-    """Say that no cell has the metric."""
+    """Write into the axes that no cell has the metric.
+
+    Args:
+        ax: The axes.
+    """
     ax.text(0.5, 0.5, "not recorded", transform=ax.transAxes, ha="center", va="center", style="italic")
 
 
 def chosen(cells: Sequence[Cell], *, from_flight: bool) -> list[Cell]:
-    """The cells; with from_flight, their metrics of rollouts that start from the state estimated over the flight."""
+    """The cells, with the metrics of one kind of rollout.
+
+    Args:
+        cells: The cells.
+        from_flight: Whether the metrics are those of rollouts from the state that is estimated over the flight.
+
+    Returns:
+        The cells.
+
+    Raises:
+        InputError: There are no cells, or some lack these metrics.
+    """
     if not cells:
         raise InputError("no cells to draw")
     if not from_flight:
@@ -138,7 +205,14 @@ def chosen(cells: Sequence[Cell], *, from_flight: bool) -> list[Cell]:
 
 
 def how_pooled(cells: Sequence[Cell]) -> str:
-    """What bars and dots mean, in a footnote's words."""
+    """The footnote that explains bars and dots.
+
+    Args:
+        cells: The cells.
+
+    Returns:
+        The text.
+    """
     seeds = len({cell.get("seed") for cell in cells})
     text = "Bars: 95 % intervals over held-out tosses"
     if seeds > 1:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,7 +30,8 @@ from tossid.evaluation.figures.style import (
 from tossid.evaluation.figures.wireframe import View, Wireframe, posed, view_from, wireframe
 from tossid.objects import ObjectModel, center_positions
 from tossid.rotations import geodesic_angle
-from tossid.types import Phase, Toss
+from tossid.settings.figures import FigureSettings
+from tossid.types import Phase, Rollout, Toss
 
 Array = NDArray[np.float64]
 
@@ -40,30 +41,34 @@ PHASE_COLORS = {
     Phase.ROLL: "#cfe6d4",
     Phase.REST: "#e3e5ea",
 }
-_POSES = 7
-_WIDEST = 1.8
-"""Height of a pose's window is at most this many times its width."""
-
-
-class Motion(Protocol):
-    """A predicted motion: q (n, nq) at the toss's frames. `Rollout` is one."""
-
-    @property
-    def q(self) -> Array: ...
 
 
 @styled
 def toss_comparison(
-    toss: Toss, rollouts: Mapping[str, Motion], model: ObjectModel, *, title: str | None = None
+    toss: Toss,
+    rollouts: Mapping[str, Rollout],
+    model: ObjectModel,
+    *,
+    title: str | None = None,
+    settings: FigureSettings = FigureSettings(),
 ) -> Figure:
-    """A film strip of the object, and its height, way, position and rotation error over time.
+    """A film strip of the object, and its height, horizontal distance, position and rotation error over time.
 
-    The film strip looks at the throw from the side, its window follows the
-    measured object, and poses are spaced equally in distance and angle moved.
+    The film strip looks at the throw from the side, its window follows the measured object, and its poses are spaced
+    equally in distance and angle moved.
 
     Args:
-        toss: as measured. rollouts: predictions by model name, at the toss's frames (q: (n, nq) [m, wxyz, rad]).
-        model: whose corners, centre and width are drawn (the nominal object).
+        toss: The toss as measured.
+        rollouts: Predictions by model name, at the toss's frames.
+        model: The nominal object, whose corners, centre and width are drawn.
+        title: The figure's title; the toss's name if None.
+        settings: How many poses the film strip has.
+
+    Returns:
+        The figure.
+
+    Raises:
+        InputError: A prediction has other frames than the toss.
     """
     for name, run in rollouts.items():
         if run.q.shape != toss.q.shape:
@@ -82,14 +87,14 @@ def toss_comparison(
         for n in rollouts
     )
     figure = new_figure(title or f"Toss {toss.name}", f"Mean errors over the toss: {words}", height=7.6)
-    frames = pose_frames(toss, model, _POSES)
-    strip = panel_grid(figure, 1, _POSES, left=0.15, right=0.15, top=1.3, bottom=4.62, between=0.06)[0]
+    frames = pose_frames(toss, model, settings.poses)
+    strip = panel_grid(figure, 1, settings.poses, left=0.15, right=0.15, top=1.3, bottom=4.62, between=0.06)[0]
     _film_strip(strip, toss, rollouts, model, frames, way)
 
     axes = panel_grid(figure, 2, 2, left=0.8, right=0.2, top=3.3, bottom=1.0, between=0.85, above=0.3)
     curves: list[tuple[Any, str, Array | None, dict[str, Array]]] = [
         (axes[0, 0], "height [m]", measured[:, 2], {n: c[:, 2] for n, c in centers.items()}),
-        (axes[0, 1], "way along throw [m]", _along(measured, measured, way),
+        (axes[0, 1], "distance along throw [m]", _along(measured, measured, way),
          {n: _along(c, measured, way) for n, c in centers.items()}),
         (axes[1, 0], "position error [mm]", None, {n: 1e3 * e for n, e in apart.items()}),
         (axes[1, 1], "rotation error [deg]", None, turned),
@@ -126,7 +131,16 @@ def toss_comparison(
 
 
 def pose_frames(toss: Toss, model: ObjectModel, count: int) -> NDArray[np.int64]:
-    """Frames (count,) equally spaced in what the object moved: way [half widths] plus angle [rad]."""
+    """Frames that are equally spaced in how far the object moved: distance [half widths] plus angle [rad].
+
+    Args:
+        toss: The toss.
+        model: The object.
+        count: How many frames.
+
+    Returns:
+        The frames (count,), increasing.
+    """
     way = np.linalg.norm(np.diff(center_positions(model, toss.q), axis=0), axis=1) / (0.5 * model.width)
     angle = geodesic_angle(toss.q[1:, 3:7], toss.q[:-1, 3:7])
     moved = np.concatenate([[0.0], np.cumsum(way + angle)])
@@ -135,7 +149,13 @@ def pose_frames(toss: Toss, model: ObjectModel, count: int) -> NDArray[np.int64]
 
 
 def shade_phases(ax: Axes, t: Array, phase: NDArray[np.uint8]) -> None:
-    """Shade the contact phases; a frame's phase reaches half way to its neighbours. t: (n,) [s]. phase: (n,)."""
+    """Shade the contact phases; a frame's phase reaches half way to its neighbours.
+
+    Args:
+        ax: The axes.
+        t: Times (n,) [s].
+        phase: Phases (n,).
+    """
     border = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])
     starts = np.flatnonzero(np.diff(phase.astype(int), prepend=-1))
     for a, b in zip(starts, [*starts[1:], len(t)], strict=True):
@@ -160,7 +180,7 @@ def _along(center: Array, measured: Array, way: Array) -> Array:
 def _film_strip(
     axes: NDArray[Any],
     toss: Toss,
-    rollouts: Mapping[str, Motion],
+    rollouts: Mapping[str, Rollout],
     model: ObjectModel,
     frames: NDArray[np.int64],
     way: Array,

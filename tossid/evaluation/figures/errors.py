@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from tossid.errors import InputError
-from tossid.evaluation.figures.comparison import Motion
 from tossid.evaluation.figures.style import (
     MUTED,
     Look,
@@ -27,44 +26,40 @@ from tossid.evaluation.figures.style import (
     spread,
     styled,
 )
-from tossid.evaluation.metrics import summarize
+from tossid.evaluation.metrics import TossScores, summarize
 from tossid.motion import flight_frames
 from tossid.objects import ObjectModel, center_positions
 from tossid.rotations import geodesic_angle
-from tossid.types import Toss
+from tossid.settings.figures import FigureSettings
+from tossid.types import Rollout, Toss
 
 Array = NDArray[np.float64]
-
-_LOG_RATIO = 20.0
-"""Errors whose largest is beyond so many times the largest model's median are drawn on a logarithmic axis."""
-_MOST_NAMED = 5
-_FEWEST_BAND = 5
-"""With fewer tosses than this, they are drawn one by one instead of a band."""
-_MOST_BAND = 2.5
-"""Bands are cut off beyond so many times the largest mean."""
-
-
-class ErrorsLike(Protocol):
-    """Errors of rollouts, one a toss (B,); `tossid.evaluation.metrics.TossScores` is one."""
-
-    @property
-    def position_error_pct(self) -> Array: ...
-    @property
-    def rotation_error_deg(self) -> Array: ...
 
 
 @styled
 def errors_over_tosses(
-    scores: Mapping[str, ErrorsLike], names: Sequence[str], *, title: str = "Errors over held-out tosses"
+    scores: Mapping[str, TossScores],
+    names: Sequence[str],
+    *,
+    title: str = "Errors over held-out tosses",
+    settings: FigureSettings = FigureSettings(),
 ) -> Figure:
     """Every toss's mean position and rotation error as a dot, the mean with its 95 % interval, outliers by name.
 
-    An outlier lies beyond the upper quartile by more than 1.5 times the
-    interquartile range (Tukey). Intervals are those of `metrics.summarize`.
+    An outlier lies beyond the upper quartile by more than 1.5 times the interquartile range (Tukey 1977). Intervals are
+    those of `metrics.summarize`.
 
     Args:
-        scores: by model; errors (B,) [% of the width], [deg].
-        names: of the tosses (B,).
+        scores: Scores by model, one value a toss (B,).
+        names: Names of the tosses (B,).
+        title: The figure's title.
+        settings: Which outliers are named, and when axes are logarithmic.
+
+    Returns:
+        The figure.
+
+    Raises:
+        InputError: There are no scores, or scores and names differ in number.
     """
     for name, one in scores.items():
         if len(one.position_error_pct) != len(names) or len(one.rotation_error_deg) != len(names):
@@ -81,23 +76,23 @@ def errors_over_tosses(
     ):
         values = {name: np.asarray(getattr(one, kind), dtype=float) for name, one in scores.items()}
         missing += sum(int((~np.isfinite(v)).sum()) for v in values.values())
-        _strips(ax, values, names, label)
+        _strips(ax, values, names, label, settings)
     axes[0].set_title("Position")
     axes[1].set_title("Rotation")
     note = "Diamond and bar: mean and its 95 % interval over tosses. Line: median. Named: outliers (Tukey's rule)"
-    note += f", at most {_MOST_NAMED} a model."
+    note += f", at most {settings.named_outliers} a model."
     if missing:
         note += f" Not finite and left out: {missing} values."
     footnote(figure, note)
     return figure
 
 
-def _strips(ax: Axes, values: Mapping[str, Array], names: Sequence[str], label: str) -> None:
+def _strips(ax: Axes, values: Mapping[str, Array], names: Sequence[str], label: str, settings: FigureSettings) -> None:
     """One strip of dots a model."""
     finite = {name: v[np.isfinite(v)] for name, v in values.items()}
     drawn = np.concatenate(list(finite.values()))
     typical = max([float(np.median(v)) for v in finite.values() if len(v)], default=0.0)
-    logarithmic = bool(len(drawn)) and drawn.max() > _LOG_RATIO * typical > 0 and drawn.min() > 0
+    logarithmic = bool(len(drawn)) and drawn.max() > settings.log_ratio * typical > 0 and drawn.min() > 0
     ax.set_xlim(-0.5, len(values) - 0.5)
     if logarithmic:
         ax.set_yscale("log")
@@ -124,7 +119,9 @@ def _strips(ax: Axes, values: Mapping[str, Array], names: Sequence[str], label: 
             capsize=4, elinewidth=2, zorder=5, label=f"{name} mean",
         )  # fmt: skip
         ticks.append(f"{style.label}\n{number(mean)} [{number(low)}, {number(high)}]")
-        _name_outliers(ax, i, x, v, [n for n, keep in zip(names, kept, strict=True) if keep], style)
+        _name_outliers(
+            ax, i, x, v, [n for n, keep in zip(names, kept, strict=True) if keep], style, settings.named_outliers
+        )
     ax.set_xticks(range(len(values)), ticks)
     ax.tick_params(axis="x", length=0)
     for tick, name in zip(ax.get_xticklabels(), values, strict=True):
@@ -150,11 +147,11 @@ def _swarm(ax: Axes, values: Array) -> Array:
     return shift
 
 
-def _name_outliers(ax: Axes, i: int, x: Array, v: Array, names: Sequence[str], style: Look) -> None:
+def _name_outliers(ax: Axes, i: int, x: Array, v: Array, names: Sequence[str], style: Look, most: int) -> None:
     """The names of a strip's outliers to its right, moved apart, with leaders."""
     lower, upper = np.percentile(v, [25, 75])
     outside = np.flatnonzero(v > upper + 1.5 * (upper - lower))
-    outside = outside[np.argsort(-v[outside], kind="stable")][:_MOST_NAMED]
+    outside = outside[np.argsort(-v[outside], kind="stable")][:most]
     if not len(outside):
         return
     _, height = axes_inches(ax)
@@ -179,8 +176,10 @@ def _name_outliers(ax: Axes, i: int, x: Array, v: Array, names: Sequence[str], s
 class ErrorsAlong:
     """Errors of one model along its rollouts.
 
-    time (n,) [s] since first contact, even. position_error_pct, rotation_error_deg:
-    (B, n) [% of the width], [deg], NaN where a toss is not under way.
+    Attributes:
+        time: Time since first contact (n,) [s], evenly spaced.
+        position_error_pct: Position errors (B, n) [% of the width]; NaN where a toss is not under way.
+        rotation_error_deg: Rotation errors (B, n) [deg]; NaN where a toss is not under way.
     """
 
     time: Array
@@ -188,13 +187,21 @@ class ErrorsAlong:
     rotation_error_deg: Array
 
 
-def errors_along(tosses: Sequence[Toss], rollouts: Sequence[Motion], model: ObjectModel) -> ErrorsAlong:
+def errors_along(tosses: Sequence[Toss], rollouts: Sequence[Rollout], model: ObjectModel) -> ErrorsAlong:
     """Errors of rollouts against time since first contact, interpolated to the tosses' median frame time.
 
     First contact is the first frame in which the object may touch the ground; tosses without one take no part.
 
     Args:
-        tosses, rollouts: of the same frames. model: the nominal object.
+        tosses: The tosses as measured.
+        rollouts: A prediction of each, at its frames.
+        model: The nominal object.
+
+    Returns:
+        The errors.
+
+    Raises:
+        InputError: Tosses and predictions differ in number, or no toss touches the ground.
     """
     if len(tosses) != len(rollouts):
         raise InputError(f"{len(rollouts)} rollouts of {len(tosses)} tosses")
@@ -220,7 +227,11 @@ def errors_along(tosses: Sequence[Toss], rollouts: Sequence[Motion], model: Obje
 def mean_band(values: Array) -> tuple[Array, Array, Array]:
     """Mean over tosses with its 95 % interval (Student's t), time by time.
 
-    values: (B, n), NaN where there is none. Returns (mean, low, high), each (n,); NaN where fewer than two tosses are.
+    Args:
+        values: Values (B, n), NaN where there is none.
+
+    Returns:
+        Mean, lower and upper end, each (n,); NaN where fewer than two tosses have a value.
     """
     there = np.isfinite(values)
     count = there.sum(axis=0)
@@ -236,19 +247,26 @@ def mean_band(values: Array) -> tuple[Array, Array, Array]:
 def errors_along_rollout(
     errors: Mapping[str, ErrorsAlong],
     *,
-    fewest_share: float = 0.25,
     title: str = "How errors grow along a rollout",
+    settings: FigureSettings = FigureSettings(),
 ) -> Figure:
     """Mean position and rotation error against time since first contact, with 95 % bands over tosses.
 
     Args:
-        errors: by model, of `errors_along`.
-        fewest_share: times with fewer than this share of the tosses (or fewer than two) under way are not drawn.
+        errors: What `errors_along` returned, by model.
+        title: The figure's title.
+        settings: From how many tosses on times and bands are drawn.
+
+    Returns:
+        The figure.
+
+    Raises:
+        InputError: There are no errors.
     """
     if not errors:
         raise InputError("no errors to draw")
     n_tosses = max(len(one.position_error_pct) for one in errors.values())
-    few = n_tosses < _FEWEST_BAND
+    few = n_tosses < settings.fewest_for_band
     words = "Thick: mean, thin: single tosses." if few else "Mean, band: 95 % over tosses."
     figure = new_figure(title, f"{n_tosses} tosses, lined up at their first contact (time 0). {words}", height=6.9)
     axes = panel_grid(figure, 3, 1, left=0.75, right=1.05, top=1.05, bottom=0.85, above=0.5, heights=[1, 1, 0.28])[:, 0]
@@ -258,11 +276,11 @@ def errors_along_rollout(
     for name, one in errors.items():
         style = look(name, others=list(errors))
         count = np.isfinite(one.position_error_pct).sum(axis=0)
-        shown = count >= max(2.0, fewest_share * len(one.position_error_pct))
-        if not shown.any():
+        drawn = count >= max(2.0, settings.fewest_share * len(one.position_error_pct))
+        if not drawn.any():
             continue
         for ax, kind in zip(axes, ends, strict=False):
-            values = np.where(shown, getattr(one, kind), np.nan)
+            values = np.where(drawn, getattr(one, kind), np.nan)
             mean, low, high = mean_band(values)
             if few:
                 ax.plot(one.time, values.T, color=style.color, lw=0.8, alpha=0.6, label="_toss")
@@ -271,13 +289,13 @@ def errors_along_rollout(
                 ax.fill_between(
                     one.time, np.maximum(low, 0), high, color=style.color, alpha=0.18, lw=0, label=f"{name} band"
                 )
-                top = min(np.nanmax(high), _MOST_BAND * np.nanmax(mean))
+                top = min(np.nanmax(high), settings.highest_band * np.nanmax(mean))
             ax.plot(one.time, mean, color=style.color, label=name)
-            last = int(np.flatnonzero(shown)[-1])
+            last = int(np.flatnonzero(drawn)[-1])
             ends[kind].append((float(one.time[last]), float(mean[last]), style.label, style.color))
             tops[kind] = max(tops[kind], float(top))
-        axes[2].step(one.time, np.where(shown, count, np.nan), where="mid", color=style.color, lw=1.2, label=name)
-        start, end = min(start, one.time[shown][0]), max(end, one.time[shown][-1])
+        axes[2].step(one.time, np.where(drawn, count, np.nan), where="mid", color=style.color, lw=1.2, label=name)
+        start, end = min(start, one.time[drawn][0]), max(end, one.time[drawn][-1])
     labels: tuple[Any, ...] = ("position error\n[% of width]", "rotation error\n[deg]", "tosses\n[count]")
     for ax, label in zip(axes, labels, strict=True):
         ax.set_ylabel(label)
@@ -296,5 +314,5 @@ def errors_along_rollout(
         axes[0].text(0.5, 0.5, "fewer than two tosses at any time", transform=axes[0].transAxes, ha="center")
     axes[2].set_ylim(0, 1.15 * n_tosses)
     axes[2].set_xlabel("time since first contact [s]")
-    footnote(figure, f"Drawn where at least {100 * fewest_share:g} % of the tosses are under way.")
+    footnote(figure, f"Drawn where at least {100 * settings.fewest_share:g} % of the tosses are under way.")
     return figure

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -13,33 +13,36 @@ from tossid.errors import InputError
 from tossid.evaluation.figures.style import GRID, INK, look
 from tossid.evaluation.figures.wireframe import View, posed, view_from, wireframe
 from tossid.objects import ObjectModel, corner_positions
-from tossid.types import Toss
+from tossid.settings.figures import FigureSettings
+from tossid.types import Rollout, Toss
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-SIZE = (480, 360)
-"""Width and height [px]."""
+Place = Callable[[Array], NDArray[np.int32]]
+"""From points (..., 3) [m] to OpenCV's fixed-point pixels (..., 2)."""
+
 _SHIFT = 4
 """Fractional bits of OpenCV's coordinates."""
 
 
-class Motion(Protocol):
-    """Anything with a motion q (n, nq)."""
-
-    @property
-    def q(self) -> Array: ...
-
-
-def toss_film(toss: Toss, predicted: Motion, model: ObjectModel, *, name: str, every: int = 2) -> Image:
-    """Frames (n, h, w, 3) RGB: the measured object dark, the predicted one in its model's colour, open loop.
+def toss_film(
+    toss: Toss, predicted: Rollout, model: ObjectModel, *, name: str, settings: FigureSettings = FigureSettings()
+) -> Image:
+    """A film of a toss: the measured object dark, the predicted one in its model's colour, open loop.
 
     Args:
-        toss: as measured. predicted: at the toss's frames. model: whose corners are drawn.
-        name: of the model, for the colour and the words. every: so many-th frame.
+        toss: The toss as measured.
+        predicted: The prediction at the toss's frames.
+        model: The object whose corners are drawn.
+        name: The model's name, for its colour and the caption.
+        settings: The film's size and stride.
+
+    Returns:
+        Frames (n, h, w, 3), RGB.
 
     Raises:
-        InputError: motions of different lengths.
+        InputError: The motions have different lengths.
     """
     if predicted.q.shape != toss.q.shape:
         raise InputError(f"{toss.name}: predicted {predicted.q.shape}, the toss has {toss.q.shape}")
@@ -47,19 +50,20 @@ def toss_film(toss: Toss, predicted: Motion, model: ObjectModel, *, name: str, e
     both = np.concatenate([corner_positions(model, q) for q in (toss.q, predicted.q)]).reshape(-1, 3)
     flat = view(np.concatenate([both, both * [1, 1, 0]]))
     low, high = flat.min(axis=0), flat.max(axis=0)
-    scale = 0.88 * min(np.array(SIZE) / (high - low))
+    width, height = settings.film_size
+    scale = 0.88 * min(np.array(settings.film_size) / (high - low))
     middle = 0.5 * (low + high)
     colors = {"measured": _rgb(INK), "predicted": _rgb(look(name).color)}
 
     def place(points: Array) -> NDArray[np.int32]:
-        pixel = (view(points) - middle) * [scale, -scale] + 0.5 * np.array(SIZE)
+        pixel = (view(points) - middle) * [scale, -scale] + 0.5 * np.array(settings.film_size)
         return np.round(pixel * 2**_SHIFT).astype(np.int32)
 
-    ground = np.full((SIZE[1], SIZE[0], 3), 255, dtype=np.uint8)
+    ground = np.full((height, width, 3), 255, dtype=np.uint8)
     _draw_ground(ground, place, both)
     edges = [wireframe(model.corner_pos[model.corner_body == b]) for b in range(model.n_bodies)]
     frames = []
-    for k in range(0, len(toss), every):
+    for k in range(0, len(toss), settings.film_stride):
         image = ground.copy()
         for which, q in (("measured", toss.q[k]), ("predicted", predicted.q[k])):
             _draw_object(image, place, view, posed(model, q), edges, colors[which])
@@ -69,9 +73,8 @@ def toss_film(toss: Toss, predicted: Motion, model: ObjectModel, *, name: str, e
     return np.stack(frames)
 
 
-def _draw_ground(image: Image, place: object, points: Array) -> None:
+def _draw_ground(image: Image, place: Place, points: Array) -> None:
     """A grid of 10 cm on z = 0 below the points."""
-    assert callable(place)
     low, high = np.floor(points.min(axis=0) * 10) / 10, np.ceil(points.max(axis=0) * 10) / 10
     for axis in (0, 1):
         for at in np.arange(low[axis], high[axis] + 1e-9, 0.1):
@@ -83,10 +86,9 @@ def _draw_ground(image: Image, place: object, points: Array) -> None:
 
 
 def _draw_object(
-    image: Image, place: object, view: View, bodies: list[tuple[Array, Array]], edges: list, color: tuple[int, ...]
+    image: Image, place: Place, view: View, bodies: list[tuple[Array, Array]], edges: list, color: tuple[int, ...]
 ) -> None:  # fmt: skip
     """Each body's edges; those on the far side thin."""
-    assert callable(place)
     for (corners, quat), wires in zip(bodies, edges, strict=True):
         pixel, near = place(corners), wires.visible(quat, view.toward)
         for (i, j), front in sorted(zip(wires.edges.tolist(), near.tolist(), strict=True), key=lambda each: each[1]):

@@ -24,12 +24,11 @@ from tossid.evaluation.figures.style import (
 )
 from tossid.evaluation.figures.wireframe import View, view_from, wireframe
 from tossid.objects import ObjectModel
+from tossid.settings.figures import FigureSettings
 
 Array = NDArray[np.float64]
 
 _FACTORS = (1, 2, 3, 5, 10, 20, 50, 100)
-_DRAWN_REL = 0.15
-"""Corner shifts are exaggerated until the largest is about this share of the object's width."""
 _VIEWS = (
     ("from above", View(np.array([[1.0, 0, 0], [0, 1.0, 0]]), np.array([0, 0, 1.0])), "xy"),
     ("from the front", View(np.array([[1.0, 0, 0], [0, 0, 1.0]]), np.array([0, -1.0, 0])), "xz"),
@@ -39,8 +38,24 @@ _VIEWS = (
 _SOURCES = {"given": LOOKS["given"], "truth": Look("truth", INK, "x", "--"), "learned": LOOKS["learned"]}
 
 
-def exaggeration(given: ObjectModel, learned: ObjectModel, truth: ObjectModel | None = None) -> float:
-    """The round factor that makes the largest shift of a corner or a centre of mass visible, but not absurd."""
+def exaggeration(
+    given: ObjectModel,
+    learned: ObjectModel,
+    truth: ObjectModel | None = None,
+    *,
+    settings: FigureSettings = FigureSettings(),
+) -> float:
+    """The round factor that makes the largest shift of a corner or a centre of mass visible, but not absurd.
+
+    Args:
+        given: The object as it was stated.
+        learned: The object as it was learned.
+        truth: The object as it is, if that is known.
+        settings: How large the largest shift may be drawn.
+
+    Returns:
+        The factor, at least 1.
+    """
     shifts = [
         np.linalg.norm(getattr(other, part) - getattr(given, part), axis=1).max()
         for other in (learned, truth)
@@ -48,7 +63,7 @@ def exaggeration(given: ObjectModel, learned: ObjectModel, truth: ObjectModel | 
         for part in ("corner_pos", "com")
     ]
     largest = max(shifts)
-    fitting = [f for f in _FACTORS if f * largest <= _DRAWN_REL * given.width]
+    fitting = [f for f in _FACTORS if f * largest <= settings.shift_share * given.width]
     return float(max(fitting)) if fitting and largest > 1e-9 else 1.0
 
 
@@ -60,22 +75,33 @@ def learned_geometry(
     *,
     factor: float | None = None,
     title: str = "Learned geometry",
+    settings: FigureSettings = FigureSettings(),
 ) -> Figure:
     """Each body in three orthographic views and an oblique one: corners and centre of mass, before and after.
 
-    What is drawn of `learned` and `truth` is given + factor (theirs - given), so
-    that shifts of a millimetre are seen; the factor and the true sizes stand in the subtitle.
+    What is drawn of `learned` and `truth` is given + factor (theirs - given), so that shifts of a millimetre are seen;
+    the factor and the true sizes stand in the subtitle.
 
     Args:
-        given, learned, truth: the same object with different numbers. Lengths in the body's frame.
-        factor: of exaggeration; a round number that fits the shifts if None.
+        given: The object as it was stated.
+        learned: The object as it was learned.
+        truth: The object as it is, if that is known.
+        factor: The exaggeration; a round number that fits the shifts if None.
+        title: The figure's title.
+        settings: How large the largest shift may be drawn.
+
+    Returns:
+        The figure.
+
+    Raises:
+        InputError: The objects have different corners or bodies.
     """
     objects = {"given": given, "truth": truth, "learned": learned}
     shown = {name: model for name, model in objects.items() if model is not None}
     for name, model in shown.items():
         if model.corner_pos.shape != given.corner_pos.shape or model.com.shape != given.com.shape:
             raise InputError(f"{name} has {model.n_corners} corners on {model.n_bodies} bodies, given has others")
-    scale = exaggeration(given, learned, truth) if factor is None else factor
+    scale = exaggeration(given, learned, truth, settings=settings) if factor is None else factor
 
     lines = [_shift_line("learned", given, learned)]
     if truth is not None:
@@ -104,7 +130,7 @@ def learned_geometry(
         own = given.corner_body == b
         base = given.corner_pos[own]
         edges = wireframe(base).edges
-        reach = 1e3 * (0.5 * np.ptp(base, axis=0).max() + 1.35 * _DRAWN_REL * given.width)
+        reach = 1e3 * (0.5 * np.ptp(base, axis=0).max() + 1.35 * settings.shift_share * given.width)
         for j, (name, view, letters) in enumerate(_VIEWS):
             ax = axes[b, j]
             for source, model in shown.items():

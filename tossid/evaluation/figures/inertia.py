@@ -14,44 +14,54 @@ from numpy.typing import NDArray
 from tossid.evaluation.figures.cells import Cell, chosen, models_in, value_of
 from tossid.evaluation.figures.studies import log2_axis
 from tossid.evaluation.figures.style import INK, MUTED, footnote, halo, key_row, look, new_figure, panel_grid, styled
+from tossid.settings.figures import FigureSettings
 
 Array = NDArray[np.float64]
 
-REACHED_INERTIA = 0.05
-"""Relative error of the inertia below which a start reached the truth."""
-REACHED_COM_M = 1e-3
-"""Error of the centre of mass [m] below which a start reached the truth."""
 _GREEN = "#dcefe4"
 
 
 @styled
-def inertia_study(cells: Sequence[Cell], *, title: str = "From a wrong inertia to the true one") -> Figure:
+def inertia_study(
+    cells: Sequence[Cell],
+    *,
+    title: str = "From a wrong inertia to the true one",
+    settings: FigureSettings = FigureSettings(),
+) -> Figure:
     """For each parameterisation: the error each start had (open) and the error that was learned (filled).
 
-    Upper row: relative error of the inertia against the start's scale. Lower
-    row: error of the centre of mass against the start's offset, or against the scale
-    too where all starts have one offset. The band of
-    starts that reached the truth (5 %, 1 mm) is marked and counted.
+    Upper row: relative error of the inertia against the start's scale. Lower row: error of the centre of mass against
+    the start's offset, or against the scale too where all starts have one offset. The band of starts that reached the
+    truth is marked, and these starts are counted.
 
     Args:
-        cells: dicts with `parameterisation`, `seed`, `inertia_scale` (start: learned from scale times the truth) [1],
-            `com_offset_m` (start) [m], and what was learned: `inertia_error_rel` [1], `com_error_m` [m], each a number
-            or {"mean", "ci95"}.
+        cells: Dictionaries with `parameterisation`, `seed`, `inertia_scale` (start: learned from scale times the truth)
+            [1], `com_offset_m` (start) [m], and what was learned: `inertia_error_rel` [1], `com_error_m` [m], each a
+            number or {"mean", "ci95"}.
+        title: The figure's title.
+        settings: Up to which error a start has reached the truth.
+
+    Returns:
+        The figure.
+
+    Raises:
+        InputError: There are no cells.
     """
+    reached_inertia, reached_com = 100 * settings.reached_inertia, 1e3 * settings.reached_com_m
     cells = chosen(cells, from_flight=False)
     kinds = models_in(cells, key="parameterisation")
     scales = np.unique([float(c["inertia_scale"]) for c in cells])
     offsets = 1e3 * np.unique([float(c["com_offset_m"]) for c in cells])
     tops = [
-        max([100.0 * REACHED_INERTIA, *[v for c in cells for v in _inertia(c)[:2] if np.isfinite(v)]]),
-        max([1e3 * REACHED_COM_M, *[v for c in cells for v in _com(c)[:2] if np.isfinite(v)]]),
+        max([reached_inertia, *[v for c in cells for v in _inertia(c)[:2] if np.isfinite(v)]]),
+        max([reached_com, *[v for c in cells for v in _com(c)[:2] if np.isfinite(v)]]),
     ]
     figure = new_figure(title, "Every start's error before learning (open) and after (filled).", height=7.2)
     axes = panel_grid(figure, 2, len(kinds), left=0.8, right=0.25, top=1.55, bottom=0.9, between=0.3, above=0.85)
     entries = [
         (Line2D([], [], ls="none", marker="o", mfc="white", mec=MUTED, ms=5.5), "start"),
         (Line2D([], [], ls="none", marker="o", color=INK, ms=5.5), "learned, with 95 % interval where known"),
-        (Line2D([], [], color=_GREEN, lw=8), "reached the truth (5 %, 1 mm)"),
+        (Line2D([], [], color=_GREEN, lw=8), f"reached the truth ({reached_inertia:g} %, {reached_com:g} mm)"),
     ]
     key_row(figure, entries, y=0.74)
     for j, kind in enumerate(kinds):
@@ -59,13 +69,13 @@ def inertia_study(cells: Sequence[Cell], *, title: str = "From a wrong inertia t
         style = look(kind, others=kinds)
         inertia = np.array([_inertia(c) for c in own])
         com = np.array([_com(c) for c in own])
-        both = int(np.sum((inertia[:, 1] <= 100 * REACHED_INERTIA) & (com[:, 1] <= 1e3 * REACHED_COM_M)))
+        both = int(np.sum((inertia[:, 1] <= reached_inertia) & (com[:, 1] <= reached_com)))
         upper, lower = axes[0, j], axes[1, j]
         upper.set_title(f"{style.label}\n{both} of {len(own)} reached", color=style.color, fontsize=9.5)
         log2_axis(upper, scales.tolist(), room=0.5)
         upper.set_xlabel("start: inertia / true inertia [1]")
         _starts(
-            upper, np.array([float(c["inertia_scale"]) for c in own]), inertia, 100 * REACHED_INERTIA, tops[0],
+            upper, np.array([float(c["inertia_scale"]) for c in own]), inertia, reached_inertia, tops[0],
             style.color, log2=True,
         )  # fmt: skip
         start = np.array([float(c["inertia_scale"]) for c in own])
@@ -80,7 +90,7 @@ def inertia_study(cells: Sequence[Cell], *, title: str = "From a wrong inertia t
             step = 1.0
             log2_axis(lower, scales.tolist(), room=0.5)
             lower.set_xlabel("start: inertia / true inertia [1]")
-        _starts(lower, start, com, 1e3 * REACHED_COM_M, tops[1], style.color, log2=len(offsets) == 1, step=step)
+        _starts(lower, start, com, reached_com, tops[1], style.color, log2=len(offsets) == 1, step=step)
         upper.set_ylabel("error of the inertia [%]" if j == 0 else "")
         lower.set_ylabel("error of the centre of mass [mm]" if j == 0 else "")
         if j:

@@ -49,18 +49,27 @@ def residual_over_toss(
 ) -> Figure:
     """Vertical accelerations over one toss (Bianchini and Posa 2023, Figure 2).
 
-    Four series over a common time: the given continuous dynamics k_hat (gravity),
-    the learned residual k_res, the contact impulses as (1/m) sum(lam_n) / dt, and the sum
-    of the three against the measured acceleration, the difference of measured
-    velocities over dt. In sustained contact only the sum is determined by the
-    data, not what of it is residual and what contact: there the series are hatched.
+    Four series over a common time: the given continuous dynamics k_hat (gravity), the learned k_res, the contact
+    impulses as (1/m) sum(lam_n) / dt, and the sum of the three against the measured acceleration, the difference of
+    measured velocities over dt. In sustained contact the data determine only the sum of k_res and contact: there the
+    series are hatched.
 
     Args:
-        t: (n,) [s] the middles (or ends) of the frames' intervals.
-        given, residual, contact, measured: (n,) [m/s²], up positive.
-        separable: (n,) False where residual and contact cannot be told apart.
-        true_free: the true acceleration in flight [m/s²], where it is known.
-        name: of the toss, for the subtitle.
+        t: Middles (or ends) of the frames' intervals (n,) [s].
+        given: k_hat (n,) [m/s²], up positive.
+        residual: k_res (n,) [m/s²].
+        contact: Contact impulses over mass and time (n,) [m/s²].
+        measured: Measured accelerations (n,) [m/s²].
+        separable: False where the data determine only the sum of k_res and contact (n,).
+        true_free: The true acceleration in flight [m/s²], where it is known.
+        title: The figure's title.
+        name: The toss's name, for the subtitle.
+
+    Returns:
+        The figure.
+
+    Raises:
+        InputError: The series differ in length.
     """
     series = {"given": given, "residual": residual, "contact": contact, "measured": measured, "separable": separable}
     for key, values in series.items():
@@ -69,17 +78,17 @@ def residual_over_toss(
     total = given + residual + contact
     free = given + residual
     flown = np.cumprod(separable & (np.abs(contact) < 1e-9)).astype(bool)
-    told = f"Toss {name}.  " if name else ""
+    subtitle = f"Toss {name}.  " if name else ""
     if flown.any():
         parts = [number(float(np.mean(part[flown]))) for part in (given, free, measured)]
-        told += "Mean before first contact: given {}, with the residual {}, measured {} m/s².".format(*parts)
-    figure = new_figure(title, told, height=7.6)
+        subtitle += "Mean before first contact: given {}, with the learned part {}, measured {} m/s².".format(*parts)
+    figure = new_figure(title, subtitle, height=7.6)
     axes = panel_grid(
         figure, 4, 1, left=0.8, right=1.35, top=1.05, bottom=0.85, above=0.42, heights=[0.8, 0.8, 1.1, 1.3]
     )[:, 0]
     rows = (
         (axes[0], "Given continuous dynamics", "acceleration\n[m/s²]", [("given", given, _GIVEN, 1.8)]),
-        (axes[1], "Learned residual", "acceleration\n[m/s²]", [("residual", residual, _RESIDUAL, 1.8)]),
+        (axes[1], "Learned acceleration", "acceleration\n[m/s²]", [("residual", residual, _RESIDUAL, 1.8)]),
         (axes[2], "Contact impulses / (m Δt)", "acceleration\n[m/s²], symlog", [("contact", contact, _CONTACT, 1.5)]),
         (
             axes[3], "Sum against measurement", "acceleration\n[m/s²], symlog",
@@ -111,7 +120,7 @@ def residual_over_toss(
     if not separable.all():
         footnote(
             figure,
-            "Hatched: sustained contact. Data determine only the sum there, not what is residual and what is contact.",
+            "Hatched: sustained contact. There the data determine only the sum of learned acceleration and contact.",
         )
     return figure
 

@@ -8,21 +8,26 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from tossid.evaluation.figures.style import new_figure, panel_grid, styled
+from tossid.settings.figures import FigureSettings
 
 Cost = tuple[float, float, float]
 """Size, CPU time [s], memory [GiB]."""
 
-LEAST_GIB = 0.125
-"""Where the axis of memory begins."""
 COLORS = ("#0072B2", "#009E73", "#D55E00", "#CC79A7", "#C28E00")
 
 
 @styled
-def costs_of_size(panels: Mapping[str, Mapping[str, Sequence[Cost]]]) -> Figure:
+def costs_of_size(
+    panels: Mapping[str, Mapping[str, Sequence[Cost]]], *, settings: FigureSettings = FigureSettings()
+) -> Figure:
     """CPU time above memory, a column for each kind of size; all axes are logarithmic, so a slope of one is linear.
 
     Args:
-        panels: name of the size's axis: commands, each with its costs in order of size.
+        panels: By the name of the size's axis: costs by command, in order of size.
+        settings: Where the axis of memory begins.
+
+    Returns:
+        The figure.
     """
     figure = new_figure(
         "What size costs", "each command in a process of its own; its largest process's memory", height=6.4
@@ -43,8 +48,8 @@ def costs_of_size(panels: Mapping[str, Mapping[str, Sequence[Cost]]]) -> Figure:
                 ax.set_ylim(top=50 * top)
                 ax.legend(ncols=2)
             else:
-                ax.set_ylim(LEAST_GIB, 1.5 * max(top, 1.0))
-                ax.set_yticks([2.0**k for k in range(-3, 8) if LEAST_GIB <= 2.0**k <= 1.5 * max(top, 1.0)])
+                ax.set_ylim(settings.least_gib, 1.5 * max(top, 1.0))
+                ax.set_yticks([2.0**k for k in range(-3, 8) if settings.least_gib <= 2.0**k <= 1.5 * max(top, 1.0)])
             for axis in (ax.xaxis, ax.yaxis):
                 axis.set_major_formatter(plain)
                 axis.set_minor_formatter(NullFormatter())

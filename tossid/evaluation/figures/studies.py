@@ -30,7 +30,7 @@ METRICS = {
     "rotation_error_deg": ("Rotation error", "rotation error [deg]"),
     "position_error_pct": ("Position error", "position error [% of width]"),
 }
-"""CONTRACT.md's metrics: panel title, axis label."""
+"""The metrics of an evaluation: panel title, axis label."""
 
 
 @styled
@@ -45,11 +45,18 @@ def gravity_sweep(
     """The four metrics against the gravity that the given model has (Bianchini and Posa 2023, Figure 4).
 
     Args:
-        cells: dicts with `model`, `seed`, `gravity` (the given model's [m/s²]) and CONTRACT.md's metrics as
-            {"mean", "ci95"}.
-        measured_penetration_mm: of the measured motions themselves, as a reference.
-        simulators: reference levels, {name: {metric: level}}.
-        from_flight: draw the metrics under each cell's `from_flight`.
+        cells: Dictionaries with `model`, `seed`, `gravity` (the given model's [m/s²]) and the metrics of an evaluation
+            as {"mean", "ci95"}.
+        measured_penetration_mm: Penetration of the measured motions themselves, as a reference [mm].
+        simulators: Reference levels by name and metric.
+        from_flight: Whether to draw the metrics under each cell's `from_flight`.
+        title: The figure's title.
+
+    Returns:
+        The figure.
+
+    Raises:
+        InputError: There are no cells, or some lack the metrics.
     """
     cells = [{**cell, "_fraction": float(cell["gravity"]) / GRAVITY} for cell in chosen(cells, from_flight=from_flight)]
     models = models_in(cells)
@@ -126,9 +133,17 @@ def data_efficiency(
     """Metrics against the number of training tosses, on a base-2 logarithmic axis.
 
     Args:
-        cells: dicts with `model`, `seed`, the number of training tosses under `swept`, and CONTRACT.md's metrics
-            as {"mean", "ci95"}.
-        from_flight: draw the metrics under each cell's `from_flight`.
+        cells: Dictionaries with `model`, `seed`, the number of training tosses under `swept`, and the metrics of an
+            evaluation as {"mean", "ci95"}.
+        swept: Key of the number of training tosses.
+        from_flight: Whether to draw the metrics under each cell's `from_flight`.
+        title: The figure's title.
+
+    Returns:
+        The figure.
+
+    Raises:
+        InputError: There are no cells, or some lack the metrics.
     """
     cells = chosen(cells, from_flight=from_flight)
     models = models_in(cells)
@@ -154,7 +169,13 @@ def data_efficiency(
 
 
 def log2_axis(ax: Axes, values: Sequence[float], *, room: float = 0.3) -> None:
-    """A base-2 logarithmic x axis with a tick at every value. room: beyond the ends [powers of 2]."""
+    """Make the x axis logarithmic to base 2, with a tick at every value.
+
+    Args:
+        ax: The axes.
+        values: The values.
+        room: Free room beyond the ends [powers of 2].
+    """
     ax.set_xscale("log", base=2)
     ax.set_xlim(min(values) * 2.0**-room, max(values) * 2.0**room)
     ax.xaxis.set_major_locator(FixedLocator(list(values)))

@@ -1,7 +1,7 @@
 """The one look of all figures: fonts, colours, panels, labels. Object-oriented matplotlib; nothing global changes.
 
-Colours are of Okabe and Ito's palette, which colour-blind readers tell apart,
-and every model has a marker of its own.
+Colours are of Okabe and Ito's palette, which colour-blind readers can distinguish, and every model has a marker of its
+own.
 """
 
 from __future__ import annotations
@@ -70,7 +70,14 @@ _STYLE: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Look:
-    """How something named is drawn everywhere."""
+    """How a model or a source is drawn in every figure.
+
+    Attributes:
+        label: Its name in legends.
+        color: Its colour.
+        marker: Its marker.
+        linestyle: Its line style.
+    """
 
     label: str
     color: str
@@ -93,7 +100,15 @@ _SPARE = (("#56B4E9", "P"), ("#7B4B94", "X"), ("#8C6D1F", "h"), ("#444444", "*")
 
 
 def look(name: str, *, others: Sequence[str] = ()) -> Look:
-    """The look of a model or a source. Unknown names get spare colours, in the order in which `others` has them."""
+    """The look of a model or a source.
+
+    Args:
+        name: Its name.
+        others: All names in the figure; unknown ones get spare colours in this order.
+
+    Returns:
+        The look.
+    """
     if name in LOOKS:
         return LOOKS[name]
     unknown = [other for other in dict.fromkeys([*others, name]) if other not in LOOKS]
@@ -102,7 +117,14 @@ def look(name: str, *, others: Sequence[str] = ()) -> Look:
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Draw in this style, whatever a user's matplotlibrc says, and leave matplotlib's settings as they were."""
+    """A decorator that draws in the common style, and leaves matplotlib's settings as they were.
+
+    Args:
+        draw: A function that returns a figure.
+
+    Returns:
+        The same function, whatever a user's matplotlibrc says.
+    """
 
     @functools.wraps(draw)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -113,7 +135,16 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def new_figure(title: str, subtitle: str = "", *, height: float) -> Figure:
-    """An empty figure of the common width, with its title. height: [in]."""
+    """An empty figure of the common width, with its title.
+
+    Args:
+        title: The title.
+        subtitle: Lines below the title.
+        height: Height [in].
+
+    Returns:
+        The figure.
+    """
     figure = Figure(figsize=(WIDTH, height), dpi=DPI)
     figure.text(0.15 / WIDTH, 1 - 0.14 / height, title, va="top", fontsize=12.5, fontweight="bold")
     if subtitle:
@@ -122,7 +153,15 @@ def new_figure(title: str, subtitle: str = "", *, height: float) -> Figure:
 
 
 def footnote(figure: Figure, text: str) -> Text:
-    """A line at the foot of a figure: what bars, bands and dots are."""
+    """A line at the foot of a figure that explains its bars, bands and dots.
+
+    Args:
+        figure: The figure.
+        text: The line.
+
+    Returns:
+        The text.
+    """
     return figure.text(
         0.15 / WIDTH, 0.10 / figure.get_figheight(), text, va="bottom", fontsize=SMALL, color=MUTED, linespacing=1.3
     )
@@ -141,9 +180,22 @@ def panel_grid(
     above: float = 0.65,
     heights: Sequence[float] | None = None,
 ) -> NDArray[Any]:
-    """Axes at exact places, (rows, columns). All lengths in inches: margins, gaps between columns and rows.
+    """Axes at exact places.
 
-    heights: relative heights of the rows.
+    Args:
+        figure: The figure.
+        rows: How many rows.
+        columns: How many columns.
+        left: Left margin [in].
+        right: Right margin [in].
+        top: Upper margin [in].
+        bottom: Lower margin [in].
+        between: Gap between columns [in].
+        above: Gap between rows [in].
+        heights: Relative heights of the rows; equal if None.
+
+    Returns:
+        The axes (rows, columns).
     """
     w, h = figure.get_size_inches()
     share = np.ones(rows) if heights is None else np.asarray(heights, dtype=float)
@@ -160,7 +212,14 @@ def panel_grid(
 
 
 def axes_inches(ax: Axes) -> tuple[float, float]:
-    """Width and height of axes [in]."""
+    """Width and height of axes.
+
+    Args:
+        ax: The axes.
+
+    Returns:
+        Width and height [in].
+    """
     figure = ax.get_figure(root=True)
     assert figure is not None
     box, (w, h) = ax.get_position(), figure.get_size_inches()
@@ -168,9 +227,18 @@ def axes_inches(ax: Axes) -> tuple[float, float]:
 
 
 def spread(wanted: Sequence[float], gap: float, low: float = -np.inf, high: float = np.inf) -> Array:
-    """Positions nearest to the wanted ones (least squares) that are at least `gap` apart, in the same order.
+    """Positions nearest to the wanted ones (least squares) that are at least a gap apart, in the same order.
 
-    Pool-adjacent-violators on the positions less their ranks' share; then kept within [low, high].
+    They come from the pool-adjacent-violators algorithm, and are then kept within limits.
+
+    Args:
+        wanted: The wanted positions.
+        gap: The least distance between two.
+        low: The lower limit.
+        high: The upper limit.
+
+    Returns:
+        The positions, in the order of the wanted ones.
     """
     order = np.argsort(wanted, kind="stable")
     target = np.asarray(wanted, dtype=float)[order] - gap * np.arange(len(order))
@@ -189,7 +257,14 @@ def spread(wanted: Sequence[float], gap: float, low: float = -np.inf, high: floa
 
 
 def halo(text: Text) -> Text:
-    """A white rim, so that a text is readable over lines."""
+    """A text with a white rim, readable over lines.
+
+    Args:
+        text: The text.
+
+    Returns:
+        The same text.
+    """
     text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
     return text
 
@@ -198,8 +273,12 @@ def label_ends(ax: Axes, ends: Iterable[tuple[float, float, str, str]], *, size:
     """Names at the right end of lines, moved apart where they would touch, with thin leaders.
 
     Args:
-        ax: with its limits and scales already set.
-        ends: (x, y, text, colour) of each line's end, in data units. Those with y not finite are left out.
+        ax: The axes, with limits and scales already set.
+        ends: x, y (data units), text and colour at each line's end; those whose y is not finite are left out.
+        size: Size of the text [pt].
+
+    Returns:
+        The texts.
     """
     kept = [end for end in ends if np.isfinite(end[1])]
     if not kept:
@@ -238,7 +317,14 @@ def label_ends(ax: Axes, ends: Iterable[tuple[float, float, str, str]], *, size:
 
 
 def key_row(figure: Figure, entries: Sequence[tuple[Any, str]], *, y: float, x: float = 0.15) -> None:
-    """A legend in one row. entries: (handle, text); x, y: its upper left corner, y from the top [in]."""
+    """Draw a legend in one row.
+
+    Args:
+        figure: The figure.
+        entries: Handles with their texts.
+        y: Its upper edge, from the top of the figure [in].
+        x: Its left edge [in].
+    """
     w, h = figure.get_size_inches()
     legend = figure.legend(
         [handle for handle, _ in entries],
@@ -256,7 +342,15 @@ def key_row(figure: Figure, entries: Sequence[tuple[Any, str]], *, y: float, x: 
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number as a person writes it: 3 significant digits, no exponent for what is of everyday size."""
+    """A number with so many significant digits, without an exponent for everyday sizes.
+
+    Args:
+        value: The number.
+        digits: Significant digits.
+
+    Returns:
+        The text, "none" for a value that is not finite.
+    """
     if not np.isfinite(value):
         return "none"
     if value == 0 or 1e-3 <= abs(value) < 1e5:
@@ -266,5 +360,13 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def fixed(value: float, decimals: int = 2) -> str:
-    """A number with so many decimals; what rounds to zero has no sign."""
+    """A number with so many decimals; what rounds to zero has no sign.
+
+    Args:
+        value: The number.
+        decimals: Decimals.
+
+    Returns:
+        The text.
+    """
     return f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", "−")

@@ -37,16 +37,23 @@ _DECADES = 7.0
 
 
 class EpochLike(Protocol):
-    """One epoch of a fit. Losses in [m²/s²]; parts: of the training loss, and the count `unsolved`."""
+    """One epoch of a fit, as `tossid.training` records it. Losses are in [m²/s²]."""
 
     @property
-    def stage(self) -> str: ...
+    def stage(self) -> str:
+        """Name of the stage that the epoch belongs to."""
+
     @property
-    def train_loss(self) -> float: ...
+    def train_loss(self) -> float:
+        """Loss on the training tosses."""
+
     @property
-    def validation_loss(self) -> float: ...
+    def validation_loss(self) -> float:
+        """Loss on the validation tosses."""
+
     @property
-    def parts(self) -> Mapping[str, float]: ...
+    def parts(self) -> Mapping[str, float]:
+        """Parts of the training loss, and the count `unsolved`."""
 
 
 @styled
@@ -55,12 +62,19 @@ def training_curves(
 ) -> Figure:
     """Loss on training and validation tosses, and the training loss's parts, over epochs.
 
-    Stages follow each other on the epoch axis and are marked; in each, the epoch
-    of the lowest validation loss, whose parameters are kept, has a ring.
+    Stages follow each other on the epoch axis and are marked; in each, the epoch of the lowest validation loss, whose
+    parameters are kept, has a ring.
 
     Args:
-        history: records of `tossid.training.fit`, in order (N,).
-        unit: of the loss.
+        history: Records of the epochs, in order (N,).
+        title: The figure's title.
+        unit: Unit of the loss.
+
+    Returns:
+        The figure.
+
+    Raises:
+        InputError: There are no epochs.
     """
     if not history:
         raise InputError("no epochs to draw")

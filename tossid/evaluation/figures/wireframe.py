@@ -21,21 +21,38 @@ _FLAT_COS = 0.999
 class Wireframe:
     """Edges of the convex hull of a body's corners.
 
-    edges: (n_e, 2) corner indices. normals: (n_e, 2, 3) outward normals, in the
-    body's frame, of the two faces that meet there; zero where the corners span no volume.
+    Attributes:
+        edges: Corner indices (n_e, 2).
+        normals: Outward normals (n_e, 2, 3), in the body's frame, of the two faces that meet there; zero where the
+            corners span no volume.
     """
 
     edges: NDArray[np.int64]
     normals: Array
 
     def visible(self, quat: Array, toward: Array) -> NDArray[np.bool_]:
-        """(n_e,) whether an edge is on the side of the viewer, who is in direction `toward` (3,) of the world."""
+        """Whether each edge is on the viewer's side.
+
+        Args:
+            quat: The body's orientation (4,), wxyz.
+            toward: Direction to the viewer (3,), in the world.
+
+        Returns:
+            True where it is (n_e,).
+        """
         facing: Array = quat_rotate(quat, self.normals) @ toward
         return np.asarray(np.any(facing > -1e-9, axis=1))
 
 
 def wireframe(corners: Array) -> Wireframe:
-    """The wireframe of a body. corners: (n, 3) [m]. Corners without volume are joined pairwise."""
+    """The wireframe of a body.
+
+    Args:
+        corners: Its corners (n, 3) [m]; if they span no volume, each is joined to each.
+
+    Returns:
+        The wireframe.
+    """
     try:
         hull = ConvexHull(corners)
     except (QhullError, ValueError):
@@ -55,24 +72,52 @@ def wireframe(corners: Array) -> Wireframe:
 
 @dataclass(frozen=True)
 class View:
-    """An orthographic view. plane: (2, 3) directions to the right and up on paper. toward: (3,) to the viewer."""
+    """An orthographic view.
+
+    Attributes:
+        plane: Directions to the right and up on paper (2, 3).
+        toward: Direction to the viewer (3,).
+    """
 
     plane: Array
     toward: Array
 
     def __call__(self, points: Array) -> Array:
-        """(..., 3) -> (..., 2)."""
+        """Points on paper.
+
+        Args:
+            points: Points (..., 3).
+
+        Returns:
+            Their places (..., 2), to the right and up.
+        """
         return points @ self.plane.T
 
 
 def view_from(azimuth: float, elevation: float) -> View:
-    """The view of someone who stands in direction azimuth (0: +x, π/2: +y) [rad] and looks down at elevation [rad]."""
+    """The view from a direction.
+
+    Args:
+        azimuth: Direction of the viewer, 0 for +x, π/2 for +y [rad].
+        elevation: Height of the viewer over the horizon [rad].
+
+    Returns:
+        The view.
+    """
     ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
     return View(np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce]]), np.array([ce * ca, ce * sa, se]))
 
 
 def posed(model: ObjectModel, q: Array) -> list[tuple[Array, Array]]:
-    """For each body, its corners in the world (n, 3) [m] and its attitude (4,). q: (nq,)."""
+    """The bodies of an object in a configuration.
+
+    Args:
+        model: The object.
+        q: The configuration (nq,).
+
+    Returns:
+        For each body, its corners in the world (n, 3) [m] and its orientation (4,), wxyz.
+    """
     position, quat = body_poses(model, q)
     return [
         (position[b] + quat_rotate(quat[b], model.corner_pos[model.corner_body == b]), quat[b])

@@ -1,6 +1,6 @@
 """A simulator together with the way its motion is recorded: what an effect changes.
 
-Recorded motion and the simulator's are tied by a `Recording`: lengths, clock, the frame on the body and the
+Recorded motion and the simulator's are tied by a `RecordingErrors`: lengths, clock, the frame on the body and the
 world's tilt. Ground that is tilted or not at z = 0 is handled as a change of frame too: the simulator's ground stays
 z = 0, and gravity is what tilts. So there are three frames: recorded, true (z is up), and the ground's.
 """
@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from tossid.objects import GRAVITY, JointType, ObjectModel
 from tossid.physics.forces import Forces, Law
 from tossid.physics.stepping import TOLERANCE, simulate
-from tossid.physics.system import Residual, System, make_system
+from tossid.physics.system import LearnedAcceleration, System, make_system
 from tossid.rotations import quat_conj, quat_exp, quat_mul, quat_rotate
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Recording:
+class RecordingErrors:
     """From true motion to recorded: p_recorded = length_scale R(world_tilt) (p + R(q) frame_offset).
 
     length_scale: recorded length per true. clock_rate: recorded time per true. frame_offset (3,) [m]: the recorded
@@ -53,8 +53,8 @@ class World:
     law: Law = field(default_factory=Law)
     ground_height: float = 0.0
     ground_tilt: tuple[float, float] = (0.0, 0.0)
-    recording: Recording = field(default_factory=Recording)
-    residual: Residual | None = None
+    recording: RecordingErrors = field(default_factory=RecordingErrors)
+    k_res: LearnedAcceleration | None = None
 
     def with_changes(self, **changes: Any) -> World:
         """A copy with fields replaced."""
@@ -74,17 +74,22 @@ class World:
 
     def system(self) -> System:
         """The simulator, in the ground's frame."""
-        system = make_system(self.object, gravity=self.gravity_on_ground(), residual=self.residual)
+        system = make_system(self.object, gravity=self.gravity_on_ground(), k_res=self.k_res)
         return system._replace(
             forces=np.array(self.forces_on_ground(), dtype=float), law=np.array(self.law, dtype=float)
         )
+
+    @property
+    def has_forces(self) -> bool:
+        """Whether forces of the state act, beside gravity."""
+        return self.forces.acts
 
     @property
     def same_everywhere(self) -> bool:
         """Whether motion is the same wherever it begins along the recorded x and y: on level ground, with no pull that
         hangs on the place."""
         level = self.ground_tilt == (0.0, 0.0) and self.recording.world_tilt == (0.0, 0.0)
-        return level and self.forces.spring == 0.0 and self.forces.vortex == 0.0 and self.residual is None
+        return level and self.forces.spring == 0.0 and self.forces.vortex == 0.0 and self.k_res is None
 
     def to_ground(self, q: Array, v: Array) -> tuple[Array, Array]:
         """True states in the ground's frame, of recorded ones: q (*b, nq), v (*b, nv)."""
@@ -161,7 +166,7 @@ class World:
     @property
     def _as_is(self) -> bool:
         """Whether true motion in the ground's frame is what is recorded."""
-        return self.recording == Recording() and self.ground_height == 0.0 and self.ground_tilt == (0.0, 0.0)
+        return self.recording == RecordingErrors() and self.ground_height == 0.0 and self.ground_tilt == (0.0, 0.0)
 
     @property
     def _joint_scale(self) -> Array:

@@ -8,7 +8,7 @@ convex. Two moves alternate:
 1. a sweep of projected Gauss-Seidel, each contact solved exactly (`block_cone`);
 2. a Newton step on the equations of the state that the sweep found (open: lam_i = 0;
    sticking: w_i = 0; slipping: w_n = 0 and u x w_t = 0 with lam_i = s (1, mu u)), taken if
-   the residual falls. From a warm start it is tried first: a body that slides or rests on
+   the KKT error falls. From a warm start it is tried first: a body that slides or rests on
    needs nothing else.
 
 Where they stall, the problem is solved as a sequence of convex cone programmes (de Saxce's
@@ -22,6 +22,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.kernels import fused_kernel
 from tossid.physics.solvers.batches import check_batch, over_threads
 from tossid.physics.solvers.blocks import block_cone, cholesky_solve, lu_solve
 from tossid.physics.solvers.cone_qp import solve_cone_qp
@@ -53,7 +54,6 @@ from tossid.physics.solvers.workspace import (
     free_length,
     gather,
     gather_matrix,
-    jit,
     manifold_step,
     multiply,
     project_row,
@@ -64,7 +64,7 @@ from tossid.physics.solvers.workspace import (
 )
 
 _PROXIMAL = 1e-10
-_QUICK = 0.1  # a Newton step that lowers the residual to this part is followed by another, without a sweep
+_QUICK = 0.1  # a Newton step that lowers the KKT error to this part is followed by another, without a sweep
 
 
 def cone_work(n: int) -> tuple[Array, NDArray[np.int64]]:
@@ -73,9 +73,9 @@ def cone_work(n: int) -> tuple[Array, NDArray[np.int64]]:
     return work, index
 
 
-@jit
+@fused_kernel
 def cone_natural_map(V, lam, w, m):  # type: ignore[no-untyped-def]
-    """The residual `problem.cone_residual` [m/s] at V[lam], V[w]."""
+    """The KKT error `problem.cone_kkt_error` [m/s] at V[lam], V[w]."""
     worst = 0.0
     for i in range(m):
         k = 3 * i
@@ -92,7 +92,7 @@ def cone_natural_map(V, lam, w, m):  # type: ignore[no-untyped-def]
     return worst
 
 
-@jit
+@fused_kernel
 def cone_state(V, index, m):  # type: ignore[no-untyped-def]
     """The states that the natural map names at V[LAM]; False if a Newton step cannot reach them from there."""
     for i in range(m):
@@ -116,7 +116,7 @@ def cone_state(V, index, m):  # type: ignore[no-untyped-def]
     return True
 
 
-@jit
+@fused_kernel
 def cone_sweep(A, V, index, m):  # type: ignore[no-untyped-def]
     """One pass of projected Gauss-Seidel; V[LAM], V[W] and the states are brought up to date."""
     for i in range(m):
@@ -126,7 +126,7 @@ def cone_sweep(A, V, index, m):  # type: ignore[no-untyped-def]
         shift(A, V, k, x0, x1, x2, m)
 
 
-@jit
+@fused_kernel
 def cone_newton(A, V, index, m):  # type: ignore[no-untyped-def]
     """Newton step for the states: unknowns as in `qp_newton`, step left in V[X]. Returns its dimension.
 
@@ -180,26 +180,26 @@ def cone_newton(A, V, index, m):  # type: ignore[no-untyped-def]
     return size
 
 
-@jit
+@fused_kernel
 def cone_solve(A, V, index, m, tolerance, max_iterations):  # type: ignore[no-untyped-def]
-    """Solve the contact-major problem A, V[B], V[MU] in place of V[LAM]. Returns (status, residual, iterations)."""
+    """Solve the contact-major problem A, V[B], V[MU] in place of V[LAM]. Returns (status, kkt_error, iterations)."""
     contact_scales(A, V, m)
     multiply(A, V, LAM, W, m)
-    residual = cone_natural_map(V, LAM, W, m)
-    if residual <= tolerance:
-        return SOLVED, residual, 0
+    kkt_error = cone_natural_map(V, LAM, W, m)
+    if kkt_error <= tolerance:
+        return SOLVED, kkt_error, 0
     quick = m > 1
     for iteration in range(1, max_iterations + 1):
         quick = quick and cone_state(V, index, m)
         if not quick:
             cone_sweep(A, V, index, m)
-            residual = cone_natural_map(V, LAM, W, m)
-            if residual <= tolerance:
+            kkt_error = cone_natural_map(V, LAM, W, m)
+            if kkt_error <= tolerance:
                 multiply(A, V, LAM, W, m)
-                residual = cone_natural_map(V, LAM, W, m)
-                if residual <= tolerance:
-                    return SOLVED, residual, iteration
-            if not residual < math.inf:
+                kkt_error = cone_natural_map(V, LAM, W, m)
+                if kkt_error <= tolerance:
+                    return SOLVED, kkt_error, iteration
+            if not kkt_error < math.inf:
                 return NOT_FINITE, math.inf, iteration
             if m == 1:
                 continue
@@ -210,23 +210,23 @@ def cone_solve(A, V, index, m, tolerance, max_iterations):  # type: ignore[no-un
                 length = free_length(V, index, m, size)
             manifold_step(V, index, m, size, length)
             multiply(A, V, TRIAL, TRIAL_W, m)
-            trial_residual = cone_natural_map(V, TRIAL, TRIAL_W, m)
-            if trial_residual < residual:
+            trial_error = cone_natural_map(V, TRIAL, TRIAL_W, m)
+            if trial_error < kkt_error:
                 break
             if attempt > 0:
                 length *= 0.3
-        quick = trial_residual < _QUICK * residual
-        if trial_residual < residual:
+        quick = trial_error < _QUICK * kkt_error
+        if trial_error < kkt_error:
             accept_trial(V, m)
-            residual = trial_residual
-            if residual <= tolerance:
-                return SOLVED, residual, iteration
-    return MAX_ITERATIONS, residual, max_iterations
+            kkt_error = trial_error
+            if kkt_error <= tolerance:
+                return SOLVED, kkt_error, iteration
+    return MAX_ITERATIONS, kkt_error, max_iterations
 
 
-@jit
+@fused_kernel
 def cone_core(A, b, mu, lam, m, tolerance, max_iterations, work, index):  # type: ignore[no-untyped-def]
-    """Solve a contact-major problem of m contacts in place of lam. Returns (status, residual, iterations).
+    """Solve a contact-major problem of m contacts in place of lam. Returns (status, kkt_error, iterations).
 
     A (3 m or more, ..), b (3 m,), lam (3 m,) in the order n, t1, t2 of contact 0, then of contact 1, ..;
     mu (m,). lam is the warm start. work, index: from `cone_work(m or more)`. Numbers are taken to be finite.
@@ -235,13 +235,13 @@ def cone_core(A, b, mu, lam, m, tolerance, max_iterations, work, index):  # type
         work[B, j], work[LAM, j] = b[j], lam[j]
     for i in range(m):
         work[MU, i] = mu[i]
-    status, residual, iterations = cone_solve(A, work, index, m, tolerance, max_iterations)
+    status, kkt_error, iterations = cone_solve(A, work, index, m, tolerance, max_iterations)
     for j in range(3 * m):
         lam[j] = work[LAM, j]
-    return status, residual, iterations
+    return status, kkt_error, iterations
 
 
-@jit
+@fused_kernel
 def cone_kernel(A, b, mu, active, lam, tolerance, max_iterations, work, index):  # type: ignore[no-untyped-def]
     """Solve one problem in the order [n.., t1 t2 ..]; lam is the warm start and receives the answer.
 
@@ -250,7 +250,7 @@ def cone_kernel(A, b, mu, active, lam, tolerance, max_iterations, work, index): 
         tolerance [m/s]. work, index: from `cone_work(n)`.
 
     Returns:
-        (status, residual [m/s], iterations).
+        (status, kkt_error [m/s], iterations).
     """
     n = mu.shape[0]
     m, total = gather(b, mu, active, lam, work, index)
@@ -262,19 +262,19 @@ def cone_kernel(A, b, mu, active, lam, tolerance, max_iterations, work, index): 
         return (SOLVED, 0.0, 0) if total < math.inf else (NOT_FINITE, math.inf, 0)
     local = work[TOP + 3 * n :]
     gather_matrix(A, local, index, n, m)
-    status, residual, iterations = cone_solve(local, work, index, m, tolerance, max_iterations)
+    status, kkt_error, iterations = cone_solve(local, work, index, m, tolerance, max_iterations)
     scatter(lam, work, index, n, m, status)
-    return status, residual, iterations
+    return status, kkt_error, iterations
 
 
-@jit
+@fused_kernel
 def cone_batch(  # type: ignore[no-untyped-def]
-    A, b, mu, active, lam, status, residual, iterations, tolerance, max_iterations, first, last
+    A, b, mu, active, lam, status, kkt_error, iterations, tolerance, max_iterations, first, last
 ):
     """`cone_kernel` on problems first..last-1 of a batch, one after another."""
     work, index = work_arrays(mu.shape[1])
     for k in range(first, last):
-        status[k], residual[k], iterations[k] = cone_kernel(
+        status[k], kkt_error[k], iterations[k] = cone_kernel(
             A[k], b[k], mu[k], active[k], lam[k], tolerance, max_iterations, work, index
         )
 
@@ -297,7 +297,7 @@ def solve_cone(
         b: (B, 3 n) [m/s]. mu: (n,) or (B, n) friction coefficients, at least 0.
         active: (B, n); contacts that are not active get lam = 0. All if None.
         warm: (B, 3 n) [N s] impulses to start from; zero if None.
-        tolerance: [m/s] on the natural map (`problem.cone_residual`).
+        tolerance: [m/s] on the natural map (`problem.cone_kkt_error`).
         max_iterations: of the quick kernel; problems that reach it are solved again as a sequence
             of cone programmes.
         n_threads: the batch is split over this many threads (the kernels release the GIL).
@@ -310,10 +310,10 @@ def solve_cone(
     """
     A, b, mu, chosen, lam = check_batch(A, b, mu, active, warm)
     status = np.empty(len(b), dtype=np.uint8)
-    residual, iterations = np.empty(len(b)), np.empty(len(b), dtype=np.int64)
+    kkt_error, iterations = np.empty(len(b)), np.empty(len(b), dtype=np.int64)
 
     def part(first: int, last: int) -> None:
-        cone_batch(A, b, mu, chosen, lam, status, residual, iterations, tolerance, max_iterations, first, last)
+        cone_batch(A, b, mu, chosen, lam, status, kkt_error, iterations, tolerance, max_iterations, first, last)
 
     over_threads(part, len(b), n_threads)
     work, index = cone_work(mu.shape[1])
@@ -327,7 +327,7 @@ def solve_cone(
             return cone_kernel(A[k], b[k], mu[k], chosen[k], warm, tolerance, limit, work, index)
 
         near = solve_lcp(A[k : k + 1], b[k : k + 1], mu[k : k + 1], active=chosen[k : k + 1], n_directions=16).lam[0]
-        status[k], residual[k] = rescue_cone(
-            A[k], b[k], mu[k], lam[k], float(residual[k]), polyhedral=near, programme=programme, attempt=attempt
+        status[k], kkt_error[k] = rescue_cone(
+            A[k], b[k], mu[k], lam[k], float(kkt_error[k]), polyhedral=near, programme=programme, attempt=attempt
         )
-    return ContactSolution(lam, status, residual, iterations)
+    return ContactSolution(lam, status, kkt_error, iterations)

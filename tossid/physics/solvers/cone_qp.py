@@ -7,7 +7,7 @@ Two moves alternate, and both can only lower the objective:
    open, sticking and slipping contacts apart;
 2. a Newton step on the manifold that this names: lam_i = 0 where open, free where sticking,
    s (1, mu u) on the cone's surface where slipping, with the surface's curvature; projected
-   back, and taken if the objective or the residual falls.
+   back, and taken if the objective or the KKT error falls.
 
 The first converges from anywhere, the second quadratically at the end, also where A is
 singular (four corners on a plane): redundant directions stay where the sweep put them.
@@ -20,6 +20,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.kernels import fused_kernel
 from tossid.physics.solvers.batches import check_batch, over_threads
 from tossid.physics.solvers.blocks import block_qp, cholesky_solve
 from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution
@@ -47,7 +48,6 @@ from tossid.physics.solvers.workspace import (
     free_length,
     gather,
     gather_matrix,
-    jit,
     manifold_step,
     multiply,
     scatter,
@@ -59,9 +59,9 @@ from tossid.physics.solvers.workspace import (
 _PROXIMAL = 1e-10
 
 
-@jit
-def qp_residual(V, lam, w, m):  # type: ignore[no-untyped-def]
-    """The natural map of the cone programme (`problem.cone_qp_residual`) at V[lam], V[w]."""
+@fused_kernel
+def qp_kkt_error(V, lam, w, m):  # type: ignore[no-untyped-def]
+    """The natural map of the cone programme (`problem.cone_qp_kkt_error`) at V[lam], V[w]."""
     worst = 0.0
     for i in range(m):
         k = 3 * i
@@ -81,7 +81,7 @@ def qp_residual(V, lam, w, m):  # type: ignore[no-untyped-def]
     return worst
 
 
-@jit
+@fused_kernel
 def qp_sweep(A, V, index, m):  # type: ignore[no-untyped-def]
     """One pass of block coordinate descent; V[LAM], V[W] and the states are brought up to date."""
     for i in range(m):
@@ -91,7 +91,7 @@ def qp_sweep(A, V, index, m):  # type: ignore[no-untyped-def]
         shift(A, V, k, x0, x1, x2, m)
 
 
-@jit
+@fused_kernel
 def qp_newton(A, V, index, m):  # type: ignore[no-untyped-def]
     """Newton step on the manifold that the states name. Returns its dimension; the step is left in V[X].
 
@@ -142,7 +142,7 @@ def qp_newton(A, V, index, m):  # type: ignore[no-untyped-def]
     return size
 
 
-@jit
+@fused_kernel
 def qp_at_rest(V, m):  # type: ignore[no-untyped-def]
     """Whether lam = 0 solves the contact-major programme of V[B] and V[MU], whatever A is."""
     for i in range(m):
@@ -152,23 +152,23 @@ def qp_at_rest(V, m):  # type: ignore[no-untyped-def]
     return True
 
 
-@jit
+@fused_kernel
 def qp_solve(A, V, index, m, tolerance, max_iterations):  # type: ignore[no-untyped-def]
-    """Solve the contact-major programme A, V[B], V[MU] in place of V[LAM]. Returns (status, residual, iterations)."""
+    """Solve the contact-major programme A, V[B], V[MU] in place of V[LAM]. Returns (status, kkt_error, iterations)."""
     contact_scales(A, V, m)
     multiply(A, V, LAM, W, m)
-    residual = qp_residual(V, LAM, W, m)
-    if residual <= tolerance:
-        return SOLVED, residual, 0
+    kkt_error = qp_kkt_error(V, LAM, W, m)
+    if kkt_error <= tolerance:
+        return SOLVED, kkt_error, 0
     for iteration in range(1, max_iterations + 1):
         qp_sweep(A, V, index, m)
-        residual = qp_residual(V, LAM, W, m)
-        if residual <= tolerance:
+        kkt_error = qp_kkt_error(V, LAM, W, m)
+        if kkt_error <= tolerance:
             multiply(A, V, LAM, W, m)
-            residual = qp_residual(V, LAM, W, m)
-            if residual <= tolerance:
-                return SOLVED, residual, iteration
-        if not residual < math.inf:
+            kkt_error = qp_kkt_error(V, LAM, W, m)
+            if kkt_error <= tolerance:
+                return SOLVED, kkt_error, iteration
+        if not kkt_error < math.inf:
             return NOT_FINITE, math.inf, iteration
         size = qp_newton(A, V, index, m)
         value = 0.0
@@ -183,19 +183,19 @@ def qp_solve(A, V, index, m, tolerance, max_iterations):  # type: ignore[no-unty
             trial_value = 0.0
             for j in range(3 * m):
                 trial_value += V[TRIAL, j] * (V[TRIAL_W, j] + V[B, j])
-            trial_residual = qp_residual(V, TRIAL, TRIAL_W, m)
-            if trial_value < value or trial_residual < residual:
+            trial_error = qp_kkt_error(V, TRIAL, TRIAL_W, m)
+            if trial_value < value or trial_error < kkt_error:
                 accept_trial(V, m)
-                residual = trial_residual
+                kkt_error = trial_error
                 break
             if attempt > 0:
                 length *= 0.3
-        if residual <= tolerance:
-            return SOLVED, residual, iteration
-    return MAX_ITERATIONS, residual, max_iterations
+        if kkt_error <= tolerance:
+            return SOLVED, kkt_error, iteration
+    return MAX_ITERATIONS, kkt_error, max_iterations
 
 
-@jit
+@fused_kernel
 def cone_qp_kernel(  # type: ignore[no-untyped-def]
     A, c, mu, active, lam, tolerance, max_iterations, regularization, work, index
 ):
@@ -207,7 +207,7 @@ def cone_qp_kernel(  # type: ignore[no-untyped-def]
         work, index: from `work_arrays(n)`.
 
     Returns:
-        (status, residual, iterations).
+        (status, kkt_error, iterations).
     """
     n = mu.shape[0]
     m, total = gather(c, mu, active, lam, work, index)
@@ -218,19 +218,19 @@ def cone_qp_kernel(  # type: ignore[no-untyped-def]
     gather_matrix(A, local, index, n, m)
     for j in range(3 * m):
         local[j, j] += regularization
-    status, residual, iterations = qp_solve(local, work, index, m, tolerance, max_iterations)
+    status, kkt_error, iterations = qp_solve(local, work, index, m, tolerance, max_iterations)
     scatter(lam, work, index, n, m, status)
-    return status, residual, iterations
+    return status, kkt_error, iterations
 
 
-@jit
+@fused_kernel
 def cone_qp_batch(  # type: ignore[no-untyped-def]
-    A, c, mu, active, lam, status, residual, iterations, tolerance, max_iterations, regularization, first, last
+    A, c, mu, active, lam, status, kkt_error, iterations, tolerance, max_iterations, regularization, first, last
 ):
     """`cone_qp_kernel` on problems first..last-1 of a batch, one after another."""
     work, index = work_arrays(mu.shape[1])
     for k in range(first, last):
-        status[k], residual[k], iterations[k] = cone_qp_kernel(
+        status[k], kkt_error[k], iterations[k] = cone_qp_kernel(
             A[k], c[k], mu[k], active[k], lam[k], tolerance, max_iterations, regularization, work, index
         )
 
@@ -255,7 +255,7 @@ def solve_cone_qp(
         active: (B, n); contacts that are not active get lam = 0. All if None.
         warm: (B, 3 n) impulses to start from; zero if None.
         regularization: added to A's diagonal (makes lam unique where A is singular).
-        tolerance: on the natural map (`problem.cone_qp_residual`), in the unit of c.
+        tolerance: on the natural map (`problem.cone_qp_kkt_error`), in the unit of c.
         max_iterations: of the quick kernel; problems that reach it are tried again from an
             interior-point answer.
         n_threads: the batch is split over this many threads (the kernels release the GIL).
@@ -268,11 +268,11 @@ def solve_cone_qp(
     """
     A, c, mu, chosen, lam = check_batch(A, c, mu, active, warm)
     status = np.empty(len(c), dtype=np.uint8)
-    residual, iterations = np.empty(len(c)), np.empty(len(c), dtype=np.int64)
+    kkt_error, iterations = np.empty(len(c)), np.empty(len(c), dtype=np.int64)
 
     def part(first: int, last: int) -> None:
         cone_qp_batch(
-            A, c, mu, chosen, lam, status, residual, iterations,
+            A, c, mu, chosen, lam, status, kkt_error, iterations,
             tolerance, max_iterations, regularization, first, last,
         )  # fmt: skip
 
@@ -284,5 +284,5 @@ def solve_cone_qp(
         def attempt(warm: Array, limit: int, k: int = k) -> tuple[int, float, int]:
             return cone_qp_kernel(A[k], c[k], mu[k], chosen[k], warm, tolerance, limit, regularization, work, index)
 
-        status[k], residual[k] = rescue_programme(start, attempt, lam[k], float(residual[k]))
-    return ContactSolution(lam, status, residual, iterations)
+        status[k], kkt_error[k] = rescue_programme(start, attempt, lam[k], float(kkt_error[k]))
+    return ContactSolution(lam, status, kkt_error, iterations)

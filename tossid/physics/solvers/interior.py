@@ -15,14 +15,14 @@ import math
 
 import numpy as np
 
+from tossid.kernels import fused_kernel
 from tossid.physics.solvers.blocks import cholesky_solve
-from tossid.physics.solvers.workspace import jit
 
 _STEPS = 60
 _SIGHT = 0.99
 
 
-@jit
+@fused_kernel
 def interior_point(A, c, mu, m, lam):  # type: ignore[no-untyped-def]
     """Put a nearly optimal, feasible impulse into lam (contact-major, m contacts).
 
@@ -117,7 +117,7 @@ def interior_point(A, c, mu, m, lam):  # type: ignore[no-untyped-def]
     return gap, np.abs(residual).max()
 
 
-@jit
+@fused_kernel
 def nt_scaling(x, z, start, m, wbar, beta):  # type: ignore[no-untyped-def]
     """Scaling point of each cone: W = beta (2 v v^T - J), W^2 = beta^2 (2 wbar wbar^T - J), W z = W^-1 x."""
     for i in range(m):
@@ -136,7 +136,7 @@ def nt_scaling(x, z, start, m, wbar, beta):  # type: ignore[no-untyped-def]
         beta[i] = math.sqrt(xx / zz)
 
 
-@jit
+@fused_kernel
 def apply_scaling(wbar, beta, start, m, a, out, inverse):  # type: ignore[no-untyped-def]
     """out = W a, or W^-1 a."""
     for i in range(m):
@@ -156,7 +156,7 @@ def apply_scaling(wbar, beta, start, m, a, out, inverse):  # type: ignore[no-unt
         )
 
 
-@jit
+@fused_kernel
 def add_inverse_square(wbar, beta, start, m, H):  # type: ignore[no-untyped-def]
     """H += W^-2."""
     for i in range(m):
@@ -174,7 +174,7 @@ def add_inverse_square(wbar, beta, start, m, H):  # type: ignore[no-untyped-def]
             H[k + second, k + first] += 2.0 * b * value
 
 
-@jit
+@fused_kernel
 def jordan(scaled, left, right, e, centre, start, m):  # type: ignore[no-untyped-def]
     """left = scaled \\ (centre e - scaled o scaled - left o right), in the Jordan algebra of each cone."""
     for i in range(m):
@@ -194,7 +194,7 @@ def jordan(scaled, left, right, e, centre, start, m):  # type: ignore[no-untyped
         left[k], left[k + 1], left[k + 2] = y0, (r1 - y0 * s1) / s0, (r2 - y0 * s2) / s0
 
 
-@jit
+@fused_kernel
 def longest_step(x, d, start, m):  # type: ignore[no-untyped-def]
     """The largest part of the step d, at most 1e3, that keeps x in its cones."""
     part = 1e3

@@ -21,10 +21,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.kernels import fused_kernel
 from tossid.physics.solvers.batches import check_batch, over_threads
 from tossid.physics.solvers.lemke import basic_solution, lcp_matrix, lemke
-from tossid.physics.solvers.problem import ACCEPTED_RESIDUAL, Array, tangent_directions
-from tossid.physics.solvers.workspace import INACCURATE, NOT_FINITE, SOLVED, jit
+from tossid.physics.solvers.problem import ACCEPTED_KKT_ERROR, Array, tangent_directions
+from tossid.physics.solvers.workspace import INACCURATE, NOT_FINITE, SOLVED
 
 _PROXIMAL = 1e-5
 _PROXIMAL_STEPS = 20
@@ -34,13 +35,13 @@ _SWEEPS = 2000
 class LcpSolution(NamedTuple):
     """Solved polyhedral problems; `status` holds `SolverStatus` values.
 
-    lam (B, 3 n) [N s], status (B,) uint8, residual (B,) [m/s], iterations (B,) pivots,
+    lam (B, 3 n) [N s], status (B,) uint8, kkt_error (B,) [m/s], iterations (B,) pivots,
     beta (B, n, k) [N s], gamma (B, n) [m/s].
     """
 
     lam: Array
     status: NDArray[np.uint8]
-    residual: Array
+    kkt_error: Array
     iterations: NDArray[np.int64]
     beta: Array
     gamma: Array
@@ -57,7 +58,7 @@ def lcp_work(n: int, k: int) -> tuple[Array, NDArray[np.int64]]:
     return np.empty((2 * size + 1, 2 * size + 2)), np.empty((3, size + n), dtype=np.int64)
 
 
-@jit
+@fused_kernel
 def own_scale(A, i, n, largest):  # type: ignore[no-untyped-def]
     """a_i = trace(A_ii) / 3 of contact i, floored as in `problem.contact_scale`; largest: trace among contacts."""
     t = n + 2 * i
@@ -65,7 +66,7 @@ def own_scale(A, i, n, largest):  # type: ignore[no-untyped-def]
     return a if a > 0.0 else 1.0
 
 
-@jit
+@fused_kernel
 def largest_trace(A, active, n):  # type: ignore[no-untyped-def]
     """The largest trace(A_ii) of the active contacts."""
     largest = 0.0
@@ -75,9 +76,9 @@ def largest_trace(A, active, n):  # type: ignore[no-untyped-def]
     return largest
 
 
-@jit
-def lcp_residual_kernel(A, b, mu, directions, active, lam, beta, gamma):  # type: ignore[no-untyped-def]
-    """The residual `problem.lcp_residual` [m/s] over the active contacts."""
+@fused_kernel
+def lcp_kkt_error_kernel(A, b, mu, directions, active, lam, beta, gamma):  # type: ignore[no-untyped-def]
+    """The KKT error `problem.lcp_kkt_error` [m/s] over the active contacts."""
     n, k = beta.shape
     worst, largest = 0.0, largest_trace(A, active, n)
     for i in range(n):
@@ -101,7 +102,7 @@ def lcp_residual_kernel(A, b, mu, directions, active, lam, beta, gamma):  # type
     return worst
 
 
-@jit
+@fused_kernel
 def unpack(x, size, scale, chosen, m, n, directions, basis, lam, beta, gamma):  # type: ignore[no-untyped-def]
     """lam, beta, gamma in the problem's units from the values x of the basic variables (negative ones cut to 0)."""
     k = directions.shape[0]
@@ -125,9 +126,9 @@ def unpack(x, size, scale, chosen, m, n, directions, basis, lam, beta, gamma):  
             lam[n + 2 * i + 1] += value * scale[p] * directions[place - 1, 1]
 
 
-@jit
+@fused_kernel
 def lcp_sweeps(A, b, mu, active, directions, lam, beta, gamma, tolerance):  # type: ignore[no-untyped-def]
-    """Block Gauss-Seidel from lam = 0: one contact after another, exactly. Returns the residual [m/s]."""
+    """Block Gauss-Seidel from lam = 0: one contact after another, exactly. Returns the KKT error [m/s]."""
     n, k = beta.shape
     size = k + 2
     M, q, T = np.empty((size, size)), np.empty(size), np.empty((size + 1, 2 * size + 2))
@@ -136,7 +137,7 @@ def lcp_sweeps(A, b, mu, active, directions, lam, beta, gamma, tolerance):  # ty
     own_beta, own_gamma, own_mu = np.empty((1, k)), np.empty(1), np.empty(1)
     rows = np.empty(3, np.int64)
     lam[:], beta[:], gamma[:] = 0.0, 0.0, 0.0
-    residual = math.inf
+    kkt_error = math.inf
     for sweep in range(_SWEEPS):
         for i in range(n):
             if not active[i]:
@@ -168,17 +169,17 @@ def lcp_sweeps(A, b, mu, active, directions, lam, beta, gamma, tolerance):  # ty
                 beta[i, j] = own_beta[0, j]
             gamma[i] = own_gamma[0]
         if sweep % 10 == 9:
-            residual = lcp_residual_kernel(A, b, mu, directions, active, lam, beta, gamma)
-            if residual <= tolerance or not residual < math.inf:
+            kkt_error = lcp_kkt_error_kernel(A, b, mu, directions, active, lam, beta, gamma)
+            if kkt_error <= tolerance or not kkt_error < math.inf:
                 break
-    return residual
+    return kkt_error
 
 
-@jit
+@fused_kernel
 def pivoted(  # type: ignore[no-untyped-def]
     A, b, mu, active, directions, chosen, m, lam, beta, gamma, tolerance, max_iterations, work, index
 ):
-    """Lemke's algorithm on the m chosen contacts, its basis solved again. Returns (status, residual, pivots)."""
+    """Lemke's algorithm on the m chosen contacts, its basis solved again. Returns (status, kkt_error, pivots)."""
     n, k = beta.shape
     size, rows, largest = m * (k + 2), n * (k + 2), largest_trace(A, active, n)
     basis, ties = index[0], index[1]
@@ -191,21 +192,21 @@ def pivoted(  # type: ignore[no-untyped-def]
     for i in range(size):
         x[i] = T[i, 2 * size + 1]
     unpack(x, size, scale, chosen, m, n, directions, basis, lam, beta, gamma)
-    residual = lcp_residual_kernel(A, b, mu, directions, active, lam, beta, gamma)
-    if status == SOLVED and residual > 1e-3 * tolerance:
+    kkt_error = lcp_kkt_error_kernel(A, b, mu, directions, active, lam, beta, gamma)
+    if status == SOLVED and kkt_error > 1e-3 * tolerance:
         basic_solution(M, q, size, basis, work, 2 * rows)
         for i in range(size):
             x[i] = work[2 * rows, i]
         unpack(x, size, scale, chosen, m, n, directions, basis, lam, beta, gamma)
-        residual = lcp_residual_kernel(A, b, mu, directions, active, lam, beta, gamma)
-    return status, residual, iterations
+        kkt_error = lcp_kkt_error_kernel(A, b, mu, directions, active, lam, beta, gamma)
+    return status, kkt_error, iterations
 
 
-@jit
+@fused_kernel
 def second_try(  # type: ignore[no-untyped-def]
-    A, b, mu, active, directions, chosen, m, lam, beta, gamma, residual, tolerance, max_iterations, work, index
+    A, b, mu, active, directions, chosen, m, lam, beta, gamma, kkt_error, tolerance, max_iterations, work, index
 ):
-    """What pivoting left, again; lam, beta, gamma and the residual [m/s], which is returned, only get better.
+    """What pivoting left, again; lam, beta, gamma and the KKT error [m/s], which is returned, only get better.
 
     Proximal steps: Lemke's algorithm with A + e a_i 1, which is regular, and b - e a_i lam of the step
     before; their fixed point solves the problem itself, and one step misses it by e a_i |change of lam|.
@@ -228,21 +229,21 @@ def second_try(  # type: ignore[no-untyped-def]
                 held, shifted, mu, active, directions, chosen, m, other, other_beta, other_gamma,
                 tolerance, max_iterations, work, index,
             )  # fmt: skip
-            found = lcp_residual_kernel(A, b, mu, directions, active, other, other_beta, other_gamma)
+            found = lcp_kkt_error_kernel(A, b, mu, directions, active, other, other_beta, other_gamma)
         else:
             status = SOLVED
             found = lcp_sweeps(A, b, mu, active, directions, other, other_beta, other_gamma, tolerance)
-        if not residual <= found:
-            residual = found
+        if not kkt_error <= found:
+            kkt_error = found
             lam[:], beta[:], gamma[:] = other, other_beta, other_gamma
-            if residual <= tolerance:
+            if kkt_error <= tolerance:
                 break
         if status != SOLVED:  # no step to go on from
             other[:] = 0.0
-    return residual
+    return kkt_error
 
 
-@jit
+@fused_kernel
 def lcp_kernel(  # type: ignore[no-untyped-def]
     A, b, mu, active, directions, lam, beta, gamma, tolerance, max_iterations, work, index
 ):
@@ -251,7 +252,7 @@ def lcp_kernel(  # type: ignore[no-untyped-def]
     directions: (k, 2), from `tangent_directions`. work, index: from `lcp_work(n, k)`.
 
     Returns:
-        (status, residual [m/s], pivots). A problem that is not solved has the status that pivoting
+        (status, kkt_error [m/s], pivots). A problem that is not solved has the status that pivoting
         ended with, and the best answer found.
     """
     n = beta.shape[0]
@@ -265,28 +266,42 @@ def lcp_kernel(  # type: ignore[no-untyped-def]
     if not abs(total + largest_trace(A, active, n)) < math.inf:
         lam[:], beta[:], gamma[:] = 0.0, 0.0, 0.0
         return NOT_FINITE, math.inf, 0
-    status, residual, iterations = pivoted(
+    status, kkt_error, iterations = pivoted(
         A, b, mu, active, directions, chosen, m, lam, beta, gamma, tolerance, max_iterations, work, index
     )
-    if status != SOLVED or not residual <= tolerance:
-        residual = second_try(
-            A, b, mu, active, directions, chosen, m, lam, beta, gamma, residual, tolerance, max_iterations, work, index
+    if status != SOLVED or not kkt_error <= tolerance:
+        kkt_error = second_try(
+            A, b, mu, active, directions, chosen, m, lam, beta, gamma, kkt_error, tolerance, max_iterations, work, index
         )
-    if residual <= tolerance:
-        return SOLVED, residual, iterations
-    return INACCURATE if status == SOLVED else status, residual, iterations
+    if kkt_error <= tolerance:
+        return SOLVED, kkt_error, iterations
+    return INACCURATE if status == SOLVED else status, kkt_error, iterations
 
 
-@jit
+@fused_kernel
 def lcp_batch(  # type: ignore[no-untyped-def]
-    A, b, mu, active, directions, lam, beta, gamma, status, residual, iterations, tolerance, max_iterations, first, last
+    A,
+    b,
+    mu,
+    active,
+    directions,
+    lam,
+    beta,
+    gamma,
+    status,
+    kkt_error,
+    iterations,
+    tolerance,
+    max_iterations,
+    first,
+    last,
 ):
     """`lcp_kernel` on problems first..last-1 of a batch, one after another."""
     size = mu.shape[1] * (directions.shape[0] + 2)
     work = np.empty((2 * size + 1, 2 * size + 2))
     index = np.empty((3, size + mu.shape[1]), dtype=np.int64)
     for k in range(first, last):
-        status[k], residual[k], iterations[k] = lcp_kernel(
+        status[k], kkt_error[k], iterations[k] = lcp_kernel(
             A[k], b[k], mu[k], active[k], directions, lam[k], beta[k], gamma[k],
             tolerance, max_iterations, work, index,
         )  # fmt: skip
@@ -299,7 +314,7 @@ def solve_lcp(
     *,
     active: NDArray[np.bool_] | None = None,
     n_directions: int = 8,
-    tolerance: float = ACCEPTED_RESIDUAL,
+    tolerance: float = ACCEPTED_KKT_ERROR,
     max_iterations: int = 2000,
     n_threads: int = 1,
 ) -> LcpSolution:
@@ -310,7 +325,7 @@ def solve_lcp(
         b: (B, 3 n) [m/s]. mu: (n,) or (B, n) friction coefficients, at least 0.
         active: (B, n); contacts that are not active get lam = 0. All if None.
         n_directions: k, even and at least 4.
-        tolerance: [m/s] on the complementarity residual (`problem.lcp_residual`).
+        tolerance: [m/s] on the complementarity error (`problem.lcp_kkt_error`).
         max_iterations: pivots; a problem that reaches it is tried again another way (`second_try`).
         n_threads: the batch is split over this many threads (the kernels release the GIL).
 
@@ -322,13 +337,13 @@ def solve_lcp(
     count, n = mu.shape
     beta, gamma = np.zeros((count, n, n_directions)), np.zeros((count, n))
     status = np.empty(count, dtype=np.uint8)
-    residual, iterations = np.empty(count), np.empty(count, dtype=np.int64)
+    kkt_error, iterations = np.empty(count), np.empty(count, dtype=np.int64)
 
     def part(first: int, last: int) -> None:
         lcp_batch(
-            A, b, mu, chosen, directions, lam, beta, gamma, status, residual, iterations,
+            A, b, mu, chosen, directions, lam, beta, gamma, status, kkt_error, iterations,
             tolerance, max_iterations, first, last,
         )  # fmt: skip
 
     over_threads(part, count, n_threads)
-    return LcpSolution(lam, status, residual, iterations, beta, gamma)
+    return LcpSolution(lam, status, kkt_error, iterations, beta, gamma)

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import math
 
+from tossid.kernels import fused_kernel
 from tossid.physics.solvers.blocks import lu_solve
-from tossid.physics.solvers.workspace import INFEASIBLE, MAX_ITERATIONS, SOLVED, jit
+from tossid.physics.solvers.workspace import INFEASIBLE, MAX_ITERATIONS, SOLVED
 
 _PIVOT = 1e-10
 _TIE = 1e-11
 
 
-@jit
+@fused_kernel
 def lcp_matrix(A, b, mu, directions, chosen, m, n, scale, M, q):  # type: ignore[no-untyped-def]
     """The scaled complementarity problem w = M z + q of the chosen contacts, z = (lam_n, beta, gamma) by contact.
 
@@ -50,7 +51,7 @@ def lcp_matrix(A, b, mu, directions, chosen, m, n, scale, M, q):  # type: ignore
         M[row + k + 1, row] = mu[i]
 
 
-@jit
+@fused_kernel
 def leaving_row(T, size, enter, basis, ties):  # type: ignore[no-untyped-def]
     """Row of the lexicographic ratio test in column `enter`, or -1 if nothing limits it (a ray)."""
     last = 2 * size + 1
@@ -86,7 +87,7 @@ def leaving_row(T, size, enter, basis, ties):  # type: ignore[no-untyped-def]
     return ties[0]
 
 
-@jit
+@fused_kernel
 def pivot(T, size, row, enter):  # type: ignore[no-untyped-def]
     """Bring column `enter` into the basis at `row`."""
     width = 2 * size + 2
@@ -102,7 +103,7 @@ def pivot(T, size, row, enter):  # type: ignore[no-untyped-def]
             T[i, enter] = 0.0
 
 
-@jit
+@fused_kernel
 def lemke(M, q, size, max_iterations, T, basis, ties):  # type: ignore[no-untyped-def]
     """Lemke's algorithm on w = M z + q. Returns (status, pivots); basis[i] is the variable of row i
 
@@ -134,7 +135,7 @@ def lemke(M, q, size, max_iterations, T, basis, ties):  # type: ignore[no-untype
     return MAX_ITERATIONS, max_iterations
 
 
-@jit
+@fused_kernel
 def basic_solution(M, q, size, basis, work, last):  # type: ignore[no-untyped-def]
     """work[last] = the values of the basic variables, from the problem's own M and q; other rows are overwritten."""
     for i in range(size):

@@ -16,9 +16,9 @@ Cone programme (the inner problem of the ContactNets loss, Pfrommer et al. 2020)
 
     min over lam_n >= 0, |lam_t| <= mu lam_n of  1/2 lam^T A lam + c^T lam
 
-Residuals are natural maps, zero exactly at a solution. Impulses are weighed with
-a_i = trace(A_ii) / 3 of the contact's own block, so that every residual is a velocity
-[m/s] (or the unit of c) and a problem scaled in mass keeps its residual.
+KKT errors are natural maps, zero exactly at a solution. Impulses are weighed with
+a_i = trace(A_ii) / 3 of the contact's own block, so that every KKT error is a velocity
+[m/s] (or the unit of c) and a problem scaled in mass keeps its KKT error.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from tossid.errors import InputError
 Array = NDArray[np.float64]
 
 DEFAULT_TOLERANCE = 1e-9
-ACCEPTED_RESIDUAL = 1e-8
+ACCEPTED_KKT_ERROR = 1e-8
 
 
 class SolverStatus(IntEnum):
     """How a contact problem ended. Anything but SOLVED is counted and reported by the caller."""
 
     SOLVED = 0
-    """The residual is at or below the tolerance."""
+    """The KKT error is at or below the tolerance."""
 
     MAX_ITERATIONS = 1
     """The iteration limit came first: raise it, or look for contacts that exclude each other."""
@@ -53,18 +53,18 @@ class SolverStatus(IntEnum):
     """The problem holds NaN or infinity; the impulses are returned as zero."""
 
     INACCURATE = 4
-    """The method came to its end, but rounding keeps the residual above the tolerance."""
+    """The method came to its end, but rounding keeps the KKT error above the tolerance."""
 
 
 class ContactSolution(NamedTuple):
     """Solved contact problems; `status` holds `SolverStatus` values.
 
-    lam (B, 3 n) [N s], status (B,) uint8, residual (B,) [m/s], iterations (B,) int64.
+    lam (B, 3 n) [N s], status (B,) uint8, kkt_error (B,) [m/s], iterations (B,) int64.
     """
 
     lam: Array
     status: NDArray[np.uint8]
-    residual: Array
+    kkt_error: Array
     iterations: NDArray[np.int64]
 
     @property
@@ -103,7 +103,7 @@ def project_cone(x: Array, mu: Array) -> Array:
     return np.where(inside[..., None], x, on_surface)
 
 
-def cone_qp_residual(A: Array, c: Array, mu: Array, lam: Array) -> Array:
+def cone_qp_kkt_error(A: Array, c: Array, mu: Array, lam: Array) -> Array:
     """max_i a_i |lam_i - P_i(lam_i - g_i / a_i)|, g = A lam + c, P_i the projection on contact i's cone.
 
     A (*b, 3 n, 3 n), c and lam (*b, 3 n), mu (*b, n) -> (*b).
@@ -113,7 +113,7 @@ def cone_qp_residual(A: Array, c: Array, mu: Array, lam: Array) -> Array:
     return np.linalg.norm(step, axis=-1).max(axis=-1, initial=0.0)
 
 
-def cone_residual(A: Array, b: Array, mu: Array, lam: Array) -> Array:
+def cone_kkt_error(A: Array, b: Array, mu: Array, lam: Array) -> Array:
     """The exact cone's natural map [m/s]: the largest over contacts of
 
     |a lam_n - max(0, a lam_n - w_n)| and a |lam_t - P(lam_t - w_t / a)|,
@@ -129,8 +129,8 @@ def cone_residual(A: Array, b: Array, mu: Array, lam: Array) -> Array:
     return np.maximum(normal, tangent).max(axis=-1, initial=0.0)
 
 
-def lcp_residual(A: Array, b: Array, mu: Array, beta: Array, gamma: Array, lam_n: Array) -> Array:
-    """The polyhedral problem's complementarity residual [m/s]: the largest over contacts and directions of
+def lcp_kkt_error(A: Array, b: Array, mu: Array, beta: Array, gamma: Array, lam_n: Array) -> Array:
+    """The polyhedral problem's complementarity error [m/s]: the largest over contacts and directions of
 
     |min(a lam_n, w_n)|, |min(a beta_j, d_j . w_t + gamma)| and |min(gamma, a (mu lam_n - sum beta))|.
     A (*b, 3 n, 3 n), b (*b, 3 n), mu, gamma and lam_n (*b, n), beta (*b, n, k) -> (*b).

@@ -10,8 +10,8 @@ import numpy as np
 from tossid.physics.solvers.problem import (
     Array,
     by_contact,
-    cone_qp_residual,
-    cone_residual,
+    cone_kkt_error,
+    cone_qp_kkt_error,
     project_cone,
     tangent_directions,
 )
@@ -29,7 +29,7 @@ def cone_qp_reference(
     """min over the friction cones of 1/2 lam^T A lam + c^T lam by accelerated projected gradient.
 
     Nesterov's method with restart on the gradient (O'Donoghue & Candes 2015).
-    Returns lam (3 n,) and the residual of `cone_qp_residual`.
+    Returns lam (3 n,) and the KKT error of `cone_qp_kkt_error`.
     """
     step = 1.0 / max(float(np.linalg.eigvalsh(A)[-1]), 1e-300)
     lam = np.zeros(len(c))
@@ -42,29 +42,29 @@ def cone_qp_reference(
         following = 0.5 * (1 + np.sqrt(1 + 4 * momentum**2))
         ahead = new + (momentum - 1) / following * (new - lam)
         lam, momentum = new, following
-        if iteration % 20 == 0 and cone_qp_residual(A, c, mu, lam) <= tolerance:
+        if iteration % 20 == 0 and cone_qp_kkt_error(A, c, mu, lam) <= tolerance:
             break
-    return lam, float(cone_qp_residual(A, c, mu, lam))
+    return lam, float(cone_qp_kkt_error(A, c, mu, lam))
 
 
 def cone_reference(A: Array, b: Array, mu: Array, *, tolerance: float = 1e-9, turns: int = 500) -> tuple[Array, float]:
     """The exact cone with maximum dissipation, as cone programmes with c_n = b_n + mu |w_t| held and renewed.
 
-    (De Saxce & Feng 1998; the iteration of Cadoux 2009.) Returns lam (3 n,) and the residual of `cone_residual`.
+    (De Saxce & Feng 1998; the iteration of Cadoux 2009.) Returns lam (3 n,) and the KKT error of `cone_kkt_error`.
     """
     n = len(mu)
     slip = np.zeros(n)
-    lam, residual = np.zeros(3 * n), np.inf
+    lam, kkt_error = np.zeros(3 * n), np.inf
     for _ in range(turns):
         c = b.copy()
         c[:n] += mu * slip
         lam, _ = cone_qp_reference(A, c, mu, tolerance=0.01 * tolerance)
-        residual = float(cone_residual(A, b, mu, lam))
-        if residual <= tolerance:
+        kkt_error = float(cone_kkt_error(A, b, mu, lam))
+        if kkt_error <= tolerance:
             break
         w = A @ lam + b
         slip = np.hypot(w[n::2], w[n + 1 :: 2])
-    return lam, residual
+    return lam, kkt_error
 
 
 def lcp_matrices(A: Array, b: Array, mu: Array, n_directions: int) -> tuple[Array, Array]:

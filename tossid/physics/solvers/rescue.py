@@ -14,7 +14,7 @@ from tossid.physics.solvers.interior import interior_point
 from tossid.physics.solvers.problem import Array, contact_rows
 
 Attempt = Callable[[Array, int], tuple[int, float, int]]
-"""(warm start and answer lam (3 n,), iteration limit) -> (status, residual, iterations)."""
+"""(warm start and answer lam (3 n,), iteration limit) -> (status, kkt_error, iterations)."""
 
 _SOLVED, _NOT_FINITE = 0, 3
 
@@ -32,14 +32,14 @@ def interior_start(A: Array, c: Array, mu: Array, active: NDArray[np.bool_], reg
     return lam
 
 
-def rescue_programme(start: Array, attempt: Attempt, lam: Array, residual: float) -> tuple[int, float]:
-    """Try a cone programme again from `start`; lam is replaced if that is better. Returns (status, residual)."""
+def rescue_programme(start: Array, attempt: Attempt, lam: Array, kkt_error: float) -> tuple[int, float]:
+    """Try a cone programme again from `start`; lam is replaced if that is better. Returns (status, kkt_error)."""
     trial = start.copy()
     status, found, _ = attempt(trial, 500)
-    if found < residual:
+    if found < kkt_error:
         lam[:] = trial
         return status, found
-    return 1, residual
+    return 1, kkt_error
 
 
 def rescue_cone(
@@ -47,7 +47,7 @@ def rescue_cone(
     b: Array,
     mu: Array,
     lam: Array,
-    residual: float,
+    kkt_error: float,
     *,
     polyhedral: Array,
     programme: Callable[[Array, Array], None],
@@ -61,15 +61,15 @@ def rescue_cone(
     programme (`programme(c, lam)`, warm from the turn before) and starts `attempt` from its answer.
 
     Returns:
-        (status, residual).
+        (status, kkt_error).
     """
     n = len(mu)
     trial = polyhedral.copy()
     status, found, _ = attempt(trial, 60)
-    if found < residual:
-        lam[:], residual = trial, found
+    if found < kkt_error:
+        lam[:], kkt_error = trial, found
     if status == _SOLVED:
-        return status, residual
+        return status, kkt_error
     guess = lam.copy()
     slip = np.zeros(n)
     for turn in range(turns):
@@ -78,11 +78,11 @@ def rescue_cone(
         programme(c, guess)
         trial = guess.copy()
         status, found, _ = attempt(trial, 25)
-        if found < residual:
-            lam[:], residual = trial, found
+        if found < kkt_error:
+            lam[:], kkt_error = trial, found
         if status == _SOLVED:
-            return status, residual
+            return status, kkt_error
         w = A @ guess + b
         new = np.hypot(w[n::2], w[n + 1 :: 2])
         slip = new if turn < turns // 3 else 0.5 * (slip + new)
-    return 1, residual
+    return 1, kkt_error

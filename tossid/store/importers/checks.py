@@ -10,32 +10,31 @@ from numpy.typing import NDArray
 
 from tossid.errors import FileError, InputError, MotionError
 from tossid.rotations import quat_boxminus, quat_normalize
+from tossid.settings.ingestion import ImportLimits
 from tossid.store.hashing import natural_key
+from tossid.store.importers.registry import holds
 from tossid.types import OnDemand, PoseTrack
 
 Array = NDArray[np.float64]
 
 KEPT = 1024
-"""Tracks of a folder that stay in memory; more are read again when they are asked for again."""
-MAX_POSITION = 20.0
-"""[m] from the origin: tosses are room-sized."""
-MAX_SPEED = 50.0
-"""[m/s]"""
-MAX_SPIN = 200.0
-"""[rad/s] of the body, and of a joint."""
-MAX_MISMATCH = 0.5
-"""Relative: how far recorded velocities may be, in the median, from the differences of the poses."""
-MIN_MOVING_SPEED = 0.1
-"""[m/s] below which a frame says nothing about units."""
-MIN_MOVING_SPIN = 1.0
-"""[rad/s] below which a frame says nothing about units."""
+"""Tracks of a folder that stay in memory; the others are read again when they are asked for again."""
+DEFAULT_LIMITS = ImportLimits()
 
 
 def files_of(folder: Path, suffix: str, *, but_not: str | None = None) -> list[Path]:
-    """The folder's files with a suffix, 2 before 10.
+    """The files of a folder that end with a suffix, 2 before 10.
 
     Args:
-        but_not: longer suffix of files to leave out.
+        folder: Where they lie.
+        suffix: End of their names.
+        but_not: Longer suffix of files to leave out.
+
+    Returns:
+        Their paths, at least one.
+
+    Raises:
+        FileError: There is no such folder, or no such file in it.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -49,15 +48,30 @@ def files_of(folder: Path, suffix: str, *, but_not: str | None = None) -> list[P
 
 
 def tracks_of(files: Sequence[Path], read: Callable[[Path], PoseTrack]) -> Sequence[PoseTrack]:
-    """A track of each file, read when it is asked for."""
+    """The tracks of files, each read when it is asked for.
+
+    Args:
+        files: One a track.
+        read: Reads one of them.
+
+    Returns:
+        The tracks, in the order of the files.
+    """
     return OnDemand(lambda i: read(files[i]), len(files), kept=KEPT)
 
 
 def read_tensor(path: Path, columns: Sequence[int]) -> Array:
-    """A (n, columns) or (1, n, columns) float tensor that `torch.save` wrote; nothing in it is executed.
+    """The float tensor (n, columns) or (1, n, columns) that `torch.save` wrote; nothing in the file is executed.
+
+    Args:
+        path: The file.
+        columns: Numbers of columns that will do.
+
+    Returns:
+        (n, columns).
 
     Raises:
-        FileError: it is no tensor file, holds code, or has another shape or type.
+        FileError: It is no tensor file, holds code, or has another shape or type.
     """
     import torch
 
@@ -83,13 +97,41 @@ def read_tensor(path: Path, columns: Sequence[int]) -> Array:
     return np.array(loaded.detach().numpy(), dtype=float)
 
 
+def has_columns(folder: Path, columns: Sequence[int]) -> bool:
+    """Whether a folder's first `.pt` file holds a tensor with one of these numbers of columns."""
+    if not holds(folder, ".pt"):
+        return False
+    try:
+        read_tensor(files_of(folder, ".pt")[0], columns)
+    except FileError:
+        return False
+    return True
+
+
 def checked_track(
-    path: Path, t: Array, q: Array, v: Array | None, *, row_names: Sequence[str] | None = None
+    path: Path,
+    t: Array,
+    q: Array,
+    v: Array | None,
+    *,
+    row_names: Sequence[str] | None = None,
+    limits: ImportLimits = DEFAULT_LIMITS,
 ) -> PoseTrack:
-    """A `PoseTrack` named after the file, its quaternions (unit within 1e-3) normalised; errors name file and row.
+    """A track named after its file, whose quaternions (unit within 1e-3) are normalised.
 
     Args:
-        row_names: what to call the frames in errors; their index if None.
+        path: The file that the values come from.
+        t: (n,) times [s].
+        q: (n, nq) configurations [m, quaternion wxyz, rad]; normalised in place.
+        v: (n, nv) velocities, None where the file has none.
+        row_names: What to call the frames in errors; their index if None.
+        limits: Values beyond which units are taken to be wrong.
+
+    Returns:
+        The track.
+
+    Raises:
+        FileError: The values are no motion, or beyond the limits; names the row.
     """
 
     def row_of(row: int) -> int | str:
@@ -102,13 +144,13 @@ def checked_track(
         row = None if error.row is None else row_of(error.row)
         raise FileError(path, error.problem, row=row) from error
     q[:, 3:7] = quat_normalize(q[:, 3:7])
-    limits = [("position", np.abs(q[:, :3]).max(axis=1), MAX_POSITION, "m")]
+    checks = [("position", np.abs(q[:, :3]).max(axis=1), limits.position, "m")]
     if v is not None:
-        limits += [
-            ("speed", np.linalg.norm(v[:, :3], axis=1), MAX_SPEED, "m/s"),
-            ("angular velocity", np.abs(v[:, 3:]).max(axis=1), MAX_SPIN, "rad/s"),
+        checks += [
+            ("speed", np.linalg.norm(v[:, :3], axis=1), limits.speed, "m/s"),
+            ("angular velocity", np.abs(v[:, 3:]).max(axis=1), limits.spin, "rad/s"),
         ]
-    for what, values, limit, unit in limits:
+    for what, values, limit, unit in checks:
         if (values > limit).any():
             row = int(np.argmax(values > limit))
             raise FileError(
@@ -117,32 +159,39 @@ def checked_track(
     return track
 
 
-def check_velocities(folder: Path, tracks: Sequence[PoseTrack]) -> None:
-    """Raise `FileError` unless recorded velocities are the poses' own, in the median over all frames.
+def check_velocities(folder: Path, tracks: Sequence[PoseTrack], *, limits: ImportLimits = DEFAULT_LIMITS) -> None:
+    """Raise `FileError` unless recorded velocities agree with the poses' differences, in the median over all frames.
 
-    It catches wrong length units of one of the two, a wrong rate, quaternions
-    in another order and angular velocities in another frame. Single frames may
-    be off: recordings have glitches.
+    This catches lengths of one of the two in other units, a wrong rate, quaternions in another order and angular
+    velocities in another frame. Single frames may disagree: recordings have glitches.
+
+    Args:
+        folder: Where the tracks come from.
+        tracks: With recorded velocities.
+        limits: Smallest motion that counts, and largest disagreement.
+
+    Raises:
+        FileError: They disagree by more.
     """
-    cases = (
-        ("velocities", MIN_MOVING_SPEED, "lengths or rate in other units?"),
-        ("angular velocities", MIN_MOVING_SPIN, "quaternion order, frame or rate?"),
+    kinds = (
+        ("velocities", limits.moving_speed, "lengths or rate in other units?"),
+        ("angular velocities", limits.moving_spin, "quaternion order, frame or rate?"),
     )
-    misses: list[list[Array]] = [[] for _ in cases]
+    mismatches: list[list[Array]] = [[] for _ in kinds]
     for track in tracks:
         assert track.v is not None
         dt = np.diff(track.t)[:, None]
         moved = np.diff(track.q[:, :3], axis=0) / dt, quat_boxminus(track.q[1:, 3:7], track.q[:-1, 3:7]) / dt
         recorded = np.split(0.5 * (track.v[1:, :6] + track.v[:-1, :6]), 2, axis=1)
-        for a, b, (_, least, _), of_case in zip(moved, recorded, cases, misses, strict=True):
+        for a, b, (_, least, _), of_kind in zip(moved, recorded, kinds, mismatches, strict=True):
             size = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
             moving = size > least
-            of_case.append(np.linalg.norm(a - b, axis=1)[moving] / size[moving])
-    for (what, _, hint), of_case in zip(cases, misses, strict=True):
-        all_of_them = np.concatenate(of_case)
-        off = float(np.median(all_of_them)) if len(all_of_them) else 0.0
-        if off > MAX_MISMATCH:
-            raise FileError(folder, f"recorded {what} disagree with the poses by {off:.0%} in the median; {hint}")
+            of_kind.append(np.linalg.norm(a - b, axis=1)[moving] / size[moving])
+    for (what, _, hint), of_kind in zip(kinds, mismatches, strict=True):
+        all_frames = np.concatenate(of_kind)
+        mismatch = float(np.median(all_frames)) if len(all_frames) else 0.0
+        if mismatch > limits.mismatch:
+            raise FileError(folder, f"recorded {what} disagree with the poses by {mismatch:.0%} in the median; {hint}")
 
 
 def check_rate(rate_hz: float) -> None:

@@ -1,14 +1,29 @@
-"""Tosses as the ContactNets authors publish them (contact-nets, `data/tosses_processed`)."""
+"""The format `contactnets`: tosses as the ContactNets authors publish them (contact-nets, `data/tosses_processed`)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from tossid.errors import FileError, InputError
-from tossid.store.importers.checks import check_rate, check_velocities, checked_track, files_of, read_tensor, tracks_of
+from tossid.objects import ObjectModel
+from tossid.settings.ingestion import ImportLimits
+from tossid.settings.kinds import Positive, advanced_part
+from tossid.store.importers.checks import (
+    DEFAULT_LIMITS,
+    check_rate,
+    check_velocities,
+    checked_track,
+    files_of,
+    has_columns,
+    read_tensor,
+    tracks_of,
+)
+from tossid.store.importers.registry import Imported, register_importer
 from tossid.types import PoseTrack
 
 COLUMNS = 19
@@ -19,19 +34,46 @@ LOWEST_CENTER = (0.7, 5.0)
 that comes to rest has its centre at 1 (on a face) to sqrt(3) (on a corner)."""
 
 
-def read_contactnets(folder: Path, *, half_width: float = 0.0524, rate_hz: float = 148.0) -> Sequence[PoseTrack]:
-    """Read a folder of `N.pt`, each a tensor (1, n, 19) or (n, 19), lengths in half widths of the cube.
+HALF_WIDTH = 0.0524
+"""Half of the published cube's width [m]."""
+RATE = 148.0
+"""Frames a second of the published recordings [Hz]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactNetsSource:
+    """Tosses of the ContactNets cube as published: N.pt files in half widths."""
+
+    name: Literal["contactnets"] = "contactnets"
+    """ContactNets' tensors"""
+    path: Path
+    """folder of N.pt files"""
+    half_width: Positive = HALF_WIDTH
+    """half of the cube's width, the file's unit of length [m]"""
+    rate_hz: Positive = RATE
+    """frames a second"""
+    limits: ImportLimits = advanced_part(ImportLimits)
+    """values beyond which units are taken to be wrong"""
+
+
+def read_contactnets(
+    folder: Path, *, half_width: float = HALF_WIDTH, rate_hz: float = RATE, limits: ImportLimits = DEFAULT_LIMITS
+) -> Sequence[PoseTrack]:
+    """The tracks in a folder of `N.pt`, each a tensor (1, n, 19) or (n, 19), with lengths in half widths of the cube.
 
     Args:
-        half_width: of the cube [m]; it scales positions and velocities.
-        rate_hz: frames a second.
+        folder: Where the files lie.
+        half_width: Half of the cube's width [m]; it scales positions and velocities.
+        rate_hz: Frames a second.
+        limits: Values beyond which units are taken to be wrong.
 
     Returns:
-        Tracks with recorded velocities, 2 before 10; position and velocity in
-        metres and m/s, angular velocity in the body frame [rad/s].
+        Tracks with recorded velocities, 2 before 10: position [m] and linear velocity [m/s] in the world frame,
+        angular velocity [rad/s] in the body frame.
 
     Raises:
-        FileError: a file or the folder is not what it should be; names file and row.
+        FileError: A file or the folder is not what it should be; names file and row.
+        InputError: The half width or the rate is not positive.
     """
     check_rate(rate_hz)
     if not (np.isfinite(half_width) and half_width > 0):
@@ -42,10 +84,10 @@ def read_contactnets(folder: Path, *, half_width: float = 0.0524, rate_hz: float
         rows = read_tensor(path, (COLUMNS,))
         q = np.concatenate([half_width * rows[:, :3], rows[:, 3:7]], axis=1)
         v = np.concatenate([half_width * rows[:, 7:10], rows[:, 10:13]], axis=1)
-        return checked_track(path, np.arange(len(rows)) / rate_hz, q, v)
+        return checked_track(path, np.arange(len(rows)) / rate_hz, q, v, limits=limits)
 
     tracks = tracks_of(files_of(folder, ".pt"), read)
-    check_velocities(folder, tracks)
+    check_velocities(folder, tracks, limits=limits)
     lowest = float(np.median([track.q[:, 2].min() for track in tracks])) / half_width
     if not LOWEST_CENTER[0] < lowest < LOWEST_CENTER[1]:
         raise FileError(
@@ -54,3 +96,11 @@ def read_contactnets(folder: Path, *, half_width: float = 0.0524, rate_hz: float
             "are the lengths in half widths?",
         )
     return tracks
+
+
+def _import(source: ContactNetsSource, model: ObjectModel) -> Imported:
+    tracks = read_contactnets(source.path, half_width=source.half_width, rate_hz=source.rate_hz, limits=source.limits)
+    return Imported(tracks, source.rate_hz)
+
+
+register_importer(ContactNetsSource, _import, recognizes=lambda path: has_columns(path, (COLUMNS,)))

@@ -1,30 +1,73 @@
-"""Tosses as dair_pll publishes them (`assets/contactnets_cube`, `assets/contactnets_elbow`)."""
+"""The format `pll`: tosses as dair_pll publishes them (`assets/contactnets_cube`, `assets/contactnets_elbow`)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from tossid.errors import FileError, InputError
-from tossid.store.importers.checks import check_rate, check_velocities, checked_track, files_of, read_tensor, tracks_of
+from tossid.objects import ObjectModel
+from tossid.settings.ingestion import ImportLimits
+from tossid.settings.kinds import Positive, advanced_part
+from tossid.store.importers.checks import (
+    DEFAULT_LIMITS,
+    check_rate,
+    check_velocities,
+    checked_track,
+    files_of,
+    has_columns,
+    read_tensor,
+    tracks_of,
+)
+from tossid.store.importers.registry import Imported, register_importer
 from tossid.types import PoseTrack
 
+COLUMNS = (13, 15)
+"""Of an object without and with a joint."""
+RATE = 148.0
+"""Frames a second of the published recordings [Hz]."""
 
-def read_pll(folder: Path, *, n_joints: int, rate_hz: float = 148.0) -> Sequence[PoseTrack]:
-    """Read a folder of `N.pt`, each a tensor (n, 13 or 15) in metres and radians.
+
+@dataclass(frozen=True, kw_only=True)
+class PllSource:
+    """Tosses as published with dair_pll: N.pt files in metres."""
+
+    name: Literal["pll"] = "pll"
+    """dair_pll's tensors"""
+    path: Path
+    """folder of N.pt files"""
+    rate_hz: Positive = RATE
+    """frames a second"""
+    limits: ImportLimits = advanced_part(ImportLimits)
+    """values beyond which units are taken to be wrong"""
+
+
+def read_pll(
+    folder: Path, *, n_joints: int, rate_hz: float = RATE, limits: ImportLimits = DEFAULT_LIMITS
+) -> Sequence[PoseTrack]:
+    """The tracks in a folder of `N.pt`, each a tensor (n, 13 or 15) in metres and radians.
 
     Columns: quaternion wxyz (4), position (3), [joint angle], angular velocity
     (3, body), linear velocity (3), [joint rate]. Joint angles that jump by a
     turn are unwrapped: q is continuous.
 
     Args:
-        n_joints: 0 or 1, as the object has.
-        rate_hz: frames a second.
+        folder: Where the files lie.
+        n_joints: Joints of the object, 0 or 1.
+        rate_hz: Frames a second.
+        limits: Values beyond which units are taken to be wrong.
+
+    Returns:
+        Tracks with recorded velocities, 2 before 10: linear in the world frame [m/s], angular in the body frame
+        [rad/s], joint rates [rad/s].
 
     Raises:
-        FileError: a file or the folder is not what it should be; names file and row.
+        FileError: A file or the folder is not what it should be; names file and row.
+        InputError: The object has more than one joint, or the rate is not positive.
     """
     check_rate(rate_hz)
     if n_joints not in (0, 1):
@@ -32,7 +75,7 @@ def read_pll(folder: Path, *, n_joints: int, rate_hz: float = 148.0) -> Sequence
     folder = Path(folder)
 
     def read(path: Path) -> PoseTrack:
-        rows = read_tensor(path, (13, 15))
+        rows = read_tensor(path, COLUMNS)
         if rows.shape[1] != 13 + 2 * n_joints:
             raise FileError(
                 path, f"holds {rows.shape[1]} columns, expected {13 + 2 * n_joints} for an object of {n_joints} joints"
@@ -44,8 +87,16 @@ def read_pll(folder: Path, *, n_joints: int, rate_hz: float = 148.0) -> Sequence
         spin, speed, rates = np.split(rows[:, 7 + n_joints :], [3, 6], axis=1)
         q = np.concatenate([p, quat, np.unwrap(joints, axis=0)], axis=1)
         v = np.concatenate([speed, spin, rates], axis=1)
-        return checked_track(path, np.arange(len(rows)) / rate_hz, q, v)
+        return checked_track(path, np.arange(len(rows)) / rate_hz, q, v, limits=limits)
 
     tracks = tracks_of(files_of(folder, ".pt"), read)
-    check_velocities(folder, tracks)
+    check_velocities(folder, tracks, limits=limits)
     return tracks
+
+
+def _import(source: PllSource, model: ObjectModel) -> Imported:
+    tracks = read_pll(source.path, n_joints=model.n_joints, rate_hz=source.rate_hz, limits=source.limits)
+    return Imported(tracks, source.rate_hz)
+
+
+register_importer(PllSource, _import, recognizes=lambda path: has_columns(path, COLUMNS), default_object="elbow")

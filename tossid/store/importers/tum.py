@@ -1,17 +1,23 @@
-"""Trajectories in the TUM format: `timestamp tx ty tz qx qy qz qw`, one text file a toss."""
+"""The format `tum`: trajectories `timestamp tx ty tz qx qy qz qw`, one text file a toss."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import FileError, InputError
+from tossid.objects import ObjectModel
+from tossid.outputs import write_whole
 from tossid.rotations import wxyz_to_xyzw, xyzw_to_wxyz
-from tossid.store.atomic import write_whole
-from tossid.store.importers.checks import checked_track, files_of, tracks_of
+from tossid.settings.ingestion import ImportLimits
+from tossid.settings.kinds import advanced_part
+from tossid.store.importers.checks import DEFAULT_LIMITS, checked_track, files_of, tracks_of
+from tossid.store.importers.registry import Imported, holds, register_importer
 from tossid.types import PoseTrack, Toss
 
 Array = NDArray[np.float64]
@@ -22,24 +28,44 @@ _SAME_TIME = 1e-6
 _MAX_FILE = 1 << 28
 
 
-def read_tum(folder: Path, *, n_joints: int) -> Sequence[PoseTrack]:
-    """Read a folder of `NAME.txt`, and for an articulated object `NAME.joints.txt` beside each.
+@dataclass(frozen=True, kw_only=True)
+class TumSource:
+    """Tracked poses, one TUM trajectory file a toss."""
+
+    name: Literal["tum"] = "tum"
+    """TUM trajectories"""
+    path: Path
+    """folder of NAME.txt files (NAME.joints.txt beside, for joints)"""
+    limits: ImportLimits = advanced_part(ImportLimits)
+    """values beyond which units are taken to be wrong"""
+
+
+def read_tum(folder: Path, *, n_joints: int, limits: ImportLimits = DEFAULT_LIMITS) -> Sequence[PoseTrack]:
+    """The tracks in a folder of `NAME.txt`, and for an articulated object `NAME.joints.txt` beside each.
 
     A pose is that of the object's first link in a world with z up and ground
     z = 0; times [s] increase, but need not be uniform; `#` starts a comment.
     `NAME.joints.txt` holds `timestamp angle…` [rad] at the same times.
 
+    Args:
+        folder: Where the files lie.
+        n_joints: Joints of the object.
+        limits: Values beyond which units are taken to be wrong.
+
+    Returns:
+        Tracks without velocities, 2 before 10.
+
     Raises:
-        FileError: a file is missing or is not what it should be; names file and line.
+        FileError: A file is missing or is not what it should be; names file and line.
     """
     folder = Path(folder)
-    tracks = tracks_of(files_of(folder, ".txt", but_not=_JOINTS), lambda path: _read_track(path, n_joints))
+    tracks = tracks_of(files_of(folder, ".txt", but_not=_JOINTS), lambda path: _read_track(path, n_joints, limits))
     for _ in tracks:  # every file is checked now
         pass
     return tracks
 
 
-def _read_track(path: Path, n_joints: int) -> PoseTrack:
+def _read_track(path: Path, n_joints: int, limits: ImportLimits) -> PoseTrack:
     rows, lines = _read_rows(path, 8, "timestamp tx ty tz qx qy qz qw")
     t = rows[:, 0].copy()
     q = np.concatenate([rows[:, 1:4], xyzw_to_wxyz(rows[:, 4:8])], axis=1)
@@ -50,14 +76,19 @@ def _read_track(path: Path, n_joints: int) -> PoseTrack:
         q = np.concatenate([q, _read_joints(beside, t, n_joints)], axis=1)
     elif beside.exists():
         raise FileError(beside, "gives joint angles, but the object has no joints")
-    return checked_track(path, t, q, None, row_names=[f"line {line}" for line in lines])
+    return checked_track(path, t, q, None, row_names=[f"line {line}" for line in lines], limits=limits)
 
 
 def write_tum(folder: Path, tracks: Sequence[PoseTrack | Toss]) -> None:
     """Write `NAME.txt` (and `NAME.joints.txt` where there are joints) for each track, to the last digit.
 
+    Args:
+        folder: Where the files go; it is made where it is missing.
+        tracks: What is written.
+
     Raises:
-        OutputError: the folder cannot be written.
+        InputError: A track's name cannot be a file's.
+        OutputError: The folder cannot be written.
     """
     folder = Path(folder)
     for track in tracks:
@@ -115,3 +146,12 @@ def _read_rows(path: Path, columns: int, form: str) -> tuple[Array, list[int]]:
     if len(rows) < 2:
         raise FileError(path, f"has {len(rows)} rows of numbers, expected at least 2: '{form}'")
     return np.array(rows), lines
+
+
+def _import(source: TumSource, model: ObjectModel) -> Imported:
+    return Imported(read_tum(source.path, n_joints=model.n_joints, limits=source.limits))
+
+
+register_importer(
+    TumSource, _import, recognizes=lambda path: holds(path, ".txt") and not holds(path, ".pt"), cut_at_rest=True
+)

@@ -1,0 +1,1 @@
+"""The command line itself: commands and options, help, completion, console, failures."""

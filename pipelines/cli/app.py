@@ -1,0 +1,195 @@
+"""The command line: Typer for commands and options, `pipelines.config.compose` for keys.
+
+To add a command: a schema in `pipelines.config.schemas` (and in its `COMMANDS`), its
+values in `conf/NAME.yaml`, `run(config, console) -> dict` in
+`pipelines/commands/NAME.py`, and a function here. Nothing heavy is imported before a
+command runs.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipelines.cli.help import KeyedCommand
+
+app = typer.Typer(
+    name="tossid",
+    help="Learn an object's contact and continuous dynamics from its tosses, and why a simulator is wrong about it.",
+    epilog="Values are set as KEY=VALUE. 'tossid COMMAND --help' lists a command's keys.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _complete(ctx: typer.Context, incomplete: str) -> Iterator[tuple[str, str]]:
+    from pipelines.cli.completion import complete_keys
+
+    return complete_keys(ctx, incomplete)
+
+
+Keys = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="KEY=VALUE", help="Values to set.", show_default=False, autocompletion=_complete),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output, nothing else.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No tables and no progress; warnings and errors remain.")]
+Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        from pipelines.execution.code_version import version_line
+
+        typer.echo(version_line())
+        raise typer.Exit()
+
+
+@app.callback()
+def _tossid(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=_print_version)
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command(cls=KeyedCommand)
+def synthesize(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Make tosses with a simulator, and camera frames of them, with their truth beside."""
+    _run("synthesize", keys, json=json, quiet=quiet)
+
+
+@app.command(cls=KeyedCommand)
+def ingest(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Turn raw recordings, tracked poses or published tosses into a dataset."""
+    _run("ingest", keys, json=json, quiet=quiet)
+
+
+@app.command(cls=KeyedCommand)
+def detect(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Find the tags in a recording's frames (first stage of ingest)."""
+    _run("detect", keys, json=json, quiet=quiet)
+
+
+@app.command(cls=KeyedCommand)
+def track(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Estimate the object's poses from detected tags (second stage of ingest)."""
+    _run("track", keys, json=json, quiet=quiet)
+
+
+@app.command(cls=KeyedCommand)
+def segment(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Cut tracked poses into tosses and write the dataset (third stage of ingest)."""
+    _run("segment", keys, json=json, quiet=quiet)
+
+
+@app.command(cls=KeyedCommand)
+def train(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Fit a model to a dataset; an interrupted training goes on where it was."""
+    _run("train", keys, json=json, quiet=quiet)
+
+
+@app.command(cls=KeyedCommand)
+def evaluate(
+    keys: Keys = None,
+    sweep: Annotated[
+        str | None,
+        typer.Option("--sweep", metavar="NAME", help="Run the study in conf/sweep/NAME.yaml.", show_default=False),
+    ] = None,
+    json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Roll a trained model out on held-out tosses and measure its errors; or run a study, with --sweep."""
+    _run("evaluate", [*(keys or []), *([f"sweep={sweep}"] if sweep is not None else [])], json=json, quiet=quiet)
+
+
+@app.command(cls=KeyedCommand)
+def register(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Put a trained model under a name in MLflow's registry."""
+    _run("register", keys, json=json, quiet=quiet)
+
+
+@app.command(cls=KeyedCommand)
+def diagnose(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Say where a simulator misses the tosses, which effect causes it, and how far that closes the gap."""
+    _run("diagnose", keys, json=json, quiet=quiet)
+
+
+@app.command(cls=KeyedCommand)
+def audit(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Check diagnose on tosses whose effect is withheld from it."""
+    _run("audit", keys, json=json, quiet=quiet)
+
+
+@app.command(cls=KeyedCommand)
+def export(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Write a learned model as MJCF or URDF, and compare MuJoCo's rollouts of it with tossid's."""
+    _run("export", keys, json=json, quiet=quiet)
+
+
+@app.command(cls=KeyedCommand)
+def view(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Show a recording, dataset, run or gap in 3D (a Rerun file), or a recording as a contact sheet."""
+    _run("view", keys, json=json, quiet=quiet)
+
+
+@app.command("new-object", cls=KeyedCommand)
+def new_object(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Make an object from a box, with a tag on each face and a sheet to print the tags from."""
+    _run("new-object", keys, json=json, quiet=quiet)
+
+
+@app.command()
+def doctor(json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Say what is installed, what is missing, and what to do about it."""
+    from pipelines.cli.call import call
+
+    call("doctor", None, json=json, quiet=quiet)
+
+
+@app.command()
+def info(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Dataset, pose file or recording folder.")],
+    json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Say what is in a dataset, a pose file or a recording."""
+    from pipelines.cli.call import call
+
+    call("info", file, json=json, quiet=quiet)
+
+
+def _run(command: str, keys: list[str] | None, *, json: bool, quiet: bool) -> None:
+    """Compose the command's config, run it, print its result."""
+    from pipelines.cli.call import call_with_keys
+
+    call_with_keys(command, keys or [], json=json, quiet=quiet)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `tossid`. Exits with 0, 2 (wrong call or bad input), 1 (failure inside) or 130 (interrupted)."""
+    sys.exit(run(sys.argv[1:] if args is None else args))
+
+
+def run(args: list[str]) -> int:
+    """Run a command line; returns the exit code."""
+    from pipelines.cli.failures import interruptible, report
+
+    try:
+        with interruptible():
+            code = app(args=args, prog_name="tossid", standalone_mode=False)
+        return code if isinstance(code, int) else 0
+    except (Exception, KeyboardInterrupt) as error:
+        return report(error, args)
+
+
+if __name__ == "__main__":
+    main()

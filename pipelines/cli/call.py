@@ -1,0 +1,71 @@
+"""Between the command line and a command's `run`: standard output guarded, the result as JSON."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json as jsonlib
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from pipelines.cli.console import Console
+from pipelines.cli.failures import Interrupted
+from tossid.plain_json import jsonable
+
+
+def call_with_keys(command: str, keys: Sequence[str], *, json: bool, quiet: bool) -> Any:
+    """Compose the config of `command` from `conf/` and `keys`, then `call` it; returns its result."""
+    from pipelines.config.compose import load
+    from pipelines.config.schemas import COMMANDS
+
+    with _uninterrupted():
+        config: object = load(command, COMMANDS[command], keys)
+    return call(command, config, json=json, quiet=quiet)
+
+
+def call(command: str, argument: Any, *, json: bool, quiet: bool) -> Any:
+    """Run `pipelines.COMMAND.run(argument, console)`, print its result if `json`, and return it."""
+    with _uninterrupted(), guarded_stdout():
+        result = _runner(command)(argument, Console(quiet=quiet))
+    if json:
+        print(jsonlib.dumps(jsonable(result), indent=2, allow_nan=False), flush=True)  # noqa: T201
+    return result
+
+
+def _runner(command: str) -> Callable[[Any, Console], Any]:
+    """`run` of the command's module, imported only now."""
+    run: Callable[[Any, Console], Any] = importlib.import_module(f"pipelines.commands.{command.replace('-', '_')}").run
+    return run
+
+
+@contextmanager
+def guarded_stdout() -> Iterator[None]:
+    """Send everything printed on standard output, by C libraries too, to standard error."""
+    sys.stdout.flush()
+    before = sys.stdout
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    sys.stdout = sys.stderr
+    try:
+        yield
+    finally:
+        sys.stdout = before
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Carry Ctrl-C past Typer, which would turn it into a bare exit code."""
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        raise Interrupted from error
+
+
+def digest_of(value: Any) -> str:
+    """SHA-256 of a value as plain JSON: the same keys, data and code are known again by it."""
+    return hashlib.sha256(jsonlib.dumps(jsonable(value), sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,169 @@
+"""How a command ends when it does not succeed: one line, the right exit code, a log for bugs."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import FrameType
+
+import typer
+
+from tossid.errors import TossidError
+
+LOGS = Path("outputs/logs")
+"""Where tracebacks of unexpected errors go."""
+
+INTERRUPTED = 130
+
+
+class Interrupted(Exception):
+    """The user (or the system) asked the command to stop.
+
+    Raised in place of KeyboardInterrupt once the command has cleaned up.
+    """
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Let SIGTERM and a closed terminal stop a command as Ctrl-C does, so that it cleans up."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    signals = [signal.SIGTERM] + ([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in signals:
+            if signal.getsignal(number) == signal.SIG_DFL:
+                before[number] = signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def guarded(work: Callable[[], object], name: str) -> int:
+    """Do the work of a script as a command's is done: errors are one line; returns the exit code."""
+    try:
+        with interruptible():
+            work()
+        return 0
+    except (Exception, KeyboardInterrupt) as error:
+        return report(error, [name, *sys.argv[1:]])
+
+
+_SQLITE = {
+    "database or disk is full": "the disk is full (MLflow's store)",
+    "disk I/O error": "the disk reports an input/output error (MLflow's store)",
+    "readonly database": "MLflow's store is read-only",
+}
+
+
+def report(error: BaseException, args: list[str]) -> int:
+    """Print the one line for an error on standard error; returns the exit code."""
+    command = args[0] if args and not args[0].startswith("-") else ""
+    if "--debug" in args and not isinstance(error, typer.TyperException):
+        traceback.print_exception(error, file=sys.stderr)
+    line, code = _explain(error, args)
+    if line:
+        who = f"tossid {command}" if command.isalpha() and not isinstance(error, typer.TyperException) else "tossid"
+        _print(f"{who}: {line}")
+    return code
+
+
+def _explain(error: BaseException, args: list[str]) -> tuple[str, int]:
+    if _was_interrupted(error):
+        return "interrupted; what was there before is unchanged, and the command can be run again", INTERRUPTED
+    if isinstance(error, TossidError):
+        return _one_line(error), error.exit_code
+    if isinstance(error, typer.TyperException):
+        return _usage(error, args), error.exit_code
+    if isinstance(error, BrokenPipeError):
+        return "", 1
+    of_store = (cause for cause in _causes(error) if type(cause).__module__ == "sqlite3")
+    for cause in (error, *of_store):  # MLflow wraps its store's errors
+        problem = _disk_problem(cause)
+        if problem is not None:
+            name = getattr(cause, "filename", None)
+            return f"{name}: {problem}" if name else problem, 1
+    if isinstance(error, MemoryError):
+        return "out of memory", 1
+    what = f"{type(error).__name__}: {_one_line(error)}".rstrip(": ")
+    return f"this is a bug in tossid ({what[:200]}); {_log(error, args)}", 1
+
+
+def _disk_problem(error: BaseException) -> str | None:
+    """What the disk refused, also where SQLite says it, in whose text alone it stands."""
+    from tossid.outputs import disk_problem
+
+    if type(error).__module__ == "sqlite3":
+        return next((words for text, words in _SQLITE.items() if text in str(error)), None)
+    return disk_problem(error)
+
+
+def _was_interrupted(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error; libraries may wrap it (Python itself does, while a class is made)."""
+    return any(isinstance(cause, (KeyboardInterrupt, Interrupted, typer.Abort)) for cause in _causes(error))
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """An error and what is behind it."""
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+def _usage(error: typer.TyperException, args: list[str]) -> str:
+    """Typer's own errors, with a suggestion."""
+    from pipelines.cli.help import command_keys, command_names
+    from pipelines.config.keys import nearest
+
+    message = error.format_message().rstrip(".")
+    option = getattr(error, "option_name", "")
+    if message.startswith("No such command"):
+        near = nearest(args[0], command_names())
+        hint = f"Did you mean '{near}'?" if near else f"There are {', '.join(command_names())}."
+        return f"{args[0]}: no such command. {hint}"
+    if option and message.startswith("No such option"):
+        word = str(option).lstrip("-").partition("=")[0]
+        keys = command_keys(args[0])
+        if word in keys:
+            return f"{option}: no such option. Keys are given without dashes: {word}=…"
+        near = nearest(
+            str(option), ["--json", "--quiet", "--debug", "--help", *(["--sweep"] if args[0] == "evaluate" else [])]
+        )
+        key = nearest(word, keys)
+        hint = f" Did you mean '{near}'?" if near else f" Did you mean the key {key}=…?" if key else ""
+        return f"{option}: no such option.{hint}"
+    return _one_line(message)
+
+
+def _log(error: BaseException, args: list[str]) -> str:
+    """Write the traceback to a log; returns where it lies."""
+    from pipelines.execution.code_version import version_line
+
+    name = f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}.log"
+    lines = [version_line(), f"arguments: {args}", f"folder: {os.getcwd()}", "", *traceback.format_exception(error)]
+    try:
+        LOGS.mkdir(parents=True, exist_ok=True)
+        (LOGS / name).write_text("\n".join(lines))
+    except OSError:
+        return "--debug shows the traceback"
+    return f"the traceback is in {LOGS / name}"
+
+
+def _print(line: str) -> None:
+    with suppress(OSError):
+        print(line, file=sys.stderr, flush=True)  # noqa: T201
+
+
+def _one_line(what: object) -> str:
+    return " ".join(str(what).split())

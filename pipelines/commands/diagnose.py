@@ -1,0 +1,136 @@
+"""`tossid diagnose`: finds the dataset and the simulator, and saves, tracks and prints what `tossid.diagnose` finds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipelines.cli.console import Console
+from pipelines.config.schemas import DiagnoseConfig, MjcfSim, NominalSim, RunSim
+from pipelines.files.project import dataset_path
+from tossid.errors import InputError
+
+if TYPE_CHECKING:
+    from tossid.diagnosis.result import Diagnosis
+    from tossid.diagnosis.simulators import Simulator
+    from tossid.objects import ObjectModel
+
+FOLDER = Path("outputs/diagnose")
+
+
+def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
+    """Diagnose; returns gap.json's content, and where the report lies."""
+    from pipelines.tracking.run import tracked_run
+    from tossid.diagnosis.diagnose import prepare
+    from tossid.outputs import output_folder
+    from tossid.plain_json import jsonable
+    from tossid.store import file_sha256, read_dataset
+
+    data = dataset_path(config.data)
+    dataset, sha256 = read_dataset(data), file_sha256(data)
+    simulator = _SIMULATORS[config.sim.name](config.sim, dataset.object)
+    task = prepare(dataset, simulator, settings=config, name=str(data))
+    for remark in task.remarks:
+        console.warn(remark)
+    folder = config.out or FOLDER / f"{_dataset_name(data)}-{config.sim.name}"
+    with (
+        output_folder(folder, made_by="tossid diagnose") as temporary,
+        tracked_run(folder.name, config, command="diagnose") as tracked,
+    ):
+        tracked.data(data, sha256, context="diagnosis")
+        with console.shares(f"diagnosing {simulator.about}") as progress:
+            found = task.run(progress)
+        found = replace(found, data={"path": str(data), "sha256": sha256, "object": dataset.object.name})
+        found.save(temporary)
+        tracked.metrics(_metrics(found))
+        tracked.tag("verdict", found.verdict)
+        tracked.tag("effects", ", ".join(found.named))
+        written = [name for name in (*_FILES, "patched.xml") if (temporary / name).exists()]
+        for name in written:
+            tracked.artifact(temporary / name)
+        figures = sorted(path.name for path in (temporary / "figures").iterdir())
+    _say(found, folder, console)
+    where = {_FILES.get(name, "patched_mjcf"): str(folder / name) for name in written if name != "figures"}
+    where |= {"out": str(folder), "run": tracked.id}
+    plain: dict[str, Any] = jsonable(found.as_json())
+    return {**plain, **where, "figures": [str(folder / "figures" / name) for name in figures]}
+
+
+_FILES = {"gap.json": "gap_json", "gap.html": "report", "figures": "figures"}
+"""What is always written, and the key under which the command says where."""
+
+
+def _nominal(sim: NominalSim, recorded: ObjectModel) -> Simulator:
+    from tossid.diagnosis.simulators import nominal
+
+    return nominal(recorded, gravity=sim.gravity)
+
+
+def _mjcf(sim: MjcfSim, recorded: ObjectModel) -> Simulator:
+    from tossid.diagnosis.simulators import read_simulator
+
+    try:
+        return read_simulator(sim.path, recorded)
+    except InputError as error:
+        raise InputError(f"sim.path: {error}") from error
+
+
+def _run(sim: RunSim, recorded: ObjectModel) -> Simulator:
+    """A trained run, named as the tracker has it."""
+    from pipelines.files.checkpoints import trained_model
+    from pipelines.tracking.runs import find_run
+    from tossid.diagnosis.simulators import read_simulator
+
+    record = find_run(sim.path)
+    about = f"run {record.name}" + (f" ({record.id[:8]})" if record.id else "")
+    return replace(read_simulator(trained_model(record), recorded), about=about, run=record.id or None)
+
+
+_SIMULATORS: dict[str, Callable[[Any, ObjectModel], Simulator]] = {"nominal": _nominal, "mjcf": _mjcf, "run": _run}
+
+
+def _dataset_name(data: Path) -> str:
+    """The dataset's name: cube for data/datasets/cube.h5, cube-lcp-0 for data/raw/cube-lcp-0/tosses.h5."""
+    return data.resolve().parent.name if data.name == "tosses.h5" else data.stem
+
+
+def _metrics(found: Diagnosis) -> dict[str, float]:
+    """What is tracked: the gap, how much of it is closed, the last rollouts' errors."""
+    numbers = {
+        "gap_total": found.gap.total.value,
+        "gap_left": found.left.total.value,
+        "noise_floor": found.gap.noise_floor,
+        "gap_closed": found.gap_closed.value,
+        "n_effects": float(len(found.named)),
+        "seconds": found.seconds,
+    }
+    for when, step in (("before", found.steps[:1]), ("after", found.steps[-1:])):
+        for each in step:
+            numbers[f"position_error_pct/{when}"] = each.position_error_pct.value
+            numbers[f"rotation_error_deg/{when}"] = each.rotation_error_deg.value
+    for finding in found.findings:
+        if finding.name in found.named:
+            numbers |= {f"{finding.name}/{key}": value.value for key, value in finding.parameters.items()}
+    return {name: value for name, value in numbers.items() if math.isfinite(value)}
+
+
+def _say(found: Diagnosis, folder: Path, console: Console) -> None:
+    """The verdict in words, the effects in a table."""
+    from tossid.diagnosis.presentation import HEADINGS, effect_rows
+    from tossid.diagnosis.report.text import headline, sentences
+
+    console.say(headline(found))
+    for text in sentences(found):
+        console.say(f"  {text}")
+    rows = effect_rows(found)
+    if rows:
+        console.table(list(HEADINGS), rows)
+    problem = ((found.patch or {}).get("rerun") or {}).get("problem")
+    if problem:
+        console.warn(f"the patch was not rerun in MuJoCo: {problem}")
+    if (found.next_toss or {}).get("release"):
+        console.say(f"next toss: see {folder / 'gap.html'}")
+    console.say(f"report: {folder / 'gap.html'}")

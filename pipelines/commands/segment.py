@@ -1,0 +1,30 @@
+"""`tossid segment`: tosses from tracked poses, to a dataset."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pipelines.cli.console import Console
+from pipelines.cli.progress import reported
+from pipelines.commands.ingest import facts
+from pipelines.config.schemas import SegmentStageConfig
+from pipelines.files.datasets import described, provenance
+from pipelines.files.open_source import STAGES, open_stage, read_track
+from pipelines.files.project import DATASETS, check_dataset_name
+from tossid.store import source_sha256
+from tossid.vision.ingest import dataset_of_poses
+from tossid.vision.progress import Reporter
+
+
+def run(config: SegmentStageConfig, console: Console) -> dict[str, Any]:
+    """Segment, write; returns what `info` says of the dataset, `out`, the ground, and what is no toss."""
+    opened = open_stage(config.recording, config.object, default="cube")
+    source = config.poses or STAGES / opened.name / "poses.npz"
+    out = check_dataset_name("out", config.out or DATASETS / f"{opened.name}.h5")
+    poses = read_track(source)
+    lineage = provenance("segment", config, {"source_path": str(source), "source_sha256": source_sha256(source)})
+    with reported(console) as progress:
+        report = dataset_of_poses(
+            opened, poses, settings=config, out=out, lineage=lineage, report=Reporter(progress)
+        ).report
+    return {**described(out, console), **facts(report)}

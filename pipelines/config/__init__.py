@@ -1,0 +1,1 @@
+"""From `conf/` and KEY=VALUE to a checked, frozen config."""

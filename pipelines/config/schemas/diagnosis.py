@@ -1,0 +1,55 @@
+"""Keys of diagnose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.kinds import NonNegative
+
+
+@dataclass(frozen=True)
+class NominalSim:
+    """The dataset's object as it is stated, in tossid's own rigid contact."""
+
+    name: Literal["nominal"]
+    """the stated object"""
+    gravity: NonNegative
+    """downward [m/s²]"""
+
+
+@dataclass(frozen=True)
+class RunSim:
+    """A trained model: its object, gravity, residual and measurement."""
+
+    name: Literal["run"]
+    """a trained model"""
+    path: str | None
+    """run id, name or folder; null: the newest training"""
+
+
+@dataclass(frozen=True)
+class MjcfSim:
+    """Your own MuJoCo model; what the diagnosis finds is also applied to it and rerun in MuJoCo."""
+
+    name: Literal["mjcf"]
+    """a MuJoCo model"""
+    path: Path
+    """its MJCF file: one free body, and the ground as a plane"""
+
+
+Sim = NominalSim | RunSim | MjcfSim
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseConfig(DiagnoseSettings):
+    """Where a simulator differs from a dataset's tosses, which effect causes it, and how far that closes the gap."""
+
+    sim: Sim
+    """the simulator that is diagnosed:"""
+    data: Path | None
+    """the dataset; null: the newest"""
+    out: Path | None
+    """folder of the report; null: outputs/diagnose/DATASET-SIM"""

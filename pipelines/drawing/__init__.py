@@ -1,0 +1,1 @@
+"""What commands draw: tables, figures in files, views in 3D."""

@@ -1,0 +1,1 @@
+"""Who computes: processes or a cluster, and which code it is."""

@@ -1,0 +1,307 @@
+"""Workers for many pieces of work: one loop over `concurrent.futures`, whatever the workers are.
+
+They are processes of this machine, a Dask scheduler's workers, or Slurm's jobs. Each kind gives an `Executor`; nothing
+here schedules or retries. Dask gives a dead worker's work to another. A process of this machine that dies ends the
+command; the same command, given again, continues. Workers share files with the command, under the same absolute paths,
+and its code.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import logging
+import multiprocessing
+import os
+import signal
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import connection
+from pathlib import Path
+from typing import Any, TypeVar
+from urllib.parse import urlsplit
+
+from pipelines.config.schemas.launching import DaskLauncher, Launcher, ProcessesLauncher, SlurmLauncher
+from tossid.code_digest import PACKAGES, code_digest
+from tossid.errors import ConfigError, FileError, InputError, SolverError, TossidError
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+EXTRA = "pip install 'tossid[cluster]'"
+_LOOPBACK = "127.0.0.1:0"
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Workers that can take work.
+
+    Attributes:
+        executor: Takes the work.
+        count: Number of pieces that are computed at the same time.
+    """
+
+    executor: Executor
+    count: int
+
+    def submit(self, function: Callable[..., R], *args: Any) -> Future[R]:
+        """Give a call to a worker, which refuses it if it has other code."""
+        return self.executor.submit(_with_code, _code_of(function), function, *args)
+
+
+def as_done(
+    function: Callable[[T], R], items: Sequence[T], submit: Callable[[Callable[[T], R], T], Future[R]] | None
+) -> Iterator[tuple[T, R | TossidError]]:
+    """Each item with the function's result, in the order in which they are done.
+
+    Args:
+        function: What is computed of an item.
+        items: The items.
+        submit: Of an executor or of `Workers`; None to compute them one after another, in this process.
+
+    Yields:
+        An item, and its result or the `TossidError` that it ended in.
+
+    Raises:
+        SolverError: Workers died, or can no longer be reached. The rest is cancelled, as on any other end.
+    """
+    if submit is None:
+        for item in items:
+            yield item, _outcome(lambda item=item: function(item))  # type: ignore[misc]
+        return
+    waiting = {submit(function, item): item for item in items}
+    try:
+        for done in as_completed(list(waiting)):
+            yield waiting.pop(done), _outcome(done.result)
+    except BaseException as error:
+        for future in waiting:
+            future.cancel()
+        if not _lost(error):
+            raise
+        problem = (
+            f"a worker died or was lost ({type(error).__name__}; perhaps for lack of memory); what is done is kept, "
+            "and the same command continues; fewer workers take less memory"
+        )
+        raise SolverError(problem, count=len(waiting) + 1, total=len(items)) from error
+
+
+def _outcome(result: Callable[[], R]) -> R | TossidError:
+    try:
+        return result()
+    except TossidError as error:
+        return error
+
+
+def _lost(error: BaseException) -> bool:
+    """Whether workers are gone, not the work wrong."""
+    if isinstance(error, (BrokenExecutor, CancelledError)):
+        return True
+    if "distributed" not in sys.modules:
+        return False
+    from distributed import KilledWorker
+    from distributed.scheduler import NoWorkerError
+
+    return isinstance(error, (KilledWorker, NoWorkerError))
+
+
+def _code_of(function: Callable[..., Any]) -> str:
+    """Digest of the code that the function runs."""
+    while isinstance(function, partial):
+        function = function.func
+    module = function.__module__
+    return code_digest(module if module.partition(".")[0] in PACKAGES else __name__)
+
+
+def _with_code(code: str, function: Callable[..., R], *args: Any) -> R:
+    """Call it, unless this worker's code would give other numbers."""
+    if _code_of(function) != code:
+        raise InputError("a worker has another version of tossid than the command; install the same on both")
+    return function(*args)
+
+
+# ---------------------------------------------------------------- kinds of workers
+
+
+@contextmanager
+def open_workers(launcher: Launcher, count: int | None) -> Iterator[Workers]:
+    """Workers, for as long as the command needs them. Its end, of any kind, ends their work.
+
+    Args:
+        launcher: Which workers.
+        count: Number of processes, None for one a core. A cluster has its own number.
+
+    Raises:
+        ConfigError: The cluster cannot be reached, has no TLS, or cannot import tossid.
+    """
+    with _OPENERS[type(launcher)](launcher, count) as workers:
+        yield workers
+
+
+@contextmanager
+def _on_processes(launcher: ProcessesLauncher, count: int | None) -> Iterator[Workers]:
+    count = count or os.cpu_count() or 1
+    with _processes(count) as pool:
+        yield Workers(pool, count)
+
+
+@contextmanager
+def _on_dask(launcher: DaskLauncher, count: int | None) -> Iterator[Workers]:
+    if not launcher.insecure and launcher.address.startswith("tcp://") and not _is_loopback(launcher.address):
+        problem = f"{launcher.address} has no TLS: whoever reaches that port can run code as you."
+        raise ConfigError(
+            "launcher.address",
+            f"{problem} Expected tls://HOST:PORT and launcher.tls=FOLDER (or launcher.insecure=true).",
+        )
+    with _client(launcher.address, launcher.wait_s, "launcher.address", security=_certified(launcher.tls)) as client:
+        yield client
+
+
+@contextmanager
+def _on_slurm(launcher: SlurmLauncher, count: int | None) -> Iterator[Workers]:
+    with _slurm(launcher) as cluster, _client(cluster, launcher.wait_s, "launcher.jobs") as found:
+        yield Workers(found.executor, launcher.jobs)
+
+
+_OPENERS: dict[type, Callable[[Any, int | None], AbstractContextManager[Workers]]] = {
+    ProcessesLauncher: _on_processes,
+    DaskLauncher: _on_dask,
+    SlurmLauncher: _on_slurm,
+}
+"""How the workers of each launcher are opened."""
+
+
+@contextmanager
+def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes of one thread each."""
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # libraries read it when a worker imports them
+    pool = ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
+    try:
+        yield pool
+    except BaseException:
+        for child in multiprocessing.active_children():
+            child.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _begin() -> None:
+    """Begin a process: Ctrl-C is its parent's business, and it does not outlive its parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: int) -> None:
+    connection.wait([sentinel])
+    os._exit(1)
+
+
+# ---------------------------------------------------------------- clusters
+
+
+@contextmanager
+def _client(scheduler: Any, wait_s: float, key: str, *, security: Any = None) -> Iterator[Workers]:
+    """The workers of a scheduler (an address, or a cluster of dask-jobqueue), once it has one."""
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ConfigError("launcher", f"Dask is not installed; {EXTRA} installs it.") from error
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is raised too, and reported here
+    try:
+        client = Client(scheduler, timeout=wait_s, set_as_default=False, security=security)
+    except (OSError, ValueError) as error:
+        raise ConfigError(key, f"no Dask scheduler answers at {scheduler}; expected tls://HOST:PORT.") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=wait_s)
+        except TimeoutError as error:
+            raise ConfigError(key, f"no worker came within {wait_s:g} s.") from error
+        try:
+            client.run(code_digest, __name__)
+        except ImportError as error:
+            raise ConfigError(key, f"its workers cannot import tossid ({error}).") from error
+        executor = client.get_executor(pure=False)
+        try:
+            yield Workers(executor, sum(client.nthreads().values()))
+        except BaseException:
+            executor.shutdown(wait=False)
+            raise
+
+
+def _is_loopback(address: str) -> bool:
+    host = urlsplit(address).hostname or ""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _certified(folder: Path | None) -> Any:
+    """Dask's security from a folder with a certificate, which is its own authority; None without a folder."""
+    if folder is None:
+        return None
+    cert, key = folder / "cert.pem", folder / "key.pem"
+    for path in (cert, key):
+        if not path.is_file():
+            raise FileError(path, "no such file; launcher.tls names a folder with cert.pem and key.pem")
+    from distributed.security import Security
+
+    return Security(tls_ca_file=str(cert), tls_client_cert=str(cert), tls_client_key=str(key), require_encryption=True)
+
+
+@contextmanager
+def _slurm(launcher: SlurmLauncher) -> Iterator[Any]:
+    """Jobs of one core, ended with the command.
+
+    The scheduler listens on `launcher.interface` alone, with TLS. Its certificate and key are in a folder of mode 0700
+    below outputs/logs/slurm, which the jobs read them from. Dask always opens a port for HTTP; it is on loopback, and
+    has no dashboard.
+    """
+    try:
+        import dask
+        from dask_jobqueue import SLURMCluster
+    except ImportError as error:
+        raise ConfigError("launcher", f"dask-jobqueue is not installed; {EXTRA} installs it.") from error
+    logs = Path("outputs/logs/slurm").absolute()
+    logs.mkdir(parents=True, exist_ok=True)
+    # Jobs that have ended are not replaced.
+    patience = {"distributed.scheduler.no-workers-timeout": f"{launcher.wait_s}s"}
+    with tempfile.TemporaryDirectory(prefix="tls-", dir=logs) as certificates:  # made with mode 0700
+        try:
+            with dask.config.set(patience):
+                cluster = SLURMCluster(
+                    queue=launcher.queue,
+                    account=launcher.account,
+                    memory=launcher.memory,
+                    walltime=launcher.walltime,
+                    interface=launcher.interface,
+                    cores=1,
+                    processes=1,
+                    n_workers=launcher.jobs,
+                    job_name="tossid",
+                    log_directory=str(logs),
+                    job_script_prologue=[f"export {name}=1" for name in _ONE_THREAD],
+                    security=True if launcher.tls else None,
+                    shared_temp_directory=certificates,
+                    scheduler_options={"dashboard": False, "dashboard_address": _LOOPBACK},
+                    worker_extra_args=["--no-dashboard", "--dashboard-address", _LOOPBACK],
+                )
+        except (OSError, ValueError, RuntimeError) as error:
+            raise ConfigError("launcher", f"jobs cannot be submitted to Slurm ({error}).") from error
+        with cluster:
+            yield cluster

@@ -1,0 +1,68 @@
+"""Recordings and stage files where the commands look for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pipelines.files.project import newest_recording
+from tossid.errors import ConfigError, FileError
+from tossid.outputs import recover_folder
+from tossid.settings.objects import ObjectSettings
+from tossid.types import PoseTrack
+from tossid.vision.ingest import with_object
+from tossid.vision.recordings.frames import FramesSource
+from tossid.vision.recordings.npz import read_tracks
+from tossid.vision.recordings.registry import Contents, Opened, open_recording, recognized_format
+
+STAGES = Path("outputs/stages")
+"""Where the stages leave their files, a folder for each recording."""
+
+
+def located(source: Any) -> Any:
+    """A source with its path: the newest recording in data/raw where none is named."""
+    path = source.path
+    if path is None:
+        return replace(source, path=newest_recording())
+    recover_folder(path)
+    return source
+
+
+def source_at(path: Path) -> Any:
+    """The source of the recording at a path, whatever its format; frames where none is recognized."""
+    recover_folder(path)
+    entry = recognized_format(path, contents=Contents.RECORDING)
+    return FramesSource(path=path) if entry is None else entry.settings(path=path)
+
+
+def open_stage(path: Path | None, object: ObjectSettings | None = None, *, default: str | None = None) -> Opened:
+    """The recording that a stage's key names, with its object.
+
+    Args:
+        path: Where it lies; None for the newest in data/raw.
+        object: What was tossed; None for what the recording says.
+        default: Name of the object where the recording names none either; None for none.
+
+    Returns:
+        The open recording.
+    """
+    source = source_at(newest_recording() if path is None else path)
+    return with_object(open_recording(source), object, default=default)
+
+
+def read_track(path: Path) -> PoseTrack:
+    """The one track that `tossid track` wrote."""
+    if not path.is_file():
+        raise FileError(path, "no such file; 'tossid track' makes it")
+    tracks = read_tracks(path)
+    if len(tracks) != 1:
+        raise FileError(path, f"holds {len(tracks)} tracks, expected one")
+    return tracks[0]
+
+
+def check_stage_name(key: str, path: Path) -> Path:
+    """A stage's file must be named *.npz."""
+    if path.suffix != ".npz":
+        raise ConfigError(key, f"'{path}' does not end in .npz.", suggestion=str(path.with_suffix(".npz")))
+    return path

@@ -1,0 +1,62 @@
+"""Where things lie in a project folder, and what is newest there.
+
+All of it is relative to the folder that a command is run in, like MLflow's own
+store. What ships with tossid (`conf/`) is found from anywhere.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pipelines.config.places import SAMPLE
+from tossid.errors import ConfigError, FileError
+
+RECORDINGS = Path("data/raw")
+DATASETS = Path("data/datasets")
+
+
+def newest_recording(folder: Path = RECORDINGS) -> Path:
+    """The recording folder (one with cameras.yaml) that changed last.
+
+    Raises:
+        FileError: there is none.
+    """
+    found = [path.parent for path in folder.glob("*/cameras.yaml") if not path.parent.name.startswith(".")]
+    if not found:
+        sample = f"; a sample lies in {SAMPLE}" if SAMPLE.is_dir() else ""
+        raise FileError(
+            folder, f"no recording here; make one with 'tossid synthesize', or give source.path=FOLDER{sample}"
+        )
+    return max(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
+
+
+def newest_dataset(folder: Path = DATASETS) -> Path:
+    """The dataset that was written last: what `ingest` left.
+
+    Raises:
+        FileError: there is none.
+    """
+    found = [path for path in folder.glob("*.h5") if not path.name.startswith(".")]
+    if not found:
+        raise FileError(folder, "no dataset here; make one with 'tossid ingest', or give data=FILE.h5")
+    return max(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
+
+
+def dataset_path(path: Path | None) -> Path:
+    """The dataset that a key names: the file, the one in a folder that `synthesize` wrote, or the newest for None."""
+    if path is None:
+        return newest_dataset()
+    if path.is_dir() and (path / "tosses.h5").is_file():
+        return path / "tosses.h5"
+    if not path.is_file():
+        raise FileError(path, "no such dataset; expected a .h5 file")
+    return path
+
+
+def check_dataset_name(key: str, path: Path) -> Path:
+    """A dataset to write must be named as one."""
+    if path.suffix not in (".h5", ".hdf5"):
+        raise ConfigError(
+            key, f"'{path}' does not end in .h5; a dataset does.", suggestion=f"{path.with_suffix('.h5')}"
+        )
+    return path

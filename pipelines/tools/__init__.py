@@ -1,0 +1,1 @@
+"""What the Makefile runs: demo, benchmarks, studies, the gallery."""

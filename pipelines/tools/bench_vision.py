@@ -1,0 +1,193 @@
+"""The vision part of `make bench`: detection beside the bare AprilTag library, and `ingest` beside real time.
+
+One filmed toss (a hand, the toss, rest), three cameras of 1280 by 1024 px, with its truth. CPU time on one thread;
+of the images that both search, the bare library takes each whole at full resolution.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pupil_apriltags import Detector
+
+from pipelines.cli.call import call_with_keys
+from pipelines.cli.console import Console
+from pipelines.config.compose import load
+from pipelines.config.schemas import IngestConfig
+from pipelines.files.open_source import open_stage
+from tossid.motion import tosses_from_tracks
+from tossid.objects import ObjectModel, Tag
+from tossid.rotations import quat_normalize, transform, transform_points
+from tossid.settings.ingestion import DetectSettings
+from tossid.settings.rendering import RenderSettings
+from tossid.types import Detection, Frame
+from tossid.vision import stages
+from tossid.vision.cameras.camera import Camera
+from tossid.vision.cameras.rig import default_rig
+from tossid.vision.detection.detect import TagFinder
+from tossid.vision.recordings.npz import read_tracks
+from tossid.vision.recordings.registry import Opened
+from tossid.vision.rendering.render import Renderer
+from tossid.vision.setup.faces import tag_corners
+
+Array = NDArray[np.float64]
+
+FILM = ["tosses=1", "seed=3", "camera.width=1280", "camera.height=1024", "camera.samples=12"]
+IMAGES = 64
+"""Of each camera so many images in a row are searched by both, about the release and the first impacts."""
+LEVELS = ((1.5, 0.3), (1.5, 0.5), (1.5, 1.0), (1.5, 1.6), (4.0, 0.5), (4.0, 1.0), (8.0, 0.5), (8.0, 1.0))
+"""Noise [grey levels] and blur [px] at which corners are compared with the truth, in `POSES` poses each."""
+POSES = 15
+FACING = 0.25
+"""A tag counts as visible where its normal is within acos of this of the way to the camera."""
+
+
+class Search(NamedTuple):
+    """seconds: of CPU time. found: for each image its detections."""
+
+    seconds: float
+    found: list[list[Detection]]
+
+
+def vision(console: Console) -> None:
+    """Print the tables."""
+    with tempfile.TemporaryDirectory() as folder:
+        film = Path(folder) / "film"
+        call_with_keys("synthesize", [*FILM, f"out={film}"], json=False, quiet=True)
+        opened = open_stage(film, None)
+        model, (truth,) = opened.object(), read_tracks(film / "truth_poses.npz")
+        frames = list(_frames(opened))
+        bare, ours = _bare(frames), _ours(frames, opened, model)
+        true = [_visible(model, opened, frame, truth.t, truth.q) for frame in frames]
+        rows = []
+        for name, each in (("AprilTag library, whole images", bare), ("tossid, predicted", ours)):
+            right = [_errors(found, tags) for found, tags in zip(each.found, true, strict=True)]
+            errors = np.concatenate([error for error in right if len(error)])
+            rows.append(
+                [
+                    name,
+                    f"{1e3 * each.seconds / len(frames):.1f}",
+                    f"{bare.seconds / each.seconds:.1f}",
+                    f"{100 * len(errors) / 4 / sum(map(len, true)):.1f} %",
+                    f"{np.median(errors):.3f}",
+                    f"{np.quantile(errors, 0.95):.3f}",
+                ]
+            )
+        heads = ["search", "ms an image", "times as fast", "of visible tags", "median error px", "95 % px"]
+        console.table(heads, rows, title=f"Detection, {len(frames)} images of 1280 by 1024 px, one thread")
+        heads = ["noise grey levels", "blur px", "tags", "median error px", "95 % px", "NEES / expected"]
+        console.table(heads, _corners(model), title="Corners, random poses of 640 by 512 px images")
+        console.facts(_ingest(film, opened), title="ingest, three cameras of 1280 by 1024 px at 148 Hz")
+
+
+def _corners(model: ObjectModel) -> Iterator[list[str]]:
+    """Rows: corners' errors over noise and blur, and what their covariances say of them, in random poses."""
+    cameras = default_rig(n_cameras=2)
+    for noise, blur in LEVELS:
+        renderer, rng = Renderer(model, cameras, RenderSettings(noise=noise, blur=blur)), np.random.default_rng(1)
+        errors, covs = [], []
+        for _ in range(POSES):
+            q = np.array([*rng.uniform([-0.3, -0.3, 0.06], [0.3, 0.3, 0.4]), *quat_normalize(rng.normal(size=4))])
+            T = transform(q[:3], q[3:7])
+            for camera in cameras:
+                frame = Frame(camera.name, 0.0, renderer.render(q, q, camera.name, rng))
+                true = {tag.id: camera.project(transform_points(T, tag_corners(tag))) for tag in model.tags}
+                found = TagFinder(camera, model, DetectSettings(predict=False)).find(frame)
+                errors += [d.corners - true[d.tag_id] for d in found]
+                covs += [d.corner_cov for d in found]
+        error, cov = np.array(errors), np.array(covs)
+        nees = np.einsum("nci,ncij,ncj->nc", error, np.linalg.inv(cov), error) / 2
+        distance = np.linalg.norm(error, axis=-1)
+        yield [
+            f"{noise:.1f}",
+            f"{blur:.1f}",
+            f"{len(errors)}",
+            f"{np.median(distance):.3f}",
+            f"{np.quantile(distance, 0.95):.3f}",
+            f"{nees.mean():.2f}",
+        ]
+
+
+def _frames(opened: Opened) -> Iterator[Frame]:
+    """Images of each camera in turn, in order of time."""
+    recording = opened.images()
+    for files in recording.frames.values():
+        first = max(len(files) // 2 - IMAGES // 2, 0)
+        yield from recording.run(files[first : first + IMAGES])
+
+
+def _bare(frames: Sequence[Frame]) -> Search:
+    detector = Detector(families="tag36h11", nthreads=1, quad_decimate=1.0)
+    detector.detect(frames[0].image)
+    found, started = [], time.process_time()
+    raw = [detector.detect(frame.image) for frame in frames]
+    seconds = time.process_time() - started
+    cov = np.tile(DetectSettings().unrefined_sigma ** 2 * np.eye(2), (4, 1, 1))
+    for frame, rows in zip(frames, raw, strict=True):
+        found.append([Detection(frame.camera, frame.t, row.tag_id, row.corners - 0.5, cov) for row in rows])
+    return Search(seconds, found)
+
+
+def _ours(frames: Sequence[Frame], opened: Opened, model: ObjectModel) -> Search:
+    seconds, found = 0.0, []
+    for camera in opened.cameras:
+        own = [frame for frame in frames if frame.camera == camera.name]
+        TagFinder(camera, model, layout=opened.layout).find(own[0])  # the lens's table, and compiling
+        finder, started = TagFinder(camera, model, layout=opened.layout), time.process_time()
+        found += [finder.find(frame) for frame in own]
+        seconds += time.process_time() - started
+    return Search(seconds, found)
+
+
+def _visible(model: ObjectModel, opened: Opened, frame: Frame, t: Array, q: Array) -> dict[int, Array]:
+    """True corners (4, 2) [px] of the tags that face the camera, by id."""
+    pose = q[int(np.argmin(np.abs(t - frame.t)))]
+    T = transform(pose[:3], pose[3:7])
+    camera = next(camera for camera in opened.cameras if camera.name == frame.camera)
+    corners = {tag.id: camera.project(transform_points(T, tag_corners(tag))) for tag in model.tags}
+    return {
+        tag.id: corners[tag.id]
+        for tag in model.tags
+        if _faces(tag, T, camera) and camera.contains(corners[tag.id], margin=5).all()
+    }
+
+
+def _faces(tag: Tag, T: Array, camera: Camera) -> bool:
+    way = camera.T_world_cam[:3, 3] - (T @ tag.T_body_tag)[:3, 3]
+    return bool(T[:3, :3] @ tag.T_body_tag[:3, 2] @ way > FACING * np.linalg.norm(way))
+
+
+def _errors(found: Sequence[Detection], true: dict[int, Array]) -> Array:
+    """Distance of each corner of a visible tag from its true place [px]; a tag that is elsewhere is not found."""
+    errors = [np.linalg.norm(d.corners - true[d.tag_id], axis=1) for d in found if d.tag_id in true]
+    return np.concatenate([np.zeros(0), *(error for error in errors if error.max() < 5)])
+
+
+def _ingest(film: Path, opened: Opened) -> dict[str, str]:
+    """The stages' CPU seconds, and the elapsed time of all of it."""
+    config: IngestConfig = load("ingest", IngestConfig, [f"source.path={film}"])
+    started = [time.process_time()]
+    detections = list(stages.detect(opened, settings=config.detect, threads=1))
+    started.append(time.process_time())
+    tracked = stages.track(opened, detections, settings=config.track)
+    started.append(time.process_time())
+    poses = stages.object_track(opened, tracked)
+    tracks, _ = stages.segment_tosses(opened, poses, settings=config)
+    tosses_from_tracks(tracks, opened.object(), gravity=config.gravity)
+    started.append(time.process_time())
+    detect, track, segment = np.diff(started)
+    before = time.perf_counter()
+    call_with_keys("ingest", [f"source.path={film}", f"out={film.parent / 'tosses.h5'}"], json=False, quiet=True)
+    elapsed, length = time.perf_counter() - before, float(poses.t[-1] - poses.t[0])
+    return {
+        "detect": f"{detect:.2f} s of CPU time, images read",
+        "track": f"{track:.2f} s, {track / detect:.2f} of detect",
+        "segment": f"{segment:.2f} s, {segment / detect:.2f} of detect",
+        "all of it": f"{elapsed:.1f} s elapsed for {length:.1f} s of film: {elapsed / length:.1f} times real time",
+    }

@@ -1,0 +1,1 @@
+"""Runs in MLflow: logging, finding, the model registry."""

@@ -1,0 +1,83 @@
+"""Models in MLflow's registry: written without a pickle, with a signature, and loaded by MLflow's own `pyfunc`.
+
+What is registered predicts: states at some instant in, the motion that follows out, in true metres.
+"""
+
+from __future__ import annotations
+
+import shutil
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipelines.tracking.runs import CHECKPOINT
+
+if TYPE_CHECKING:
+    from mlflow.models import Model, ModelSignature
+
+    from tossid.models import TrainedModel
+
+FRAME = 1 / 148.0
+"""The length of a step that a call gets which names none [s]."""
+
+
+class Served:
+    """A model as MLflow calls it."""
+
+    def __init__(self, trained: TrainedModel) -> None:
+        self.model = trained.model
+
+    def predict(self, model_input: Mapping[str, Any], params: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """The motions that follow from states.
+
+        Args:
+            model_input: "q" (B, nq) and "v" (B, nv).
+            params: "n_steps", and "dt" [s] between them.
+
+        Returns:
+            "q" (B, n_steps + 1, nq) and "v" (B, n_steps + 1, nv), the first states included.
+        """
+        given = {"n_steps": 1, "dt": FRAME, **(params or {})}
+        q, v = (np.ascontiguousarray(model_input[name], dtype=np.float64) for name in ("q", "v"))
+        run = self.model.simulator().rollout(q, v, n_steps=int(given["n_steps"]), dt=float(given["dt"]))
+        return {"q": run.q, "v": run.v}
+
+
+def _load_pyfunc(path: str) -> Served:
+    """MLflow's entry: the model of a checkpoint (read with weights_only)."""
+    from tossid.models import TrainedModel
+
+    return Served(TrainedModel.load(path))
+
+
+def signature_of(trained: TrainedModel) -> ModelSignature:
+    """Names, types and shapes of what goes in and comes out."""
+    from mlflow.models import ModelSignature
+    from mlflow.types import ParamSchema, ParamSpec, Schema, TensorSpec
+
+    model, kind = trained.model.object, np.dtype(np.float64)
+    return ModelSignature(
+        inputs=Schema([TensorSpec(kind, (-1, model.nq), "q"), TensorSpec(kind, (-1, model.nv), "v")]),
+        outputs=Schema([TensorSpec(kind, (-1, -1, model.nq), "q"), TensorSpec(kind, (-1, -1, model.nv), "v")]),
+        params=ParamSchema([ParamSpec("n_steps", "long", 1), ParamSpec("dt", "double", FRAME)]),
+    )
+
+
+def write_model(checkpoint: Path, folder: Path) -> Model:
+    """A model in MLflow's form, around a checkpoint."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # MLflow, when it is imported, warns of its own type hints
+        from mlflow.models import Model
+        from mlflow.pyfunc import add_to_model
+
+    from tossid.models import TrainedModel
+
+    about = TrainedModel.load(checkpoint)
+    shutil.copyfile(checkpoint, folder / CHECKPOINT)
+    model = Model(signature=signature_of(about), metadata={"tossid.model": about.name, "data": about.sha256})
+    add_to_model(model, loader_module=__name__, data=CHECKPOINT)
+    model.save(str(folder / "MLmodel"))
+    return model

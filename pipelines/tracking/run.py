@@ -1,0 +1,215 @@
+"""Logging to MLflow: runs with their config, code, data, metrics, figures and files.
+
+Metrics are buffered: a run logs thousands of values in a few statements. While a tracking server is away, messages wait
+on disk (`pipelines.tracking.outbox`). MLflow is imported when the first run starts (1.5 s). `pipelines.tracking.runs`
+finds runs again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipelines.cli.console import Console
+from pipelines.config.compose import as_plain, flatten
+from pipelines.execution.code_version import commit, version
+from pipelines.tracking.mlflow_store import client, experiment_id, is_remote
+from pipelines.tracking.outbox import UNSENT, Outbox, send_unsent
+from pipelines.tracking.runs import CHECKPOINT, COMMAND_TAG, CONFIG, EXPERIMENT, RunRecord, record_of
+from tossid.outputs import only_writer
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from mlflow import MlflowClient
+
+_BUFFER = 500
+_PARAM_LENGTH = 6000
+_DIGEST_LENGTH = 36
+
+
+class TrackedRun:
+    """A run that is going on. Made by `tracked_run`. resumed: it was begun earlier."""
+
+    def __init__(self, client: MlflowClient, run_id: str, experiment: str, name: str, *, resumed: bool = False) -> None:
+        self.id = run_id
+        self.experiment = experiment
+        self.name = name
+        self.resumed = resumed
+        self.outbox = Outbox(client, run_id, warn=Console().warn)
+        self._client = client
+        self._metrics: list[list[Any]] = []
+
+    def metrics(self, values: Mapping[str, float], *, step: int = 0) -> None:
+        """Log values at a step. Buffered; a curve is one call a step."""
+        now = int(time.time() * 1000)
+        self._metrics += [[name, float(value), now, step] for name, value in values.items()]
+        if len(self._metrics) >= _BUFFER:
+            self.flush()
+
+    def last_step(self) -> int:
+        """The last step at which a metric was logged before this process went on with the run; 0 for a new one."""
+        if not self.resumed:
+            return 0
+        names = self._client.get_run(self.id).data.metrics
+        steps = [point.step for name in names for point in self._client.get_metric_history(self.id, name)]
+        return max(steps, default=0)
+
+    def flush(self) -> None:
+        """Send the buffered metrics."""
+        while self._metrics:
+            batch = self._metrics[:1000]
+            self.outbox.send("metrics", batch)
+            del self._metrics[: len(batch)]
+
+    def params(self, values: Mapping[str, Any]) -> None:
+        """Log parameters (nested ones get dotted names)."""
+        params = [(name, _param(value)) for name, value in flatten(values).items()]
+        for start in range(0, len(params), 100):
+            self.outbox.send("params", dict(params[start : start + 100]))
+
+    def tag(self, name: str, value: object) -> None:
+        """Set a tag."""
+        self.outbox.send("tag", name, str(value))
+
+    def data(self, path: Path, sha256: str, *, context: str) -> None:
+        """Log a dataset that the run reads: which file, which hash, for what."""
+        dataset = {
+            "name": Path(path).stem,
+            "digest": sha256[:_DIGEST_LENGTH],
+            "source_type": "local",
+            "source": json.dumps({"uri": os.path.abspath(path), "sha256": sha256}),
+        }
+        self.outbox.send("data", dataset, {"mlflow.data.context": context, "sha256": sha256, "path": str(path)})
+
+    def figure(self, figure: Figure, name: str) -> None:
+        """Log a matplotlib figure as `figures/NAME.png`."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"{Path(name).stem}.png"
+            figure.savefig(path)
+            self.artifact(path, folder="figures")
+
+    def artifact(self, path: Path, *, folder: str | None = None) -> None:
+        """Copy a file (or a folder with its files) to the run's artifacts."""
+        self.outbox.send("artifact", str(path), (folder or path.name) if path.is_dir() else folder)
+
+    def checkpoint(self, path: Path) -> None:
+        """Copy the run's checkpoint to its artifacts, under the name that `find_run` looks for."""
+        if path.name != CHECKPOINT:
+            raise ValueError(f"a checkpoint is named {CHECKPOINT}, not {path.name}")
+        self.artifact(path)
+
+    def text(self, text: str, name: str) -> None:
+        """Log a text (Markdown, YAML, JSON) as an artifact."""
+        self.outbox.send("text", text, name)
+
+    def end(self, status: str) -> None:
+        """Say how the run ended."""
+        self.outbox.send("end", status, int(time.time() * 1000))
+        if self.outbox.waiting() and not self.outbox.send_waiting():
+            problem = f"the tracking server is away; {self.outbox.waiting()} messages of run {self.id} wait in {UNSENT}"
+            Console().warn(f"{problem}; the next command that tracks with this server sends them")
+
+    def record(self) -> RunRecord:
+        """The run as `find_run` would return it now."""
+        self.flush()
+        return record_of(self._client.get_run(self.id))
+
+
+@contextmanager
+def tracked_run(
+    name: str,
+    config: Any,
+    *,
+    command: str,
+    experiment: str = EXPERIMENT,
+    parent: TrackedRun | str | None = None,
+    tags: Mapping[str, str] | None = None,
+    resume: str | None = None,
+) -> Iterator[TrackedRun]:
+    """Log a run: its config at once, its end whatever the end is.
+
+    Args:
+        name: what a person calls it.
+        config: a config dataclass, or a mapping: logged as `config.yaml` and, flattened, as parameters.
+        command: what made it ("train"); `find_run` looks runs up by it.
+        experiment: MLflow experiment.
+        parent: the run (or its id) that this one belongs to.
+        tags: further tags.
+        resume: id of a run that was left, to go on under it; where this store does not have it, a new one is begun.
+
+    The run ends FINISHED, FAILED on an error, KILLED on Ctrl-C.
+    """
+    import yaml
+
+    store = client()
+    send_unsent(store, warn=Console().warn)
+    plain = as_plain(config) if is_dataclass(config) else dict(config)
+    run = _left(store, resume, experiment)
+    if run is None:
+        all_tags = {COMMAND_TAG: command, "tossid.version": version(), **(tags or {})}
+        if commit():
+            all_tags["mlflow.source.git.commit"] = commit()
+        all_tags |= {"mlflow.source.name": f"tossid {command}", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
+        if parent is not None:
+            all_tags["mlflow.parentRunId"] = parent.id if isinstance(parent, TrackedRun) else parent
+        created = store.create_run(experiment_id(store, experiment), tags=all_tags, run_name=name)
+        run = TrackedRun(store, created.info.run_id, experiment, name)
+    status = "FAILED"
+    with ExitStack() as lock:
+        if is_remote(store):
+            lock.enter_context(only_writer(run.outbox.folder))  # no other command sends its messages
+        try:
+            if not run.resumed:
+                run.text(yaml.safe_dump(plain, sort_keys=False, allow_unicode=True), CONFIG)
+                run.params(plain)
+            yield run
+            run.flush()
+            status = "FINISHED"
+        except (KeyboardInterrupt, GeneratorExit):
+            status = "KILLED"
+            raise
+        finally:
+            if status == "FINISHED":
+                run.end(status)
+            else:
+                with suppress(Exception):  # the first error is the one to report
+                    run.flush()
+                with suppress(Exception):
+                    run.end(status)
+
+
+def _left(store: MlflowClient, run_id: str | None, experiment: str) -> TrackedRun | None:
+    """A run that was left, running again; None where the store does not have it."""
+    from mlflow.exceptions import MlflowException
+
+    if run_id is None:
+        return None
+    try:
+        record = store.get_run(run_id)
+        if record.info.lifecycle_stage != "active":
+            return None
+        store.update_run(run_id, status="RUNNING")
+    except MlflowException:
+        return None
+    return TrackedRun(store, run_id, experiment, record.info.run_name, resumed=True)
+
+
+def _user() -> str:
+    import getpass
+
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError):
+        return "unknown"
+
+
+def _param(value: Any) -> str:
+    text = json.dumps(value) if isinstance(value, (list, tuple, dict)) else "null" if value is None else str(value)
+    return text[:_PARAM_LENGTH]

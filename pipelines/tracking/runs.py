@@ -1,0 +1,223 @@
+"""Runs as they can be found again: the newest, by id, by name, by folder, by tag, under a parent."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlparse
+
+from pipelines.tracking.mlflow_store import client
+from tossid.errors import FileError, InputError
+from tossid.yaml_files import read_yaml
+
+EXPERIMENT = "tossid"
+CHECKPOINT = "checkpoint.pt"
+CONFIG = "config.yaml"
+RUN = "run.json"
+"""In a training's folder: {"run": MLflow's id}."""
+COMMAND_TAG = "tossid.command"
+_REGISTERED = "models:/"
+
+
+@dataclass(frozen=True)
+class DataUsed:
+    """A dataset that a run read.
+
+    Attributes:
+        path: Its file.
+        sha256: Its hash.
+        context: What it was read for: "training", "evaluation", "diagnosis".
+    """
+
+    path: str
+    sha256: str
+    context: str
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """A run as it can be found again.
+
+    Attributes:
+        id: MLflow's run id; "" for a folder that names none.
+        name, status: as MLflow has them.
+        folder: where its artifacts lie on this machine.
+        checkpoint: its checkpoint, None if it logged none.
+        config: its resolved config.
+        tags, params, metrics: as logged (the last value of each metric).
+        data: the datasets that it read.
+    """
+
+    id: str
+    name: str
+    status: str
+    folder: Path
+    checkpoint: Path | None
+    config: dict[str, Any]
+    tags: dict[str, str] = field(default_factory=dict)
+    params: dict[str, str] = field(default_factory=dict)
+    metrics: dict[str, float] = field(default_factory=dict)
+    data: tuple[DataUsed, ...] = ()
+
+
+def find_run(reference: str | Path | None = None, *, command: str = "train", experiment: str = EXPERIMENT) -> RunRecord:
+    """A run, by what a user gives for it.
+
+    Args:
+        reference: A run id (or an unambiguous beginning of at least 6 digits), a run's name (the newest of that
+            name), a folder with `checkpoint.pt` and `config.yaml`, `models:/NAME/VERSION` of the registry, or None
+            for the newest finished run of `command`.
+        command: The command whose runs are searched.
+        experiment: MLflow's experiment.
+
+    Returns:
+        The run, with its checkpoint on this machine.
+
+    Raises:
+        InputError: There is no such run, or there are several.
+        FileError: The folder is no run.
+    """
+    if str(reference).startswith(_REGISTERED):
+        return _registered(str(reference))
+    if reference is not None and (Path(reference).is_dir() or os.sep in str(reference)):
+        return _folder_record(Path(reference))
+    found = find_runs(command=command, experiment=experiment, finished=reference is None, nested=reference is not None)
+    if reference is None:
+        if not found:
+            raise InputError(f"there is no finished run yet; make one with 'tossid {command}'")
+        return record_of(found[0])
+    text = str(reference)
+    matches = [run for run in found if run.info.run_id == text] or [run for run in found if run.info.run_name == text]
+    if not matches and len(text) >= 6:
+        matches = [run for run in found if run.info.run_id.startswith(text)]
+        if len(matches) > 1:
+            raise InputError(f"run={text}: fits {len(matches)} runs; give more of the id")
+    if not matches:
+        known = ", ".join(f"{run.info.run_name} ({run.info.run_id[:8]})" for run in found[:3])
+        raise InputError(f"run={text}: no such run of 'tossid {command}'; the newest are: {known or 'none'}")
+    return record_of(matches[0])
+
+
+def _registered(reference: str) -> RunRecord:
+    """The run behind a model of the registry: models:/NAME/VERSION, models:/NAME/latest, models:/NAME@ALIAS."""
+    from mlflow.exceptions import MlflowException
+
+    name, at, alias = reference.removeprefix(_REGISTERED).partition("@")
+    version = ""
+    if not at:
+        name, _, version = name.partition("/")
+    if not name or not (alias or version == "latest" or version.isdigit()):
+        raise InputError(f"run={reference}: expected models:/NAME/VERSION, models:/NAME/latest or models:/NAME@ALIAS")
+    store = client()
+    there = store.search_model_versions(f"name = '{name}'")
+    try:
+        if alias:
+            found = store.get_model_version_by_alias(name, alias)
+        elif version == "latest":
+            found = max(there, key=lambda one: int(one.version))
+        else:
+            found = store.get_model_version(name, version)
+    except (MlflowException, ValueError) as error:
+        known = ", ".join(sorted((str(one.version) for one in there), key=int))
+        raise InputError(f"run={reference}: no such model; versions of '{name}': {known or 'none'}") from error
+    if not found.run_id:
+        raise InputError(f"run={reference}: was not registered from a run")
+    return record_of(store.get_run(found.run_id))
+
+
+def find_runs(
+    *,
+    command: str | None = None,
+    experiment: str = EXPERIMENT,
+    parent: str | None = None,
+    tags: Mapping[str, str] | None = None,
+    finished: bool = False,
+    nested: bool = False,
+) -> list[Any]:
+    """MLflow runs, newest first: of a command, under a parent, with tags.
+
+    Runs of a study (with a parent) are left out unless `parent` or `nested` asks for them.
+    """
+    store = client()
+    known = store.get_experiment_by_name(experiment)
+    if known is None:
+        return []
+    wanted = {**({COMMAND_TAG: command} if command else {}), **(tags or {})}
+    if parent is not None:
+        wanted["mlflow.parentRunId"] = parent
+    terms = [f"tags.`{name}` = '{value}'" for name, value in wanted.items()]
+    if finished:
+        terms.append("attributes.status = 'FINISHED'")
+    runs: list[Any] = []
+    token: str | None = None
+    while True:
+        page = store.search_runs(
+            [known.experiment_id], " and ".join(terms), order_by=["attributes.start_time DESC"], page_token=token
+        )
+        runs += [run for run in page if parent is not None or nested or "mlflow.parentRunId" not in run.data.tags]
+        token = page.token
+        if not token:
+            return runs
+
+
+def metric_history(run_id: str, name: str) -> list[tuple[int, float]]:
+    """Steps and values of a run's metric."""
+    return [(point.step, point.value) for point in client().get_metric_history(run_id, name)]
+
+
+def record_of(run: Any) -> RunRecord:
+    """A `RunRecord` of what MLflow's client returned; its artifacts are fetched where they lie elsewhere."""
+    folder = _artifacts(run)
+    checkpoint, config = folder / CHECKPOINT, folder / CONFIG
+    return RunRecord(
+        id=run.info.run_id,
+        name=run.info.run_name,
+        status=run.info.status,
+        folder=folder,
+        checkpoint=checkpoint if checkpoint.is_file() else None,
+        config=read_yaml(config) if config.is_file() else {},
+        tags=dict(run.data.tags),
+        params=dict(run.data.params),
+        metrics=dict(run.data.metrics),
+        data=tuple(_data_used(entry) for entry in run.inputs.dataset_inputs),
+    )
+
+
+def _data_used(entry: Any) -> DataUsed:
+    tags = {tag.key: tag.value for tag in entry.tags}
+    source = json.loads(entry.dataset.source)
+    return DataUsed(
+        path=source.get("uri", ""),
+        sha256=tags.get("sha256", entry.dataset.digest),
+        context=tags.get("mlflow.data.context", ""),
+    )
+
+
+def _artifacts(run: Any) -> Path:
+    """The run's artifacts on this machine; downloaded where they lie elsewhere."""
+    uri = run.info.artifact_uri
+    parts = urlparse(uri)
+    if parts.scheme in ("", "file"):
+        return Path(unquote(parts.path))
+    from mlflow.artifacts import download_artifacts
+
+    return Path(download_artifacts(artifact_uri=uri))
+
+
+def _folder_record(folder: Path) -> RunRecord:
+    checkpoint = folder / CHECKPOINT
+    if not checkpoint.is_file():
+        raise FileError(folder, f"is no run: expected a folder with {CHECKPOINT} and {CONFIG}")
+    return RunRecord(run_id_in(folder) or "", folder.name, "FINISHED", folder, checkpoint, read_yaml(folder / CONFIG))
+
+
+def run_id_in(folder: Path) -> str | None:
+    """The run id that a training left in its folder."""
+    try:
+        return str(json.loads((folder / RUN).read_text())["run"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

@@ -1,0 +1,57 @@
+"""The audit's cases are drawn the same again, and all kinds and effects are gone through."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tossid.diagnosis.audit.cases import KINDS, Case, draw_cases, draw_spoilt
+from tossid.diagnosis.audit.unknown_forces import UNKNOWN_FORCES
+from tossid.physics.effects import LIBRARY
+
+
+def drawn(n: int, seed: int = 0, **options: Any) -> tuple[Case, ...]:
+    effects = [effect.name for effect in LIBRARY]
+    return draw_cases(n, seed=seed, engines=("lcp", "mujoco"), displacement=(8.0, 300.0), effects=effects, **options)
+
+
+def test_the_cases_of_a_seed_are_always_the_same_and_a_longer_audit_begins_with_them() -> None:
+    assert drawn(30) == drawn(30)
+    assert drawn(30)[:12] == drawn(12)
+    assert drawn(30) != drawn(30, seed=1)
+    assert draw_spoilt(8, seed=3)[:5] == draw_spoilt(5, seed=3)
+
+
+def test_every_ten_cases_have_all_kinds_and_the_library_is_gone_through() -> None:
+    cases = drawn(200)
+    for first in range(0, 200, 10):
+        assert sorted(case.kind for case in cases[first : first + 10]) == sorted(KINDS)
+    single = [case.effects[0] for case in cases if case.kind == "effect"]
+    assert set(single[: len(LIBRARY)]) == {effect.name for effect in LIBRARY}
+    assert {case.effects[0] for case in cases if case.kind == "outside"} == set(UNKNOWN_FORCES)
+    family = {effect.name: effect.family for effect in LIBRARY}
+    for case in cases:
+        assert all(8 <= target <= 300 for target in case.targets)
+        if case.kind == "pair":
+            assert family[case.effects[0]] != family[case.effects[1]]
+
+
+def test_what_mujoco_cannot_express_is_simulated_by_lcp() -> None:
+    for case in drawn(200, only_lcp=("adhesion", "cohesion")):
+        if case.kind == "outside" or {"adhesion", "cohesion"} & set(case.effects):
+            assert case.engine == "lcp"
+    assert {case.engine for case in drawn(30) if case.kind == "null"} == {"lcp", "mujoco"}
+
+
+def test_an_effect_is_taken_out_with_all_that_contain_it() -> None:
+    assert Case(0, "without", "lcp", ("linear_drag",), (20.0,), 0).without == ("linear_drag", "wind")
+    assert Case(0, "without", "lcp", ("restitution",), (20.0,), 0).without == ("restitution",)
+    tilted = {"uniform_force", "world_tilt", "ground_tilt"}  # each is what the others make together
+    assert set(Case(0, "without", "lcp", ("uniform_force",), (20.0,), 0).without) == tilted | {"position_force"}
+    assert set(Case(0, "without", "lcp", ("ground_tilt",), (20.0,), 0).without) == tilted
+    windless = tilted | {"position_force", "wind", "linear_drag"}
+    assert set(Case(0, "without", "lcp", ("wind",), (20.0,), 0).without) == windless
+    for name in ("time_base", "gravity"):
+        left_out = Case(0, "without", "lcp", (name,), (20.0,), 0).without
+        assert set(left_out) == {"time_base", "gravity", "uniform_force", "position_force"}
+    assert Case(0, "without", "lcp", ("joint_friction",), (20.0,), 0).without == ("joint_friction",)
+    assert Case(0, "effect", "lcp", ("linear_drag",), (20.0,), 0).without == ()

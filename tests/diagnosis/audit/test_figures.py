@@ -1,0 +1,32 @@
+"""The figures of an audit draw every kind of case."""
+
+from __future__ import annotations
+
+import pytest
+
+from tossid.diagnosis.audit.figures import audit_figures, wilson
+
+
+def test_the_figures_draw_every_kind() -> None:
+    rows = [
+        {"kind": kind, "engine": "lcp", "effects": effects, "class": group, "first": group[0] if group else None,
+         "displacement": [20.0] * len(effects), "right": right}
+        for kind, effects, group, right in [
+            ("effect", ["friction"], ["friction", "cohesion"], True),
+            ("effect", ["magnus"], ["wind"], False),
+            ("null", [], [], True),
+            ("pair", ["friction", "gravity"], ["gravity"], False),
+            ("outside", ["cubic_drag"], [], True),
+            ("without", ["inertia"], [], True),
+        ]
+    ]  # fmt: skip
+    figures = audit_figures(rows)
+    assert set(figures) == {"confusion", "detection"}
+    texts = {text.get_text() for text in figures["confusion"].axes[0].get_yticklabels()}
+    assert {"nothing", "friction + gravity"} <= texts
+    assert {"cubic_drag (not in the library)", "inertia (removed from the library)"} <= texts
+
+
+def test_wilsons_interval_is_the_published_one() -> None:
+    """Newcombe 1998, table I: 81 of 263."""
+    assert wilson(81, 263) == (pytest.approx(0.2553, abs=1e-4), pytest.approx(0.3662, abs=1e-4))

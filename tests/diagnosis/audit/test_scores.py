@@ -1,0 +1,113 @@
+"""Answers made by hand are scored as they should be."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tossid.diagnosis.audit.scores import score, summarise
+
+
+def truth(kind: str, **effects: dict[str, float]) -> dict[str, Any]:
+    return {"case": {"kind": kind}, "effects": effects}
+
+
+def answer(*named: str, verdict: str = "explained", closed: float = 0.95, **found: Any) -> dict[str, Any]:
+    """gap.json as far as it is scored. found: NAME={"classes": (…), "parameters": {KEY: (low, value, high)}}."""
+    findings = []
+    for name in dict.fromkeys([*named, *found]):
+        about = found.get(name, {})
+        parameters = {k: {"value": v, "ci95": [lo, hi]} for k, (lo, v, hi) in about.get("parameters", {}).items()}
+        findings.append({"name": name, "confusable_with": list(about.get("classes", ())), "parameters": parameters})
+    where = [{"phase": "impact", "share": 0.5}] if verdict in ("unexplained", "partly_explained") else []
+    return {
+        "gap": {"by_phase": [{"phase": "flight", "share": 0.2}, {"phase": "impact", "share": 0.8}]},
+        "effects": findings,
+        "explanation": {
+            "verdict": verdict,
+            "effects": list(named),
+            "gap_closed": {"value": closed},
+            "unexplained_where": where,
+        },
+    }
+
+
+def test_the_right_name_first() -> None:
+    friction = {"parameters": {"mu": (0.29, 0.31, 0.33)}}
+    found = score(truth("effect", friction={"mu": 0.3}), answer("friction", friction=friction), closable=0.96)
+    assert found["right"]
+    assert found["false"] == []
+    assert [p["covered"] for p in found["parameters"]] == [True]
+    assert found["closed"] == pytest.approx(0.95 / 0.96)
+    assert found["phase_right"]
+
+
+def test_a_class_of_three_counts_and_one_of_four_does_not() -> None:
+    three = answer("cohesion", cohesion={"classes": ("friction", "adhesion")})
+    assert score(truth("effect", friction={"mu": 0.3}), three)["right"]
+    four = answer("cohesion", cohesion={"classes": ("adhesion", "restitution", "friction")})
+    found = score(truth("effect", friction={"mu": 0.3}), four)
+    assert not found["right"]
+    assert found["missed"] == ["friction"]
+
+
+def test_the_right_name_second_is_wrong_and_the_first_is_false() -> None:
+    found = score(truth("effect", friction={"mu": 0.3}), answer("magnus", "friction"))
+    assert not found["right"]
+    assert found["false"] == ["magnus"]
+
+
+def test_a_value_outside_its_interval_is_not_covered() -> None:
+    friction = {"parameters": {"mu": (0.31, 0.32, 0.33)}}
+    found = score(truth("effect", friction={"mu": 0.3}), answer("friction", friction=friction))
+    assert [p["covered"] for p in found["parameters"]] == [False]
+
+
+def test_nulls_and_forces_outside_the_library_must_get_no_name() -> None:
+    assert score(truth("null"), answer(verdict="no_gap"))["right"]
+    assert score(truth("null"), answer("gravity"))["false"] == ["gravity"]
+    assert score(truth("outside", cubic_drag={}), answer(verdict="unexplained"))["right"]
+    hedged = score(truth("outside", cubic_drag={}), answer("linear_drag", verdict="partly_explained"))
+    assert not hedged["right"]
+    assert hedged["hedged"]
+    assert not score(truth("outside", cubic_drag={}), answer("linear_drag"))["hedged"]
+
+
+def test_both_of_a_pair_must_be_named() -> None:
+    both = truth("pair", friction={"mu": 0.3}, gravity={"g_ms2": 9.0})
+    assert score(both, answer("gravity", "friction"))["right"]
+    assert score(both, answer("gravity", "cohesion", cohesion={"classes": ("friction",)}))["right"]
+    assert score(both, answer("gravity"))["missed"] == ["friction"]
+
+
+def test_without_its_effect_a_gap_must_stay_unexplained() -> None:
+    found = score(truth("without", restitution={"e": 0.3}), answer(verdict="unexplained"))
+    assert found["right"]
+    assert found["phase_right"]
+    assert not score(truth("without", restitution={"e": 0.3}), answer("compliance"))["right"]
+
+
+def test_a_spoilt_parameter_must_be_restored() -> None:
+    near, far = ({"parameters": {"mu": (0.1, mu, 0.3)}} for mu in (0.171, 0.16))
+    for entry, restored in ((near, True), (far, False)):
+        (found,) = score(truth("spoilt", friction={"mu": 0.175}), answer("friction", friction=entry))["parameters"]
+        assert found["covered"]
+        assert found["restored"] is restored
+
+
+def test_the_summary_counts() -> None:
+    scores = [
+        score(truth("effect", friction={"mu": 0.3}), answer("friction", friction={"parameters": {"mu": (0, 1, 2)}})),
+        score(truth("effect", friction={"mu": 0.3}), answer("magnus")),
+        score(truth("null"), answer("gravity")),
+        score(truth("null"), answer(verdict="no_gap")),
+        score(truth("outside", cubic_drag={}), answer(verdict="unexplained")),
+    ]
+    found = summarise(scores)
+    assert found["right_name"] == {"count": 1, "of": 2, "share": 0.5, "wanted": 0.9}
+    assert found["false_names_on_nulls"] == {"count": 1, "of": 2}
+    assert found["coverage"]["share"] == 1.0
+    assert found["closed_median"]["value"] == pytest.approx(0.95)
+    assert found["outside_not_named"]["count"] == 1
+    assert found["pairs_both_named"]["share"] is None

@@ -1,0 +1,79 @@
+"""Whitened residuals are noise at the truth, for a single body and with a joint; gains are robust."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.tossed import seen, seen_with_joint, with_effect
+from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis, student_deviance
+from tossid.diagnosis.likelihood.whitening import linearise
+from tossid.diagnosis.likelihood.windows import make_windows
+from tossid.objects import ObjectModel
+from tossid.physics.effects import LIBRARY, World
+from tossid.types import Phase
+
+NAMES = {effect.name: effect for effect in LIBRARY}
+K = 7
+
+
+@pytest.fixture(scope="module")
+def evidence(cube: ObjectModel) -> Evidence:
+    return Evidence(*linearise(make_windows(seen(World(cube), cube, 12, seed=0)), World(cube)))
+
+
+def test_whitened_residuals_are_noise_at_the_truth(cube: ObjectModel, evidence: Evidence) -> None:
+    world = World(cube)
+    e = evidence
+    residual = e.residuals(world)
+    free = np.isin(e.windows.phase, (Phase.FLIGHT, Phase.REST)) & e.windows.inside
+    # the truth was simulated in an eighth of the time step, which differs after impacts
+    assert 0.8 < np.sqrt((residual[free] ** 2).mean()) < 1.3
+    assert np.abs(residual[~e.windows.inside]).max(initial=0.0) == 0.0
+    assert np.median(np.abs(residual[e.windows.inside])) < 0.8
+    wrong = replace(world, gravity=8.5)
+    assert np.abs(e.residuals(wrong))[free].mean() > 1.5 * np.abs(residual)[free].mean()
+
+
+def test_whitened_residuals_with_a_joint_are_noise_at_the_truth(elbow: ObjectModel) -> None:
+    world = with_effect(elbow, "joint_damping", [2e-3])
+    tosses = seen_with_joint(world, elbow, 10, seed=1, frames=24, height=0.1)
+    windows, whitening = linearise(make_windows(tosses, elbow), world, refine=6)
+    assert windows.channels == K
+    r = Evidence(windows, whitening).residuals(world)[windows.inside]
+    assert r.shape[1] == K
+    np.testing.assert_allclose(r.std(axis=0), 1.0, atol=0.15)
+
+
+def test_a_hypothesis_is_its_base_world_with_all_effects(cube: ObjectModel) -> None:
+    both = Hypothesis(World(cube)).plus(NAMES["com_offset"], np.array([1e-3, 0.0, 0.0])).plus(NAMES["gravity"])
+    assert both.world().object.com[0, 0] == pytest.approx(cube.com[0, 0] + 1e-3)
+    assert both.world().gravity == World(cube).gravity
+    assert both.place_of("gravity") == slice(3, 4)
+    moved = both.at(np.array([0.0, 0.0, 2e-3, 9.5]))
+    np.testing.assert_array_equal(moved.values_of("com_offset"), [0.0, 0.0, 2e-3])
+    assert moved.minus("com_offset").world().gravity == 9.5
+    low, high = both.bounds
+    np.testing.assert_array_equal(both.clipped(np.full(4, 1e9)).flat(), high)
+    np.testing.assert_array_equal(both.clipped(np.full(4, -1e9)).flat(), low)
+
+
+def test_scales_are_the_size_of_the_residuals_in_each_phase(evidence: Evidence) -> None:
+    rng = np.random.default_rng(0)
+    size = np.where(evidence.windows.phase == Phase.SLIDE, 5.0, 1.0)[..., None]
+    residuals = size * rng.standard_t(4, size=evidence.windows.noise.shape)
+    scales = evidence.scales(residuals)
+    assert scales[Phase.SLIDE] == pytest.approx(5.0, rel=0.1)
+    assert scales[Phase.FLIGHT] == pytest.approx(1.0, rel=0.1)
+
+
+def test_a_gain_is_linear_when_small_and_logarithmic_when_large(evidence: Evidence) -> None:
+    small, large = evidence.gains(np.array([0.1, 1e4]), np.zeros(2))
+    assert small == pytest.approx(0.1, rel=1e-3)
+    assert large == pytest.approx(8 * np.log(2 * 1e4 / 8), rel=1e-3)
+
+
+def test_deviance_is_quadratic_for_small_residuals() -> None:
+    assert student_deviance(np.array([1e-3]))[0] == pytest.approx(5 / 4 * 1e-6, rel=1e-5)

@@ -1,0 +1,87 @@
+"""First states are found from the windows' own frames, with derivatives and covariances that are right."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.tossed import seen
+from tossid.diagnosis.likelihood.whitening import linearise
+from tossid.diagnosis.likelihood.windows import Windows, make_windows
+from tossid.objects import ObjectModel
+from tossid.physics.effects import Forces, RecordingErrors, World
+
+
+@pytest.fixture(scope="module")
+def windows(cube: ObjectModel) -> Windows:
+    return make_windows(seen(World(cube), cube, 6, seed=1), cube)
+
+
+def test_refined_first_states_fit_the_frames_better(cube: ObjectModel, windows: Windows) -> None:
+    world, free = World(cube), np.flatnonzero(windows.free)
+    kept, whitening = linearise(windows, world, refine=6)
+    before, after = (each.residuals(each.predicted(world)) for each in (windows, kept))
+    rms = [np.sqrt((r[free] ** 2).mean(axis=(0, 1))) for r in (before, after)]
+    # recorded velocities are off by 3 cm/s, which moves a flight far beyond its noise
+    assert (rms[1][:3] < 0.2 * rms[0][:3]).all()
+    assert np.sqrt((whitening(after)[free] ** 2).mean()) < 1.2
+
+
+def test_factors_whiten_the_covariance_of_the_model(cube: ObjectModel, windows: Windows) -> None:
+    """In flight, without slow errors: W (R + S P S^T) W^T = 1."""
+    windows = windows.rows(np.flatnonzero(windows.free))
+    windows = replace(windows, slow=0 * windows.slow)
+    kept, whitening = linearise(windows, World(cube), refine=0)
+    S = whitening.by_state * kept.prior[:, None]
+    noise = np.where(kept.inside[..., None], kept.noise**2, 1.0).reshape(len(S), -1)
+    cov = S @ S.mT + np.eye(noise.shape[1]) * noise[:, None]
+    white = whitening.root @ cov @ whitening.root.mT
+    np.testing.assert_allclose(white, np.broadcast_to(np.eye(white.shape[1]), white.shape), atol=1e-6)
+    np.testing.assert_allclose(whitening.log_det, -0.5 * np.linalg.slogdet(cov)[1], rtol=1e-9)
+
+
+def test_nothing_is_computed_anew_where_nothing_has_moved(cube: ObjectModel, windows: Windows) -> None:
+    kept, whitening = linearise(windows, World(cube), refine=6)
+    again, same = linearise(kept, World(cube), refine=0, near=whitening)
+    np.testing.assert_array_equal(again.at_v, kept.at_v)
+    moved = (same.taken_at != whitening.taken_at).any(axis=1)
+    assert moved.mean() < 0.2
+    np.testing.assert_array_equal(same.root[~moved], whitening.root[~moved])
+
+
+def test_poses_said_to_be_exact_are_whitened(cube: ObjectModel) -> None:
+    """Simulated tosses without noise have no covariance."""
+    tosses = [replace(toss, q_cov=np.zeros_like(toss.q_cov)) for toss in seen(World(cube), cube, 6, seed=1)]
+    for length in (5, 40):
+        windows, whitening = linearise(make_windows(tosses, cube, length=length), World(cube))
+        assert np.isfinite(whitening(windows.residuals(windows.predicted(World(cube))))).all()
+
+
+WORLDS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "scaled": {"recording": RecordingErrors(length_scale=1.1, clock_rate=0.9, frame_offset=(0.004, -0.003, 0.002))},
+    "wind": {"forces": Forces(quadratic=0.05, wind_x=2.0, magnus=1e-3, turning=0.4)},
+    "spring": {"forces": Forces(spring=0.6, center_x=0.3)},
+    "vortex": {"forces": Forces(vortex=0.6)},
+    "tilt": {"ground_tilt": (0.05, -0.1)},
+    "tilted frame": {"recording": RecordingErrors(world_tilt=(0.05, -0.1))},
+}
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_derivatives_by_the_first_place_are_those_of_a_motion_moved_along(cube: ObjectModel, name: str) -> None:
+    world, step = World(cube, **WORLDS[name]), 2e-4
+    windows = make_windows(seen(world, cube, 8, seed=1))
+    _, whitening = linearise(windows, world, refine=0)
+    for k in range(2):
+        moved = windows.q + step * np.eye(7)[k]
+        change = windows.residuals(windows.predicted(world)) - windows.residuals(
+            windows.predicted(world, moved, windows.v)
+        )
+        error = np.abs(whitening.by_state[..., k] - change.reshape(len(change), -1) / step).max(axis=1)
+        # where a contact has more than one solution to its tolerance, differences have that error
+        assert np.median(error) < 1e-9
+        assert np.quantile(error, 0.9) < 1e-3

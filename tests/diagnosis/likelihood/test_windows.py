@@ -1,0 +1,95 @@
+"""Windows: first flights end before anything is hit, and slow errors of a tracker are no residuals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.tossed import seen
+from tossid.diagnosis.likelihood.whitening import linearise
+from tossid.diagnosis.likelihood.windows import difference, make_windows, moved_pose
+from tossid.objects import ObjectModel, corner_positions
+from tossid.physics.effects import World
+from tossid.rotations import quat_exp, quat_mul
+from tossid.settings.likelihood import WindowSettings
+from tossid.types import Phase, Toss
+
+
+@pytest.mark.parametrize("raised", [0.0, 0.02])
+def test_first_flights_end_before_the_ground_wherever_it_is(cube: ObjectModel, raised: float) -> None:
+    tosses = seen(World(cube, ground_height=raised), cube, 20, seed=0)
+    windows = make_windows(tosses, cube)
+    assert windows.free.sum() >= 8
+    for i in np.flatnonzero(windows.free):
+        last = windows.y[i, windows.steps[i] - 1]
+        assert corner_positions(cube, last)[:, 2].min() > raised - 1e-3
+        assert windows.frame[i, 0] == 1
+    assert not windows.counted[windows.free].any()
+
+
+def test_rest_is_in_long_windows_whatever_the_noise_of_recorded_velocities(cube: ObjectModel) -> None:
+    tosses = seen(World(cube), cube, 6, seed=1, frames=200)
+    windows = make_windows(tosses)
+    resting = np.flatnonzero(windows.steady & (windows.phase[:, 0] != Phase.FLIGHT))
+    assert len(resting) >= 6
+    assert (windows.steps[resting] <= WindowSettings().long).all()
+    assert (windows.steps[resting] > WindowSettings().length).all()
+    for i in resting:
+        moved = difference(windows.y[i, : windows.steps[i]], windows.q[i])
+        assert (np.abs(moved) < WindowSettings().rest_tolerance * windows.y_noise[i, : windows.steps[i]]).all()
+    for k in range(len(tosses)):
+        own = windows.steps[windows.toss == k]
+        assert 200 - WindowSettings().length // 2 < own.sum() <= 200
+
+
+def with_slow_errors(tosses: list[Toss], size: tuple[float, float]) -> list[Toss]:
+    """Tosses with errors that turn with the object."""
+    rng, out = np.random.default_rng(3), []
+    for toss in tosses:
+        quat = toss.q[:, 3:7]
+        alike = np.exp(-2 * (1 - (quat @ quat.T) ** 2) / WindowSettings().attitude_scale ** 2) + 1e-9 * np.eye(
+            len(toss)
+        )
+        error = np.linalg.cholesky(alike) @ rng.normal(size=(len(toss), 6)) * np.repeat(size, 3)
+        q = toss.q.copy()
+        q[:, :3] += error[:, :3]
+        q[:, 3:7] = quat_mul(quat, quat_exp(error[:, 3:]))
+        out.append(replace(toss, q=q))
+    return out
+
+
+def test_slow_errors_are_known_from_rest_and_are_no_residuals(cube: ObjectModel) -> None:
+    world = World(cube)
+    tosses = with_slow_errors(seen(world, cube, 24, seed=1, frames=150), (5e-4, 1e-2))
+
+    def rms(windows: object) -> float:
+        kept, whitening = linearise(windows, world, refine=6)  # type: ignore[arg-type]
+        r = whitening(kept.residuals(kept.predicted(world)))[kept.inside]
+        return float(np.sqrt(np.minimum(r**2, 900.0).mean()))
+
+    known = make_windows(tosses, cube)
+    assert known.slow.any()
+    there = rms(known)
+    unknown = replace(
+        known, slow=0 * known.slow, root=make_windows(seen(world, cube, 24, seed=1, frames=150), cube).root
+    )
+    assert there < 1.6
+    assert rms(unknown) > 1.5 * there
+
+
+def test_windows_of_some_tosses_are_theirs(cube: ObjectModel) -> None:
+    tosses = seen(World(cube), cube, 6, seed=1)
+    windows, chosen = make_windows(tosses, cube), np.array([4, 1])
+    some = windows.of_tosses(chosen)
+    assert set(some.toss.tolist()) == {0, 1}
+    for number, i in enumerate(chosen):
+        np.testing.assert_array_equal(some.y[some.toss == number], windows.y[windows.toss == i])
+
+
+def test_a_moved_pose_differs_by_what_it_was_moved_by() -> None:
+    rng = np.random.default_rng(0)
+    q, by = rng.normal(size=(50, 7 + 1)), 0.5 * rng.normal(size=(50, 7))
+    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+    np.testing.assert_allclose(difference(moved_pose(q, by), q), by, atol=1e-12)

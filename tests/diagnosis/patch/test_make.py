@@ -1,0 +1,295 @@
+"""The patched MJCF, run by MuJoCo itself, shows the effect: forces, masses, friction, bounce, drag."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from tests.diagnosis.by_hand import EFFECTS, hypothesis
+from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
+from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.patch.make import Patch, make_patch
+from tossid.diagnosis.simulators import world_of_mjcf
+from tossid.errors import InputError
+from tossid.objects import ObjectModel
+from tossid.physics.effects import LIBRARY, RecordingErrors, World
+from tossid.rotations import quat_exp
+
+USER = """<mujoco model="my cube">
+  <option timestep="0.002"/>
+  <worldbody>
+    <light pos="0 0 3"/>
+    <geom name="floor" type="plane" size="5 5 .1" friction="0.18 0.005 0.0001"/>
+    <body name="cube" pos="0 0 0.3">
+      <freejoint/>
+      <geom type="box" size="0.0524 0.0524 0.0524" mass="0.37" friction="0.18 0.005 0.0001"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+HALF = 0.0524
+
+
+@pytest.fixture
+def users(tmp_path: Path) -> Path:
+    path = tmp_path / "cube.xml"
+    path.write_text(USER)
+    return path
+
+
+def patched(users: Path, **values: list[float]) -> Patch:
+    world, _ = world_of_mjcf(users, width=0.1048)
+    made = Hypothesis(world)
+    for name, numbers in values.items():
+        made = made.plus(EFFECTS[name], np.array(numbers, dtype=float))
+    return make_patch(made, mjcf=users)
+
+
+def fly(m: mujoco.MjModel, v: list[float], seconds: float, *, z: float = 10.0) -> mujoco.MjData:
+    d = mujoco.MjData(m)
+    d.qpos[:] = [0, 0, z, 1, 0, 0, 0]
+    d.qvel[:] = v
+    for _ in range(round(seconds / m.opt.timestep)):
+        mujoco.mj_step(m, d)
+    return d
+
+
+def slide(m: mujoco.MjModel, v: list[float], seconds: float) -> mujoco.MjData:
+    d = mujoco.MjData(m)
+    d.qpos[:] = [0, 0, HALF, 1, 0, 0, 0]
+    for _ in range(round(0.3 / m.opt.timestep)):
+        mujoco.mj_step(m, d)
+    d.qvel[:] = v
+    for _ in range(round(seconds / m.opt.timestep)):
+        mujoco.mj_step(m, d)
+    return d
+
+
+# ---------------------------------------------------------------- every effect is in one of the three lists
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_every_effect_is_changed_recorded_or_refused_with_a_reason(cube: ObjectModel, users: Path, name: str) -> None:
+    effect = EFFECTS[name]
+    values = np.array([p.low + 0.3 * (p.high - p.low) for p in effect.parameters])
+    for file in (None, users):
+        base = World(cube) if file is None else world_of_mjcf(users, width=0.1048)[0]
+        patch = make_patch(Hypothesis(base).plus(effect, values), mjcf=file)
+        listed = {change.effect for change in patch.changes}, set(patch.recording), set(patch.not_expressed)
+        assert sum(name in each for each in listed) == 1
+        assert patch.keys
+        if patch.changes:
+            mujoco.MjModel.from_xml_string(patch.mjcf)
+
+
+def test_no_effect_changes_nothing(users: Path) -> None:
+    patch = patched(users)
+    assert not patch.changes
+    assert not patch.keys
+    assert patch.as_json()["mjcf"] is None
+
+
+def test_keys_say_the_objects_numbers(cube: ObjectModel) -> None:
+    patch = make_patch(hypothesis(cube, friction=[0.3], gravity=[9.6]))
+    assert patch.keys == {
+        "object.friction": {"before": 0.18, "after": 0.3},
+        "gravity": {"before": 9.81, "after": 9.6},
+    }
+
+
+# ---------------------------------------------------------------- what MuJoCo then does
+
+
+def test_gravity_and_a_uniform_force(users: Path) -> None:
+    d = fly(patched(users, gravity=[9.0], uniform_force=[0.37, 0.0, 0.74]).after, [0] * 6, 0.5)
+    np.testing.assert_allclose(d.qvel[:3], [0.5 * 1.0, 0, -0.5 * (9.0 - 2.0)], atol=1e-9)
+
+
+def test_a_shifted_centre_of_mass_and_an_inertia(users: Path) -> None:
+    m = patched(users, com_offset=[0.005, 0.0, -0.01], inertia=[1.5]).after
+    before = mujoco.MjModel.from_xml_string(USER)
+    np.testing.assert_allclose(m.body_ipos[1], [0.005, 0, -0.01], atol=1e-12)
+    np.testing.assert_allclose(m.body_inertia[1], 1.5 * before.body_inertia[1], rtol=1e-6)
+    assert m.body_mass[1] == before.body_mass[1]
+
+
+def test_size_changes_the_corners_but_not_the_inertia(users: Path, cube: ObjectModel) -> None:
+    before = mujoco.MjModel.from_xml_string(USER)
+    m = patched(users, geometry=[1.02]).after
+    np.testing.assert_allclose(m.geom_size[1], 1.02 * HALF)
+    np.testing.assert_allclose(m.body_inertia[1], before.body_inertia[1], rtol=1e-9)
+    ours = make_patch(hypothesis(cube, geometry=[1.02])).after
+    rest = fly(ours, [0] * 6, 0.3, z=1.02 * HALF)
+    assert abs(rest.qpos[2] - 1.02 * HALF) < 2e-5
+
+
+def test_sliding_friction_decelerates_by_mu_g(users: Path) -> None:
+    for mu in (0.1, 0.3):
+        d = slide(patched(users, friction=[mu]).after, [1.0, 0, 0, 0, 0, 0], 0.1)
+        assert d.qvel[0] == pytest.approx(1.0 - mu * 9.81 * 0.1, abs=0.02)  # soft contact makes it slow to act
+
+
+def test_anisotropic_friction_brakes_each_axis_by_its_own(users: Path) -> None:
+    m = patched(users, anisotropic_friction=[0.1, 0.3]).after
+    along_x = slide(m, [1.0, 0, 0, 0, 0, 0], 0.1)
+    along_y = slide(m, [0, 1.0, 0, 0, 0, 0], 0.1)
+    assert along_x.qvel[0] == pytest.approx(1.0 - 0.0981, abs=0.01)
+    assert along_y.qvel[1] == pytest.approx(1.0 - 0.2943, abs=0.02)
+
+
+def test_torsional_friction_brakes_spin_about_the_vertical(users: Path) -> None:
+    one, other = (patched(users, friction=[0.005], torsional_friction=[r]).after for r in (0.001, 0.02))
+    lost = [5.0 - slide(m, [0, 0, 0, 0, 0, 5.0], 0.05).qvel[5] for m in (one, other)]
+    inertia = mujoco.MjModel.from_xml_string(USER).body_inertia[1, 2]
+    assert lost[1] - lost[0] == pytest.approx(0.019 * 0.37 * 9.81 / inertia * 0.05, rel=0.15)
+
+
+def test_tilted_and_raised_ground(users: Path) -> None:
+    m = patched(users, ground_height=[0.01], ground_tilt=[0.0, 0.05], friction=[0.02]).after
+    d = fly(m, [0] * 6, 0.4, z=HALF + 0.012)
+    assert d.qvel[0] > 0.4 * 9.81 * 0.5 * (0.05 - 0.02)  # downhill is +x: the plane was turned about +y
+    far = 0.01 / np.cos(0.05) - np.tan(0.05) * d.qpos[0]
+    assert d.qpos[2] - HALF == pytest.approx(far, abs=2e-3)
+
+
+def test_linear_drag_slows_as_it_should(users: Path) -> None:
+    d = fly(patched(users, gravity=[0.0], linear_drag=[0.1]).after, [2.0, 0, 0, 0, 0, 0], 1.0)
+    assert d.qvel[0] == pytest.approx(2.0 * np.exp(-0.1 / 0.37), rel=1e-3)
+
+
+def test_wind_carries_along(users: Path) -> None:
+    d = fly(patched(users, gravity=[0.0], wind=[3.0, 0.0, 0.1]).after, [0] * 6, 1.0)
+    assert d.qvel[0] == pytest.approx(3.0 * (1 - np.exp(-0.1 / 0.37)), rel=1e-3)
+
+
+def test_quadratic_drag_on_average_over_directions(users: Path) -> None:
+    m = patched(users, gravity=[0.0], quadratic_drag=[0.05]).after
+    rng = np.random.default_rng(0)
+    forces = []
+    for v in rng.normal(size=(400, 3)):
+        d = mujoco.MjData(m)
+        d.qpos[:] = [0, 0, 5, 1, 0, 0, 0]
+        d.qvel[:3] = 2.0 * v / np.linalg.norm(v)
+        mujoco.mj_forward(m, d)
+        forces.append(-d.qfrc_fluid[:3] @ d.qvel[:3] / 2.0)
+    assert np.mean(forces) == pytest.approx(0.05 * 4.0, rel=0.02)
+
+
+def test_a_spring_to_a_point(users: Path) -> None:
+    m = patched(users, gravity=[0.0], position_force=[2.0, 1.0, 0.0, 10.0]).after
+    d = fly(m, [0] * 6, 0.5 * np.pi * np.sqrt(0.37 / 2.0))
+    assert d.qpos[0] == pytest.approx(1.0, abs=0.01)  # a quarter of a period takes it to the centre
+
+
+def test_a_corner_rebounds_with_its_restitution(users: Path) -> None:
+    m = patched(users, restitution=[0.5], friction=[0.005]).after
+    d = mujoco.MjData(m)
+    # straight down on a corner, the centre of mass above it
+    axis = np.cross([1, 1, 1], [0, 0, -1]) / np.linalg.norm(np.cross([1, 1, 1], [0, 0, -1]))
+    d.qpos[:3] = [0, 0, np.sqrt(3) * HALF + 0.02]
+    d.qpos[3:] = quat_exp(np.arccos(-1 / np.sqrt(3)) * axis)
+    d.qvel[2] = -1.0
+    hit = 0.0
+    while d.qvel[2] < 0.05:
+        hit = min(hit, d.qvel[2])
+        mujoco.mj_step(m, d)
+    while d.ncon:
+        mujoco.mj_step(m, d)
+    assert d.qvel[2] / -hit == pytest.approx(0.5, abs=0.02)
+
+
+def test_compliance_sinks_by_the_weight_on_its_corners(users: Path) -> None:
+    m = patched(users, compliance=[2000.0, 20.0, 0.0]).after
+    d = fly(m, [0] * 6, 1.0, z=HALF)
+    sunk = HALF - d.qpos[2]
+    assert sunk == pytest.approx(0.37 * 9.81 / 4 / 2000.0, rel=0.01)
+
+
+def test_an_impedance_holds_its_share_of_the_load_at_once(users: Path) -> None:
+    m = patched(users, compliance=[1000.0, 60.0, 0.9]).after
+    d = fly(m, [0] * 6, 1.0, z=HALF)
+    assert HALF - d.qpos[2] == pytest.approx(0.1 * 0.37 * 9.81 / 4 / 1000.0, rel=0.03)
+
+
+def test_friction_found_after_compliance_reaches_the_pair(users: Path) -> None:
+    m = patched(users, compliance=[20000.0, 60.0, 0.0], friction=[0.3]).after
+    d = slide(m, [1.0, 0, 0, 0, 0, 0], 0.1)
+    assert d.qvel[0] == pytest.approx(1.0 - 0.2943, abs=0.02)
+
+
+def test_adhesion_has_no_word_that_slides_alike(users: Path) -> None:
+    """MuJoCo's own takes away most of the friction to which ours adds."""
+    assert "adhesion" in patched(users, adhesion=[1.0]).not_expressed
+    spec = mujoco.MjSpec.from_file(str(users))
+    spec.geoms[1].adhesion = 0.2
+    spec.geoms[1].gap = 0.0005
+    assert slide(spec.compile(), [1.5, 0, 0, 0, 0, 0], 0.2).qvel[0] > 1.4 > 1.5 - 0.18 * 9.81 * 0.2
+
+
+def test_a_contact_that_tosses_do_not_follow_is_made_rigid(users: Path) -> None:
+    world, _ = world_of_mjcf(users, width=0.1048)
+    patch = make_patch(Hypothesis(world), mjcf=users, rigid=True)
+    assert {change.effect for change in patch.changes} == {"rigid contact"}
+    hit = fly(patch.after, [0] * 6, 0.2, z=HALF + 0.02)
+    assert abs(hit.qpos[2] - HALF) < 1e-4
+    across = np.sqrt(0.5)
+    sinks, slides = ({}, {})
+    for name, m in (("before", patch.before), ("after", patch.after)):
+        sinks[name] = HALF - fly(m, [0] * 6, 0.06, z=HALF + 1e-3).qpos[2]
+        slides[name] = np.linalg.norm(slide(m, [across, across, 0, 0, 0, 0], 0.2).qvel[:2])
+    assert abs(sinks["after"]) < 0.2 * abs(sinks["before"])
+    assert slides["after"] == pytest.approx(1 - 0.18 * 9.81 * 0.2, abs=0.05)
+    assert slides["before"] > slides["after"] + 0.05  # a pyramid's edge holds less
+
+
+# ---------------------------------------------------------------- the user's model as a world
+
+
+def test_a_users_model_is_read_as_mujoco_combines_it(tmp_path: Path) -> None:
+    text = USER.replace('name="floor" type="plane"', 'name="floor" type="plane" pos="0 0 0.02"')
+    text = text.replace('timestep="0.002"', 'timestep="0.002" gravity="0.5 0 -9.7"')
+    path = tmp_path / "a.xml"
+    path.write_text(text.replace('mass="0.37" friction="0.18', 'mass="0.37" friction="0.4'))
+    world, _ = world_of_mjcf(path, width=0.1048)
+    assert world.object.friction == 0.4  # the larger of the two
+    assert world.gravity == pytest.approx(9.7)
+    assert world.forces.x == pytest.approx(0.37 * 0.5)
+    assert world.ground_height == pytest.approx(0.02)
+    assert world.object.mass.sum() == pytest.approx(0.37)
+
+
+def test_a_model_without_ground_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.xml"
+    path.write_text(USER.replace('<geom name="floor" type="plane" size="5 5 .1" friction="0.18 0.005 0.0001"/>', ""))
+    with pytest.raises(InputError, match="0 geoms to land on"):
+        world_of_mjcf(path, width=0.1048)
+
+
+def test_recorded_motion_of_a_mujoco_world_is_that_of_a_world(cube: ObjectModel, users: Path) -> None:
+    """In flight both simulators are exact: only the recording can differ."""
+    recording = RecordingErrors(1.05, 1.02, (0.004, -0.003, 0.002), (0.01, -0.02))
+    ours = World(cube, recording=recording)
+    theirs = MujocoWorld(make_patch(Hypothesis(World(cube))).after, ours)
+    q0 = np.array([[0.0, 0.0, 3.0, 0.6, 0.0, 0.8, 0.0]])
+    v0 = np.array([[0.5, -0.3, 0.4, 2.0, -1.0, 3.0]])
+    steps = np.array([40])
+    one = ours.roll_out(q0, v0, n_steps=steps, dt=1 / 148, substeps=4)
+    other = theirs.roll_out(q0, v0, n_steps=steps, dt=1 / 148)
+    np.testing.assert_allclose(other, one, atol=2e-4)
+
+
+def test_a_motion_that_explodes_is_lost_and_said(cube: ObjectModel) -> None:
+    m = make_patch(Hypothesis(World(cube))).after
+    q0 = np.tile([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0], (2, 1))
+    v0 = np.zeros((2, 6))
+    v0[1, 0] = 1e9
+    run = MujocoWorld(m, World(cube)).roll_out(q0, v0, n_steps=np.array([5, 5]), dt=0.01)
+    assert np.isfinite(run[0]).all()
+    assert np.isnan(run[1, -1]).all()
+
+
+def test_the_library_is_all_that_was_tried() -> None:
+    assert len(EFFECTS) == len(LIBRARY)

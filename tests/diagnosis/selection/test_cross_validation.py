@@ -1,0 +1,101 @@
+"""Hypotheses are compared alike: evidence wherever it lies, at first states that suit each, and fits that go on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.tossed import seen
+from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.likelihood.fitting import fit
+from tossid.diagnosis.likelihood.windows import make_windows
+from tossid.diagnosis.selection.cross_validation import CrossValidator, draw_folds, part_p_value, signed_rank_p_value
+from tossid.objects import ObjectModel
+from tossid.physics.effects import LIBRARY, World
+
+NAMES = {effect.name: effect for effect in LIBRARY}
+COUNT = 6
+
+
+def truth(cube: ObjectModel) -> World:
+    return World(cube.with_changes(friction=0.3), ground_tilt=(0.02, 0.0))
+
+
+@pytest.fixture(scope="module")
+def judge(cube: ObjectModel) -> CrossValidator:
+    tosses = seen(truth(cube), cube, COUNT, seed=11)
+    return CrossValidator(make_windows(tosses, cube), COUNT, draw_folds(COUNT, np.random.default_rng(0)))
+
+
+def test_evidence_in_one_part_is_seen_beside_noise_in_the_other() -> None:
+    rng = np.random.default_rng(0)
+    quiet, loud = rng.normal(2, 1, 30), rng.normal(-5, 50, 30)
+    parts = np.stack([quiet + loud, loud, quiet])
+    assert part_p_value(parts[:1]) > 0.05
+    assert part_p_value(parts) < 1e-5
+
+
+def test_nothing_shows_nowhere_too_seldom() -> None:
+    """Under the null, p below 0.05 in at most 5 % (four standard errors of 400)."""
+    rng = np.random.default_rng(1)
+    low = sum(part_p_value(rng.normal(size=(3, 25)) * [[1], [3], [10]]) < 0.05 for _ in range(400))
+    assert low <= 400 * 0.05 + 4 * np.sqrt(400 * 0.05 * 0.95)
+
+
+def test_parts_add_up(judge: CrossValidator) -> None:
+    gain = np.random.default_rng(2).normal(size=len(judge.windows.toss))
+    gain[judge.windows.free] = 0.0
+    whole, impacts, others = judge.by_part(gain)
+    np.testing.assert_allclose(impacts + others, whole)
+    assert impacts.any()
+    assert others.any()
+
+
+def test_several_at_once_are_those_one_by_one(judge: CrossValidator, cube: ObjectModel) -> None:
+    def found(mu: float) -> np.ndarray:
+        return judge.evaluate(Hypothesis(World(cube.with_changes(friction=mu)))).log_likelihood
+
+    both = replace(judge, n_threads=2).map(found, (0.2, 0.3))
+    np.testing.assert_allclose(both, [found(0.2), found(0.3)], rtol=1e-9)
+
+
+def test_a_hypothesis_gains_nothing_over_itself(judge: CrossValidator, cube: ObjectModel) -> None:
+    right = judge.evaluate(Hypothesis(truth(cube)))
+    again = judge.cross_validate(right, None, right.hypothesis)
+    assert abs(judge.by_toss(again.gain).sum()) < 5.0
+    assert again.p_value > 0.1
+
+
+def test_held_effects_keep_their_values(judge: CrossValidator, cube: ObjectModel) -> None:
+    start = Hypothesis(World(cube)).plus(NAMES["ground_tilt"], np.array([0.01, 0.0])).plus(NAMES["friction"])
+    begin = judge.evaluate(start)
+    fitted = fit(begin.evidence, start, n_tosses=COUNT, held=frozenset({"ground_tilt"}))
+    np.testing.assert_array_equal(fitted.hypothesis.values_of("ground_tilt"), [0.01, 0.0])
+    assert fitted.hypothesis.values_of("friction")[0] > 0.2
+
+
+def test_a_polished_fit_is_no_worse_and_nearer(judge: CrossValidator, cube: ObjectModel) -> None:
+    start = Hypothesis(World(cube)).plus(NAMES["friction"]).plus(NAMES["ground_tilt"])
+    once = fit(judge.evaluate(start).evidence, start, n_tosses=COUNT, iterations=2)
+    polished = judge.refit(once.evidence, once.hypothesis)
+    before, after = (each.evidence.log_likelihood(each.residuals, once.scales) for each in (once, polished))
+    assert polished.evidence.weighted_gain(after, before) > 0
+    found = polished.hypothesis
+    assert found.values_of("friction")[0] == pytest.approx(0.3, abs=0.01)
+    np.testing.assert_allclose(found.values_of("ground_tilt"), [0.02, 0.0], atol=1e-3)
+
+
+def test_signed_ranks_ignore_one_outlier() -> None:
+    assert signed_rank_p_value(np.arange(1.0, 13.0)) == pytest.approx(2.0**-12)
+    assert signed_rank_p_value(np.append(np.arange(1.0, 13.0), -1e6)) < 0.1
+    assert signed_rank_p_value(np.array([-1.0, 1.1, -0.9, 0.8])) > 0.4
+    assert signed_rank_p_value(np.array([1.0, 2.0])) == 1.0
+
+
+def test_folds_are_a_partition() -> None:
+    parts = draw_folds(19, np.random.default_rng(0))
+    assert len(parts) == 8
+    np.testing.assert_array_equal(np.sum(parts, axis=0), 1)
+    assert len(draw_folds(3, np.random.default_rng(0))) == 3

@@ -1,0 +1,43 @@
+"""Contact decides what flight cannot distinguish, and the search names effects of either."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.by_hand import EFFECTS, hypothesis
+from tests.diagnosis.selection.test_forward_selection import candidate
+from tests.diagnosis.tossed import seen
+from tossid.diagnosis.explain import explain
+from tossid.diagnosis.selection.search_result import SearchResult, replaced
+from tossid.objects import ObjectModel
+from tossid.physics.effects import LIBRARY, RecordingErrors, World
+
+NAMES = {effect.name: effect for effect in LIBRARY}
+
+
+@pytest.mark.slow
+def test_contact_decides_what_flight_cannot_distinguish(cube: ObjectModel) -> None:
+    """A missing bounce hides the height at which a shorter unit of length lets the cube rest."""
+    truth = replace(
+        NAMES["restitution"].at(World(cube), np.array([0.35])), recording=RecordingErrors(length_scale=0.985)
+    )
+    library = [NAMES[name] for name in ("gravity", "length_scale", "time_base", "restitution")]
+    found = explain(seen(truth, cube, 16, seed=2), World(cube), library=library)
+    assert set(found.named) == {"restitution", "length_scale"}
+    bounce = next(each for each in found.findings if each.name == "restitution").parameters["e"]
+    assert bounce.low < 0.35 < bounce.high
+
+
+def test_alternatives_have_one_effect_of_a_class_in_anothers_place(cube: ObjectModel) -> None:
+    last = candidate(cube, gravity=[9.5], friction=[0.3])
+    other = replace(candidate(cube, gravity=[9.5], cohesion=[0.2]), effect=EFFECTS["cohesion"])
+    found = SearchResult(candidate(cube), last, (last,), {}, {}, {}, {"friction": (other,), "gravity": ()})
+    (alternative,) = found.alternatives
+    assert alternative.names == ("gravity", "cohesion")
+    assert alternative.values_of("cohesion")[0] == 0.2
+    assert replaced(hypothesis(cube, friction=[0.3]), "friction", other).names == ("cohesion",)
+    assert list(found.without("friction").classes) == ["gravity"]
+    assert replace(found, unsteady=("friction",)).unnamed == {"friction"}

@@ -1,0 +1,79 @@
+"""The verb, from a dataset and a simulator to a report, without a command line."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.tossed import seen
+from tossid.diagnosis.diagnose import diagnose, prepare
+from tossid.errors import ConfigError, InputError
+from tossid.objects import ObjectModel
+from tossid.physics.effects import LIBRARY, World
+from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.store import Dataset
+
+KEPT = ("friction", "gravity")
+WITHOUT = tuple(effect.name for effect in LIBRARY if effect.name not in KEPT)
+
+
+@pytest.fixture(scope="module")
+def dataset(cube: ObjectModel) -> Dataset:
+    """Ten tosses with friction 0.3, where 0.18 is stated; three are of the test split, one is too short."""
+    tosses = seen(World(cube.with_changes(friction=0.3)), cube, 10, seed=3)
+    short = {name: getattr(tosses[-1], name)[:5] for name in ("t", "q", "v", "q_cov", "v_cov", "phase")}
+    tosses[-1] = replace(tosses[-1], **short)
+    splits = ["test"] * 3 + ["train"] * 7
+    tosses = [replace(toss, split=split) for toss, split in zip(tosses, splits, strict=True)]
+    return Dataset(cube, tuple(tosses), 148.0, "made", {})
+
+
+def test_friction_is_found_and_its_report_saved(dataset: Dataset, cube: ObjectModel, tmp_path: Path) -> None:
+    reported: list[float] = []
+    gap = diagnose(
+        dataset, World(cube), without=WITHOUT, threads=1, progress=lambda text, share: reported.append(share)
+    )
+    assert gap.named == ("friction",)
+    mu = gap.findings[0].parameters["mu"]
+    assert mu.low - 0.01 < 0.3 < mu.high + 0.01
+    assert gap.remarks[0] == "Tosses left out: 1 of 10 are shorter than 11 frames."
+    assert gap.patch is not None
+    assert gap.patch["keys"]["object.friction"]["before"] == cube.friction
+    assert gap.next_toss is not None
+    assert gap.next_toss["release"] is None
+    assert reported[-1] == 1.0
+    kept = json.loads((gap.save(tmp_path / "gap") / "gap.json").read_text())
+    assert kept["explanation"]["effects"] == ["friction"]
+    assert kept["data"] == {"object": "cube"}
+
+
+def test_tosses_are_chosen_by_settings(dataset: Dataset) -> None:
+    def names(**keys: Any) -> tuple[list[str], list[str]]:
+        task = prepare(dataset, settings=DiagnoseSettings(threads=1, **keys))
+        return [toss.name for toss in task.tosses], [toss.name for toss in task.unseen]
+
+    assert names() == ([str(i) for i in range(9)], [])
+    assert names(split="train") == ([str(i) for i in range(3, 9)], ["0", "1", "2"])
+    assert names(skip=1, tosses=6) == ([str(i) for i in range(1, 7)], [])
+    task = prepare(dataset, settings=DiagnoseSettings(split="train", threads=1), name="mine.h5")
+    assert task.tosses_of == "mine.h5, train split"
+
+
+def test_too_little_is_refused(dataset: Dataset) -> None:
+    with pytest.raises(InputError, match="test split: has 3 tosses; a diagnosis needs at least 6"):
+        prepare(dataset, settings=DiagnoseSettings(split="test", threads=1))
+    still = [replace(toss, q=np.repeat(toss.q[:1], len(toss), axis=0)) for toss in dataset.tosses[:8]]
+    with pytest.raises(InputError, match="in 8 of 8 nothing moves"):
+        prepare(replace(dataset, tosses=tuple(still)), settings=DiagnoseSettings(threads=1))
+
+
+def test_a_misspelt_name_is_corrected(dataset: Dataset) -> None:
+    with pytest.raises(ConfigError, match=r"'fricton'.*friction"):
+        diagnose(dataset, without=("fricton",))
+    with pytest.raises(ConfigError, match="sed"):
+        diagnose(dataset, sed=3)

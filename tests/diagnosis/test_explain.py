@@ -1,0 +1,115 @@
+"""Effects come back by name and value, nothing is named of nothing, and the verdict follows from what is left."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.by_hand import gap
+from tests.diagnosis.tossed import seen, seen_with_joint, with_effect
+from tossid.diagnosis.explain import explain, gap_verdict
+from tossid.diagnosis.findings import Interval, Share
+from tossid.objects import ObjectModel
+from tossid.physics.effects import LIBRARY, Effect, RecordingErrors, World, effects_for
+
+NAMES = {effect.name: effect for effect in LIBRARY}
+FEW = [NAMES[name] for name in ("com_offset", "gravity", "friction", "restitution", "length_scale", "linear_drag")]
+
+
+def test_the_right_effect_is_named(cube: ObjectModel) -> None:
+    truth = NAMES["friction"].at(World(cube), np.array([0.25]))
+    found = explain(seen(truth, cube, 16, seed=2), World(cube), library=FEW)
+    assert found.named == ("friction",)
+    assert found.findings[0].verdict == "identified"
+    mu = found.findings[0].parameters["mu"]
+    assert mu.low - 0.002 < 0.25 < mu.high + 0.002
+    assert found.gap_closed.value > 0.8
+    slide = next(share for share in found.gap.by_phase if share.name == "slide")
+    assert slide.share.value > 0.4
+
+
+def test_nothing_is_named_of_nothing(cube: ObjectModel) -> None:
+    found = explain(seen(World(cube), cube, 14, seed=3), World(cube), library=FEW)
+    assert found.named == ()
+    assert found.verdict == "no_gap"
+
+
+def test_two_effects_are_both_named(cube: ObjectModel) -> None:
+    truth = NAMES["gravity"].at(NAMES["friction"].at(World(cube), np.array([0.25])), np.array([9.2]))
+    found = explain(seen(truth, cube, 16, seed=4), World(cube), library=FEW)
+    assert set(found.named) == {"friction", "gravity"}
+
+
+def test_an_effect_out_of_the_library_does_not_explain(cube: ObjectModel) -> None:
+    truth = NAMES["restitution"].at(World(cube), np.array([0.5]))
+    library: list[Effect] = [effect for effect in FEW if effect.name != "restitution"]
+    found = explain(seen(truth, cube, 14, seed=5), World(cube), library=library)
+    assert found.verdict != "explained"
+    assert found.gap_closed.value < 0.6
+
+
+def test_recording_effects_move_what_is_recorded(cube: ObjectModel) -> None:
+    tosses = seen(World(cube, recording=RecordingErrors(clock_rate=1.02)), cube, 14, seed=6)
+    found = explain(tosses, World(cube), library=[NAMES["time_base"], NAMES["friction"], NAMES["com_offset"]])
+    assert found.named[0] == "time_base"
+    assert found.findings[0].parameters["rate_rel"].value == pytest.approx(1.02, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("joint_damping", [2e-3]), ("joint_offset", [0.15]), ("joint_stiffness", [0.02, 0.5])],
+)
+def test_an_effect_of_the_joint_is_named_in_flight(elbow: ObjectModel, name: str, values: list[float]) -> None:
+    tosses = seen_with_joint(with_effect(elbow, name, values), elbow, 14, seed=4, frames=36, height=1.0)
+    few = ("joint_damping", "joint_friction", "joint_stiffness", "joint_offset", "gravity", "com_offset")
+    found = explain(tosses, World(elbow), library=[each for each in effects_for(elbow) if each.name in few])
+    assert found.named == (name,)
+    first = next(finding for finding in found.findings if finding.name == name)
+    for interval, truth in zip(first.parameters.values(), values, strict=True):
+        # four steps a frame leave half a percent of a tumbling link's rate
+        assert interval.low - 0.01 * truth <= truth <= interval.high + 0.01 * truth
+    if name == "joint_damping":
+        assert (found.place.wrench[0].component, found.place.wrench[0].state) == ("torque_joint_1", "joint_1_rate")
+        assert found.place.wrench[0].state_clear
+    assert [share.name for share in found.gap.by_channel][-1] == "joint_1"
+
+
+def test_nothing_is_named_of_a_sound_joint(elbow: ObjectModel) -> None:
+    tosses = seen_with_joint(World(elbow), elbow, 12, seed=5, frames=36, height=1.0)
+    few = ("joint_damping", "joint_offset", "gravity")
+    found = explain(tosses, World(elbow), library=[each for each in effects_for(elbow) if each.name in few])
+    assert found.verdict == "no_gap"
+
+
+SOME = Share("slide", Interval(0.2, 0.1, 0.3))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "closed", "unnamed", "unexplained", "named", "verdict"),
+    [
+        (1.02, 1.02, 0.0, (), (), False, "no_gap"),
+        (3.0, 3.0, 0.0, (), (), False, "unexplained"),
+        (1.02, 1.0, 0.9, ("vortex",), (), False, "unexplained"),  # something is there, and has no name
+        (3.0, 1.01, 0.99, (), (), True, "explained"),
+        (3.0, 1.01, 0.7, (), (SOME,), True, "explained"),
+        (9.0, 1.5, 0.95, (), (), True, "explained"),
+        (9.0, 1.5, 0.95, (), (SOME,), True, "partly_explained"),
+        (3.0, 1.01, 0.99, ("vortex",), (), True, "partly_explained"),
+        (3.0, 2.0, 0.6, (), (SOME,), True, "partly_explained"),
+        (3.0, 2.5, 0.3, (), (SOME,), True, "unexplained"),
+        # a small gap is near its floor however little of it is closed
+        (1.025, 1.01, 0.3, (), (SOME,), True, "unexplained"),
+    ],
+)
+def test_verdict(
+    before: float,
+    after: float,
+    closed: float,
+    unnamed: tuple[str, ...],
+    unexplained: tuple[Share, ...],
+    named: bool,
+    verdict: str,
+) -> None:
+    share = Interval(closed, closed - 0.05, closed + 0.05)
+    found = gap_verdict(gap(before, n=8), gap(after, n=8), share, unnamed, unexplained, any_named=named)
+    assert found == verdict

@@ -1,0 +1,57 @@
+"""A diagnosis shows itself in a few lines and in a notebook, and saves a whole report."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+from tests.diagnosis.by_hand import diagnosis, without_effects
+from tossid.diagnosis.simulators import nominal
+from tossid.objects import ObjectModel
+
+
+def test_it_says_the_verdict_the_effects_and_the_share_closed(cube: ObjectModel) -> None:
+    lines = repr(diagnosis(cube)).splitlines()
+    assert "explained" in lines[0]
+    assert "friction" in lines[1]
+    assert "0.3" in lines[1]
+    assert "93 %" in lines[-1]
+    assert len(lines) <= 6
+    assert len(repr(without_effects(cube, "no_gap")).splitlines()) == 1
+
+
+def test_a_notebook_gets_the_table_and_one_figure(cube: ObjectModel) -> None:
+    html = diagnosis(cube)._repr_html_()
+    assert html.count("<table") == 1
+    assert html.count("data:image/png") == 1
+    assert "<td>friction</td>" in html
+
+
+def test_a_saved_report_is_whole(cube: ObjectModel, tmp_path: Path) -> None:
+    patch = {"mjcf": "<mujoco/>", "keys": {}, "changes": [], "recording": {}, "not_expressed": {}, "rerun": None}
+    made = replace(
+        diagnosis(cube),
+        simulator=nominal(cube),
+        tosses_of="mine.h5, test split",
+        data={"object": "cube"},
+        next_toss={"release": None, "reason": "none is needed"},
+        patch=patch,
+        remarks=("Tosses left out: one.",),
+    )
+    folder = made.save(tmp_path / "new" / "gap")
+    gap = json.loads((folder / "gap.json").read_text())
+    assert gap["schema"] == "tossid.gap/1"
+    assert gap["explanation"]["effects"] == ["friction"]
+    assert gap["simulator"] == {"sim": "nominal", "about": "the stated 'cube', rigid", "run": None}
+    assert gap["data"] == {"object": "cube"}
+    assert gap["remarks"] == ["Tosses left out: one."]
+    assert (folder / "patched.xml").read_text() == "<mujoco/>"
+    page = (folder / "gap.html").read_text()
+    assert "mine.h5, test split" in page
+    assert "Tosses left out: one." in page
+    assert list((folder / "figures").glob("*.png"))
+
+
+def test_what_was_not_computed_is_not_in_the_json(cube: ObjectModel) -> None:
+    assert {"next_toss", "patch", "simulator", "data"}.isdisjoint(diagnosis(cube).as_json())

@@ -1,0 +1,107 @@
+"""Whatever can be diagnosed is read as a world; what cannot be is refused with the reason."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.tossed import seen
+from tossid.diagnosis import simulators
+from tossid.diagnosis.simulators import (
+    Simulator,
+    check_runs,
+    check_same_object,
+    moves,
+    nominal,
+    read_simulator,
+    reader,
+)
+from tossid.errors import InputError
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World
+
+MJCF = """<mujoco model="mine">
+  <option timestep="0.001" gravity="0.37 0 -9.7"/>
+  <worldbody>
+    <geom type="plane" size="5 5 .1" pos="0 0 0.01" euler="0 3 0" friction="0.2 0.005 0.0001"/>
+    <body><freejoint/><inertial pos="0 0 0" mass="0.37" diaginertia="0.00081 0.00081 0.00081"/>
+      <geom type="box" size="0.0524 0.0524 0.0524" friction="0.25 0.005 0.0001"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def trained(model: ObjectModel) -> Any:
+    """What `diagnose` asks a trained model for."""
+    return SimpleNamespace(
+        learned_object=lambda: model.with_changes(friction=0.3),
+        mechanics=lambda: SimpleNamespace(object=model.with_changes(friction=0.3), gravity=9.5, k_res=None),
+        measurement=SimpleNamespace(length_scale=1.01),
+    )
+
+
+def test_each_kind_is_read(cube: ObjectModel, tmp_path: Path) -> None:
+    (tmp_path / "mine.xml").write_text(MJCF)
+    stated = read_simulator("nominal", cube)
+    assert (stated.kind, stated.world) == ("nominal", World(cube))
+    world = World(cube, gravity=3.0)
+    assert read_simulator(world, cube).world is world
+    ready = nominal(cube, gravity=0.0)
+    assert read_simulator(ready, cube) is ready
+    for given in (trained(cube), SimpleNamespace(model=trained(cube))):
+        run = read_simulator(given, cube)
+        assert run.kind == "run"
+        assert (run.world.object.friction, run.world.gravity, run.world.recording.length_scale) == (0.3, 9.5, 1.01)
+
+
+def test_an_mjcf_file_is_read_as_a_world(cube: ObjectModel, tmp_path: Path) -> None:
+    (tmp_path / "mine.xml").write_text(MJCF)
+    found = read_simulator(str(tmp_path / "mine.xml"), cube)
+    assert (found.kind, found.mjcf) == ("mjcf", tmp_path / "mine.xml")
+    world = found.world
+    assert world.gravity == pytest.approx(9.7)
+    assert world.forces.x == pytest.approx(0.37 * 0.37)
+    assert world.object.friction == 0.25  # MuJoCo takes the larger of two geoms'
+    np.testing.assert_allclose(world.ground_tilt, [0.0, np.deg2rad(3)], atol=1e-9)
+    assert world.ground_height == pytest.approx(0.01 * np.cos(np.deg2rad(3)))
+
+
+def test_a_new_kind_is_one_registered_function(cube: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulators, "_READERS", dict(simulators._READERS))
+
+    @reader("moon", lambda given: given == ("moon",))
+    def moon(given: object, recorded: ObjectModel) -> Simulator:
+        return Simulator("moon", "the stated object on the moon", World(recorded, gravity=1.62))
+
+    assert read_simulator(("moon",), cube).world.gravity == 1.62
+
+
+def test_what_is_no_simulator_is_refused(cube: ObjectModel, elbow: ObjectModel) -> None:
+    with pytest.raises(InputError, match="3 is no simulator"):
+        read_simulator(3, cube)
+    with pytest.raises(InputError, match="has no object and no contact"):
+        read_simulator(SimpleNamespace(learned_object=lambda: cube, mechanics=lambda: None), cube)
+    with pytest.raises(InputError, match="with 1 joints"):
+        check_same_object(World(cube), elbow, where="mine")
+    with pytest.raises(InputError, match="105 x 105 x 105 mm"):
+        check_same_object(World(cube.with_changes(corner_pos=2 * cube.corner_pos)), cube, where="mine")
+
+
+def test_a_world_that_diverges_is_refused(cube: ObjectModel) -> None:
+    tosses = seen(World(cube), cube, 3, seed=1, frames=20)
+    assert check_runs(World(cube), tosses, where="mine") == []
+    with pytest.raises(InputError, match=r"diverges .* on 3 of 3 tosses, the first of them '0'"):
+        check_runs(World(cube, gravity=1e200), tosses, where="mine")
+
+
+def test_noise_is_no_motion(cube: ObjectModel) -> None:
+    (toss,) = seen(World(cube), cube, 1, seed=1, frames=20)
+    assert moves(toss)
+    still = toss.q[:1] + np.zeros_like(toss.q)
+    still[:, :3] += 1e-4 * np.random.default_rng(0).normal(size=(len(still), 3))
+    assert not moves(replace(toss, q=still))

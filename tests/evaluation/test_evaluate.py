@@ -1,0 +1,75 @@
+"""`tossid.evaluate`: the scores of a model that is the truth, in any batch, and what they show and save."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tossid
+from tests.models.made import tosses
+from tossid.errors import InputError
+from tossid.evaluation.evaluate import metric_means
+from tossid.models import TrainedModel, build_model, variant
+from tossid.objects import ObjectModel, center_positions
+from tossid.settings.training import ModelSettings, TrainSettings
+from tossid.store import Dataset
+
+
+def model_of(cube: ObjectModel, gravity: float = 9.81) -> TrainedModel:
+    """The stated cube, as if it had been learned."""
+    settings = TrainSettings(model=replace(variant("cn"), gravity=gravity))
+    model = build_model(settings.model, cube)
+    return TrainedModel(model, settings, model.parameters_report())
+
+
+@pytest.fixture(scope="module")
+def dataset(cube: ObjectModel) -> Dataset:
+    made = tosses(cube, 5, seed=2, frames=60, substeps=ModelSettings.substeps)
+    return Dataset(cube, tuple(made), 148.0, "made")
+
+
+def test_the_truth_has_no_error(cube: ObjectModel, dataset: Dataset) -> None:
+    scores = tossid.evaluate(model_of(cube), dataset)
+    for metrics in (scores.metrics, scores.metrics["from_flight"], scores.metrics["sixteen_steps"]):
+        assert metrics["position_error_pct"]["mean"] < 0.5
+        assert metrics["rotation_error_deg"]["mean"] < 0.5
+    assert scores.metrics["gravity_ms2"]["mean"] == pytest.approx(9.81)
+    assert scores.metrics["diverged"] == 0
+
+
+def test_batches_give_what_all_at_once_gives(cube: ObjectModel, dataset: Dataset) -> None:
+    model = model_of(cube, gravity=9.0)
+    whole, parts = tossid.evaluate(model, dataset), tossid.evaluate(model, dataset, batch=2)
+    for name, value in vars(whole.per_toss).items():
+        np.testing.assert_allclose(vars(parts.per_toss)[name], value, rtol=1e-9, atol=1e-9, err_msg=name)
+    assert parts.names == tuple(toss.name for toss in dataset.tosses)
+
+
+def test_the_rollouts_that_are_drawn_are_those_that_were_scored(cube: ObjectModel, dataset: Dataset) -> None:
+    scores = tossid.evaluate(model_of(cube, gravity=9.0), dataset)
+    for toss, run, error in zip(dataset.tosses, scores.rollouts(), scores.per_toss.position_error_pct, strict=True):
+        distance = np.linalg.norm(center_positions(cube, run.q) - center_positions(cube, toss.q), axis=1)
+        assert 100 * distance.mean() / cube.width == pytest.approx(error, abs=1e-9)
+
+
+def test_they_show_and_save_themselves(cube: ObjectModel, dataset: Dataset, tmp_path: Path) -> None:
+    scores = tossid.evaluate(model_of(cube, gravity=9.0), dataset)
+    assert "position_error_pct" in repr(scores)
+    assert scores._repr_html_().count("<tr>") == 1 + len(scores.table()[1])
+    files = {path.name for path in scores.save(tmp_path / "scores")}
+    assert {"metrics.json", "errors_over_tosses.png", "toss_comparison_worst.png", "toss_median.gif"} <= files
+    found = json.loads((tmp_path / "scores" / "metrics.json").read_text())
+    assert found == scores.as_json()
+    assert found["n_tosses"] == 5
+    means = metric_means(scores.metrics)
+    assert means["from_flight/position_error_pct"] == found["from_flight"]["position_error_pct"]["mean"]
+    assert means["diverged"] == 0
+
+
+def test_no_toss_is_refused(cube: ObjectModel, dataset: Dataset) -> None:
+    with pytest.raises(InputError, match="no tosses"):
+        tossid.evaluate(model_of(cube), replace(dataset, tosses=()))

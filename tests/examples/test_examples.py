@@ -1,0 +1,66 @@
+"""Each example runs as it stands, in an empty folder, and says what it promises."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import tossid
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+
+
+def output_of(script: str, folder: Path, *args: str) -> str:
+    """What a script prints that runs in a folder."""
+    env = os.environ | {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, str(EXAMPLES / script), *args]
+    done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_script_is_tested_and_listed() -> None:
+    scripts = {path.name for path in EXAMPLES.glob("*.py")}
+    assert len(scripts) >= 5
+    for text in (Path(__file__).read_text(), (EXAMPLES / "README.md").read_text()):
+        assert all(script in text for script in scripts)
+
+
+def test_own_object(tmp_path: Path) -> None:
+    lines = output_of("own_object.py", tmp_path).splitlines()
+    assert len(lines) == 8
+    dataset = tossid.read_dataset(tmp_path / "brick.h5")
+    assert (dataset.object.name, dataset.object.friction) == ("brick", 0.3)
+    assert tossid.objects.load_object(tmp_path / "brick.xml").mass.item() == 0.5
+
+
+def test_bare_h5py(tmp_path: Path) -> None:
+    head, *rows = output_of("bare_h5py.py", tmp_path).splitlines()
+    assert head == "6 tosses of 'cube' at 148 Hz"
+    assert len(rows) == 6
+    assert all(0.5 < float(row.split()[-2]) < 10 for row in rows)  # [m/s]
+
+
+def test_study_as_loop(tmp_path: Path) -> None:
+    _, *rows = output_of("study_as_loop.py", tmp_path, "3", "2", "3").splitlines()
+    assert [row.split()[:2] for row in rows] == [["2", "9.81"], ["2", "0.00"], ["3", "9.81"], ["3", "0.00"]]
+
+
+@pytest.mark.slow
+def test_diagnose_trained_model(tmp_path: Path) -> None:
+    said = output_of("diagnose_trained_model.py", tmp_path, "--quick")
+    assert "gravity; g 7.0" in said
+    assert (tmp_path / "gap" / "gap.html").is_file()
+
+
+@pytest.mark.slow
+def test_frames_to_report(tmp_path: Path) -> None:
+    camera = {"count": 2, "samples": 4, "pause_s": (0.15, 0.15), "carry_s": (0.2, 0.2)}
+    tossid.synthesize("cube", frames=True, out=tmp_path / "film", tosses=8, **camera)
+    assert "rotation_error_deg" in output_of("frames_to_report.py", tmp_path, "film")
+    assert (tmp_path / "gap" / "gap.html").is_file()

@@ -1,0 +1,63 @@
+"""What a model can learn: its start is the object, and its numbers mean what they say."""
+
+from __future__ import annotations
+
+from math import log, sqrt
+
+import numpy as np
+import pytest
+import torch
+
+from tossid.models.parameters import ContactLaw, Friction, Geometry, LearnedAccelerationNet
+from tossid.models.protocol import Mechanics
+from tossid.objects import GRAVITY, ObjectModel
+from tossid.physics import n_features
+
+
+def test_geometry_and_friction_start_at_the_object(cube: ObjectModel) -> None:
+    geometry, friction = Geometry(cube, learn=True), Friction(cube, learn=True)
+    np.testing.assert_array_equal(geometry().detach().numpy(), cube.corner_pos)
+    assert float(friction().detach()) == pytest.approx(cube.friction)
+    with torch.no_grad():
+        geometry.offset += 1.0
+    np.testing.assert_allclose(geometry().detach().numpy() - cube.corner_pos, 0.02 * cube.width, rtol=1e-12)
+
+
+def test_the_contact_law_is_its_time_damping_and_cohesion(cube: ObjectModel) -> None:
+    given = cube.with_changes(compliance=1e-5, relaxation=2e-3, cohesion=0.1)
+    assert ContactLaw(given, learn=False)() == (1e-5, 2e-3, 0.1)
+    law = ContactLaw(cube, learn=True)
+    with torch.no_grad():
+        law.value.copy_(torch.tensor([log(2.0), log(0.5), log(0.1)]))
+    mass = float(cube.mass.sum())
+    expected = ((2e-3) ** 2 / mass, 0.5 * 2e-3, 0.01 * mass * GRAVITY)
+    np.testing.assert_allclose(law(), expected, rtol=1e-6)
+    starts = law.starts([2.0], [0.5], simulator_step_ms=1.7)
+    assert float(starts[0][1].exp()) == pytest.approx(sqrt(1 + 2 * 1.7) / 2)
+    assert float(law.rigid()[0]) < float(starts[0][0])
+
+
+def test_k_res_is_the_same_in_torch_and_in_arrays() -> None:
+    net = LearnedAccelerationNet(1, hidden=5, generator=torch.Generator().manual_seed(0))
+    rng = np.random.default_rng(0)
+    with torch.no_grad():
+        for parameter in net.parameters():
+            parameter += 0.1 * torch.from_numpy(rng.normal(size=tuple(parameter.shape)))
+    features = rng.normal(size=(7, n_features(1)))
+    arrays = net.arrays()
+    hidden = np.tanh(np.tanh(features @ arrays.W0.T + arrays.b0) @ arrays.W1.T + arrays.b1)
+    whole = features @ arrays.linear.T + hidden @ arrays.W2.T
+    np.testing.assert_allclose(net(torch.from_numpy(features)).detach().numpy(), whole, rtol=1e-12)
+
+
+def test_mechanics_separate_the_uniform_vertical_part(elbow: ObjectModel) -> None:
+    net = LearnedAccelerationNet(1, hidden=5, generator=torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        net.vertical -= 0.3
+        net.W2 += 0.1
+    features = np.random.default_rng(1).normal(size=(4, n_features(1)))
+    mechanics = Mechanics(elbow, 5.0, net.arrays(), 10 * float(net.vertical.detach()))
+    assert mechanics.carried_gravity == pytest.approx(8.0)
+    rest = net.without_vertical(torch.from_numpy(features)).detach().numpy()
+    np.testing.assert_allclose(mechanics.k_res_without_vertical(features), rest, atol=1e-12)
+    assert not Mechanics(elbow, 5.0).k_res_without_vertical(features).any()

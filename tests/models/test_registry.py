@@ -1,0 +1,69 @@
+"""Variants and kinds of models by name; `conf/model` shows the library's own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from pipelines.config.compose import load
+from pipelines.config.keys import group_members
+from pipelines.config.schemas import TrainConfig
+from tossid.errors import ConfigError
+from tossid.models import VARIANTS, Objective, build_model, variant
+from tossid.models.registry import settings_from
+from tossid.objects import ObjectModel
+from tossid.settings.plain import to_plain
+from tossid.settings.training import TrainSettings
+
+STAGES = {
+    "cn": ["contact", "rollout-20", "rollout-90"],
+    "cnrp": ["continuous", "contact", "rollout-20", "rollout-90"],
+    "cnrpi": ["continuous", "contact", "rollout-20", "rollout-90"],
+    "diffsim": ["continuous", "rollout-20", "rollout-90"],
+    "e2e": ["one-step"],
+}
+
+
+def test_conf_shows_the_librarys_variants() -> None:
+    assert set(group_members("model")) == set(VARIANTS)
+    for name, settings in VARIANTS.items():
+        assert load("train", TrainConfig, [f"model={name}"]).model == settings
+    assert load("train", TrainConfig).settings() == TrainSettings()
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_a_variant_has_the_stages_and_parameters_of_its_settings(cube: ObjectModel, name: str) -> None:
+    model = build_model(variant(name), cube)
+    plans = {plan.name: plan for plan in model.stages()}
+    assert list(plans) == STAGES[name]
+    if name == "e2e":
+        assert model.mechanics() is None
+        return
+    mechanics = model.mechanics()
+    assert mechanics is not None
+    assert (mechanics.k_res is not None) == (name != "cn")
+    assert mechanics.carried_gravity == variant(name).gravity
+    last = plans["rollout-90"]
+    assert last.objective is Objective.ROLLOUT
+    assert (last.starts is not None) == (name in ("cnrpi", "diffsim"))
+    corners = any(parameter.shape == cube.corner_pos.shape for parameter in last.parameters)
+    assert corners == (name == "diffsim")
+
+
+def test_a_link_predicts_stretches_of_half_the_first_horizon_and_then_of_it(elbow: ObjectModel) -> None:
+    model = build_model(replace(variant("cn"), horizons=(21, 90)), elbow)
+    assert [plan.horizon for plan in model.stages() if plan.objective is Objective.ROLLOUT] == [10, 21]
+
+
+def test_settings_come_back_from_plain_values() -> None:
+    own = replace(variant("cnrp"), name="mine", learn_inertia=True, start_com=(0.001, 0.0, 0.0), horizons=(5,))
+    assert settings_from(to_plain(own)) == own
+    assert settings_from({"name": "cnrpi", "gravity": 0.0}) == replace(variant("cnrpi"), gravity=0.0)
+
+
+def test_an_unknown_name_is_refused(cube: ObjectModel) -> None:
+    with pytest.raises(ConfigError, match="cnrpi"):
+        variant("cnrip")
+    with pytest.raises(ConfigError, match="contactnets"):
+        build_model(replace(variant("cn"), kind="contactnet"), cube)

@@ -1,0 +1,58 @@
+"""An effect states all that is needed to use it, or it cannot be made."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tossid.errors import InputError
+from tossid.objects import ObjectModel
+from tossid.physics.effects import BUILT_IN, Effect, InMujoco, NotExpressible, World, effect_named
+from tossid.physics.forces import Growing
+
+FRICTION = effect_named("friction")
+
+
+@pytest.mark.parametrize("field", ["mujoco", "mjcf", "strength"])
+def test_an_effect_without_a_form_or_the_reason_is_refused(field: str) -> None:
+    with pytest.raises(InputError, match=f"effect 'friction' states no {field}"):
+        replace(FRICTION, **{field: None})
+    given = {name: value for name, value in vars(FRICTION).items() if name != field}
+    with pytest.raises(TypeError, match=field):
+        Effect(**given)
+
+
+def test_a_reason_says_something_and_which_worlds_mujoco_must_refuse() -> None:
+    with pytest.raises(InputError, match="states why"):
+        NotExpressible(" ")
+    with pytest.raises(InputError, match="which worlds have it"):
+        replace(FRICTION, mujoco=NotExpressible("MuJoCo has no friction"))
+    assert replace(FRICTION, strength=NotExpressible("no audit")).name == "friction"
+
+
+@pytest.mark.parametrize("effect", BUILT_IN, ids=lambda effect: effect.name)
+def test_a_world_has_an_effect_that_mujoco_lacks_exactly_when_it_was_applied(cube: ObjectModel, effect: Effect) -> None:
+    if isinstance(effect.mujoco, InMujoco):
+        return
+    world = World(cube)
+    assert effect.mujoco.present is not None
+    assert not effect.mujoco.present(effect.at(world, effect.nominal(world)))
+    values = np.array([p.low + 0.3 * k * (p.high - p.low) for k, p in enumerate(effect.parameters, start=1)])
+    assert effect.mujoco.present(effect.at(world, values))
+
+
+def test_values_are_clipped_to_their_ranges_and_named(cube: ObjectModel) -> None:
+    assert FRICTION.at(World(cube), np.array([7.0])).object.friction == FRICTION.parameters[0].high
+    assert FRICTION.named(np.array([0.3])) == {"mu": 0.3}
+    assert FRICTION.nominal(World(cube)) == pytest.approx([cube.friction])
+
+
+def test_a_force_may_grow_with_another_power(cube: ObjectModel) -> None:
+    assert FRICTION.other_power_law is None
+    law = effect_named("vortex").other_power_law
+    assert law is not None
+    assert law is effect_named("vortex").other_power_law
+    forces = law.at(World(cube), np.array([1.5])).forces
+    assert (forces.powered, forces.power) == (Growing.VORTEX, 1.5)

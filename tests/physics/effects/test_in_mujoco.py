@@ -1,0 +1,191 @@
+"""Worlds in MuJoCo against theory and against the same worlds in our own engine."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from tossid.errors import InputError
+from tossid.objects import OBJECT_FILES, ObjectModel, load_object, to_mjcf
+from tossid.physics import simulate
+from tossid.physics.effects import LIBRARY, Forces, Law, RecordingErrors, World
+from tossid.physics.effects.in_mujoco import inexpressible, toss_in_mujoco
+from tossid.physics.effects.mujoco_contact import damping_ratio
+from tossid.physics.forces import DRAG, MAGNUS, SPIN, SPRING, TURNING, VORTEX
+from tossid.physics.mujoco_engine import simulate_mujoco
+from tossid.rotations import quat_exp
+
+DT = 1 / 148
+HALF = 0.0524
+FLAT = np.array([[0, 0, HALF, 1, 0, 0, 0.0]])
+
+
+def above(height: float) -> np.ndarray:
+    """A cube that lies flat in the air."""
+    return np.array([[0, 0, HALF + height, 1, 0, 0, 0.0]])
+
+
+@pytest.fixture(scope="module")
+def cube() -> ObjectModel:
+    return load_object(OBJECT_FILES / "cube.xml")
+
+
+def test_a_plain_world_is_the_plain_engine(cube: ObjectModel) -> None:
+    q, v = above(0.1), np.array([[0.5, 0, 0, 3, 2, 1.0]])
+    plain = simulate_mujoco(cube, q, v, 40, DT)
+    world = toss_in_mujoco(World(cube), q, v, 40, DT)
+    np.testing.assert_array_equal(world[0], plain[0])
+    np.testing.assert_array_equal(world[1], plain[1])
+
+
+def test_bodies_gravity_ground_and_forces_fly_as_in_our_engine(cube: ObjectModel) -> None:
+    """Every force at once, on a body with its centre off, over tilted ground."""
+    forces = Forces(0.1, 0.1, 0.002, 2.0, -1.0, 0.03, 0.3, -0.2, 0.5, 4.0, 0.3, 0.2, 1.0, 2.0, 1.5)
+    body = cube.with_changes(com=np.array([[0.01, -0.005, 0.02]]), inertia=1.3 * cube.inertia)
+    world = World(body, gravity=9.0, forces=forces, ground_tilt=(0.1, -0.05), ground_height=0.02)
+    q, v = above(3.0), np.array([[1.0, -0.5, 1.0, 4.0, -3.0, 5.0]])
+    pushed = toss_in_mujoco(world, q, v, 60, DT)
+    ours = simulate(world.system(), q, v, n_steps=60, dt=DT, substeps=400)
+    none = simulate(World(body, gravity=9.0).system(), q, v, n_steps=60, dt=DT, substeps=20)
+    assert np.abs(ours.q - none.q)[0, -1, :3].max() > 0.2
+    np.testing.assert_allclose(pushed[0][0, :, :3], ours.q[0, :, :3], atol=3e-4)
+    np.testing.assert_allclose(pushed[0][0, :, 3:], ours.q[0, :, 3:], atol=3e-3)
+
+
+@pytest.mark.parametrize("powered", [DRAG, SPIN, MAGNUS, SPRING, VORTEX, TURNING])
+def test_a_force_of_another_power_flies_as_in_our_engine(cube: ObjectModel, powered: int) -> None:
+    plain = Forces(0.1, 0.1, 0.002, 2.0, -1.0, 0.03, 0.3, -0.2, 0.5, 4.0, 0.3, 0.2, 1.0, 2.0, 1.5)
+    powers = [plain._replace(powered=float(powered), power=0.5), plain]
+    q, v = above(3.0), np.array([[1.0, -0.5, 1.0, 4.0, -3.0, 5.0]])
+    pushed, without = (toss_in_mujoco(World(cube, forces=each), q, v, 60, DT)[0] for each in powers)
+    ours = simulate(World(cube, forces=powers[0]).system(), q, v, n_steps=60, dt=DT, substeps=400).q
+    changed = np.abs(ours - without)[0].max()
+    assert changed > 0.02
+    assert np.abs(pushed - ours)[0].max() < 0.03 * changed
+
+
+@pytest.mark.parametrize("e", [0.05, 0.5, 0.8])
+def test_impacts_bounce(cube: ObjectModel, e: float) -> None:
+    """On four corners at once and on one, straight above it."""
+    for q in (FLAT, np.array([[0, 0, np.sqrt(3) * HALF, np.cos(0.4776583), 0.6754895, 0, 0]])):
+        start = q.copy()
+        if q is not FLAT:
+            axis = np.array([1.0, 1, 1]) / np.sqrt(3)
+            turn = np.cross(axis, [0, 0, 1])
+            angle = np.arccos(axis[2])
+            start[0, 3:] = [np.cos(angle / 2), *(np.sin(angle / 2) * turn / np.linalg.norm(turn))]
+        start[0, 2] += 0.1
+        _, v = toss_in_mujoco(World(cube.with_changes(restitution=e)), start, np.zeros((1, 6)), 26, DT)
+        landing = np.sqrt(2 * 9.81 * 0.1)
+        best = v[0, :, 2].max()
+        assert best == pytest.approx(e * landing, abs=0.03 * landing + 9.81 * DT)
+
+
+def test_the_damping_ratio_of_no_bounce_and_of_all() -> None:
+    assert damping_ratio(0.999) < 1e-3
+    assert damping_ratio(np.exp(-2.0)) == pytest.approx(1.0)  # critical damping
+    assert damping_ratio(0.02) > 2.0
+
+
+@pytest.mark.parametrize(("stiffness", "damping"), [(2000.0, 5.0), (20000.0, 40.0)])
+def test_a_compliant_corner_has_its_stiffness_and_damping(cube: ObjectModel, stiffness: float, damping: float) -> None:
+    """At rest it sinks by m g / (4 k); landing, it does as in our engine."""
+    body = cube.with_changes(compliance=1 / stiffness, relaxation=damping / stiffness)
+    world = World(body)
+    q, _ = toss_in_mujoco(world, FLAT, np.zeros((1, 6)), 120, DT)
+    assert HALF - q[0, -1, 2] == pytest.approx(0.37 * 9.81 / (4 * stiffness), rel=1e-3)
+    start = above(0.02)
+    q, _ = toss_in_mujoco(world, start, np.zeros((1, 6)), 40, DT)
+    ours = simulate(world.system(), start, np.zeros((1, 6)), n_steps=40, dt=DT, substeps=200)
+    np.testing.assert_allclose(q[0, :, 2], ours.q[0, :, 2], atol=0.06 * (HALF - ours.q[0, :, 2].min()) + 2e-4)
+
+
+def test_a_compliant_cube_slides_as_coulomb_says_and_rests(cube: ObjectModel) -> None:
+    body = cube.with_changes(compliance=1e-4, relaxation=5e-3, inertia=20 * cube.inertia)
+    v0 = np.array([[0.8, 0, 0, 0, 0, 0.0]])
+    q, v = toss_in_mujoco(World(body), FLAT, v0, 120, DT)
+    assert q[0, -1, 0] == pytest.approx(0.8**2 / (2 * 0.18 * 9.81), rel=0.02)
+    assert np.abs(v[0, -1]).max() < 1e-3
+
+
+@pytest.mark.parametrize(("angle", "moves"), [(0.16, False), (0.2, True)])
+def test_a_cube_on_a_slope(cube: ObjectModel, angle: float, moves: bool) -> None:
+    world = World(cube, ground_tilt=(0.0, angle))
+    q, _ = toss_in_mujoco(world, FLAT, np.zeros((1, 6)), 60, DT)
+    way = 0.5 * 9.81 * max(np.sin(angle) - 0.18 * np.cos(angle), 0.0) * (60 * DT) ** 2
+    assert q[0, -1, 0] == pytest.approx(way, abs=0.05 * way + 1e-4)
+    assert (way > 0) == moves
+
+
+def test_torsional_friction_stops_a_spin_in_time(cube: ObjectModel) -> None:
+    world = World(cube.with_changes(friction=0.0), law=Law(torsional=0.01))
+    predicted = 0.00081 * 8.0 / (0.01 * 0.37 * 9.81)
+    _, v = toss_in_mujoco(world, FLAT, np.array([[0, 0, 0, 0, 0, 8.0]]), 50, DT)
+    still = np.flatnonzero(np.abs(v[0, :, 5]) < 0.02)
+    assert still[0] * DT == pytest.approx(predicted, rel=0.05, abs=DT)
+
+
+def test_rolling_resistance_slows_a_tumble(cube: ObjectModel) -> None:
+    lean = np.array([[0, 0, 0.0735, np.cos(0.35), 0, np.sin(0.35), 0]])
+    v0 = np.array([[0.15, 0, 0, 0, 2.0, 0.0]])
+    body = cube.with_changes(friction=1.0)
+    (_, free), (_, held) = (toss_in_mujoco(World(body, law=Law(rolling=r)), lean, v0, 12, DT) for r in (0.0, 0.01))
+    assert abs(held[0, -1, 4]) < abs(free[0, -1, 4]) - 0.05
+
+
+def test_what_it_cannot_express_is_named(cube: ObjectModel) -> None:
+    world = World(cube.with_changes(cohesion=0.1), law=Law(static_rel=2.0, y_rel=2.0, adhesion=1.0))
+    assert inexpressible(world) == ("velocity_friction", "anisotropic_friction", "cohesion", "adhesion")
+    with pytest.raises(InputError, match="velocity_friction"):
+        toss_in_mujoco(world, FLAT, np.zeros((1, 6)), 2, DT)
+    assert inexpressible(World(cube, recording=RecordingErrors(length_scale=1.1))) == ()
+
+
+HELD = {"stiffness_npm": 925.0, "damping_nspm": 37.0, "impedance_rel": 0.95}
+"""What MuJoCo's contact of a time constant of 0.02 s and an impedance of 0.95 is for a mass of 0.37 kg."""
+
+
+def landings() -> tuple[np.ndarray, np.ndarray]:
+    """Cubes that fall on a face, an edge and a corner, slowly across and without spin."""
+    turns = np.array([[0.0, 0, 0], [0.5, 0, 0], [0.6, 0.5, 0]])
+    q = np.array([[0, 0, 0.12, *quat_exp(turn)] for turn in turns])
+    v = np.zeros((3, 6))
+    v[:, 0] = 0.3
+    return q, v
+
+
+@pytest.mark.parametrize(("friction", "lifting", "atol"), [(0.0, 0.0, 3e-5), (0.18, 1e-4, 2e-4)])
+def test_an_impedance_gives_mujoco_s_own_soft_contact(
+    cube: ObjectModel, friction: float, lifting: float, atol: float
+) -> None:
+    """A user's scene with a time constant and a damping ratio, through landing and the first turn after it."""
+    body = cube.with_changes(friction=friction)
+    m = mujoco.MjModel.from_xml_string(
+        to_mjcf(body, timestep=2.5e-5, solref=(0.02, 1.0), solimp=(0.95, 0.95, 0.001, 0.5, 2.0))
+    )
+    world = {e.name: e for e in LIBRARY}["compliance"].apply(World(body), HELD)
+    world = replace(world, law=world.law._replace(lifting=lifting))
+    q0, v0 = landings()
+    ours = simulate(world.system(), q0, v0, n_steps=28, dt=0.005, substeps=200)
+    for i in range(3):
+        d = mujoco.MjData(m)
+        d.qpos[:], d.qvel[:] = q0[i], v0[i]
+        path = []
+        for _ in range(28):
+            mujoco.mj_step(m, d, 200)
+            path.append(d.qpos.copy())
+        np.testing.assert_allclose(ours.q[i, 1:, :3], np.array(path)[:, :3], atol=atol)
+    assert ours.q[:, :, 2].min() < HALF - 1e-3, "softness shows"
+
+
+def test_an_added_mass_in_mujoco_is_ours(cube: ObjectModel) -> None:
+    world = {e.name: e for e in LIBRARY}["compliance"].apply(World(cube), HELD)
+    q0, v0 = landings()
+    theirs, _ = toss_in_mujoco(world, q0, v0, 34, 0.005)
+    ours = simulate(
+        replace(world, law=world.law._replace(lifting=1e-4)).system(), q0, v0, n_steps=34, dt=0.005, substeps=100
+    )
+    np.testing.assert_allclose(theirs[:, :29, :3], ours.q[:, :29, :3], atol=4e-4)

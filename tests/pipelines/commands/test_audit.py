@@ -1,0 +1,38 @@
+"""`tossid audit` as it is called: cases appear whole, finished ones are kept."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pipelines.cli import app
+from tests.pipelines.conftest import one_line
+
+
+def test_only_simulators_of_single_bodies_are_spoilt(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert app.run(["audit", "object=elbow", "cases=1", "data=elbow.h5"]) == 2
+    assert "data" in one_line(capfd.readouterr().err)
+    assert not (project / "outputs/audit").exists()
+
+
+@pytest.mark.slow
+def test_an_audit_end_to_end_and_again(project: Path, answer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    keys = ["audit", "tosses=8", "workers=2", "engines=[lcp]", "out=o"]
+    first = answer(*keys, "cases=1")
+    assert first["failed"] == {}
+    (folder,) = (project / "o/cases").glob("0*")
+    assert {p.name for p in folder.iterdir()} >= {"tum", "tosses.h5", "seal.txt", "truth.json", "gap.json"}
+    sealed = (folder / "seal.txt").read_text().strip()
+    assert hashlib.sha256((folder / "truth.json").read_bytes()).hexdigest() == sealed
+    assert sealed in (project / "o/seals.txt").read_text()
+    before = (folder / "result.json").stat().st_mtime_ns
+    second = answer(*keys, "cases=2")
+    assert (folder / "result.json").stat().st_mtime_ns == before
+    assert second["cases"][0]["name"] == first["cases"][0]["name"]
+    assert [row["kind"] for row in second["cases"]] == ["null", "effect"]
+    assert {Path(path).name for path in second["figures"]} == {"confusion.png", "detection.png"}
+    assert json.loads((project / "o/audit.json").read_text())["summary"] == second["summary"]

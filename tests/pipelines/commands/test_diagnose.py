@@ -1,0 +1,239 @@
+"""`tossid diagnose` as it is called: a spoilt friction is found, the files are whole, bad input is one line."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipelines.cli import app
+from pipelines.tracking.runs import find_runs
+from tests.pipelines.conftest import one_line
+from tossid.diagnosis.simulators import world_of_model
+from tossid.errors import InputError
+from tossid.models.e2e import EndToEnd
+from tossid.objects import ObjectModel
+from tossid.physics.effects import LIBRARY
+from tossid.store import read_dataset, write_dataset
+from tossid.types import Phase, Toss
+
+KEPT = ("friction", "gravity", "inertia")
+FEW = "without=[" + ",".join(effect.name for effect in LIBRARY if effect.name not in KEPT) + "]"
+"""A small library is a short diagnosis."""
+
+USER = """<mujoco model="mine">
+  <option timestep="0.001" cone="elliptic"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 .1" friction="0.18 0.005 0.0001"/>
+    <body name="cube">
+      <freejoint/>
+      <inertial pos="0 0 0" mass="0.37" diaginertia="0.00081 0.00081 0.00081"/>
+      <geom type="box" size="0.0524 0.0524 0.0524" friction="0.18 0.005 0.0001"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.fixture(scope="session")
+def spoilt(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Twelve tosses made with friction 0.35; the dataset states 0.18."""
+    folder = tmp_path_factory.mktemp("spoilt")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        keys = [
+            "frames=false",
+            "engine=lcp",
+            "tosses=12",
+            "seconds=0.6",
+            "object.friction=0.35",
+            "release.speed=[0.5,1.2]",
+        ]
+        keys += ["noise.position=0.00015", "noise.rotation=0.0015", "noise.velocity=0.02", "noise.spin=0.2"]
+        assert app.run(["synthesize", *keys, "out=tosses", "--quiet"]) == 0
+        dataset = read_dataset(Path("tosses/tosses.h5"))
+        stated = replace(dataset, object=dataset.object.with_changes(friction=0.18))
+        write_dataset(stated, folder / "spoilt.h5")
+    return folder / "spoilt.h5"
+
+
+def refused(args: list[str], capfd: pytest.CaptureFixture[str]) -> str:
+    assert app.run(["diagnose", *args]) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    return one_line(err)
+
+
+def test_a_spoilt_friction_is_found_in_the_users_mujoco_model_and_the_patch_works(
+    project: Path, spoilt: Path, answer: Any
+) -> None:
+    (project / "mine.xml").write_text(USER)
+    found = answer("diagnose", f"data={spoilt}", "sim=mjcf", "sim.path=mine.xml", "out=gap", FEW)
+    assert found["schema"] == "tossid.gap/1"
+    assert found["explanation"]["verdict"] in ("explained", "partly_explained")
+    assert found["explanation"]["effects"] == ["friction"]
+    first = found["effects"][0]
+    assert (first["name"], first["verdict"]) == ("friction", "identified")
+    assert first["parameters"]["mu"]["value"] == pytest.approx(0.35, abs=0.01)
+    assert found["next_toss"]["release"] is None
+    assert "no two effects are confusable" in found["next_toss"]["reason"]
+
+    patch = found["patch"]
+    assert {c["attribute"] for c in patch["changes"] if c["effect"] == "friction"} == {"friction"}
+    # tosses of rigid contact, and a model whose contact is MuJoCo's default
+    others = {c["attribute"] for c in patch["changes"] if c["effect"] == "rigid contact"}
+    assert others == {"timestep", "solref", "solimp"}
+    assert {c["effect"] for c in patch["changes"]} == {"friction", "rigid contact"}
+    assert patch["keys"]["object.friction"]["before"] == 0.18
+    run = patch["rerun"]
+    assert run["position_error_pct"]["after"]["value"] < 0.7 * run["position_error_pct"]["before"]["value"]
+    assert Path(found["patched_mjcf"]).read_text() == patch["mjcf"]
+
+    kept = json.loads((project / "gap" / "gap.json").read_text())
+    assert kept["explanation"] == found["explanation"]
+    assert kept["patch"] == patch
+    page = (project / "gap" / "gap.html").read_text()
+    assert "explained" in page[: page.index("</title>")]
+    assert all(Path(path).is_file() for path in found["figures"])
+    (tracked,) = find_runs(command="diagnose")
+    assert tracked.info.run_id == found["run"]
+    assert tracked.data.tags["effects"] == "friction"
+    assert tracked.data.metrics["gap_closed"] == pytest.approx(found["explanation"]["gap_closed"]["value"])
+
+
+@pytest.mark.slow
+def test_a_trained_run_is_diagnosed(beside: Path, made: Path, answer: Any) -> None:
+    import shutil
+
+    shutil.copytree(made / "outputs", beside / "outputs")
+    (folder,) = (beside / "outputs" / "train").iterdir()
+    found = answer("diagnose", "data=tosses", "sim=run", f"sim.path={folder}", FEW)
+    assert found["simulator"]["sim"] == "run"
+    assert "residual" in found["patch"]["not_expressed"]
+
+
+# ---------------------------------------------------------------- tosses that say little
+
+
+def still(toss: Toss) -> Toss:
+    """Its first frame, again and again."""
+    n = len(toss)
+    v = np.zeros_like(toss.v)
+    return replace(toss, q=np.repeat(toss.q[:1], n, axis=0), v=v, phase=np.full(n, int(Phase.REST), dtype=np.uint8))
+
+
+def cut(toss: Toss, frames: slice) -> Toss:
+    parts = {name: getattr(toss, name)[frames] for name in ("t", "q", "v", "q_cov", "v_cov", "phase")}
+    return replace(toss, **parts)
+
+
+def in_flight(toss: Toss) -> Toss:
+    n = int(np.argmax(toss.phase != Phase.FLIGHT)) or len(toss)
+    return cut(toss, slice(0, n))
+
+
+def on_the_ground(toss: Toss) -> Toss:
+    return cut(toss, slice(int(np.argmax(toss.phase != Phase.FLIGHT)) + 2, None))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [in_flight, on_the_ground])
+def test_tosses_that_say_little_name_nothing_by_accident(project: Path, spoilt: Path, answer: Any, kind: Any) -> None:
+    dataset = read_dataset(spoilt)
+    tosses = tuple(toss for toss in map(kind, dataset.tosses) if len(toss) > 12)
+    assert len(tosses) >= 6
+    stated = dataset.object if kind is on_the_ground else dataset.object.with_changes(friction=0.35)
+    write_dataset(replace(dataset, tosses=tosses, object=stated), project / "few.h5")
+    found = answer("diagnose", "data=few.h5", FEW)
+    names = set(found["explanation"]["effects"])
+    assert names <= ({"friction"} if kind is on_the_ground else set())
+    if kind is in_flight:
+        (friction,) = [each for each in found["effects"] if each["name"] == "friction"]
+        assert friction["verdict"] == "not_identifiable"
+
+
+# ---------------------------------------------------------------- bad input
+
+
+def test_two_tosses_are_too_few(project: Path, spoilt: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    dataset = read_dataset(spoilt)
+    write_dataset(replace(dataset, tosses=dataset.tosses[:2]), project / "two.h5")
+    assert "has 2 tosses; a diagnosis needs at least 6" in refused(["data=two.h5"], capfd)
+    short = tuple(cut(toss, slice(0, 5)) for toss in dataset.tosses)
+    write_dataset(replace(dataset, tosses=short), project / "short.h5")
+    assert "has 0 tosses that serve (12 of 12 are shorter than 11 frames)" in refused(["data=short.h5"], capfd)
+    write_dataset(replace(dataset, tosses=tuple(map(still, dataset.tosses))), project / "still.h5")
+    assert "has 0 tosses that serve (in 12 of 12 nothing moves)" in refused(["data=still.h5"], capfd)
+
+
+def test_only_the_chosen_tosses_are_diagnosed(
+    project: Path, spoilt: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a split, from a place on; the test split is rolled out beside, unless it is what is asked about."""
+    taken: list[tuple[list[str], list[str]]] = []
+
+    def explained(tosses: list[Toss], world: Any, *, unseen: list[Toss], **rest: Any) -> None:
+        taken.append(([toss.name for toss in tosses], [toss.name for toss in unseen]))
+        raise InputError("seen enough")
+
+    monkeypatch.setattr("tossid.diagnosis.diagnose.explain", explained)
+    dataset = read_dataset(spoilt)
+    whole, train, test = ([toss.name for toss in each] for each in (
+        dataset.tosses, dataset.of_split("train"), dataset.of_split("test")
+    ))  # fmt: skip
+    for keys in ([], ["skip=2", "tosses=7"], ["split=train"]):
+        assert "seen enough" in refused([f"data={spoilt}", *keys], capfd)
+    assert taken == [(whole, []), (whole[2:9], []), (train, test)]
+    assert f"test split: has {len(test)} tosses; a diagnosis needs" in refused([f"data={spoilt}", "split=test"], capfd)
+    assert "has 3 tosses" in refused([f"data={spoilt}", "split=train", "tosses=3"], capfd)
+    assert "split" in refused([f"data={spoilt}", "split=trian"], capfd)
+
+
+def test_a_simulator_with_other_joints_is_refused(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    keys = ["object=elbow", "frames=false", "engine=lcp", "tosses=6", "seconds=0.3", "out=elbow", "--quiet"]
+    assert app.run(["synthesize", *keys]) == 0
+    capfd.readouterr()
+    (project / "mine.xml").write_text(USER)
+    line = refused(["data=elbow", "sim=mjcf", "sim.path=mine.xml"], capfd)
+    assert "with 1 joints" in line
+    assert "same object" in line
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (USER.replace("0.0524 0.0524 0.0524", "0.2 0.05 0.05"), "105 x 105 x 105 mm"),
+        (USER.replace('type="plane" size="5 5 .1"', 'type="sphere" size="5" pos="0 0 -5"'), "a plane"),
+        ("<mujoco><nothing/></mujoco>", "sim.path: mine.xml"),
+        (None, "no such object file"),
+    ],
+)
+def test_a_model_that_is_no_simulator_of_it(
+    project: Path, spoilt: Path, capfd: pytest.CaptureFixture[str], text: str | None, words: str
+) -> None:
+    if text is not None:
+        (project / "mine.xml").write_text(text)
+    assert words in refused([f"data={spoilt}", "sim=mjcf", "sim.path=mine.xml"], capfd)
+    assert not (project / "outputs").exists()
+
+
+def test_wrong_keys(project: Path, spoilt: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert "Did you mean 'friction'?" in refused([f"data={spoilt}", "without=[fricton]"], capfd)
+    assert "Did you mean 'nominal'?" in refused(["sim=nominl"], capfd)
+    assert "sim.path: is needed" in refused(["sim=mjcf"], capfd)
+    assert "no finished run yet" in refused([f"data={spoilt}", "sim=run"], capfd)
+
+
+def test_a_simulator_that_diverges(project: Path, spoilt: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    line = refused([f"data={spoilt}", "sim.gravity=1e200"], capfd)
+    assert "diverges" in line
+    assert "12 of 12 tosses" in line
+
+
+def test_a_network_is_no_simulator_with_effects(cube: ObjectModel) -> None:
+    with pytest.raises(InputError, match="e2e"):
+        world_of_model(EndToEnd(cube, hidden=4))

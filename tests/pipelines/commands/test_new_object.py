@@ -1,0 +1,126 @@
+"""`tossid new-object`: the object is the box, and the detector finds what is printed, in true size."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipelines.cli import app
+from pipelines.config.compose import load
+from pipelines.config.keys import group_members
+from pipelines.config.schemas import DetectStageConfig, SynthesizeConfig
+from tests.pipelines.conftest import one_line
+from tossid.errors import ObjectError
+from tossid.objects import corner_positions, load_object
+from tossid.types import Frame
+from tossid.vision.cameras.camera import Camera
+from tossid.vision.detection.detect import TagFinder
+from tossid.vision.setup.tag_sheet import tag_sheets
+
+BRICK = ["new-object", "name=brick", "box=[0.2,0.1,0.06]", "mass=0.8", "com=[0.01,0,0]", "first_id=10"]
+DPI = 200
+
+
+def test_the_object_is_the_box(project: Path, answer: Any) -> None:
+    made = answer(*BRICK, "out=mine")
+    config = load("detect", DetectStageConfig, made["key"].split()).object
+    assert config is not None
+    model = load_object(config)
+    assert np.ptp(corner_positions(model, np.array([0, 0, 0, 1, 0, 0, 0.0])), axis=0) == pytest.approx([0.2, 0.1, 0.06])
+    assert model.mass[0] == pytest.approx(0.8)
+    assert model.com[0] == pytest.approx([0.01, 0, 0])
+    x, y, z = 0.2, 0.1, 0.06
+    assert np.diag(model.inertia[0]) == pytest.approx(
+        0.8 / 12 * np.array([y * y + z * z, x * x + z * z, x * x + y * y]), rel=1e-5
+    )
+    tags = {tag.id: tag for tag in model.tags}
+    assert sorted(tags) == [10, 11, 12, 13, 14, 15]
+    assert tags[12].T_body_tag[:3, 3] == pytest.approx([0, 0.05, 0])
+    assert tags[12].T_body_tag[:3, 2] == pytest.approx([0, 1, 0], abs=1e-12)
+    assert {tag_id: tag.size for tag_id, tag in tags.items()} == pytest.approx(
+        {int(tag_id): size for tag_id, size in made["tag_sizes_m"].items()}
+    )
+
+
+def test_without_a_folder_it_is_found_by_its_name(project: Path, answer: Any) -> None:
+    made = answer(*BRICK)
+    assert made["key"] == "object=brick"
+    assert (project / "conf/object/brick.yaml").read_text().splitlines()[2] == "path: conf/object/brick.xml"
+    assert "brick" in group_members("object")
+    config = load("synthesize", SynthesizeConfig, ["object=brick"])
+    assert load_object(config.object).width == 0.2
+
+
+def test_the_printed_tags_are_found_and_of_true_size(project: Path, answer: Any) -> None:
+    pdfium = pytest.importorskip("pypdfium2", reason="pypdfium2 (extra dev) turns the PDF into pictures")
+    made = answer(*BRICK, "out=mine")
+    pages = pdfium.PdfDocument(made["sheet"])
+    assert len(pages) == made["pages"]
+    found: dict[int, np.ndarray] = {}
+    for page in pages:
+        assert page.get_size() == pytest.approx((210 / 25.4 * 72, 297 / 25.4 * 72), abs=0.05)
+        picture = page.render(scale=DPI / 72, grayscale=True).to_numpy().squeeze()
+        finder = TagFinder(Camera("paper", picture.shape[::-1], np.array([2e3, 2e3, 800, 1100])), None)
+        for detection in finder.find(Frame("paper", 0.0, np.ascontiguousarray(picture))):
+            assert detection.hamming == 0
+            found[detection.tag_id] = detection.corners / DPI * 25.4
+    sizes = {int(tag_id): 1e3 * size for tag_id, size in made["tag_sizes_m"].items()}
+    assert sorted(found) == sorted(sizes)
+    for tag_id, corners in found.items():
+        sides = np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1)
+        assert sides == pytest.approx(sizes[tag_id], abs=0.15)  # a pixel is 0.127 mm
+        left_bottom, right_bottom, right_top, _ = corners
+        assert right_bottom[0] - left_bottom[0] == pytest.approx(sizes[tag_id], abs=0.15)  # upright on the page
+        assert right_bottom[1] - right_top[1] == pytest.approx(sizes[tag_id], abs=0.15)
+
+
+def test_every_tag_is_on_the_paper_once(cube: Any) -> None:
+    from dataclasses import replace
+
+    from tossid.vision.setup.faces import default_tags
+
+    tagged = replace(cube, tags=default_tags(cube))
+    pages = tag_sheets(tagged, paper="letter")
+    captions = [text.get_text() for page in pages for text in page.axes[0].texts if "up is" in text.get_text()]
+    assert sorted(int(text.split()[1].strip(",")) for text in captions) == list(range(6))
+    with pytest.raises(ObjectError, match=r"tag 0 of 200 mm does not fit on a4 paper"):
+        tag_sheets(replace(tagged, tags=tuple(replace(tag, size=0.2) for tag in tagged.tags)))
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        (["name=../evil"], "name: '../evil' will not do"),
+        (["tag_size=0.06"], "tag_size: 0.06 leaves no white margin on the smallest face; expected at most 0.048"),
+        (["com=[0.2,0,0]"], "com: [0.2, 0.0, 0.0] lies outside the box"),
+        (["box=[0.2,0.1]"], "box: has 2 values"),
+        (["first_id=582"], "first_id: 582 is out of range"),
+    ],
+)
+def test_wrong_calls(project: Path, capfd: pytest.CaptureFixture[str], keys: list[str], words: str) -> None:
+    named = {key.partition("=")[0] for key in keys}
+    base = [key for key in BRICK if key.partition("=")[0] not in named]
+    assert app.run([*base, *keys, "out=mine"]) == 2
+    assert words in one_line(capfd.readouterr().err)
+    assert not (project / "mine").exists()
+
+
+def test_an_object_that_is_there_is_kept(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert app.run([*BRICK, "out=mine", "--quiet"]) == 0
+    assert app.run([*BRICK, "out=mine"]) == 2
+    assert "mine/object/brick.xml: is there already" in one_line(capfd.readouterr().err)
+
+
+def test_what_a_killed_command_left_is_completed(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert app.run([*BRICK, "out=mine", "--quiet"]) == 0
+    (project / "mine/object/brick.yaml").unlink()
+    (project / "mine/tags/brick.pdf").unlink()
+    assert app.run([*BRICK, "out=mine", "--quiet"]) == 0
+    assert (project / "mine/tags/brick.pdf").exists()
+    (project / "mine/object/brick.yaml").unlink()
+    (project / "mine/object/brick.xml").write_text("<mujoco/>")  # someone's own
+    assert app.run([*BRICK, "out=mine"]) == 2
+    assert "mine/object/brick.xml: is there already" in one_line(capfd.readouterr().err)

@@ -1,0 +1,275 @@
+"""Studies: every cell is what train and evaluate give, is computed once, and survives what ends the study."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipelines.cli import app
+from pipelines.commands import cells, sweep
+from pipelines.commands.cells import compute, compute_all, study_cells
+from pipelines.config.compose import load
+from pipelines.config.schemas import EvaluateConfig
+from pipelines.tracking.mlflow_store import client
+from pipelines.tracking.runs import find_run, find_runs, metric_history
+from tests.pipelines.conftest import one_line
+from tossid.errors import ConfigError, DivergedError
+from tossid.store import file_sha256, read_dataset
+
+SMALL = ["sweep.models=[cn,cnrp]", "sweep.values=[4.905,9.81]", "sweep.train=['epochs=2']", "data=tosses"]
+HERE = [*SMALL, "sweep.workers=1"]
+
+
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of the models whose cells are computed, in order."""
+    seen: list[str] = []
+
+    def count(dataset: Any, config: Any, sha256: str) -> Any:
+        seen.append(config.model.name)
+        return compute(dataset, config, sha256)
+
+    monkeypatch.setattr(cells, "compute", count)
+    return seen
+
+
+def test_a_study(beside: Path, answer: Any, counted: list[str]) -> None:
+    report = answer("evaluate", "--sweep", "gravity", *HERE)
+    assert [(c["model"], c["gravity"], c["seed"]) for c in report["cells"]] == [
+        ("cn", 4.905, 0), ("cn", 9.81, 0), ("cnrp", 4.905, 0), ("cnrp", 9.81, 0),
+    ]  # fmt: skip
+    assert counted == ["cn", "cn", "cnrp", "cnrp"]
+    assert report["failed"] == []
+    assert {Path(path).stem for path in report["figures"]} == {
+        "gravity_sweep", "gravity_sweep_from_flight", "residual_over_toss",
+    }  # fmt: skip
+    assert all(Path(path).read_bytes()[:4] == b"\x89PNG" for path in report["figures"])
+
+    # a cell is what the two commands give
+    trained = answer("train", "model=cn", "model.gravity=4.905", "epochs=2", "data=tosses")
+    judged = answer("evaluate", f"run={trained['run']}")
+    cell = report["cells"][0]
+    for name in ("position_error_pct", "rotation_error_deg", "penetration_mm", "gravity_ms2"):
+        assert cell[name] == judged[name]
+        assert cell["from_flight"][name] == judged["from_flight"][name]
+    assert cell["gravity_ms2"]["mean"] == pytest.approx(4.905)
+    assert cell["parameters"] == {k: v for k, v in trained["parameters"].items() if k != "uncertainty"}
+
+    # in files
+    out = Path(report["out"])
+    assert json.loads((out / "cells.json").read_text()) == report["cells"]
+    rows = list(csv.DictReader((out / "cells.csv").read_text().splitlines()))
+    assert [float(row["position_error_pct.mean"]) for row in rows] == [
+        c["position_error_pct"]["mean"] for c in report["cells"]
+    ]
+    assert float(rows[1]["from_flight.rotation_error_deg.high"]) == cell_end(report["cells"][1])
+
+    table = (out / "table.md").read_text().splitlines()
+    assert len(table) == 2 + 4
+    assert table[2].startswith("| `cn` | 4.905 | 4.91 | 0.0 | ")
+
+    # in MLflow
+    parent = find_run(report["run"], command="sweep")
+    assert parent.status == "FINISHED"
+    assert {"cells.json", "cells.csv", "table.md", "config.yaml", "figures"} <= {
+        path.name for path in parent.folder.iterdir()
+    }
+    nested = find_runs(parent=parent.id)
+    assert {run.info.run_id for run in nested} == {c["run"] for c in report["cells"]}
+    assert {run.info.status for run in nested} == {"FINISHED"}
+    assert [step for step, _ in metric_history(cell["run"], "contact/train")] == [1, 2]
+    assert find_run().id == trained["run"]  # cells are not taken for the newest training
+    assert answer("evaluate", f"run={cell['run']}")["position_error_pct"] == cell["position_error_pct"]
+
+    # again: nothing is computed, all is reported, under the same runs
+    counted.clear()
+    again = answer("evaluate", "--sweep", "gravity", *HERE)
+    assert counted == []
+    assert {k: v for k, v in again.items() if k != "seconds"} == {k: v for k, v in report.items() if k != "seconds"}
+    assert len(find_runs(parent=parent.id)) == 4
+
+    # another study takes over the cells that it shares
+    more = [key.replace("[4.905,9.81]", "[4.905,9.81,19.62]") for key in HERE]
+    longer = answer("evaluate", "--sweep", "gravity", *more)
+    assert counted == ["cn", "cnrp"]
+    assert longer["run"] != report["run"]
+    assert longer["cells"][0]["position_error_pct"] == cell["position_error_pct"]
+
+
+def test_cells_that_a_killed_command_had_logged_are_not_logged_twice(beside: Path, answer: Any) -> None:
+    small = ["sweep.models=[cn]", "sweep.values=[4.905,9.81]", "sweep.train=['epochs=1']", "data=tosses"]
+    study = ["evaluate", "--sweep", "gravity", *small, "sweep.workers=1"]
+    first = answer(*study)
+    whole, half = (cell["run"] for cell in first["cells"])
+    path = Path(first["out"]) / sweep.RUNS
+    path.write_text(json.dumps({"run": first["run"], "cells": {}}))  # killed before it was noted,
+    client().update_run(half, status="RUNNING")  # and here before all was logged
+    again = answer(*study)
+    nested = find_runs(parent=first["run"])
+    assert {run.info.run_id for run in nested} == {cell["run"] for cell in again["cells"]}
+    assert again["cells"][0]["run"] == whole
+    assert again["cells"][1]["run"] != half
+    assert [run.info.status for run in nested] == ["FINISHED", "FINISHED"]
+
+
+def cell_end(cell: dict[str, Any]) -> float:
+    return float(cell["from_flight"]["rotation_error_deg"]["ci95"][1])
+
+
+def test_processes_give_the_numbers_of_one(beside: Path) -> None:
+    data = beside / "tosses" / "tosses.h5"
+    config = load("evaluate", EvaluateConfig, ["sweep=gravity", *SMALL])
+    assert config.sweep is not None
+    sha256 = file_sha256(data)
+    dataset, study = read_dataset(data), study_cells(config.sweep, data, sha256)
+    before = dict(os.environ)
+    apart = dict(compute_all(study[1:3], sha256=sha256, workers=2, launcher=config.launcher))
+    assert dict(os.environ) == before
+    for cell in study[1:3]:
+        here, there = compute(dataset, cell.config), apart[cell]
+        assert isinstance(there, cells.Computed)
+        assert {**there.result, "seconds": 0} == {**here.result, "seconds": 0}
+        losses = [[row["train_loss"] for row in one.history] for one in (here, there)]
+        assert losses[0] == losses[1]
+
+
+def test_the_inertia_study_is_held_to_the_datasets_object(beside: Path, answer: Any) -> None:
+    keys = ["sweep.values=[1,2]", "sweep.train=['epochs=1','model.horizons=[]','model.start_com=[0.003,0,0.004]']"]
+    models = "sweep.models=[cnrpi,'cnrpi model.inertia=triangular']"
+    report = answer("evaluate", "--sweep", "inertia", *keys, models, "data=tosses", "sweep.workers=1")
+    assert [Path(path).stem for path in report["figures"]] == ["inertia_study"]
+    assert [(c["model"], c["parameterisation"], c["inertia_scale"]) for c in report["cells"]] == [
+        ("cnrpi", "log_cholesky", 1.0), ("cnrpi", "log_cholesky", 2.0),
+        ("cnrpi model.inertia=triangular", "triangular", 1.0), ("cnrpi model.inertia=triangular", "triangular", 2.0),
+    ]  # fmt: skip
+    truth = read_dataset(beside / "tosses" / "tosses.h5").object
+    for cell in report["cells"]:
+        assert cell["com_offset_m"] == pytest.approx(0.005)
+        learned = np.array(cell["parameters"]["com_m"][0])
+        assert cell["com_error_m"] == pytest.approx(np.linalg.norm(learned - truth.com[0]))
+    folders = {path.name.rpartition("-")[0] for path in beside.glob("outputs/sweeps/*/cells/*")}
+    assert "cnrpi-model.inertia=triangular-2-s0" in folders
+
+
+def test_the_number_of_training_tosses(beside: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    keys = ["sweep.models=[cn]", "sweep.values=[2,5,64]", "sweep.seeds=[0]", "sweep.train=['epochs=2']"]
+    args = ["evaluate", "--sweep", "data_efficiency", *keys, "sweep.workers=1", "data=tosses", "--json", "--quiet"]
+    assert app.run(args) == 0
+    out, err = capfd.readouterr()
+    assert "has 5 training tosses; left out: 64" in one_line(err)
+    report = json.loads(out)
+    assert [cell["tosses"] for cell in report["cells"]] == [2, 5]
+    assert report["cells"][0]["position_error_pct"] != report["cells"][1]["position_error_pct"]
+    assert {Path(path).stem for path in report["figures"]} == {"data_efficiency", "data_efficiency_from_flight"}
+
+
+def test_a_cell_that_fails_is_said_and_tried_again(
+    beside: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, answer: Any
+) -> None:
+    def diverge(dataset: Any, config: Any, sha256: str) -> Any:
+        if config.model.name == "cnrp" and config.model.gravity > 5:
+            raise DivergedError("the loss became nan")
+        return compute(dataset, config, sha256)
+
+    monkeypatch.setattr(cells, "compute", diverge)
+    assert app.run(["evaluate", "--sweep", "gravity", *HERE, "--json", "--quiet"]) == 0
+    out, err = capfd.readouterr()
+    assert "cnrp, gravity 9.81, seed 0: the loss became nan" in one_line(err)
+    report = json.loads(out)
+    assert len(report["cells"]) == 3
+    assert report["failed"] == [{"model": "cnrp", "seed": 0, "gravity": 9.81, "error": "the loss became nan"}]
+    monkeypatch.setattr(cells, "compute", compute)
+    again = answer("evaluate", "--sweep", "gravity", *HERE)
+    assert len(again["cells"]) == 4
+    assert again["run"] == report["run"]
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["--sweep", "gravty"], "Did you mean 'gravity'?"),
+        (["--sweep", "gravity", "run=abc"], "run: a study trains its own models"),
+        (["--sweep", "gravity", "sweep=gravity"], "is given twice"),
+        (["--sweep", "gravity", "sweep.key=model.gravty"], "Did you mean 'model.gravity'?"),
+        (["--sweep", "gravity", "sweep.key=seed"], "sweep.key: seed is set by the study itself"),
+        (["--sweep", "gravity", "sweep.values=[]"], "sweep.values: is empty"),
+        (["--sweep", "gravity", "sweep.values=[1,-1]"], "model.gravity: -1 is out of range"),
+        (["--sweep", "gravity", "sweep.models=[cnx]"], "there is no 'cnx' in conf/model"),
+        (["--sweep", "gravity", "sweep.models=['cn seed=3']"], "sweep.models: seed is set by the study itself"),
+        (["--sweep", "gravity", "sweep.models=['cn optimiser=adam']"], "Did you mean 'optimizer'?"),
+        (["--sweep", "gravity", "sweep.train=['data=x.h5']"], "sweep.train: data is set by the study itself"),
+        (["--sweep", "gravity", "data=nowhere.h5"], "nowhere.h5: no such dataset"),
+        (["--sweep", "data_efficiency", "sweep.values=[64]"], "has 5 training tosses"),
+        (["--swep", "gravity"], "Did you mean '--sweep'?"),
+        (["--sweep"], "requires an argument"),
+    ],
+)
+def test_wrong_calls(beside: Path, capfd: pytest.CaptureFixture[str], args: list[str], words: str) -> None:
+    data = [] if any(text.startswith("data=") for text in args) else ["data=tosses"]
+    assert app.run(["evaluate", *data, *args]) == 2
+    assert words in one_line(capfd.readouterr().err)
+    assert not (beside / "outputs").exists()
+
+
+def test_cells_are_told_apart_by_what_they_depend_on(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = made / "tosses" / "tosses.h5"
+
+    def digests(*keys: str, sha256: str = "a") -> list[str]:
+        config = load("evaluate", EvaluateConfig, ["sweep=gravity", *keys])
+        assert config.sweep is not None
+        return [cell.digest for cell in study_cells(config.sweep, data, sha256)]
+
+    one = digests(*SMALL)
+    assert len(set(one)) == 4
+    assert digests(*SMALL, "sweep.name=other", "sweep.workers=3") == one
+    for other in (digests(*SMALL, sha256="b"), digests(*SMALL, "sweep.seeds=[1]")):
+        assert not set(other) & set(one)
+    monkeypatch.setattr(cells, "code_digest", lambda *modules: "changed")
+    assert not set(digests(*SMALL)) & set(one)
+    with pytest.raises(ConfigError, match="names one twice"):
+        digests("sweep.seeds=[1,1]")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_a_stopped_study_goes_on(beside: Path, answer: Any, number: signal.Signals) -> None:
+    keys = [key for key in SMALL if "train=" not in key]
+    with subprocess.Popen(
+        [sys.executable, "-m", "pipelines.cli.app", "evaluate", "--sweep", "gravity", *keys, "sweep.workers=2"],
+        cwd=beside,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as running:
+        deadline = time.monotonic() + 90
+        while not list(beside.glob(f"outputs/sweeps/*/cells/*/{sweep.CELL}")) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        if number == signal.SIGINT:
+            os.killpg(running.pid, number)  # a terminal sends it to all
+        else:
+            running.send_signal(number)
+        err = running.communicate(timeout=60)[1]
+    time.sleep(2)
+    with pytest.raises(ProcessLookupError):
+        os.killpg(running.pid, 0)  # no worker outlives it
+    if number == signal.SIGINT:
+        assert running.returncode == 130
+        assert "interrupted" in err.strip().splitlines()[-1]
+        assert "Traceback" not in err
+    kept = {path: path.stat().st_mtime_ns for path in beside.glob(f"outputs/sweeps/*/cells/*/{sweep.CELL}")}
+    assert 0 < len(kept) < 4
+    report = answer("evaluate", "--sweep", "gravity", *keys, "sweep.workers=1")
+    assert len(report["cells"]) == 4
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    studies = find_runs(command="sweep")
+    assert [(run.info.run_id, run.info.status) for run in studies] == [(report["run"], "FINISHED")]

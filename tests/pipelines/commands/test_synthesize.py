@@ -1,0 +1,217 @@
+"""`tossid synthesize effects={…}`: what is written moves as the effect says, and only the truth says which it was."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from pipelines.cli import app
+from pipelines.config.compose import load
+from pipelines.config.schemas import SynthesizeConfig
+from tests.pipelines.conftest import one_line
+from tossid.errors import ConfigError
+from tossid.objects import corner_positions, load_object
+from tossid.physics.effects import LIBRARY
+from tossid.store import read_dataset
+from tossid.synthesis.tosses import make_tosses, world_of
+from tossid.types import Phase
+
+BARE = ["synthesize", "frames=false", "tosses=3", "seconds=0.6"]
+
+
+def config_of(*keys: str) -> SynthesizeConfig:
+    return load("synthesize", SynthesizeConfig, keys)
+
+
+def text_of(path: Path) -> str:
+    """Every attribute of an HDF5 file."""
+    found: list[str] = []
+    with h5py.File(path) as file:
+        file.visititems(lambda name, item: found.extend([name, *(f"{k}={v}" for k, v in item.attrs.items())]))
+        found.extend(f"{k}={v}" for k, v in file.attrs.items())
+    return "\n".join(found)
+
+
+@pytest.mark.parametrize("engine", ["lcp", "mujoco"])
+def test_only_the_truth_says_what_it_was(project: Path, answer: Any, engine: str) -> None:
+    answer(*BARE, f"engine={engine}", "effects={linear_drag: {c_nspm: 0.217}, com_offset: {z_m: 0.013}}", "out=o")
+    answer(*BARE, f"engine={engine}", "out=plain")
+    truth = text_of(project / "o/truth.h5")
+    assert all(word in truth for word in ("linear_drag", "c_nspm", "0.013"))
+    seen, plain = text_of(project / "o/tosses.h5"), text_of(project / "plain/tosses.h5")
+    assert not any(word in seen for word in ("linear_drag", "com_offset", "0.217", "0.013"))
+    # the object is the nominal one, and nothing but the data's own length differs
+    assert read_dataset(project / "o/tosses.h5").object.com[0].tolist() == [0.0, 0.0, 0.0]
+    keep = lambda text: [line for line in text.splitlines() if "tosses/" not in line and "n_frames" not in line]  # noqa: E731
+    assert keep(seen) == keep(plain)
+
+
+@pytest.mark.parametrize("engine", ["lcp", "mujoco"])
+def test_the_motion_written_is_the_recorded_one(engine: str) -> None:
+    """Flight in a recording of wrong scale, clock and tilt, under a gravity of its own, with a wrong ground."""
+    model = load_object("cube")
+    config = config_of(
+        f"engine={engine}",
+        "tosses=6",
+        "seconds=0.8",
+        "release.height=[0.3,0.4]",
+        "effects={length_scale: {scale_rel: 1.1}, time_base: {rate_rel: 0.9}, gravity: {g_ms2: 8.0}, "
+        "ground_height: {z_m: 0.04}, world_tilt: {x_rad: 0.1}}",
+    )
+    tosses, _ = make_tosses(config, model, np.random.default_rng(0))
+    for toss in tosses:
+        flight = np.flatnonzero(toss.phase == Phase.FLIGHT)
+        flight = flight[: np.argmax(np.diff(flight, append=10**6) > 1) + 1][:-2]
+        assert len(flight) > 8
+        fall = 8.0 * 1.1 / 0.9**2
+        rate = np.polyfit(toss.t[flight], toss.v[flight, :3], 1)[0]
+        np.testing.assert_allclose(rate, [0, fall * np.sin(0.1), -fall * np.cos(0.1)], atol=2e-3 * fall)
+        poses = np.polyfit(toss.t[flight], toss.q[flight, :3], 2)[0] * 2
+        np.testing.assert_allclose(poses, rate, atol=0.02 * fall)
+        # at the end it lies on a plane 44 mm up, tilted by 0.1
+        up = np.array([0, -np.sin(0.1), np.cos(0.1)])
+        corners = corner_positions(model.with_changes(corner_pos=1.1 * model.corner_pos), toss.q) @ up
+        assert corners.min() == pytest.approx(0.044, abs=5e-4)
+
+
+def test_phases_in_the_dataset_are_those_of_the_nominal_object(project: Path, answer: Any) -> None:
+    """Over ground 3 cm up the nominal simulator sees flight only; the truth knows the contact."""
+    answer(*BARE, "engine=lcp", "effects={ground_height: {z_m: 0.03}}", "out=o")
+    true, seen = (
+        np.concatenate([toss.phase for toss in read_dataset(project / f"o/{name}.h5").tosses])
+        for name in ("truth", "tosses")
+    )
+    assert (true != Phase.FLIGHT).any()
+    assert (seen == Phase.FLIGHT).all()
+
+
+def test_no_effects_are_the_plain_engine(project: Path, answer: Any) -> None:
+    answer(*BARE, "engine=lcp", "out=a")
+    answer(*BARE, "engine=lcp", "effects={gravity: {g_ms2: 9.81}, restitution: {e: 0}, magnus: {}}", "out=b")
+    for one, two in zip(
+        read_dataset(project / "a/truth.h5").tosses, read_dataset(project / "b/truth.h5").tosses, strict=True
+    ):
+        np.testing.assert_array_equal(one.q, two.q)
+
+
+IN_MUJOCO = {
+    "com_offset": "{x_m: 0.02}",
+    "inertia": "{scale_rel: 2}",
+    "geometry": "{size_rel: 1.05}",
+    "gravity": "{g_ms2: 8}",
+    "ground_tilt": "{x_rad: 0.1}",
+    "ground_height": "{z_m: 0.01}",
+    "linear_drag": "{c_nspm: 0.3}",
+    "quadratic_drag": "{c_ns2pm2: 0.3}",
+    "spin_drag": "{c_nms: 0.005}",
+    "wind": "{x_ms: 5, c_nspm: 0.1}",
+    "magnus": "{c_ns2pm: 0.05}",
+    "uniform_force": "{x_n: 0.5}",
+    "position_force": "{k_npm: 5, x_m: 1}",
+    "vortex": "{c_npm: 5}",
+    "turning_frame": "{rate_ps: 2}",
+    "friction": "{mu: 0.5}",
+    "torsional_friction": "{radius_m: 0.02}",
+    "rolling_resistance": "{radius_m: 0.02}",
+    "restitution": "{e: 0.5}",
+    "compliance": "{stiffness_npm: 2000, damping_nspm: 5}",
+    "length_scale": "{scale_rel: 1.1}",
+    "time_base": "{rate_rel: 1.1}",
+    "body_frame_offset": "{x_m: 0.01}",
+    "world_tilt": "{y_rad: 0.1}",
+}
+ONLY_LCP = {
+    "velocity_friction": "{static_mu: 0.5}",
+    "anisotropic_friction": "{y_mu: 0.5}",
+    "cohesion": "{c_n: 0.3}",
+    "adhesion": "{force_n: 1}",
+    "rounded_corners": "{radius_m: 0.005}",
+}
+
+
+def test_every_effect_of_the_library_is_in_one_of_the_lists() -> None:
+    assert {effect.name for effect in LIBRARY} == set(IN_MUJOCO) | set(ONLY_LCP)
+
+
+def way_apart(name: str, engine: str) -> float:
+    """How far [m or quaternion] an effect moves two tosses away from the plain engine's."""
+    model = load_object("cube")
+    keys = ["tosses=2", "seconds=0.7", "release.height=[0.05,0.1]", "release.spin=[6,8]", f"engine={engine}"]
+    keys.append("engine.substeps=" + ("4" if engine == "lcp" else "40"))
+    effects = f"effects={{{name}: {(IN_MUJOCO | ONLY_LCP)[name]}}}"
+    plain, moved = (
+        make_tosses(config, model, np.random.default_rng(1))[0]
+        for config in (config_of(*keys), config_of(*keys, effects))
+    )
+    n = min(len(plain[0]), len(moved[0]))
+    return float(np.abs(plain[0].q[:n] - moved[0].q[:n]).max())
+
+
+@pytest.mark.parametrize("name", [*IN_MUJOCO, *ONLY_LCP])
+def test_every_effect_moves_the_object(name: str) -> None:
+    assert way_apart(name, "lcp") > 1e-3
+
+
+QUICK = ("com_offset", "wind", "compliance", "torsional_friction")
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in IN_MUJOCO]
+)
+def test_every_effect_that_mujoco_has_moves_the_object(name: str) -> None:
+    assert way_apart(name, "mujoco") > 1e-3
+
+
+@pytest.mark.parametrize("name", ONLY_LCP)
+def test_an_effect_that_mujoco_has_not_is_refused(name: str) -> None:
+    config = config_of("engine=mujoco", f"effects={{{name}: {ONLY_LCP[name]}}}")
+    with pytest.raises(ConfigError, match=rf"effects\.{name}: engine=mujoco cannot express it; engine=lcp can"):
+        world_of(config, load_object("cube"))
+
+
+@pytest.mark.parametrize(
+    ("key", "says"),
+    [
+        ("effects={com_ofset: {z_m: 0.01}}", r"effects\.com_ofset: .*Did you mean 'com_offset'"),
+        ("effects={com_offset: {zm: 0.01}}", r"effects\.com_offset\.zm: .*Did you mean 'z_m'"),
+        ("effects={com_offset: {z_m: 1}}", r"effects\.com_offset\.z_m: .*-0\.04 to 0\.04"),
+        ("effects={com_offset: 3}", r"effects\.com_offset: "),
+        ("effects={com_offset: {z_m: low}}", r"effects\.com_offset\.z_m: "),
+        ("effects={joint_damping: {c_nms: 0.01}} object=cube", r"effects\.joint_damping: 'cube' has no joints"),
+        ("effects={joint_dampng: {c_nms: 0.01}} object=elbow", r"effects\.joint_dampng: .*'joint_damping'"),
+    ],
+)
+def test_what_is_no_effect_is_refused(project: Path, capfd: pytest.CaptureFixture[str], key: str, says: str) -> None:
+    first, _, rest = key.partition("}} ")
+    keys = [first + "}}", *rest.split()] if rest else [key]
+    assert app.run([*BARE, *keys, "out=o"]) == 2
+    assert re.search(says, one_line(capfd.readouterr().err))
+    assert not (project / "o").exists()
+
+
+JOINTED = {
+    "joint_damping": "{c_nms: 0.002}",
+    "joint_friction": "{torque_nm: 0.01}",
+    "joint_stiffness": "{k_nmprad: 0.05, rest_rad: 0.5}",
+    "joint_offset": "{angle_rad: 0.2}",
+    "linear_drag": "{c_nspm: 0.3}",
+    "restitution": "{e: 0.4}",
+}
+
+
+@pytest.mark.parametrize("engine", ["lcp", "mujoco"])
+@pytest.mark.parametrize("name", JOINTED)
+def test_an_effect_moves_an_object_with_joints(name: str, engine: str) -> None:
+    model = load_object("elbow")
+    keys = ("object=elbow", f"engine={engine}", "tosses=2", "seconds=0.3", "release.height=[0.05,0.1]")
+    runs = []
+    for effects in ("effects={}", f"effects={{{name}: {JOINTED[name]}}}"):
+        config = config_of(*keys, effects)
+        made, _ = make_tosses(config, model, np.random.default_rng(0))
+        runs.append(np.concatenate([toss.q[:40] for toss in made]))
+    assert np.abs(runs[1] - runs[0]).max() > 1e-3

@@ -1,0 +1,299 @@
+"""Keys are checked against the schema: what is unknown, mistyped or out of range is refused by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipelines.config.compose import as_plain, flatten, load
+from pipelines.config.keys import keys_of
+from pipelines.config.schemas import COMMANDS, Bounds, IngestConfig
+from tossid.errors import ConfigError
+from tossid.settings.ingestion import DetectSettings
+from tossid.settings.segmentation import SegmentSettings
+from tossid.settings.tracking import TrackSettings
+from tossid.store.importers import ContactNetsSource
+from tossid.vision.recordings.frames import FramesSource
+
+
+@dataclass(frozen=True)
+class Gentle:
+    """A gentle engine."""
+
+    name: Literal["gentle"]
+    """gentle"""
+    steps: Annotated[int, Bounds(low=1)]
+    """steps"""
+
+
+@dataclass(frozen=True)
+class Rough:
+    """A rough engine."""
+
+    name: Literal["rough"]
+    """rough"""
+    grip: float
+    """grip [1]"""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Keys of its own."""
+
+    speed: Annotated[float, Bounds(above=0)]
+    """speed [m/s]"""
+    label: str
+    """any text"""
+
+
+@dataclass(frozen=True)
+class Everything:
+    """One field of each kind."""
+
+    engine: Gentle | Rough
+    """engine"""
+    extra: Gentle | None
+    """optional group"""
+    part: Part
+    """a part"""
+    flag: bool
+    """a flag"""
+    count: int
+    """a count"""
+    where: Path | None
+    """a place"""
+    pair: tuple[float, float]
+    """two numbers"""
+    several: tuple[int, ...]
+    """several"""
+    mode: Literal["fast", "exact"]
+    """mode"""
+    table: dict[str, float]
+    """names and numbers"""
+
+
+@pytest.fixture
+def conf(tmp_path: Path) -> Path:
+    """A folder of values for `Everything`."""
+    folder = tmp_path / "conf"
+    for group in ("engine", "extra"):
+        (folder / group).mkdir(parents=True)
+        (folder / group / "gentle.yaml").write_text("name: gentle\nsteps: 4\n")
+    (folder / "engine" / "rough.yaml").write_text("name: rough\ngrip: ???\n")
+    (folder / "everything.yaml").write_text(
+        "defaults:\n  - engine: gentle\n  - extra: null\n  - _self_\n"
+        "part: {speed: 1.5, label: a b}\nflag: false\ncount: 3\nwhere: null\npair: [0.0, 1.0]\n"
+        "several: []\nmode: fast\ntable: {}\n"
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def part_conf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of values for `Part`."""
+    folder = tmp_path_factory.mktemp("conf")
+    (folder / "part.yaml").write_text("speed: 1.0\nlabel: x\n")
+    return folder
+
+
+def read(conf: Path, *overrides: str) -> Everything:
+    return load("everything", Everything, overrides, conf=conf)
+
+
+def test_values_come_from_conf(conf: Path) -> None:
+    config = read(conf)
+    assert config == Everything(
+        engine=Gentle("gentle", 4),
+        extra=None,
+        part=Part(1.5, "a b"),
+        flag=False,
+        count=3,
+        where=None,
+        pair=(0.0, 1.0),
+        several=(),
+        mode="fast",
+        table={},
+    )
+
+
+def test_every_kind_of_key_can_be_set(conf: Path) -> None:
+    config = read(
+        conf,
+        "engine=rough",
+        "engine.grip=2",
+        "extra=gentle",
+        "extra.steps=9",
+        "part.speed=1e-3",
+        "flag=true",
+        "count=-7",
+        "pair=[1,2.5]",
+        "several=[3,1,2]",
+        "mode=exact",
+        "table={a: 1, b: 2.5}",
+    )
+    assert config.engine == Rough("rough", 2.0)
+    assert config.extra == Gentle("gentle", 9)
+    assert config.part.speed == 1e-3
+    assert (config.flag, config.count, config.pair, config.several) == (True, -7, (1.0, 2.5), (3, 1, 2))
+    assert (config.mode, config.table) == ("exact", {"a": 1.0, "b": 2.5})
+
+
+@pytest.mark.parametrize(
+    ("override", "key", "suggestion"),
+    [
+        ("cuont=3", "cuont", "count"),
+        ("speed=3", "speed", "part.speed"),
+        ("part.sped=3", "part.sped", "part.speed"),
+        ("prat.speed=3", "prat.speed", "part.speed"),
+        ("engine.stepps=3", "engine.stepps", "engine.steps"),
+        ("extra.stepps=3", "extra.stepps", None),
+        ("engine=gentel", "engine", "gentle"),
+        ("mode=exakt", "mode", "exact"),
+        ("gentle", "gentle", "engine=gentle"),
+        ("count", "count", "count=…"),
+        ("+count=3", "+count=3", None),
+        ("++count=3", "++count=3", None),
+        ("+new=3", "+new=3", None),
+        ("~count", "~count", None),
+        ("~engine=gentle", "~engine=gentle", None),
+        ("part=3", "part", None),
+        ("engine.name=rough", "engine.name", None),
+        ("engine=null", "engine", None),
+        ("hydra.run.dir=x", "hydra.run.dir", None),
+        ("engine@part=gentle", "engine@part", None),
+        ("count=abc", "count", None),
+        ("count=1.5", "count", None),
+        ("count=true", "count", None),
+        ("count=null", "count", None),
+        ("count=1,2", "count", None),
+        ("count=range(3)", "count", None),
+        ("count=[1", "count", None),
+        ("count=", "count", None),
+        ("flag=yes please", "flag", None),
+        ("flag=1", "flag", None),
+        ("part.speed=0", "part.speed", None),
+        ("part.speed=nan", "part.speed", None),
+        ("part.speed=inf", "part.speed", None),
+        ("engine.steps=0", "engine.steps", None),
+        ("pair=[1]", "pair", None),
+        ("pair=[1,x]", "pair[1]", None),
+        ("table={a: x}", "table.a", None),
+        ("table=3", "table", None),
+        ("engine=rough", "engine.grip", None),
+        ("=3", "=3", None),
+    ],
+)
+def test_refused(conf: Path, override: str, key: str, suggestion: str | None) -> None:
+    with pytest.raises(ConfigError) as caught:
+        read(conf, override)
+    assert caught.value.key == key
+    assert caught.value.suggestion == suggestion
+    assert "\n" not in str(caught.value)
+
+
+def test_given_twice_is_refused(conf: Path) -> None:
+    with pytest.raises(ConfigError, match="twice"):
+        read(conf, "count=1", "count=2")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a b",
+        "it's (here), a=b",
+        'say "x"',
+        "[1,2]",
+        "{a: 1}",
+        "1,2",
+        "range(3)",
+        "back\\slash\\",
+        "ü/ö",
+        "12",
+        "+x",
+        "~x",
+    ],
+)
+def test_text_is_taken_as_typed(conf: Path, text: str) -> None:
+    config = read(conf, f"part.label={text}", f"where=/tmp/{text}")
+    assert config.part.label == text
+    assert config.where == Path(f"/tmp/{text}")
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.text(st.characters(exclude_categories=["C", "Z"], exclude_characters="$'\""), min_size=1, max_size=20))
+def test_any_text_survives(part_conf: Path, text: str) -> None:
+    if text in ("null", "None"):
+        return
+    assert load("part", Part, [f"label={text}"], conf=part_conf).label == text
+
+
+@given(st.text(max_size=30))
+@settings(max_examples=150, deadline=None)
+def test_no_override_escapes_as_another_error(part_conf: Path, text: str) -> None:
+    for override in (text, f"speed={text}", f"{text}=1"):
+        try:
+            config = load("part", Part, [override], conf=part_conf)
+        except ConfigError as error:
+            assert "\n" not in str(error)
+        else:
+            assert isinstance(config.speed, float)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("part: {speed: 1.5, label: a, sped: 2}", "sped"),
+        ("part: {speed: fast, label: a}", "part.speed"),
+        ("part: [", "everything.yaml"),
+        ("part: {speed: ${nowhere}, label: a}", "nowhere"),
+        ("- 1", "everything.yaml"),
+    ],
+)
+def test_wrong_values_in_conf_are_named(conf: Path, content: str, message: str) -> None:
+    path = conf / "everything.yaml"
+    kept = [line for line in path.read_text().splitlines() if not line.startswith("part")]
+    path.write_text(content if content.startswith("-") else "\n".join([*kept, content]))
+    with pytest.raises(ConfigError, match=message):
+        read(conf)
+
+
+def test_the_nearest_source_and_its_keys() -> None:
+    config = load("ingest", IngestConfig, ["source=contactnets", "source.path=a b", "object=cube"])
+    assert config.source == ContactNetsSource(path=Path("a b"))
+    assert isinstance(load("ingest", IngestConfig).source, FramesSource)
+    with pytest.raises(ConfigError, match=r"source=tum, which has source\.path"):
+        load("ingest", IngestConfig, ["source=tum", "source.half_width=1"])
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_every_command_composes_and_documents_its_keys(command: str) -> None:
+    schema = COMMANDS[command]
+    for key in keys_of(schema, {}):
+        assert key.doc, f"{command}: {key.name} has no text"
+    try:
+        config: object = load(command, schema)
+    except ConfigError as error:  # a value that only the caller can know
+        assert "is needed" in str(error)
+    else:
+        assert flatten(as_plain(config))
+
+
+@pytest.mark.parametrize(
+    ("part", "settings_class"), [("detect", DetectSettings), ("track", TrackSettings), ("segment", SegmentSettings)]
+)
+def test_conf_says_what_the_vision_room_was_tuned_with(part: str, settings_class: type) -> None:
+    config = load("ingest", IngestConfig)
+    assert settings_class(**as_plain(getattr(config, part))) == settings_class()
+
+
+def test_what_only_python_changes_is_no_key_and_keeps_its_default() -> None:
+    config = load("ingest", IngestConfig)
+    assert config.track.graph == TrackSettings().graph
+    assert not any(name.startswith("track.graph") for name in flatten(as_plain(config)))
+    with pytest.raises(ConfigError, match=r"track\.graph"):
+        load("ingest", IngestConfig, ["track.graph.window=10"])

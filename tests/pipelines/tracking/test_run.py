@@ -1,0 +1,112 @@
+"""Runs in MLflow: readable by its own client in its default store, ended as they ended, found again."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipelines.tracking.run import tracked_run
+from pipelines.tracking.runs import find_run, find_runs, metric_history
+
+SHA = "ab" * 32
+pytestmark = pytest.mark.usefixtures("inside")
+
+
+def test_a_run_with_all_it_has(store: Path) -> None:
+    import matplotlib.pyplot as plt
+    from mlflow import MlflowClient
+
+    checkpoint = store / "checkpoint.pt"
+    checkpoint.write_bytes(b"weights")
+    figure, axes = plt.subplots()
+    axes.plot([1, 2])
+    with tracked_run("full", {"model": {"name": "cn", "width": None}, "seed": 3}, command="train") as run:
+        run.data(Path("data.h5"), SHA, context="training")
+        for step in range(1200):
+            run.metrics({"loss": 1.0 / (step + 1), "validation": float(step)}, step=step)
+        run.figure(figure, "curve")
+        run.checkpoint(checkpoint)
+    plt.close(figure)
+
+    client = MlflowClient(f"sqlite:///{store / 'mlflow.db'}")  # what `mlflow ui` reads here
+    seen = client.get_run(run.id)
+    assert seen.info.status == "FINISHED"
+    assert seen.data.params == {"model.name": "cn", "model.width": "null", "seed": "3"}
+    assert len(client.get_metric_history(run.id, "loss")) == 1200
+    assert metric_history(run.id, "validation")[7] == (7, 7.0)
+    assert seen.data.tags["tossid.command"] == "train"
+    assert seen.inputs is not None
+    dataset = seen.inputs.dataset_inputs[0]
+    assert str(store / "data.h5") in dataset.dataset.source
+    assert SHA in dataset.dataset.source
+    assert {item.path for item in client.list_artifacts(run.id)} == {"checkpoint.pt", "config.yaml", "figures"}
+
+    record = find_run("full")
+    assert record.id == run.id
+    assert record.config == {"model": {"name": "cn", "width": None}, "seed": 3}
+    assert record.checkpoint is not None
+    assert record.checkpoint.read_bytes() == b"weights"
+    assert record.data[0].sha256 == SHA
+    assert record.data[0].path == str(store / "data.h5")
+    assert record.metrics["loss"] == pytest.approx(1 / 1200)
+    assert find_run(record.folder).config == record.config
+
+
+def test_ends_as_it_ended() -> None:
+    for error, status in ((ValueError, "FAILED"), (KeyboardInterrupt, "KILLED")):
+        with pytest.raises(error), tracked_run(status, {}, command="ends") as run:
+            run.metrics({"loss": 1.0})
+            raise error
+        (seen,) = find_runs(command="ends", tags={"mlflow.runName": status})
+        assert seen.info.status == status
+        assert seen.data.metrics == {"loss": 1.0}  # what was buffered is kept
+
+
+def test_a_run_goes_on() -> None:
+    with pytest.raises(KeyboardInterrupt), tracked_run("long", {"seed": 1}, command="long") as run:
+        assert run.last_step() == 0
+        run.metrics({"loss": 2.0}, step=3)
+        raise KeyboardInterrupt
+    assert find_runs(command="long")[0].info.status == "KILLED"
+    with tracked_run("long", {"seed": 1}, command="long", resume=run.id) as again:
+        assert (again.id, again.resumed, again.last_step()) == (run.id, True, 3)
+        assert find_runs(command="long")[0].info.status == "RUNNING"
+        again.metrics({"loss": 1.0}, step=4)
+    assert metric_history(run.id, "loss") == [(3, 2.0), (4, 1.0)]
+    assert find_run("long", command="long").status == "FINISHED"
+
+
+def test_a_run_that_this_store_does_not_have_is_begun_anew() -> None:
+    with tracked_run("lost", {"seed": 1}, command="lost", resume="0" * 32) as run:
+        assert not run.resumed
+    assert find_run("lost", command="lost").id == run.id != "0" * 32
+
+
+WRITER = """
+import sys
+from pipelines.tracking.run import tracked_run
+with tracked_run(sys.argv[1], {}, command="several") as run:
+    for step in range(300):
+        run.metrics({"a": step, "b": step}, step=step)
+        if step % 50 == 0:
+            run.flush()
+"""
+
+
+def test_several_processes_make_and_fill_one_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writers = [
+        subprocess.Popen([sys.executable, "-c", WRITER, f"w{i}"], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+        for i in range(3)
+    ]
+    for writer in writers:
+        _, err = writer.communicate(timeout=120)
+        assert writer.returncode == 0, err
+        assert err == ""  # no chatter
+    monkeypatch.chdir(tmp_path)
+    runs = find_runs(command="several")
+    assert sorted(run.info.run_name for run in runs) == ["w0", "w1", "w2"]
+    for run in runs:
+        assert len(metric_history(run.info.run_id, "a")) == 300

@@ -1,0 +1,81 @@
+"""One tracking server for several people: nothing that is logged is lost while it is away."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from pipelines.tracking.outbox import waiting_messages
+from tests.pipelines.cluster import wait_for
+from tests.pipelines.served import Server, postgres
+
+LOGGING = """
+import sys, time
+from pathlib import Path
+from pipelines.tracking.run import tracked_run
+name = sys.argv[1]
+Path(f"{name}.txt").write_text("an artifact of " + name)
+with tracked_run(name, {"seed": 1}, command="train") as run:
+    for step in range(1, 1001):
+        run.metrics({"loss": 1 / step}, step=step)
+        if step % 50 == 0:
+            run.flush()
+            Path(f"{name}.step").write_text(str(step))
+            time.sleep(float(sys.argv[2]))
+    run.artifact(Path(f"{name}.txt"))
+"""
+
+
+def test_no_server_at_the_start(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    script = "from pipelines.cli.app import main; main(['evaluate'])"
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://127.0.0.1:9")
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=project, timeout=120)
+    assert done.returncode == 2
+    assert "MLFLOW_TRACKING_URI=http://127.0.0.1:9: the tracking server does not answer" in done.stderr
+
+
+@pytest.mark.slow
+def test_eight_runs_and_a_server_that_is_stopped_in_the_middle(
+    project: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """8 runs of 1,000 points each on PostgreSQL; the server goes down and comes back: every point is there, once."""
+    place = tmp_path_factory.mktemp("server")
+    with postgres() as database:
+        server = Server(place, database)
+        try:
+            server.start()
+            monkeypatch.setenv("MLFLOW_TRACKING_URI", server.uri)
+            names = [f"run{i}" for i in range(8)]
+            runs = [subprocess.Popen([sys.executable, "-c", LOGGING, name, "2"], cwd=project) for name in names]
+            assert wait_for(lambda: sum(int(path.read_text() or 0) for path in project.glob("*.step")) >= 1600, 300)
+            server.stop()
+            assert wait_for(lambda: len(waiting_messages()) == 8, 120), "every run was to miss the server"
+            waited = sum(waiting.count for waiting in waiting_messages())
+            began = time.monotonic()
+            server.start()
+            assert [run.wait(300) for run in runs] == [0] * 8
+            from mlflow.artifacts import download_artifacts
+
+            from pipelines.tracking.run import tracked_run
+            from pipelines.tracking.runs import find_run, metric_history
+
+            with tracked_run("the next", {}, command="other"):
+                pass
+            assert waiting_messages() == []
+            for name in names:
+                record = find_run(name)
+                assert record.status == "FINISHED"
+                steps = Counter(step for step, _ in metric_history(record.id, "loss"))
+                assert steps == Counter(range(1, 1001))
+                text = download_artifacts(run_id=record.id, artifact_path=f"{name}.txt")
+                assert Path(text).read_text() == f"an artifact of {name}"
+            print(json.dumps({"waited": waited, "seconds after the start": round(time.monotonic() - began)}))
+        finally:
+            server.stop()

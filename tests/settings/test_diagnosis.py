@@ -1,0 +1,14 @@
+"""A setting of a part of the diagnosis is changed by its name, wherever it is."""
+
+from __future__ import annotations
+
+from tossid.settings.changed import changed
+from tossid.settings.diagnosis import DiagnoseSettings
+
+
+def test_parts_are_changed_by_name() -> None:
+    settings = changed(DiagnoseSettings(), {"degrees_of_freedom": 5.0, "selection__level": 0.01, "seed": 3})
+    assert settings.likelihood.density.degrees_of_freedom == 5.0
+    assert settings.selection.level == 0.01
+    assert settings.wrench == DiagnoseSettings().wrench
+    assert settings.seed == 3

@@ -1,0 +1,104 @@
+"""TUM trajectories: written and read to the last digit, and what is wrong names file and line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.store.makers import make_toss, spinning
+from tossid.errors import FileError, InputError, OutputError
+from tossid.rotations import wxyz_to_xyzw
+from tossid.store import read_tum, write_tum
+from tossid.types import PoseTrack
+
+
+@pytest.mark.parametrize("n_joints", [0, 1, 2])
+def test_tum_survives_to_the_last_digit(tmp_path: Path, n_joints: int) -> None:
+    rng = np.random.default_rng(0)
+    tracks = []
+    for name in ("9", "10", "toss.a"):
+        _, q, _ = spinning(15, rng, n_joints=n_joints)
+        tracks.append(PoseTrack(name, 1.7e9 + np.sort(rng.random(15)), q))
+    write_tum(tmp_path, tracks)
+    again = read_tum(tmp_path, n_joints=n_joints)
+    assert [track.name for track in again] == ["9", "10", "toss.a"]
+    for a, b in zip(tracks, again, strict=True):
+        np.testing.assert_array_equal(a.t, b.t)
+        np.testing.assert_allclose(a.q, b.q, rtol=0, atol=1e-15)
+        assert b.v is None
+
+
+def test_tosses_can_be_written_as_tum(tmp_path: Path) -> None:
+    toss = make_toss("a", 5, np.random.default_rng(0))
+    write_tum(tmp_path, [toss])
+    first = (tmp_path / "a.txt").read_text().splitlines()
+    assert first[0] == "# timestamp tx ty tz qx qy qz qw"
+    np.testing.assert_allclose(
+        [float(x) for x in first[1].split()], [toss.t[0], *toss.q[0, :3], *wxyz_to_xyzw(toss.q[0, 3:7])]
+    )
+    with pytest.raises(InputError, match="named after"):
+        write_tum(tmp_path, [replace(toss, name="a.joints")])
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_tum(tmp_path / "a.txt", [toss])
+
+
+GOOD = "0.0 0 0 1 0 0 0 1\n0.1 0 0 1 0 0 0 1\n0.25 0 0 1 0 0 0 1\n"
+
+
+def test_tum_comments_blanks_and_commas(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("# header\n\n0,0,0,1,0,0,0,1\n  \n0.5 0 0 2 0 0 1 0  # turned\n")
+    track = read_tum(tmp_path, n_joints=0)[0]
+    np.testing.assert_array_equal(track.t, [0.0, 0.5])
+    np.testing.assert_array_equal(track.q[1], [0, 0, 2, 0, 0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ("content", "line", "says"),
+    [
+        (GOOD + "0.3 0 0 1 0 0 0\n", 4, "7 columns, expected 8"),
+        ("# c\n" + GOOD + "0.3 0 0 1 0 0 0 1 9\n", 5, "9 columns"),
+        (GOOD + "0.3 0 0 x 0 0 0 1\n", 4, "'x'"),
+        (GOOD + "0.3 0 0 1_0 0 0 0 1\n", 4, "expected numbers"),
+        (GOOD + "0.3 0 0 nan 0 0 0 1\n", 4, "finite"),
+        (GOOD + "0.3 0 0 1 0 0 0 0.9\n", 4, "norm 0.9"),
+        ("# c\n# c\n" + GOOD + "0.25 0 0 1 0 0 0 1\n", 6, "increase"),
+        (GOOD + "0.3 0 0 1000 0 0 0 1\n", 4, "position"),
+    ],
+)
+def test_a_bad_tum_line_is_named(tmp_path: Path, content: str, line: int, says: str) -> None:
+    (tmp_path / "a.txt").write_text(content)
+    with pytest.raises(FileError, match=says) as caught:
+        read_tum(tmp_path, n_joints=0)
+    assert str(caught.value).startswith(f"{tmp_path / 'a.txt'}, line {line}:")
+
+
+@pytest.mark.parametrize("content", [b"", b"# nothing\n", b"0 0 0 1 0 0 0 1\n", b"\xff\xd8\xff\xe0 an image"])
+def test_what_is_no_trajectory_is_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "a.txt").write_bytes(content)
+    with pytest.raises(FileError, match=r"a\.txt"):
+        read_tum(tmp_path, n_joints=0)
+
+
+def test_joints_beside_the_poses(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text(GOOD)
+    with pytest.raises(FileError, match=r"a\.joints\.txt: is missing"):
+        read_tum(tmp_path, n_joints=1)
+    joints = tmp_path / "a.joints.txt"
+    joints.write_text("0.0 3.1\n0.1 -3.1\n0.25 -3.0\n")
+    np.testing.assert_allclose(read_tum(tmp_path, n_joints=1)[0].q[:, 7], [3.1, 2 * np.pi - 3.1, 2 * np.pi - 3.0])
+    with pytest.raises(FileError, match="no joints"):
+        read_tum(tmp_path, n_joints=0)
+    with pytest.raises(FileError, match="2 columns, expected 3"):
+        read_tum(tmp_path, n_joints=2)
+    joints.write_text("0.0 3.1\n0.1 -3.1\n")
+    with pytest.raises(FileError, match="has 2 rows"):
+        read_tum(tmp_path, n_joints=1)
+    joints.write_text("0.0 3.1\n0.2 -3.1\n0.25 -3.0\n")
+    with pytest.raises(FileError, match=r"line 2: time 0\.2"):
+        read_tum(tmp_path, n_joints=1)
+    joints.write_text("0.0 3.1\n0.1 nan\n0.25 -3.0\n")
+    with pytest.raises(FileError, match="line 2: is not finite"):
+        read_tum(tmp_path, n_joints=1)

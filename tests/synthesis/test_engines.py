@@ -1,0 +1,32 @@
+"""The engines by name: both drop an object as gravity does, and each says what it lacks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tossid.objects import load_object
+from tossid.physics.effects import World, effects_for
+from tossid.synthesis.engines import ENGINES, able
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_an_object_falls_as_gravity_says(name: str) -> None:
+    cube, entry = load_object("cube"), ENGINES[name]
+    q0 = np.array([[0.0, 0.0, 2.0, 1.0, 0.0, 0.0, 0.0]])
+    done = entry.simulate(entry.settings(), World(cube, gravity=3.0), q0, np.zeros((1, 6)), n_steps=50, dt=0.01)
+    assert (done.q.shape, done.v.shape, done.unsolved) == ((1, 51, 7), (1, 51, 6), 0)
+    np.testing.assert_allclose(done.q[0, -1, :3], [0, 0, 2.0 - 0.5 * 3.0 * 0.5**2], atol=5e-3)
+    np.testing.assert_allclose(done.v[0, -1, :3], [0, 0, -3.0 * 0.5], atol=1e-9)
+
+
+def test_an_effect_that_mujoco_lacks_leaves_lcp() -> None:
+    cube = load_object("cube")
+    adhesion = next(effect for effect in effects_for(cube) if effect.name == "adhesion")
+    sticky = adhesion.at(World(cube), np.array([0.3]))
+    assert set(able(World(cube))) == set(ENGINES)
+    assert set(able(sticky)) == {"lcp"}
+
+
+def test_an_engines_settings_have_its_name() -> None:
+    assert {entry.settings().name for entry in ENGINES.values()} == set(ENGINES)

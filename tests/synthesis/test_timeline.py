@@ -1,0 +1,205 @@
+"""The synthetic recording's motion: continuous, off the ground, and free only where it is free."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.vision.conftest import Filmed
+from tests.vision.tosses import thrown
+from tossid.errors import InputError
+from tossid.objects import ObjectModel, corner_positions
+from tossid.rotations import geodesic_angle
+from tossid.settings.rendering import RenderSettings
+from tossid.synthesis.timeline import Filming, FilmTruth, Timeline, make_timeline, render_timeline
+from tossid.types import Frame
+from tossid.vision.cameras.camera import Camera
+from tossid.vision.cameras.rig import default_rig
+from tossid.vision.cameras.shutter import Shutter, poses_at
+from tossid.vision.detection.detect import detect_frames
+from tossid.vision.pose_graph.track import track
+from tossid.vision.recordings.frames import read_recording
+from tossid.vision.recordings.recording import Recording
+from tossid.vision.recordings.writing import RecordingWriter
+from tossid.vision.setup.layout import layout_of
+
+DT = 1 / 148
+
+
+@pytest.fixture(scope="module")
+def made(cube: ObjectModel):
+    rng = np.random.default_rng(0)
+    tosses = [thrown(cube, rng, name=f"t{i}") for i in range(5)]
+    return tosses, make_timeline(tosses, cube, rng, start=3.0)
+
+
+def test_the_tosses_are_in_it_as_they_were(made):
+    tosses, timeline = made
+    for toss, true, release, rest in zip(tosses, timeline.tosses, timeline.release, timeline.rest, strict=True):
+        n = rest - release + 1
+        assert len(true) == n
+        np.testing.assert_allclose(timeline.q[release : rest + 1], toss.q[:n], atol=1e-12)
+        np.testing.assert_allclose(true.t, timeline.t[release : rest + 1])
+        np.testing.assert_array_equal(true.v, toss.v[:n])
+
+
+def test_it_is_one_continuous_motion(made):
+    _, timeline = made
+    np.testing.assert_allclose(np.diff(timeline.t), DT, rtol=1e-9)
+    step = np.linalg.norm(np.diff(timeline.q[:, :3], axis=0), axis=1)
+    turn = geodesic_angle(timeline.q[1:, 3:7], timeline.q[:-1, 3:7])
+    assert step.max() < 8.0 * DT
+    assert turn.max() < 40.0 * DT
+
+
+def test_the_hand_lets_go_at_the_releases_velocity(made):
+    tosses, timeline = made
+    for toss, release in zip(tosses, timeline.release, strict=True):
+        before = (timeline.q[release, :3] - timeline.q[release - 1, :3]) / DT
+        # half a frame earlier the hand's acceleration, at most 15 m/s², makes the difference
+        np.testing.assert_allclose(before, toss.v[0, :3], atol=0.5 * 16 * DT + 0.02)
+
+
+def test_nothing_before_the_release_is_free_fall(made):
+    _, timeline = made
+    z = timeline.q[:, 2]
+    for release in timeline.release:
+        acceleration = (z[release - 1] - 2 * z[release - 2] + z[release - 3]) / DT**2
+        assert acceleration > 2.0
+
+
+def test_the_hand_keeps_the_object_off_the_ground(made, cube: ObjectModel):
+    _, timeline = made
+    assert corner_positions(cube, timeline.q)[..., 2].min() > -2e-3
+
+
+def test_uneven_tosses_are_refused(made, cube: ObjectModel):
+    tosses, _ = made
+    rng = np.random.default_rng(0)
+    with pytest.raises(InputError, match="even rate"):
+        make_timeline([tosses[0], replace(tosses[1], t=2 * tosses[1].t)], cube, rng)
+    with pytest.raises(InputError, match="no tosses"):
+        make_timeline([], cube, rng)
+
+
+def test_images_depend_on_the_seed_and_not_on_threads(made, tagged: ObjectModel, tmp_path: Path):
+    _, timeline = made
+    short = replace(timeline, t=timeline.t[:6], q=timeline.q[:6])
+    cameras = default_rig(n_cameras=2, resolution=(160, 128))
+    images = []
+    for threads in (1, 2):
+        done: list[int] = []
+        with RecordingWriter(tmp_path / "rec", cameras, layout_of(tagged), image_format="png") as writer:
+            rng = np.random.default_rng(4)
+            truth = render_timeline(short, tagged, cameras, writer, rng, threads=threads, progress=done.append)
+        assert truth.n_images == 12
+        assert sum(done) == 12
+        images.append([frame.image for frame in read_recording(tmp_path / "rec")])
+    np.testing.assert_array_equal(images[0], images[1])
+
+
+def test_an_interrupt_leaves_nothing(made, tagged: ObjectModel, tmp_path: Path):
+    _, timeline = made
+    cameras = default_rig(n_cameras=1, resolution=(160, 128))
+
+    def stop(_: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), RecordingWriter(tmp_path / "rec", cameras, layout_of(tagged)) as writer:
+        render_timeline(timeline, tagged, cameras, writer, np.random.default_rng(0), progress=stop)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_another_renderer_can_take_its_place(made, tagged: ObjectModel, tmp_path: Path):
+    class Flat:
+        def render(self, q0, q1, camera, rng):
+            return np.full((128, 160), 77, dtype=np.uint8)
+
+    _, timeline = made
+    short = replace(timeline, t=timeline.t[:3], q=timeline.q[:3])
+    cameras = default_rig(n_cameras=1, resolution=(160, 128))
+    with RecordingWriter(tmp_path / "rec", cameras, layout_of(tagged), image_format="png") as writer:
+        render_timeline(short, tagged, cameras, writer, np.random.default_rng(0), renderer=Flat())
+    frames: list[Frame] = list(read_recording(tmp_path / "rec"))
+    assert len(frames) == 3
+    assert all((frame.image == 77).all() for frame in frames)
+
+
+def test_time_stamps_survive_the_names(filmed: Filmed):
+    stamps = [file.t_ns * 1e-9 for file in filmed.recording.frames["cam0"]]
+    np.testing.assert_allclose(stamps, filmed.timeline.t, atol=1e-9)
+    assert stamps == sorted(stamps)
+
+
+IMAGES = RenderSettings(samples=8)
+
+
+def _filmed(
+    timeline: Timeline,
+    model: ObjectModel,
+    cameras: tuple[Camera, ...],
+    folder: Path,
+    filming: Filming,
+    settings: RenderSettings = IMAGES,
+) -> tuple[Recording, FilmTruth]:
+    with RecordingWriter(folder, cameras, layout_of(model), quality=90) as writer:
+        rng = np.random.default_rng(7)
+        truth = render_timeline(timeline, model, cameras, writer, rng, settings=settings, filming=filming)
+    return read_recording(folder), truth
+
+
+@pytest.fixture(scope="module")
+def timeline(tagged: ObjectModel) -> Timeline:
+    rng = np.random.default_rng(3)
+    return make_timeline([thrown(tagged, rng, longest=0.8)], tagged, rng, start=2.0)
+
+
+@pytest.fixture(scope="module")
+def cameras() -> tuple[Camera, ...]:
+    return default_rig(resolution=(480, 384))
+
+
+def test_an_offset_clock_is_found_and_reported(tagged: ObjectModel, timeline: Timeline, cameras, tmp_path: Path):
+    cameras = cameras[:2]
+    recording, _ = _filmed(timeline, tagged, cameras, tmp_path / "r", Filming(clocks={"cam1": 0.012}))
+    assert recording.frames["cam1"][0].t_ns == recording.frames["cam0"][0].t_ns + 12_000_000
+    poses, report = track(list(detect_frames(recording, tagged)), recording.cameras, tagged)
+    assert report.clocks.keys() == {"cam1"}
+    assert report.clocks["cam1"][0] == pytest.approx(0.012, abs=2e-4)
+    assert np.median(np.linalg.norm(poses.q[:, :3] - poses_at(timeline.t, timeline.q, poses.t)[:, :3], axis=1)) < 3e-4
+
+
+def test_dropped_frames_are_gone_and_the_others_as_they_were(
+    tagged: ObjectModel, timeline: Timeline, cameras, tmp_path: Path
+):
+    whole, everything = _filmed(timeline, tagged, cameras[:2], tmp_path / "a", Filming())
+    part, truth = _filmed(timeline, tagged, cameras[:2], tmp_path / "b", Filming(dropped=0.3))
+    assert everything.kept.all()
+    assert truth.kept.mean() == pytest.approx(0.7, abs=0.06)
+    assert part.n_frames == truth.kept.sum() == truth.n_images
+    for c, camera in enumerate(part.cameras):
+        stamps = np.array([file.t_ns for file in part.frames[camera.name]]) * 1e-9
+        np.testing.assert_allclose(stamps, timeline.t[truth.kept[:, c]], atol=1e-9)
+    for file in part.frames["cam1"][:20]:
+        twin = next(other for other in whole.frames["cam1"] if other.t_ns == file.t_ns)
+        assert file.path.read_bytes() == twin.path.read_bytes()
+
+
+def test_what_cannot_be_filmed_is_refused(tagged: ObjectModel, timeline: Timeline, cameras, tmp_path: Path):
+    class Flat:
+        def render(self, q0, q1, camera, rng):
+            return np.zeros((384, 480), dtype=np.uint8)
+
+    with pytest.raises(InputError, match="384 rows follow each other"):
+        _filmed(timeline, tagged, cameras, tmp_path / "r", Filming(Shutter(0.001, 1e-4)))
+    with pytest.raises(InputError, match="before zero"):
+        _filmed(timeline, tagged, cameras, tmp_path / "r", Filming(clocks={"cam0": -3.0}))
+    writer, shutter = RecordingWriter(tmp_path / "w", cameras, layout_of(tagged)), Filming(Shutter(0.001, 1e-6))
+    with writer, pytest.raises(InputError, match="neither a rolling shutter nor a hand"):
+        rng = np.random.default_rng(0)
+        render_timeline(timeline, tagged, cameras, writer, rng, renderer=Flat(), filming=shutter)
+    with pytest.raises(InputError, match="focus"):
+        RenderSettings(focus=0.0)

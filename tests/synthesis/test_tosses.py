@@ -1,0 +1,76 @@
+"""Synthetic tosses: releases, the cut at rest, noise, and what an engine does not have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tossid.errors import ConfigError
+from tossid.objects import corner_positions, load_object
+from tossid.rotations import quat_boxminus
+from tossid.settings.synthesis import LcpEngine, MujocoEngine, NoiseSettings, ReleaseSettings, SynthesizeSettings
+from tossid.synthesis.tosses import add_noise, draw_releases, frames_until_rest, make_tosses, world_of
+
+CUBE = load_object("cube")
+
+
+def test_releases_are_what_the_settings_say() -> None:
+    release = ReleaseSettings(height=(0.2, 0.25), speed=(0.5, 0.6), spin=(3, 4), landing=0.1)
+    q, v = draw_releases(CUBE, release, 400, gravity=9.81, rng=np.random.default_rng(1))
+    lowest = corner_positions(CUBE, q)[..., 2].min(axis=1)
+    assert 0.2 <= lowest.min() < 0.205
+    assert 0.245 < lowest.max() <= 0.25
+    speed, spin = np.linalg.norm(v[:, :2], axis=1), np.linalg.norm(v[:, 3:6], axis=1)
+    assert 0.5 <= speed.min() <= speed.max() <= 0.6
+    assert 3 <= spin.min() <= spin.max() <= 4
+    fall = (v[:, 2] + np.sqrt(v[:, 2] ** 2 + 2 * 9.81 * lowest)) / 9.81
+    assert np.linalg.norm(q[:, :2] + v[:, :2] * fall[:, None], axis=1).max() <= 0.1
+    heading = v[:, :2] / speed[:, None]
+    assert np.linalg.norm(heading.mean(axis=0)) < 0.15  # no direction is preferred
+    assert np.linalg.norm(q[:, 3:7].mean(axis=0)) < 0.15
+
+
+def test_a_motion_is_cut_where_it_rests() -> None:
+    n, settings = 100, SynthesizeSettings(rate_hz=100.0, rest_s=0.1)
+    q = np.tile([0.0, 0.0, 0.0524, 1.0, 0.0, 0.0, 0.0], (n, 1))
+    q[:40, 0] = np.linspace(-0.4, 0.0, 40)
+    assert frames_until_rest(CUBE, q, np.zeros((n, 6)), settings) == 40 + 10
+    assert frames_until_rest(CUBE, q[:45], np.zeros((45, 6)), settings) == 45
+
+
+def test_noise_is_as_stated() -> None:
+    settings = SynthesizeSettings(engine=LcpEngine(), tosses=20, seconds=0.5)
+    tosses, _ = make_tosses(settings, CUBE, np.random.default_rng(0))
+    noise = NoiseSettings(position=1e-3, rotation=2e-2, velocity=0.05, spin=0.3)
+    measured = add_noise(tosses, CUBE, noise, np.random.default_rng(1))
+    pairs = list(zip(measured, tosses, strict=True))
+    dq = np.concatenate([m.q[:, :3] - t.q[:, :3] for m, t in pairs])
+    turn = np.concatenate([quat_boxminus(m.q[:, 3:7], t.q[:, 3:7]) for m, t in pairs])
+    dv = np.concatenate([m.v - t.v for m, t in pairs])
+    assert dq.std() == pytest.approx(1e-3, rel=0.05)
+    assert turn.std() == pytest.approx(2e-2, rel=0.05)
+    assert dv[:, :3].std() == pytest.approx(0.05, rel=0.05)
+    assert dv[:, 3:].std() == pytest.approx(0.3, rel=0.05)
+    assert np.sqrt(measured[0].q_cov[0, 4, 4]) == pytest.approx(2e-2)
+    assert np.sqrt(measured[0].v_cov[0, 0, 0]) == pytest.approx(0.05)
+
+
+def test_effects_change_the_world_in_their_order() -> None:
+    effects = {"gravity": {"g_ms2": 5.0}, "friction": {"mu": 0.5}}
+    world = world_of(SynthesizeSettings(effects=effects), CUBE)
+    assert (world.gravity, world.object.friction) == (5.0, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("effects", "says"),
+    [
+        ({"frictoin": {"mu": 0.5}}, "effects.frictoin: there is no such effect.*'friction'"),
+        ({"friction": {"muu": 0.5}}, "effects.friction.muu: is no parameter of friction, which has mu.*'mu'"),
+        ({"friction": {"mu": -1.0}}, "effects.friction.mu: -1 is out of range"),
+        ({"joint_damping": {}}, "effects.joint_damping: 'cube' has no joints"),
+        ({"adhesion": {"force_n": 0.3}}, "engine=mujoco cannot express it; engine=lcp can"),
+    ],
+)
+def test_an_effect_that_cannot_be_is_said(effects: dict[str, dict[str, float]], says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
+        world_of(SynthesizeSettings(engine=MujocoEngine(), effects=effects), CUBE)

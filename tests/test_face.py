@@ -1,0 +1,45 @@
+"""`import tossid`: what it offers, and how little it costs."""
+
+import subprocess
+import sys
+
+import pytest
+
+import tossid
+
+HEAVY = ("numpy", "scipy", "torch", "numba", "mujoco", "cv2", "h5py", "matplotlib", "gtsam", "yaml")
+
+
+def fresh(code: str) -> str:
+    """What Python code prints in a process of its own."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def test_importing_it_imports_nothing_heavy():
+    code = f"import sys, tossid; print([name for name in {HEAVY} if name in sys.modules])"
+    assert fresh(code) == "[]"
+
+
+def test_importing_it_takes_less_than_0_3_s_of_processor_time():
+    code = "import time; began = time.process_time(); import tossid; print(time.process_time() - began)"
+    assert float(fresh(code)) < 0.3
+
+
+def test_a_room_and_a_type_are_there_without_importing_them_by_hand():
+    assert fresh("import tossid; print(tossid.objects.ObjectModel is tossid.ObjectModel)") == "True"
+
+
+def test_dir_names_the_verbs():
+    verbs = {"ingest", "read_dataset", "write_dataset", "synthesize", "train", "evaluate", "diagnose", "export"}
+    assert verbs <= set(dir(tossid))
+    assert verbs <= set(tossid.__all__)
+
+
+def test_every_name_is_where_the_face_says() -> None:
+    assert [name for name in tossid.__all__ if getattr(tossid, name, None) is None] == []
+
+
+def test_a_name_that_is_none_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="has no attribute 'teach'"):
+        tossid.teach  # noqa: B018

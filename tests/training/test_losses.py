@@ -1,0 +1,57 @@
+"""Loss stages: both optimizers reach the minimum of a loss that is known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from tests.models.made import tosses
+from tossid.models.protocol import Objective, StagePlan
+from tossid.models.transitions import Transitions, make_transitions
+from tossid.objects import ObjectModel
+from tossid.settings.training import TrainSettings
+from tossid.training.losses import LossStage
+
+
+class Falling(nn.Module):
+    """Predicts the change of the vertical velocity by one number; its best value is the mean acceleration."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.a = nn.Parameter(torch.zeros((), dtype=torch.float64))
+
+    def loss(self, transitions: Transitions) -> tuple[Tensor, dict[str, float]]:
+        return (transitions.dv[:, 2] / transitions.dt - self.a).square().mean(), {}
+
+
+def stage_of(cube: ObjectModel, settings: TrainSettings, optimizer: str | None = None) -> tuple[Any, LossStage, float]:
+    data = make_transitions(cube, tosses(cube, 4, seed=0))
+    model = Falling()
+    plan = StagePlan("fall", Objective.LOSS, [model.a], optimizer=optimizer)
+    best = float((data.dv[:, 2] / data.dt).mean())
+    return model, LossStage(plan, model, data, data, settings), best  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("settings", "steps", "optimizer"),
+    [
+        (TrainSettings(), 5, None),
+        (TrainSettings(optimizer="adam", learning_rate=0.1, batch=10_000), 300, None),
+        (TrainSettings(learning_rate=0.1, batch=10_000), 300, "adam"),
+    ],
+)
+def test_the_minimum_is_reached(cube: ObjectModel, settings: TrainSettings, steps: int, optimizer: str | None) -> None:
+    model, stage, best = stage_of(cube, settings, optimizer)
+    losses = [stage.step().validation_loss for _ in range(steps)]
+    assert losses[-1] == pytest.approx(min(losses))
+    assert float(model.a.detach()) == pytest.approx(
+        best, abs=0.5 if "adam" in (optimizer, settings.optimizer) else 1e-6
+    )
+
+
+def test_adam_goes_once_through_the_data_in_an_epoch(cube: ObjectModel) -> None:
+    _, stage, _ = stage_of(cube, TrainSettings(optimizer="adam", batch=16))
+    assert stage.step().passes == 1

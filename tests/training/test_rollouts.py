@@ -1,0 +1,44 @@
+"""The rollout stage: Gauss-Newton's sums against differences of the loss, and friction that comes back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.models.made import tosses
+from tossid.models.contactnets import ContactNets
+from tossid.objects import ObjectModel
+from tossid.settings.training import ModelSettings, RolloutSettings, TrainSettings
+from tossid.training.fit import Fit
+from tossid.training.rollouts import RolloutStage
+
+SETTINGS = ModelSettings(learn_geometry=False, implicit=False, horizons=(20,))
+
+
+def stage_of(cube: ObjectModel, friction: float, **keys: float) -> tuple[ContactNets, RolloutStage]:
+    made = tosses(cube, 8, seed=1, substeps=SETTINGS.substeps)
+    model = ContactNets(cube.with_changes(friction=friction), SETTINGS)
+    fit = Fit(model, made[:6], made[6:], TrainSettings(rollouts=RolloutSettings(**keys)))  # type: ignore[arg-type]
+    stage = fit.longest_rollout()
+    assert stage is not None
+    return model, stage
+
+
+def test_friction_comes_back(cube: ObjectModel) -> None:
+    model, stage = stage_of(cube, 0.25)
+    losses = [stage.step().train_loss for _ in range(8)]
+    assert losses == sorted(losses, reverse=True)
+    assert model.learned_object().friction == pytest.approx(cube.friction, rel=0.01)
+
+
+def test_the_gradient_is_that_of_the_loss(cube: ObjectModel) -> None:
+    """With all frames counted and a loss that is quadratic, g is half the slope of the mean squared error."""
+    _, stage = stage_of(cube, 0.2, chaotic_share=0.0, huber=1e3, difference=1e-4)
+    sums = stage.gauss_newton()
+    losses = []
+    for by in (1e-4, -1e-4):
+        stage.set_parameters(sums.x + by)
+        losses.append(stage._loss(stage._errors(stage._train), stage._train))
+    assert sums.g.sum() == pytest.approx((losses[0] - losses[1]) / 2e-4, rel=1e-3)
+    assert (sums.H.sum(0) > 0).all()
+    np.testing.assert_array_equal(len(sums.g), 6)

@@ -1,0 +1,54 @@
+"""Parts of the set-up that the images contradict are reported by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.vision.sights import filmed_tumble
+from tossid.errors import InputError
+from tossid.objects import ObjectModel
+from tossid.vision.cameras.camera import Camera
+from tossid.vision.cameras.rig import default_rig
+from tossid.vision.pose_graph.track import track
+
+
+def _suspects(tagged: ObjectModel, filmed: ObjectModel, cameras: tuple[Camera, ...], filming: tuple[Camera, ...]):
+    detections, _ = filmed_tumble(filming, filmed, np.random.default_rng(2), n=160)
+    return track(detections, cameras, tagged)[1].suspects
+
+
+@pytest.mark.parametrize("moved", [1, 4])
+def test_a_tag_moved_by_five_millimetres_is_reported_by_its_id(tagged: ObjectModel, moved: int):
+    cameras, tags = default_rig(), list(tagged.tags)
+    T = tags[moved].T_body_tag.copy()
+    T[:3, 3] += T[:3, :3] @ [0.003, 0.004, 0.0]
+    tags[moved] = replace(tags[moved], T_body_tag=T)
+    (suspect,) = _suspects(tagged, tagged.with_changes(tags=tuple(tags)), cameras, cameras)
+    assert (suspect.kind, suspect.name) == ("tag", str(moved))
+    assert suspect.distance == pytest.approx(0.005, abs=0.0005)
+
+
+def test_swapped_cameras_are_reported(tagged: ObjectModel):
+    cameras = default_rig()
+    filming = (replace(cameras[0], name="cam1"), replace(cameras[1], name="cam0"), cameras[2])
+    suspects = _suspects(tagged, tagged, cameras, filming)
+    assert [(suspect.kind, suspect.name) for suspect in suspects] == [("swapped", "cam0 and cam1")]
+
+
+def test_a_wrong_focal_length_is_found_from_the_residuals(tagged: ObjectModel):
+    cameras = default_rig()
+    filming = (cameras[0], replace(cameras[1], intrinsics=cameras[1].intrinsics * [1.03, 1.03, 1, 1]), cameras[2])
+    (suspect,) = _suspects(tagged, tagged, cameras, filming)
+    assert (suspect.kind, suspect.name) == ("intrinsics", "cam1")
+    assert "focal length (+3.0 %)" in suspect.message
+
+
+def test_a_moved_camera_is_reported_even_where_no_pose_is_left(tagged: ObjectModel):
+    cameras = default_rig()
+    T = cameras[2].T_rig_cam.copy()
+    T[:3, 3] += [0.05, 0.0, 0.0]
+    with pytest.raises(InputError, match=r"camera cam2 is 50 mm and 0\.0° from where it is said to be"):
+        _suspects(tagged, tagged, cameras, (cameras[0], cameras[1], replace(cameras[2], T_rig_cam=T)))

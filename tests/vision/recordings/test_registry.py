@@ -1,0 +1,83 @@
+"""Formats are recognized by what lies at a path, and named by their settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from tests.store.makers import contactnets_rows, pll_rows
+from tossid.errors import ConfigError, FileError
+from tossid.objects import ObjectModel
+from tossid.store.importers import TumSource
+from tossid.store.importers.registry import Contents
+from tossid.vision.cameras.rig import default_rig
+from tossid.vision.recordings.registry import (
+    Opened,
+    format_named,
+    input_formats,
+    open_recording,
+    recognized_format,
+    recording_name,
+)
+from tossid.vision.setup.layout import layout_of
+
+
+def _touch(folder: Path, *names: str) -> Path:
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).touch()
+    return folder
+
+
+def test_every_format_names_itself_and_has_a_path() -> None:
+    assert {"frames", "video", "rosbag", "tum", "contactnets", "pll"} <= set(input_formats())
+    for name, entry in input_formats().items():
+        assert entry.name == name
+        assert "path" in {field for cls in entry.settings.__mro__ for field in getattr(cls, "__annotations__", {})}
+
+
+@pytest.mark.parametrize(
+    ("files", "name"),
+    [
+        (["cameras.yaml", "frames/cam0/1.jpg"], "frames"),
+        (["cameras.yaml", "cam0.mp4"], "video"),
+        (["cameras.yaml", "film.bag.bz2"], "rosbag"),
+        (["metadata.yaml", "film.db3"], "rosbag"),
+        (["0.txt", "0.joints.txt"], "tum"),
+        (["notes.md"], None),
+    ],
+)
+def test_a_folder_is_recognized_by_its_files(tmp_path: Path, files: list[str], name: str | None) -> None:
+    found = recognized_format(_touch(tmp_path, *files))
+    assert (found.name if found else None) == name
+
+
+def test_tensors_are_told_apart_by_their_columns(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    for name, rows in (("contactnets", contactnets_rows(9, rng)), ("pll", pll_rows(9, rng))):
+        (tmp_path / name).mkdir()
+        torch.save(torch.from_numpy(rows), tmp_path / name / "0.pt")
+        found = recognized_format(tmp_path / name)
+        assert found is not None
+        assert found.name == name
+        assert recognized_format(tmp_path / name, contents=Contents.RECORDING) is None
+
+
+def test_what_is_no_format_or_no_recording_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="there is no format 'csv'; expected contactnets, frames"):
+        format_named("csv")
+    with pytest.raises(ConfigError, match="tum holds tracked poses"):
+        open_recording(TumSource(path=tmp_path))
+
+
+def test_an_open_recording_says_what_it_lacks(cube: ObjectModel) -> None:
+    path = Path("data/film.bag.bz2")
+    opened = Opened(path=path, folder=path.parent, cameras=default_rig(), layout=layout_of(cube))
+    assert opened.name == recording_name(path) == "film"
+    with pytest.raises(FileError, match="no images"):
+        opened.images()
+    with pytest.raises(FileError, match="give object=NAME"):
+        opened.object()

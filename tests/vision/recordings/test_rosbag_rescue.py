@@ -1,0 +1,23 @@
+"""A bag that breaks off is read as far as it is whole."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.vision.bags import CAMERAS, write_bag
+from tossid.vision.recordings.bags import read_bag_detections
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7, 0.98])
+def test_of_a_bag_that_was_cut_what_is_whole_is_read_and_it_is_said(tmp_path: Path, share: float):
+    path = write_bag(tmp_path, 1)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    found = read_bag_detections(path, CAMERAS, sigma=1.0)
+    assert 0.5 * share * 40 < len(found.detections) <= 40
+    assert len(found.detections) == sum(found.n_frames.values())
+    (problem,) = found.problems
+    assert "breaks off" in problem
+    assert "messages are whole" in problem

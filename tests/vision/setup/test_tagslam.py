@@ -1,0 +1,150 @@
+"""TagSLAM's scene files: written, read, and damaged."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tossid.errors import FileError
+from tossid.rotations import transform, transform_from_rotvec, transform_points, xyzw_to_wxyz
+from tossid.vision.setup.calibration import read_cameras
+from tossid.vision.setup.faces import tag_corners
+from tossid.vision.setup.layout import Body, BodyTag, TagLayout, object_tags
+from tossid.vision.setup.tagslam import pose_mapping, read_tagslam, write_tagslam
+from tossid.yaml_files import read_pose
+
+number = st.floats(-3.0, 3.0, allow_nan=False)
+
+
+@settings(max_examples=100, deadline=None)
+@given(values=st.lists(number, min_size=6, max_size=6))
+def test_a_pose_comes_back_from_yaml(values: list[float]):
+    rotvec = np.array(values[3:])
+    if np.linalg.norm(rotvec) > 3.1:
+        rotvec *= 3.1 / np.linalg.norm(rotvec)
+    T = transform_from_rotvec(values[:3], rotvec)
+    again = read_pose(Path("x"), "pose", yaml.safe_load(yaml.safe_dump(pose_mapping(T))))
+    np.testing.assert_allclose(again, T, atol=1e-12)
+
+
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(values=st.lists(number, min_size=6, max_size=6), size=st.floats(0.01, 0.5))
+def test_tag_layouts_come_back_as_written(tmp_path: Path, values: list[float], size: float):
+    T = transform_from_rotvec(values[:3], np.array(values[3:]) / 2)
+    layout = TagLayout(
+        (
+            Body("lab", True, T, size, (BodyTag(9, size, None),)),
+            Body("thing", False, None, None, (BodyTag(3, size, T, np.full(3, 1e-5), np.full(3, 0.1)),)),
+        ),
+        default_body="lab",
+    )
+    write_tagslam(layout, tmp_path / "tagslam.yaml")
+    again = read_tagslam(tmp_path / "tagslam.yaml")
+    lab, thing = again.bodies
+    assert again.default_body == "lab"
+    assert (lab.is_static, thing.is_static) == (True, False)
+    assert lab.tags[0].T_body_tag is None
+    np.testing.assert_allclose(lab.T_map_body, T, atol=1e-12)
+    np.testing.assert_allclose(thing.tags[0].T_body_tag, T, atol=1e-12)
+    assert thing.tags[0].size == size
+    np.testing.assert_array_equal(thing.tags[0].rotation_noise, np.full(3, 0.1))
+
+
+def test_a_boards_tags_lie_where_tagslam_saw_them(shared_data: Path):
+    """TagSLAM's own board pose puts every tag of the board within a few pixels of its detection."""
+    folder = shared_data / "tagslam_test" / "test_23"
+    (camera,) = read_cameras(folder)
+    tags = {tag.id: tag for tag in object_tags(read_tagslam(folder / "tagslam.yaml"), ["tag_board"])}
+    data = np.load(folder / "detections.npz", allow_pickle=False)
+    with (folder / "reference_poses.csv").open() as stream:
+        row = list(csv.DictReader(stream))[100]
+    quat = xyzw_to_wxyz([float(row[f"q{k}"]) for k in "xyzw"])
+    T_world_board = transform(np.array([float(row[k]) for k in "xyz"]), quat)
+    seen = np.flatnonzero(data["t_ns"] == int(row["t_ns"]))
+    assert len(seen) >= 4
+    for i in seen:
+        expected = camera.project(transform_points(T_world_board, tag_corners(tags[int(data["tag_id"][i])])))
+        assert np.abs(expected - data["corners"][i]).max() < 4.0
+
+
+def test_measurements_remaps_and_squashes_are_read(tmp_path: Path):
+    (tmp_path / "tagslam.yaml").write_text(
+        """
+bodies:
+ - lab: {is_static: true, default_tag_size: 0.1, ignore_tags: [9]}
+default_body: lab
+max_hamming_distance: 1
+distance_measurements:
+ - wall: {tag1: 1, tag2: 2, corner1: 0, corner2: 3, distance: 1.5, noise: 0.001}
+coordinate_measurements:
+ - high: {tag: 1, corner: 2, direction: [0, 0, 1], length: 0.7, noise: 0.01}
+plane_measurements:
+ - floor: {tags: [3, 4], direction: [0, 0, 1.0], distance: 0.0, noise: 0.002}
+tag_id_remap:
+ - id: 20
+   remaps:
+    - {remap_id: 420, start_time: "1541686885.999522770", end_time: "1541686936.513937363"}
+squash:
+ - {time: "1527206556.891942748", tags: [85]}
+ - {camera: cam1, tags: [8]}
+"""
+    )
+    layout = read_tagslam(tmp_path / "tagslam.yaml")
+    assert [m.name for m in layout.measurements] == ["wall", "high", "floor_tag_3", "floor_tag_4"]
+    assert layout.measurements[0].corners == (0, 3)
+    assert layout.measurements[2].corner is None
+    assert (layout.remaps[0].id, layout.remaps[0].new_id) == (20, 420)
+    assert layout.remaps[0].end == pytest.approx(1541686936.513937363)
+    assert layout.squashes[1].camera == "cam1"
+    assert layout.max_hamming == 1
+    assert layout.bodies[0].ignored_tags == {9}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("bodies: []", "bodies"),
+        ("bodies: [{cube: {is_static: maybe}}]", "is_static"),
+        ("bodies: [{cube: {is_static: false, tags: [{id: one}]}}]", "id"),
+        ("bodies: [{cube: {is_static: false, tags: [{id: 1}]}}]", "size"),
+        ("bodies: [{cube: {is_static: false, tags: [{id: 1, size: 1}, {id: 1, size: 1}]}}]", "twice"),
+        ("bodies: [{cube: {is_static: false, tags: [{id: 1, size: 1, pose: {position: 3}}]}}]", "rotation"),
+        (
+            "bodies: [{a: {is_static: true, tags: [{id: 1, size: 1}]}}, "
+            "{b: {is_static: true, tags: [{id: 1, size: 1}]}}]",
+            "tag 1 is listed twice",
+        ),
+        ("bodies: [{a: {is_static: false, pose: {}}}]", "moves"),
+        ("bodies: [{a: {is_static: true}}]\nsquash: [{tags: [1]}]", "time or a camera"),
+        ("bodies: [{a: {is_static: true}}]\ndistance_measurements: [{d: {tag1: 1}}]", "tag2"),
+        ("bodies: [{a: {is_static: true}}]\nplane_measurements: [{d: {direction: [1, 1, 0]}}]", "unit vector"),
+    ],
+)
+def test_a_damaged_tag_layout_is_named(tmp_path: Path, text: str, words: str):
+    (tmp_path / "tagslam.yaml").write_text(text)
+    with pytest.raises(FileError, match=words):
+        read_tagslam(tmp_path / "tagslam.yaml")
+
+
+def test_families_are_read_and_written(tmp_path: Path):
+    path = tmp_path / "tagslam.yaml"
+    path.write_text(
+        "tag_family: 25h9\n"
+        "bodies:\n"
+        "- lab: {is_static: true, tags: [{id: 1, size: 0.1}, {id: 2, size: 0.1, family: tag16h5}]}\n"
+        "- thing: {is_static: false, tag_family: tag36h11, tags: [{id: 3, size: 0.1}]}\n"
+    )
+    for _ in range(2):
+        layout = read_tagslam(path)
+        assert layout.tag_family == "tag25h9"
+        assert layout.families == {1: "tag25h9", 2: "tag16h5", 3: "tag36h11"}
+        write_tagslam(layout, path)
+    path.write_text("tag_family: 21h7\nbodies:\n- lab: {is_static: true}\n")
+    with pytest.raises(FileError, match="tag_family is '21h7', expected one of tag36h11, tag25h9, tag16h5"):
+        read_tagslam(path)

@@ -1,0 +1,77 @@
+"""The stages: when the world is levelled; that problems and counts are reported."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.motion.handling import Handling
+from tossid.objects import ObjectModel
+from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
+from tossid.settings.ingestion import TossSettings
+from tossid.types import PoseTrack
+from tossid.vision import stages
+from tossid.vision.cameras.rig import default_rig
+from tossid.vision.progress import Reporter
+from tossid.vision.recordings.registry import Opened
+from tossid.vision.setup.layout import Body, BodyTag, TagLayout, layout_of
+
+
+@pytest.fixture(scope="module")
+def track(cube: ObjectModel) -> PoseTrack:
+    rng = np.random.default_rng(0)
+    return Handling(cube, rng).recording(40.0).tracked(rng)
+
+
+def _opened(cube: ObjectModel, layout: TagLayout) -> Opened:
+    return Opened(path=Path("film"), folder=Path("film"), cameras=default_rig(), layout=layout, model=cube)
+
+
+def _turned(track: PoseTrack, angle: float, height: float) -> PoseTrack:
+    turn = quat_exp(np.array([angle, 0.0, 0.0]))
+    q = track.q.copy()
+    q[:, :3] = q[:, :3] @ quat_to_matrix(turn).T + [0.0, 0.0, height]
+    q[:, 3:7] = quat_mul(np.broadcast_to(turn, (len(q), 4)), q[:, 3:7])
+    return replace(track, q=q)
+
+
+@pytest.mark.parametrize(
+    ("level", "angle", "height", "tagged", "done"),
+    [
+        ("auto", 0.0, 0.002, False, False),  # as good as a calibration: only said
+        ("auto", 0.1, 0.05, False, True),
+        ("auto", 0.0, 0.05, False, True),
+        ("auto", 0.1, 0.05, True, False),  # a fixed tag says where the ground is
+        ("never", 0.1, 0.05, False, False),
+        ("always", 0.0, 0.002, True, True),
+    ],
+)
+def test_when_the_world_is_levelled(
+    cube: ObjectModel, track: PoseTrack, level: str, angle: float, height: float, tagged: bool, done: bool
+) -> None:
+    layout = layout_of(cube)
+    if tagged:
+        floor = Body("floor", True, np.eye(4), tags=(BodyTag(99, 0.1, np.eye(4)),))
+        layout = replace(layout, bodies=(floor, *layout.bodies))
+    moved = _turned(track, angle, height)
+    report = Reporter(lambda progress: None)
+    poses, found = stages.level(_opened(cube, layout), moved, settings=TossSettings(level=level), report=report)
+    assert found is not None
+    assert found.levelled is done
+    assert found.ground.height == pytest.approx(height * np.cos(angle), abs=2e-4)
+    assert bool(report.problems) is (done or height > 0.01)
+    q = poses.frames(slice(None)).q
+    if done:
+        assert np.abs(q[:, 2] - track.q[:, 2]).max() < 1e-3
+    else:
+        np.testing.assert_array_equal(q, moved.q)
+
+
+def test_a_track_without_rests_stays_as_it_is(cube: ObjectModel, track: PoseTrack) -> None:
+    short = PoseTrack("short", track.t[:50], track.q[:50])
+    poses, found = stages.level(_opened(cube, layout_of(cube)), short)
+    assert found is None
+    assert poses is short

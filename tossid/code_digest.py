@@ -1,0 +1,235 @@
+"""Digests of code: results and compiled kernels are kept under one, and made anew when the code that made them changes.
+
+The code of a result is the module that computes it and all that this module imports, directly or through others,
+inside the packages of the project. It is read from the source text, so nothing is imported for it. Comments, docstrings
+and layout do not count. What is registered from outside (an effect, a model, a solver of the user's own) counts too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import is_dataclass
+from functools import cache
+from importlib.util import resolve_name
+from pathlib import Path
+from types import CodeType
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+"""The folder that holds the packages."""
+PACKAGES = ("tossid", "pipelines")
+
+_FROM = re.compile(r"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]+(?:\(([^)]*)\)|([^\n(]+))", re.MULTILINE)
+_IMPORT = re.compile(r"^[ \t]*import[ \t]+([^\n;]+)", re.MULTILINE)
+_LONG_STRING = re.compile(r'"""(?:[^"\\]|\\.|"(?!""))*"""', re.DOTALL)
+_ONLY_TYPES = re.compile(r"^if TYPE_CHECKING:\n(?:[ \t]+[^\n]*\n|\n)*", re.MULTILINE)
+_NAMED = re.compile(rf'"((?:{"|".join(PACKAGES)})(?:\.\w+)+)"')
+_LAZY = re.compile(rf'"(\w+)": "((?:{"|".join(PACKAGES)})(?:\.\w+)+)"')
+_KERNELS = re.compile(r"^from tossid\.kernels import ", re.MULTILINE)
+_REGISTERS = re.compile(r"^@?(register\w*)\b", re.MULTILINE)
+
+_outside: dict[str, dict[str, str]] = {}
+"""What was registered from outside the packages: by registry, the digest of each function and class."""
+
+
+def code_digest(*modules: str) -> str:
+    """Hash of the code that runs when one of the modules computes: their own, and all that they import.
+
+    Args:
+        modules: names in full, as tossid.training.api.
+
+    Returns:
+        SHA-256 in hexadecimal.
+
+    Raises:
+        KeyError: there is no such module in the packages of the project.
+    """
+    found = hashlib.sha256(_digest_of_modules(modules).encode())
+    reached = imported_modules(*modules) if _outside else frozenset()
+    for registry in sorted(reached & _outside.keys()):
+        for name, digest in sorted(_outside[registry].items()):
+            found.update(f"{name}\n{digest}\n".encode())
+    return found.hexdigest()
+
+
+def note_registered(registry: str, *registered: Any) -> None:
+    """Let digests of code that reaches a registry depend on what is registered there from outside the packages.
+
+    Args:
+        registry: The module in which the registry stands.
+        *registered: Classes and functions, and objects that hold some. What the packages themselves register counts by
+            its imports already.
+    """
+    for part in _functions_and_classes(registered):
+        if not _in_packages(part.__module__):
+            digest = hashlib.sha256(_source_of(part).encode()).hexdigest()
+            _outside.setdefault(registry, {})[f"{part.__module__}.{part.__qualname__}"] = digest
+
+
+def imported_modules(*modules: str) -> frozenset[str]:
+    """The modules, and all that they import directly or through others, inside the packages.
+
+    A name that a package's `__init__` only passes on leads to the module that defines it, not to all that the package
+    has. A module that registers something at its top level belongs to whatever reaches its registry.
+    """
+    found: set[str] = set()
+    waiting = list(modules)
+    while waiting:
+        name = waiting.pop()
+        if name not in found:
+            found.add(name)
+            waiting += _imports(name)
+        if not waiting:
+            waiting = [name for name, registries in _registering().items() if name not in found and registries & found]
+    return frozenset(found)
+
+
+def kernel_modules() -> frozenset[str]:
+    """The modules that compile kernels (`tossid.kernels`), and all that they import."""
+    return imported_modules(*(name for name in _files() if _KERNELS.search(_statements(name))))
+
+
+@cache
+def fingerprint(module: str) -> str:
+    """Hash of one module's code as Python compiles it: comments, docstrings and layout do not count."""
+    found = hashlib.sha256()
+    for part in _parts(compile(_source(module), module, "exec", optimize=2, dont_inherit=True)):
+        found.update(part.encode() + b"\n")
+    return found.hexdigest()
+
+
+def modification_times(modules: Iterable[str] | None = None) -> dict[str, int]:
+    """When the file of each module (of all, if None) was last written [ns since the epoch]; 0 if it is gone."""
+    paths = {name: _files()[name] for name in modules or _files()}
+    return {name: path.stat().st_mtime_ns if path.exists() else 0 for name, path in paths.items()}
+
+
+@cache
+def _digest_of_modules(modules: tuple[str, ...]) -> str:
+    return digest_of_modules(imported_modules(*modules))
+
+
+def digest_of_modules(modules: Iterable[str]) -> str:
+    """Hash of the code of just these modules."""
+    found = hashlib.sha256()
+    for name in sorted(modules):
+        found.update(f"{name}\n{fingerprint(name)}\n".encode())
+    return found.hexdigest()
+
+
+def _parts(code: CodeType) -> Iterator[str]:
+    """What a code object does, without where it stands."""
+    yield code.co_code.hex()
+    yield f"{code.co_name} {code.co_names} {code.co_varnames} {code.co_freevars} {code.co_cellvars} {code.co_flags}"
+    yield f"{code.co_argcount} {code.co_posonlyargcount} {code.co_kwonlyargcount} {code.co_exceptiontable.hex()}"
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _parts(constant)
+        elif "__firstlineno__" not in code.co_names or constant != code.co_firstlineno:  # a class notes its line
+            yield repr(sorted(map(repr, constant)) if isinstance(constant, frozenset) else constant)
+
+
+# ---------------------------------------------------------------- the graph of imports
+
+
+@cache
+def _files() -> dict[str, Path]:
+    """The source file of each module."""
+    paths = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+    return {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in paths}
+
+
+@cache
+def _source(module: str) -> str:
+    return _files()[module].read_text(encoding="utf-8")
+
+
+@cache
+def _statements(module: str) -> str:
+    """Its text without docstrings, in which examples may stand."""
+    return _LONG_STRING.sub('""', _source(module))
+
+
+def _imports(module: str) -> set[str]:
+    """What a module imports, at its top or inside a function, and modules that it names in full as text."""
+    text = _ONLY_TYPES.sub("", _statements(module))
+    named = {name for name in _NAMED.findall(text) if name in _files()}
+    return named | {_home(source, name) for source, name in _names(module, text) if source in _files()}
+
+
+def _names(module: str, text: str) -> Iterator[tuple[str, str]]:
+    """Each import of a text as (module, name); the name is "" where the module itself is imported."""
+    package = module if _files()[module].name == "__init__.py" else module.rpartition(".")[0]
+    for source, several, one in _FROM.findall(text):
+        source = resolve_name(source, package) if source.startswith(".") else source
+        for name in re.sub(r"#.*", "", several or one).split(","):
+            if name.strip():
+                yield source, name.split()[0]
+    for names in _IMPORT.findall(text):
+        for name in re.sub(r"#.*", "", names).split(","):
+            yield name.split()[0], ""
+
+
+def _home(source: str, name: str) -> str:
+    """The module that `from source import name` needs."""
+    if f"{source}.{name}" in _files():
+        return f"{source}.{name}"
+    if _files()[source].name == "__init__.py" and name in (passed := _passed_on(source)):
+        return _home(*passed[name])
+    return source
+
+
+@cache
+def _passed_on(package: str) -> dict[str, tuple[str, str]]:
+    """Names that a package's `__init__` takes from elsewhere, when it is imported or when they are first used."""
+    text = _statements(package)
+    found = {name: (home, name) for name, home in _LAZY.findall(text) if home in _files()}
+    return found | {name: (home, name) for home, name in _names(package, text) if name and home in _files()}
+
+
+@cache
+def _registering() -> dict[str, set[str]]:
+    """Modules that call or decorate with a `register…` of another module at their top level, and those others."""
+    found: dict[str, set[str]] = {}
+    for module in _files():
+        text = _statements(module)
+        called = set(_REGISTERS.findall(text))
+        homes = {_home(home, name) for home, name in _names(module, text) if name in called and home in _files()}
+        if homes - {module}:
+            found[module] = homes - {module}
+    return found
+
+
+# ---------------------------------------------------------------- what is registered from outside
+
+
+def _in_packages(module: str) -> bool:
+    return module.partition(".")[0] in PACKAGES
+
+
+def _functions_and_classes(value: Any) -> Iterator[Any]:
+    """Those that a value is or holds: in tuples, dataclasses, partial functions and compiled kernels."""
+    if inspect.isclass(value) or inspect.isfunction(value):
+        yield value
+    elif isinstance(value, (tuple, list)):
+        for each in value:
+            yield from _functions_and_classes(each)
+    elif is_dataclass(value):
+        yield type(value)
+        yield from _functions_and_classes(tuple(vars(value).values()))
+    else:
+        for name in ("py_func", "func"):
+            if hasattr(value, name):
+                yield from _functions_and_classes(getattr(value, name))
+
+
+def _source_of(part: Any) -> str:
+    """The file that a function or class stands in; of one that is typed into a notebook, its own code."""
+    try:
+        return Path(inspect.getfile(part)).read_text(encoding="utf-8")
+    except (OSError, TypeError):
+        code = getattr(part, "__code__", None)
+        return "".join(_parts(code)) if code is not None else part.__qualname__

@@ -1,0 +1,1 @@
+"""Checks of the diagnosis on cases whose effect is withheld from it."""

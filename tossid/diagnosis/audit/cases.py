@@ -1,0 +1,142 @@
+"""The cases of an audit, drawn with a seed.
+
+A case has one effect of the library in it, two, none, a force that the library does not have, or an effect that is then
+taken out of the library. Its strength is such that the object is displaced by a drawn multiple of the position noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from tossid.diagnosis.audit.strengths import SPOILT
+from tossid.diagnosis.audit.unknown_forces import UNKNOWN_FORCES
+from tossid.physics.effects import all_effects, effect_named
+
+Kind = Literal["effect", "null", "pair", "outside", "without", "spoilt"]
+
+KINDS: tuple[Kind, ...] = ("effect",) * 5 + ("null",) * 2 + ("pair", "outside", "without")
+"""Every ten cases are these, in a drawn order."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a case is, but for the strengths of its effects, which `strength_reaching` finds.
+
+    Attributes:
+        index: Its place in the audit.
+        kind: What is in it.
+        engine: What simulates it; "real" for real tosses.
+        effects: Names of the effects or forces in it.
+        targets: Displacement by each of them, over the position noise.
+        seed: Seed of all that is drawn for it.
+    """
+
+    index: int
+    kind: Kind
+    engine: str
+    effects: tuple[str, ...]
+    targets: tuple[float, ...]
+    seed: int
+
+    @property
+    def without(self) -> tuple[str, ...]:
+        """Effects that are removed from the library.
+
+        Returns:
+            The true effect, all that contain it, and those that together are the same.
+        """
+        if self.kind != "without":
+            return ()
+        true = frozenset(self.effects).union(*(effect_named(name).made_of for name in self.effects))
+        out = {e.name for e in all_effects() if e.name in true or true & set(e.contains)}
+        out = out.union(*(effect_named(name).one_of_group for name in true))
+        return tuple(e.name for e in all_effects() if e.name in out)
+
+    def as_json(self) -> dict[str, Any]:
+        """The case as plain values, for JSON."""
+        return {**asdict(self), "effects": list(self.effects), "targets": list(self.targets)}
+
+
+def draw_cases(
+    n: int,
+    *,
+    seed: int,
+    engines: Sequence[str],
+    displacement: tuple[float, float],
+    effects: Sequence[str],
+    only_lcp: Sequence[str] = (),
+) -> tuple[Case, ...]:
+    """The first cases of a seed; those of a smaller number are the first of them.
+
+    Args:
+        n: How many.
+        seed: Seed of the draws.
+        engines: Engines that take turns.
+        displacement: Least and largest target, over the position noise; drawn log-uniformly between them.
+        effects: Names of effects to draw from.
+        only_lcp: Effects that only the engine lcp can simulate.
+
+    Returns:
+        The cases.
+    """
+    rng = np.random.default_rng([seed, 1])
+    order = {kind: _endless(list(effects), rng) for kind in ("effect", "without")}
+    pairs, outside = _endless(list(effects), rng), _endless(list(UNKNOWN_FORCES), rng)
+    kinds: list[Kind] = []
+    cases = []
+    turn = dict.fromkeys(KINDS, 0)
+    for index in range(n):
+        if not kinds:
+            kinds = [KINDS[i] for i in rng.permutation(len(KINDS))]
+        kind = kinds.pop()
+        names: tuple[str, ...] = ()
+        if kind in order:
+            names = (next(order[kind]),)
+        elif kind == "pair":
+            names = _pair(pairs)
+        elif kind == "outside":
+            names = (next(outside),)
+        engine = engines[turn[kind] % len(engines)]
+        turn[kind] += 1
+        if "lcp" in engines and (kind == "outside" or set(names) & set(only_lcp)):
+            engine = "lcp"
+        low, high = np.log(displacement)
+        targets = tuple(float(x) for x in np.exp(rng.uniform(low, high, len(names))))
+        cases.append(Case(index, kind, engine, names, targets, int(rng.integers(2**32))))
+    return tuple(cases)
+
+
+def draw_spoilt(n: int, *, seed: int) -> tuple[Case, ...]:
+    """The first cases of spoilt simulators on real tosses.
+
+    Args:
+        n: How many.
+        seed: Seed of the draws.
+
+    Returns:
+        The cases.
+    """
+    rng = np.random.default_rng([seed, 2])
+    names = _endless(list(SPOILT), rng)
+    return tuple(Case(i, "spoilt", "real", (next(names),), (), int(rng.integers(2**32))) for i in range(n))
+
+
+def _endless(names: list[str], rng: np.random.Generator) -> Iterator[str]:
+    """All names in a drawn order, again and again. The order does not depend on when they are taken."""
+    own = np.random.default_rng(rng.integers(2**32))
+    while True:
+        yield from (names[i] for i in own.permutation(len(names)))
+
+
+def _pair(names: Iterator[str]) -> tuple[str, str]:
+    """Two effects of different families, of which none contains the other."""
+    first = next(names)
+    while True:
+        second = next(names)
+        one, other = effect_named(first), effect_named(second)
+        if one.family != other.family and second not in one.contains and first not in other.contains:
+            return first, second

@@ -1,0 +1,206 @@
+"""Scores of diagnoses against the truth of their cases."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tossid.diagnosis.audit.cases import KINDS
+from tossid.diagnosis.audit.strengths import world_with
+from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.localisation.gap import noise_floor, share_left
+from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.selection.screening import screen
+from tossid.physics.effects import World, effect_named
+from tossid.physics.effects.strength import Values
+from tossid.settings.diagnosis_audit import ScoreSettings
+from tossid.types import Phase, Toss
+
+
+def closable_share(
+    tosses: Sequence[Toss], world: World, effects: Mapping[str, Values], *, seed: int, n_threads: int = 1
+) -> float:
+    """The share of the gap that the true effects close; no diagnosis can be asked to close more.
+
+    Args:
+        tosses: The case's tosses.
+        world: The stated world.
+        effects: The true effects and their values.
+        seed: Seed of the folds and of the noise floor.
+        n_threads: Threads of the simulator.
+
+    Returns:
+        The share of the gap above the noise floor.
+    """
+    validator = CrossValidator.of(tosses, world.object, seed=seed, n_threads=n_threads)
+    validator, best = validator.with_contact_law(world_with(world, effects))
+    world = replace(world, law=world.law._replace(lifting=best.law.lifting))
+    first, last = validator.evaluate(Hypothesis(world)), validator.evaluate(Hypothesis(world_with(world, effects)))
+    floor = noise_floor(last, validator, seed=seed)
+    return share_left(first, last, validator, floor)[0].value
+
+
+def fits_alone(
+    tosses: Sequence[Toss], world: World, names: Sequence[str], *, seed: int, n_threads: int = 1
+) -> dict[str, Values]:
+    """The values to which each effect alone is fitted; a spoilt parameter is compared with them.
+
+    Args:
+        tosses: The tosses.
+        world: The world to which each effect is added.
+        names: Names of the effects.
+        seed: Seed of the folds.
+        n_threads: Threads of the simulator.
+
+    Returns:
+        Values by effect and parameter.
+    """
+    validator = CrossValidator.of(tosses, world.object, seed=seed, n_threads=n_threads)
+    validator, world = validator.with_contact_law(world)
+    first = validator.evaluate(Hypothesis(world))
+
+    def fitted(name: str) -> Values:
+        effect = effect_named(name)
+        begin = screen(validator, first, effect)
+        return effect.named(validator.refit(begin.evidence(first), begin.start).hypothesis.values_of(name))
+
+    return dict(zip(names, validator.map(fitted, names), strict=True))
+
+
+def score(
+    truth: Mapping[str, Any],
+    gap: Mapping[str, Any],
+    *,
+    closable: float | None = None,
+    settings: ScoreSettings = ScoreSettings(),
+) -> dict[str, Any]:
+    """What is right and wrong in a diagnosis.
+
+    Args:
+        truth: `case` (`Case.as_json`) and `effects` (values by effect and parameter; for a spoilt simulator the values
+            that restore it).
+        gap: The content of gap.json.
+        closable: Share of the gap that the true effects close, where it is known.
+        settings: What counts as right.
+
+    Returns:
+        `right`: by the measure of the case's kind. `named`: in order. `false`: names that neither are true nor share a
+        class with a true one. `missed`: true ones that were not found. `parameters`: true values and estimates.
+        `closed`: closed share of the closable gap. `phase_right`: whether the effect acts in the phase in which the gap
+        is largest (for a gap that must stay unexplained: in a phase in which something remains). What does not apply is
+        None.
+    """
+    kind, true = truth["case"]["kind"], dict(truth["effects"])
+    found = {finding["name"]: finding for finding in gap["effects"]}
+    named, verdict = list(gap["explanation"]["effects"]), gap["explanation"]["verdict"]
+    classes = {name: [name, *found[name]["confusable_with"]] for name in named}
+    inside = {t: any(t in group[: settings.largest_class] for group in classes.values()) for t in true}
+    out: dict[str, Any] = {
+        "kind": kind,
+        "verdict": verdict,
+        "named": named,
+        "classes": classes,
+        "false": [name for name, group in classes.items() if not set(group) & set(true)],
+        "missed": [],
+        "parameters": [],
+        "closed": None,
+        "phase_right": None,
+    }
+    where = [share["phase"] for share in gap["explanation"]["unexplained_where"]]
+    if kind in ("null", "outside"):
+        # what is no effect of the library must get no name
+        return {**out, "right": not named, "hedged": kind == "null" or verdict != "explained", "false": named}
+    phases = {Phase(p).name.lower() for name in true for p in effect_named(name).phases}
+    if kind == "without":
+        left = verdict in ("unexplained", "partly_explained")
+        return {**out, "right": left, "phase_right": bool(set(where) & phases), "false": named}
+    first = classes[named[0]] if named else []
+    right = bool(true) and (any(t in first for t in true) and len(first) <= settings.largest_class)
+    if kind in ("pair", "spoilt"):
+        # beside a spoilt parameter, what no simulator has of real tosses may be found too
+        right = all(inside.values())
+    shares = [share for share in gap["gap"]["by_phase"] if share["share"] is not None]
+    largest = max(shares, key=lambda share: share["share"])["phase"] if shares else None
+    parameters = [
+        _parameter(
+            name,
+            key,
+            value,
+            found.get(name, {}).get("parameters", {}).get(key),
+            restored=settings.restored if kind == "spoilt" else None,
+        )
+        for name, values in true.items()
+        for key, value in values.items()
+        if inside[name]
+    ]
+    closed = gap["explanation"]["gap_closed"]["value"]
+    if closable is not None and closed is not None:
+        closed = closed / closable if closable > settings.closable else None
+    return {
+        **out,
+        "right": right,
+        "missed": [name for name, there in inside.items() if not there],
+        "parameters": [p for p in parameters if p is not None],
+        "closed": closed,
+        "phase_right": largest in phases,
+    }
+
+
+def _parameter(
+    name: str, key: str, true: float, found: Mapping[str, Any] | None, *, restored: float | None
+) -> dict[str, Any] | None:
+    """A true value beside its estimate; restored: relative error up to which a spoilt parameter is restored."""
+    if found is None:
+        return None
+    value, (low, high) = found["value"], found["ci95"]
+    covered = all(x is not None for x in (value, low, high)) and low <= true <= high
+    entry = {"effect": name, "name": key, "true": true, "value": value, "ci95": [low, high], "covered": covered}
+    if restored is not None:
+        entry["restored"] = value is not None and abs(value - true) <= restored * abs(true)
+    return entry
+
+
+def summarise(
+    scores: Sequence[Mapping[str, Any]], *, settings: ScoreSettings = ScoreSettings()
+) -> dict[str, dict[str, Any]]:
+    """The measures of an audit over scored cases.
+
+    Args:
+        scores: What `score` returned for each case.
+        settings: What is wanted.
+
+    Returns:
+        By measure, the `count` `of` how many, its `share` or `value`, and the share that is `wanted`, if any.
+    """
+    of = {kind: [s for s in scores if s["kind"] == kind] for kind in (*dict.fromkeys(KINDS), "spoilt")}
+    covered = [p["covered"] for s in scores for p in s["parameters"]]
+    closed = [s["closed"] for s in scores if s["closed"] is not None]
+    phase = [s["phase_right"] for s in scores if s["phase_right"] is not None]
+    out = {
+        "right_name": _count([s["right"] for s in of["effect"]], settings.right_name),
+        "false_names_on_nulls": {"count": sum(not s["right"] for s in of["null"]), "of": len(of["null"])},
+        "further_false_names": _count([bool(s["false"]) for s in of["effect"]], None),
+        "coverage": _count(covered, settings.coverage),
+        "closed_median": {
+            "value": float(np.median(closed)) if closed else None,
+            "of": len(closed),
+            "wanted": settings.closed,
+        },
+        "pairs_both_named": _count([s["right"] for s in of["pair"]], settings.pairs),
+        "outside_not_named": _count([s["right"] for s in of["outside"]], settings.outside),
+        "outside_not_explained": _count([s["hedged"] for s in of["outside"]], None),
+        "without_unexplained": _count([s["right"] for s in of["without"]], None),
+        "phases_right": _count(phase, None),
+    }
+    if of["spoilt"]:
+        out["spoilt_named"] = _count([s["right"] for s in of["spoilt"]], 1.0)
+        out["spoilt_restored"] = _count([p["restored"] for s in of["spoilt"] for p in s["parameters"]], 1.0)
+    return out
+
+
+def _count(values: Sequence[bool], wanted: float | None) -> dict[str, Any]:
+    n = len(values)
+    return {"count": int(sum(values)), "of": n, "share": sum(values) / n if n else None, "wanted": wanted}

@@ -1,0 +1,248 @@
+"""The verb: from a dataset and a simulator to where they differ, which effect causes it, and a patch."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+
+from tossid.diagnosis.explain import explain
+from tossid.diagnosis.next_toss import next_toss
+from tossid.diagnosis.patch.make import make_patch
+from tossid.diagnosis.patch.rerun import rerun
+from tossid.diagnosis.result import Diagnosis
+from tossid.diagnosis.simulators import Simulator, check_runs, check_same_object, moves, read_simulator
+from tossid.errors import ConfigError, InputError, TossidError
+from tossid.objects import ObjectModel
+from tossid.physics.effects import Effect, effects_for
+from tossid.settings.changed import changed
+from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.store import Dataset
+from tossid.types import Toss
+
+Progress = Callable[[str, float], None]
+"""Called with what is under way, and the share that is done."""
+
+
+def diagnose(
+    dataset: Dataset,
+    simulator: Any = "nominal",
+    *,
+    settings: DiagnoseSettings = DiagnoseSettings(),
+    progress: Progress | None = None,
+    **keys: Any,
+) -> Diagnosis:
+    """Where a simulator differs from a dataset's tosses, which effects explain it, and how far they close the gap.
+
+    Args:
+        dataset: Tosses of one object.
+        simulator: "nominal" (the object as it is stated), a trained model, the path of an MJCF file, a `World`, a
+            `Simulator`, or anything that `tossid.diagnosis.simulators.reader` has been taught.
+        settings: Which tosses, and how.
+        progress: Called with what is under way, and the share that is done.
+        **keys: Settings by name, such as `split="train"` or `without=("magnus",)`.
+
+    Returns:
+        The diagnosis; it shows itself, and `save(folder)` writes its report.
+
+    Raises:
+        InputError: Too few tosses can be used, or the simulator is of another object, or diverges.
+        ConfigError: A key is no setting, or `without` names no effect.
+    """
+    return prepare(dataset, simulator, settings=changed(settings, keys)).run(progress)
+
+
+@dataclass(frozen=True)
+class Task:
+    """A diagnosis that has been checked, and not yet run.
+
+    Attributes:
+        tosses: The tosses that are diagnosed.
+        unseen: Tosses of the test split, if others are diagnosed: rollouts of them are shown.
+        recorded: The dataset's object.
+        simulator: What is diagnosed.
+        library: The effects to choose from.
+        settings: How.
+        tosses_of: The tosses in words.
+        remarks: What was left out, and why.
+    """
+
+    tosses: tuple[Toss, ...]
+    unseen: tuple[Toss, ...]
+    recorded: ObjectModel
+    simulator: Simulator
+    library: tuple[Effect, ...]
+    settings: DiagnoseSettings
+    tosses_of: str
+    remarks: tuple[str, ...]
+
+    def run(self, progress: Progress | None = None) -> Diagnosis:
+        """The diagnosis.
+
+        Args:
+            progress: Called with what is under way, and the share that is done.
+        """
+        report = progress or _silent
+        threads = _threads(self.settings)
+        found = explain(
+            self.tosses,
+            self.simulator.world,
+            library=self.library,
+            engine=self.simulator.engine,
+            n_threads=threads,
+            seed=self.settings.seed,
+            unseen=self.unseen,
+            progress=progress,
+            settings=self.settings,
+        )
+        report("next toss and patch", 0.95)
+        following = next_toss(
+            found.hypothesis,
+            found.alternatives,
+            self.tosses,
+            self.recorded,
+            rng=np.random.default_rng(self.settings.seed),
+            n_threads=threads,
+            settings=self.settings,
+        )
+        patch = _patch(found, self, threads)
+        report("done", 1.0)
+        return replace(
+            found,
+            simulator=self.simulator,
+            tosses_of=self.tosses_of,
+            data={"object": self.recorded.name},
+            next_toss=following,
+            patch=patch,
+            remarks=(*self.remarks, *_of_contact(found, self.simulator)),
+            report=self.settings.report,
+        )
+
+
+def prepare(
+    dataset: Dataset,
+    simulator: Any = "nominal",
+    *,
+    settings: DiagnoseSettings = DiagnoseSettings(),
+    name: str | None = None,
+) -> Task:
+    """The tosses, the simulator and the library of a diagnosis, checked; `diagnose` runs what this returns.
+
+    Args:
+        dataset: Tosses of one object.
+        simulator: As of `diagnose`.
+        settings: Which tosses, and how.
+        name: What the dataset is called in errors and in the report.
+
+    Raises:
+        InputError: Too few tosses can be used, or the simulator is of another object, or diverges.
+        ConfigError: `without` names no effect.
+    """
+    recorded = dataset.object
+    library = _library(recorded, settings.without)
+    judged = read_simulator(simulator, recorded)
+    tosses_of = _in_words(name or f"dataset of '{recorded.name}'", settings)
+    chosen = tuple(dataset.tosses) if settings.split is None else dataset.of_split(settings.split)
+    last = None if settings.tosses is None else settings.skip + settings.tosses
+    tosses, remarks = _usable(chosen[settings.skip : last], tosses_of, settings)
+    unseen = () if settings.split in (None, "test") else _moving(dataset.of_split("test"), settings)[1]
+    check_same_object(judged.world, recorded, where=name or "the dataset", settings=settings.checks)
+    lost = check_runs(judged.world, tosses, where=judged.about, n_threads=_threads(settings), settings=settings)
+    if lost:
+        remarks += (f"The simulator diverges on {len(lost)} of {len(tosses)} tosses: {', '.join(lost)}.",)
+    return Task(tosses, unseen, recorded, judged, library, settings, tosses_of, remarks)
+
+
+def _threads(settings: DiagnoseSettings) -> int:
+    return settings.threads or os.cpu_count() or 1
+
+
+def _silent(text: str, share: float) -> None:
+    pass
+
+
+def _library(recorded: ObjectModel, without: Sequence[str]) -> tuple[Effect, ...]:
+    """The effects of an object's library but for some."""
+    library = effects_for(recorded)
+    names = [effect.name for effect in library]
+    for name in without:
+        if name not in names:
+            near = get_close_matches(name, names, n=1)
+            raise ConfigError("without", f"there is no effect '{name}'.", suggestion=next(iter(near), None))
+    return tuple(effect for effect in library if effect.name not in without)
+
+
+def _in_words(name: str, settings: DiagnoseSettings) -> str:
+    """The tosses in words: the dataset, and which of it."""
+    which = [] if settings.split is None else [f"{settings.split} split"]
+    if settings.skip or settings.tosses:
+        which.append(f"from number {settings.skip + 1}")
+    return f"{name}, {', '.join(which)}" if which else name
+
+
+def _moving(tosses: Sequence[Toss], settings: DiagnoseSettings) -> tuple[tuple[Toss, ...], tuple[Toss, ...]]:
+    """Tosses that are half a window long, and those of them in which anything moves."""
+    least = settings.likelihood.windows.length // 2 + 1
+    long = tuple(toss for toss in tosses if len(toss) >= least)
+    return long, tuple(toss for toss in long if moves(toss, settings.checks))
+
+
+def _usable(
+    tosses: Sequence[Toss], tosses_of: str, settings: DiagnoseSettings
+) -> tuple[tuple[Toss, ...], tuple[str, ...]]:
+    """The tosses that can be predicted and in which anything moves, and a remark on the others.
+
+    Raises:
+        InputError: They are too few.
+    """
+    long, kept = _moving(tosses, settings)
+    why = []
+    if len(long) < len(tosses):
+        least = settings.likelihood.windows.length // 2 + 1
+        why.append(f"{len(tosses) - len(long)} of {len(tosses)} are shorter than {least} frames")
+    if len(kept) < len(long):
+        why.append(f"in {len(long) - len(kept)} of {len(tosses)} nothing moves")
+    if len(kept) < settings.checks.fewest_tosses:
+        which = f" that serve ({', '.join(why)})" if why else ""
+        raise InputError(
+            f"{tosses_of}: has {len(kept)} tosses{which}; a diagnosis needs at least {settings.checks.fewest_tosses}, "
+            "to fit effects to some and judge them on others"
+        )
+    return kept, (f"Tosses left out: {', '.join(why)}.",) if why else ()
+
+
+def _patch(found: Diagnosis, task: Task, threads: int) -> dict[str, Any]:
+    """gap.json's "patch", with its rerun in MuJoCo where there is anything to rerun."""
+    mjcf = task.simulator.mjcf
+    settings = task.settings.patch
+    rigid = mjcf is not None and found.contact != "own"
+    patch = make_patch(found.hypothesis, mjcf=mjcf, rigid=rigid, settings=settings)
+    report: dict[str, Any] = {**patch.as_json(), "rerun": None}
+    if patch.changes or patch.recording or mjcf is not None:
+        try:
+            report["rerun"] = rerun(
+                patch, found.hypothesis, task.tosses, task.recorded, n_threads=threads, settings=settings
+            )
+        except TossidError as error:
+            report["rerun"] = {"problem": str(error)}
+    return report
+
+
+def _of_contact(found: Diagnosis, simulator: Simulator) -> tuple[str, ...]:
+    """A remark where tosses follow another contact law than the simulator's."""
+    if found.contact == "relaxed" and simulator.mjcf is None:
+        return (
+            "These tosses follow MuJoCo's relaxed friction, in which a sliding contact lifts off, more closely than "
+            "Coulomb's law. The effects are fitted with relaxed friction.",
+        )
+    if found.contact != "own" and simulator.mjcf is not None:
+        return (
+            "These tosses follow rigid contact more closely than your model's own contact. The effects are fitted "
+            "with rigid contact, and the patch makes the model's contact rigid (solref, solimp, a shorter time step "
+            "and an elliptic cone).",
+        )
+    return ()

@@ -1,0 +1,131 @@
+"""What the tosses say of each effect of a library: its verdict, its parameters, and the size that they would reveal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.findings import EffectVerdict, Finding, Interval
+from tossid.diagnosis.likelihood.fitting import derivatives, toss_sums
+from tossid.diagnosis.localisation.gap import Floor, share_left
+from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
+from tossid.diagnosis.selection.refinement import intervals
+from tossid.diagnosis.selection.search_result import SearchResult
+from tossid.physics.effects import Effect
+from tossid.types import Phase
+
+Array = NDArray[np.float64]
+NOTHING = Interval(0.0, 0.0, 0.0)
+_RANK = {"identified": 0, "confusable": 0, "not_supported": 2, "not_identifiable": 3}
+
+
+def effect_findings(
+    library: Sequence[Effect],
+    validator: CrossValidator,
+    found: SearchResult,
+    named: Sequence[str],
+    floor: Floor,
+    spread: Array | None,
+    closed: Mapping[str, Interval],
+) -> tuple[Finding, ...]:
+    """A finding for each effect, named ones and their classes first, the others by evidence.
+
+    Args:
+        library: The effects.
+        validator: Of all windows.
+        found: What the search found.
+        named: Names of the effects that are named, ordered by what is lost without each.
+        floor: The noise floor.
+        spread: (P,) standard deviations of parameters over shifted windows.
+        closed: Share of the gap that each effect of the last hypothesis closes, by name.
+    """
+    known = intervals(found.present.fitted, validator.n, spread, found.n_flight)
+    stands_for = {each.name: (name, each) for name, group in found.classes.items() for each in group}
+    out = []
+    for effect in library:
+        alone = found.first_round.get(effect.name)
+        judged = alone or found.flight_round.get(effect.name)
+        closes = closed.get(effect.name, NOTHING)
+        if alone is not None and effect.name not in closed:
+            closes = share_left(found.first, alone, validator, floor)[0]
+        confusable_with: tuple[str, ...] = ()
+        parameters: dict[str, Interval] = {}
+        sizes, detectable = detectable_sizes(validator, found.present, effect)
+        verdict: EffectVerdict
+        if effect.name in named:
+            judged, parameters = found.needed[effect.name], known[effect.name]
+            confusable_with = tuple(each.name for each in found.classes[effect.name])
+            verdict = "confusable" if confusable_with else "identified"
+        elif effect.name in stands_for:
+            name, each = stands_for[effect.name]
+            judged, parameters = each, intervals(each.fitted, validator.n)[effect.name]
+            closes = closed[name]
+            confusable_with = (name, *(o.name for o in found.classes[name] if o.name != effect.name))
+            verdict = "confusable"
+        else:
+            verdict = "not_supported" if detectable else "not_identifiable"
+        evidence = {
+            "gain": 0.0 if judged is None else judged.total,
+            "p_value": 1.0 if judged is None else judged.p_value,
+            "n_tosses": float(validator.n),
+        }
+        phases = tuple(Phase(phase).name.lower() for phase in effect.phases)
+        out.append(
+            Finding(effect.name, verdict, effect.says, phases, parameters, evidence, closes, confusable_with, sizes)
+        )
+    order = {name: i for i, name in enumerate(named)}
+
+    def rank(finding: Finding) -> tuple[float, float, bool, float]:
+        leader = stands_for[finding.name][0] if finding.name in stands_for else finding.name
+        place = order.get(leader, validator.n)
+        return _RANK[finding.verdict], place, finding.name not in order, -finding.evidence["gain"]
+
+    return tuple(sorted(out, key=rank))
+
+
+def closed_by_each(validator: CrossValidator, found: SearchResult, floor: Floor) -> dict[str, Interval]:
+    """Share of the gap that each effect of the last hypothesis closed when it joined, beyond those before it.
+
+    An effect that has replaced another which flight revealed closes what that one closed.
+
+    Args:
+        validator: Of all windows.
+        found: What the search found.
+        floor: The noise floor.
+    """
+    shares = [share_left(found.first, each, validator, floor)[0] for each in found.history[1:]]
+    names = [each.hypothesis.names for each in found.history[1:]]
+    out = {}
+    for i, name in enumerate(found.present.hypothesis.names):
+        k = i if i < found.n_flight else next(k for k, inside in enumerate(names) if name in inside)
+        before = (shares[k - 1] if k else NOTHING).value
+        out[name] = Interval(shares[k].value - before, shares[k].low - before, shares[k].high - before)
+    return out
+
+
+def detectable_sizes(validator: CrossValidator, present: Candidate, effect: Effect) -> tuple[dict[str, float], bool]:
+    """The smallest size of each parameter that these tosses would reveal, and whether any is within its range.
+
+    Args:
+        validator: Of all windows.
+        present: The hypothesis beside which the effect is sought.
+        effect: The effect.
+    """
+    hypothesis, settings = present.hypothesis, validator.settings.verdict
+    if effect.name not in hypothesis.names:
+        hypothesis = hypothesis.plus(effect)
+    place = hypothesis.place_of(effect.name)
+    own = list(range(place.start, place.stop))
+    residuals = present.fitted.residuals
+    J = derivatives(present.evidence, hypothesis, residuals, own)[..., own]
+    H, _ = toss_sums(present.evidence, residuals, J, present.fitted.scales, validator.n)
+    total = H.sum(0)
+    sizes, detectable = {}, False
+    for i, parameter in enumerate(effect.parameters):
+        if total[i, i] > 0:
+            size = settings.detectable * parameter.step / float(np.sqrt(total[i, i]))
+            sizes[parameter.name] = size
+            detectable = detectable or size < settings.detectable_range * (parameter.high - parameter.low)
+    return sizes, detectable

@@ -1,0 +1,1 @@
+"""How likely recorded tosses are under a simulator: windows, residuals, whitening, fits."""

@@ -1,0 +1,199 @@
+"""Differences between engines: what two good simulators of the same rigid body disagree on is no evidence of an effect.
+
+Rigid contact with friction is not one law but several. MuJoCo's is the convex relaxation of Coulomb's (Anitescu 2006):
+what slides is also lifted, a cube at 1 m/s by 1.5 mm. Which of the two the tosses follow is determined before any
+effect is sought (`CrossValidator.with_contact_law`), and is no effect. Beyond that, impacts on several corners, how far
+contact yields, how several corners bounce, and what torsional friction and rolling resistance leave of sliding friction
+differ between engines. So each window has one more nuisance parameter c, the multiple of the difference between the
+other engine and ours (both with the same body, contact and gravity) that the residuals contain, c ~ N(0, 1). Where a
+user's MuJoCo model is diagnosed, its difference to our reading of it is expected once, c ~ N(1, 1).
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+from numpy.typing import NDArray
+
+from tossid.diagnosis.likelihood.windows import Windows
+from tossid.errors import InputError
+from tossid.physics.effects import World
+from tossid.physics.effects.in_mujoco import scene
+from tossid.physics.forces import Forces, Law
+from tossid.physics.mujoco_engine import quiet
+
+Array = NDArray[np.float64]
+
+FARTHEST = 1e3
+"""[m] beyond which a motion has diverged."""
+_ROWS_AT_ONCE = 1_000_000
+
+
+@dataclass(frozen=True)
+class MujocoWorld:
+    """A compiled MuJoCo model of one object, with its own options and its own ground.
+
+    Attributes:
+        model: The model.
+        recorded: The world whose frames relate the model's motion to the recorded one; that world's ground is the
+            model's z = 0.
+    """
+
+    model: mujoco.MjModel
+    recorded: World
+
+    def roll_out(self, q0: Array, v0: Array, *, n_steps: NDArray[np.int64], dt: float, n_threads: int = 1) -> Array:
+        """(B, T + 1, nq) recorded poses from recorded first states; NaN from where MuJoCo gave up.
+
+        The time step is the model's own, shortened so that a whole number of steps makes a frame.
+
+        Args:
+            q0: (B, nq) first poses.
+            v0: (B, nv) first velocities.
+            n_steps: (B,) frames; T is the most of them.
+            dt: Between frames [s].
+            n_threads: Of MuJoCo.
+
+        Raises:
+            InputError: The model has another state than its object.
+        """
+        m, rate = copy.copy(self.model), self.recorded.recording.clock_rate
+        nq, nv = self.recorded.object.nq, self.recorded.object.nv
+        if mujoco.mj_stateSize(m, mujoco.mjtState.mjSTATE_FULLPHYSICS) != 1 + nq + nv or m.nq != nq:
+            raise InputError(
+                f"the MuJoCo model has more or other state than one object's {nq} coordinates and {nv} speeds"
+            )
+        count = math.ceil(dt / rate / m.opt.timestep - 1e-9)
+        m.opt.timestep = dt / rate / count
+        q, v = self.recorded.to_ground(q0, v0)
+        start = np.concatenate([np.zeros((len(q), 1)), q, v], axis=1)
+        steps = int(np.max(n_steps))
+        out = np.full((len(q), steps + 1, nq), np.nan)
+        out[:, 0] = q
+        data = [mujoco.MjData(m) for _ in range(max(1, n_threads))]
+        at_once = max(n_threads, _ROWS_AT_ONCE // (steps * count), 1)
+        for first in range(0, len(q), at_once):
+            part = slice(first, first + at_once)
+            with quiet():
+                states, _ = rollout.rollout(m, data, start[part], nstep=steps * count)
+            frames = np.asarray(states)[:, count - 1 :: count]
+            # where MuJoCo gives up it resets the state, and its clock falls behind
+            clock = np.arange(1, steps + 1) * count * m.opt.timestep
+            good = np.isfinite(frames).all(-1) & (np.abs(frames[..., 0] - clock) < 1e-6 * clock[-1])
+            good &= np.abs(frames[..., 1:4]).max(-1) < FARTHEST
+            good = np.logical_and.accumulate(good, axis=1)
+            out[part, 1:] = np.where(good[..., None], frames[..., 1 : 1 + nq], np.nan)
+        return self.recorded.recorded_poses(out)
+
+
+@dataclass(frozen=True)
+class EngineDifference:
+    """The difference between another engine's predictions of windows and ours.
+
+    Attributes:
+        values: (W, L, K) theirs minus ours.
+        expected: The mean of c, the multiple of it that the residuals contain.
+        residuals: (W, L, K) of our predictions of the same rigid contact, where the difference was computed.
+    """
+
+    values: Array
+    expected: float
+    residuals: Array
+
+    def rows(self, index: NDArray[np.int64]) -> EngineDifference:
+        """The difference of some windows.
+
+        Args:
+            index: (n,) their numbers.
+        """
+        return EngineDifference(self.values[index], self.expected, self.residuals[index])
+
+
+@dataclass(frozen=True)
+class Engine:
+    """The other engine.
+
+    Attributes:
+        model: A user's MuJoCo model that is diagnosed; None for MuJoCo with near-rigid contact, of whatever body and
+            ground the hypothesis has.
+        world: The world as which that model is read.
+    """
+
+    model: mujoco.MjModel | None = None
+    world: World | None = None
+
+    @property
+    def expected(self) -> float:
+        """The mean of c."""
+        return 0.0 if self.model is None else 1.0
+
+    def difference(
+        self, windows: Windows, world: World, known: EngineDifference | None = None, *, n_threads: int = 1
+    ) -> EngineDifference:
+        """Its predictions minus ours, from the windows' first states of linearisation; 0 where it gave up.
+
+        Args:
+            windows: What is predicted.
+            world: The hypothesis's world.
+            known: The difference under a world and first states near by, which is kept for windows whose predictions
+                have hardly moved since.
+            n_threads: Of the simulators.
+        """
+        settings, reuse_tolerance = windows.settings.engine, windows.settings.whitening.reuse_tolerance
+        if self.model is None or self.world is None:
+            ours = comparable(world)
+            count = settings.bouncing_substeps if ours.object.restitution > 0 else settings.substeps
+            step = windows.dt / ours.recording.clock_rate / count
+            other = MujocoWorld(scene(ours, step), ours)
+        else:
+            # the model has its own ground
+            ours = replace(self.world, recording=world.recording)
+            other = MujocoWorld(self.model, replace(ours, ground_height=0.0, ground_tilt=(0.0, 0.0)))
+        (W, L), K = windows.inside.shape, windows.channels
+        values, residuals = np.zeros((W, L, K)), np.zeros((W, L, K))
+        # near-rigid engines agree in flight and at rest; a user's model may not
+        asked = np.full(W, self.model is not None) | ~(windows.free | windows.steady)
+        length = windows.settings.windows.length
+        for some in (asked & (windows.steps <= length), asked & (windows.steps > length)):
+            rows = np.flatnonzero(some)
+            if not len(rows):
+                continue
+            here = windows.rows(rows)
+            own = here.predicted(ours, n_threads=n_threads)
+            residuals[rows] = here.residuals(own)
+            if known is not None:
+                values[rows] = known.values[rows]
+                moved = (np.abs(residuals[rows] - known.residuals[rows]) / here.noise).max((1, 2))
+                size = (np.abs(known.values[rows]) / here.noise).max((1, 2))
+                stale = moved > np.maximum(reuse_tolerance, settings.reuse_share * size)
+                residuals[rows[~stale]] = known.residuals[rows[~stale]]
+                rows, own = rows[stale], own[stale]
+            if len(rows):
+                values[rows] = _difference(windows.rows(rows), own, residuals[rows], other, n_threads)
+        return EngineDifference(values, self.expected, residuals)
+
+
+def _difference(windows: Windows, own: Array, residuals: Array, other: MujocoWorld, n_threads: int) -> Array:
+    """(W, L, K) of windows, given our own predictions (W, F, K + 1) and their residuals (W, L, K)."""
+    q, v, steps, dt = windows.at_q, windows.at_v, windows.steps, windows.dt
+    theirs = other.roll_out(q, v, n_steps=steps, dt=dt, n_threads=n_threads)[:, 1:]
+    diverged = ~(np.isfinite(own).all((1, 2)) & np.isfinite(theirs).all((1, 2)))
+    out: Array = residuals - windows.residuals(theirs)
+    out[diverged] = 0.0
+    return out
+
+
+def comparable(world: World) -> World:
+    """The world's body, gravity and ground, with what both engines know of rigid contact, and no force.
+
+    Args:
+        world: Any world.
+    """
+    body = world.object.with_changes(compliance=0.0, relaxation=0.0, cohesion=0.0)
+    law = Law(lifting=world.law.lifting, torsional=world.law.torsional, rolling=world.law.rolling)
+    return replace(world, object=body, forces=Forces(), law=law, k_res=None)

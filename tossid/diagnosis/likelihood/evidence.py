@@ -1,0 +1,296 @@
+"""Hypotheses, which are worlds with effects in them, and the evidence by which they are judged: whitened residuals.
+
+A hypothesis's log-likelihood is the sum over entries of Student's log density of r / s_phase, where r are the whitened
+residuals of its world and s_phase >= 1 is their robust size in a phase. While an impact is badly modelled, its entries
+must not outweigh what flight says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
+from tossid.diagnosis.likelihood.whitening import Whitening, linearise
+from tossid.diagnosis.likelihood.windows import Windows
+from tossid.physics.effects import Effect, World
+from tossid.settings.likelihood import DensitySettings
+
+Array = NDArray[np.float64]
+
+N_PHASES = 6
+FREE = 0
+"""Number of free flight's windows among the phases."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A world with effects added to it.
+
+    Attributes:
+        base: The world without effects.
+        effects: The effects, in the order in which they are added.
+        values: The parameters of each effect, (P,) each.
+    """
+
+    base: World
+    effects: tuple[Effect, ...] = ()
+    values: tuple[Array, ...] = ()
+
+    def world(self) -> World:
+        """The world with all effects at their values."""
+        world = self.base
+        for effect, values in zip(self.effects, self.values, strict=True):
+            world = effect.at(world, values)
+        return world
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return tuple(effect.name for effect in self.effects)
+
+    def plus(self, effect: Effect, values: Array | None = None) -> Hypothesis:
+        """With one more effect.
+
+        Args:
+            effect: The effect.
+            values: (P,) its parameters; those that change nothing if None.
+        """
+        if values is None:
+            values = effect.nominal(self.world())
+        return Hypothesis(self.base, (*self.effects, effect), (*self.values, values))
+
+    def minus(self, name: str) -> Hypothesis:
+        """Without one effect.
+
+        Args:
+            name: Of the effect.
+        """
+        kept = [(e, v) for e, v in zip(self.effects, self.values, strict=True) if e.name != name]
+        return Hypothesis(self.base, tuple(e for e, _ in kept), tuple(v for _, v in kept))
+
+    def values_of(self, name: str) -> Array:
+        """(P,) parameters of one effect.
+
+        Args:
+            name: Of the effect.
+        """
+        return next(values for effect, values in zip(self.effects, self.values, strict=True) if effect.name == name)
+
+    def place_of(self, name: str) -> slice:
+        """Where the parameters of one effect are in `flat`.
+
+        Args:
+            name: Of the effect.
+        """
+        names = self.parameter_owners
+        return slice(names.index(name), names.index(name) + names.count(name))
+
+    @property
+    def parameter_owners(self) -> list[str]:
+        """(P,) the name of the effect to which each parameter belongs."""
+        return [effect.name for effect in self.effects for _ in effect.parameters]
+
+    def with_instead(self, name: str, effect: Effect, values: Array) -> Hypothesis:
+        """With another effect in the place of one.
+
+        Args:
+            name: Of the effect that is replaced.
+            effect: The other one.
+            values: (P,) its parameters.
+        """
+        k = self.names.index(name)
+        effects, all_values = list(self.effects), list(self.values)
+        effects[k], all_values[k] = effect, values
+        return Hypothesis(self.base, tuple(effects), tuple(all_values))
+
+    @property
+    def steps(self) -> Array:
+        """(P,) the declared step of each parameter, by which it is scaled in fits."""
+        return np.array([p.step for effect in self.effects for p in effect.parameters])
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """(P,) lowest and highest plausible values."""
+        parameters = [p for effect in self.effects for p in effect.parameters]
+        return np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
+
+    def flat(self) -> Array:
+        """(P,) all parameters."""
+        return np.concatenate(self.values) if self.values else np.zeros(0)
+
+    def at(self, flat: Array) -> Hypothesis:
+        """The same effects with other parameters.
+
+        Args:
+            flat: (P,) all parameters.
+        """
+        parts, first = [], 0
+        for effect in self.effects:
+            parts.append(flat[first : first + len(effect.parameters)])
+            first += len(effect.parameters)
+        return Hypothesis(self.base, self.effects, tuple(parts))
+
+    def clipped(self, flat: Array) -> Hypothesis:
+        """The same effects with other parameters, limited to their plausible ranges.
+
+        Args:
+            flat: (P,) all parameters.
+        """
+        return self.at(np.clip(flat, *self.bounds))
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Windows with their whitening, ready to judge worlds.
+
+    Attributes:
+        windows: The windows, at first states that suit a hypothesis.
+        whitening: Of their residuals there.
+        n_threads: Of the simulator.
+        difference: To the other engine.
+    """
+
+    windows: Windows
+    whitening: Whitening
+    n_threads: int = 1
+    difference: EngineDifference | None = None
+
+    @property
+    def density(self) -> DensitySettings:
+        """Of whitened residuals."""
+        return self.windows.settings.density
+
+    def residuals(self, world: World) -> Array:
+        """(W, L, K) whitened residuals of a world.
+
+        Args:
+            world: The simulator.
+        """
+        return self.whitening(self.windows.residuals(self.windows.predicted(world, n_threads=self.n_threads)))
+
+    def of_tosses(self, chosen: NDArray[np.bool_]) -> Evidence:
+        """The evidence of some tosses.
+
+        Args:
+            chosen: (n,) which.
+        """
+        return self.rows(np.flatnonzero(chosen[self.windows.toss]))
+
+    def rows(self, rows: NDArray[np.int64]) -> Evidence:
+        """The evidence of some windows.
+
+        Args:
+            rows: (m,) their numbers.
+        """
+        difference = None if self.difference is None else self.difference.rows(rows)
+        return Evidence(self.windows.rows(rows), self.whitening.rows(rows), self.n_threads, difference)
+
+    def relinearised(self, world: World, *, refine: int = 1, restarts: int = 0, update: bool = True) -> Evidence:
+        """With first states and whitening as they are under another world near by.
+
+        Args:
+            world: That world.
+            refine: As of `linearise`.
+            restarts: As of `linearise`.
+            update: As of `linearise`.
+        """
+        windows, whitening = linearise(
+            self.windows,
+            world,
+            refine=refine,
+            restarts=restarts,
+            near=self.whitening,
+            update=update,
+            difference=self.difference,
+            n_threads=self.n_threads,
+        )
+        return Evidence(windows, whitening, self.n_threads, self.difference)
+
+    def scales(self, residuals: Array) -> Array:
+        """(N_PHASES,) robust size of whitened residuals in each phase, at least 1; `FREE` is that of free flight.
+
+        Args:
+            residuals: (W, L, K) whitened.
+        """
+        out = np.ones(N_PHASES)
+        w, nu = self.windows, self.density.degrees_of_freedom
+        for phase in range(N_PHASES):
+            chosen = w.inside & w.free[:, None] if phase == FREE else w.counted & (w.phase == phase)
+            if chosen.any():
+                out[phase] = max(1.0, _student_scale(residuals[chosen].ravel(), nu))
+        return out
+
+    def entry_scales(self, scales: Array) -> Array:
+        """(W, L, 1) the scale of each row.
+
+        Args:
+            scales: (N_PHASES,) of the phases.
+        """
+        s: Array = scales[np.where(self.windows.free[:, None], FREE, self.windows.phase)]
+        return s[..., None]
+
+    def log_likelihood(self, residuals: Array, scales: Array) -> Array:
+        """(W,) Student's log density, but for constants.
+
+        Args:
+            residuals: (W, L, K) whitened.
+            scales: (N_PHASES,) of the phases.
+        """
+        s, nu = self.entry_scales(scales), self.density.degrees_of_freedom
+        ll = -0.5 * (nu + 1) * np.log1p((residuals / s) ** 2 / nu) - np.log(s)
+        out: Array = np.where(self.windows.inside[..., None], ll, 0.0).sum((1, 2)) + self.whitening.log_det
+        return out
+
+    def log_likelihood_of(self, world: World, scales: Array) -> Array:
+        """(W,) the log-likelihood of a world.
+
+        Args:
+            world: The simulator.
+            scales: (N_PHASES,) of the phases.
+        """
+        return self.log_likelihood(self.residuals(world), scales)
+
+    def gains(self, after: Array, before: Array) -> Array:
+        """(W,) growth of windows' log-likelihoods, linear up to `large_gain` and logarithmic beyond.
+
+        An effect explains many windows; one window whose first state falls into another minimum must not decide.
+
+        Args:
+            after: (W,) log-likelihoods.
+            before: (W,) log-likelihoods.
+        """
+        large = self.density.large_gain
+        grown: Array = large * np.arcsinh((after - before) / large)
+        return grown
+
+    def weighted_gain(self, after: Array, before: Array) -> float:
+        """The weighted sum of `gains`.
+
+        Args:
+            after: (W,) log-likelihoods.
+            before: (W,) log-likelihoods.
+        """
+        return float(self.gains(after, before) @ self.windows.weights)
+
+
+def _student_scale(r: Array, nu: float) -> float:
+    """Maximum likelihood scale of Student's density (fixed-point iteration)."""
+    s2 = max(float(np.median(r**2)) / 0.55, 1e-12)
+    for _ in range(20):
+        s2 = float(np.mean((nu + 1) * r**2 / (nu + r**2 / s2)))
+    return float(np.sqrt(s2))
+
+
+def student_deviance(residuals: Array, density: DensitySettings = DensitySettings()) -> Array:
+    """Student's deviance of whitened residuals, in the argument's shape.
+
+    Args:
+        residuals: Whitened.
+        density: Student's degrees of freedom.
+    """
+    nu = density.degrees_of_freedom
+    value: Array = (nu + 1) * np.log1p(residuals**2 / nu)
+    return value

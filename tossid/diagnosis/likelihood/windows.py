@@ -1,0 +1,355 @@
+"""Windows: short stretches of tosses that are predicted from uncertain first states.
+
+A toss is cut into consecutive windows, and its first flight is in one more. In each, the simulator f starts from a
+state x that is a nuisance parameter: its pose is known as well as poses are measured, its velocity hardly at all
+(recorded velocities lag, and are smeared over impacts). With S = df/dx and measured poses y with noise R, to first
+order around x_0,
+
+    y - f(x_0) - S (x_rec - x_0) ~ N(0, R + S P S^T),
+
+where P is the covariance of the recorded state x_rec. Whitened by the Cholesky factor in the order of time (module
+`whitening`), every entry is the innovation of one row and channel given the rows before it: of unit variance where the
+simulator is right, whatever the first state was.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.likelihood.residuals import mean_residuals
+from tossid.motion.flight import flight_frames
+from tossid.motion.resting import rest_scatter
+from tossid.objects import GRAVITY, ObjectModel
+from tossid.physics.effects import World
+from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize
+from tossid.settings.likelihood import LikelihoodSettings, SimulationSettings, WindowSettings
+from tossid.types import Phase, Toss
+
+Array = NDArray[np.float64]
+
+
+class Steps(TypedDict):
+    """How a window is simulated; the arguments of `World.roll_out`."""
+
+    substeps: int
+    impact_parts: int
+    tolerance: float
+
+
+def steps_of(world: World, settings: SimulationSettings = SimulationSettings()) -> Steps:
+    """Simulator steps a frame, and parts of a step with an impact.
+
+    Args:
+        world: Compliant contact needs more parts; rigid impacts end steps.
+        settings: The numbers.
+    """
+    parts = settings.impact_parts if world.object.compliance == 0 else settings.compliant_impact_parts
+    return {"substeps": settings.substeps, "impact_parts": parts, "tolerance": settings.tolerance}
+
+
+@dataclass(frozen=True)
+class Windows:
+    """W windows of tosses: a first frame, and at most F frames after it, in at most L rows of K = nv channels.
+
+    In contact a row is a frame. In flight and at rest, where nothing is sudden, windows are longer and a row is the
+    mean of a few frames: a weak force shows only over the whole of it. Channels are the base's position and rotation,
+    and each joint.
+
+    Attributes:
+        q: (W, K + 1) recorded first poses.
+        v: (W, K) recorded first velocities.
+        at_q: (W, K + 1) first poses around which predictions are linearised.
+        at_v: (W, K) first velocities around which predictions are linearised.
+        y: (W, F, K + 1) measured poses.
+        y_noise: (W, F, K) standard deviations of these [m, rad].
+        steps: (W,) frames after the first.
+        mix: (W, L, F) weights with which a row is the mean of frames.
+        noise: (W, L, K) standard deviations of rows [m, rad].
+        inside: (W, L) whether a row exists.
+        toss: (W,) number of the toss.
+        frame: (W, L) number of a row's first frame in its toss.
+        phase: (W, L) a row's `Phase`.
+        dt: Time between frames [s].
+        prior: (W, 2 K) standard deviations of the recorded first states.
+        slow: (W, K, L + 1, L + 1) each channel's covariances, between the first pose and all rows, of errors that
+            change slowly with the object's attitude: a tracker's calibration. Zeros where there are none.
+        root: (W, K, L + 1, L + 1) inverse Cholesky factors of each channel's whole covariance: slow errors and noise.
+        free: (W,) windows of first flights, which end before the landing. Their frames are in other windows too: what
+            flight alone shows needs no model of contact.
+        settings: Of the likelihood that is made of these windows.
+    """
+
+    q: Array
+    v: Array
+    at_q: Array
+    at_v: Array
+    y: Array
+    y_noise: Array
+    steps: NDArray[np.int64]
+    mix: Array
+    noise: Array
+    inside: NDArray[np.bool_]
+    toss: NDArray[np.int64]
+    frame: NDArray[np.int64]
+    phase: NDArray[np.uint8]
+    dt: float
+    prior: Array
+    slow: Array
+    root: Array
+    free: NDArray[np.bool_]
+    settings: LikelihoodSettings
+
+    @property
+    def channels(self) -> int:
+        """Number of channels, K."""
+        return self.v.shape[1]
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """(W, L) rows of the consecutive windows, in which each frame is once."""
+        return self.inside & ~self.free[:, None]
+
+    @property
+    def steady(self) -> NDArray[np.bool_]:
+        """(W,) whether a window is a long one, all flight or all rest."""
+        return np.asarray(self.inside.sum(1) < self.steps)
+
+    @property
+    def weights(self) -> Array:
+        """(W,) weights of windows in fits: what flight determines, contact shall hardly change."""
+        return np.where(self.free, self.settings.windows.flight_weight, 1.0)
+
+    def predicted(self, world: World, q: Array | None = None, v: Array | None = None, *, n_threads: int = 1) -> Array:
+        """(n W, F, K + 1) recorded poses as the world predicts them.
+
+        Args:
+            world: The simulator.
+            q: (n W, K + 1) first poses; those of linearisation if None.
+            v: (n W, K) first velocities, likewise.
+            n_threads: Of the simulator.
+        """
+        q, v = (self.at_q if q is None else q), (self.at_v if v is None else v)
+        n_steps, how = np.tile(self.steps, len(q) // len(self.steps)), steps_of(world, self.settings.simulation)
+        return world.roll_out(q, v, n_steps=n_steps, dt=self.dt, **how, n_threads=n_threads)[:, 1:]
+
+    def residuals(self, predicted: Array) -> Array:
+        """(n W, L, K) measured minus predicted: position [m], rotation vector in the body frame [rad], joints [rad].
+
+        Args:
+            predicted: (n W, f, K + 1) poses of at least as many frames as any window has.
+        """
+        return mean_residuals(self.y, predicted, self.mix, self.steps)
+
+    def rows(self, index: NDArray[np.int64]) -> Windows:
+        """Some of the windows.
+
+        Args:
+            index: (n,) their numbers.
+        """
+        names = (field.name for field in fields(self) if field.name not in ("dt", "settings"))
+        return replace(self, **{name: getattr(self, name)[index] for name in names})
+
+    def of_tosses(self, index: NDArray[np.int64]) -> Windows:
+        """The windows of some tosses, which are renumbered in the order given.
+
+        Args:
+            index: (n,) numbers of the tosses.
+        """
+        number = np.full(max(self.toss.max(initial=0), index.max(initial=0)) + 1, -1)
+        number[index] = np.arange(len(index))
+        some = self.rows(np.flatnonzero(number[self.toss] >= 0))
+        return replace(some, toss=number[some.toss])
+
+
+def difference(measured: Array, predicted: Array) -> Array:
+    """(..., K) measured poses minus predicted ones, rotations as vectors in the predicted body frame.
+
+    Args:
+        measured: (..., K + 1) poses.
+        predicted: (..., K + 1) poses.
+    """
+    turned = quat_boxminus(measured[..., 3:7], predicted[..., 3:7])
+    joints = measured[..., 7:] - predicted[..., 7:]
+    return np.concatenate([measured[..., :3] - predicted[..., :3], turned, joints], axis=-1)
+
+
+def moved_pose(q: Array, by: Array) -> Array:
+    """(..., K + 1) poses that differ from `q` by `by`: the inverse of `difference`.
+
+    Args:
+        q: (..., K + 1) poses.
+        by: (..., K) positions, rotation vectors in the body frame, joints.
+    """
+    turned = quat_normalize(quat_mul(q[..., 3:7], quat_exp(by[..., 3:6])))
+    return np.concatenate([q[..., :3] + by[..., :3], turned, q[..., 7:] + by[..., 6:]], axis=-1)
+
+
+def make_windows(
+    tosses: Sequence[Toss],
+    model: ObjectModel | None = None,
+    *,
+    settings: LikelihoodSettings = LikelihoodSettings(),
+    length: int | None = None,
+    long: int | None = None,
+    shift: int = 0,
+    first_flights: bool = True,
+) -> Windows:
+    """Tosses cut into consecutive windows, which end where frames are missing.
+
+    What is left at the end of a stretch is kept if it is half a window long.
+
+    Args:
+        tosses: Of one object.
+        model: The object, from whose first flights windows of their own are made and from whose poses at rest a
+            tracker's slow errors are estimated; without it there are neither.
+        settings: Of the likelihood.
+        length: Most rows of a window, and frames of one in contact; the settings' if None.
+        long: Frames of a window that is all flight or all rest; the settings' if None.
+        shift: Frames of each toss that are left out at its beginning, which shifts all windows.
+        first_flights: Whether first flights get windows of their own.
+    """
+    cut = settings.windows
+    length, long = (cut.length if length is None else length), (cut.long if long is None else long)
+    dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
+    most, K = max(length, long), tosses[0].v.shape[1]
+    cuts = [(i, *each) for i, toss in enumerate(tosses) for each in _cuts(toss, dt, length, long, shift, cut)]
+    consecutive = len(cuts)
+    scatter = (0.0, 0.0) if model is None else rest_scatter(tosses, model)
+    if model is not None and first_flights:
+        cuts += [(i, *each) for i, toss in enumerate(tosses) for each in _first_flight(toss, model, dt, long, cut)]
+    W = len(cuts)
+    q, v, y = np.empty((W, K + 1)), np.empty((W, K)), np.empty((W, most, K + 1))
+    y_noise, first_noise = np.empty((W, most, K)), np.empty((W, K))
+    mix, frame, phase = np.zeros((W, length, most)), np.zeros((W, length), int), np.zeros((W, length), np.uint8)
+    least_std = np.array([cut.least_position_std] * 3 + [cut.least_rotation_std] * (K - 3))
+    for w, (i, first, n) in enumerate(cuts):
+        toss = tosses[i]
+        poses, cov = toss.measured
+        at = np.minimum(np.arange(first + 1, first + most + 1), first + n)
+        std = np.maximum(_std(cov[first : first + n + 1]), least_std)
+        q[w], v[w], y[w] = poses[first], toss.v[first], poses[at]
+        first_noise[w], y_noise[w] = std[0], std[at - first]
+        each = -(-n // length)
+        for row in range(-(-n // each)):
+            some = np.arange(row * each, min((row + 1) * each, n))
+            mix[w, row, some] = 1 / len(some)
+            frame[w, row], phase[w, row] = first + 1 + some[0], toss.phase[first + 1 + some[0]]
+    inside = np.asarray(mix.any(axis=2))
+    slow_std = np.array([scatter[0]] * 3 + [scatter[1]] * (K - 3))
+    slow = _slow_covariance(q[:, 3:7], y[..., 3:7], mix, slow_std, cut.attitude_scale)
+    noise = np.where(inside[..., None], np.sqrt(mix**2 @ y_noise**2), 1.0)
+    speeds = np.tile([cut.velocity_std] * 3 + [cut.spin_std] * (K - 3), (W, 1))
+    return Windows(
+        q=q,
+        v=v,
+        at_q=q.copy(),
+        at_v=v.copy(),
+        y=y,
+        y_noise=y_noise,
+        steps=np.array([n for _, _, n in cuts]),
+        mix=mix,
+        noise=noise,
+        inside=inside,
+        toss=np.array([i for i, _, _ in cuts]),
+        frame=frame,
+        phase=phase,
+        dt=dt,
+        prior=np.concatenate([first_noise, speeds], axis=1),
+        slow=slow,
+        root=_inverse_factors(slow, np.concatenate([first_noise[:, None], noise], axis=1)),
+        free=np.arange(W) >= consecutive,
+        settings=settings,
+    )
+
+
+def _std(cov: Array) -> Array:
+    """(n, K) standard deviations of covariances (n, K, K)."""
+    out: Array = np.sqrt(np.maximum(np.einsum("nii->ni", cov), 0.0))
+    return out
+
+
+def _slow_covariance(first: Array, then: Array, mix: Array, std: Array, scale: float) -> Array:
+    """(W, K, L + 1, L + 1) covariances of errors that are a smooth Gaussian process over attitude.
+
+    Args:
+        first: (W, 4) first attitudes.
+        then: (W, F, 4) attitudes, of which a row has that of the frame in its middle (mix (W, L, F)).
+        mix: As of `Windows`.
+        std: (K,) standard deviations.
+        scale: Length scale of the process [rad].
+    """
+    W, L, _ = mix.shape
+    out = np.zeros((W, len(std), L + 1, L + 1))
+    if not std.any():
+        return out
+    middle = np.rint((mix * np.arange(mix.shape[2])).sum(2)).astype(int)
+    attitude = np.concatenate([first[:, None], np.take_along_axis(then, middle[..., None], axis=1)], axis=1)
+    # squared chord between rotation matrices, 1 - cos(angle): over the angle itself the kernel is not positive definite
+    chord = 2 * (1 - (attitude @ attitude.mT) ** 2)
+    exists = np.concatenate([np.ones((W, 1), bool), mix.any(axis=2)], axis=1)
+    correlation = np.exp(-chord / scale**2) * exists[:, :, None] * exists[:, None, :]
+    out[:] = std[:, None, None] ** 2 * correlation[:, None]
+    return out
+
+
+def _inverse_factors(slow: Array, noise: Array) -> Array:
+    """(W, K, L + 1, L + 1) inverse Cholesky factors of slow errors and noise (W, L + 1, K)."""
+    cov = slow.copy()
+    index = np.arange(cov.shape[-1])
+    cov[..., index, index] += noise.transpose(0, 2, 1) ** 2
+    out: Array = np.linalg.inv(np.linalg.cholesky(cov))
+    return out
+
+
+def _first_flight(toss: Toss, model: ObjectModel, dt: float, long: int, cut: WindowSettings) -> list[tuple[int, int]]:
+    """First frames and numbers of further frames of windows over the flight that a toss begins with.
+
+    The flight ends where the stated object may touch the stated ground, or, as neither may be right, where the velocity
+    jumps or a frame is missing.
+    """
+    end = flight_frames(toss, model) - 1
+    missing = np.flatnonzero(np.abs(np.diff(toss.t[: end + 1]) / dt - 1) > cut.time_step_tolerance)
+    end = min(end, int(missing[0])) if len(missing) else end
+    if end < cut.shortest_flight:
+        return []
+    poses, cov = toss.measured
+    # change of velocity over three frames
+    position, s = poses[: end + 1, :3], 3
+    change = (position[2 * s :] - 2 * position[s:-s] + position[: -2 * s]) / (s * dt)
+    noise = np.sqrt(6 * np.maximum(np.einsum("nii->ni", cov[: end + 1])[:, :3].max(), 0.0)) / (s * dt)
+    far = np.linalg.norm(change - np.median(change, axis=0), axis=1)
+    jumped = np.flatnonzero(far > cut.velocity_jump * GRAVITY * dt + 6 * noise)
+    end = min(end, s + int(jumped[0])) if len(jumped) else end
+    if end < cut.shortest_flight:
+        return []
+    parts = -(-end // long)
+    edges = [end * k // parts for k in range(parts + 1)]
+    return [(first, last - first) for first, last in itertools.pairwise(edges)]
+
+
+def _cuts(toss: Toss, dt: float, length: int, long: int, shift: int, cut: WindowSettings) -> list[tuple[int, int]]:
+    """First frames and numbers of further frames of a toss's consecutive windows."""
+    missing = np.flatnonzero(np.abs(np.diff(toss.t) / dt - 1) > cut.time_step_tolerance)
+    flying = toss.phase == Phase.FLIGHT
+    poses, cov = toss.measured
+    std = _std(cov)
+    out = []
+    for begin, end in itertools.pairwise([-1, *missing.tolist(), len(toss) - 1]):
+        first = max(begin + 1, shift)
+        while end - first >= length // 2:
+            landing = int(np.argmin(np.append(flying[first : end + 1], False)))
+            near = slice(first, min(end, first + long) + 1)
+            away = np.abs(difference(poses[near], poses[first])) > cut.rest_tolerance * std[near]
+            moving = int(np.argmax(np.append(away.any(axis=1), True)))
+            n = min(max(landing - 1 - cut.frames_before_landing, moving - 1), long)
+            if n <= length:
+                n = min(length, end - first)
+            out.append((first, n))
+            first += n
+    return out

@@ -1,0 +1,1 @@
+"""Where the gap lies: phases, channels, missing forces, corners."""

@@ -1,0 +1,246 @@
+"""The gap: how far predictions are off, in which phases and channels, and how much is left with effects in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.findings import Gap, Interval, Share
+from tossid.diagnosis.likelihood.evidence import N_PHASES, Evidence, student_deviance
+from tossid.diagnosis.likelihood.whitening import linearise
+from tossid.diagnosis.likelihood.windows import Windows, make_windows, moved_pose
+from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
+from tossid.types import Phase, Toss
+
+Array = NDArray[np.float64]
+
+PHASES = (Phase.FLIGHT, Phase.IMPACT, Phase.SLIDE, Phase.ROLL, Phase.REST)
+CHANNELS = ("p_x", "p_y", "p_z", "r_x", "r_y", "r_z")
+"""Of the base; those of joints are joint_1 and so on."""
+
+
+@dataclass(frozen=True)
+class Floor:
+    """What noise and uncertain first states alone leave.
+
+    Attributes:
+        deviance: (W, L, K) mean deviance of each entry's phase.
+        rms: Root mean square of whitened residuals.
+    """
+
+    deviance: Array
+    rms: float
+
+
+def deviance(evidence: Evidence, residuals: Array) -> Array:
+    """(W, L, K) Student's deviance of whitened residuals in the consecutive windows; 0 outside them.
+
+    Args:
+        evidence: Of W windows.
+        residuals: (W, L, K) whitened.
+    """
+    return np.where(evidence.windows.counted[..., None], student_deviance(residuals, evidence.density), 0.0)
+
+
+def by_toss(evidence: Evidence, values: Array, n: int) -> Array:
+    """(n,) sums over each toss's windows.
+
+    Args:
+        evidence: Of W windows.
+        values: (W, ...).
+        n: How many tosses.
+    """
+    sums = np.bincount(evidence.windows.toss, weights=values.reshape(len(values), -1).sum(1), minlength=n)
+    return sums.astype(float)
+
+
+def bootstrap_ratio(above: Array, below: Array, *, seed: int = 0, resamples: int = 500) -> Interval:
+    """sum(above) / sum(below) with its percentile interval over tosses.
+
+    Args:
+        above: (n,), one a toss.
+        below: (n,), likewise.
+        seed: Of the resamples.
+        resamples: How many.
+    """
+    rng = np.random.default_rng(seed)
+    n = len(above)
+    index = rng.integers(0, n, (resamples, n))
+    bottom = below[index].sum(1)
+    ratio = above[index].sum(1) / np.where(np.abs(bottom) > 1e-9, bottom, 1e-9)
+    low, high = np.percentile(ratio, [2.5, 97.5])
+    total = below.sum()
+    return Interval(float(above.sum() / (total if abs(total) > 1e-9 else 1e-9)), float(low), float(high))
+
+
+def measure_gap(tosses: Sequence[Toss], state: Candidate, validator: CrossValidator, floor: Floor) -> Gap:
+    """The gap of a hypothesis: its size, and its shares by phase, channel and length of prediction.
+
+    Args:
+        tosses: As recorded.
+        state: The hypothesis.
+        validator: Of all windows.
+        floor: The noise floor.
+    """
+    n, e, residuals = validator.n, state.evidence, state.fitted.residuals
+    w, settings = e.windows, validator.settings
+    resamples = settings.localisation.resamples
+    squares, entries = _counted_squares(e, residuals)
+    per_toss, count = by_toss(e, squares, n), by_toss(e, entries, n)
+    ratio = bootstrap_ratio(per_toss, count, resamples=resamples)
+    total = Interval(*(float(np.sqrt(max(x, 0.0))) for x in (ratio.value, ratio.low, ratio.high)))
+    excess = deviance(e, residuals) - floor.deviance
+    whole = by_toss(e, excess, n)
+
+    def share(name: str, part: Array) -> Share:
+        return Share(name, bootstrap_ratio(by_toss(e, part, n), whole, resamples=resamples))
+
+    phases = tuple(share(phase.name.lower(), np.where((w.phase == phase)[..., None], excess, 0.0)) for phase in PHASES)
+    channels = tuple(share(name, excess[..., c]) for c, name in enumerate(channels_of(residuals.shape[-1])))
+    toss = np.broadcast_to(w.toss[:, None], w.frame.shape)
+    rows = np.stack([toss, w.frame * w.dt, w.phase, excess.mean(-1)], axis=-1)[w.counted]
+    mean = per_toss / np.maximum(count, 1)
+    middle = np.median(mean)
+    far = middle + 8 * np.median(np.abs(mean - middle)) + 1.0
+    odd = tuple(toss.name for toss, size in zip(tosses, mean, strict=True) if size > far)
+    own, others = settings.likelihood.windows.length, settings.localisation.other_lengths
+    of_others = validator.map(lambda length: _rms_of(tosses, length, state, validator), others)
+    rms = {own: total.value} | dict(zip(others, of_others, strict=True))
+    lengths = tuple((length, rms[length], 1.0) for length in sorted(rms))
+    return Gap(total, floor.rms, phases, channels, lengths, rows, odd)
+
+
+def channels_of(count: int) -> tuple[str, ...]:
+    """Names of channels.
+
+    Args:
+        count: How many: 6, and one a joint.
+    """
+    return CHANNELS + tuple(f"joint_{k + 1}" for k in range(count - len(CHANNELS)))
+
+
+def _counted_squares(evidence: Evidence, residuals: Array) -> tuple[Array, Array]:
+    """(W, L, K) limited squares of whitened residuals, and 1, in consecutive windows; 0 outside them."""
+    counted = evidence.windows.counted[..., None]
+    squares = np.minimum(residuals**2, evidence.density.largest_residual**2)
+    return np.where(counted, squares, 0.0), np.where(counted, np.ones_like(residuals), 0.0)
+
+
+def _rms_of(tosses: Sequence[Toss], length: int, state: Candidate, validator: CrossValidator) -> float:
+    """Root mean square of whitened residuals in windows of so many frames."""
+    world, model, settings = state.hypothesis.world(), state.hypothesis.base.object, validator.settings.likelihood
+    windows = make_windows(tosses, model, settings=settings, length=length, long=0, first_flights=False)
+    # of short windows some are enough
+    windows = windows.rows(np.arange(0, len(windows.toss), max(1, settings.windows.length // length)))
+    kept, whitening = linearise(windows, world, n_threads=validator.n_threads)
+    evidence = Evidence(kept, whitening, validator.n_threads)
+    evidence = validator.with_engine_difference(evidence, state.hypothesis, restarts=0)
+    r = evidence.residuals(world)[evidence.windows.inside]
+    return float(np.sqrt(np.minimum(r**2, evidence.density.largest_residual**2).mean()))
+
+
+def noise_floor(state: Candidate, validator: CrossValidator, *, seed: int) -> Floor:
+    """The noise floor, from motions that the world itself makes from the windows' first states, measured with noise.
+
+    It is never above what the world leaves: where noise is smaller than stated, no gap must close twice.
+
+    Args:
+        state: The hypothesis whose world is simulated.
+        validator: Of all windows.
+        seed: Of the noise.
+    """
+    e, world = state.evidence, state.hypothesis.world()
+    w = e.windows
+    rng = np.random.default_rng(seed + 1)
+    truth = w.predicted(world, n_threads=validator.n_threads)
+    truth = np.where(np.isfinite(truth), truth, w.y[:, : truth.shape[1]])
+    before, slow = _slow_errors(w, truth.shape[1], rng)
+    noise = w.y_noise[:, : truth.shape[1]] * rng.normal(size=slow.shape) + slow
+    y = moved_pose(truth, noise)
+    first = w.prior[:, : w.channels] * rng.normal(size=before.shape) + before
+    q, v = moved_pose(w.at_q, first), w.v  # velocities are as wrong as the recorded ones
+    made = replace(w, y=y, q=q, v=v, at_q=q, at_v=v)
+    # windows may contain a multiple of the engines' difference; here it is none
+    difference = None if e.difference is None else replace(e.difference, expected=0.0)
+    restarts = validator.settings.cross_validation.restarts
+    kept, whitening = linearise(
+        made, world, refine=6, restarts=restarts, difference=difference, n_threads=validator.n_threads
+    )
+    r = Evidence(kept, whitening, validator.n_threads).residuals(world)
+    values, achieved, out = deviance(e, r), deviance(e, state.fitted.residuals), np.zeros_like(r)
+    for phase in range(N_PHASES):
+        chosen = (w.phase == phase) & w.counted
+        if chosen.any():
+            out[chosen] = np.minimum(values[chosen].mean(0), achieved[chosen].mean(0))
+    largest = e.density.largest_residual**2
+    rms = (np.sqrt(np.minimum(x[w.counted] ** 2, largest).mean()) for x in (r, state.fitted.residuals))
+    return Floor(out, float(min(rms)))
+
+
+def _slow_errors(w: Windows, frames: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """A tracker's slow errors (`Windows.slow`): of first poses (W, K) and of frames (W, frames, K)."""
+    (W, L), K = w.inside.shape, w.channels
+    drawn = np.zeros((W, L + 1, K))
+    if w.slow.any():
+        cov = w.slow.copy()
+        index = np.arange(L + 1)
+        cov[..., index, index] += 1e-9 * cov[..., :1, 0] + 1e-30
+        drawn = (np.linalg.cholesky(cov) @ rng.normal(size=(W, K, L + 1, 1)))[..., 0].transpose(0, 2, 1)
+    row = 1 + w.mix[..., :frames].argmax(axis=1)
+    return drawn[:, 0], np.take_along_axis(drawn, row[..., None], axis=1)
+
+
+def share_left(
+    first: Candidate, last: Candidate, validator: CrossValidator, floor: Floor
+) -> tuple[Interval, tuple[Share, ...]]:
+    """The share of the first gap that is closed, and phases with some left; each toss at the other folds' values.
+
+    Args:
+        first: The hypothesis without effects.
+        last: The hypothesis with effects.
+        validator: Of all windows.
+        floor: The noise floor.
+    """
+    n, settings = validator.n, validator.settings.localisation
+    before = deviance(first.evidence, first.fitted.residuals) - floor.deviance
+    after = deviance(last.evidence, cross_fitted(last, validator)) - floor.deviance
+    whole = by_toss(first.evidence, before, n)
+    closed = bootstrap_ratio(whole - by_toss(last.evidence, after, n), whole, resamples=settings.resamples)
+    left = []
+    for phase in PHASES:
+        there = np.where((last.evidence.windows.phase == phase)[..., None], after, 0.0)
+        share = bootstrap_ratio(by_toss(last.evidence, there, n), whole, resamples=settings.resamples)
+        if share.low > 0 and share.value > settings.least_left:
+            left.append(Share(phase.name.lower(), share))
+    return closed, tuple(left)
+
+
+def cross_fitted(state: Candidate, validator: CrossValidator) -> Array:
+    """(W, L, K) whitened residuals of every toss at values fitted to the other folds.
+
+    Args:
+        state: The hypothesis.
+        validator: Of all windows.
+    """
+    fitted, e = state.fitted, state.evidence
+    if not fitted.hypothesis.effects:
+        return fitted.residuals
+    out = fitted.residuals.copy()
+    for held in validator.folds:
+        out[held[e.windows.toss]] = e.of_tosses(held).residuals(fitted.of_part(~held).world())
+    return out
+
+
+def mean_square_left(state: Candidate, validator: CrossValidator) -> Interval:
+    """Mean square of whitened residuals, each toss at values fitted to the other folds.
+
+    Args:
+        state: The hypothesis.
+        validator: Of all windows.
+    """
+    squares, count = _counted_squares(state.evidence, cross_fitted(state, validator))
+    sums = (by_toss(state.evidence, each, validator.n) for each in (squares, count))
+    return bootstrap_ratio(*sums, resamples=validator.settings.localisation.resamples)

@@ -1,0 +1,101 @@
+"""Rollouts of whole tosses from first states as their flight determines them, and their errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.findings import Interval, Step
+from tossid.diagnosis.likelihood.whitening import linearise
+from tossid.diagnosis.likelihood.windows import Windows, make_windows, steps_of
+from tossid.diagnosis.localisation.gap import bootstrap_ratio, mean_square_left
+from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
+from tossid.motion import flight_states
+from tossid.physics.effects import World
+from tossid.rotations import geodesic_angle
+from tossid.types import Toss
+
+Array = NDArray[np.float64]
+
+
+def rollout_errors(
+    tosses: Sequence[Toss],
+    unseen: Sequence[Toss],
+    state: Candidate,
+    validator: CrossValidator,
+    begin: Windows | None = None,
+) -> Step:
+    """Errors of rollouts of whole tosses under a hypothesis.
+
+    Args:
+        tosses: Rolled out at values fitted to the other folds.
+        unseen: Other tosses, rolled out at the hypothesis's own values.
+        state: The hypothesis.
+        validator: Of all windows.
+        begin: The windows of the unseen tosses.
+    """
+    errors = np.full((validator.n, 2), np.nan)
+    for held in validator.folds:
+        some = np.flatnonzero(held)
+        chosen, own = [tosses[i] for i in some.tolist()], validator.windows.of_tosses(some)
+        errors[held] = _errors(chosen, state.fitted.of_part(~held).world(), own, n_threads=validator.n_threads)
+    left, names = mean_square_left(state, validator), state.hypothesis.names
+    if not unseen:
+        return Step(names, *_means(errors), left)
+    unseen_errors = _errors(unseen, state.hypothesis.world(), begin, n_threads=validator.n_threads)
+    return Step(names, *_means(errors), left, *_means(unseen_errors))
+
+
+def _errors(tosses: Sequence[Toss], world: World, windows: Windows | None = None, *, n_threads: int) -> Array:
+    """(B, 2) mean distance [% of the object's width] and angle [deg] of rollouts from the recorded poses."""
+    dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
+    q0, v0 = first_states(tosses, world, windows, n_threads=n_threads)
+    steps = np.array([len(toss) - 1 for toss in tosses])
+    how = steps_of(world) if windows is None else steps_of(world, windows.settings.simulation)
+    run = world.roll_out(q0, v0, n_steps=steps, dt=dt, **how, n_threads=n_threads)
+    out = np.empty((len(tosses), 2))
+    for row, toss in enumerate(tosses):
+        q = run[row, : len(toss)]
+        out[row, 0] = 100 * np.linalg.norm(q[:, :3] - toss.q[:, :3], axis=1).mean() / world.object.width
+        out[row, 1] = np.rad2deg(geodesic_angle(q[:, 3:7], toss.q[:, 3:7])).mean()
+    return out
+
+
+def _means(errors: Array) -> tuple[Interval, Interval]:
+    """Means over tosses of errors (B, 2), of those whose rollouts did not diverge."""
+    good = errors[np.isfinite(errors).all(axis=1)]
+    ones = np.ones(len(good))
+    return bootstrap_ratio(good[:, 0], ones), bootstrap_ratio(good[:, 1], ones)
+
+
+def first_states(
+    tosses: Sequence[Toss], world: World, windows: Windows | None = None, *, n_threads: int = 1, restarts: int = 1
+) -> tuple[Array, Array]:
+    """Recorded first poses (B, nq) and velocities (B, nv) that each toss's first flight determines in a world.
+
+    Where that is a few frames, a ballistic fit is taken; of an object with joints, which has none, the first window.
+
+    Args:
+        tosses: As recorded.
+        world: The simulator.
+        windows: Of these tosses, where they are at hand.
+        n_threads: Of the simulator.
+        restarts: Of windows that fit poorly.
+    """
+    if windows is None:
+        windows = make_windows(tosses, world.object)
+    begin = np.flatnonzero(windows.frame[:, 0] == 1)
+    if world.object.n_joints:
+        # of the windows that begin with a toss, that of its first flight is the last
+        begin = np.array([begin[windows.toss[begin] == i][-1] for i in range(len(tosses))])
+        q, v = np.empty((len(tosses), world.object.nq)), np.empty((len(tosses), world.object.nv))
+    else:
+        begin, r = begin[windows.free[begin]], world.recording
+        states = flight_states(tosses, world.object, gravity=world.gravity * r.length_scale / r.clock_rate**2)
+        q, v = np.stack([s.q for s in states]), np.stack([s.v for s in states])
+    if len(begin):
+        kept, _ = linearise(windows.rows(begin), world, refine=6, restarts=restarts, n_threads=n_threads)
+        q[kept.toss], v[kept.toss] = kept.at_q, kept.at_v
+    return q, v

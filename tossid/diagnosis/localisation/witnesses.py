@@ -1,0 +1,251 @@
+"""Witnesses: what tosses say of some effects without a simulator, a window or a fit.
+
+An impact on a lone corner between two flights gives an impulse J = m dv, where dv is the jump of the centre of mass's
+velocity, at an arm r from there. Its moment makes the spin's jump dw, whatever the contact law is,
+
+    r x (m dv) = I dw,
+
+and the corner's own velocities before and after give restitution and, where it still slips, friction at an impact's
+load. Of a body that slides on a face, local parabolas give friction at its weight's load, slow and fast. The centre of
+mass and the errors of the recording are taken from the diagnosis: flight determines them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import bootstrap
+
+from tossid.diagnosis.findings import Interval, Witness
+from tossid.physics.effects import World
+from tossid.physics.single import inset
+from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_rotate, quat_to_matrix
+from tossid.settings.diagnosis import WitnessSettings
+from tossid.types import Toss
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Impacts:
+    """n impacts on a lone corner between two flights, in the ground's axes.
+
+    Attributes:
+        toss: (n,) number of the toss.
+        arm: (n, 3) corner minus centre of mass [m].
+        dv: (n, 3) jump of the centre of mass's velocity [m/s].
+        dw: (n, 3) jump of the spin [rad/s].
+        before: (n, 3) velocity of the corner before [m/s].
+        after: (n, 3) velocity of the corner after [m/s].
+        q: (n, 4) attitudes, wxyz.
+    """
+
+    toss: NDArray[np.int64]
+    arm: Array
+    dv: Array
+    dw: Array
+    before: Array
+    after: Array
+    q: Array
+
+
+def witnesses(
+    tosses: Sequence[Toss], stated: World, found: World, settings: WitnessSettings = WitnessSettings()
+) -> tuple[Witness, ...]:
+    """What tosses, best others than those diagnosed, say of inertia, restitution and friction.
+
+    Args:
+        tosses: As recorded.
+        stated: The world before the diagnosis.
+        found: The world after it. Its recording errors, centre of mass and corners are used; its other values are only
+            compared.
+        settings: Which impacts and slides are measured.
+
+    Returns:
+        None of an object with joints, whose impacts move its links in more complicated ways.
+    """
+    if found.object.n_joints:
+        return ()
+    hit, slides = lone_impacts(tosses, found, settings), sliding(tosses, found, settings)
+    model, other = found.object, stated.object
+    out: list[Witness | None] = []
+
+    def add(says: str, effect: str, values: tuple[float, float], measured: Array, toss: Index, chosen: Flags) -> None:
+        out.append(_witness(says, effect, values, measured, toss, chosen, settings.fewest_tosses))
+
+    turned = np.linalg.norm(hit.dw, axis=1) > settings.least_spin_change
+    back = quat_to_matrix(hit.q).swapaxes(1, 2)
+    impulse = (back @ np.cross(hit.arm, float(other.mass[0]) * hit.dv)[..., None])[..., 0]
+    inertial = (back @ hit.dw[..., None])[..., 0] @ other.inertia[0].T
+    ratio = (impulse * inertial).sum(1) / np.maximum((inertial**2).sum(1), 1e-30)
+    size = float(np.trace(model.inertia[0]) / model.mass[0] / (np.trace(other.inertia[0]) / other.mass[0]))
+    add("inertia over the stated", "inertia", (1.0, size), ratio, hit.toss, turned)
+
+    bounced = -hit.after[:, 2] / hit.before[:, 2]
+    everywhere = np.ones(len(bounced), bool)
+    bounce = (other.restitution, model.restitution)
+    add("rebound of a lone corner", "restitution", bounce, bounced, hit.toss, everywhere)
+
+    load = found.gravity * float(model.mass[0])
+    slips = np.linalg.norm(hit.after[:, :2], axis=1) > settings.least_slip
+    ratio = np.linalg.norm(hit.dv[:, :2], axis=1) / np.maximum(hit.dv[:, 2], 1e-9)
+    add("friction of a hit corner", "friction", (other.friction, _mu(found, 1.0)), ratio, hit.toss, slips)
+    for name, (low, high) in (("slow", settings.slow), ("fast", settings.fast)):
+        inside = (slides[:, 1] >= low) & (slides[:, 1] < high)
+        says = f"friction of {name} sliding ({low:g} to {high:g} m/s)"
+        expected = _mu(found, 0.5 * (low + high)) + 4 * model.cohesion / load
+        add(says, "friction", (other.friction, expected), slides[:, 2], slides[:, 0].astype(int), inside)
+    return tuple(each for each in out if each is not None)
+
+
+def lone_impacts(tosses: Sequence[Toss], world: World, settings: WitnessSettings = WitnessSettings()) -> Impacts:
+    """Impacts on a lone corner between two flights.
+
+    Args:
+        tosses: As recorded.
+        world: Whose recording errors, centre of mass and corners are used.
+        settings: What counts as one.
+    """
+    gravity, radius = world.gravity_on_ground(), world.law.rounding
+    com, n = world.object.com[0], settings.flight
+    shape = _Shape(inset(world.object.corner_pos, radius) - com, radius, world.object.width)
+    rows: list[tuple[int, Array]] = []
+    for number, toss in enumerate(tosses):
+        q, dt, noise = _true(toss, world)
+        place = q[:, :3] + quat_rotate(q[:, 3:], com)
+        jumps = np.linalg.norm(np.diff(np.diff(place, axis=0) / dt, axis=0) - gravity * dt, axis=1)
+        blur = np.sqrt(6.0) * noise / dt
+        struck = np.flatnonzero(jumps > settings.jump + 8 * blur) + 1
+        for group in np.split(struck, np.flatnonzero(np.diff(struck) > 1) + 1):
+            if not 0 < len(group) <= 2:
+                continue
+            last, first = int(group[0]) - 1, int(group[-1]) + 1
+            if last < n or first + n >= len(q):
+                continue
+            beside = np.concatenate([jumps[last - n : last - 1], jumps[first : first + n - 1]])
+            if beside.max() > settings.quiet + 4 * blur:
+                continue
+            row = _impact(q, place, (last, first), dt, gravity, shape, settings)
+            if row is not None:
+                rows.append((number, row))
+    values = np.array([row for _, row in rows]).reshape(len(rows), 19)
+    parts = np.split(values, [3, 6, 9, 12, 15], axis=1)
+    return Impacts(np.array([number for number, _ in rows], dtype=int), *parts)
+
+
+class _Shape(NamedTuple):
+    """The corners (n_c, 3) of an object from its centre of mass [m], and their radius [m]."""
+
+    corners: Array
+    radius: float
+    width: float
+
+
+def _impact(
+    q: Array,
+    place: Array,
+    frames: tuple[int, int],
+    dt: float,
+    gravity: Array,
+    shape: _Shape,
+    settings: WitnessSettings,
+) -> Array | None:
+    """(19,) arm, dv, dw, before, after and attitude of an impact between two frames; None if no lone corner is hit."""
+    last, first = frames
+    middle = 0.5 * (last + first)
+
+    def flown(frames: NDArray[np.integer]) -> tuple[Array, Array, Array]:
+        """Position, velocity and spin of a flight at the middle."""
+        t = (frames - middle) * dt
+        line = np.polynomial.polynomial.polyfit(t, place[frames] - 0.5 * np.outer(t**2, gravity), 1)
+        turns = quat_rotate(q[frames[:-1], 3:], quat_boxminus(q[frames[1:], 3:], q[frames[:-1], 3:]) / dt)
+        return line[0], line[1], turns.mean(axis=0)
+
+    p, v, w = flown(np.arange(last - settings.flight, last + 1))
+    p_after, v_after, w_after = flown(np.arange(first, first + settings.flight + 1))
+    jump = v_after - v
+    # both parabolas pass through the impact
+    when = float(jump @ (p - p_after) / (jump @ jump))
+    if abs(when) > 1.5 * dt:
+        return None
+    attitude = quat_mul(quat_exp(w * ((middle - last) * dt + when)), q[last, 3:])
+    arms = quat_rotate(attitude, shape.corners)
+    order = np.argsort(arms[:, 2])
+    arm = arms[order[0]] - [0.0, 0.0, shape.radius]
+    before = v + gravity * when + np.cross(w, arm)
+    lone = arms[order[1], 2] - arms[order[0], 2] >= settings.lone * shape.width
+    if not lone or before[2] > -settings.least_closing:
+        return None
+    return np.concatenate([arm, jump, w_after - w, before, v_after + gravity * when + np.cross(w_after, arm), attitude])
+
+
+def sliding(tosses: Sequence[Toss], world: World, settings: WitnessSettings = WitnessSettings()) -> Array:
+    """(n, 3) toss, speed [m/s], and deceleration over gravity, of stretches that slide on a face and hardly turn.
+
+    Args:
+        tosses: As recorded.
+        world: Whose recording errors and corners are used.
+        settings: What counts as sliding.
+    """
+    corners, width, length = world.object.corner_pos, world.object.width, settings.parabola
+    x = np.arange(length) - length // 2
+    rows: list[tuple[int, float, float]] = []
+    for number, toss in enumerate(tosses):
+        q, dt, noise = _true(toss, world)
+        fit = np.linalg.pinv(np.stack([np.ones(length), x * dt, 0.5 * (x * dt) ** 2], axis=1))
+        heights = np.sort(q[:, 2:3] + quat_rotate(q[:, None, 3:], corners)[..., 2], axis=1)
+        flat = heights[:, 2] - heights[:, 0] < settings.flat * width
+        for first in range(0, len(q) - length + 1, length // 2):
+            part = slice(first, first + length)
+            if not flat[part].all() or np.ptp(q[part, 2]) > 4e-4 + 6 * noise:
+                continue
+            turn = quat_boxminus(q[part][-1, 3:], q[part][0, 3:]) / ((length - 1) * dt)
+            _, v, a = fit @ q[part, :2]
+            speed = float(np.linalg.norm(v))
+            if speed > settings.slow[0] and np.linalg.norm(turn) < settings.most_spin:
+                rows.append((number, speed, float(-(a @ v) / speed / world.gravity)))
+    return np.array(rows).reshape(len(rows), 3)
+
+
+def _true(toss: Toss, world: World) -> tuple[Array, float, float]:
+    """True poses (n, 7) in the ground's frame, time between frames [s], and the positions' noise [m]."""
+    poses, cov = toss.measured
+    q, _ = world.to_ground(poses, np.zeros((len(poses), 6)))
+    noise = float(np.sqrt(np.maximum(np.einsum("nii->ni", cov)[:, :3].max(), 0.0)))
+    return q, float(np.median(np.diff(toss.t))) / world.recording.clock_rate, noise
+
+
+def _mu(world: World, speed: float) -> float:
+    """Friction at a sliding speed [m/s]."""
+    law = world.law
+    return float(world.object.friction * (1 + (law.static_rel - 1) * np.exp(-((speed / law.slip_speed) ** 2))))
+
+
+def _witness(
+    says: str,
+    effect: str,
+    values: tuple[float, float],
+    measured: Array,
+    toss: NDArray[np.int64],
+    chosen: NDArray[np.bool_],
+    fewest: int,
+) -> Witness | None:
+    """The median over tosses of their medians, with its percentile interval (bootstrap over tosses).
+
+    values: the stated one and the found one.
+    """
+    numbers = np.unique(toss[chosen])
+    if len(numbers) < fewest:
+        return None
+    medians = np.array([np.median(measured[chosen & (toss == i)]) for i in numbers])
+    ends = bootstrap(
+        (medians,), np.median, confidence_level=0.95, method="percentile", rng=np.random.default_rng(0)
+    ).confidence_interval
+    value = Interval(float(np.median(medians)), float(ends.low), float(ends.high))
+    return Witness(says, effect, *values, value, len(numbers))

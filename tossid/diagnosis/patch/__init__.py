@@ -1,0 +1,1 @@
+"""The changed simulator: edits of MJCF, and the patched model run in MuJoCo."""

@@ -1,0 +1,98 @@
+"""A diagnosis as it is shown and saved: a few lines, a notebook's HTML, and the report's files."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from html import escape
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from tossid.diagnosis.report import report_figures, report_html
+from tossid.diagnosis.report.text import headline, sentences, verdict_of
+from tossid.diagnosis.report.units import closed_share, in_units, parameter
+from tossid.diagnosis.result import Diagnosis
+from tossid.outputs import write_whole
+from tossid.plain_json import jsonable
+
+HEADINGS = ("effect", "estimate (95 % interval)", "closes of the gap", "verdict")
+
+
+def effect_rows(diagnosis: Diagnosis) -> list[list[str]]:
+    """A row for each effect that was found, under `HEADINGS`."""
+    return [
+        [
+            finding.name,
+            ", ".join(f"{parameter(key)} {in_units(key, value)}" for key, value in finding.parameters.items()),
+            closed_share(finding.gap_closed),
+            verdict_of(finding),
+        ]
+        for finding in diagnosis.findings
+        if finding.verdict in ("identified", "confusable")
+    ]
+
+
+def summary(diagnosis: Diagnosis) -> str:
+    """The verdict, the effects with their intervals, and the share that they close, in a few lines."""
+    rows = ["  " + "; ".join(text for text in row if text) for row in effect_rows(diagnosis)]
+    whole = [f"  all named together close {closed_share(diagnosis.gap_closed)}"] if diagnosis.named else []
+    return "\n".join([headline(diagnosis), *rows, *whole])
+
+
+def notebook_html(diagnosis: Diagnosis) -> str:
+    """The verdict in sentences, the effects in a table, and the figure of where the gap is."""
+    parts = [f"<h3>{escape(headline(diagnosis))}</h3>", *(f"<p>{escape(text)}</p>" for text in sentences(diagnosis))]
+    rows = effect_rows(diagnosis)
+    if rows:
+        head = "".join(f"<th>{name}</th>" for name in HEADINGS)
+        body = "".join("<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in rows)
+        parts.append(f"<table><tr>{head}</tr>{body}</table>")
+    figures = report_figures(diagnosis, settings=diagnosis.report)
+    parts += [_image(figures[name]) for name in list(figures)[:1]]
+    return "\n".join(parts)
+
+
+def _image(figure: Figure) -> str:
+    return f'<img style="max-width: 100%" src="data:image/png;base64,{base64.b64encode(_png(figure)).decode()}">'
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def save(diagnosis: Diagnosis, folder: Path) -> Path:
+    """Write gap.html, gap.json, figures/ and, where the patch has one, patched.xml.
+
+    Args:
+        diagnosis: What `diagnose` returned.
+        folder: Where to; made if it is not there.
+
+    Returns:
+        The folder.
+
+    Raises:
+        OutputError: The disk refuses.
+    """
+    figures = report_figures(diagnosis, settings=diagnosis.report)
+    about = "" if diagnosis.simulator is None else f"Simulator: {diagnosis.simulator.about}. "
+    page = report_html(
+        diagnosis,
+        figures,
+        about=f"{about}Tosses: {diagnosis.n_tosses}" + (f" of {diagnosis.tosses_of}." if diagnosis.tosses_of else "."),
+        patch=diagnosis.patch,
+        next_toss=diagnosis.next_toss,
+        remarks=diagnosis.remarks,
+    )
+    gap = json.dumps(jsonable(diagnosis.as_json()), indent=2, allow_nan=False) + "\n"
+    files = {"gap.html": page.encode(), "gap.json": gap.encode()}
+    files |= {f"figures/{name}.png": _png(figure) for name, figure in figures.items()}
+    mjcf = (diagnosis.patch or {}).get("mjcf")
+    if mjcf:
+        files["patched.xml"] = mjcf.encode()
+    for name, content in files.items():
+        write_whole(folder / name, content)
+    return folder

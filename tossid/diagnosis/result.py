@@ -1,0 +1,155 @@
+"""The result of a diagnosis, all of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from tossid.diagnosis.findings import Finding, Gap, Interval, Place, Share, Step, Witness
+from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.settings.diagnosis_report import ReportSettings
+
+if TYPE_CHECKING:
+    from tossid.diagnosis.simulators import Simulator
+
+SCHEMA = "tossid.gap/1"
+Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained"]
+Contact = Literal["coulomb", "relaxed", "own"]
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis:
+    """Where a simulator differs from tosses, which effects explain it, and how far they close the gap.
+
+    Attributes:
+        verdict: What the named effects make of the gap.
+        gap: The gap of the simulator as it is stated.
+        left: The gap that is left with the named effects in.
+        findings: What the tosses say of each effect, ordered by evidence.
+        named: Names of the effects that explain the gap, ordered by what is lost without each.
+        gap_closed: Share of the gap above the noise floor that all named effects close together.
+        unexplained: Phases in which clearly something is left, with its share of the first gap.
+        steps: Rollout errors without effects and after each effect that joined.
+        hypothesis: The simulator's world with all effects, fitted to all tosses.
+        n_tosses: How many tosses were diagnosed.
+        seconds: How long it took [s].
+        alternatives: The hypothesis with one effect replaced by another of its confusable class, for each of these.
+        contact: The contact law that the tosses follow most: Coulomb's, its convex relaxation, or the MuJoCo model's
+            own. It is no effect.
+        place: Where in the state of the motion and on the object the gap is.
+        witnesses: What the tosses say of some effects without a simulator.
+        other_laws: Effects that stand in for a force of another law, each with the further power of its state by which
+            that force grows. Such a force has no name.
+        unsteady: Effects that stand in for a force that is not the same in all tosses. Nor has such a force a name.
+        simulator: What was diagnosed.
+        tosses_of: The tosses in words: of which dataset, and which of it.
+        data: gap.json's "data": the dataset's `path`, `sha256` and `object`.
+        next_toss: gap.json's "next_toss": the release that would best separate what is confusable.
+        patch: gap.json's "patch": the changed MJCF and keys, and the patched simulator's rerun.
+        remarks: What a reader should know beside, in sentences.
+        report: What the figures of the report draw.
+    """
+
+    verdict: Verdict
+    gap: Gap
+    left: Gap
+    findings: tuple[Finding, ...]
+    named: tuple[str, ...]
+    gap_closed: Interval
+    unexplained: tuple[Share, ...]
+    steps: tuple[Step, ...]
+    hypothesis: Hypothesis
+    n_tosses: int
+    seconds: float
+    alternatives: tuple[Hypothesis, ...] = ()
+    contact: Contact = "coulomb"
+    place: Place = field(default_factory=Place)
+    witnesses: tuple[Witness, ...] = ()
+    other_laws: tuple[tuple[str, Interval], ...] = ()
+    unsteady: tuple[str, ...] = ()
+    simulator: Simulator | None = None
+    tosses_of: str = ""
+    data: dict[str, Any] | None = None
+    next_toss: dict[str, Any] | None = None
+    patch: dict[str, Any] | None = None
+    remarks: tuple[str, ...] = ()
+    report: ReportSettings = ReportSettings()
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of gap.json (schema tossid.gap/1)."""
+        gap = {
+            "total": {**self.gap.total.as_json(), "unit": "standard deviations of noise"},
+            "noise_floor": self.gap.noise_floor,
+            "by_phase": [{"phase": s.name, **_share(s)} for s in self.gap.by_phase],
+            "by_channel": [{"channel": s.name, **_share(s)} for s in self.gap.by_channel],
+            "by_length": [{"frames": n, "rms": rms, "floor": floor} for n, rms, floor in self.gap.by_length],
+            "odd_tosses": list(self.gap.odd),
+            "by_corner": [corner.as_json() for corner in self.place.corners],
+            "wrench": [relation.as_json() for relation in self.place.wrench],
+        }
+        left = {
+            **self.left.total.as_json(),
+            "noise_floor": self.left.noise_floor,
+            "by_corner": [corner.as_json() for corner in self.place.corners_left],
+            "wrench": [relation.as_json() for relation in self.place.wrench_left],
+        }
+        whole = {
+            "schema": SCHEMA,
+            "n_tosses": self.n_tosses,
+            "contact": self.contact,
+            "gap": gap,
+            "gap_left": left,
+            "effects": [finding.as_json() for finding in self.findings],
+            "explanation": {
+                "verdict": self.verdict,
+                "effects": list(self.named),
+                "gap_closed": self.gap_closed.as_json(),
+                "unexplained_share": max(0.0, 1.0 - self.gap_closed.value),
+                "unexplained_where": [{"phase": s.name, **_share(s)} for s in self.unexplained],
+                "other_laws": [{"like": name, "further_power": each.as_json()} for name, each in self.other_laws],
+                "unsteady": list(self.unsteady),
+            },
+            "steps": [step.as_json() for step in self.steps],
+            "witnesses": [witness.as_json() for witness in self.witnesses],
+            "seconds": self.seconds,
+        }
+        beside = {
+            "next_toss": self.next_toss,
+            "patch": self.patch,
+            "simulator": None if self.simulator is None else self.simulator.as_json(),
+            "data": self.data,
+        }
+        whole |= {name: value for name, value in beside.items() if value is not None}
+        return {**whole, "remarks": list(self.remarks)}
+
+    def save(self, folder: str | Path) -> Path:
+        """Write gap.html, gap.json, the figures and, where MJCF can say what was found, patched.xml.
+
+        Args:
+            folder: Where to; made if it is not there.
+
+        Returns:
+            The folder.
+
+        Raises:
+            OutputError: The disk refuses.
+        """
+        from tossid.diagnosis.presentation import save
+
+        return save(self, Path(folder))
+
+    def __repr__(self) -> str:
+        """The verdict, the effects with intervals, and the share that they close."""
+        from tossid.diagnosis.presentation import summary
+
+        return summary(self)
+
+    def _repr_html_(self) -> str:
+        from tossid.diagnosis.presentation import notebook_html
+
+        return notebook_html(self)
+
+
+def _share(share: Share) -> dict[str, Any]:
+    return {"share": share.share.value, "ci95": [share.share.low, share.share.high]}

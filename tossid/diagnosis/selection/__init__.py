@@ -1,0 +1,1 @@
+"""Which effects explain the gap: screening, forward selection, cross-validation."""

@@ -1,0 +1,384 @@
+"""Hypotheses fitted to tosses, and judged by what they predict of tosses that took no part in the fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import wilcoxon
+
+from tossid.diagnosis.likelihood.engine_discrepancy import Engine
+from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
+from tossid.diagnosis.likelihood.fitting import Fitted, fit, perturbed
+from tossid.diagnosis.likelihood.whitening import linearise
+from tossid.diagnosis.likelihood.windows import Windows, make_windows
+from tossid.objects import ObjectModel
+from tossid.physics.effects import Effect, World
+from tossid.physics.solvers.batches import whole_batches
+from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.types import Phase, Toss
+
+Array = NDArray[np.float64]
+Item = TypeVar("Item")
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis that was fitted and cross-validated.
+
+    Attributes:
+        effect: The effect that joined last, None for none.
+        fitted: The hypothesis at its values.
+        log_likelihood: (W,) of every window, at values fitted to the other folds.
+        gain: (W,) of every window's log-likelihood, over the hypothesis before.
+        toss_gains: (G, n) weighted gain of every toss, but for what a fit to nothing would lose: in all windows, in
+            those with an impact, and in the others with contact, if there are both.
+    """
+
+    effect: Effect | None
+    fitted: Fitted
+    log_likelihood: Array
+    gain: Array
+    toss_gains: Array
+
+    @property
+    def evidence(self) -> Evidence:
+        """At first states that suit the hypothesis."""
+        return self.fitted.evidence
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """At the fitted values."""
+        return self.fitted.hypothesis
+
+    @property
+    def total(self) -> float:
+        """Gain of log-likelihood; of an effect that acts in flight, contact counts as little as in its fit."""
+        windows = self.evidence.windows
+        flies = self.effect is not None and Phase.FLIGHT in self.effect.phases
+        return float(self.gain @ windows.weights) / (windows.settings.windows.flight_weight if flies else 1.0)
+
+    @property
+    def p_value(self) -> float:
+        """One-sided p-value of the null hypothesis that the effect gains nothing."""
+        return part_p_value(self.toss_gains)
+
+    @property
+    def name(self) -> str:
+        """Name of the effect that joined last."""
+        return "" if self.effect is None else self.effect.name
+
+
+def signed_rank_p_value(values: Array) -> float:
+    """One-sided p-value that values tend to be positive (Wilcoxon's signed ranks); 1 for fewer than three values.
+
+    Ranks, as few tosses have residuals far beyond the others', and would decide a mean.
+
+    Args:
+        values: (n,), one a toss.
+    """
+    if len(values) < 3 or not np.any(values):
+        return 1.0
+    return float(wilcoxon(values, alternative="greater", method="auto").pvalue)
+
+
+def part_p_value(values: Array) -> float:
+    """One-sided p-value that values tend to be positive in any part (Bonferroni).
+
+    Impacts are rough: what acts in sliding would be lost in their noise.
+
+    Args:
+        values: (G, n) of G parts and n tosses.
+    """
+    return min(1.0, len(values) * min(signed_rank_p_value(each) for each in values))
+
+
+def draw_folds(n: int, rng: np.random.Generator, count: int = 8) -> tuple[NDArray[np.bool_], ...]:
+    """Folds of n tosses, (n,) each: the tosses that are held out.
+
+    Args:
+        n: How many tosses.
+        rng: For the draw.
+        count: How many folds, at most n.
+    """
+    place = rng.permutation(n)
+    return tuple(place % count == k for k in range(min(count, n)))
+
+
+@dataclass(frozen=True)
+class CrossValidator:
+    """Fits hypotheses to the windows of n tosses, and judges them on held-out tosses.
+
+    Attributes:
+        windows: Of all tosses.
+        n: How many tosses.
+        folds: (n,) each, the tosses that are held out in turn.
+        n_threads: Of simulators, and how many hypotheses are fitted at once.
+        engine: The other engine.
+        held: Names of effects whose values are not fitted again with each hypothesis.
+        settings: Of the diagnosis.
+    """
+
+    windows: Windows
+    n: int
+    folds: tuple[NDArray[np.bool_], ...]
+    n_threads: int = 1
+    engine: Engine = field(default_factory=Engine)
+    held: frozenset[str] = frozenset()
+    settings: DiagnoseSettings = field(default_factory=DiagnoseSettings)
+
+    @staticmethod
+    def of(
+        tosses: Sequence[Toss],
+        model: ObjectModel,
+        *,
+        seed: int,
+        n_threads: int = 1,
+        engine: Engine | None = None,
+        settings: DiagnoseSettings = DiagnoseSettings(),
+    ) -> CrossValidator:
+        """The cross-validator of all windows of some tosses.
+
+        Args:
+            tosses: Of one object.
+            model: The object.
+            seed: Of the folds.
+            n_threads: Of simulators.
+            engine: The other engine; near-rigid MuJoCo if None.
+            settings: Of the diagnosis.
+        """
+        n = len(tosses)
+        folds = draw_folds(n, np.random.default_rng(seed), settings.cross_validation.folds)
+        windows = make_windows(tosses, model, settings=settings.likelihood)
+        return CrossValidator(windows, n, folds, n_threads, engine or Engine(), settings=settings)
+
+    def map(self, made: Callable[[Item], Made], items: Iterable[Item]) -> list[Made]:
+        """made(item) of all items in order, several at once.
+
+        Args:
+            made: What is done with an item.
+            items: The items.
+        """
+        if self.n_threads == 1:
+            return [made(item) for item in items]
+
+        def one(item: Item) -> Made:
+            with whole_batches():
+                return made(item)
+
+        with ThreadPoolExecutor(self.n_threads) as pool:
+            return list(pool.map(one, items))
+
+    def with_contact_law(self, world: World) -> tuple[CrossValidator, World]:
+        """The world with the contact law that the tosses follow most, and the validator that belongs to it.
+
+        The law is Coulomb's, its relaxation, or, where a user's MuJoCo model is diagnosed, that model's own; the last
+        only together with its engine.
+
+        Args:
+            world: The simulator.
+        """
+        relaxed = replace(world, law=world.law._replace(lifting=self.settings.likelihood.engine.lifting))
+        tried = [(replace(self, engine=Engine()), each) for each in (world, relaxed)]
+        if self.engine.model is not None:
+            tried.append((self, relaxed))
+
+        def log_likelihood(one: tuple[CrossValidator, World]) -> float:
+            validator, each = one
+            kept, whitening = linearise(validator.windows, each, refine=4, n_threads=validator.n_threads)
+            evidence = Evidence(kept, whitening, validator.n_threads)
+            evidence = validator.with_engine_difference(evidence, Hypothesis(each), restarts=0)
+            residuals = evidence.residuals(each)
+            return float(evidence.log_likelihood(residuals, evidence.scales(residuals)).sum())
+
+        return tried[int(np.argmax(self.map(log_likelihood, tried)))]
+
+    def evaluate(self, hypothesis: Hypothesis, near: Candidate | None = None) -> Candidate:
+        """A hypothesis at its values, with nothing fitted but the windows' first states.
+
+        Args:
+            hypothesis: At its values.
+            near: A hypothesis from whose first states those of this one are not far.
+        """
+        world = hypothesis.world()
+        if near is None:
+            restarts = self.settings.cross_validation.restarts
+            kept, whitening = linearise(self.windows, world, refine=6, restarts=restarts, n_threads=self.n_threads)
+            evidence = Evidence(kept, whitening, self.n_threads)
+            evidence = self.with_engine_difference(evidence, hypothesis, restarts=0)
+        else:
+            evidence = near.evidence.relinearised(world, refine=4)
+        evidence = self.with_engine_difference(evidence, hypothesis, restarts=1)
+        residuals = evidence.residuals(world)
+        scales = evidence.scales(residuals)
+        size = len(hypothesis.flat())
+        no_sums = np.zeros((self.n, size, size)), np.zeros((self.n, size))
+        log_likelihood = evidence.log_likelihood(residuals, scales)
+        fitted = Fitted(hypothesis, evidence, residuals, scales, *no_sums)
+        return Candidate(None, fitted, log_likelihood, np.zeros(len(log_likelihood)), np.zeros((1, self.n)))
+
+    def with_engine_difference(
+        self, evidence: Evidence, hypothesis: Hypothesis, restarts: int | None = None
+    ) -> Evidence:
+        """Evidence that allows for the difference to the other engine, at first states that allow for it too.
+
+        Args:
+            evidence: Near the hypothesis.
+            hypothesis: The hypothesis.
+            restarts: Of windows that fit poorly; the settings' if None.
+        """
+        world = hypothesis.world()
+        other = self.engine.difference(evidence.windows, world, evidence.difference, n_threads=self.n_threads)
+        restarts = self.settings.cross_validation.restarts if restarts is None else restarts
+        return replace(evidence, difference=other).relinearised(world, refine=2, restarts=restarts)
+
+    def cross_validate(
+        self,
+        present: Candidate,
+        effect: Effect | None,
+        start: Hypothesis,
+        iterations: int = 8,
+        near: Evidence | None = None,
+    ) -> Candidate:
+        """A hypothesis fitted to all tosses, and compared with the present one on held-out tosses.
+
+        Args:
+            present: With what it is compared.
+            effect: What it has more, if anything.
+            start: The hypothesis at values to begin with.
+            iterations: Most iterations of the fit.
+            near: Evidence around `start`, where that is far from the present hypothesis.
+        """
+        begin = present.evidence if near is None else near
+        fitted = self._restarted(fit(begin, start, n_tosses=self.n, iterations=iterations, held=self.held))
+        log_likelihood = self.held_out_log_likelihood(fitted)
+        made = Candidate(effect, fitted, log_likelihood, np.zeros(len(log_likelihood)), np.zeros((1, self.n)))
+        gain = self.gain_over(
+            self._at_best_states(made, present.evidence), self._at_best_states(present, made.evidence)
+        )
+        nominal = np.zeros(0) if effect is None else effect.nominal(present.hypothesis.world())
+        return replace(made, gain=gain, toss_gains=self._with_fit_loss(effect, fitted, nominal, self.by_part(gain)))
+
+    def refit(self, evidence: Evidence, hypothesis: Hypothesis, rounds: int | None = None) -> Fitted:
+        """All parameters of a hypothesis fitted together, and again from perturbed values while that gains.
+
+        Windows that fit poorly are restarted before each fit.
+
+        Args:
+            evidence: Near the hypothesis.
+            hypothesis: At values to begin with.
+            rounds: Most fits; the settings' if None.
+        """
+        settings = self.settings.cross_validation
+        fitted = fit(self.with_engine_difference(evidence, hypothesis), hypothesis, n_tosses=self.n)
+        for _ in range((settings.refits if rounds is None else rounds) - 1):
+            if not len(hypothesis.flat()):
+                break
+            near, moved = perturbed(fitted)
+            again = fit(self.with_engine_difference(near, moved), moved, n_tosses=self.n)
+            before, after = (each.evidence.log_likelihood(each.residuals, fitted.scales) for each in (fitted, again))
+            gain = evidence.weighted_gain(after, before)
+            if gain > 0:
+                fitted = again
+            if gain < settings.least_refit_gain:
+                break
+        return fitted
+
+    def _restarted(self, fitted: Fitted) -> Fitted:
+        """With windows that fit poorly under this hypothesis restarted."""
+        evidence = self.with_engine_difference(fitted.evidence, fitted.hypothesis, restarts=1)
+        residuals = evidence.residuals(fitted.hypothesis.world())
+        return replace(fitted, evidence=evidence, residuals=residuals, scales=evidence.scales(residuals))
+
+    def _at_best_states(self, one: Candidate, evidence: Evidence) -> Candidate:
+        """A hypothesis with each window's log-likelihood at its own first states or at another's, whichever is larger.
+
+        Contact is rough: better first states that were found for one hypothesis must not count for that one alone.
+        """
+        there = evidence.relinearised(one.hypothesis.world(), refine=2)
+        other = self.held_out_log_likelihood(one.fitted, there)
+        return replace(one, log_likelihood=np.maximum(one.log_likelihood, other))
+
+    def held_out_log_likelihood(self, fitted: Fitted, evidence: Evidence | None = None) -> Array:
+        """(W,) log-likelihood of each window at values fitted to the other folds.
+
+        Args:
+            fitted: The hypothesis.
+            evidence: At which first states; at the hypothesis's own if None.
+        """
+        evidence = fitted.evidence if evidence is None else evidence
+        out = np.zeros(len(evidence.windows.toss))
+        for held in self.folds:
+            own = held[evidence.windows.toss]
+            if own.any():
+                part = evidence.of_tosses(held)
+                out[own] = part.log_likelihood_of(fitted.of_part(~held).world(), fitted.scales)
+        return out
+
+    def gain_over(self, one: Candidate, other: Candidate) -> Array:
+        """(W,) robust gains of one hypothesis's log-likelihoods over another's.
+
+        Each is judged at first states of its own, whose uncertainty differs between rigid and compliant contact. Flight
+        does not count where the hypotheses differ only in effects that do not act in it: its windows have so much
+        weight that how well their first states were found would decide.
+
+        Args:
+            one: A hypothesis.
+            other: Another.
+        """
+        gain = one.evidence.gains(one.log_likelihood, other.log_likelihood)
+        flying = [{e.name for e in each.hypothesis.effects if Phase.FLIGHT in e.phases} for each in (one, other)]
+        if flying[0] == flying[1]:
+            gain = np.where(one.evidence.windows.free, 0.0, gain)
+        return gain
+
+    def by_toss(self, gain: Array) -> Array:
+        """(n,) weighted sums over each toss's windows.
+
+        Args:
+            gain: (W,).
+        """
+        weighted = gain * self.windows.weights
+        return np.bincount(self.windows.toss, weights=weighted, minlength=self.n).astype(float)
+
+    def by_part(self, gain: Array) -> Array:
+        """(G, n) weighted sums of all windows, of those with an impact, and of others with contact, if there are both.
+
+        Args:
+            gain: (W,).
+        """
+        w = self.windows
+        impact = (w.inside & (w.phase == Phase.IMPACT)).any(axis=1) & ~w.free
+        other = ~impact & ~w.free
+        parts = (impact, other) if impact.any() and other.any() else ()
+        return np.stack([self.by_toss(gain), *(self.by_toss(np.where(part, gain, 0.0)) for part in parts)])
+
+    def p_value_over(self, one: Candidate, other: Candidate) -> float:
+        """p-value that one hypothesis predicts the tosses no better than another; 1 if on the whole it does not.
+
+        Args:
+            one: A hypothesis.
+            other: Another.
+        """
+        gain = self.by_part(self.gain_over(one, other))
+        return part_p_value(gain) if gain[0].sum() > 0 else 1.0
+
+    def _with_fit_loss(self, effect: Effect | None, fitted: Fitted, nominal: Array, gain: Array) -> Array:
+        """(G, n) gains, of which the first, of all windows, gets back what a fit to noise loses.
+
+        A fit to noise loses half of d^T H d on held-out tosses on average, where d are its values minus the nominal
+        ones. That holds near the nominal values; effects that are also sought from declared starts get nothing back.
+        """
+        if effect is None or effect.starts:
+            return gain
+        out, own, steps = gain.copy(), len(effect.parameters), fitted.hypothesis.steps
+        half = 0.5 * self.settings.likelihood.density.curvature
+        for held in self.folds:
+            d = (fitted.of_part(~held).flat()[-own:] - nominal) / steps[-own:]
+            out[0, held] += half * np.einsum("i,nij,j->n", d, fitted.H[held][:, -own:, -own:], d)
+        return out

@@ -1,0 +1,363 @@
+"""Forward selection of effects, and the confusable classes of those that were selected.
+
+In a round every effect of the library is screened by the gain of one step (a score test, but measured), the promising
+ones are fitted in full, and cross-validated. The best joins if its gain is significant over tosses (signed ranks,
+Bonferroni over the library) and closes enough of the gap; the next round starts from there. A special case is preferred
+to an effect that contains it. After every round, effects that the others have made superfluous are pruned. Last, what
+gained much in the round in which an effect joined is tried in its place, with all other effects in: what is not clearly
+worse there is in its confusable class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.likelihood.evidence import Evidence, student_deviance
+from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator, part_p_value
+from tossid.diagnosis.selection.screening import Screened, screen
+from tossid.physics.effects import Effect
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class SelectionPath:
+    """How rounds of forward selection went.
+
+    Attributes:
+        history: The hypotheses on the way.
+        first_round: What the first round fitted, by name.
+        classes: For each effect that joined, what gained much in the same round.
+        runners_up: The same as they were fitted in the last of these rounds.
+        without: The last hypothesis without each of its effects, by name; empty if none joined.
+    """
+
+    history: tuple[Candidate, ...]
+    first_round: dict[str, Candidate]
+    classes: dict[str, tuple[Effect, ...]]
+    runners_up: tuple[Candidate, ...]
+    without: dict[str, Candidate]
+
+    def then(self, further: SelectionPath) -> SelectionPath:
+        """With rounds that went on from its last hypothesis.
+
+        Args:
+            further: These rounds.
+        """
+        if further.history[-1] is self.history[-1]:
+            return self
+        return replace(further, first_round=self.first_round, classes={**self.classes, **further.classes})
+
+    def ending_in(self, last: Candidate) -> SelectionPath:
+        """With another last hypothesis; an effect that has taken another's place has the other in its class.
+
+        Args:
+            last: That hypothesis.
+        """
+        history, classes = (*self.history[:-1], last), dict(self.classes)
+        before = {effect.name: effect for effect in self.history[-1].hypothesis.effects}
+        now = {effect.name: effect for effect in last.hypothesis.effects}
+        for old in before.keys() - now.keys():
+            group = (before[old], *classes.pop(old, ()))
+            for new in now.keys() - before.keys():
+                classes[new] = tuple(each for each in group if each.name != new)
+        return replace(self, history=history, classes=classes)
+
+
+class ForwardSelection:
+    """Rounds of forward selection over a library of effects."""
+
+    def __init__(self, validator: CrossValidator, library: Sequence[Effect], progress: Progress) -> None:
+        """Rounds that may be run from any hypothesis.
+
+        Args:
+            validator: What fits and judges.
+            library: The effects to choose from.
+            progress: Called with what is under way, and the share that is done.
+        """
+        self.validator, self.library, self.progress = validator, library, progress
+        self.settings = validator.settings.selection
+        self.level = self.settings.level / max(len(library), 1)
+
+    def run(self, first: Candidate, history: Sequence[Candidate], done: float = 0.0) -> SelectionPath:
+        """Rounds from the last hypothesis of a history until no effect is significant.
+
+        Args:
+            first: The hypothesis without effects, of whose gap shares are taken.
+            history: The hypotheses so far.
+            done: Share of the whole work that is done.
+        """
+        history, present = list(history), history[-1]
+        classes: dict[str, tuple[Effect, ...]] = {}
+        first_round: dict[str, Candidate] = {}
+        runners_up: list[Candidate] = []
+        without: dict[str, Candidate] = {}
+        for turn in range(self.settings.most_rounds):
+            if len(present.hypothesis.effects) == self.settings.most_effects:
+                break
+            self.progress(f"round {turn + 1}", min(done + 0.08 * turn, max(done, 0.75)))
+            fitted = self.round(first, present)
+            if turn == 0:
+                first_round = {each.name: each for each in fitted}
+            significant = [each for each in fitted if self.is_significant(first, present, each)]
+            if not significant:
+                break
+            best = self._simplest(significant)
+            least = self.settings.class_gain * best.total
+            runners_up = [each for each in fitted if each is not best and each.total > least]
+            classes[best.name] = tuple(each.effect for each in runners_up if each.effect is not None)
+            known = {best.name: replace(present, gain=-best.gain)}
+            present, without = self.pruned(first, self.refitted(best), known)
+            history.append(present)
+        return SelectionPath(tuple(history), first_round, classes, tuple(runners_up), without)
+
+    def refit_until_stable(self, first: Candidate, path: SelectionPath) -> SelectionPath:
+        """The path with all effects of its last hypothesis fitted together.
+
+        Rounds go on where an effect is pruned then, or where the refit moves the hypothesis as clearly as an effect
+        would: what was not significant before may be significant there.
+
+        Args:
+            first: The hypothesis without effects.
+            path: So far.
+        """
+        known: set[frozenset[str]] = set()
+        for _ in range(self.settings.most_joint_refits):
+            before = path.history[-1]
+            if not before.hypothesis.effects:
+                break
+            self.progress("all effects together", 0.8)
+            refits = self.validator.settings.cross_validation.refits
+            present, without = self.pruned(first, self.refitted(before, refits))
+            path = replace(path, history=(*path.history[:-1], present), without=without)
+            names = frozenset(present.hypothesis.names)
+            same = len(names) == len(before.hypothesis.effects)
+            clearly = self.validator.p_value_over(present, before) < self.level
+            if names in known or (same and not (clearly and self._closes_enough(first, before, present))):
+                break  # an effect that left, came back and left again would do so for ever
+            known.add(names)
+            further = path.then(self.run(first, path.history, 0.8))
+            if further is path:
+                break
+            path = further
+        return path
+
+    def round(self, first: Candidate, present: Candidate, least_gain: float = 0.0) -> list[Candidate]:
+        """The promising effects, fitted and cross-validated.
+
+        Those that gain far less by one step than the best are fitted only if none of the others is significant.
+
+        Args:
+            first: The hypothesis without effects.
+            present: To which an effect is added.
+            least_gain: By one step, from which an effect is promising; the settings' if that is more.
+        """
+        inside = present.hypothesis.names
+        missing = [effect for effect in self.library if effect.name not in inside]
+        screened = self.validator.map(partial(screen, self.validator, present), missing)
+        least = max(least_gain, self.settings.least_screening_gain)
+        promising = sorted((each for each in screened if each.gain > least), key=lambda each: -each.gain)
+        promising = promising[: self.settings.candidates]
+        likely = sum(each.gain > self.settings.second_choice * promising[0].gain for each in promising)
+        fitted = self.validator.map(partial(self._fitted, present), promising[:likely])
+        if not any(self.is_significant(first, present, each) for each in fitted):
+            fitted += self.validator.map(partial(self._fitted, present), promising[likely:])
+        return fitted
+
+    def _fitted(self, present: Candidate, promising: Screened) -> Candidate:
+        near = promising.evidence(present)
+        return self.validator.cross_validate(present, promising.effect, promising.start, near=near)
+
+    def is_significant(self, first: Candidate, present: Candidate, each: Candidate) -> bool:
+        """Whether an effect's gain is significant, and closes enough of the gap.
+
+        Args:
+            first: The hypothesis without effects.
+            present: The hypothesis without the effect.
+            each: The hypothesis with it.
+        """
+        return each.p_value < self.level and each.total > 0 and self._closes_enough(first, present, each)
+
+    def _closes_enough(self, first: Candidate, before: Candidate, after: Candidate) -> bool:
+        """Whether a share of the deviance worth naming is closed, in free flight alone or in all other windows."""
+        closed, free = _closed(before, after), self.validator.windows.free
+        whole = deviances(first.evidence, first.fitted.residuals)
+        least = self.settings.least_closed
+        return any(part.any() and closed[part].sum() > least * whole[part].sum() for part in (free, ~free))
+
+    def refitted(self, present: Candidate, rounds: int = 1) -> Candidate:
+        """A hypothesis with all parameters fitted further, and the other engine's difference as it is there.
+
+        Args:
+            present: The hypothesis.
+            rounds: Most fits.
+        """
+        fitted = self.validator.refit(present.evidence, present.hypothesis, rounds)
+        log_likelihood = self.validator.held_out_log_likelihood(fitted)
+        return replace(present, fitted=fitted, log_likelihood=log_likelihood)
+
+    def pruned(
+        self, first: Candidate, present: Candidate, known: Mapping[str, Candidate] | None = None
+    ) -> tuple[Candidate, dict[str, Candidate]]:
+        """The hypothesis without effects that the others have made superfluous, but for those that are held.
+
+        Args:
+            first: The hypothesis without effects.
+            present: The hypothesis.
+            known: The hypothesis without an effect that has just been found significant, by name.
+
+        Returns:
+            The hypothesis, and what it is without each effect that stays.
+        """
+        validator, known = self.validator, dict(known or {})
+        while True:
+            asked = [name for name in present.hypothesis.names if name not in validator.held | known.keys()]
+            without = dict(zip(asked, validator.map(partial(_without, validator, present), asked), strict=True))
+            gains = {name: validator.by_part(-each.gain) for name, each in without.items()}
+            superfluous = [
+                name
+                for name, gain in gains.items()
+                if gain[0].sum() <= 0
+                or part_p_value(gain) > self.level
+                or not self._closes_enough(first, without[name], present)
+            ]
+            if not superfluous:
+                return present, {**known, **without}
+            present, known = without[min(superfluous, key=lambda name: gains[name][0].sum())], {}
+
+    def _simplest(self, significant: Sequence[Candidate]) -> Candidate:
+        """The best, or a special case of it where the best is not significantly better."""
+        best = max(significant, key=lambda each: each.total)
+        while True:
+            special = () if best.effect is None else best.effect.contains
+            inner = [
+                each
+                for each in significant
+                if each.name in special and self.validator.p_value_over(best, each) > self.level
+            ]
+            if not inner:
+                return best
+            best = max(inner, key=lambda each: each.total)
+
+    # ------------------------------------------------------------ confusable classes
+
+    def confusable_classes(
+        self, present: Candidate, without: Mapping[str, Candidate], path: SelectionPath
+    ) -> tuple[dict[str, Candidate], dict[str, tuple[Candidate, ...]]]:
+        """Each effect against the hypothesis without it, and what of its class could stand in for it.
+
+        Args:
+            present: The hypothesis.
+            without: It without each of its effects, by name.
+            path: How it was selected.
+
+        Returns:
+            Both by name of the effects that are not held.
+        """
+        needed, classes = {}, {}
+        for effect in present.hypothesis.effects:
+            if effect.name in self.validator.held:
+                continue
+            gain = -without[effect.name].gain
+            needed[effect.name] = replace(present, effect=effect, gain=gain, toss_gains=self.validator.by_part(gain))
+            rivals = [each for each in path.classes.get(effect.name, ()) if each.name not in present.hypothesis.names]
+            classes[effect.name] = self._stand_ins(without[effect.name], needed[effect.name], rivals, path.runners_up)
+        return needed, classes
+
+    def best_of_classes(self, present: Candidate, classes: Mapping[str, Sequence[Candidate]]) -> Candidate:
+        """The hypothesis, or the one with another effect of a class in its effect's place that is clearly better.
+
+        All are fitted from first states sought for each alone: states that have long followed one hypothesis hold the
+        others back.
+
+        Args:
+            present: The hypothesis.
+            classes: For each effect, the hypotheses with another in its place.
+        """
+        rivals = [(name, each) for name, group in classes.items() for each in group]
+        if not rivals:
+            return present
+        own, *fitted = self.validator.map(self._refitted_afresh, [present, *(each for _, each in rivals)])
+        best = own if self.validator.p_value_over(own, present) < self.settings.class_level else present
+        ahead = [
+            each
+            for (name, rival), each in zip(rivals, fitted, strict=True)
+            if self.is_better_instead(each, best, rival.effect, name)
+        ]
+        return max(ahead, key=lambda each: float(self.validator.gain_over(each, best).sum()), default=best)
+
+    def _refitted_afresh(self, one: Candidate) -> Candidate:
+        """A hypothesis refitted from first states that are sought for it alone."""
+        begun = self.validator.evaluate(one.hypothesis)
+        return self.refitted(replace(one, fitted=begun.fitted), self.validator.settings.cross_validation.refits)
+
+    def is_better_instead(self, one: Candidate, other: Candidate, effect: Effect | None, instead: str) -> bool:
+        """Whether a hypothesis with an effect in place of another is clearly better.
+
+        An effect that contains the other always fits as well, and has to be better at the level of a new effect.
+
+        Args:
+            one: The hypothesis with the effect.
+            other: The hypothesis with the other.
+            effect: The effect.
+            instead: The other's name.
+        """
+        contains = effect is not None and instead in effect.contains
+        return self.validator.p_value_over(one, other) < (self.level if contains else self.settings.class_level)
+
+    def _is_confusable(self, before: Candidate, best: Candidate, other: Candidate) -> bool:
+        """Whether the tosses cannot distinguish `other` from `best`; a more general effect always fits as well."""
+        validator, settings = self.validator, self.settings
+        if other.effect is None or other is best or not other.total > max(0.0, settings.class_gain * best.total):
+            return False
+        if best.name in other.effect.contains:
+            return validator.p_value_over(other, best) < settings.general_level
+        closed, best_closed = (float(validator.by_toss(_closed(before, each)).sum()) for each in (other, best))
+        return closed > settings.class_closed * best_closed or (
+            validator.p_value_over(best, other) > settings.class_level
+        )
+
+    def _stand_ins(
+        self, without: Candidate, best: Candidate, others: Sequence[Effect], known: Sequence[Candidate]
+    ) -> tuple[Candidate, ...]:
+        """Which others could stand in for an effect, with all the rest in.
+
+        Those that are `known` beside the same effects are taken as they were fitted.
+        """
+        beside = set(without.hypothesis.names)
+        same = {each.name: each for each in known if set(each.hypothesis.names) == beside | {each.name}}
+
+        def fitted(other: Effect) -> Candidate:
+            return same.get(other.name) or self._fitted(without, screen(self.validator, without, other))
+
+        out = [each for each in self.validator.map(fitted, others) if self._is_confusable(without, best, each)]
+        out.sort(key=lambda each: -each.total)
+        return tuple(out[: self.settings.largest_class - 1])
+
+
+def deviances(evidence: Evidence, residuals: Array) -> Array:
+    """(W,) Student's deviance of windows.
+
+    Args:
+        evidence: Of W windows.
+        residuals: (W, L, K) whitened.
+    """
+    deviance = student_deviance(residuals, evidence.density)
+    out: Array = np.where(evidence.windows.inside[..., None], deviance, 0.0).sum((1, 2))
+    return out
+
+
+def _closed(before: Candidate, after: Candidate) -> Array:
+    """(W,) how much less deviance a hypothesis has than another."""
+    return deviances(before.evidence, before.fitted.residuals) - deviances(after.evidence, after.fitted.residuals)
+
+
+def _without(validator: CrossValidator, present: Candidate, name: str) -> Candidate:
+    """The hypothesis without one effect, refitted and cross-validated."""
+    return validator.cross_validate(present, None, present.hypothesis.minus(name), 5)

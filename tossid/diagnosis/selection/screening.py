@@ -1,0 +1,153 @@
+"""Screening: what an effect gains by one measured Gauss-Newton step, from its nominal values or a declared start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
+from tossid.diagnosis.likelihood.fitting import derivatives, toss_sums
+from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
+from tossid.physics.effects import Effect
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Screened:
+    """What a step toward an effect gains.
+
+    Attributes:
+        gain: Of log-likelihood.
+        effect: The effect.
+        start: The hypothesis with the effect, after the step.
+        from_start: Whether the step was taken from one of the effect's declared starts, far from its nominal values.
+    """
+
+    gain: float
+    effect: Effect
+    start: Hypothesis
+    from_start: bool = False
+
+    def evidence(self, present: Candidate) -> Evidence:
+        """Evidence around which to fit from here: the present one, restarted where this is far from it.
+
+        Args:
+            present: The hypothesis without the effect.
+        """
+        if not self.from_start:
+            return present.evidence
+        return present.evidence.relinearised(self.start.world(), refine=4, restarts=1)
+
+
+@dataclass(frozen=True)
+class _Start:
+    """A start of the effect, the evidence there, and its gain.
+
+    before: (W,) the present hypothesis's log-likelihoods in the same windows, over which is gained.
+    """
+
+    hypothesis: Hypothesis
+    evidence: Evidence
+    before: Array
+    gain: float
+
+
+def screen(validator: CrossValidator, present: Candidate, effect: Effect) -> Screened:
+    """The gain of a Gauss-Newton step or a part of it, from the effect's nominal values or from its best start.
+
+    Log-likelihoods are taken at first states that suit the present hypothesis or the start, whichever are better.
+    Starts are far from the present hypothesis, and are tried with some of the tosses only. The best is chosen at first
+    states near the present ones, which favours what is near; from there, starts farther out are tried at first states
+    of their own.
+
+    Args:
+        validator: With its folds.
+        present: The hypothesis without the effect.
+        effect: What is screened.
+    """
+    now, whole = present.fitted, present.evidence
+    nominal = now.hypothesis.plus(effect)
+    base = whole.log_likelihood(now.residuals, now.scales)
+    best = _step(validator, now.scales, _Start(nominal, whole, base, 0.0))
+    if not effect.starts:
+        return best
+    some = np.any(validator.folds[: validator.settings.selection.screening_folds], axis=0)
+    share, part = float(some.mean()), whole.of_tosses(some)
+    base = base[some[whole.windows.toss]]
+    starts = [_at_start(nominal, effect, start) for start in effect.starts]
+
+    def roughly(hypothesis: Hypothesis) -> _Start:
+        e = part.relinearised(hypothesis.world(), refine=2, update=False)
+        gain = _gain(e.gains(e.log_likelihood_of(hypothesis.world(), now.scales), base), e)
+        return _Start(hypothesis, e, base, gain)
+
+    def with_own_states(hypothesis: Hypothesis, near: Evidence) -> _Start:
+        e = near.relinearised(hypothesis.world(), refine=4, restarts=1)
+        before = np.maximum(base, e.log_likelihood_of(now.hypothesis.world(), now.scales))
+        after = np.maximum(*(each.log_likelihood_of(hypothesis.world(), now.scales) for each in (part, e)))
+        return _Start(hypothesis, e, before, _gain(e.gains(after, before), e))
+
+    nearest = max((roughly(each) for each in starts), key=lambda each: each.gain)
+    begin = with_own_states(nearest.hypothesis, nearest.evidence)
+    for farther in _beyond(begin.hypothesis, starts, nominal):
+        tried = with_own_states(farther, begin.evidence)
+        if tried.gain <= begin.gain:
+            break
+        begin = tried
+    far = _step(validator, now.scales, begin)
+    return replace(far, gain=far.gain / share, from_start=True) if far.gain / share > best.gain else best
+
+
+def _at_start(nominal: Hypothesis, effect: Effect, start: Mapping[str, float]) -> Hypothesis:
+    """The hypothesis with the effect, the last one, at a declared start."""
+    values = {**effect.named(nominal.values[-1]), **start}
+    last = np.array([values[p.name] for p in effect.parameters])
+    return replace(nominal, values=(*nominal.values[:-1], last))
+
+
+def _beyond(start: Hypothesis, starts: Sequence[Hypothesis], nominal: Hypothesis) -> list[Hypothesis]:
+    """Those of an effect's starts that are farther from nominal than one of them, on its side, nearest first.
+
+    None where the effect has several parameters, whose starts have no order.
+    """
+    if len(start.values[-1]) > 1:
+        return []
+
+    def distance(each: Hypothesis) -> float:
+        return float((each.values[-1] - nominal.values[-1])[0])
+
+    here = distance(start)
+    beyond = (each for each in starts if distance(each) * np.sign(here) > abs(here))
+    return sorted(beyond, key=lambda each: abs(distance(each)))
+
+
+def _step(validator: CrossValidator, scales: Array, begin: _Start) -> Screened:
+    """The last effect of a hypothesis after the best part of a Gauss-Newton step of its own parameters."""
+    e, hypothesis = begin.evidence, begin.hypothesis
+    effect = hypothesis.effects[-1]
+    best = Screened(max(begin.gain, 0.0), effect, hypothesis)
+    size = len(hypothesis.flat())
+    own = list(range(size - len(effect.parameters), size))
+    residuals = e.residuals(hypothesis.world())
+    J = derivatives(e, hypothesis, residuals, own)[..., own]
+    H, g = (each.sum(0) for each in toss_sums(e, residuals, J, scales, validator.n))
+    delta = np.zeros(size)
+    delta[own] = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(own))) @ g
+    for share in validator.settings.selection.step_shares:
+        moved = hypothesis.clipped(hypothesis.flat() + share * delta * hypothesis.steps)
+        gain = _gain(e.gains(e.log_likelihood_of(moved.world(), scales), begin.before), e)
+        if gain > best.gain:
+            best = Screened(gain, effect, moved)
+        elif gain > begin.gain:
+            break
+    return best
+
+
+def _gain(gain: Array, e: Evidence) -> float:
+    """The gain of windows (W,), weighted in units of a flight's, or unweighted where contact gains more."""
+    weight = e.windows.settings.windows.flight_weight
+    return max(float(gain.sum()), float(gain @ e.windows.weights) / weight)

@@ -1,0 +1,109 @@
+"""Trained models in files. A checkpoint holds tensors, numbers and text; no code is ever read from it."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from tossid.errors import FileError
+from tossid.models.registry import build_model, settings_from
+from tossid.models.trained import EpochRecord, TrainedModel
+from tossid.objects import ObjectModel, object_from_mjcf
+from tossid.settings.plain import from_plain, to_plain
+from tossid.settings.training import TrainSettings
+
+SCHEMA = "tossid.checkpoint/3"
+"""What is written: settings, history and parameters with the weights."""
+OLDER = "tossid.checkpoint/2"
+"""What is read, too: the model's keys, its seed, and the weights."""
+_STATED = ("name", "friction", "restitution", "compliance", "relaxation", "cohesion", "width")
+"""What of an object its MJCF does not say."""
+
+
+def checkpoint_bytes(trained: TrainedModel) -> bytes:
+    """A trained model as the content of a file.
+
+    Args:
+        trained: The model.
+    """
+    given = trained.model.object
+    content = {
+        "schema": SCHEMA,
+        "settings": to_plain(trained.settings),
+        "data": None if trained.data is None else str(trained.data.resolve()),
+        "sha256": trained.sha256,
+        "object": {"mjcf": given.mjcf, **{name: getattr(given, name) for name in _STATED}},
+        "model": trained.model.state_dict(),
+        "parameters": trained.parameters,
+        "history": [asdict(record) for record in trained.history],
+        "seconds": trained.seconds,
+    }
+    return tensor_bytes(content)
+
+
+def tensor_bytes(content: Mapping[str, Any]) -> bytes:
+    """Plain values and tensors as `torch.save` writes them.
+
+    Args:
+        content: Numbers, text, tensors, lists and dicts of these.
+    """
+    buffer = io.BytesIO()
+    torch.save(dict(content), buffer)
+    return buffer.getvalue()
+
+
+def read_checkpoint(path: Path) -> TrainedModel:
+    """The trained model of a checkpoint file.
+
+    Args:
+        path: The file, of this schema or of the one before.
+
+    Raises:
+        FileError: It is no checkpoint, or damaged.
+    """
+    try:
+        content = torch.load(path, weights_only=True)
+    except Exception as error:
+        raise FileError(path, f"not a readable checkpoint ({type(error).__name__})") from error
+    schema = content.get("schema") if isinstance(content, dict) else None
+    if schema not in (SCHEMA, OLDER):
+        raise FileError(path, f"not a checkpoint of schema {SCHEMA} or {OLDER}")
+    try:
+        return _trained(_renewed(content) if schema == OLDER else content)
+    except Exception as error:  # what is damaged may be anywhere in it
+        raise FileError(path, f"a damaged checkpoint ({type(error).__name__}: {error})") from error
+
+
+def _trained(content: dict[str, Any]) -> TrainedModel:
+    settings = _train_settings(content["settings"])
+    about = dict(content["object"])
+    given: ObjectModel = object_from_mjcf(about.pop("mjcf"), **about)
+    model = build_model(settings.model, given, seed=settings.seed)
+    model.load_state_dict(content["model"])
+    return TrainedModel(
+        model,
+        settings,
+        content["parameters"] or model.parameters_report(),
+        tuple(EpochRecord(**record) for record in content["history"]),
+        content["seconds"],
+        None if content["data"] is None else Path(content["data"]),
+        content["sha256"],
+    )
+
+
+def _train_settings(values: dict[str, Any]) -> TrainSettings:
+    model = settings_from(values["model"])
+    rest = {name: value for name, value in values.items() if name != "model"}
+    return replace(from_plain(TrainSettings(), rest), model=model)
+
+
+def _renewed(content: dict[str, Any]) -> dict[str, Any]:
+    """The content of an older checkpoint as this schema has it."""
+    model = {name.replace("residual.", "k_res.", 1): value for name, value in content["model"].items()}
+    settings = {"model": content["config"], "seed": content["seed"]}
+    return {**content, "settings": settings, "model": model, "parameters": {}, "history": [], "seconds": 0.0}

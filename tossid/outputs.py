@@ -1,0 +1,295 @@
+"""Outputs that appear whole or not at all, and that only one process writes at a time.
+
+A file or folder is written beside its place under a hidden temporary name, flushed to disk and renamed. Whatever ends
+the process before the rename leaves what was there before. A lock beside the output refuses a second writer. The system
+releases it when its holder dies, so that a temporary found by the next holder is one that a dead process left.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import fcntl
+import json
+import os
+import re
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import BinaryIO
+
+from tossid.errors import InputError, OutputError
+
+MARKER = ".tossid-output"
+"""A file in each output folder of ours: only folders that carry it (or are empty) are ever replaced."""
+
+_TEMPORARY = re.compile(r"\.tmp-\d+-[0-9a-f]{8}(?=\.|$)")
+"""What a temporary has in its name."""
+
+_DISK_ERRORS = {
+    errno.ENOSPC: "the disk is full",
+    errno.EDQUOT: "the disk quota is used up",
+    errno.EROFS: "the file system is read-only",
+    errno.EACCES: "no permission to write",
+    errno.EPERM: "no permission to write",
+    errno.EFBIG: "the file would become too large",
+    errno.EIO: "the disk reports an input/output error",
+    errno.ENAMETOOLONG: "the name is too long",
+    errno.ENOTDIR: "a file stands where a folder is needed",
+}
+
+
+def disk_problem(error: BaseException) -> str | None:
+    """What the disk refused, in words, or None where the error is nothing of the kind.
+
+    HDF5 reports the system's error in its text only, so the text is read too.
+    """
+    if not isinstance(error, OSError):
+        return None
+    if error.errno in _DISK_ERRORS:
+        return _DISK_ERRORS[error.errno]
+    text = str(error)
+    for code in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):
+        if os.strerror(code) in text or f"errno = {code}," in text:
+            return _DISK_ERRORS[code]
+    return None
+
+
+@contextmanager
+def output_file(path: Path) -> Iterator[Path]:
+    """Write a file whole or not at all.
+
+    Yields a temporary path beside `path`, with the same suffix; on leaving
+    without an error it replaces `path`.
+
+    Raises:
+        InputError: `path` is a folder.
+        OutputError: the disk refuses, or another command is writing `path`.
+    """
+    path = Path(os.path.abspath(path))
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; expected the name of a file to write")
+    with _explained(path), _lock(path):
+        _remove_stale(path)
+        temporary = _temporary(path)
+        try:
+            yield temporary
+            if not temporary.is_file():
+                raise FileNotFoundError(errno.ENOENT, "nothing was written to the output", str(temporary))
+            _sync(temporary)
+            os.replace(temporary, path)
+            _sync(path.parent)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def output_stream(path: Path) -> Iterator[BinaryIO]:
+    """Write a file whole or not at all, through a stream that can be read back and sought in.
+
+    Args:
+        path: The file. The temporary that `output_file` yields is written as it is.
+
+    Raises:
+        InputError: `path` is a folder.
+        OutputError: The disk refuses, or another process is writing `path`.
+    """
+    try:
+        whole = nullcontext(path) if _TEMPORARY.search(path.name) else output_file(path)
+        with whole as temporary, open(temporary, "w+b") as stream:
+            yield stream
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+def write_whole(path: Path, content: bytes | memoryview) -> None:
+    """Write a file whole or not at all.
+
+    Raises:
+        InputError: `path` is a folder.
+        OutputError: The disk refuses, or another process is writing `path`.
+    """
+    with output_stream(path) as stream:
+        stream.write(content)
+
+
+@contextmanager
+def output_folder(path: Path, *, made_by: str) -> Iterator[Path]:
+    """Write a folder whole or not at all.
+
+    Yields a new temporary folder beside `path`; on leaving without an error
+    it replaces `path`. A folder that holds a stranger's files is never replaced.
+
+    Args:
+        path: the folder.
+        made_by: the command, noted in the folder's marker.
+
+    Raises:
+        InputError: `path` is a file, or a folder with files that are not ours.
+        OutputError: the disk refuses, or another command is writing `path`.
+    """
+    path = Path(os.path.abspath(path))
+    with _explained(path), _lock(path):
+        recover_folder(path)
+        _refuse_foreign(path)
+        _remove_stale(path)
+        temporary = _temporary(path)
+        try:
+            temporary.mkdir()
+            yield temporary
+            (temporary / MARKER).write_text(json.dumps({"made_by": made_by}) + "\n")
+            _sync_tree(temporary)
+            _replace_folder(temporary, path)
+            _sync(path.parent)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def only_writer(path: Path) -> Iterator[None]:
+    """Refuse another command that would write the several files of `path` at the same time.
+
+    Raises:
+        OutputError: another command is at it.
+    """
+    with _lock(Path(os.path.abspath(path))):
+        yield
+
+
+def recover_folder(path: Path) -> None:
+    """Put back a folder whose replacement died between two renames (only where the system cannot swap)."""
+    kept = path.with_name(f".{path.name}.old")
+    if kept.is_dir():
+        if path.exists():
+            shutil.rmtree(kept)
+        else:
+            os.rename(kept, path)
+
+
+@contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    """Turn the disk's refusals, wherever they surface, into one `OutputError` that names the output."""
+    try:
+        yield
+    except OutputError as error:  # of a room, about our temporary: say it of the output
+        problem = disk_problem(error.__cause__) if error.__cause__ is not None else None
+        if problem is None:
+            raise
+        raise OutputError(f"{path}: cannot be written: {problem}") from error.__cause__
+    except OSError as error:
+        problem = disk_problem(error)
+        elsewhere = isinstance(error.filename, str) and not os.path.abspath(error.filename).startswith(str(path.parent))
+        if problem is None or elsewhere:
+            raise
+        raise OutputError(f"{path}: cannot be written: {problem}") from error
+
+
+@contextmanager
+def _lock(path: Path) -> Iterator[None]:
+    """Hold the lock beside `path`; create its parent folder."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lock = path.with_name(f".{path.name}.lock")
+    while True:
+        handle = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            holder = os.read(handle, 32).decode(errors="replace").strip()
+            os.close(handle)
+            if error.errno not in (errno.EAGAIN, errno.EWOULDBLOCK):
+                raise
+            who = f"process {holder}" if holder else "another process"
+            raise OutputError(f"{path}: is being written by another tossid command ({who})") from None
+        try:  # another holder may have removed the file between our open and our lock
+            current = os.stat(lock).st_ino == os.fstat(handle).st_ino
+        except FileNotFoundError:
+            current = False
+        if current:
+            break
+        os.close(handle)
+    try:
+        os.ftruncate(handle, 0)
+        os.write(handle, f"{os.getpid()}\n".encode())
+        yield
+    finally:
+        lock.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def _temporary(path: Path) -> Path:
+    return path.with_name(f".{path.stem}.tmp-{os.getpid()}-{secrets.token_hex(4)}{path.suffix}")
+
+
+def _remove_stale(path: Path) -> None:
+    """Remove temporaries of dead commands. The caller holds the lock, so none is alive."""
+    for entry in path.parent.iterdir():
+        if _is_temporary(entry.name, path):
+            if entry.is_dir() and not entry.is_symlink():
+                shutil.rmtree(entry, ignore_errors=True)
+            else:
+                entry.unlink(missing_ok=True)
+
+
+def _is_temporary(name: str, path: Path) -> bool:
+    """Whether a name is that of a temporary of `path`: ".NAME.tmp-PID-RANDOM.SUFFIX"."""
+    own = re.escape(f".{path.stem}.tmp-") + r"\d+-[0-9a-f]{8}" + re.escape(path.suffix)
+    return re.fullmatch(own, name) is not None
+
+
+def _refuse_foreign(path: Path) -> None:
+    if path.is_symlink() or (path.exists() and not path.is_dir()):
+        raise InputError(f"{path}: exists and is no folder; choose another output folder")
+    if path.is_dir() and not (path / MARKER).is_file() and any(path.iterdir()):
+        raise InputError(f"{path}: holds files that tossid did not write; choose another output folder")
+
+
+def _replace_folder(new: Path, path: Path) -> None:
+    if not path.exists():
+        os.rename(new, path)
+        return
+    if _swap(new, path):
+        return  # the old one now lies at `new`, which the caller removes
+    kept = path.with_name(f".{path.name}.old")
+    os.rename(path, kept)
+    os.rename(new, path)
+    shutil.rmtree(kept, ignore_errors=True)
+
+
+def _swap(a: Path, b: Path) -> bool:
+    """Exchange two folders in one step (Linux). False where the system cannot."""
+    try:
+        renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
+    except (AttributeError, OSError):
+        return False
+    at_cwd, exchange = -100, 2
+    return bool(renameat2(at_cwd, os.fsencode(a), at_cwd, os.fsencode(b), exchange) == 0)
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.EBADF):  # file systems without fsync of folders
+            raise
+    finally:
+        os.close(handle)
+
+
+def _sync_tree(folder: Path) -> None:
+    """Flush a folder with all its files: in one call where the system has it."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        if ctypes.CDLL(None, use_errno=True).syncfs(handle) == 0:
+            return
+        code = ctypes.get_errno()
+        if code in _DISK_ERRORS:
+            raise OSError(code, os.strerror(code), str(folder))
+    except AttributeError:
+        pass
+    finally:
+        os.close(handle)
+    for path in folder.rglob("*"):
+        _sync(path)

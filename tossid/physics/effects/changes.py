@@ -1,0 +1,72 @@
+"""Changes of a world that several effects share: functions for `Effect.apply`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.physics.effects.world import World
+from tossid.physics.forces import LEAST, Forces, Growing
+
+Array = NDArray[np.float64]
+Apply = Callable[[World, Mapping[str, float]], World]
+
+
+def with_object(world: World, **changes: Any) -> World:
+    """The world with fields of its object replaced.
+
+    Args:
+        world: The world.
+        **changes: As for `ObjectModel.with_changes`.
+    """
+    return replace(world, object=world.object.with_changes(**changes))
+
+
+def sets_forces(**names: str) -> Apply:
+    """An `apply` whose parameters are numbers of `Forces`.
+
+    Args:
+        **names: By field of `Forces`, the parameter.
+    """
+    return lambda world, p: replace(world, forces=world.forces._replace(**{k: p[n] for k, n in names.items()}))
+
+
+def sets_law(**names: str) -> Apply:
+    """An `apply` whose parameters are numbers of `Law`.
+
+    Args:
+        **names: By field of `Law`, the parameter.
+    """
+    return lambda world, p: replace(world, law=world.law._replace(**{k: p[n] for k, n in names.items()}))
+
+
+def air_speed(forces: Forces, u: Array) -> Array:
+    """Velocity (*b, 3) [m/s] relative to the air.
+
+    Args:
+        forces: With the wind.
+        u: (*b, 3) velocity [m/s], world axes.
+    """
+    return u - np.array([forces.wind_x, forces.wind_y, 0.0])
+
+
+def size_of(state: Array) -> Array:
+    """Length (*b, 1) of vectors (*b, n)."""
+    size: Array = np.linalg.norm(state, axis=-1, keepdims=True)
+    return size
+
+
+def growth(forces: Forces, which: Growing, state: Array) -> Array:
+    """Factor (*b, 1) of the force that grows with a further power of its state; 1 for the others.
+
+    Args:
+        forces: The forces.
+        which: The force.
+        state: (*b, n) what it depends on.
+    """
+    size = np.maximum(size_of(state), LEAST)
+    return size**forces.power if forces.powered == which else np.ones_like(size)

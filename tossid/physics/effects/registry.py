@@ -1,0 +1,89 @@
+"""The effects that there are: those of the families, and those that a user registers."""
+
+from __future__ import annotations
+
+from tossid.code_digest import note_registered
+from tossid.errors import InputError
+from tossid.objects import ObjectModel
+from tossid.physics.effects import body, contact, environment, field, fluid, joint, measurement
+from tossid.physics.effects.effect import Effect
+
+_FAMILIES = (body, environment, fluid, field, contact, measurement, joint)
+
+BUILT_IN: tuple[Effect, ...] = tuple(effect for family in _FAMILIES for effect in family.EFFECTS)
+"""The effects of the families, in the order in which they are fitted and drawn."""
+LIBRARY = tuple(effect for effect in BUILT_IN if not effect.needs_joints)
+"""Those that every object can have."""
+JOINT_EFFECTS = tuple(effect for effect in BUILT_IN if effect.needs_joints)
+"""Those of objects with joints."""
+
+_registered: dict[str, Effect] = {}
+
+
+def register_effect(effect: Effect) -> Effect:
+    """Add an effect to the library of this process: diagnoses fit it, and synthesis and audits can contain it.
+
+    Args:
+        effect: With a name that no other effect has.
+
+    Returns:
+        The effect.
+
+    Raises:
+        InputError: There is an effect of this name.
+    """
+    if effect.name in {other.name for other in all_effects()}:
+        raise InputError(f"there already is an effect '{effect.name}'")
+    note_registered(__name__, effect)
+    _registered[effect.name] = effect
+    return effect
+
+
+def unregister_effect(name: str) -> None:
+    """Take out an effect that was registered.
+
+    Args:
+        name: Its name.
+
+    Raises:
+        InputError: No effect of this name was registered.
+    """
+    if _registered.pop(name, None) is None:
+        raise InputError(f"no effect '{name}' was registered")
+
+
+def all_effects() -> tuple[Effect, ...]:
+    """All effects, those of the families first."""
+    return (*BUILT_IN, *_registered.values())
+
+
+def effects_for(model: ObjectModel) -> tuple[Effect, ...]:
+    """The effects that an object can have.
+
+    Args:
+        model: The object. Effects of joints are only for objects with joints.
+
+    Returns:
+        The effects, in the form that they have for this object.
+    """
+    if not model.n_joints:
+        return tuple(effect for effect in all_effects() if not effect.needs_joints)
+    return tuple(effect.of_links or effect for effect in all_effects())
+
+
+def effect_named(name: str) -> Effect:
+    """The effect of a name, in its form for objects without joints.
+
+    Args:
+        name: The effect's name.
+
+    Returns:
+        The effect.
+
+    Raises:
+        InputError: There is none.
+    """
+    for effect in all_effects():
+        if effect.name == name:
+            return effect
+    raise InputError(f"there is no effect '{name}' in the library")

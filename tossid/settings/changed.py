@@ -1,0 +1,61 @@
+"""Settings with some of their fields changed by name, as keyword arguments of the library's verbs give them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass, replace
+from difflib import get_close_matches
+from typing import Any, TypeVar
+
+from tossid.errors import ConfigError
+
+S = TypeVar("S")
+
+
+def changed(settings: S, keys: Mapping[str, Any]) -> S:
+    """The settings with new values.
+
+    Args:
+        settings: A frozen dataclass; its fields may be settings themselves.
+        keys: New values by name. `gravity` changes the field of that name, at the top or, where there is none, in the
+            one part that has it; `model__gravity` and `{"model.gravity": 0.0}` say which part.
+
+    Returns:
+        A copy; the argument stays as it is.
+
+    Raises:
+        ConfigError: No field has the name, or more than one part has it.
+    """
+    for key, value in keys.items():
+        settings = _replaced(settings, _path(settings, key), value)
+    return settings
+
+
+def _path(settings: Any, key: str) -> tuple[str, ...]:
+    """The way to the field that a key names."""
+    asked = tuple(key.replace("__", ".").split("."))
+    every = list(_paths(settings))
+    if asked in every:
+        return asked
+    found = [path for path in every if path[-len(asked) :] == asked]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise ConfigError(key, f"is not one setting but {len(found)}: {', '.join('.'.join(path) for path in found)}.")
+    near = get_close_matches(asked[-1], [path[-1] for path in every], n=1, cutoff=0.6)
+    raise ConfigError(key, f"is no setting of {type(settings).__name__}.", suggestion=next(iter(near), None))
+
+
+def _paths(settings: Any) -> Iterator[tuple[str, ...]]:
+    for field in fields(settings):
+        yield (field.name,)
+        value = getattr(settings, field.name)
+        if is_dataclass(value) and not isinstance(value, type):
+            for rest in _paths(value):
+                yield (field.name, *rest)
+
+
+def _replaced(settings: Any, path: tuple[str, ...], value: Any) -> Any:
+    first, *rest = path
+    inner = _replaced(getattr(settings, first), tuple(rest), value) if rest else value
+    return replace(settings, **{first: inner})

@@ -1,0 +1,121 @@
+"""The registry of input formats: what a source of tosses can be, and who reads it.
+
+A format is one file with a frozen dataclass of settings (its `name` is the format's) and one call of
+`register_importer` for tracked poses and ready tosses, or of `tossid.vision.recordings.registry.register_recording`
+for recordings of cameras.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from tossid.code_digest import note_registered
+from tossid.objects import ObjectModel
+from tossid.types import PoseTrack
+
+S = TypeVar("S")
+
+
+class Contents(Enum):
+    """What a source holds."""
+
+    POSES = "tracked poses, one track a toss"
+    RECORDING = "a recording of cameras: images or tag detections"
+
+
+class Imported(NamedTuple):
+    """What an importer read."""
+
+    tracks: Sequence[PoseTrack]
+    """one track a toss"""
+    rate_hz: float | None = None
+    """frames a second; None: the median over the tracks"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputFormat:
+    """One format of input."""
+
+    settings: type[Any]
+    """frozen dataclass of its settings; the default of the field `name` names the format, `path` says where it lies"""
+    read: Callable[..., Any]
+    """reads it: settings and object to `Imported` for poses, settings to `Opened` for a recording"""
+    contents: Contents
+    """what it holds, and so what `ingest` does with it"""
+    recognizes: Callable[[Path], bool]
+    """whether a path looks like this format"""
+    default_object: str = "cube"
+    """name of the object where neither the caller nor the source names one"""
+    cut_at_rest: bool = False
+    """whether tosses are cut after the object came to rest: the files of some formats go on"""
+
+    @property
+    def name(self) -> str:
+        """The format's name."""
+        return str(self.settings.name)
+
+
+FORMATS: dict[str, InputFormat] = {}
+"""Every registered format by its name."""
+
+
+def register(entry: InputFormat) -> None:
+    """Add a format, or replace the one of that name.
+
+    Args:
+        entry: The format.
+    """
+    note_registered(__name__, entry)
+    FORMATS[entry.name] = entry
+
+
+def register_importer(
+    settings: type[S],
+    read: Callable[[S, ObjectModel], Imported],
+    *,
+    recognizes: Callable[[Path], bool] = lambda path: False,
+    default_object: str = "cube",
+    cut_at_rest: bool = False,
+) -> None:
+    """Add a format of tracked poses or ready tosses; `tossid.ingest(..., source=NAME)` then reads it.
+
+    Args:
+        settings: Frozen dataclass with the fields `name` (a `Literal`, whose default names the format) and `path`, and
+            what else the format needs, each with a default. The command line takes these fields as `source.FIELD`.
+        read: Reads a source of the object. Poses are in metres, quaternions wxyz, in a world whose z points up and
+            whose ground is z = 0.
+        recognizes: Whether a path looks like this format, for callers that name none.
+        default_object: Name of the object where the caller names none.
+        cut_at_rest: Whether a toss ends when the object has come to rest, though its file goes on.
+    """
+    register(
+        InputFormat(
+            settings=settings,
+            read=read,
+            contents=Contents.POSES,
+            recognizes=recognizes,
+            default_object=default_object,
+            cut_at_rest=cut_at_rest,
+        )
+    )
+
+
+def holds(path: Path, suffix: str) -> bool:
+    """Whether a path is a folder with a file of that suffix, and no recording of cameras.
+
+    Args:
+        path: What is looked at.
+        suffix: End of the files' names.
+
+    Returns:
+        True if it looks like a folder of tosses.
+    """
+    return (
+        path.is_dir()
+        and not (path / "cameras.yaml").exists()
+        and any(entry.name.endswith(suffix) for entry in path.iterdir())
+    )

@@ -1,0 +1,228 @@
+"""Datasets to HDF5: written whole or not at all, and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO, TypeVar
+
+import h5py
+import numpy as np
+
+from tossid.errors import InputError
+from tossid.objects import ObjectModel
+from tossid.outputs import output_stream
+from tossid.store.dataset import Dataset
+from tossid.store.object_text import text_of_model
+from tossid.store.schema import CONTACT_LAW, FRAMES, MAX_ATTRIBUTE_TEXT, MEMBERS, SCHEMA, TAG_DTYPE, frugal, plain
+from tossid.types import Phase, Toss
+
+T = TypeVar("T")
+
+_UNKNOWN_SOURCE = "not stated"
+
+
+def write_dataset(dataset: Dataset, path: str | Path) -> None:
+    """Write a dataset as one HDF5 file (schema: `tossid.store.schema`).
+
+    The file appears whole or not at all: what was there before stays until the new one is complete on the disk. Equal
+    datasets give equal bytes.
+
+    Args:
+        dataset: What is written, but for its `truth`. Its provenance says under `covariance_source` where the
+            covariances come from.
+        path: The file (.h5).
+
+    Raises:
+        InputError: The dataset breaks the schema (names, joints, provenance).
+        ObjectError: The object cannot be described in MJCF.
+        OutputError: The disk is full, or the file cannot be written there.
+    """
+    with dataset_writer(dataset.object, Path(path)) as writer:
+        for toss in dataset.tosses:
+            writer.add(toss)
+        writer.finish(rate_hz=dataset.rate_hz, source=dataset.source, provenance=dataset.provenance)
+
+
+@contextmanager
+def dataset_writer(model: ObjectModel, path: Path) -> Iterator[DatasetWriter]:
+    """`write_dataset` of tosses that come one by one, and never need to be in memory together.
+
+    The file appears when the block ends, after `DatasetWriter.finish`.
+
+    Args:
+        model: The dataset's object.
+        path: The file (.h5).
+
+    Yields:
+        What takes the tosses.
+
+    Raises:
+        InputError: As `write_dataset`.
+        ObjectError: As `write_dataset`.
+        OutputError: As `write_dataset`.
+        RuntimeError: The block ended without `finish`; there is no file then.
+    """
+    if not isinstance(model, ObjectModel):
+        raise InputError(f"the dataset's object is a {type(model).__name__}, expected an ObjectModel")
+    text = text_of_model(model)
+    with output_stream(path) as stream:
+        sink = _Sink(stream)
+        try:
+            with frugal(h5py.File(sink, "w", libver=("v110", "v110"))) as file:
+                _write_object(file.create_group("object"), model, text)
+                yield DatasetWriter(file, model, sink)
+                if "schema" not in file.attrs:
+                    raise RuntimeError(f"{path}: the block ended without DatasetWriter.finish")
+        finally:
+            sink.check()
+
+
+class DatasetWriter:
+    """Takes the tosses of one dataset, see `dataset_writer`."""
+
+    def __init__(self, file: h5py.File, model: ObjectModel, sink: _Sink) -> None:
+        self._model, self._sink = model, sink
+        self._file, self._tosses = file, file.create_group("tosses")
+        self._splits: dict[str, str] = {}
+        self._n_frames = 0
+
+    def add(self, toss: Toss) -> None:
+        """Write the next toss.
+
+        Args:
+            toss: A toss of the dataset's object, under a name of its own.
+
+        Raises:
+            InputError: Its name is taken or none, or it is of another object.
+            OSError: The disk is full.
+        """
+        self._check(toss)
+        into = self._tosses.create_group(toss.name)
+        into.attrs["index"] = len(self._splits)
+        for member in MEMBERS:
+            value = getattr(toss, member.name)
+            if value is None:
+                continue
+            made = _put(into, member.name, np.ascontiguousarray(value, dtype=member.dtype))
+            made.attrs["unit"], made.attrs["meaning"] = member.unit, member.meaning
+        self._splits[toss.name] = toss.split
+        self._n_frames += len(toss)
+        self._sink.check()
+
+    def finish(
+        self, *, rate_hz: float, source: str, provenance: Mapping[str, Any], splits: Mapping[str, str] | None = None
+    ) -> None:
+        """Write what may be known only after the last toss.
+
+        Args:
+            rate_hz: Frames a second.
+            source: Which importer or simulator made the tosses.
+            provenance: Where they come from: text, numbers and booleans by name.
+            splits: Of tosses by name, where they differ from the tosses' own.
+
+        Raises:
+            InputError: There was no toss, or rate or provenance are none.
+        """
+        if not self._splits:
+            raise InputError("the dataset has no tosses")
+        if not (np.isfinite(rate_hz) and rate_hz > 0):
+            raise InputError(f"the dataset's rate is {rate_hz} Hz, expected a positive number")
+        _check_provenance(provenance)
+        for name, split in (self._splits | dict(splits or {})).items():
+            self._tosses[name].attrs["split"] = split
+        file = self._file
+        file.attrs["schema"] = SCHEMA
+        file.attrs["source"] = source
+        file.attrs["rate_hz"] = float(rate_hz)
+        file.attrs["frames"] = FRAMES
+        file.attrs["covariance_source"] = str(provenance.get("covariance_source", _UNKNOWN_SOURCE))
+        file.attrs["n_tosses"] = len(self._splits)
+        file.attrs["n_frames"] = self._n_frames
+        group = file.create_group("provenance")
+        for key, value in sorted(provenance.items()):
+            group.attrs[key] = plain(value)
+
+    def _check(self, toss: Toss) -> None:
+        model = self._model
+        if not toss.name or "/" in toss.name or "\x00" in toss.name or toss.name in (".", ".."):
+            raise InputError(f"a toss cannot be named {toss.name!r} (empty, a dot, or with '/')")
+        if toss.name in self._splits:
+            raise InputError(f"two tosses are named {toss.name!r}")
+        if toss.q.shape[1] != model.nq:
+            raise InputError(
+                f"toss {toss.name} has {toss.q.shape[1] - 7} joints, object '{model.name}' has {model.n_joints}"
+            )
+        if toss.phase.max() > max(Phase):
+            raise InputError(f"toss {toss.name} has phase {toss.phase.max()}, expected at most {max(Phase)}")
+
+
+class _Sink:
+    """The stream that HDF5 writes to.
+
+    HDF5 does not survive a full disk. So the first error is kept for `check`, and HDF5 sees success from then on, while
+    nothing is written.
+    """
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+        self._error: OSError | None = None
+
+    def check(self) -> None:
+        """Raise the first error."""
+        if self._error is not None:
+            raise self._error
+
+    def read(self, size: int = -1) -> bytes:
+        return self._tried(lambda: self._stream.read(size), bytes(max(0, size)))
+
+    def write(self, data: bytes) -> int:
+        return self._tried(lambda: self._stream.write(data), len(data))
+
+    def seek(self, place: int, whence: int = 0) -> int:
+        return self._tried(lambda: self._stream.seek(place, whence), place)
+
+    def tell(self) -> int:
+        return self._tried(self._stream.tell, 0)
+
+    def truncate(self, size: int | None = None) -> int:
+        return self._tried(lambda: self._stream.truncate(size), size or 0)
+
+    def flush(self) -> None:
+        self._tried(self._stream.flush, None)
+
+    def _tried(self, do: Callable[[], T], otherwise: T) -> T:
+        if self._error is None:
+            try:
+                return do()
+            except OSError as error:
+                self._error = error
+        return otherwise
+
+
+def _check_provenance(provenance: Mapping[str, Any]) -> None:
+    for key, value in provenance.items():
+        if not isinstance(key, str) or not key or not isinstance(value, (str, int, float, bool, np.generic)):
+            raise InputError(f"provenance {key!r} is a {type(value).__name__}, expected str, int, float or bool")
+        if isinstance(value, str) and (len(value.encode()) > MAX_ATTRIBUTE_TEXT or "\x00" in value):
+            raise InputError(f"provenance {key!r} is text that an attribute cannot hold ({len(value)} characters)")
+
+
+def _write_object(group: h5py.Group, model: ObjectModel, text: str) -> None:
+    group.attrs["name"] = model.name
+    group.attrs["friction"], group.attrs["restitution"] = float(model.friction), float(model.restitution)
+    for name in CONTACT_LAW:
+        if getattr(model, name):
+            group.attrs[name] = float(getattr(model, name))
+    group.attrs["width_m"] = float(model.width)
+    group.attrs["nq"], group.attrs["nv"] = model.nq, model.nv
+    _put(group, "mjcf", np.frombuffer(text.encode(), dtype="|u1")).attrs["encoding"] = "UTF-8 text"
+    if model.tags:
+        rows = [(tag.id, tag.body, tag.size, tag.T_body_tag) for tag in model.tags]
+        _put(group, "tags", np.array(rows, dtype=TAG_DTYPE))
+
+
+def _put(group: h5py.Group, name: str, data: np.ndarray) -> h5py.Dataset:
+    """A compressed array: deflate ends with a checksum, so that no damaged array is read."""
+    return group.create_dataset(name, data=data, compression="gzip", compression_opts=4, shuffle=True)

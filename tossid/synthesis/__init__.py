@@ -1,0 +1,1 @@
+"""Tosses and films that are made, with their truth."""

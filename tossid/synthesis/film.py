@@ -1,0 +1,223 @@
+"""Synthetic tosses as a recording of camera frames: a hand brings the object, lets go, it comes to rest; again."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tossid.errors import ConfigError
+from tossid.objects import ObjectModel
+from tossid.settings.rendering import RenderSettings
+from tossid.settings.synthesis import CameraSettings, SynthesizeSettings
+from tossid.synthesis.timeline import Filming, FilmTruth, ImageSource, Timeline, make_timeline, render_timeline
+from tossid.types import PoseTrack, Toss
+from tossid.vision.cameras.camera import Camera
+from tossid.vision.cameras.rig import default_rig
+from tossid.vision.cameras.shutter import Shutter
+from tossid.vision.recordings.npz import write_tracks
+from tossid.vision.recordings.writing import RecordingWriter
+from tossid.vision.rendering.backdrop import scatter
+from tossid.vision.rendering.hand import Reach, hand_poses
+from tossid.vision.setup.layout import layout_of
+
+START = 1.0
+"""Time of the first frame [s]."""
+
+TRUE_POSES = "truth_poses.npz"
+"""The object's true pose in every frame, in the hand too."""
+TRUE_FILM = "truth_film.json"
+"""How it was filmed: the cameras' clocks, the times of an image's rows, lost frames, and what got in the way."""
+TRUE_VIEWS = "truth_views.npz"
+"""The share of each tag that each camera could see in each frame (n, cameras, tags)."""
+
+
+@dataclass(frozen=True)
+class ImageMaker:
+    """A renderer as `RENDERERS` lists it.
+
+    Attributes:
+        make: `(model, cameras, settings)` to the renderer; None stands for the timeline's own.
+        lacks: Keys of `CameraSettings` that it does not draw.
+    """
+
+    make: Callable[[ObjectModel, Sequence[Camera], RenderSettings], ImageSource | None]
+    lacks: tuple[str, ...] = ()
+
+
+def _mujoco(model: ObjectModel, cameras: Sequence[Camera], settings: RenderSettings) -> ImageSource:
+    from tossid.vision.rendering.mujoco_render import MujocoRenderer  # loads EGL or OSMesa
+
+    return MujocoRenderer(model, cameras, settings)
+
+
+RENDERERS = {
+    "opencv": ImageMaker(lambda model, cameras, settings: None),
+    "mujoco": ImageMaker(_mujoco, ("line_s", "glare", "aperture_m", "texture", "clutter", "hand", "sweeps")),
+}
+"""The renderers by name."""
+
+
+def film(
+    tosses: Sequence[Toss],
+    model: ObjectModel,
+    folder: Path,
+    settings: SynthesizeSettings,
+    *,
+    rng: np.random.Generator,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[Toss, ...]:
+    """Render tosses into a recording, with what is true of it beside.
+
+    Args:
+        tosses: The true tosses.
+        model: The object, with its tags.
+        folder: An empty folder that becomes the recording.
+        settings: Cameras, rate and seed.
+        rng: Of the hand and of the images' noise.
+        progress: Called with the share of the images that are rendered.
+
+    Returns:
+        The true tosses on the recording's clock.
+
+    Raises:
+        ConfigError: There are clocks for more cameras than there are, or the renderer does not draw an effect.
+        InputError: The exposure of an image's rows takes longer than a frame.
+    """
+    keys, maker = settings.camera, RENDERERS[settings.camera.renderer]
+    cameras = make_cameras(keys, rate_hz=settings.rate_hz)
+    if len(keys.clocks_s) > len(cameras):
+        raise ConfigError("camera.clocks_s", f"has {len(keys.clocks_s)} values for {len(cameras)} cameras.")
+    for name in maker.lacks:
+        if getattr(keys, name):
+            problem = f"is not known to camera.renderer={keys.renderer}; leave that at opencv."
+            raise ConfigError(f"camera.{name}", problem)
+    timeline = make_timeline(tosses, model, rng, start=START, carry=keys.carry_s, rest=keys.pause_s, hand=keys.carrying)
+    # a generator of their own: images without these effects do not depend on it
+    apart = np.random.default_rng([settings.seed, 5])
+    images = _render_settings(keys, model, apart)
+    hand, reaches = None, tuple[Reach, ...]()
+    if keys.hand or keys.sweeps > 0:
+        hand, reaches = hand_poses(
+            timeline.t,
+            timeline.q,
+            lift=timeline.lift,
+            release=timeline.release,
+            rest=timeline.rest,
+            holds=keys.hand,
+            sweeps=keys.sweeps,
+            cameras=cameras,
+            rng=apart,
+        )
+    clocks = {camera.name: late for camera, late in zip(cameras, keys.clocks_s, strict=False)}
+    filming = Filming(Shutter(keys.exposure_s, keys.line_s), clocks, keys.dropped, hand)
+    done, total = 0, len(timeline.t) * len(cameras)
+
+    def advance(count: int) -> None:
+        nonlocal done
+        done += count
+        if progress is not None:
+            progress(done / total)
+
+    inner = folder / "recording"  # the writer's own temporaries then lie inside ours
+    with RecordingWriter(inner, cameras, layout_of(model), quality=keys.quality) as writer:
+        truth = render_timeline(
+            timeline,
+            model,
+            cameras,
+            writer,
+            rng,
+            settings=images,
+            renderer=maker.make(model, cameras, images),
+            filming=filming,
+            threads=os.cpu_count() or 1,
+            progress=advance,
+        )
+    for entry in inner.iterdir():
+        entry.rename(folder / entry.name)
+    inner.rmdir()
+    write_tracks([PoseTrack("truth", timeline.t, timeline.q)], folder / TRUE_POSES)
+    write_film_truth(folder, timeline, model, cameras, filming, images, truth, reaches)
+    return timeline.tosses
+
+
+def _render_settings(keys: CameraSettings, model: ObjectModel, rng: np.random.Generator) -> RenderSettings:
+    """How the images look; the generator scatters what lies on the ground."""
+    ids = frozenset(tag.id for tag in model.tags)
+    return RenderSettings(
+        samples=keys.samples,
+        noise=keys.noise,
+        blur=keys.blur,
+        glare=keys.glare,
+        aperture=keys.aperture_m,
+        focus=keys.focus_m or keys.distance,
+        texture=keys.texture,
+        litter=scatter(keys.clutter, rng, area=keys.area, own_ids=ids),
+    )
+
+
+def write_film_truth(
+    folder: Path,
+    timeline: Timeline,
+    model: ObjectModel,
+    cameras: Sequence[Camera],
+    filming: Filming,
+    settings: RenderSettings,
+    truth: FilmTruth,
+    reaches: Sequence[Reach],
+) -> None:
+    """What a recording's images do not say themselves: `TRUE_FILM` and `TRUE_VIEWS`."""
+    shutter = filming.shutter
+    facts = {
+        "schema": "tossid.film/1",
+        "row_time": "true time of row r of h = stamp - clock_late_s + line_s * (r - (h - 1) / 2), mid-exposure [s]",
+        "exposure_s": shutter.exposure,
+        "line_s": shutter.line,
+        "cameras": {
+            camera.name: {
+                "clock_late_s": filming.clocks.get(camera.name, 0.0),
+                "rows": camera.resolution[1],
+                "dropped_s": timeline.t[~truth.kept[:, c]].tolist(),
+            }
+            for c, camera in enumerate(cameras)
+        },
+        "effects": {
+            "noise": settings.noise,
+            "blur_px": settings.blur,
+            "glare": settings.glare,
+            "aperture_m": settings.aperture,
+            "focus_m": settings.focus,
+            "texture": settings.texture,
+        },
+        "hand": [asdict(reach) for reach in reaches],
+        "clutter": [
+            {"kind": o.kind, "tag_id": o.tag_id, "x_m": o.at[0], "y_m": o.at[1], "turn_rad": o.turn, "size_m": o.size}
+            for o in settings.litter
+        ],
+    }
+    (folder / TRUE_FILM).write_text(json.dumps(facts, indent=1) + "\n")
+    np.savez_compressed(
+        folder / TRUE_VIEWS,
+        t=timeline.t,
+        cameras=np.array([camera.name for camera in cameras]),
+        tags=np.array([tag.id for tag in model.tags], dtype=np.int32),
+        kept=truth.kept,
+        visible=truth.visible.astype(np.float32),
+    )
+
+
+def make_cameras(settings: CameraSettings, *, rate_hz: float) -> tuple[Camera, ...]:
+    """The cameras that the settings describe."""
+    return default_rig(
+        n_cameras=settings.count,
+        resolution=(settings.width, settings.height),
+        rate_hz=rate_hz,
+        area=settings.area,
+        distance=settings.distance,
+        elevation_deg=settings.elevation_deg,
+        distorted=settings.distorted,
+    )

@@ -1,0 +1,146 @@
+"""Stages that minimise a model's own loss over transitions, by L-BFGS or Adam.
+
+The implicit loss has many parameters (corners, the weights of k_res) and an exact gradient: L-BFGS on all transitions
+takes tens of passes where Adam, which the papers use, takes thousands.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import torch
+from torch import Tensor
+
+from tossid.models.protocol import DynamicsModel, StagePlan
+from tossid.models.transitions import Transitions
+from tossid.settings.training import TrainSettings
+
+
+class Pass(NamedTuple):
+    """What one epoch of a stage did.
+
+    Attributes:
+        train_loss: Loss on training data after it.
+        validation_loss: Loss on validation data after it.
+        parts: Parts of the training loss.
+        passes: How often the data were gone through.
+        done: Whether the stage has converged.
+    """
+
+    train_loss: float
+    validation_loss: float
+    parts: dict[str, float]
+    passes: int
+    done: bool = False
+
+
+class Stage(Protocol):
+    """A part of a fit: some parameters, some loss, some optimizer.
+
+    Attributes:
+        name: What it is called in records.
+        epochs: Its most epochs.
+    """
+
+    name: str
+    epochs: int
+
+    def begin(self) -> None:
+        """Prepare; called once before the first epoch, and not when an interrupted stage goes on."""
+
+    def step(self) -> Pass:
+        """One epoch; changes the model in place."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Tensors and numbers to go on from."""
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state_dict()` of an equal stage."""
+
+
+class LossStage:
+    """Minimises `model.loss(transitions)` over the parameters of a plan.
+
+    An epoch of L-BFGS is one step with its line search on all transitions; one of Adam goes once through them in
+    batches.
+
+    Args:
+        plan: What is learned.
+        model: Changed in place.
+        train: Transitions to learn from.
+        validation: Transitions that end the stage.
+        settings: Optimizer and epochs.
+    """
+
+    def __init__(
+        self,
+        plan: StagePlan,
+        model: DynamicsModel,
+        train: Transitions,
+        validation: Transitions,
+        settings: TrainSettings,
+    ) -> None:
+        self.name, self.epochs = plan.name, settings.epochs
+        self._model, self._parameters = model, plan.parameters
+        self._train, self._validation = train, validation
+        self._batch, self._epoch = settings.batch, 0
+        self._optimizer: torch.optim.Optimizer
+        self._pass = {"lbfgs": self._lbfgs, "adam": self._adam}[plan.optimizer or settings.optimizer]
+        if self._pass == self._lbfgs:
+            self._optimizer = torch.optim.LBFGS(
+                plan.parameters,
+                max_iter=1,
+                max_eval=settings.lbfgs_evaluations,
+                history_size=settings.lbfgs_history,
+                tolerance_grad=0.0,  # the stage itself decides when it has converged
+                tolerance_change=1e-16,
+                line_search_fn="strong_wolfe",
+            )
+        else:
+            self._optimizer = torch.optim.Adam(plan.parameters, lr=settings.learning_rate)
+
+    def begin(self) -> None:
+        """Prepare; there is nothing to do."""
+
+    def step(self) -> Pass:
+        """One epoch."""
+        passes = self._pass()
+        self._epoch += 1
+        with torch.no_grad():
+            loss, parts = self._model.loss(self._train)
+            validation_loss = float(self._model.loss(self._validation)[0])
+        return Pass(float(loss), validation_loss, parts, passes)
+
+    def _gradient(self, batch: Transitions) -> Tensor:
+        loss, _ = self._model.loss(batch)
+        gradients = torch.autograd.grad(loss, self._parameters)
+        for parameter, gradient in zip(self._parameters, gradients, strict=True):
+            parameter.grad = gradient
+        return loss.detach()
+
+    def _lbfgs(self) -> int:
+        passes = 0
+
+        def closure() -> float:
+            nonlocal passes
+            passes += 1
+            return float(self._gradient(self._train))
+
+        self._optimizer.step(closure)
+        return passes
+
+    def _adam(self) -> int:
+        order = torch.randperm(len(self._train), generator=torch.Generator().manual_seed(self._epoch))
+        for batch in order.split(self._batch):
+            self._gradient(self._train.rows(batch))
+            self._optimizer.step()
+        return 1
+
+    def state_dict(self) -> dict[str, Any]:
+        """The optimizer's state."""
+        return {"optimizer": self._optimizer.state_dict(), "epoch": self._epoch}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state_dict()` of an equal stage."""
+        self._optimizer.load_state_dict(state["optimizer"])
+        self._epoch = state["epoch"]

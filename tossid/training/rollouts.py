@@ -1,0 +1,195 @@
+"""The stage that minimises open-loop prediction error by Levenberg-Marquardt.
+
+Prediction error is what a user wants small, but its gradient through contact is noisy. It depends on few parameters
+(friction, contact law, inertia), so the Jacobian is taken by central differences of whole rollouts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import log
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from tossid.least_squares import Damping, damped_step, search_damping
+from tossid.models.protocol import DynamicsModel, StagePlan
+from tossid.models.shots import Shots, prediction_errors
+from tossid.settings.training import RolloutSettings
+from tossid.training.losses import Pass
+
+Array = NDArray[np.float64]
+
+SCHEDULE, LEAST_DAMPING = Damping(grow=5.0, fall=0.2), 1e-4
+"""Damping after steps that lower the loss, not below the least, and after steps that do not."""
+DIVERGED = 1e6
+"""Squared error of a frame whose prediction is not finite."""
+
+
+class GaussNewton(NamedTuple):
+    """Gauss-Newton's sums, toss by toss.
+
+    Attributes:
+        H: (n_tosses, P, P) weighted J^T J.
+        g: (n_tosses, P) weighted J^T error.
+        x: (P,) parameters at which they were taken.
+    """
+
+    H: Array
+    g: Array
+    x: Array
+
+
+class RolloutStage:
+    """Minimises the pseudo-Huber prediction error of open-loop rollouts.
+
+        loss = mean over frames of d² (sqrt(1 + |error|² / d²) - 1),   d = settings.huber
+
+    `shots.prediction_errors` has the error. After contact, predictions grow chaotic: frames whose derivatives
+    are among the largest count in the loss, but not in the step.
+
+    Args:
+        plan: What is learned.
+        model: Changed in place.
+        make_shots: Training and validation shots for the model as it is. Called every epoch, as the first state that
+            a flight gives depends on the centre of mass.
+        settings: Steps, differences, limits.
+        n_threads: For rollouts.
+    """
+
+    def __init__(
+        self,
+        plan: StagePlan,
+        model: DynamicsModel,
+        make_shots: Callable[[], tuple[Shots, Shots]],
+        settings: RolloutSettings,
+        *,
+        n_threads: int = 1,
+    ) -> None:
+        self.name, self.epochs = plan.name, settings.epochs
+        self._plan, self._model, self._settings = plan, model, settings
+        self._make_shots = make_shots
+        self._train, self._validation = make_shots()
+        self._n_threads = n_threads
+        self._damping = settings.damping
+
+    def begin(self) -> None:
+        """Choose where the contact law starts, where it is learned.
+
+        Almost rigid, unless a softer start is clearly better.
+        """
+        law, settings = self._plan.starts, self._settings
+        if law is None:
+            return
+        grid = law.starts(settings.contact_times_ms, settings.dampings, simulator_step_ms=settings.simulator_step_ms)
+        soft = [law.value.detach().clone(), *grid]
+        starts = [start for start in soft if start[0] > log(settings.rigid_time_ms)] + [law.rigid()]
+        losses = []
+        for start in starts:
+            with torch.no_grad():
+                law.value.copy_(start)
+            losses.append(self._loss(self._errors(self._train), self._train))
+        best = int(np.argmin(losses))
+        with torch.no_grad():
+            law.value.copy_(starts[best if losses[best] < settings.softer_share * losses[-1] else -1])
+
+    def step(self) -> Pass:
+        """One step of Levenberg-Marquardt.
+
+        `done` when it gains little, when no damping makes it better, and when these rollouts depend on no parameter.
+        """
+        self._train, self._validation = self._make_shots()
+        x = self._get()
+        errors = self._errors(self._train)
+        loss = self._loss(errors, self._train)
+        sums = self.gauss_newton(errors)
+        H, g = sums.H.sum(0), sums.g.sum(0)
+        passes, done = 2 * len(x) + 1, True
+        if H.any():  # rollouts that never land, as gravity is given too weak, depend on nothing
+            loss, trials, done = self._try(x, loss, H, g)
+            passes += trials
+        validation_loss = self._loss(self._errors(self._validation), self._validation)
+        return Pass(loss, validation_loss, {"prediction": loss}, passes, done)
+
+    def _try(self, x: Array, loss: float, H: Array, g: Array) -> tuple[float, int, bool]:
+        """Steps with growing damping until one lowers the loss: the loss, how many, and whether the stage is done."""
+        settings = self._settings
+        scale = np.diag(H) + 1e-6 * np.trace(H) / len(x)
+        losses: list[float] = []
+
+        def attempt(damping: float) -> float | None:
+            step = damped_step(H, g, damping, scale)
+            self.set_parameters(x + np.clip(step, -settings.largest_step, settings.largest_step))
+            losses.append(self._loss(self._errors(self._train), self._train))
+            return losses[-1] if losses[-1] < loss else None
+
+        lower, damping = search_damping(attempt, self._damping, SCHEDULE, trials=settings.trials)
+        if lower is None:
+            self.set_parameters(x)
+            self._damping = settings.damping
+            return loss, len(losses), True
+        self._damping = max(SCHEDULE.accepted(damping), LEAST_DAMPING)
+        return lower, len(losses), loss - lower < settings.least_gain * loss
+
+    def gauss_newton(self, errors: Array | None = None) -> GaussNewton:
+        """Gauss-Newton's sums at the present parameters, toss by toss.
+
+        Args:
+            errors: Of the training shots, where they are known.
+        """
+        settings, x, shots = self._settings, self._get(), self._train
+        errors = self._errors(shots) if errors is None else errors
+        J = np.empty((*errors.shape, len(x)))
+        for j in range(len(x)):
+            ahead, behind = self._changed(x, j, settings.difference), self._changed(x, j, -settings.difference)
+            J[..., j] = (ahead - behind) / (2 * settings.difference)
+        self.set_parameters(x)
+        size = np.einsum("slip,slip->sl", J, J)
+        calm = size <= np.quantile(size[shots.inside], 1 - settings.chaotic_share)
+        weight = calm / np.sqrt(1 + (errors**2).sum(-1) / settings.huber**2) / shots.inside.sum()
+        n = int(shots.toss.max()) + 1
+        H, g = np.zeros((n, len(x), len(x))), np.zeros((n, len(x)))
+        for s in range(len(errors)):
+            rows, w = J[s].reshape(-1, len(x)), np.repeat(weight[s], errors.shape[-1])
+            H[shots.toss[s]] += (rows * w[:, None]).T @ rows
+            g[shots.toss[s]] += rows.T @ (w * errors[s].ravel())
+        return GaussNewton(H, g, x)
+
+    def set_parameters(self, x: Array) -> None:
+        """Put parameters into the model.
+
+        Args:
+            x: (P,), flat.
+        """
+        with torch.no_grad():
+            values = torch.from_numpy(np.ascontiguousarray(x)).clone()
+            nn.utils.vector_to_parameters(values, self._plan.parameters)
+
+    def _get(self) -> Array:
+        return nn.utils.parameters_to_vector(self._plan.parameters).detach().numpy().copy()
+
+    def _changed(self, x: Array, j: int, by: float) -> Array:
+        """Residuals of the training shots with parameter j changed."""
+        changed = x.copy()
+        changed[j] += by
+        self.set_parameters(changed)
+        return self._errors(self._train)
+
+    def _errors(self, shots: Shots) -> Array:
+        return prediction_errors(self._model.simulator(), shots, n_threads=self._n_threads)
+
+    def _loss(self, errors: Array, shots: Shots) -> float:
+        d = self._settings.huber
+        size = np.where(np.isfinite(errors).all(-1), (errors**2).sum(-1), DIVERGED)
+        return float((d**2 * (np.sqrt(1 + size / d**2) - 1)).sum() / shots.inside.sum())
+
+    def state_dict(self) -> dict[str, Any]:
+        """The damping."""
+        return {"damping": self._damping}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state_dict()` of an equal stage."""
+        self._damping = float(state["damping"])

@@ -1,0 +1,1 @@
+"""Cameras: projection, lenses, shutters, rigs."""

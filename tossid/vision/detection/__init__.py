@@ -1,0 +1,1 @@
+"""From frames to tag corners with their covariances."""

@@ -1,0 +1,1 @@
+"""From tag corners to poses: the factor graph and what checks it."""

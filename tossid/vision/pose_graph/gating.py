@@ -1,0 +1,168 @@
+"""Gating: which poses of a moving body are accepted, and its track of these."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.rotations import geodesic_angle, matrix_to_quat, quat_continuous, transform_inv
+from tossid.settings.tracking import TrackSettings
+from tossid.types import PoseTrack
+from tossid.vision.pose_graph.initial import is_known
+from tossid.vision.pose_graph.reprojection import ReprojectionErrors
+from tossid.vision.pose_graph.scene import Scene
+from tossid.vision.pose_graph.solution import Solution
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+class Gate:
+    """Which time steps' poses are accepted, and why the others are not.
+
+    Attributes:
+        accepted: (n,).
+        reasons: How many steps each reason rejected.
+        rejected: For each reason, the steps that it rejected, (n,).
+    """
+
+    def __init__(self, candidates: Bools) -> None:
+        """Begin with all candidates accepted, (n,)."""
+        self.accepted = candidates.copy()
+        self.reasons: Counter[str] = Counter()
+        self.rejected: dict[str, Bools] = {}
+
+    def reject(self, bad: Bools, reason: str) -> None:
+        """Reject steps (n,); a step counts for the first reason that rejects it."""
+        fresh = bad & self.accepted
+        self.rejected[reason] = self.rejected.get(reason, np.zeros_like(fresh)) | fresh
+        if fresh.any():
+            self.reasons[reason] += int(fresh.sum())
+        self.accepted &= ~bad
+
+
+def gate_tree(
+    scene: Scene,
+    solution: Solution,
+    errors: ReprojectionErrors,
+    rows: Bools,
+    seen: Bools,
+    tree: list[int],
+    settings: TrackSettings,
+) -> Gate:
+    """Which time steps have an accepted pose of a moving body and of every body that hangs on it.
+
+    Args:
+        scene: The sightings.
+        solution: Poses with covariances.
+        errors: Their reprojection.
+        rows: Sightings of any of the bodies, (d,).
+        seen: Steps with detections of any of them, (n,).
+        tree: Numbers of the bodies, the root first.
+        settings: The limits.
+    """
+    if len(tree) == 1:
+        return gate_steps(scene, solution, errors, rows, seen, tree[0], settings)
+    gate, of_body = Gate(seen), scene.body[scene.tag]
+    visible = [np.bincount(scene.step[rows & (of_body == b)], minlength=len(scene.t)) > 0 for b in tree]
+    gate.reject(seen & ~np.all(visible, axis=0), "a body out of sight")
+    for b, of_one in zip(tree, visible, strict=True):
+        own = gate_steps(scene, solution, errors, rows & (of_body == b), of_one, b, settings)
+        for reason, bad in own.rejected.items():
+            gate.reject(bad, reason)
+    return gate
+
+
+def gate_steps(
+    scene: Scene,
+    solution: Solution,
+    errors: ReprojectionErrors,
+    rows: Bools,
+    seen: Bools,
+    b: int,
+    settings: TrackSettings,
+) -> Gate:
+    """Which time steps have an accepted pose of one moving body.
+
+    Args:
+        scene: The sightings.
+        solution: Poses with covariances.
+        errors: Their reprojection.
+        rows: Sightings of the body, (d,).
+        seen: Steps with detections of it, (n,).
+        b: Number of the body.
+        settings: The limits.
+    """
+    n, limits = len(scene.t), settings.gating
+    T, cov = solution.state.world[b][:n], solution.world_cov[b][:n]
+    gate = Gate(seen)
+    gate.reject(seen & ~is_known(T), "ambiguous")
+    count = np.bincount(scene.step[rows], minlength=n)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rms = np.sqrt(np.bincount(scene.step[rows], errors.pixels[rows] ** 2, minlength=n) / count)
+        expected = np.sqrt(np.bincount(scene.step[rows], errors.expected_pixels[rows] ** 2, minlength=n) / count)
+    gate.reject(seen & ((count == 0) | ~np.isfinite(cov[:, 0, 0])), "no pose fits")
+    gate.reject(seen & ~(rms < np.maximum(settings.max_rms, limits.rms_sigmas * expected)), "reprojection")
+    safe = np.where(np.isfinite(cov), cov, 0.0)
+    for part, limit in ((slice(3, 6), settings.max_sigma), (slice(0, 3), settings.max_angle_sigma)):
+        sigma = np.sqrt(np.maximum(np.linalg.eigvalsh(safe[:, part, part])[:, -1], 0.0))
+        typical = float(np.median(sigma[gate.accepted])) if gate.accepted.any() else 0.0
+        gate.reject(seen & (sigma > max(limit, limits.sigma_medians * typical)), "too uncertain")
+    gate.reject(_jumps(scene.t, T, gate.accepted, settings), "jump")
+    return gate
+
+
+def _jumps(t: Array, T: Array, accepted: Bools, settings: TrackSettings) -> Bools:
+    """Steps in short runs that are too far from their neighbours in time on both sides."""
+    index, limits = np.flatnonzero(accepted), settings.gating
+    bad = np.zeros(len(t), dtype=bool)
+    if len(index) < 3:
+        return bad
+    dt = np.diff(t[index])
+    quat = matrix_to_quat(T[index, :3, :3])
+    turn = geodesic_angle(quat[1:], quat[:-1])
+    distance = np.linalg.norm(np.diff(T[index, :3, 3], axis=0), axis=1)
+    broken = turn > limits.jump_angle + settings.max_spin * dt
+    broken |= distance > limits.jump_distance + settings.max_speed * dt
+    # a short run between two breaks is wrong, not its longer neighbours
+    edges = np.concatenate([[0], np.flatnonzero(broken) + 1, [len(index)]])
+    longest = np.diff(edges).max()
+    for a, b in itertools.pairwise(edges):
+        if b - a < min(limits.shortest_run, longest):
+            bad[index[a:b]] = True
+    return bad
+
+
+def pose_track(name: str, scene: Scene, solution: Solution, tree: list[int], keep: Ints) -> PoseTrack:
+    """The track of a body and of the bodies that hang on it, with covariances.
+
+    Args:
+        name: Of the track.
+        scene: The sightings.
+        solution: Poses with covariances.
+        tree: Numbers of the bodies, the root first.
+        keep: Time steps of the track, (k,).
+    """
+    root, links = tree[0], tree[1:]
+    T = solution.state.world[root][keep]
+    cov = solution.tree_cov[root][keep] if links else solution.world_cov[root][keep]
+    # from the tangent (rotation, translation in the body's frame) to (position in the world, rotation)
+    J = np.zeros_like(cov)
+    J[:, :3, 3:6] = T[:, :3, :3]
+    J[:, 3:6, :3] = np.eye(3)
+    J[:, 6:, 6:] = np.eye(len(links))
+    cov = J @ cov @ np.swapaxes(J, 1, 2)
+    angles = np.empty((len(keep), len(links)))
+    for k, b in enumerate(links):
+        hinge = scene.bodies[b].hinge
+        assert hinge is not None
+        parent = next(i for i, body in enumerate(scene.bodies) if body.name == hinge.parent)
+        angles[:, k] = np.unwrap(
+            hinge.angle(transform_inv(solution.state.world[parent][keep]) @ solution.state.world[b][keep])
+        )
+    q = np.concatenate([T[:, :3, 3], quat_continuous(matrix_to_quat(T[:, :3, :3])), angles], axis=1)
+    return PoseTrack(name, scene.t[keep], q, 0.5 * (cov + np.swapaxes(cov, 1, 2)))

@@ -1,0 +1,169 @@
+"""The pose graph: all poses of a scene from what was seen and what was known before, with covariances (GTSAM).
+
+The time steps of a long recording share only what is static. Where that is to be calibrated, a sample of steps
+calibrates it in one batch; the steps follow in windows, with the result as their prior, so that memory does not grow
+with the recording.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.settings.tracking import TrackSettings
+from tossid.vision.pose_graph.factors import IDEAL_TAGS, TagModel
+from tossid.vision.pose_graph.graph_builder import Problem, build
+from tossid.vision.pose_graph.initial import State
+from tossid.vision.pose_graph.kinematic_chains import update_descendants
+from tossid.vision.pose_graph.optimise import marginals_of, optimise
+from tossid.vision.pose_graph.priors import (
+    Prior,
+    body_key,
+    calibrates,
+    camera_key,
+    clock_key,
+    print_key,
+    priors,
+    tag_key,
+)
+from tossid.vision.pose_graph.scene import Scene
+from tossid.vision.pose_graph.solution import Solution, TimingModel, unsolved
+from tossid.vision.setup.layout import descendants
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+DEFAULT = TrackSettings()
+
+
+def solve(
+    scene: Scene,
+    state: State,
+    used: Bools,
+    *,
+    scale: float = 1.0,
+    known: dict[int, Prior] | None = None,
+    timing: TimingModel | None = None,
+    covariances: bool = False,
+    steps: Ints | None = None,
+    tag_model: TagModel = IDEAL_TAGS,
+    solved: bool = False,
+    settings: TrackSettings = DEFAULT,
+) -> Solution:
+    """The optimal poses of everything that the used sightings show.
+
+    Args:
+        scene: The sightings and the set-up.
+        state: First poses.
+        used: Sightings to use, (d,).
+        scale: Standard deviation of corners over what their covariances say, for the poses' covariances. The poses
+            themselves weigh corners against priors as the corners' covariances say.
+        known: Prior knowledge by key; None for the set-up's.
+        timing: Motion between a step and a frame's own time; None for none.
+        covariances: Whether to find them.
+        steps: Time steps to solve; None for all. The others' poses stay.
+        tag_model: How tags differ from flat squares.
+        solved: The poses are optimal already; only covariances are to be found.
+        settings: Of the graph and its windows.
+
+    Raises:
+        SolverError: The optimisation does not reach a finite error.
+    """
+    known = priors(scene) if known is None else known
+    if timing is None:
+        timing = TimingModel([np.zeros((len(T), 6)) for T in state.world], np.zeros(len(scene.cameras)), _none(scene))
+    problem = Problem(scene, used, known, timing, tag_model, settings, scale, covariances, solved)
+    steps = np.unique(scene.step[used]) if steps is None else steps
+    solution = unsolved(state, timing.clock)
+    together = calibrates(scene, known) or timing.free.any()
+    window = settings.graph.window
+    window = window if together else min(window, settings.graph.independent_window)
+    if len(steps) <= window:
+        _batch(problem, solution, steps, statics=True)
+        return solution
+    learned: dict[int, Prior] = {}
+    if together:
+        timing, learned = _calibrated(problem, solution, steps, window)
+        problem = replace(problem, timing=timing, known={**known, **learned})
+    for a in range(0, len(steps), window):
+        _batch(problem, solution, steps[a : a + window], statics=False)
+    for key, poses, covs, at in _statics(scene, solution):
+        if key in learned:  # a window sees less of what is static than the sample did
+            poses[at], cov = learned[key].T, learned[key].cov
+            covs[at] = 0.0 if cov is None else cov
+    return solution
+
+
+def _calibrated(problem: Problem, solution: Solution, steps: Ints, window: int) -> tuple[TimingModel, dict[int, Prior]]:
+    """Clocks, and prior knowledge of all that is static, from a sample of the steps."""
+    scene = problem.scene
+    sample = _spread(problem, steps, window)
+    _batch(replace(problem, covariances=True, solved=False), solution, sample, statics=True)
+    learned = {
+        key: Prior(poses[at].copy(), covs[at].copy() if covs[at].any() else None)
+        for key, poses, covs, at in _statics(scene, solution)
+        if np.isfinite(covs[at]).all()
+    }
+    return TimingModel(problem.timing.twist, solution.clock.copy(), _none(scene)), learned
+
+
+def _spread(problem: Problem, steps: Ints, window: int) -> Ints:
+    """Time steps from all over a recording, with some of every tag and every camera."""
+    scene, used = problem.scene, problem.used
+    chosen = [steps[np.linspace(0, len(steps) - 1, window).astype(np.int64)]]
+    for index in (scene.tag, scene.camera):
+        for i in np.unique(index[used]):
+            own = np.unique(scene.step[used & (index == i)])
+            count = min(problem.settings.graph.sampled_steps, len(own))
+            chosen.append(own[np.linspace(0, len(own) - 1, count).astype(np.int64)])
+    return np.unique(np.concatenate(chosen))
+
+
+def _none(scene: Scene) -> Bools:
+    return np.zeros(len(scene.cameras), dtype=bool)
+
+
+def _statics(scene: Scene, solution: Solution) -> list[tuple[int, Array, Array, int]]:
+    """Of all that is static: key, array of poses, array of their covariances, and place in both."""
+    state = solution.state
+    slots = [(camera_key(c), state.camera, solution.camera_cov, c) for c in range(len(scene.cameras))]
+    slots += [(tag_key(i), state.tag, solution.tag_cov, i) for i in range(len(scene.tags))]
+    statics = [b for b, body in enumerate(scene.bodies) if body.is_static]
+    return slots + [(body_key(b, 0), state.world[b], solution.world_cov[b], 0) for b in statics]
+
+
+def _batch(problem: Problem, solution: Solution, steps: Ints, *, statics: bool) -> None:
+    """Optimise some steps together, into the solution; `statics`: with prints and measured lengths."""
+    scene, state = problem.scene, solution.state
+    built = build(problem, state, problem.used & np.isin(scene.step, steps), statics=statics)
+    graph_settings = problem.settings.graph
+    values = built.values if problem.solved else optimise(built.graph, built.values, settings=graph_settings)
+    built.noise.scale = problem.scale
+    marginals = None
+    if problem.covariances and values.size():
+        marginals = marginals_of(built.graph, values, settings=graph_settings)
+    slots = _statics(scene, solution)
+    for b, body in enumerate(scene.bodies):
+        for step in () if body.is_static or body.hinge is not None else steps:
+            slots.append((body_key(b, int(step)), state.world[b], solution.world_cov[b], int(step)))
+    for key, poses, covs, at in slots:
+        if key in built.fixed:
+            covs[at] = 0.0
+        elif values.exists(key):
+            poses[at] = values.atPose3(key).matrix()
+            if marginals is not None:
+                covs[at] = marginals.marginalCovariance(key)
+    for root in range(len(scene.bodies)):
+        if descendants(scene.bodies, root):
+            update_descendants(scene, solution, root, steps, values, marginals)
+    for i in range(len(scene.tags)):
+        if values.exists(print_key(i)):
+            state.prints[i] = values.atPoint3(print_key(i))
+    for c in map(int, np.flatnonzero(problem.timing.free)):
+        if values.exists(clock_key(c)):
+            solution.clock[c] = values.atDouble(clock_key(c))
+            if marginals is not None:
+                solution.clock_sigma[c] = float(np.sqrt(marginals.marginalCovariance(clock_key(c))[0, 0]))

@@ -1,0 +1,126 @@
+"""How far a scene's corners are from where its poses project them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.rotations import transform_inv, transform_points
+from tossid.vision.pose_graph.initial import State
+from tossid.vision.pose_graph.resect import SQUARE, retract
+from tossid.vision.pose_graph.scene import Scene
+from tossid.vision.pose_graph.solution import TimingModel
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class ReprojectionErrors:
+    """Reprojection errors of each sighting's four corners; NaN where a pose between camera and tag is unknown.
+
+    Attributes:
+        vector: Projected minus observed, less the likeliest spread of the tag's edges [px], (d, 4, 2).
+        pixels: Root mean square length of `vector` over the corners [px], (d,).
+        whitened: Root mean square of the eight whitened components of `vector` [1], (d,).
+        expected_pixels: What `pixels` is of errors as large as the corners' covariances say [px], (d,).
+        spread: Least-squares estimate of the edges' spread in this frame [px], (d,).
+        spread_certainty: One over the estimate's standard deviation, in units of the corners' noise [1/px], (d,).
+        raw_pixels: As `pixels`, with the spread left in [px], (d,).
+        raw_whitened: As `whitened`, with the spread left in [1], (d,).
+    """
+
+    vector: Array
+    pixels: Array
+    whitened: Array
+    expected_pixels: Array
+    spread: Array
+    spread_certainty: Array
+    raw_pixels: Array
+    raw_whitened: Array
+
+    def scale(self, scene: Scene, used: Bools) -> float:
+        """Noise of residuals over the corners' own: the root of the median over steps of χ² by its degrees of freedom.
+
+        Each step's pose takes six degrees of freedom. 1 where fewer than 20 steps have two tags or more.
+
+        Args:
+            scene: The sightings.
+            used: Those to use, (d,).
+        """
+        good = used & np.isfinite(self.whitened)
+        corners = 8.0 * np.bincount(scene.step[good], minlength=len(scene.t))
+        steps = corners >= 16
+        if steps.sum() < 20:
+            return 1.0
+        square = np.bincount(scene.step[good], 8 * self.whitened[good] ** 2, minlength=len(scene.t))[steps]
+        freedom = corners[steps] - 6
+        # the median of χ² with k degrees of freedom is about k (1 - 2/(9k))³
+        return float(np.clip(np.sqrt(np.median(square / (freedom * (1 - 2 / (9 * freedom)) ** 3))), 0.05, 30.0))
+
+
+def reproject(
+    scene: Scene, state: State, timing: TimingModel | None = None, *, spread_sigma: float = 0.0
+) -> ReprojectionErrors:
+    """Reprojection errors of all sightings.
+
+    Args:
+        scene: The sightings.
+        state: The poses.
+        timing: Motion between a step and a frame's own time; None for none.
+        spread_sigma: Standard deviation of the spread of tags' edges, over the noise's scale [px].
+    """
+    rig, body = scene.rig[scene.camera], scene.body[scene.tag]
+    T_world_rig, T_world_body = state.at(rig, scene.step), state.at(body, scene.step)
+    if timing is not None:
+        delay = (scene.delay - timing.clock[scene.camera])[:, None]
+        T_world_rig, T_world_body = (
+            retract(T, delay * _twists(timing, index, scene)) for T, index in ((T_world_rig, rig), (T_world_body, body))
+        )
+    T_cam_tag = transform_inv(state.camera[scene.camera]) @ transform_inv(T_world_rig) @ T_world_body
+    x = transform_points(
+        T_cam_tag @ state.tag[scene.tag], scene.half[:, None, None] * printed_corners(state.prints[scene.tag])
+    )
+    x = np.where(x[..., 2:] > 0, x, np.nan)
+    flat = x[..., :2] / x[..., 2:] - scene.seen
+    whiten = scene.whiten / np.sqrt(scene.count)[:, None, None, None]
+    growth = np.squeeze(whiten @ scene.edge_growth[..., None], -1)
+    certainty2 = np.sum(growth**2, axis=(1, 2))
+    raw_whitened = np.squeeze(whiten @ flat[..., None], -1)
+    along = -np.sum(growth * raw_whitened, axis=(1, 2))
+    raw = np.squeeze(scene.to_pixels @ flat[..., None], -1)
+    # the posterior mean of the spread under its prior N(0, spread_sigma²)
+    flat = flat + (along * spread_sigma**2 / (1 + spread_sigma**2 * certainty2))[:, None, None] * scene.edge_growth
+    vector = np.squeeze(scene.to_pixels @ flat[..., None], -1)
+    whitened = np.squeeze(whiten @ flat[..., None], -1)
+    root = scene.to_pixels @ np.linalg.inv(whiten)
+    return ReprojectionErrors(
+        vector=vector,
+        pixels=np.sqrt(np.mean(np.sum(vector**2, axis=-1), axis=1)),
+        whitened=np.sqrt(np.mean(whitened**2, axis=(1, 2))),
+        expected_pixels=np.sqrt(np.mean(np.sum(root**2, axis=(-1, -2)), axis=1)),
+        spread=along / certainty2,
+        spread_certainty=np.sqrt(certainty2),
+        raw_pixels=np.sqrt(np.mean(np.sum(raw**2, axis=-1), axis=1)),
+        raw_whitened=np.sqrt(np.mean(raw_whitened**2, axis=(1, 2))),
+    )
+
+
+def printed_corners(prints: Array) -> Array:
+    """Corners of tags of half size 1 whose prints are wider, higher and twisted, (*b, 4, 3).
+
+    Args:
+        prints: Shares of the size by which each is wider, higher, and twisted out of its plane, (*b, 3).
+    """
+    x, y = (SQUARE[:, k] * (1 + prints[..., k, None]) for k in (0, 1))
+    return np.stack([x, y, SQUARE[:, 0] * SQUARE[:, 1] * prints[..., 2, None]], axis=-1)
+
+
+def _twists(timing: TimingModel, body: NDArray[np.int64], scene: Scene) -> Array:
+    out = np.zeros((len(body), 6))
+    for b, twist in enumerate(timing.twist):
+        own = body == b
+        out[own] = twist[scene.step[own] if len(twist) > 1 else np.zeros(own.sum(), dtype=np.int64)]
+    return out

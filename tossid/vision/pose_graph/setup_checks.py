@@ -1,0 +1,207 @@
+"""Which parts of a set-up contradict the images: moved tags, moved or swapped cameras, wrong intrinsics."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.rotations import geodesic_angle, matrix_to_quat, transform_inv
+from tossid.settings.tracking import ResectionSettings, TrackSettings
+from tossid.vision.cameras.camera import Camera
+from tossid.vision.pose_graph.initial import State, is_known
+from tossid.vision.pose_graph.resect import Sightings, huber_loss, resect, residuals
+from tossid.vision.pose_graph.scene import Scene, swapped
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Suspect:
+    """A part of the set-up that the images contradict.
+
+    Attributes:
+        kind: "tag", "camera", "swapped" or "intrinsics".
+        name: The tag's id or the camera's name; both cameras' names where they are swapped.
+        message: In words.
+        distance: How far it is from its stated place [m]; None where that is not what is wrong.
+        angle: Likewise [rad].
+    """
+
+    kind: str
+    name: str
+    message: str
+    distance: float | None = None
+    angle: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """The sightings that a hypothesis leaves, and a body's poses in its rig by step, (n, 4, 4)."""
+
+    scene: Scene
+    steps: Ints
+    T_rig_body: Array
+    misfit: float
+
+
+def check_set_up(scene: Scene, state: State, *, settings: TrackSettings) -> list[Suspect]:
+    """Everything suspect, what explains most first.
+
+    For each body that one rig's cameras see, its poses are fitted again without each tag, without each camera, and with
+    each pair of cameras swapped. The change that reduces the misfit most is reported, if it reduces it enough. The rest
+    is then checked again.
+
+    Args:
+        scene: The sightings.
+        state: Poses of cameras and tags as given (`initial.given`); unknown ones are not judged.
+        settings: What is reported.
+    """
+    check = settings.setup_check
+    found: list[Suspect] = []
+    for b, body in enumerate(scene.bodies):
+        on = (scene.body[scene.tag] == b) & is_known(state.tag)[scene.tag] & is_known(state.camera)[scene.camera]
+        rigs = np.unique(scene.rig[scene.camera[on]])
+        if len(rigs) != 1 or (body.is_static and scene.bodies[rigs[0]].is_static):
+            continue
+        left = scene.take(_sample(scene, np.flatnonzero(on), check.steps))
+        while len(found) < check.most_suspects:
+            suspect, left = _worst(left, state, settings)
+            if suspect is None:
+                break
+            found.append(suspect)
+    return found
+
+
+def _sample(scene: Scene, rows: Ints, most: int) -> Ints:
+    """Rows of at most so many time steps: of each stretch of the recording, the step with the most rows."""
+    counts = np.bincount(scene.step[rows], minlength=len(scene.t))
+    steps = np.flatnonzero(counts >= 2)
+    if len(steps) > most:
+        steps = np.array([stretch[np.argmax(counts[stretch])] for stretch in np.array_split(steps, most)])
+    return rows[np.isin(scene.step[rows], steps)]
+
+
+def _worst(scene: Scene, state: State, settings: TrackSettings) -> tuple[Suspect | None, Scene]:
+    """The worst suspect, and the scene without it."""
+    base = _trial(scene, state, settings.resection)
+    if base is None:
+        return None, scene
+    tags, cameras = (np.unique(index).tolist() for index in (scene.tag, scene.camera))
+    trials: list[tuple[str, tuple[int, ...], _Trial | None]] = []
+    for i in tags if len(tags) > 2 else ():
+        trials.append(("tag", (i,), _trial(scene.take(np.flatnonzero(scene.tag != i)), state, settings.resection)))
+    for c in cameras if len(cameras) > 1 else ():
+        trials.append(
+            ("camera", (c,), _trial(scene.take(np.flatnonzero(scene.camera != c)), state, settings.resection))
+        )
+    for a, c in itertools.combinations(cameras, 2):
+        trials.append(("swapped", (a, c), _trial(swapped(scene, a, c), state, settings.resection)))
+    made = [(kind, what, trial) for kind, what, trial in trials if trial is not None]
+    if not made:
+        return None, scene
+    kind, what, trial = min(made, key=lambda one: one[2].misfit)
+    if trial.misfit > settings.setup_check.misfit_share * base.misfit:
+        return None, scene
+    names = " and ".join(
+        scene.cameras[c].name for c in (cameras if kind == "camera" else what if kind != "tag" else ())
+    )
+    if kind == "swapped":
+        return Suspect(kind, names, f"cameras {names} are swapped"), trial.scene
+    out = scene.take(np.flatnonzero((scene.tag if kind == "tag" else scene.camera) == what[0]))
+    out = out.take(np.flatnonzero(np.isin(out.step, trial.steps)))
+    if len(out.step) < 5:
+        return None, scene
+    T_rig_body = trial.T_rig_body[np.searchsorted(trial.steps, out.step)]
+    if kind == "tag":
+        return _moved_tag(out, state, T_rig_body, what[0], settings), trial.scene
+    if len(cameras) == 2:
+        return Suspect("camera", names, f"cameras {names} do not agree"), trial.scene
+    return _wrong_camera(out, state, T_rig_body, what[0], settings), trial.scene
+
+
+def _trial(scene: Scene, state: State, settings: ResectionSettings) -> _Trial | None:
+    """A fit of a body's poses; None where fewer than 20 steps are left."""
+    counts = np.bincount(scene.step, minlength=len(scene.t))
+    scene = scene.take(np.flatnonzero(counts[scene.step] >= 2))
+    steps, group = np.unique(scene.step, return_inverse=True)
+    if len(steps) < 20:
+        return None
+    s = _sightings(scene, transform_inv(state.camera[scene.camera]), state.tag[scene.tag], group)
+    poses = resect(s, len(steps), settings=settings)
+    # the mean without the worst twentieth, since single frames may be wrong in any set-up
+    each = np.sort((poses.cost / (8.0 * poses.count - 6))[poses.known])
+    misfit = float(np.mean(each[: max(int(0.95 * len(each)), 1)])) if len(each) else float("inf")
+    return _Trial(scene, steps[poses.known], poses.T[poses.known], misfit)
+
+
+def _sightings(scene: Scene, A: Array, B: Array, group: Ints, seen: Array | None = None) -> Sightings:
+    order = np.argsort(group, kind="stable")
+    whiten = scene.whiten / np.sqrt(scene.count)[:, None, None, None]
+    corners = scene.seen if seen is None else seen
+    arrays = (A, B, scene.half, corners, whiten, scene.T_cam_tag)
+    return Sightings(group[order], *(array[order] for array in arrays))
+
+
+def _moved_tag(scene: Scene, state: State, T_rig_body: Array, tag: int, settings: TrackSettings) -> Suspect | None:
+    """A tag that is elsewhere by the poses that the others give; None if it is where it should be."""
+    A, group = transform_inv(state.camera[scene.camera]) @ T_rig_body, np.zeros(len(T_rig_body), dtype=np.int64)
+    s = _sightings(scene, A, np.broadcast_to(np.eye(4), A.shape), group)
+    T = resect(s, 1, settings=settings.resection).T[0]
+    far, turn = _apart(T, state.tag[tag])
+    if far < settings.setup_check.least_distance and turn < settings.setup_check.least_angle:
+        return None
+    name, body = str(scene.tags[tag].id), scene.bodies[scene.body[tag]].name
+    message = f"tag {name} is {far * 1e3:.1f} mm and {np.rad2deg(turn):.1f}° from where it is said to be on {body}"
+    return Suspect("tag", name, message, far, turn)
+
+
+def _wrong_camera(scene: Scene, state: State, T_rig_body: Array, c: int, settings: TrackSettings) -> Suspect | None:
+    """A camera whose sightings another pose or other intrinsics explain, given the poses that the others see."""
+    check = settings.setup_check
+    B, group = T_rig_body @ state.tag[scene.tag], np.zeros(len(T_rig_body), dtype=np.int64)
+    eye, name, model = np.broadcast_to(np.eye(4), B.shape), scene.cameras[c].name, scene.cameras[c]
+    T_cam_rig = transform_inv(state.camera[c])
+    elsewhere = resect(_sightings(scene, eye, B, group), 1, settings=settings.resection)
+
+    def cost(lens: Camera) -> float:
+        s = _sightings(scene, eye, B, group, lens.undistort(scene.pixels))
+        r, _ = residuals(s, np.broadcast_to(T_cam_rig, B.shape))
+        size = np.linalg.norm(np.squeeze(s.whiten @ np.nan_to_num(r, nan=1e3)[..., None], -1), axis=-1)
+        return float(np.sum(huber_loss(size, settings.resection.huber)))
+
+    best = (np.inf, "", 0.0)
+    for what, step in (
+        ("focal length", check.focal_step),
+        ("principal point's x", check.center_step),
+        ("principal point's y", check.center_step),
+    ):
+        amounts = step * np.arange(-20, 21)
+        costs = [cost(_changed(model, what, amount)) for amount in amounts]
+        best = min(best, (min(costs), what, float(amounts[int(np.argmin(costs))])))
+    if best[0] < elsewhere.cost[0]:
+        size = f"{best[2] * 100:+.1f} %" if best[1] == "focal length" else f"{best[2]:+.0f} px"
+        return Suspect("intrinsics", name, f"camera {name}'s images fit another {best[1]} ({size})")
+    far, turn = _apart(transform_inv(elsewhere.T[0]), state.camera[c])
+    message = f"camera {name} is {far * 1e3:.0f} mm and {np.rad2deg(turn):.1f}° from where it is said to be"
+    return (
+        Suspect("camera", name, message, far, turn) if far > check.least_distance or turn > check.least_angle else None
+    )
+
+
+def _apart(A: Array, B: Array) -> tuple[float, float]:
+    """Distance [m] and angle [rad] between two poses."""
+    turn = geodesic_angle(matrix_to_quat(A[:3, :3]), matrix_to_quat(B[:3, :3]))
+    return float(np.linalg.norm(A[:3, 3] - B[:3, 3])), float(turn)
+
+
+def _changed(camera: Camera, what: str, amount: float) -> Camera:
+    intrinsics = camera.intrinsics.copy()
+    if what == "focal length":
+        intrinsics[:2] *= 1 + amount
+    else:
+        intrinsics[2 if what.endswith("x") else 3] += amount
+    return replace(camera, intrinsics=intrinsics)

@@ -1,0 +1,277 @@
+"""Tracking a long recording in pieces, so that memory does not grow with it.
+
+Where everything static is exactly known, time steps share only the clocks' offsets. Pieces of some seconds are then
+tracked one after another as detections come in; their poses and their part of the report are kept. Otherwise a
+recording is tracked as a whole, unless it is long: then stretches from all over it calibrate what is static, and the
+pieces follow with the result as their prior.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tossid.errors import InputError
+from tossid.rotations import quat_continuous
+from tossid.settings.tracking import StreamSettings, TrackSettings
+from tossid.types import Detection, PoseTrack
+from tossid.vision.cameras.camera import Camera
+from tossid.vision.pose_graph.priors import EXACT
+from tossid.vision.pose_graph.report import FrameErrors, TrackReport
+from tossid.vision.pose_graph.setup_checks import Suspect
+from tossid.vision.pose_graph.track import DEFAULT, Tracked, track_scene
+from tossid.vision.setup.layout import TagLayout
+
+
+def track_stream(
+    detections: Iterable[Detection],
+    cameras: Sequence[Camera],
+    layout: TagLayout,
+    *,
+    settings: TrackSettings = DEFAULT,
+    name: str | None = None,
+    progress: Callable[[int], None] | None = None,
+    keep: Callable[[str, PoseTrack], None] | None = None,
+) -> Tracked:
+    """The same as `track_scene`, from detections as they come.
+
+    Args:
+        detections: In order of time, to within `StreamSettings.disorder`, where everything static is known or the
+            recording is long; else in any order. Where they are needed more than once and come from an iterator, they
+            are kept in memory.
+        cameras: What is known of them.
+        layout: What is known of bodies and their tags.
+        settings: When poses are accepted, and what is long.
+        name: Of the track, where there is one moving body.
+        progress: Called with the number of poses found since the last call.
+        keep: Called with a moving body's name and the next stretch of its track; the result then has no tracks.
+
+    Raises:
+        InputError: As `track_scene`, if no piece gives a pose.
+    """
+    sizes = settings.stream
+    tracks = _Tracks(keep)
+    pieces, find_clocks, statics = _Pieces(detections, sizes), settings.clocks, None
+    if not statics_known(cameras, layout):
+        detections = list(detections) if isinstance(detections, Iterator) else detections
+        sample = _sample(detections, sizes) if all(body.stillness is None for body in layout.bodies) else None
+        statics = track_scene(list(sample or detections), cameras, layout, settings=settings, name=name)
+        if sample is None:
+            tracks.extend(statics.tracks)
+            if progress is not None:
+                progress(statics.report.n_poses)
+            return replace(statics, tracks=tracks.whole())
+        del sample  # frees its memory
+        cameras, layout = statics.cameras, statics.layout
+        pieces, find_clocks = _Pieces(detections, sizes, statics.report.clocks), False
+    done: list[Tracked] = []
+    failed: list[InputError] = []
+    while piece := pieces.take():
+        try:
+            tracked = track_scene(piece, cameras, layout, settings=replace(settings, clocks=find_clocks), name=name)
+        except InputError as error:  # no body is seen for a while
+            failed.append(error)
+            continue
+        if tracked.report.clocks:  # known from here on; the piece is cut again with them
+            find_clocks, pieces.clocks = False, tracked.report.clocks
+            pieces.put_back(piece)
+            continue
+        tracks.extend(tracked.tracks)
+        statics = statics or tracked
+        done.append(replace(tracked, tracks={}, cameras=(), layout=layout))
+        if progress is not None:
+            progress(tracked.report.n_poses)
+    if statics is None or not done:
+        raise failed[0] if failed else InputError("no detection of any tag of the scene: nothing to track")
+    unseen = {f"in {len(failed)} stretches of {sizes.piece:g} s without a pose": len(failed)} if failed else {}
+    return _joined(done, statics, tracks.whole(), pieces.clocks, unseen)
+
+
+def _sample(detections: Iterable[Detection], sizes: StreamSettings) -> list[Detection] | None:
+    """Detections of stretches from all over a recording; None where it is short enough to be tracked as a whole."""
+    t = np.unique(np.fromiter((d.t for d in detections), dtype=float))
+    if len(t) <= sizes.whole_frames:
+        return None
+    starts = np.linspace(0, len(t) - sizes.stretch_frames, sizes.stretches).astype(np.int64)
+    first, last = t[starts], t[starts + sizes.stretch_frames - 1]
+
+    def chosen(time: float) -> bool:
+        i = int(np.searchsorted(first, time, side="right")) - 1
+        return i >= 0 and time <= last[i]
+
+    return [d for d in detections if chosen(d.t)]
+
+
+def statics_known(cameras: Sequence[Camera], layout: TagLayout) -> bool:
+    """Whether everything static is exactly known, and time steps share no other unknown.
+
+    Args:
+        cameras: What is known of them.
+        layout: What is known of bodies and their tags.
+    """
+    known = all(camera.T_rig_cam is not None and _exact(camera.T_rig_cam_cov) for camera in cameras)
+    known &= all(camera.wiggle is None for camera in cameras)
+    for body in layout.bodies:
+        known &= body.stillness is None
+        if body.is_static:
+            known &= body.T_map_body is not None and _small(body.position_noise) and _small(body.rotation_noise)
+        for tag in body.tags:
+            known &= tag.T_body_tag is not None and _small(tag.position_noise) and _small(tag.rotation_noise)
+    return known and layout.default_body is None
+
+
+def _exact(cov: np.ndarray | None) -> bool:
+    return cov is None or bool(np.diag(cov).max() <= EXACT**2)
+
+
+def _small(sigma: np.ndarray | None) -> bool:
+    return sigma is None or bool(np.max(sigma) <= EXACT)
+
+
+class _Pieces:
+    """Stretches of time, in order.
+
+    clocks: offsets of cameras' clocks that are subtracted, and their standard deviations [s].
+    """
+
+    def __init__(
+        self,
+        detections: Iterable[Detection],
+        sizes: StreamSettings,
+        clocks: dict[str, tuple[float, float]] | None = None,
+    ) -> None:
+        self.clocks: dict[str, tuple[float, float]] = clocks or {}
+        self._sizes = sizes
+        self._source = iter(detections)
+        self._waiting: list[Detection] = []
+
+    def take(self) -> list[Detection]:
+        """The next one, empty at the end."""
+        sizes = self._sizes
+        reach = sizes.piece + sizes.disorder
+        first = min((d.t for d in self._waiting), default=np.inf)
+        newest = max((d.t for d in self._waiting), default=-np.inf)
+        for detection in self._source:
+            d = self._in_time(detection)
+            first, newest = min(first, d.t), max(newest, d.t)
+            self._waiting.append(d)
+            if newest > first + reach:
+                break
+        if newest <= first + reach:
+            piece, self._waiting = self._waiting, []
+            return piece
+        t = np.unique([d.t for d in self._waiting if first + sizes.piece - sizes.border < d.t <= first + sizes.piece])
+        gap = int(np.argmax(np.diff(t))) if len(t) > 1 else -1
+        border = 0.5 * (t[gap] + t[gap + 1]) if gap >= 0 else first + sizes.piece
+        piece = [d for d in self._waiting if d.t <= border]
+        self._waiting = [d for d in self._waiting if d.t > border]
+        return piece
+
+    def put_back(self, piece: list[Detection]) -> None:
+        """Take a piece back, and subtract the clocks' offsets, now known, from all that waits."""
+        self._waiting = [self._in_time(d) for d in (*piece, *self._waiting)]
+
+    def _in_time(self, d: Detection) -> Detection:
+        offset = self.clocks.get(d.camera)
+        return d if offset is None else replace(d, t=d.t - offset[0])
+
+
+class _Tracks:
+    """Tracks by body, continued from piece to piece so that quaternions keep their sign and joints their turns."""
+
+    def __init__(self, keep: Callable[[str, PoseTrack], None] | None) -> None:
+        self._parts: dict[str, list[PoseTrack]] = {}
+        self._last: dict[str, np.ndarray] = {}
+        self._keep = keep or (lambda body, part: self._parts.setdefault(body, []).append(part))
+
+    def extend(self, tracks: dict[str, PoseTrack]) -> None:
+        """Append the next piece's tracks."""
+        for body, part in tracks.items():
+            if body in self._last:
+                q = np.concatenate([self._last[body], part.q])
+                q[:, 3:7] = quat_continuous(q[:, 3:7])
+                q[:, 7:] = np.unwrap(q[:, 7:], axis=0)
+                part = replace(part, q=q[1:])
+            self._last[body] = part.q[-1:].copy()
+            self._keep(body, part)
+
+    def whole(self) -> dict[str, PoseTrack]:
+        """All tracks; none where `keep` took them."""
+        return {body: _one_track(parts) for body, parts in self._parts.items()}
+
+
+def _one_track(parts: Sequence[PoseTrack]) -> PoseTrack:
+    if len(parts) == 1:
+        return parts[0]
+    covs = [part.q_cov for part in parts if part.q_cov is not None]
+    t, q = np.concatenate([part.t for part in parts]), np.concatenate([part.q for part in parts])
+    return PoseTrack(parts[0].name, t, q, np.concatenate(covs))
+
+
+def _joined(
+    done: Sequence[Tracked],
+    statics: Tracked,
+    tracks: dict[str, PoseTrack],
+    clocks: dict[str, tuple[float, float]],
+    unseen: dict[str, int],
+) -> Tracked:
+    """The pieces one after another, with what is static from `statics`. unseen: count of pieces without any pose."""
+    frames = FrameErrors(
+        *(np.concatenate([getattr(d.frames, field) for d in done]) for field in ("t", "camera", "rms", "tags"))
+    )
+    report = _one_report([d.report for d in done], statics.report, frames, [camera.name for camera in statics.cameras])
+    report = replace(report, clocks=clocks)
+    report.dropped_tags.update(unseen)
+    return Tracked(tracks, statics.cameras, statics.layout, frames, report)
+
+
+def _one_report(
+    reports: Sequence[TrackReport], found: TrackReport, frames: FrameErrors, cameras: Sequence[str]
+) -> TrackReport:
+    """Sums and worst cases; a tag's reprojection is the mean over pieces, weighted by their poses.
+
+    found: the report on what is static, and on the suspects of its stretches.
+    """
+
+    def rms(own: np.ndarray) -> float:
+        return float(np.sqrt(np.average(frames.rms[own] ** 2, weights=frames.tags[own])))
+
+    seen = [c for c in range(len(cameras)) if (frames.tags[frames.camera == c] > 0).any()]
+    tags = sorted({tag_id for report in reports for tag_id in report.rms_by_tag})
+    squares: dict[int, list[tuple[float, int]]] = {tag_id: [] for tag_id in tags}
+    dropped_steps: Counter[str] = Counter()
+    dropped_tags: Counter[str] = Counter()
+    suspects: dict[tuple[str, str], Suspect] = {}
+    for suspect in (suspect for report in (found, *reports) for suspect in report.suspects):
+        suspects.setdefault((suspect.kind, suspect.name), suspect)
+    for report in reports:
+        for tag_id, value in report.rms_by_tag.items():
+            squares[tag_id].append((value**2, max(report.n_poses, 1)))
+        dropped_steps.update(report.dropped_steps)
+        dropped_tags.update(report.dropped_tags)
+    unplaced = [name for name in reports[0].unplaced if all(name in report.unplaced for report in reports)]
+    worst = sorted((row for report in reports for row in report.worst_frames), key=lambda row: -row[2])[:10]
+    whole = rms(frames.tags > 0)
+    return replace(
+        found,
+        n_steps=sum(report.n_steps for report in reports),
+        n_poses=sum(report.n_poses for report in reports),
+        rms=whole,
+        rms_axis=whole / 2**0.5,
+        rms_by_camera={cameras[c]: rms(frames.camera == c) for c in seen},
+        rms_by_tag={
+            tag_id: float(np.sqrt(np.average([value for value, _ in pairs], weights=[n for _, n in pairs])))
+            for tag_id, pairs in squares.items()
+        },
+        noise_scale=float(np.median([report.noise_scale for report in reports])),
+        dropped_steps=dict(dropped_steps),
+        dropped_tags=dict(dropped_tags),
+        worst_frames=worst,
+        unplaced=unplaced,
+        suspects=list(suspects.values()),
+        spread=reports[0].spread,
+        rms_bare=reports[0].rms_bare,
+    )

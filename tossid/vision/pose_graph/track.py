@@ -1,0 +1,173 @@
+"""From tag corners to pose tracks: the pose graph solved, its poses gated, and what became of every detection."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tossid.errors import InputError, ObjectError
+from tossid.objects import ObjectModel
+from tossid.settings.tracking import TrackSettings
+from tossid.types import Detection, PoseTrack
+from tossid.vision.cameras.camera import Camera
+from tossid.vision.pose_graph.clocks import clock_offsets
+from tossid.vision.pose_graph.gating import gate_tree, pose_track
+from tossid.vision.pose_graph.initial import given
+from tossid.vision.pose_graph.report import Counts, FrameErrors, TrackReport, calibrated, frame_errors, make_report
+from tossid.vision.pose_graph.robust import SolvedScene, solve_scene
+from tossid.vision.pose_graph.scene import Scene, observe, words
+from tossid.vision.setup.layout import Body, TagLayout, articulated, body_tags, descendants
+
+DEFAULT = TrackSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """What tracking found in a scene.
+
+    Attributes:
+        tracks: Of each moving body by name, with the joints of what hangs on it.
+        cameras: As given, with the poses and covariances that were found.
+        layout: Likewise.
+        frames: Reprojection of each frame.
+        report: What became of the detections.
+    """
+
+    tracks: dict[str, PoseTrack]
+    cameras: tuple[Camera, ...]
+    layout: TagLayout
+    frames: FrameErrors
+    report: TrackReport
+
+
+def track(
+    detections: Iterable[Detection],
+    cameras: Sequence[Camera],
+    model: ObjectModel,
+    *,
+    settings: TrackSettings = DEFAULT,
+    name: str = "track",
+) -> tuple[PoseTrack, TrackReport]:
+    """The track of one object whose tags are where its model says, among cameras of known pose, and a report.
+
+    Args:
+        detections: In any order.
+        cameras: Those that detections are of, with their poses in the world.
+        model: The object, with tags; its joints are hinges.
+        settings: When poses are accepted.
+        name: Of the track.
+
+    Raises:
+        ObjectError: The object has no tags, or a joint that slides.
+        InputError: A detection of an unknown camera, or too few to make a track.
+    """
+    if not model.tags:
+        raise ObjectError(f"object '{model.name}' has no tags to track")
+    rigs = {camera.rig_body: camera for camera in cameras}
+    bodies = [Body(rig, True, camera.T_world_rig) for rig, camera in rigs.items()]
+    own = [Body(name, False, tags=body_tags(model, b)) for b, name in enumerate(model.body_names)]
+    layout = articulated(TagLayout((*bodies, *own)), model)
+    tracked = track_scene(list(detections), cameras, layout, settings=settings, name=name)
+    return tracked.tracks[model.body_names[0]], tracked.report
+
+
+def track_scene(
+    detections: Sequence[Detection],
+    cameras: Sequence[Camera],
+    layout: TagLayout,
+    *,
+    settings: TrackSettings = DEFAULT,
+    name: str | None = None,
+) -> Tracked:
+    """All that is unknown in a scene: poses of its moving bodies, and of cameras, tags and static bodies.
+
+    Args:
+        detections: In any order, of cameras that need not be synchronous, and whose clocks may be apart.
+        cameras: What is known of them.
+        layout: What is known of bodies and their tags.
+        settings: When poses are accepted.
+        name: Of the track, where there is one moving body; else each track has its body's name.
+
+    Raises:
+        InputError: A detection of an unknown camera; nothing that can be placed; too few poses for a track.
+    """
+    as_stamped, dropped = _observed(detections, cameras, layout, {}, settings)
+    scene = as_stamped
+    offsets = clock_offsets(scene, given(scene), settings=settings) if settings.clocks else {}
+    while True:
+        if offsets:
+            scene, dropped = _observed(detections, cameras, layout, offsets, settings)
+        solved = solve_scene(scene, offsets, settings=settings)
+        clocks = solved.clocks(offsets)
+        search = settings.clock_search
+        # an offset that the graph does not confirm is taken as zero, and the scene solved again
+        sure = {
+            c: offset
+            for c, offset in offsets.items()
+            if abs(clocks[c][0]) > max(search.same, search.sigmas * clocks[c][1])
+        }
+        if len(sure) == len(offsets):
+            named = {cameras[c].name: found for c, found in clocks.items()}
+            return _tracked(solved, settings, layout, name, named, dropped)
+        offsets = sure
+        if not offsets:
+            scene, dropped = _observed(detections, cameras, layout, {}, settings)
+
+
+def _observed(
+    detections: Sequence[Detection],
+    cameras: Sequence[Camera],
+    layout: TagLayout,
+    offsets: dict[int, float],
+    settings: TrackSettings,
+) -> tuple[Scene, Counter[str]]:
+    """The scene with clocks' offsets [s] subtracted, by camera's number, and counts of what was left out."""
+    late = {cameras[c].name: offset for c, offset in offsets.items()}
+    dropped: Counter[str] = Counter()
+    shifted = [replace(d, t=d.t - late[d.camera]) if d.camera in late else d for d in detections]
+    return observe(shifted, cameras, layout, dropped=dropped, settings=settings), dropped
+
+
+def _tracked(
+    solved: SolvedScene,
+    settings: TrackSettings,
+    layout: TagLayout,
+    name: str | None,
+    clocks: dict[str, tuple[float, float]],
+    dropped: Counter[str],
+) -> Tracked:
+    """Tracks of the accepted poses, and the report."""
+    scene, solution, errors, used = solved.scene, solved.solution, solved.errors, solved.used
+    if solved.outliers:
+        dropped["contradicts the other tags"] = solved.outliers
+    tracks: dict[str, PoseTrack] = {}
+    reasons: Counter[str] = Counter()
+    accepted = used.copy()
+    n_steps = n_poses = 0
+    moving = [b for b, body in enumerate(scene.bodies) if not body.is_static and body.hinge is None]
+    for b in moving:
+        tree = [b, *descendants(scene.bodies, b)]
+        rows = np.isin(scene.body[scene.tag], tree) | (scene.rig[scene.camera] == b)
+        seen = np.bincount(scene.step[rows], minlength=len(scene.t)) > 0
+        if not seen.any():
+            continue
+        gate = gate_tree(scene, solution, errors, rows & used, seen, tree, settings)
+        n_steps, n_poses = n_steps + int(seen.sum()), n_poses + int(gate.accepted.sum())
+        reasons += gate.reasons
+        accepted &= ~rows | gate.accepted[scene.step]
+        keep = np.flatnonzero(gate.accepted)
+        body = scene.bodies[b].name
+        if len(keep) >= 2:
+            label = name if name is not None and len(moving) == 1 else body
+            tracks[body] = pose_track(label, scene, solution, tree, keep)
+    if moving and not tracks:
+        why = "; ".join([words(reasons + dropped), *(suspect.message for suspect in solved.suspects)])
+        raise InputError(f"only {n_poses} of {n_steps} time steps gave a pose ({why})")
+    frames = frame_errors(scene, errors, accepted)
+    counts = Counts(n_steps, n_poses, dict(reasons), dict(dropped))
+    report = make_report(solved, accepted, frames, counts, clocks)
+    cameras, layout = calibrated(scene, solution, layout)
+    return Tracked(tracks, cameras, layout, frames, report)

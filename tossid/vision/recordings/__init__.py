@@ -1,0 +1,1 @@
+"""Recordings as they lie on disk: image folders, videos, ROS bags."""

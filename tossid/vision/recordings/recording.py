@@ -1,0 +1,164 @@
+"""A recording: the frames of some cameras, with their calibration and the layout of the tags."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.errors import FileError
+from tossid.types import Frame
+from tossid.vision.cameras.camera import Camera
+from tossid.vision.setup.calibration import read_cameras
+from tossid.vision.setup.layout import TagLayout
+from tossid.vision.setup.tagslam import read_tagslam
+
+LATEST_NS = 1 << 62
+"""No clock shows a time beyond this: it is the year 2116."""
+_ENDINGS = {b"\xff\xd8\xff": b"\xff\xd9", b"\x89PNG": b"IEND\xaeB`\x82"}
+
+
+@dataclass(frozen=True, slots=True)
+class FrameFile:
+    """Where a frame is.
+
+    Attributes:
+        camera: Name of its camera.
+        t_ns: Time stamp [ns], corrected for the camera's clock offset.
+        path: The image, video or bag.
+        index: Number of the frame in a video, time of recording [ns] in a bag.
+    """
+
+    camera: str
+    t_ns: int
+    path: Path
+    index: int = 0
+
+
+class FrameReader(Protocol):
+    """Reads the images of a recording."""
+
+    def images(self, files: Sequence[FrameFile]) -> Iterator[NDArray[np.uint8]]:
+        """Grey images (height, width) of some frames of one camera, in order of time."""
+        ...
+
+
+class ImageFiles:
+    """Frames that are image files."""
+
+    def images(self, files: Sequence[FrameFile]) -> Iterator[NDArray[np.uint8]]:
+        """One file a frame."""
+        return (read_image(file.path) for file in files)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A recording on disk; frames are read when they are asked for.
+
+    Attributes:
+        folder: Where its calibration lies.
+        cameras: In the order of `cameras.yaml`.
+        layout: Bodies and tags of the scene.
+        frames: The frames of each camera by name, in order of time.
+        reader: Reads their images.
+        problems: What could not be read.
+    """
+
+    folder: Path
+    cameras: tuple[Camera, ...]
+    layout: TagLayout
+    frames: Mapping[str, Sequence[FrameFile]]
+    reader: FrameReader = field(default_factory=ImageFiles)
+    problems: tuple[str, ...] = ()
+
+    @property
+    def n_frames(self) -> int:
+        """Frames of all cameras together."""
+        return sum(len(files) for files in self.frames.values())
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames a second of one camera, the median over their time steps. NaN with fewer than two frames."""
+        steps = [np.diff([file.t_ns for file in files]) for files in self.frames.values() if len(files) > 1]
+        return float(1e9 / np.median(np.concatenate(steps))) if steps else float("nan")
+
+    def camera(self, name: str) -> Camera:
+        """The camera of that name."""
+        return next(camera for camera in self.cameras if camera.name == name)
+
+    def read(self, file: FrameFile) -> Frame:
+        """Read one frame (see `run`)."""
+        return next(self.run((file,)))
+
+    def run(self, files: Sequence[FrameFile]) -> Iterator[Frame]:
+        """Read frames of one camera, in order of time.
+
+        Raises:
+            FileError: one is missing, no image, cut short, or not of the camera's resolution.
+        """
+        for file, image in zip(files, self.reader.images(files), strict=True):
+            width, height = self.camera(file.camera).resolution
+            if image.shape != (height, width):
+                raise FileError(
+                    file.path,
+                    f"is {image.shape[1]} by {image.shape[0]} px, but {file.camera} has {width} by {height} px",
+                )
+            yield Frame(file.camera, file.t_ns * 1e-9, image)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """All frames in order of time."""
+        files = sorted((file for own in self.frames.values() for file in own), key=lambda file: file.t_ns)
+        return (self.read(file) for file in files)
+
+
+def read_image(path: Path) -> NDArray[np.uint8]:
+    """A grey image (height, width). `FileError` if the file is none, or is cut short."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror}") from error
+    for start, end in _ENDINGS.items():
+        # OpenCV fills up what is missing of such a file with grey
+        if content.startswith(start) and end not in content[-64:]:
+            raise FileError(path, "is an image that breaks off before its end")
+    try:
+        image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if content else None
+    except cv2.error:
+        image = None
+    if image is None:
+        raise FileError(path, "is not an image that can be read")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def read_set_up(folder: str | Path) -> tuple[tuple[Camera, ...], TagLayout]:
+    """The cameras and the tag layout of a folder.
+
+    Raises:
+        FileError: what is missing or damaged, by name.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FileError(folder, "no such folder; expected a recording (cameras.yaml, tagslam.yaml, frames/)")
+    layout = read_tagslam(folder / "tagslam.yaml")
+    return read_cameras(folder, layout=layout), layout
+
+
+def in_order(files: Iterable[FrameFile]) -> tuple[FrameFile, ...]:
+    """Frames of one camera in order of time. `FileError` where two have one time stamp."""
+    given = tuple(files)
+    return tuple(given[i] for i in order_of([file.t_ns for file in given], lambda i: given[i].path))
+
+
+def order_of(t_ns: Sequence[int] | NDArray[np.int64], path: Callable[[int], Path]) -> list[int]:
+    """Frames' places in order of time. `FileError` where two have one time stamp; path: where a frame lies."""
+    order = sorted(range(len(t_ns)), key=t_ns.__getitem__)
+    for one, other in itertools.pairwise(order):
+        if t_ns[one] == t_ns[other]:
+            raise FileError(path(other), f"has the same time stamp as {path(one).name}")
+    return order

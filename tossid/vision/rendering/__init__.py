@@ -1,0 +1,1 @@
+"""Camera frames of a moving object, rendered."""

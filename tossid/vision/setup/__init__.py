@@ -1,0 +1,1 @@
+"""What stands around the object: tags, layouts, calibrations."""

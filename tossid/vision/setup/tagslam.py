@@ -1,0 +1,309 @@
+"""`tagslam.yaml`: the scene as TagSLAM describes it (bodies, tags, measurements), read and written."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from tossid.errors import FileError, brief
+from tossid.rotations import matrix_to_rotvec, transform_inv
+from tossid.vision.setup.layout import (
+    DEFAULT_FAMILY,
+    FAMILIES,
+    Body,
+    BodyTag,
+    Coordinate,
+    Distance,
+    Remap,
+    Squash,
+    TagLayout,
+)
+from tossid.yaml_files import number, numbers, read_pose, read_xyz, read_yaml
+
+Array = NDArray[np.float64]
+
+EXACT = 1e-6
+"""Standard deviation [m, rad] that is written for a pose that is known exactly."""
+
+
+def pose_mapping(T: Array) -> dict[str, dict[str, float]]:
+    """The inverse of `read_pose`."""
+    rotvec = matrix_to_rotvec(T[:3, :3])
+    return {
+        "position": dict(zip("xyz", map(float, T[:3, 3]), strict=True)),
+        "rotation": dict(zip("xyz", map(float, rotvec), strict=True)),
+    }
+
+
+def read_noise(path: Path, where: str, pose: dict[str, Any]) -> tuple[Array | None, Array | None]:
+    """A pose's position_noise [m] and rotation_noise [rad]: (3,) each, None where not given."""
+    position, rotation = (
+        read_xyz(path, f"{where}.{key}", pose[key]) if pose.get(key) is not None else None
+        for key in ("position_noise", "rotation_noise")
+    )
+    return position, rotation
+
+
+def read_tagslam(path: str | Path) -> TagLayout:
+    """Read `tagslam.yaml`.
+
+    A body's pose is T_map_body, a tag's T_body_tag, rotations are rotation
+    vectors [rad]. Of a board, TagSLAM's code takes the inverse of `pose`, and
+    numbers its tags row by row. Ours alone is `tag_family`, of a set-up or a body, and a tag's
+    `family`. `body_defaults` is the noise of bodies' poses that
+    give none; a tag's pose without noise is exact.
+    """
+    path = Path(path)
+    content = read_yaml(path)
+    entries = content.get("bodies")
+    if not isinstance(entries, list) or not entries:
+        raise FileError(path, "has no list 'bodies'")
+    defaults = _mapping(path, "body_defaults", content.get("body_defaults") or {})
+    family = _family(path, "tag_family", content.get("tag_family", DEFAULT_FAMILY))
+    bodies = [_read_body(path, name, body, defaults, family) for name, body in _named(path, "bodies", entries)]
+    names = [body.name for body in bodies]
+    if len(set(names)) != len(names):
+        raise FileError(path, f"bodies: a name occurs twice in {', '.join(names)}")
+    default = content.get("default_body")
+    if default is not None and default not in names:
+        raise FileError(path, f"default_body: '{default}' is not among the bodies {', '.join(names)}")
+    ids = [tag.id for body in bodies for tag in body.tags]
+    twice = sorted({tag_id for tag_id in ids if ids.count(tag_id) > 1})
+    if twice:
+        raise FileError(path, f"bodies: tag {twice[0]} is listed twice; an id can be on one body once")
+    most = content.get("max_hamming_distance")
+    return TagLayout(
+        tuple(bodies),
+        default,
+        dict(_mapping(path, "tagslam_parameters", content.get("tagslam_parameters") or {})),
+        _read_measurements(path, content),
+        _read_remaps(path, content.get("tag_id_remap") or []),
+        _read_squashes(path, content.get("squash") or []),
+        None if most is None else int(number(path, "max_hamming_distance", most)),
+        family,
+    )
+
+
+def _family(path: Path, where: str, value: Any) -> str:
+    name = str(value) if str(value).startswith("tag") else f"tag{value}"
+    if name not in FAMILIES:
+        raise FileError(path, f"{where} is {brief(value)}, expected one of {', '.join(FAMILIES)}")
+    return name
+
+
+def _mapping(path: Path, where: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise FileError(path, f"{where} is {brief(value)}, expected names with values")
+    return value
+
+
+def _named(path: Path, where: str, entries: Any) -> list[tuple[str, dict[str, Any]]]:
+    """A list of mappings that hold one named mapping each."""
+    if not isinstance(entries, list):
+        raise FileError(path, f"{where} is {brief(entries)}, expected a list")
+    found = []
+    for entry in entries:
+        if not isinstance(entry, dict) or len(entry) != 1 or not isinstance(next(iter(entry.values())), dict):
+            raise FileError(path, f"{where}: {brief(entry)} is not one name with its values")
+        name, value = next(iter(entry.items()))
+        found.append((str(name), value))
+    return found
+
+
+def _read_body(path: Path, name: str, body: dict[str, Any], defaults: dict[str, Any], family: str) -> Body:
+    family = _family(path, f"{name}.tag_family", body.get("tag_family", family))
+    is_static = body.get("is_static")
+    if not isinstance(is_static, bool):
+        raise FileError(path, f"{name}.is_static is {brief(is_static)}, expected true or false")
+    size = body.get("default_tag_size")
+    default_size = None if size is None else number(path, f"{name}.default_tag_size", size)
+    pose = body.get("pose")
+    if pose is not None and not is_static:
+        raise FileError(path, f"{name}.pose: a body that moves (is_static: false) has no fixed pose")
+    T_map_body = None if pose is None else read_pose(path, f"{name}.pose", pose)
+    noise: list[Array | None] = [None, None]
+    if pose is not None:
+        for k, given in enumerate(read_noise(path, f"{name}.pose", pose)):
+            key = ("position_noise", "rotation_noise")[k]
+            fallback = np.full(3, number(path, f"body_defaults.{key}", defaults[key])) if key in defaults else None
+            noise[k] = fallback if given is None else given
+    kind = body.get("type", "simple")
+    if kind == "board":
+        tags = _board_tags(path, f"{name}.board", _mapping(path, f"{name}.board", body.get("board")), family)
+    elif kind == "simple":
+        tags = [_read_tag(path, name, tag, default_size, family) for tag in body.get("tags") or []]
+    else:
+        raise FileError(path, f"{name}.type is {brief(kind)}, expected simple or board")
+    override = [body.get(f"override_tag_{key}_noise") for key in ("position", "rotation")]
+    if None not in override:
+        p, r = (np.full(3, number(path, f"{name}.override_tag_noise", value)) for value in override)
+        tags = [replace(tag, position_noise=p, rotation_noise=r) for tag in tags]
+    still = [body.get(f"fake_odom_{key}_noise") for key in ("translation", "rotation")]
+    stillness = None
+    if None not in still and not is_static:
+        translation, rotation = (number(path, f"{name}.fake_odom_noise", value) for value in still)
+        stillness = (translation, rotation) if translation > 0 and rotation > 0 else None
+    ignored = _ids(path, f"{name}.ignore_tags", body.get("ignore_tags") or [])
+    return Body(name, is_static, T_map_body, default_size, tuple(tags), noise[0], noise[1], stillness, ignored)
+
+
+def _ids(path: Path, where: str, value: Any) -> frozenset[int]:
+    if not isinstance(value, list) or not all(isinstance(item, int) for item in value):
+        raise FileError(path, f"{where} is {brief(value)}, expected a list of tag ids")
+    return frozenset(value)
+
+
+def _read_tag(path: Path, body: str, tag: Any, default_size: float | None, family: str) -> BodyTag:
+    if not isinstance(tag, dict) or not isinstance(tag.get("id"), int) or isinstance(tag.get("id"), bool):
+        raise FileError(path, f"{body}.tags: {brief(tag)} has no whole-number id")
+    where = f"{body}.tags[{tag['id']}]"
+    if "size" not in tag and default_size is None:
+        raise FileError(path, f"{where} has no size, and {body} no default_tag_size")
+    size = number(path, f"{where}.size", tag["size"]) if "size" in tag else default_size
+    if size is None or size <= 0:
+        raise FileError(path, f"{where}.size is {size}, expected a positive length")
+    family = _family(path, f"{where}.family", tag.get("family", family))
+    pose = tag.get("pose")
+    if pose is None:
+        return BodyTag(tag["id"], size, None, family=family)
+    T_body_tag = read_pose(path, f"{where}.pose", pose)
+    return BodyTag(tag["id"], size, T_body_tag, *read_noise(path, f"{where}.pose", pose), family)
+
+
+def _board_tags(path: Path, where: str, board: dict[str, Any], family: str) -> list[BodyTag]:
+    keys = ("tag_start_id", "tag_size", "tag_spacing", "tag_rows", "tag_columns")
+    missing = [key for key in keys if key not in board]
+    if missing:
+        raise FileError(path, f"{where} has no {', '.join(missing)}")
+    start, size, spacing, rows, columns = (number(path, f"{where}.{key}", board[key]) for key in keys)
+    T_tag0_body = read_pose(path, f"{where}.pose", board["pose"]) if board.get("pose") is not None else np.eye(4)
+    noise = [
+        np.full(3, number(path, f"{where}.{key}", board[key])) if key in board else None
+        for key in ("tag_position_noise", "tag_rotation_noise")
+    ]
+    tags = []
+    for row in range(int(rows)):
+        for column in range(int(columns)):
+            T = np.eye(4)
+            T[:2, 3] = np.array([column, row]) * size * (1 + spacing)
+            tag_id = int(start) + row * int(columns) + column
+            tags.append(BodyTag(tag_id, size, transform_inv(T_tag0_body) @ T, noise[0], noise[1], family))
+    return tags
+
+
+def _read_measurements(path: Path, content: dict[str, Any]) -> tuple[Distance | Coordinate, ...]:
+    """`distance_measurements`, `coordinate_measurements`, and `plane_measurements` (coordinates of tags' centres)."""
+    found: list[Distance | Coordinate] = []
+
+    def value(entry: dict[str, Any], where: str, key: str) -> float:
+        if key not in entry:
+            raise FileError(path, f"{where} has no {key}")
+        return number(path, f"{where}.{key}", entry[key])
+
+    def direction(entry: dict[str, Any], where: str) -> Array:
+        axis = numbers(path, f"{where}.direction", entry.get("direction"), 3)
+        if abs(np.linalg.norm(axis) - 1) > 1e-5:
+            raise FileError(path, f"{where}.direction is {axis.tolist()}, expected a unit vector")
+        return axis
+
+    for name, entry in _named(path, "distance_measurements", content.get("distance_measurements") or []):
+        where = f"distance_measurements.{name}"
+        tags, corners = (tuple(int(value(entry, where, f"{key}{k}")) for k in (1, 2)) for key in ("tag", "corner"))
+        length, noise = value(entry, where, "distance"), value(entry, where, "noise")
+        found.append(Distance(name, (tags[0], tags[1]), (corners[0], corners[1]), length, noise))
+    for name, entry in _named(path, "coordinate_measurements", content.get("coordinate_measurements") or []):
+        where = f"coordinate_measurements.{name}"
+        tag, corner = (int(value(entry, where, key)) for key in ("tag", "corner"))
+        length, noise = value(entry, where, "length"), value(entry, where, "noise")
+        found.append(Coordinate(name, tag, corner, direction(entry, where), length, noise))
+    for name, entry in _named(path, "plane_measurements", content.get("plane_measurements") or []):
+        where = f"plane_measurements.{name}"
+        axis, length, noise = direction(entry, where), value(entry, where, "distance"), value(entry, where, "noise")
+        for tag in sorted(_ids(path, f"{where}.tags", entry.get("tags"))):
+            found.append(Coordinate(f"{name}_tag_{tag}", tag, None, axis, length, noise))
+    for measurement in found:
+        corners = measurement.corners if isinstance(measurement, Distance) else (measurement.corner or 0,)
+        if measurement.noise <= 0 or not all(0 <= corner <= 3 for corner in corners):
+            raise FileError(path, f"measurement {measurement.name}: expected corners 0 to 3 and a positive noise")
+    return tuple(found)
+
+
+def _read_remaps(path: Path, entries: Any) -> tuple[Remap, ...]:
+    remaps = []
+    for entry in entries if isinstance(entries, list) else [entries]:
+        entry = _mapping(path, "tag_id_remap", entry)
+        for again in entry.get("remaps") or []:
+            again = _mapping(path, "tag_id_remap.remaps", again)
+            if not isinstance(entry.get("id"), int) or not isinstance(again.get("remap_id"), int):
+                raise FileError(path, f"tag_id_remap: {brief(entry)} needs id and remap_id")
+            start, end = (
+                number(path, f"tag_id_remap.{key}", again[key]) if key in again else float(none)
+                for key, none in (("start_time", "-inf"), ("end_time", "inf"))
+            )
+            remaps.append(Remap(entry["id"], again["remap_id"], start, end, again.get("camera") or None))
+    return tuple(remaps)
+
+
+def _read_squashes(path: Path, entries: Any) -> tuple[Squash, ...]:
+    squashes = []
+    for entry in entries if isinstance(entries, list) else [entries]:
+        entry = _mapping(path, "squash", entry)
+        time = number(path, "squash.time", entry["time"]) if "time" in entry else None
+        if time is None and not entry.get("camera"):
+            raise FileError(path, f"squash: {brief(entry)} needs a time or a camera")
+        tags = _ids(path, "squash.tags", entry.get("tags") or [])
+        squashes.append(Squash(tags, time, entry.get("camera") or None))
+    return tuple(squashes)
+
+
+def write_tagslam(layout: TagLayout, path: str | Path) -> None:
+    """Write a layout's bodies and tags.
+
+    Boards are written as the tags that they consist of. Measurements, remaps and squashes belong to one recording and
+    are not written.
+
+    Args:
+        layout: What is written.
+        path: The file.
+    """
+    bodies = []
+    for body in layout.bodies:
+        entry: dict[str, Any] = {"is_static": body.is_static, "type": "simple"}
+        if body.default_tag_size is not None:
+            entry["default_tag_size"] = float(body.default_tag_size)
+        if body.T_map_body is not None:
+            noise = (body.position_noise, body.rotation_noise)
+            position, rotation = (np.full(3, EXACT) if part is None else part for part in noise)
+            entry["pose"] = {**pose_mapping(body.T_map_body), **_noise_mapping(position, rotation)}
+        if body.tags:
+            entry["tags"] = [_tag_mapping(tag, layout.tag_family) for tag in body.tags]
+        bodies.append({body.name: entry})
+    content: dict[str, Any] = {"tagslam_parameters": layout.parameters} if layout.parameters else {}
+    content["body_defaults"] = {"position_noise": 0.05, "rotation_noise": 0.01}
+    if layout.tag_family != DEFAULT_FAMILY:
+        content["tag_family"] = layout.tag_family
+    if layout.default_body is not None:
+        content["default_body"] = layout.default_body
+    content["bodies"] = bodies
+    Path(path).write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+
+
+def _tag_mapping(tag: BodyTag, family: str) -> dict[str, Any]:
+    entry: dict[str, Any] = {"id": int(tag.id), "size": float(tag.size)}
+    if tag.family != family:
+        entry["family"] = tag.family
+    if tag.T_body_tag is not None:
+        entry["pose"] = {**pose_mapping(tag.T_body_tag), **_noise_mapping(tag.position_noise, tag.rotation_noise)}
+    return entry
+
+
+def _noise_mapping(position: Array | None, rotation: Array | None) -> dict[str, Any]:
+    entries = {"position_noise": position, "rotation_noise": rotation}
+    return {
+        key: dict(zip("xyz", map(float, values), strict=True)) for key, values in entries.items() if values is not None
+    }
