@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from pipelines.cli.console import Console
 from pipelines.tools.bench_vision import vision
 from tossid.objects import ObjectModel, load_object, to_mjcf
-from tossid.physics import make_system, simulate
+from tossid.physics import PolyhedralCone, make_system, simulate
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def main() -> None:
         steps = int(start.n_steps.sum())
         system = make_system(model)
         exact = partial(simulate, system, start.q, start.v, n_steps=start.n_steps, dt=DT)
-        polyhedral = partial(exact, n_directions=8)
+        polyhedral = partial(exact, solver=PolyhedralCone(n_directions=8))
         work: dict[str, Callable[[], object]] = {
             "tossid, exact cone": exact,
             "tossid, 8 directions": polyhedral,

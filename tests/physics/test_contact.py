@@ -7,17 +7,18 @@ import pytest
 
 from tossid.errors import ObjectError
 from tossid.objects import ObjectModel, corner_positions
-from tossid.physics import Simulation, make_system, simulate
-from tossid.physics.contact import RECOVERY_SPEED
+from tossid.physics import ExactCone, PolyhedralCone, Simulation, make_system, simulate
 from tossid.physics.effects import World
 from tossid.physics.forces import Law
+from tossid.physics.law import RECOVERY_SPEED
 from tossid.physics.mujoco_engine import simulate_mujoco
+from tossid.physics.solvers import ContactSolver
 
 HALF = 0.0524
 STIFFNESS = 33e3
 FLAT = np.array([[0, 0, HALF, 1, 0, 0, 0.0]])
 
-both_kernels = pytest.mark.parametrize("n_directions", [0, 4])
+both_cones = pytest.mark.parametrize("solver", [ExactCone(), PolyhedralCone(4)])
 
 
 def tossed(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -35,18 +36,20 @@ def energy(model: ObjectModel, run: Simulation) -> np.ndarray:
     return np.asarray(0.5 * (spin + move) + model.mass[0] * 9.81 * run.q[..., 2] + spring)
 
 
-@both_kernels
+@both_cones
 @pytest.mark.parametrize("relaxation", [0.0, 3e-3])
-def test_a_cube_at_rest_sinks_by_its_weight(cube: ObjectModel, n_directions: int, relaxation: float) -> None:
+def test_a_cube_at_rest_sinks_by_its_weight(cube: ObjectModel, solver: ContactSolver, relaxation: float) -> None:
     system = make_system(cube.with_changes(compliance=1 / STIFFNESS, relaxation=relaxation))
-    run = simulate(system, FLAT, np.zeros((1, 6)), n_steps=300, dt=1 / 148, tolerance=1e-12, n_directions=n_directions)
+    run = simulate(system, FLAT, np.zeros((1, 6)), n_steps=300, dt=1 / 148, tolerance=1e-12, solver=solver)
     assert HALF - run.q[0, -1, 2] == pytest.approx(cube.mass[0] * 9.81 / STIFFNESS / 4, rel=1e-6)
     np.testing.assert_allclose(np.sort(run.lam_n[0, -1])[4:], cube.mass[0] * 9.81 / 148 / 4, rtol=1e-6)
 
 
-@both_kernels
+@both_cones
 @pytest.mark.parametrize("relaxation", [2e-4, 1e-3, 2e-3])
-def test_a_flat_drop_bounces_as_the_damped_oscillator(cube: ObjectModel, n_directions: int, relaxation: float) -> None:
+def test_a_flat_drop_bounces_as_the_damped_oscillator(
+    cube: ObjectModel, solver: ContactSolver, relaxation: float
+) -> None:
     # Schwager and Poeschel, "Coefficient of restitution and linear-dashpot model revisited", Granular Matter 2007:
     # contact ends where the force would become a pull
     omega2 = 4 * STIFFNESS / cube.mass[0]
@@ -55,17 +58,17 @@ def test_a_flat_drop_bounces_as_the_damped_oscillator(cube: ObjectModel, n_direc
     duration = (np.pi - np.arctan2(2 * beta * omega, omega**2 - beta**2)) / omega
     system = make_system(cube.with_changes(compliance=1 / STIFFNESS, relaxation=relaxation), gravity=0.0)
     dt, v = 4e-5, np.array([[0, 0, -1.0, 0, 0, 0]])
-    run = simulate(system, FLAT, v, n_steps=250, dt=dt, tolerance=1e-11, n_directions=n_directions)
+    run = simulate(system, FLAT, v, n_steps=250, dt=dt, tolerance=1e-11, solver=solver)
     assert run.v[0, -1, 2] == pytest.approx(np.exp(-beta * duration), rel=0.01)
     assert dt * (run.lam_n[0].sum(-1) > 0).sum() == pytest.approx(duration, rel=0.02)
     np.testing.assert_allclose(run.v[0, -1, [0, 1, 3, 4, 5]], 0, atol=1e-9)
 
 
-@both_kernels
-def test_an_undamped_spring_keeps_the_bounce_s_time_and_speed(cube: ObjectModel, n_directions: int) -> None:
+@both_cones
+def test_an_undamped_spring_keeps_the_bounce_s_time_and_speed(cube: ObjectModel, solver: ContactSolver) -> None:
     system = make_system(cube.with_changes(compliance=1 / STIFFNESS), gravity=0.0)
     v = np.array([[0, 0, -1.0, 0, 0, 0]])
-    run = simulate(system, FLAT, v, n_steps=2000, dt=1e-5, substeps=5, n_directions=n_directions)
+    run = simulate(system, FLAT, v, n_steps=2000, dt=1e-5, substeps=5, solver=solver)
     assert run.v[0, -1, 2] == pytest.approx(1.0, rel=5e-3)
     half_period = np.pi * np.sqrt(cube.mass[0] / (4 * STIFFNESS))
     assert 1e-5 * (run.lam_n[0].sum(-1) > 0).sum() == pytest.approx(half_period, rel=5e-3)
@@ -102,37 +105,39 @@ def test_stiff_contact_tends_to_rigid(cube: ObjectModel) -> None:
     assert 5 < gaps[1] / gaps[2] < 20
 
 
-@both_kernels
-def test_rigid_corners_that_sank_come_out_at_their_own_pace(cube: ObjectModel, n_directions: int) -> None:
+@both_cones
+def test_rigid_corners_that_sank_come_out_at_their_own_pace(cube: ObjectModel, solver: ContactSolver) -> None:
     relaxation, depth, dt = 0.02, 1e-3, 0.002
     system = make_system(cube.with_changes(relaxation=relaxation))
     run = simulate(system, FLAT - [0, 0, depth, 0, 0, 0, 0], np.zeros((1, 6)), n_steps=30, dt=dt,
-                   tolerance=1e-11, n_directions=n_directions)  # fmt: skip
+                   tolerance=1e-11, solver=solver)  # fmt: skip
     expected = depth * (relaxation / (relaxation + dt)) ** np.arange(31)
     np.testing.assert_allclose(HALF - run.q[0, :, 2], expected, rtol=1e-6)
 
 
 # among four rigid corners the load is not unique, and Lemke's vertex leaves one without any, and without cohesion
-@pytest.mark.parametrize(("n_directions", "compliance"), [(0, 0.0), (0, 1 / STIFFNESS), (4, 1 / STIFFNESS)])
+@pytest.mark.parametrize(
+    ("solver", "compliance"), [(ExactCone(), 0.0), (ExactCone(), 1 / STIFFNESS), (PolyhedralCone(4), 1 / STIFFNESS)]
+)
 @pytest.mark.parametrize(("cohesion", "slowing"), [(0.1, 0.3 * 9.81 + 4 * 0.1 / 0.37), (5.0, 2 * 0.3 * 9.81)])
 def test_cohesion_slows_a_sliding_block_by_as_much_a_corner(
-    cube: ObjectModel, n_directions: int, compliance: float, cohesion: float, slowing: float
+    cube: ObjectModel, solver: ContactSolver, compliance: float, cohesion: float, slowing: float
 ) -> None:
     model = cube.with_changes(friction=0.3, compliance=compliance, relaxation=1e-3, cohesion=cohesion)
     v = np.array([[0.8, 0, 0, 0, 0, 0]])
     start = FLAT - [0, 0, 0.37 * 9.81 / 4 * compliance, 0, 0, 0, 0]
-    run = simulate(make_system(model), start, v, n_steps=200, dt=5e-4, n_directions=n_directions)
+    run = simulate(make_system(model), start, v, n_steps=200, dt=5e-4, solver=solver)
     assert run.unsolved.sum() == 0
     assert 0.8 - run.v[0, -1, 0] == pytest.approx(slowing * 0.1, rel=0.01)
 
 
-@both_kernels
-def test_cohesion_waits_for_load(cube: ObjectModel, n_directions: int) -> None:
+@both_cones
+def test_cohesion_waits_for_load(cube: ObjectModel, solver: ContactSolver) -> None:
     q, v = tossed(np.random.default_rng(2), 30)
     q[:, 2] -= corner_positions(cube, q)[..., 2].min(-1) - 1e-3
     v[:, 2] -= 3
     runs = [
-        simulate(make_system(cube.with_changes(cohesion=c)), q, v, n_steps=2, dt=1e-3, n_directions=n_directions)
+        simulate(make_system(cube.with_changes(cohesion=c)), q, v, n_steps=2, dt=1e-3, solver=solver)
         for c in (0.0, 0.5)
     ]
     struck = (runs[0].lam_n[:, 0] > 0).any(-1)
@@ -147,12 +152,12 @@ def test_restitution_beside_a_spring_is_refused(cube: ObjectModel, other: str) -
         make_system(cube.with_changes(restitution=0.2, **{other: 1e-3}))
 
 
-@both_kernels
-def test_what_begins_in_rigid_ground_comes_out_slowly(cube: ObjectModel, n_directions: int) -> None:
+@both_cones
+def test_what_begins_in_rigid_ground_comes_out_slowly(cube: ObjectModel, solver: ContactSolver) -> None:
     """Recorded states lie in the ground by their noise; depth over a step would be a kick of 1 m/s."""
     system = make_system(cube)
     run = simulate(system, FLAT - [0, 0, 1e-3, 0, 0, 0, 0], np.zeros((1, 6)), n_steps=80, dt=1e-3,
-                   tolerance=1e-11, n_directions=n_directions)  # fmt: skip
+                   tolerance=1e-11, solver=solver)  # fmt: skip
     assert np.abs(run.v[0, :, 2]).max() < 1.05 * RECOVERY_SPEED
     np.testing.assert_allclose(HALF - run.q[0, 10, 2], 1e-3 - 0.010 * RECOVERY_SPEED, atol=5e-5)
     np.testing.assert_allclose(run.q[0, 70:, 2], HALF, atol=1e-5)

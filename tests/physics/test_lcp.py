@@ -8,7 +8,7 @@ import pytest
 from tests.physics.contact_problems import INERTIA, MASS, delassus, draw, draw_many
 from tossid.errors import InputError
 from tossid.objects import OBJECT_FILES, load_object
-from tossid.physics import make_system, simulate
+from tossid.physics import PolyhedralCone, make_system, simulate
 from tossid.physics.solvers import SolverStatus, lcp, solve_cone, solve_lcp, tangent_directions
 from tossid.physics.solvers.problem import ACCEPTED_KKT_ERROR, lcp_kkt_error
 from tossid.physics.solvers.reference import lcp_matrices, lemke_reference
@@ -141,7 +141,7 @@ def test_four_corners_at_rest_are_solved_in_the_stepper() -> None:
     q[:, 2] = rng.uniform(0.08, 0.15, 60)
     q[:, 3:] = rng.normal(size=(60, 4))
     q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
-    run = simulate(make_system(cube), q, v, n_steps=100, dt=1 / 148, n_directions=8)
+    run = simulate(make_system(cube), q, v, n_steps=100, dt=1 / 148, solver=PolyhedralCone(8))
     assert ((run.lam_n > 0).sum(axis=2) == 4).any()
     assert run.unsolved.sum() == 0
     assert run.kkt_error.max() <= 1e-7

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mujoco
+import numba
 import numpy as np
 import pytest
 
@@ -121,6 +122,15 @@ def test_a_tree_whose_inertia_is_no_body_s_is_reported() -> None:
     assert np.isfinite(run.q).all()
 
 
+@numba.njit
+def factorise(tree, q, v, none, P, E, L, rate):  # type: ignore[no-untyped-def]
+    """What the time stepper calls in a step, which Python cannot."""
+    articulated.outwards(tree, q, v, P, E)
+    articulated.own(tree, P, E)
+    articulated.inwards(tree.parent, P)
+    return articulated.factor(tree.parent, tree.joint_type, none, none, P, L, rate)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_the_factor_about_the_centre_of_mass_is_that_of_the_mass_matrix(seed: int) -> None:
     """S is the Schur complement of M's linear block: M's without the momentum of the whole."""
@@ -130,11 +140,7 @@ def test_the_factor_about_the_centre_of_mass_is_that_of_the_mass_matrix(seed: in
     view = articulated.make_articulated(system)
     P, E = np.zeros((model.n_bodies, articulated.WIDTH)), np.zeros((model.n_bodies, 3, 3))
     L, rate = np.zeros((model.nv - 3, model.nv - 3)), np.zeros(model.nv - 3)
-    articulated.outwards(*view[:6], q, v, P, E)
-    articulated.own(view.parent, view.mass, view.com, view.inertia, P, E)
-    articulated.inwards(view.parent, P)
-    none = np.zeros(model.n_bodies)
-    assert articulated.factor(view.parent, view.joint_type, none, none, P, L, rate)
+    assert factorise(view, q, v, np.zeros(model.n_bodies), P, E, L, rate)
     np.fill_diagonal(L, 1 / np.diag(L))
     work = tree.make_work(system)
     tree.kinematics(system, q, work)

@@ -1,17 +1,21 @@
 """Physics: dynamics of a tree, contact problems and their solvers, time stepping."""
 
 from tossid.physics.batch import TreeBatch, tree_batch
+from tossid.physics.solvers import ExactCone, PolyhedralCone, register_solver
 from tossid.physics.stepping import Simulation, simulate
 from tossid.physics.system import LearnedAcceleration, System, make_system, n_features, no_learned_acceleration
 
 __all__ = [
+    "ExactCone",
     "LearnedAcceleration",
+    "PolyhedralCone",
     "Simulation",
     "System",
     "TreeBatch",
     "make_system",
     "n_features",
     "no_learned_acceleration",
+    "register_solver",
     "simulate",
     "tree_batch",
 ]

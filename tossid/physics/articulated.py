@@ -21,12 +21,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import fused_kernel
+from tossid.kernels import fused_inlined_kernel
 from tossid.physics.system import System
 from tossid.physics.tree import HINGE
 from tossid.rotations import quat_to_matrix
 
 Array = NDArray[np.float64]
+
 
 # columns of P (n_b, WIDTH), each a vector of three (base axes, from the base's origin) unless said
 X, AXIS, ANCHOR, SPIN, ALPHA, ACCEL = 0, 3, 6, 9, 12, 15  # origin; joint; spin; accelerations at dv/dt = 0
@@ -67,13 +68,13 @@ def make_articulated(system: System) -> Articulated:
     )
 
 
-@fused_kernel
+@fused_inlined_kernel
 def cross(a0, a1, a2, b0, b1, b2):  # type: ignore[no-untyped-def]
     """a x b"""
     return a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
 
 
-@fused_kernel
+@fused_inlined_kernel
 def turned(E, b, x0, x1, x2):  # type: ignore[no-untyped-def]
     """E[b] x"""
     return (
@@ -83,7 +84,7 @@ def turned(E, b, x0, x1, x2):  # type: ignore[no-untyped-def]
     )
 
 
-@fused_kernel
+@fused_inlined_kernel
 def swing(al0, al1, al2, w0, w1, w2, r0, r1, r2):  # type: ignore[no-untyped-def]
     """alpha x r + w x (w x r)"""
     t0, t1, t2 = cross(w0, w1, w2, r0, r1, r2)
@@ -92,9 +93,12 @@ def swing(al0, al1, al2, w0, w1, w2, r0, r1, r2):  # type: ignore[no-untyped-def
     return s0 + t0, s1 + t1, s2 + t2
 
 
-@fused_kernel
-def outwards(parent, joint_type, turn, place, axis, anchor, q, v, P, E):  # type: ignore[no-untyped-def]
+@fused_inlined_kernel
+def outwards(tree, q, v, P, E):  # type: ignore[no-untyped-def]
     """Poses, spins and the accelerations that remain at dv/dt = 0, for q (nq,), v (nv,)."""
+    parent, joint_type, turn, place, axis, anchor = (
+        tree.parent, tree.joint_type, tree.turn, tree.place, tree.axis, tree.anchor
+    )  # fmt: skip
     for i in range(3):
         P[0, SPIN + i] = v[3 + i]
         P[0, X + i], P[0, ALPHA + i], P[0, ACCEL + i] = 0.0, 0.0, 0.0
@@ -142,10 +146,11 @@ def outwards(parent, joint_type, turn, place, axis, anchor, q, v, P, E):  # type
         P[b, ACCEL], P[b, ACCEL + 1], P[b, ACCEL + 2] = g0 + s0, g1 + s1, g2 + s2
 
 
-@fused_kernel
-def own(parent, mass, com, inertia, P, E):  # type: ignore[no-untyped-def]
+@fused_inlined_kernel
+def own(tree, P, E):  # type: ignore[no-untyped-def]
     """Mass, moments and bias of each body by itself. After `outwards`."""
-    nb = parent.shape[0]
+    mass, com, inertia = tree.mass, tree.com, tree.inertia
+    nb = tree.parent.shape[0]
     for b in range(nb):
         m = mass[b]
         c0, c1, c2 = turned(E, b, com[b, 0], com[b, 1], com[b, 2])
@@ -176,7 +181,7 @@ def own(parent, mass, com, inertia, P, E):  # type: ignore[no-untyped-def]
         P[b, INERTIA + 5] = yz - m * d1 * d2
 
 
-@fused_kernel
+@fused_inlined_kernel
 def inwards(parent, P):  # type: ignore[no-untyped-def]
     """Mass, moments and bias of each body with all beyond it. After `own`."""
     for b in range(parent.shape[0] - 1, 0, -1):
@@ -185,7 +190,7 @@ def inwards(parent, P):  # type: ignore[no-untyped-def]
             P[up, i] += P[b, i]
 
 
-@fused_kernel
+@fused_inlined_kernel
 def factor(parent, joint_type, torque, slack, P, L, rate):  # type: ignore[no-untyped-def]
     """Lower Cholesky factor of S into L, with its diagonal's inverse; rate (3 + n_j,) = S^-1 (torque - bias).
 
@@ -264,7 +269,7 @@ def factor(parent, joint_type, torque, slack, P, L, rate):  # type: ignore[no-un
     return True
 
 
-@fused_kernel
+@fused_inlined_kernel
 def back(L, x, n):  # type: ignore[no-untyped-def]
     """x <- L^-T x, with L as `factor` leaves it."""
     for i in range(n - 1, -1, -1):
@@ -274,7 +279,7 @@ def back(L, x, n):  # type: ignore[no-untyped-def]
         x[i] = s * L[i, i]
 
 
-@fused_kernel
+@fused_inlined_kernel
 def common_velocity(P, xi, first):  # type: ignore[no-untyped-def]
     """Velocity of the common centre of mass from the base's origin's, base axes: xi_w x d_c + sum_j p_j xi_j / m.
 
@@ -290,43 +295,37 @@ def common_velocity(P, xi, first):  # type: ignore[no-untyped-def]
     return x0, x1, x2
 
 
-@fused_kernel
-def contact_row(parent, joint_type, P, body, r0, r1, r2, a0, a1, a2, c, k, tau):  # type: ignore[no-untyped-def]
-    """tau[c, k] (3 + n_j,) of the direction a at the place r of `body`. After `factor`."""
-    part = 1.0 / P[0, MASS]
+@fused_inlined_kernel
+def contact_row(tree, P, body, place, R, tau, c, k):  # type: ignore[no-untyped-def]
+    """tau[c, k] (n_x,) of corner c of `body` at place[c], along direction k of (z, x, y). After `factor`.
+
+    tau_w = (r - d_c) x a, tau_j = a . (z_j x (r - k_j) - p_j / m).
+    """
+    i, part = k - 1 if k else 2, 1.0 / P[0, MASS]
+    a0, a1, a2 = R[i, 0], R[i, 1], R[i, 2]
+    r0, r1, r2 = place[c, 0], place[c, 1], place[c, 2]
     tau[c, k, 0], tau[c, k, 1], tau[c, k, 2] = cross(
         r0 - part * P[0, MOMENT], r1 - part * P[0, MOMENT + 1], r2 - part * P[0, MOMENT + 2], a0, a1, a2
     )
-    for b in range(1, parent.shape[0]):
+    for b in range(1, tree.parent.shape[0]):
         tau[c, k, 2 + b] = -(a0 * P[b, MOMENTUM] + a1 * P[b, MOMENTUM + 1] + a2 * P[b, MOMENTUM + 2])
     b = body
     while b > 0:
         z0, z1, z2 = P[b, AXIS], P[b, AXIS + 1], P[b, AXIS + 2]
-        if joint_type[b] == HINGE:
+        if tree.joint_type[b] == HINGE:
             z0, z1, z2 = cross(z0, z1, z2, r0 - P[b, ANCHOR], r1 - P[b, ANCHOR + 1], r2 - P[b, ANCHOR + 2])
         tau[c, k, 2 + b] += a0 * z0 + a1 * z1 + a2 * z2
-        b = parent[b]
+        b = tree.parent[b]
 
 
-@fused_kernel
-def spin_row(parent, joint_type, P, body, a0, a1, a2, row):  # type: ignore[no-untyped-def]
-    """row (3 + n_j,) with row . xi the spin of `body` about the direction a (base axes). After `outwards`."""
-    row[:] = 0.0
+@fused_inlined_kernel
+def spin_row(tree, P, body, a0, a1, a2, row):  # type: ignore[no-untyped-def]
+    """row (n_x,) with row . xi the spin of `body` about the direction a (base axes). After `outwards`."""
+    for x in range(row.shape[0]):
+        row[x] = 0.0
     row[0], row[1], row[2] = a0, a1, a2
     b = body
     while b > 0:
-        if joint_type[b] == HINGE:
+        if tree.joint_type[b] == HINGE:
             row[2 + b] = a0 * P[b, AXIS] + a1 * P[b, AXIS + 1] + a2 * P[b, AXIS + 2]
-        b = parent[b]
-
-
-@fused_kernel
-def tree_features(R, q, v, f):  # type: ignore[no-untyped-def]
-    """The learned acceleration's features into f (n_f,), as `free.features`."""
-    speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    for i in range(3):
-        f[i] = R[2, i]
-        f[3 + i] = speed * (R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2])
-        f[6 + i] = 0.1 * v[3 + i]
-    for j in range(q.shape[0] - 7):
-        f[9 + 3 * j], f[10 + 3 * j], f[11 + 3 * j] = math.sin(q[7 + j]), math.cos(q[7 + j]), 0.1 * v[6 + j]
+        b = tree.parent[b]

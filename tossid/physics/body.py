@@ -1,351 +1,244 @@
-"""Time stepping of a single body: the scheme of `stepping`, in one kernel over scalars.
+"""A single body as the time-stepping kernel's model: a tree without joints, whose factor is constant.
 
-About the centre of mass the mass matrix is constant and block diagonal, so with
-d a corner's place from there, a = R^T u the contact direction u in the body's
-axes, tau = d x a and I^-1 = L L^T:
-
-    u . velocity of the corner = u . v_com + tau . omega
-    Delassus matrix entry      = u_i . u_j / m + G_i . G_j,   G = L^T tau
-
-Nothing is factorised in a step. Directions are the world's z, x, y, so that a is
-a row of R and u_i . u_j is 0 or 1. The answers are those of the tree's kernel to
-rounding (tests/physics/test_body.py). Forces of the state and laws of contact beyond
-a constant friction are in `forces`.
+About the centre of mass S is the inertia itself, so that nothing is factorised in a step.
 """
 
 from __future__ import annotations
 
-import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tossid.kernels import kernel
-from tossid.physics.body_step import delassus, first_impact, turned
-from tossid.physics.contact import (
-    BOUNCE_SPEED,
-    CLOSING_SPEED,
-    IMPACT_SPEED,
-    MAX_ITERATIONS,
-    QUIET,
-    RECOVERY_SPEED,
-    RESTING,
-    STEADY,
-    STRIKE,
-    TOUCHING,
-    UNKNOWN,
-    above_ground,
-    kept_speed,
-    recovery_time,
-    solve_exact,
-)
-from tossid.physics.forces import SPIN, damped, friction_of, grown, hold, push, resist_spin
-from tossid.physics.impacts import carry_over
-from tossid.physics.network import network
-from tossid.physics.solvers.cone_qp import qp_solve
-from tossid.physics.solvers.workspace import LAM, MU, B
+from tossid.kernels import implements
+from tossid.physics import moving
+from tossid.physics.forces import SPIN, Forces, damped, forces_of, grown, law_of, push
+from tossid.physics.system import System
+
+Array = NDArray[np.float64]
 
 
-@kernel
-def simulate_body(  # type: ignore[no-untyped-def]
-    mass, com, inertia, inverse, root, corner, arm, mu, restitution, compliance, relaxation, cohesion, gravity,
-    forced, forces, lawful, law, linear, W0, b0, W1, b1, W2,
-    q0, v0, n_steps, dt, substeps, impact_parts, tolerance, first, last,
-    qs, vs, lam_n, unsolved, worst, finite, V, index,
-):  # fmt: skip
-    """Simulate tosses first..last-1; arguments and results as in `stepping`. V, index: from `cone_work(n_c)`."""
-    nc = mu.shape[0]
-    h = loaded = dt / substeps  # of a step, and of that whose impulses are in `warm`
-    over_m = 1.0 / mass
-    added = law.added_mass if lawful else 0.0
-    soft = compliance / (h * recovery_time(h, compliance, relaxation, added))
-    keeps, keeps_across = kept_speed(h, compliance, relaxation, added)
-    rigid = compliance == 0.0 and relaxation == 0.0
-    radius = law.rounding if lawful else 0.0
-    whole = impact_parts == 1 or not rigid  # steps do not end at impacts
-    learned = linear.shape[0] > 0
-    held = lawful and (law.torsional != 0.0 or law.rolling != 0.0 or law.adhesion != 0.0)
-    turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
-    f, h0, h1, extra = np.empty(9), np.empty(b0.shape[0]), np.empty(b0.shape[0]), np.zeros(6)
-    height, sunk = np.empty(nc), np.empty(nc)
-    spin, less = np.empty(3), np.empty(3)  # less: what contact's resistance takes from it in a strike
-    carried = np.zeros(nc)  # normal impulses over the parts of a step
-    state, chosen = np.zeros(nc, np.int64), np.zeros(nc, np.int64)
-    tau, G, A = np.empty((nc, 3, 3)), np.empty((3 * nc, 3)), np.empty((3 * nc, 3 * nc))
-    warm, R = np.zeros((nc, 3)), np.empty((3, 3))
-    axis = np.array([2, 0, 1])  # the world axis of a contact's rows: normal, t1, t2
-    c0, c1, c2 = com[0], com[1], com[2]
-    for toss in range(first, last):
-        p0, p1, p2 = q0[toss, 0], q0[toss, 1], q0[toss, 2]
-        a, b, d, e = q0[toss, 3], q0[toss, 4], q0[toss, 5], q0[toss, 6]
-        v_0, v_1, v_2 = v0[toss, 0], v0[toss, 1], v0[toss, 2]
-        w0, w1, w2 = v0[toss, 3], v0[toss, 4], v0[toss, 5]
-        cold = nc > 0  # not a literal, of which numba would compile a second version
-        sunk[:] = UNKNOWN
-        for i in range(7):
-            qs[toss, 0, i] = q0[toss, i]
-        for i in range(6):
-            vs[toss, 0, i] = v0[toss, i]
-        reached, quiet = 0, 0
-        for step in range(n_steps[toss]):
-            done, left = 0, 0
-            rest, strikes, again = dt, np.int64(0), False
-            while done < substeps:
-                r00, r01, r02 = 1.0 - 2.0 * (d * d + e * e), 2.0 * (b * d - a * e), 2.0 * (b * e + a * d)
-                r10, r11, r12 = 2.0 * (b * d + a * e), 1.0 - 2.0 * (b * b + e * e), 2.0 * (d * e - a * b)
-                r20, r21, r22 = 2.0 * (b * e - a * d), 2.0 * (d * e + a * b), 1.0 - 2.0 * (b * b + d * d)
-                R[0, 0], R[0, 1], R[0, 2] = r00, r01, r02
-                R[1, 0], R[1, 1], R[1, 2] = r10, r11, r12
-                R[2, 0], R[2, 1], R[2, 2] = r20, r21, r22
-                strike = False
-                if impact_parts > 1 and left == 0:
-                    parts, strike, length = first_impact(
-                        corner, arm, r20, r21, r22, p2 - radius, v_2, w0, w1, w2, gravity[2], sunk, rigid,
-                        strikes, impact_parts, rest, dt / substeps,
-                    )  # fmt: skip
-                    if strike:
-                        strikes += 1
-                    else:
-                        loaded = carry_over(warm, carried, length, loaded, rigid)
-                    if strike:
-                        length = STRIKE * dt
-                    if length != h:
-                        h = length
-                        soft = compliance / (h * recovery_time(h, compliance, relaxation, added))
-                        keeps, keeps_across = kept_speed(h, compliance, relaxation, added)
-                        turn = damped(inertia, 0.5 * h * forces.spin) if forced else inverse
-                    left = parts
-                    carried[:] = 0.0
-                # free motion: Newton and Euler about the centre of mass, then the origin's velocity
-                l0 = inertia[0, 0] * w0 + inertia[0, 1] * w1 + inertia[0, 2] * w2
-                l1 = inertia[1, 0] * w0 + inertia[1, 1] * w1 + inertia[1, 2] * w2
-                l2 = inertia[2, 0] * w0 + inertia[2, 1] * w1 + inertia[2, 2] * w2
-                t0, t1, t2 = w2 * l1 - w1 * l2, w0 * l2 - w2 * l0, w1 * l0 - w0 * l1
-                if forced:
-                    drag = forces.spin * grown(forces, SPIN, w0, w1, w2)
-                    t0, t1, t2 = t0 - drag * w0, t1 - drag * w1, t2 - drag * w2
-                    if forces.powered == SPIN:
-                        turn = damped(inertia, 0.5 * h * drag)
-                g0 = turn[0, 0] * t0 + turn[0, 1] * t1 + turn[0, 2] * t2
-                g1 = turn[1, 0] * t0 + turn[1, 1] * t1 + turn[1, 2] * t2
-                g2 = turn[2, 0] * t0 + turn[2, 1] * t1 + turn[2, 2] * t2
-                s0, s1, s2 = w1 * c2 - w2 * c1, w2 * c0 - w0 * c2, w0 * c1 - w1 * c0
-                e0 = g1 * c2 - g2 * c1 + w1 * s2 - w2 * s1
-                e1 = g2 * c0 - g0 * c2 + w2 * s0 - w0 * s2
-                e2 = g0 * c1 - g1 * c0 + w0 * s1 - w1 * s0
-                if learned:
-                    f[0], f[1], f[2] = r20, r21, r22
-                    speed = math.sqrt(v_0 * v_0 + v_1 * v_1 + v_2 * v_2)
-                    f[3] = speed * (r00 * v_0 + r10 * v_1 + r20 * v_2)
-                    f[4] = speed * (r01 * v_0 + r11 * v_1 + r21 * v_2)
-                    f[5] = speed * (r02 * v_0 + r12 * v_1 + r22 * v_2)
-                    f[6], f[7], f[8] = 0.1 * w0, 0.1 * w1, 0.1 * w2
-                    network(linear, W0, b0, W1, b1, W2, f, h0, h1, extra)
-                    e0, e1, e2 = e0 - extra[0], e1 - extra[1], e2 - extra[2]
-                    g0, g1, g2 = g0 + extra[3], g1 + extra[4], g2 + extra[5]
-                x0 = v_0 + h * (gravity[0] - (r00 * e0 + r01 * e1 + r02 * e2))
-                x1 = v_1 + h * (gravity[1] - (r10 * e0 + r11 * e1 + r12 * e2))
-                x2 = v_2 + h * (gravity[2] - (r20 * e0 + r21 * e1 + r22 * e2))
-                y0, y1, y2 = w0 + h * g0, w1 + h * g1, w2 + h * g2
-                if forced:
-                    m0, m1, m2 = push(
-                        forces, gravity, over_m, h, R, com, p0, p1, p2, v_0, v_1, v_2, w0, w1, w2, y0, y1, y2
-                    )
-                    x0, x1, x2 = x0 + m0, x1 + m1, x2 + m2
-                if held and not strike:
-                    x0, x1, x2, y0, y1, y2 = hold(
-                        law, inverse, over_m, h, R, com, arm, p2 - radius, warm, cold, x0, x1, x2, y0, y1, y2
-                    )
+class Body(NamedTuple):
+    """One rigid body.
 
-                if again:
-                    y0, y1, y2 = y0 + less[0], y1 + less[1], y2 + less[2]
-                    s0, s1, s2 = less[1] * c2 - less[2] * c1, less[2] * c0 - less[0] * c2, less[0] * c1 - less[1] * c0
-                    x0 -= r00 * s0 + r01 * s1 + r02 * s2
-                    x1 -= r10 * s0 + r11 * s1 + r12 * s2
-                    x2 -= r20 * s0 + r21 * s1 + r22 * s2
+    Attributes:
+        mass: [kg].
+        com: (3,) centre of mass from the origin [m].
+        inertia: (3, 3) about the centre of mass [kg m²].
+        inverse: (3, 3) of the inertia.
+        root: (3, 3) lower triangular W with W W^T the inverse of the inertia.
+        L: (3, 3) lower Cholesky factor of the inertia, with the inverse of its diagonal on the diagonal.
+        parent: (1,) unused, one body.
+        corner_body: (n_c,) all zero.
+        corner_pos: (n_c, 3) corners from the origin [m]; of rounded ones, their spheres' centres.
+        gravity: (3,) [m/s², world].
+        acts: whether `forces` act.
+        h_matters: whether accelerations depend on the step's length.
+        rests: whether a toss may end early, where the object has come to rest.
+        forces: of the state.
+    """
 
-                # which corners could be hit
-                reach = 0.02 + 3.0 * h * (abs(x2) + 0.2 * (abs(y0) + abs(y1) + abs(y2)))
-                low = False
-                for c in range(nc):
-                    z = p2 - radius + r20 * corner[0, c] + r21 * corner[1, c] + r22 * corner[2, c]
-                    z = above_ground(z, c, sunk, rigid, h)
-                    if strike and z < TOUCHING:
-                        z = 0.0
-                    elif rigid and z < 0.0:
-                        z *= h / max(h, dt / substeps)  # comes out within a whole step
-                    elif z < TOUCHING and not whole:
-                        z = min(z, RECOVERY_SPEED * h)  # is on the ground, and recovers there
-                    height[c] = z
-                    low = low or z < reach
-                touched, status, kkt_error, n = False, 0, 0.0, np.int64(0)
-                u0, u1, u2, n0, n1, n2, f0, f1, f2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                if low:
-                    # velocities of the centre of mass, free (u) and before the step (k)
-                    s0, s1, s2 = y1 * c2 - y2 * c1, y2 * c0 - y0 * c2, y0 * c1 - y1 * c0
-                    u0 = x0 + r00 * s0 + r01 * s1 + r02 * s2
-                    u1 = x1 + r10 * s0 + r11 * s1 + r12 * s2
-                    u2 = x2 + r20 * s0 + r21 * s1 + r22 * s2
-                    s0, s1, s2 = w1 * c2 - w2 * c1, w2 * c0 - w0 * c2, w0 * c1 - w1 * c0
-                    k0 = v_0 + (r00 * s0 + r01 * s1 + r02 * s2)
-                    k1 = v_1 + (r10 * s0 + r11 * s1 + r12 * s2)
-                    k2 = v_2 + (r20 * s0 + r21 * s1 + r22 * s2)
-                    for c in range(nc):
-                        state[c] = 0
-                        if height[c] < reach:
-                            d0, d1, d2 = arm[c, 0] - radius * r20, arm[c, 1] - radius * r21, arm[c, 2] - radius * r22
-                            for k in range(3):
-                                i = axis[k]
-                                tau[c, k, 0] = d1 * R[i, 2] - d2 * R[i, 1]
-                                tau[c, k, 1] = d2 * R[i, 0] - d0 * R[i, 2]
-                                tau[c, k, 2] = d0 * R[i, 1] - d1 * R[i, 0]
-                            vn = u2 + tau[c, 0, 0] * y0 + tau[c, 0, 1] * y1 + tau[c, 0, 2] * y2
-                            state[c] = 2 if height[c] / h + vn < CLOSING_SPEED else 1
-                    for _attempt in range(4):
-                        n, closed = np.int64(0), True  # not a literal, of which numba would compile a second version
-                        for c in range(nc):
-                            if state[c] != 2:
-                                continue
-                            r = 3 * n
-                            for k in range(3):
-                                m0, m1, m2 = tau[c, k, 0], tau[c, k, 1], tau[c, k, 2]
-                                V[B, r + k] = m0 * y0 + m1 * y1 + m2 * y2
-                                V[LAM, r + k] = 0.0 if cold or strike else warm[c, k]
-                                G[r + k, 0] = root[0, 0] * m0 + root[1, 0] * m1 + root[2, 0] * m2
-                                G[r + k, 1] = root[1, 1] * m1 + root[2, 1] * m2
-                                G[r + k, 2] = root[2, 2] * m2
-                            free, lasts = V[B, r] + u2, 0.0
-                            target = height[c] / h + free
-                            if restitution > 0.0 and target < 0.0:
-                                before = k2 + tau[c, 0, 0] * w0 + tau[c, 0, 1] * w1 + tau[c, 0, 2] * w2
-                                if before < -BOUNCE_SPEED and (strike or whole or before > -IMPACT_SPEED):
-                                    target = min(target, free + restitution * before)
-                            elif target < 0.0 or height[c] < 0.0:
-                                target = height[c] / recovery_time(h, compliance, relaxation, added) + free
-                                if keeps > 0.0:
-                                    before = k2 + tau[c, 0, 0] * w0 + tau[c, 0, 1] * w1 + tau[c, 0, 2] * w2
-                                    target -= keeps * before
-                                    lasts = keeps_across
-                            V[B, r] = target
-                            V[B, r + 1] += u0
-                            V[B, r + 2] += u1
-                            grip = mu[c]
-                            if lawful:
-                                slip1 = k0 + tau[c, 1, 0] * w0 + tau[c, 1, 1] * w1 + tau[c, 1, 2] * w2
-                                slip2 = k1 + tau[c, 2, 0] * w0 + tau[c, 2, 1] * w1 + tau[c, 2, 2] * w2
-                                grip = friction_of(law, grip, slip1, slip2, V[B, r + 1], V[B, r + 2])
-                                V[B, r + 1] -= lasts * slip1
-                                V[B, r + 2] -= lasts * slip2
-                            if cohesion > 0.0 and not cold and warm[c, 0] > 0.0:
-                                grip = min(2.0 * grip, grip + cohesion * h / warm[c, 0])
-                            V[MU, n] = grip
-                            chosen[n] = c
-                            closed = closed and target >= 0.0
-                            n += 1
-                        if closed:
-                            n = np.int64(0)
-                            break
-                        delassus(G, n, over_m, soft, A)
-                        lifts = False
-                        if lawful and law.lifting > 0.0:
-                            for c in range(nc):
-                                lifts = lifts or (state[c] == 2 and height[c] < law.lifting)
-                        if lifts:
-                            status, kkt_error, _ = qp_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
-                        else:
-                            status, kkt_error = solve_exact(A, V, index, n, tolerance)
-                        f0, f1, f2, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                        touched = False
-                        for i in range(n):
-                            r = 3 * i  # type: ignore[assignment]
-                            i0, i1, i2 = V[LAM, r], V[LAM, r + 1], V[LAM, r + 2]
-                            if i0 != 0.0 or i1 != 0.0 or i2 != 0.0:
-                                touched = True
-                                f0, f1, f2 = f0 + i1, f1 + i2, f2 + i0
-                                m0 += G[r, 0] * i0 + G[r + 1, 0] * i1 + G[r + 2, 0] * i2
-                                m1 += G[r, 1] * i0 + G[r + 1, 1] * i1 + G[r + 2, 1] * i2
-                                m2 += G[r, 2] * i0 + G[r + 1, 2] * i1 + G[r + 2, 2] * i2
-                        n0 = y0 + root[0, 0] * m0
-                        n1 = y1 + root[1, 0] * m0 + root[1, 1] * m1
-                        n2 = y2 + root[2, 0] * m0 + root[2, 1] * m1 + root[2, 2] * m2
-                        hit = False
-                        for c in range(nc):
-                            if state[c] == 1:
-                                vn = u2 + over_m * f2 + tau[c, 0, 0] * n0 + tau[c, 0, 1] * n1 + tau[c, 0, 2] * n2
-                                if height[c] / h + vn < 0.0:
-                                    state[c] = 2
-                                    hit = True
-                        if not hit:
-                            break
-                if n > 0:
-                    if not strike:
-                        for c in range(nc):
-                            warm[c, 0], warm[c, 1], warm[c, 2] = 0.0, 0.0, 0.0
-                        for i in range(n):
-                            for k in range(3):
-                                warm[chosen[i], k] = V[LAM, 3 * i + k]
-                        cold = False
-                    elif held and not again:  # what resists spin hangs on the impulse, and the impulse on it
-                        m0 = 0.0
-                        for i in range(n):
-                            m0 += V[LAM, 3 * i]
-                        spin[0], spin[1], spin[2] = n0, n1, n2
-                        resist_spin(law, m0, inverse, R, spin)
-                        less[0], less[1], less[2] = spin[0] - n0, spin[1] - n1, spin[2] - n2
-                        again, left = True, 0
-                        strikes -= 1
-                        continue
-                    s0, s1, s2 = n1 * c2 - n2 * c1, n2 * c0 - n0 * c2, n0 * c1 - n1 * c0
-                    x0 = u0 + over_m * f0 - (r00 * s0 + r01 * s1 + r02 * s2)
-                    x1 = u1 + over_m * f1 - (r10 * s0 + r11 * s1 + r12 * s2)
-                    x2 = u2 + over_m * f2 - (r20 * s0 + r21 * s1 + r22 * s2)
-                    y0, y1, y2 = n0, n1, n2
-                else:
-                    cold = True
-                steady, again = not whole, False
-                if touched:
-                    for i in range(n):
-                        lam_n[toss, step, chosen[i]] += V[LAM, 3 * i]
-                        carried[chosen[i]] += V[LAM, 3 * i]
-                        vn = k2 + tau[chosen[i], 0, 0] * w0 + tau[chosen[i], 0, 1] * w1 + tau[chosen[i], 0, 2] * w2
-                        steady = steady and abs(vn) < STEADY
-                if touched and not steady:
-                    m0, m1, m2, f0, f1, f2 = x0, x1, x2, y0, y1, y2
-                else:
-                    m0, m1, m2 = 0.5 * (v_0 + x0), 0.5 * (v_1 + x1), 0.5 * (v_2 + x2)
-                    f0, f1, f2 = 0.5 * (w0 + y0), 0.5 * (w1 + y1), 0.5 * (w2 + y2)
-                if not abs(x0) + abs(x1) + abs(x2) + abs(y0) + abs(y1) + abs(y2) + abs(p0) + abs(p1) + abs(p2) < 1e9:
-                    finite[toss] = False
-                    break
-                # along the velocity
-                p0, p1, p2 = p0 + h * m0, p1 + h * m1, p2 + h * m2
-                a, b, d, e = turned(a, b, d, e, 0.5 * h * f0, 0.5 * h * f1, 0.5 * h * f2)
-                v_0, v_1, v_2, w0, w1, w2 = x0, x1, x2, y0, y1, y2
-                if status != 0:
-                    unsolved[toss] += 1
-                if kkt_error > worst[toss]:
-                    worst[toss] = kkt_error
-                speed = abs(x0) + abs(x1) + abs(x2) + abs(y0) + abs(y1) + abs(y2)
-                quiet = quiet + 1 if rigid and touched and speed < RESTING * tolerance else 0
-                left -= 1
-                if left <= 0:
-                    done, left = done + 1, 0
-                    if not whole:
-                        rest -= h
-                        done = substeps if rest < 1e-9 * dt else 0
-            if not finite[toss]:
-                break
-            reached = step + 1
-            qs[toss, reached, 0], qs[toss, reached, 1], qs[toss, reached, 2] = p0, p1, p2
-            qs[toss, reached, 3], qs[toss, reached, 4], qs[toss, reached, 5], qs[toss, reached, 6] = a, b, d, e
-            vs[toss, reached, 0], vs[toss, reached, 1], vs[toss, reached, 2] = v_0, v_1, v_2
-            vs[toss, reached, 3], vs[toss, reached, 4], vs[toss, reached, 5] = w0, w1, w2
-            if quiet >= QUIET:  # it stays where it is, by the same impulses
-                for rest in range(reached, n_steps[toss]):
-                    for c in range(nc):
-                        lam_n[toss, rest, c] = warm[c, 0] * dt / loaded
-                break
-        for rest in range(reached + 1, qs.shape[1]):
-            for i in range(7):
-                qs[toss, rest, i] = qs[toss, reached, i]
-            for i in range(6):
-                vs[toss, rest, i] = vs[toss, reached, i]
+    mass: float
+    com: Array
+    inertia: Array
+    inverse: Array
+    root: Array
+    L: Array
+    parent: NDArray[np.int64]
+    corner_body: NDArray[np.int64]
+    corner_pos: Array
+    gravity: Array
+    acts: bool
+    h_matters: bool
+    rests: bool
+    forces: Forces
+
+    def make_work(self) -> BodyWork:
+        """Scratch of the time-stepping kernel for this body."""
+        return BodyWork(self.L, self.inverse.copy(), np.zeros(1), np.zeros(3))
+
+
+class BodyWork(NamedTuple):
+    """Scratch of a body.
+
+    Attributes:
+        L: (3, 3) the body's.
+        turn: (3, 3) inverse of the inertia, with what spin's drag adds to it in a step of length turn_h.
+        turn_h: (1,) [s].
+        row: (3,) direction of a spin.
+    """
+
+    L: Array
+    turn: Array
+    turn_h: Array
+    row: Array
+
+
+def make_body(system: System) -> Body | None:
+    """The body of a system, or None for a tree and for a mass matrix that is not positive.
+
+    Args:
+        system: the simulator's parameters.
+    """
+    if system.nv != 6:
+        return None
+    mass, inertia = float(system.mass[0]), np.ascontiguousarray(system.inertia[0])
+    try:
+        L = np.linalg.cholesky(inertia)
+        inverse = np.linalg.inv(inertia)
+        root = np.linalg.cholesky(0.5 * (inverse + inverse.T))
+    except np.linalg.LinAlgError:
+        return None
+    if not (mass > 0.0 and np.isfinite(root).all()):
+        return None
+    np.fill_diagonal(L, 1.0 / np.diag(L))
+    forces = forces_of(system.forces)
+    return Body(
+        mass=mass,
+        com=np.ascontiguousarray(system.com[0]),
+        inertia=inertia,
+        inverse=inverse,
+        root=np.ascontiguousarray(root),
+        L=np.ascontiguousarray(L),
+        parent=system.parent,
+        corner_body=system.corner_body,
+        corner_pos=np.ascontiguousarray(inset(system.corner_pos, law_of(system.law).rounding)),
+        gravity=np.ascontiguousarray(system.gravity),
+        acts=forces.acts,
+        h_matters=forces.acts,
+        rests=True,
+        forces=forces,
+    )
+
+
+def inset(corner_pos: Array, radius: float) -> Array:
+    """Centres (n_c, 3) [m] of spheres in the corners of a box along the axes, which touch its faces.
+
+    Args:
+        corner_pos: (n_c, 3) the box's corners [m].
+        radius: of the spheres [m].
+    """
+    middle = 0.5 * (corner_pos.min(axis=0) + corner_pos.max(axis=0))
+    out: Array = corner_pos - radius * np.sign(corner_pos - middle)
+    return out
+
+
+@implements(moving.n_rates, Body)
+def _n_rates(model):  # type: ignore[no-untyped-def]
+    return 3
+
+
+@implements(moving.inverse_mass, Body)
+def _inverse_mass(model, work):  # type: ignore[no-untyped-def]
+    return 1.0 / model.mass
+
+
+@implements(moving.kinematics, Body)
+def _kinematics(model, work, s):  # type: ignore[no-untyped-def]
+    return
+
+
+@implements(moving.accelerate, Body)
+def _accelerate(model, work, s, h):  # type: ignore[no-untyped-def]
+    # Euler about the centre of mass: I dw/dt = I w x w
+    I, turn, c = model.inertia, work.turn, model.com
+    w0, w1, w2 = s.xi_start[0], s.xi_start[1], s.xi_start[2]
+    l0 = I[0, 0] * w0 + I[0, 1] * w1 + I[0, 2] * w2
+    l1 = I[1, 0] * w0 + I[1, 1] * w1 + I[1, 2] * w2
+    l2 = I[2, 0] * w0 + I[2, 1] * w1 + I[2, 2] * w2
+    t0, t1, t2 = w2 * l1 - w1 * l2, w0 * l2 - w2 * l0, w1 * l0 - w0 * l1
+    if model.acts:  # spin's drag, implicit in the mean spin: (I + h/2 c) dw/dt = I w x w - c w
+        drag = model.forces.spin * grown(model.forces, SPIN, w0, w1, w2)
+        t0, t1, t2 = t0 - drag * w0, t1 - drag * w1, t2 - drag * w2
+        if work.turn_h[0] != h or model.forces.powered == SPIN:
+            work.turn_h[0] = h
+            damped(I, 0.5 * h * drag, work.turn)
+    g0 = turn[0, 0] * t0 + turn[0, 1] * t1 + turn[0, 2] * t2
+    g1 = turn[1, 0] * t0 + turn[1, 1] * t1 + turn[1, 2] * t2
+    g2 = turn[2, 0] * t0 + turn[2, 1] * t1 + turn[2, 2] * t2
+    s.rate[0], s.rate[1], s.rate[2] = g0, g1, g2
+    # of the origin: dw/dt x c + w x (w x c), with the sign of `State.a`
+    c0, c1, c2 = c[0], c[1], c[2]
+    s0, s1, s2 = w1 * c2 - w2 * c1, w2 * c0 - w0 * c2, w0 * c1 - w1 * c0
+    s.a[0] = g1 * c2 - g2 * c1 + w1 * s2 - w2 * s1
+    s.a[1] = g2 * c0 - g0 * c2 + w2 * s0 - w0 * s2
+    s.a[2] = g0 * c1 - g1 * c0 + w0 * s1 - w1 * s0
+    return True
+
+
+@implements(moving.act_on_free, Body)
+def _act_on_free(model, work, s, h):  # type: ignore[no-untyped-def]
+    q, R, w, y, c = s.q, s.R, s.xi_start, s.xi, model.com
+    place = (
+        q[0] + R[0, 0] * c[0] + R[0, 1] * c[1] + R[0, 2] * c[2],
+        q[1] + R[1, 0] * c[0] + R[1, 1] * c[1] + R[1, 2] * c[2],
+        q[2] + R[2, 0] * c[0] + R[2, 1] * c[1] + R[2, 2] * c[2],
+    )
+    m0, m1, m2 = push(
+        model.forces, model.gravity, 1.0 / model.mass, h, R, place, (s.u_start[1], s.u_start[2], s.u_start[0]),
+        (w[0], w[1], w[2]), (y[0], y[1], y[2]),
+    )  # fmt: skip
+    s.v_next[0], s.v_next[1], s.v_next[2] = s.v_next[0] + m0, s.v_next[1] + m1, s.v_next[2] + m2
+
+
+@implements(moving.common_velocity, Body)
+def _common_velocity(model, work, xi, first):  # type: ignore[no-untyped-def]
+    w0, w1, w2 = xi[first], xi[first + 1], xi[first + 2]
+    c0, c1, c2 = model.com[0], model.com[1], model.com[2]
+    return w1 * c2 - w2 * c1, w2 * c0 - w0 * c2, w0 * c1 - w1 * c0
+
+
+@implements(moving.corner_place, Body)
+def _corner_place(model, work, c):  # type: ignore[no-untyped-def]
+    return model.corner_pos[c, 0], model.corner_pos[c, 1], model.corner_pos[c, 2]
+
+
+@implements(moving.contact_row, Body)
+def _contact_row(model, work, s, corners, c, k):  # type: ignore[no-untyped-def]
+    i = k - 1 if k else 2
+    a0, a1, a2 = s.R[i, 0], s.R[i, 1], s.R[i, 2]
+    d0, d1 = corners.place[c, 0] - model.com[0], corners.place[c, 1] - model.com[1]
+    d2 = corners.place[c, 2] - model.com[2]
+    corners.tau[c, k, 0] = d1 * a2 - d2 * a1
+    corners.tau[c, k, 1] = d2 * a0 - d0 * a2
+    corners.tau[c, k, 2] = d0 * a1 - d1 * a0
+
+
+@implements(moving.whiten, Body)
+def _whiten(model, work, corners, c, k, column):  # type: ignore[no-untyped-def]
+    W, G, tau = model.root, corners.G, corners.tau
+    t0, t1, t2 = tau[c, k, 0], tau[c, k, 1], tau[c, k, 2]
+    G[0, column] = W[0, 0] * t0 + W[1, 0] * t1 + W[2, 0] * t2
+    G[1, column] = W[1, 1] * t1 + W[2, 1] * t2
+    G[2, column] = W[2, 2] * t2
+
+
+@implements(moving.add_impulse, Body)
+def _add_impulse(model, work, g, xi, out):  # type: ignore[no-untyped-def]
+    W, g0, g1, g2 = model.root, g[0], g[1], g[2]
+    out[0] = xi[0] + W[0, 0] * g0
+    out[1] = xi[1] + W[1, 0] * g0 + W[1, 1] * g1
+    out[2] = xi[2] + W[2, 0] * g0 + W[2, 1] * g1 + W[2, 2] * g2
+
+
+@implements(moving.corner_speed, Body)
+def _corner_speed(model, work, s, corners, c):  # type: ignore[no-untyped-def]
+    R, w0, w1, w2 = s.R, s.xi_start[0], s.xi_start[1], s.xi_start[2]
+    d0, d1, d2 = model.corner_pos[c, 0], model.corner_pos[c, 1], model.corner_pos[c, 2]
+    return s.v[2] + R[2, 0] * (w1 * d2 - w2 * d1) + R[2, 1] * (w2 * d0 - w0 * d2) + R[2, 2] * (w0 * d1 - w1 * d0)
+
+
+@implements(moving.spin_row, Body)
+def _spin_row(model, work, body, a0, a1, a2, row):  # type: ignore[no-untyped-def]
+    row[0], row[1], row[2] = a0, a1, a2
+
+
+@implements(moving.falling, Body)
+def _falling(model, work, s, corners, c):  # type: ignore[no-untyped-def]
+    # g_z + e_z . w x (w x d): the spin's own change is neglected, which over a step is small
+    w = s.xi_start
+    d0, d1, d2 = (model.corner_pos[c, 0] - model.com[0], model.corner_pos[c, 1] - model.com[1],
+                  model.corner_pos[c, 2] - model.com[2])  # fmt: skip
+    along, squared = w[0] * d0 + w[1] * d1 + w[2] * d2, w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+    up = s.R[2, 0] * w[0] + s.R[2, 1] * w[1] + s.R[2, 2] * w[2]
+    return model.gravity[2] + along * up - squared * (s.R[2, 0] * d0 + s.R[2, 1] * d1 + s.R[2, 2] * d2)

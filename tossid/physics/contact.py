@@ -1,294 +1,192 @@
-"""The contact problem of one step of a tree: which corners, their rows, the solution, its effect.
+"""The contact problem of one step: which corners, their rows, the solution, its effect.
 
-With u the velocity of the common centre of mass and xi = (spin, joint rates), see `articulated`,
+One code for a single body and a tree (`moving` says what differs). With u the velocity of the common centre of mass
+and xi the rates, every corner has three rows (directions: the world's z, the normal, then x and y)
 
-    J_i v = u_i + tau_i . xi,     J_i M^-1 J_j^T = [same direction] / m + G_i . G_j,     G = L^-1 tau,  S = L L^T
+    velocity_k = u_k + tau_k . xi,      A_ij = [same direction] / m + G_i . G_j,      G = W^T tau,  S^-1 = W W^T
 
-Directions are the world's z (normal), x and y.
+and the problem is w = A lam + b, with the law that `stepping` writes out.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import fused_kernel
-from tossid.physics.articulated import X, back, contact_row, turned
+from tossid.kernels import fused_kernel, inlined_kernel
 from tossid.physics.forces import friction_of
-from tossid.physics.solvers import cone_work, lcp_kernel, lcp_work, tangent_directions
-from tossid.physics.solvers.cone import cone_solve
+from tossid.physics.law import BOUNCE_SPEED, RECOVERY_SPEED, above_ground, kept_speed, recovery_time
+from tossid.physics.moving import add_impulse, contact_row, corner_place, inverse_mass, n_rates, whiten
 from tossid.physics.solvers.cone_qp import qp_solve
-from tossid.physics.solvers.workspace import LAM, MU, SOLVED, B, W, multiply
-from tossid.physics.system import System
+from tossid.physics.solvers.registry import solve_contact
+from tossid.physics.solvers.workspace import LAM, MU, B, work_arrays
 
 Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 40
-"""Of the quick solver, each time that it is tried."""
-PROGRAMMES = 8
-"""Cone programmes that a problem is tried again from."""
+"""Of the convex programme that relaxed friction is solved by."""
 CLOSING_SPEED = 1.0
 """A corner joins the contact problem at once if it would touch within this speed [m/s]; others when they are hit."""
 IMPACT_SPEED = 0.1
 """[m/s] at which a corner has to cross the ground for a step to be cut there."""
 TOUCHING = 5e-5
 """Height [m] from which a corner that comes down at that speed strikes the ground."""
-STRIKE = 1e-6
-"""Length of a strike, over a frame's: an impulse, and no way."""
-STEADY = 5e-3
-"""[m/s] below which a touching corner goes neither up nor down: its slide then is that of the mean velocity."""
-RESTING, QUIET = 100.0, 4
-"""Speed [m/s] and spin [rad/s] in sum, over the solver's tolerance, below which a body in rigid contact is at rest
-after so many steps. What gives way creeps on, and is followed."""
-MOST_STRIKES = 64
-"""In a frame; what comes after is as in whole steps."""
-BOUNCE_SPEED = 0.02
-"""Approach [m/s] below which restitution does not act."""
-RECOVERY_SPEED = 0.02
-"""[m/s] at which a corner that a toss starts with in rigid ground comes out of it."""
-UNKNOWN = 1.0
-"""Depth of a corner whose toss has not begun."""
 TANGENTIAL = 1e-3
 """Slack of a compliant corner's tangential rows over that of its normal row: sigma of Castro et al."""
+FAR, LOW, CANDIDATE = 0, 1, 2
+"""State of a corner: out of reach; within reach; in the contact problem."""
+ROUNDS = 4
+"""A contact problem is solved at most so many times, each with the corners that the last one left to be hit."""
 
 
-class Scratch(NamedTuple):
-    """What a contact problem is built and solved in; corners in their own order, candidates contact-major."""
+class Corners(NamedTuple):
+    """Corners of a step and the contact problem of the candidates among them.
 
-    height: Array  # (n_c,)
-    sunk: Array  # (n_c,) how far the ground gives way below each: 0, or less where the toss began in it
-    state: NDArray[np.int64]  # (n_c,) 0 far, 1 low, 2 candidate
-    chosen: NDArray[np.int64]  # (n_c,) corner of each candidate
-    place: Array  # (n_c, 3) from the base's origin, its axes
-    tau: Array  # (n_c, 3, n_x) rows of every low corner: normal, t1, t2
-    G: Array  # (n_x, 3 n_c) columns L^-1 tau of the candidates
-    A: Array  # (3 n_c, 3 n_c) Delassus matrix
-    warm: Array  # (n_c, 3) impulses of the last step
-    y: Array  # (n_x,)
+    Attributes:
+        height: (n_c,) over z = 0 [m].
+        gap: (n_c,) phi of the contact problem [m]: the height over the ground as it is below the corner.
+        sunk: (n_c,) how far the ground gives way below each: 0, or less where the toss began in it [m].
+        state: (n_c,) FAR, LOW or CANDIDATE.
+        chosen: (n_c,) corner of each candidate.
+        place: (n_c, 3) from the base's origin, its axes [m].
+        tau: (n_c, 3, n_x) rows of every corner that is not far: normal, t1, t2.
+        G: (n_x, 3 n_c) columns W^T tau of the candidates.
+        A: (3 n_c, 3 n_c) Delassus matrix.
+        warm: (n_c, 3) impulses of the last step [N s].
+        carried: (n_c,) normal impulses over the parts of a step [N s].
+        struck: (n_c, 3) impulses of a strike [N s].
+        g: (n_x,) sum of G lam; scratch.
+        xi: (n_x,) rates after the impulses.
+        V: problem, answer and scratch of the solver, see `solvers.workspace`.
+        solver_index: integers of the same.
+    """
+
+    height: Array
+    gap: Array
+    sunk: Array
+    state: NDArray[np.int64]
+    chosen: NDArray[np.int64]
+    place: Array
+    tau: Array
+    G: Array
+    A: Array
+    warm: Array
+    carried: Array
+    struck: Array
+    g: Array
+    xi: Array
     V: Array
     solver_index: NDArray[np.int64]
-    directions: Array  # (k, 2), k = 0 for the exact cone
-    lcp_work: Array
-    lcp_index: NDArray[np.int64]
-
-
-def make_scratch(system: System, n_directions: int) -> Scratch:
-    """Scratch of `system` with the exact cone (n_directions = 0) or a polyhedral one."""
-    nc, nx, k = system.n_corners, system.nv - 3, n_directions
-    lemke_work, lemke_index = lcp_work(nc, k) if k else (np.zeros((1, 1)), np.zeros((1, 1), dtype=np.int64))
-    z = np.zeros
-    return Scratch(
-        z(nc),
-        z(nc),
-        z(nc, dtype=np.int64),
-        z(nc, dtype=np.int64),
-        z((nc, 3)),
-        z((nc, 3, nx)),
-        z((nx, 3 * nc)),
-        z((3 * nc, 3 * nc)),
-        z((nc, 3)),
-        z(nx),
-        *cone_work(nc),
-        tangent_directions(k) if k else z((0, 2)),
-        lemke_work,
-        lemke_index,
-    )
 
 
 @fused_kernel
-def _polyhedral(A, V, n, directions, tolerance, work, index):  # type: ignore[no-untyped-def]
-    """The problem A, V[B], V[MU] with the polyhedral cone into V[LAM]; returns (status, kkt_error)."""
-    k = directions.shape[0]
-    A_, b, lam = np.empty((3 * n, 3 * n)), np.empty(3 * n), np.empty(3 * n)
-    order = np.empty(3 * n, np.int64)
-    for i in range(n):
-        order[3 * i], order[3 * i + 1], order[3 * i + 2] = i, n + 2 * i, n + 2 * i + 1
-    for r in range(3 * n):
-        b[order[r]] = V[B, r]
-        for r2 in range(3 * n):
-            A_[order[r], order[r2]] = A[r, r2]
-    beta, gamma = np.empty((n, k)), np.empty(n)
-    status, kkt_error, _ = lcp_kernel(
-        A_, b, V[MU, :n].copy(), np.ones(n, np.bool_), directions, lam, beta, gamma, tolerance, 2000, work, index
-    )
-    for r in range(3 * n):
-        V[LAM, r] = lam[order[r]]
-    return status, kkt_error
+def make_corners(nc, nx):  # type: ignore[no-untyped-def]
+    """Scratch for n_c corners and n_x rates."""
+    V, index = work_arrays(nc)
+    return Corners(
+        np.zeros(nc), np.zeros(nc), np.zeros(nc), np.zeros(nc, np.int64), np.zeros(nc, np.int64), np.zeros((nc, 3)),
+        np.zeros((nc, 3, nx)), np.zeros((nx, 3 * nc)), np.zeros((3 * nc, 3 * nc)), np.zeros((nc, 3)), np.zeros(nc),
+        np.zeros((nc, 3)), np.zeros(nx), np.zeros(nx), V, index,
+    )  # fmt: skip
 
 
-@fused_kernel
-def above_ground(z, c, sunk, rigid, h):  # type: ignore[no-untyped-def]
-    """Height of a corner at z over the ground as it is below it.
+@inlined_kernel
+def velocity(tau, c, k, u, xi, nx):  # type: ignore[no-untyped-def]
+    """u_k + tau_k . xi: velocity of corner c along its direction k [m/s]."""
+    v = u[k]
+    for x in range(nx):
+        v += tau[c, k, x] * xi[x]
+    return v
 
-    Recorded states lie in the ground by their noise. Rigid contact would throw the object out within a step, with all
-    that depth per step as its velocity; here it comes out at `RECOVERY_SPEED`. What gives way needs no such care.
+
+@inlined_kernel
+def find_corners(model, work, s, corners, radius, h):  # type: ignore[no-untyped-def]
+    """Places and heights of all corners, and the rows of those within reach; whether any is.
+
+    radius: of corners that are spheres [m]; they touch at their lowest point.
     """
-    if sunk[c] == UNKNOWN:
-        sunk[c] = min(z, 0.0) if rigid else 0.0
-    elif sunk[c] < 0.0:
-        sunk[c] = min(sunk[c] + RECOVERY_SPEED * h, 0.0)
-    return z - sunk[c]
-
-
-@fused_kernel
-def solve_exact(A, V, index, n, tolerance):  # type: ignore[no-untyped-def]
-    """Impulses of the problem A, V[B], V[MU] into V[LAM], which holds the warm start; returns (status, kkt_error).
-
-    What is not solved from there is tried again from the answers of convex cone programmes, c_n = b_n + mu |w_t|
-    held and renewed (Cadoux 2009); the first, with c = b, is nearly always enough.
-    """
-    status, kkt_error, _ = cone_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
-    if status == SOLVED:
-        return status, kkt_error
-    b, start, best = np.empty(n), np.zeros(3 * n), V[LAM, : 3 * n].copy()
-    least = kkt_error
-    for i in range(n):
-        b[i] = V[B, 3 * i]
-    for turn in range(PROGRAMMES):
-        for i in range(n):
-            slip = 0.0
-            if turn > 0:
-                slip = math.sqrt(V[W, 3 * i + 1] * V[W, 3 * i + 1] + V[W, 3 * i + 2] * V[W, 3 * i + 2])
-            V[B, 3 * i] = b[i] + V[MU, i] * slip
-        for r in range(3 * n):
-            V[LAM, r] = start[r]
-        qp_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
-        for r in range(3 * n):
-            start[r] = V[LAM, r]
-        for i in range(n):
-            V[B, 3 * i] = b[i]
-        status, kkt_error, _ = cone_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
-        if status == SOLVED:
-            return status, kkt_error
-        if kkt_error < least:
-            least = kkt_error
-            for r in range(3 * n):
-                best[r] = V[LAM, r]
-        for r in range(3 * n):
-            V[LAM, r] = start[r]
-        multiply(A, V, LAM, W, n)
-    for r in range(3 * n):
-        V[LAM, r] = best[r]
-    return status, least
-
-
-@fused_kernel
-def _solve(A, V, index, n, directions, tolerance, work, lcp_index):  # type: ignore[no-untyped-def]
-    """Impulses of the assembled problem into V[LAM], which holds the warm start; returns (status, kkt_error)."""
-    if directions.shape[0] > 0:
-        return _polyhedral(A, V, n, directions, tolerance, work, lcp_index)
-    return solve_exact(A, V, index, n, tolerance)
-
-
-@fused_kernel
-def find_corners(  # type: ignore[no-untyped-def]
-    parent, joint_type, corner_body, corner_pos, radius, P, E, R, z0, reach, height, state, place, tau
-):
-    """Places and heights of all corners, and the rows of those below `reach` (state 1, others 0); whether any is.
-
-    radius: of corners that are spheres [m]; they touch at their lowest point. height: over z = 0.
-    """
-    low = False
-    for c in range(state.shape[0]):
-        b = corner_body[c]
-        r0, r1, r2 = turned(E, b, corner_pos[c, 0], corner_pos[c, 1], corner_pos[c, 2])
-        r0, r1, r2 = P[b, X] + r0, P[b, X + 1] + r1, P[b, X + 2] + r2
-        r0, r1, r2 = r0 - radius * R[2, 0], r1 - radius * R[2, 1], r2 - radius * R[2, 2]
-        place[c, 0], place[c, 1], place[c, 2] = r0, r1, r2
-        height[c] = z0 + R[2, 0] * r0 + R[2, 1] * r1 + R[2, 2] * r2
-        state[c] = 0
-        if height[c] < reach:
+    nx, low = n_rates(model), False
+    speed = abs(s.v[2] + h * model.gravity[2])
+    for x in range(nx):
+        speed += 0.2 * abs(s.xi_start[x] + h * s.rate[x])
+    reach = 0.02 + 3.0 * h * speed  # farther than a corner moves in a step, contact included
+    up0, up1, up2, z0 = s.R[2, 0], s.R[2, 1], s.R[2, 2], s.q[2]
+    for c in range(corners.state.shape[0]):
+        r0, r1, r2 = corner_place(model, work, c)
+        r0, r1, r2 = r0 - radius * up0, r1 - radius * up1, r2 - radius * up2
+        z = z0 + up0 * r0 + up1 * r1 + up2 * r2
+        corners.height[c], corners.state[c] = z, FAR
+        if z < reach:
             low = True
-            state[c] = 1
+            corners.state[c] = LOW
+            corners.place[c, 0], corners.place[c, 1], corners.place[c, 2] = r0, r1, r2
             for k in range(3):
-                i = k - 1 if k else 2
-                contact_row(parent, joint_type, P, b, r0, r1, r2, R[i, 0], R[i, 1], R[i, 2], c, k, tau)
+                contact_row(model, work, s, corners, c, k)
     return low
 
 
-@fused_kernel
-def recovery_time(h, compliance, relaxation, added_mass):  # type: ignore[no-untyped-def]
-    """Time [s] over which a corner that touches is to be back where it belongs, in a step of length h.
+@inlined_kernel
+def find_gaps(corners, rigid, strike, whole, h, step):  # type: ignore[no-untyped-def]
+    """The gaps of a step of length h, or of a strike.
 
-    A spring at the step's end damps by k h. That is taken off its damper, as far as it goes, and smoothly: of a damper
-    that is weaker, and learned, the motion must still tell. An added mass resists what changes the corner's speed.
+    whole: steps do not end at impacts. step: length of a whole one [s].
+
+    Returns:
+        Whether the ground gives way below a corner.
     """
-    if compliance == 0.0:
-        return h + relaxation
-    return math.sqrt(h * h + relaxation * relaxation) + added_mass * compliance / h
+    uneven = False
+    for c in range(corners.state.shape[0]):
+        z = above_ground(corners.height[c], c, corners.sunk, rigid, h)
+        uneven = uneven or corners.sunk[c] < 0.0
+        if strike and z < TOUCHING:
+            z = 0.0
+        elif rigid and z < 0.0:
+            z *= h / max(h, step)  # comes out within a whole step
+        elif z < TOUCHING and not whole:
+            z = min(z, RECOVERY_SPEED * h)  # is on the ground, and recovers there
+        corners.gap[c] = z
+    return uneven
 
 
-@fused_kernel
-def kept_speed(h, compliance, relaxation, added_mass):  # type: ignore[no-untyped-def]
-    """Shares of a touching corner's speed, along the normal and across, that its added mass keeps through a step.
+@inlined_kernel
+def set_target(law, s, corners, c, n, nx, h, cold, bounces):  # type: ignore[no-untyped-def]
+    """V[B] and V[MU] of candidate n, corner c, from its free velocity in V[B]; whether it would touch.
 
-    With m' dv/dt + d v + k z = -f along the normal, and m' dv/dt + d v = -f across, which no spring holds.
+    b_n = phi / h + J_n v_free, or by the law of restitution or compliance; b_t = J_t v_free.
     """
-    inert = added_mass * compliance
-    if inert == 0.0:
-        return 0.0, 0.0
-    return inert / (h * recovery_time(h, compliance, relaxation, added_mass)), inert / (inert + h * relaxation)
+    r, tau, V = 3 * n, corners.tau, corners.V
+    free, kept_across = V[B, r], 0.0
+    target = corners.gap[c] / h + free
+    if law.restitution > 0.0 and target < 0.0:
+        before = velocity(tau, c, 0, s.u_start, s.xi_start, nx)
+        if before < -BOUNCE_SPEED and (bounces or before > -IMPACT_SPEED):
+            target = min(target, free + law.restitution * before)  # Newton: J_n v' >= -e J_n v
+    elif target < 0.0 or corners.gap[c] < 0.0:
+        target = corners.gap[c] / recovery_time(law, h) + free  # phi / s + J_n v'
+        kept, across = kept_speed(law, h)
+        if kept > 0.0:
+            target -= kept * velocity(tau, c, 0, s.u_start, s.xi_start, nx)
+            kept_across = across
+    V[B, r] = target
+    mu = law.mu[c]
+    if law.varied:
+        slip1 = velocity(tau, c, 1, s.u_start, s.xi_start, nx)
+        slip2 = velocity(tau, c, 2, s.u_start, s.xi_start, nx)
+        mu = friction_of(law.beyond, mu, slip1, slip2, V[B, r + 1], V[B, r + 2])
+        V[B, r + 1] -= kept_across * slip1
+        V[B, r + 2] -= kept_across * slip2
+    if law.cohesion > 0.0 and not cold and corners.warm[c, 0] > 0.0:
+        mu = min(2.0 * mu, mu + law.cohesion * h / corners.warm[c, 0])  # |lam_t| <= mu lam_n + c h
+    V[MU, n] = mu
+    return target < 0.0
 
 
-@fused_kernel
-def _assemble(  # type: ignore[no-untyped-def]
-    state, height, tau, mu, restitution, compliance, relaxation, cohesion, lawful, law, warm, cold, bounces,
-    L, u, u_before, xi, xi_before, h, chosen, G, A, V, over_m,
-):  # fmt: skip
-    """The candidates' contact problem (G, A, V[B], V[MU], warm start V[LAM]); returns their number, 0 if all open."""
-    nx, added = xi.shape[0], law.added_mass if lawful else 0.0
-    keeps, keeps_across = kept_speed(h, compliance, relaxation, added)
-    n, closed = np.int64(0), True  # a literal zero would have numba compile what it is handed to twice
-    for c in range(state.shape[0]):
-        if state[c] != 2:
-            continue
-        r = 3 * n
-        for k in range(3):
-            free = u[k]
-            for x in range(nx):
-                t = tau[c, k, x]
-                free += t * xi[x]
-                for j in range(x):
-                    t -= L[x, j] * G[j, r + k]
-                G[x, r + k] = t * L[x, x]
-            V[B, r + k] = free
-            V[LAM, r + k] = 0.0 if cold else warm[c, k]
-        free, lasts = V[B, r], 0.0
-        target = height[c] / h + free
-        if restitution > 0.0 and target < 0.0:
-            before = u_before[0]
-            for x in range(nx):
-                before += tau[c, 0, x] * xi_before[x]
-            if before < -BOUNCE_SPEED and (bounces or before > -IMPACT_SPEED):
-                target = min(target, free + restitution * before)
-        elif target < 0.0 or height[c] < 0.0:
-            target = height[c] / recovery_time(h, compliance, relaxation, added) + free
-            if keeps > 0.0:
-                kept, lasts = u_before[0], keeps_across
-                for x in range(nx):
-                    kept += tau[c, 0, x] * xi_before[x]
-                target -= keeps * kept
-        V[B, r] = target
-        grip = mu[c]
-        if lawful:
-            slip1, slip2 = u_before[1], u_before[2]
-            for x in range(nx):
-                slip1 += tau[c, 1, x] * xi_before[x]
-                slip2 += tau[c, 2, x] * xi_before[x]
-            grip = friction_of(law, grip, slip1, slip2, V[B, r + 1], V[B, r + 2])
-            V[B, r + 1] -= lasts * slip1
-            V[B, r + 2] -= lasts * slip2
-        if cohesion > 0.0 and not cold and warm[c, 0] > 0.0:
-            grip = min(2.0 * grip, grip + cohesion * h / warm[c, 0])
-        V[MU, n] = grip
-        chosen[n] = c
-        closed = closed and target >= 0.0
-        n += 1
-    if closed:
-        return 0
+@inlined_kernel
+def delassus(corners, n, nx, over_m, slack):  # type: ignore[no-untyped-def]
+    """A_ij = [same direction] / m + G_i . G_j (3 n, 3 n), with the compliant corners' slack on its diagonal."""
+    A, G = corners.A, corners.G
     for i in range(3 * n):
         for j in range(i + 1):
             A[i, j] = G[0, i] * G[0, j] + G[1, i] * G[1, j] + G[2, i] * G[2, j]
@@ -299,71 +197,122 @@ def _assemble(  # type: ignore[no-untyped-def]
             A[i, j] += over_m
         for j in range(i):
             A[j, i] = A[i, j]
-    soft = compliance / (h * recovery_time(h, compliance, relaxation, added))
     for i in range(0, 3 * n, 3):
-        A[i, i] += soft
-        A[i + 1, i + 1] += TANGENTIAL * soft
-        A[i + 2, i + 2] += TANGENTIAL * soft
+        A[i, i] += slack
+        A[i + 1, i + 1] += TANGENTIAL * slack
+        A[i + 2, i + 2] += TANGENTIAL * slack
+
+
+@inlined_kernel
+def assemble(model, law, work, s, corners, h, cold, afresh, bounces):  # type: ignore[no-untyped-def]
+    """The candidates' contact problem (G, A, V[B], V[MU], warm start V[LAM]); their number, 0 if all stay open.
+
+    cold: no corner carried load in the last step. afresh: no warm start. bounces: restitution acts at any approach.
+    """
+    nx, V, tau = n_rates(model), corners.V, corners.tau
+    n, touches = np.int64(0), False  # a literal zero would have Numba compile what it is handed to twice
+    for c in range(corners.state.shape[0]):
+        if corners.state[c] != CANDIDATE:
+            continue
+        r = 3 * n
+        for k in range(3):
+            whiten(model, work, corners, c, k, r + k)
+            free = 0.0
+            for x in range(nx):
+                free += tau[c, k, x] * s.xi[x]
+            V[B, r + k] = free + s.u[k]
+            V[LAM, r + k] = 0.0 if afresh else corners.warm[c, k]
+        touches = set_target(law, s, corners, c, n, nx, h, cold, bounces) or touches
+        corners.chosen[n] = c
+        n += 1
+    if not touches:
+        return np.int64(0)
+    slack = law.compliance / (h * recovery_time(law, h))
+    delassus(corners, n, nx, inverse_mass(model, work), slack)
     return n
 
 
-@fused_kernel
-def resolve_contact(  # type: ignore[no-untyped-def]
-    mu, restitution, compliance, relaxation, cohesion, lawful, law,
-    L, over_m, u, u_before, xi, xi_before, h, tolerance, cold, strike, bounces,
-    height, state, chosen, tau, G, A, warm, y, V, index, directions, lcp_work, lcp_index,
-):  # fmt: skip
-    """Contact impulses of one step: u (3: z, x, y) and xi (n_x,) become those after it. After `find_corners`.
+@inlined_kernel
+def is_relaxed(law, corners, n):  # type: ignore[no-untyped-def]
+    """Whether a candidate is so near the ground that the problem is the convex relaxation of Coulomb's law."""
+    relaxed = False
+    for i in range(n):
+        relaxed = relaxed or corners.gap[corners.chosen[i]] < law.beyond.lifting
+    return relaxed
 
-    height (n_c,): over the ground as it is below each corner. strike: the step has no length, nor a part in `warm`.
-    bounces: restitution acts at any speed of approach, not only below `IMPACT_SPEED`.
 
-    Returns (candidates, 0 if none is hit; touched, status, kkt_error); the candidates' impulses are V[LAM].
+@inlined_kernel
+def apply_impulses(model, work, s, corners, n, h):  # type: ignore[no-untyped-def]
+    """u + sum lam / m and xi + W sum G lam, and corners that this would drive into the ground become candidates.
+
+    Returns:
+        (whether there are such corners, whether any impulse is not zero, the sums over m along z, x and y).
     """
-    nx, afresh = xi.shape[0], cold or strike
-    for c in range(state.shape[0]):
-        if state[c] > 0:
-            vn = u[0]
+    nx, V, G, g, xi, tau = n_rates(model), corners.V, corners.G, corners.g, corners.xi, corners.tau
+    touched, f0, f1, f2 = False, 0.0, 0.0, 0.0
+    for r in range(0, 3 * n, 3):
+        f0, f1, f2 = f0 + V[LAM, r], f1 + V[LAM, r + 1], f2 + V[LAM, r + 2]
+        touched = touched or V[LAM, r] != 0.0 or V[LAM, r + 1] != 0.0 or V[LAM, r + 2] != 0.0
+    for x in range(nx):
+        total = 0.0
+        for r in range(0, 3 * n, 3):
+            total += G[x, r] * V[LAM, r] + G[x, r + 1] * V[LAM, r + 1] + G[x, r + 2] * V[LAM, r + 2]
+        g[x] = total
+    add_impulse(model, work, g, s.xi, xi)
+    over_m = inverse_mass(model, work)
+    f0, f1, f2 = over_m * f0, over_m * f1, over_m * f2
+    hit = False
+    for c in range(corners.state.shape[0]):
+        if corners.state[c] == LOW:
+            vn = s.u[0] + f0
             for x in range(nx):
                 vn += tau[c, 0, x] * xi[x]
-            state[c] = 2 if height[c] / h + vn < CLOSING_SPEED else 1
-    for _ in range(4):
-        n = _assemble(
-            state, height, tau, mu, restitution, compliance, relaxation, cohesion, lawful, law, warm, afresh, bounces,
-            L, u, u_before, xi, xi_before, h, chosen, G, A, V, over_m,
-        )  # fmt: skip
+            if corners.gap[c] / h + vn < 0.0:
+                corners.state[c] = CANDIDATE
+                hit = True
+    return hit, touched, f0, f1, f2
+
+
+@inlined_kernel
+def resolve_contact(model, law, solver, work, s, corners, h, tolerance, cold, strike, bounces):  # type: ignore[no-untyped-def]
+    """Contact in one step: s.u and s.xi become those after it. After `find_corners` and `find_gaps`.
+
+    cold: there is no last step's load. strike: the step has no length. bounces: restitution acts at any approach, not
+    only below `IMPACT_SPEED`.
+
+    Returns:
+        (candidates, 0 if none is hit; touched; status; KKT error); the candidates' impulses are V[LAM].
+    """
+    nx, n, touched, status, kkt_error = n_rates(model), np.int64(0), False, 0, 0.0
+    for c in range(corners.state.shape[0]):
+        if corners.state[c] != FAR:
+            vn = velocity(corners.tau, c, 0, s.u, s.xi, nx)
+            corners.state[c] = CANDIDATE if corners.gap[c] / h + vn < CLOSING_SPEED else LOW
+    f0, f1, f2 = 0.0, 0.0, 0.0
+    for _ in range(ROUNDS):
+        n = assemble(model, law, work, s, corners, h, cold, cold or strike, bounces)
         if n == 0:
-            return 0, False, 0, 0.0
-        lifts = False
-        if lawful and law.lifting > 0.0:
-            for c in range(state.shape[0]):
-                lifts = lifts or (state[c] == 2 and height[c] < law.lifting)
-        if lifts:
-            status, kkt_error, _ = qp_solve(A, V, index, n, tolerance, MAX_ITERATIONS)
+            return n, False, 0, 0.0
+        if law.beyond.lifting > 0.0 and is_relaxed(law, corners, n):
+            status, kkt_error, _ = qp_solve(
+                corners.A, corners.V, corners.solver_index, n, tolerance, np.int64(MAX_ITERATIONS)
+            )
         else:
-            status, kkt_error = _solve(A, V, index, n, directions, tolerance, lcp_work, lcp_index)
-        touched, f0, f1, f2 = False, 0.0, 0.0, 0.0
-        for r in range(0, 3 * n, 3):
-            f0, f1, f2 = f0 + V[LAM, r], f1 + V[LAM, r + 1], f2 + V[LAM, r + 2]
-            touched = touched or V[LAM, r] != 0.0 or V[LAM, r + 1] != 0.0 or V[LAM, r + 2] != 0.0
-        for x in range(nx):
-            s = 0.0
-            for r in range(3 * n):
-                s += G[x, r] * V[LAM, r]
-            y[x] = s
-        back(L, y, nx)
-        hit = False
-        for c in range(state.shape[0]):
-            if state[c] == 1:
-                vn = u[0] + over_m * f0
-                for x in range(nx):
-                    vn += tau[c, 0, x] * (xi[x] + y[x])
-                if height[c] / h + vn < 0.0:
-                    state[c] = 2
-                    hit = True
+            status, kkt_error = solve_contact(solver, corners.A, corners.V, corners.solver_index, n, tolerance)
+        hit, touched, f0, f1, f2 = apply_impulses(model, work, s, corners, n, h)
         if not hit:
             break
-    u[0], u[1], u[2] = u[0] + over_m * f0, u[1] + over_m * f1, u[2] + over_m * f2
+    s.u[0], s.u[1], s.u[2] = s.u[0] + f0, s.u[1] + f1, s.u[2] + f2
     for x in range(nx):
-        xi[x] += y[x]
+        s.xi[x] = corners.xi[x]
     return n, touched, status, kkt_error
+
+
+@inlined_kernel
+def keep_warm(corners, n):  # type: ignore[no-untyped-def]
+    """The impulses of this step's n candidates become the next one's warm start."""
+    for c in range(corners.warm.shape[0]):
+        corners.warm[c, 0], corners.warm[c, 1], corners.warm[c, 2] = 0.0, 0.0, 0.0
+    for i in range(n):
+        for k in range(3):
+            corners.warm[corners.chosen[i], k] = corners.V[LAM, 3 * i + k]

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import kernel
+from tossid.kernels import lean_kernel
 
 Array = NDArray[np.float64]
 
@@ -136,19 +136,23 @@ def law_of(numbers: Array) -> Law:
     return Law(*map(float, numbers))
 
 
-@kernel
-def damped(inertia, c):  # type: ignore[no-untyped-def]
-    """(I + c 1)^-1 (3, 3), by cofactors."""
-    A = inertia + c * np.eye(3)
-    out = np.empty((3, 3))
+@lean_kernel
+def damped(inertia, c, out):  # type: ignore[no-untyped-def]
+    """out (3, 3) = (I + c 1)^-1, by cofactors."""
+    A, scale = inertia, 0.0
     for i in range(3):
         for j in range(3):
             k, l, m, n = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
-            out[j, i] = A[k, m] * A[l, n] - A[k, n] * A[l, m]
-    return out / (A[0, 0] * out[0, 0] + A[0, 1] * out[1, 0] + A[0, 2] * out[2, 0])
+            out[j, i] = (A[k, m] + (c if k == m else 0.0)) * (A[l, n] + (c if l == n else 0.0))
+            out[j, i] -= (A[k, n] + (c if k == n else 0.0)) * (A[l, m] + (c if l == m else 0.0))
+    for j in range(3):
+        scale += (A[0, j] + (c if j == 0 else 0.0)) * out[j, 0]
+    for i in range(3):
+        for j in range(3):
+            out[i, j] /= scale
 
 
-@kernel
+@lean_kernel
 def grown(forces, which, x0, x1, x2):  # type: ignore[no-untyped-def]
     """By what a force is multiplied whose state is the vector x, if it is the one that grows with another power."""
     if forces.powered != which:
@@ -156,23 +160,21 @@ def grown(forces, which, x0, x1, x2):  # type: ignore[no-untyped-def]
     return max(math.sqrt(x0 * x0 + x1 * x1 + x2 * x2), LEAST) ** forces.power
 
 
-@kernel
-def push(forces, gravity, over_m, h, R, com, p0, p1, p2, v_0, v_1, v_2, w0, w1, w2, y0, y1, y2):  # type: ignore[no-untyped-def]
+@lean_kernel
+def push(forces, gravity, over_m, h, R, place, velocity, spin, spin_after):  # type: ignore[no-untyped-def]
     """What the forces add to the velocity of the centre of mass over a step [m/s, world], beside gravity's h g.
 
-    R (3, 3), p, v: orientation, place and velocity of the origin at the start; w, y: spin (body) before and after.
+    R (3, 3): orientation at the start. place, velocity: of the centre of mass at the start; spin (body's axes) at the
+    start and, without the forces, at the end; tuples of three.
     """
     f = forces
-    c0, c1, c2 = com[0], com[1], com[2]
-    s0, s1, s2 = w1 * c2 - w2 * c1, w2 * c0 - w0 * c2, w0 * c1 - w1 * c0
-    u0 = v_0 + R[0, 0] * s0 + R[0, 1] * s1 + R[0, 2] * s2
-    u1 = v_1 + R[1, 0] * s0 + R[1, 1] * s1 + R[1, 2] * s2
-    u2 = v_2 + R[2, 0] * s0 + R[2, 1] * s1 + R[2, 2] * s2
+    p0, p1, p2 = place
+    u0, u1, u2 = velocity
+    w0, w1, w2 = spin
+    y0, y1, y2 = spin_after
     # at the middle of the step: place, then the acceleration that does not depend on velocity
     half = 0.5 * h
-    p0 += R[0, 0] * c0 + R[0, 1] * c1 + R[0, 2] * c2 + half * u0
-    p1 += R[1, 0] * c0 + R[1, 1] * c1 + R[1, 2] * c2 + half * u1
-    p2 += R[2, 0] * c0 + R[2, 1] * c1 + R[2, 2] * c2 + half * u2
+    p0, p1, p2 = p0 + half * u0, p1 + half * u1, p2 + half * u2
     d0, d1, d2 = f.center_x - p0, f.center_y - p1, f.center_z - p2
     spring = f.spring * grown(f, SPRING, d0, d1, d2)
     vortex = f.vortex * grown(f, VORTEX, p0, p1, 0.0)
@@ -204,68 +206,7 @@ def push(forces, gravity, over_m, h, R, com, p0, p1, p2, v_0, v_1, v_2, w0, w1, 
     return 2.0 * (s0 - e0) - h * gravity[0], 2.0 * (s1 - e1) - h * gravity[1], 2.0 * (s2 - e2) - h * gravity[2]
 
 
-@kernel
-def hold(law, inverse, over_m, h, R, com, arm, p2, warm, cold, x0, x1, x2, y0, y1, y2):  # type: ignore[no-untyped-def]
-    """Free velocities x (origin, world) and y (spin, body) after adhesion's pull and the resistance to spin.
-
-    arm (n_c, 3): corners from the centre of mass. warm (n_c, 3): impulses of the step before, unless `cold`.
-    A resistance stops spin and never turns it: in contact the body is only harder to turn than it is free.
-    """
-    load, pull = 0.0, 0.0
-    m, y = np.zeros(3), np.array([y0, y1, y2])
-    z = p2 + R[2, 0] * com[0] + R[2, 1] * com[1] + R[2, 2] * com[2]
-    for c in range(arm.shape[0]):
-        carried = 0.0 if cold else warm[c, 0]
-        load += carried
-        d0, d1, d2 = arm[c, 0], arm[c, 1], arm[c, 2]
-        if carried > 0.0 or z + R[2, 0] * d0 + R[2, 1] * d1 + R[2, 2] * d2 < ADHESION_REACH:
-            f = h * law.adhesion
-            pull += f
-            m[0] -= f * (d1 * R[2, 2] - d2 * R[2, 1])
-            m[1] -= f * (d2 * R[2, 0] - d0 * R[2, 2])
-            m[2] -= f * (d0 * R[2, 1] - d1 * R[2, 0])
-    for i in range(3):
-        y[i] += inverse[i, 0] * m[0] + inverse[i, 1] * m[1] + inverse[i, 2] * m[2]
-    if load > 0.0:
-        resist_spin(law, load, inverse, R, y)
-    # the origin moves with the body: what the spin gained, it gained about the centre of mass
-    g0, g1, g2 = y[0] - y0, y[1] - y1, y[2] - y2
-    s0, s1, s2 = g1 * com[2] - g2 * com[1], g2 * com[0] - g0 * com[2], g0 * com[1] - g1 * com[0]
-    x0 -= R[0, 0] * s0 + R[0, 1] * s1 + R[0, 2] * s2
-    x1 -= R[1, 0] * s0 + R[1, 1] * s1 + R[1, 2] * s2
-    x2 -= R[2, 0] * s0 + R[2, 1] * s1 + R[2, 2] * s2 + over_m * pull
-    return x0, x1, x2, y[0], y[1], y[2]
-
-
-@kernel
-def resist_spin(law, load, inverse, R, y):  # type: ignore[no-untyped-def]
-    """Take from the spin y (3,; body) what contact of a normal impulse `load` resists about the vertical and about the
-    horizontal."""
-    _resist(law.torsional * load, 0.0, 0.0, 1.0, inverse, R, y)
-    spin0 = R[0, 0] * y[0] + R[0, 1] * y[1] + R[0, 2] * y[2]
-    spin1 = R[1, 0] * y[0] + R[1, 1] * y[1] + R[1, 2] * y[2]
-    size = math.sqrt(spin0 * spin0 + spin1 * spin1)
-    if size > 0.0:
-        _resist(law.rolling * load, spin0 / size, spin1 / size, 0.0, inverse, R, y)
-
-
-@kernel
-def _resist(impulse, d0, d1, d2, inverse, R, y):  # type: ignore[no-untyped-def]
-    """Take an angular impulse [N m s] against the spin about the world axis d from y, no more than stops it."""
-    a0 = R[0, 0] * d0 + R[1, 0] * d1 + R[2, 0] * d2
-    a1 = R[0, 1] * d0 + R[1, 1] * d1 + R[2, 1] * d2
-    a2 = R[0, 2] * d0 + R[1, 2] * d1 + R[2, 2] * d2
-    g0 = inverse[0, 0] * a0 + inverse[0, 1] * a1 + inverse[0, 2] * a2
-    g1 = inverse[1, 0] * a0 + inverse[1, 1] * a1 + inverse[1, 2] * a2
-    g2 = inverse[2, 0] * a0 + inverse[2, 1] * a1 + inverse[2, 2] * a2
-    spin = a0 * y[0] + a1 * y[1] + a2 * y[2]
-    s = math.copysign(min(impulse, abs(spin) / (a0 * g0 + a1 * g1 + a2 * g2)), spin)
-    y[0] -= s * g0
-    y[1] -= s * g1
-    y[2] -= s * g2
-
-
-@kernel
+@lean_kernel
 def friction_of(law, mu, before_x, before_y, free_x, free_y):  # type: ignore[no-untyped-def]
     """A corner's friction coefficient in this step, of its slips [m/s] at the start and without contact forces."""
     if law.static_rel != 1.0:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 
-from tossid.kernels import kernel
+from tossid.kernels import lean_kernel
 
 
-@kernel
-def network(linear, W0, b0, W1, b1, W2, f, h0, h1, out):  # type: ignore[no-untyped-def]
+@lean_kernel
+def network(k_res, f, hidden, out):  # type: ignore[no-untyped-def]
     """out (nv,) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1); see `system.LearnedAcceleration`."""
-    nf, h = f.shape[0], b0.shape[0]
+    linear, W0, b0, W1, b1, W2 = k_res
+    nf, h, h0, h1 = f.shape[0], b0.shape[0], hidden[0], hidden[1]
     for i in range(h):
         s = b0[i]
         for j in range(nf):

@@ -45,43 +45,27 @@ and mu where there was no load.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
-from tossid.physics.body import simulate_body
-from tossid.physics.contact import make_scratch
-from tossid.physics.forces import law_of
-from tossid.physics.links import make_links, simulate_links
-from tossid.physics.single import make_body
-from tossid.physics.solvers import cone_work
+from tossid.physics.body import make_body
+from tossid.physics.contact import make_corners
+from tossid.physics.law import make_contact_law
+from tossid.physics.links import make_links
+from tossid.physics.moving import make_state
 from tossid.physics.solvers.batches import over_threads
+from tossid.physics.solvers.exact_cone import ExactCone
+from tossid.physics.solvers.registry import ContactSolver, check_solver
 from tossid.physics.system import System
+from tossid.physics.time_step import Simulation, StepSettings, Tosses, simulate_tosses
 
 Array = NDArray[np.float64]
 
+EXACT_CONE = ExactCone()
+"""The contact solver where none is named."""
 TOLERANCE = 1e-7
 """KKT error [m/s] below which a step's contact problem counts as solved."""
-
-
-class Simulation(NamedTuple):
-    """Simulated tosses.
-
-    q (B, T + 1, nq), v (B, T + 1, nv); frames past a toss's own number of steps
-    hold its last state. lam_n (B, T, n_c): normal impulse of each corner over the
-    frame [N s]. unsolved (B,): steps whose contact problem missed the tolerance.
-    kkt_error (B,): the largest KKT error met [m/s]. finite (B,): False where a state
-    became NaN or infinite, or M lost its definiteness: the toss stays at its last finite state.
-    """
-
-    q: Array
-    v: Array
-    lam_n: Array
-    unsolved: NDArray[np.int64]
-    kkt_error: Array
-    finite: NDArray[np.bool_]
 
 
 def simulate(
@@ -93,27 +77,32 @@ def simulate(
     dt: float,
     substeps: int = 1,
     impact_parts: int = 1,
-    n_directions: int = 0,
+    solver: ContactSolver = EXACT_CONE,
     tolerance: float = TOLERANCE,
     n_threads: int = 1,
 ) -> Simulation:
-    """Simulate a batch of tosses.
+    """The motion of a batch of tosses.
 
     Args:
         system: the simulator's parameters.
-        q0: (B, nq), v0: (B, nv) initial states.
+        q0: (B, nq) initial configurations.
+        v0: (B, nv) initial velocities.
         n_steps: frames to simulate, one number or one a toss (B,), at least 1.
         dt: time between frames [s], at least `substeps` steps each.
+        substeps: steps in a frame.
         impact_parts: more than 1 for impacts where they happen: a step in which a corner crosses the ground at more
             than 0.1 m/s ends there or, where contact gives way, is cut in so many.
-        n_directions: 0 for the exact friction cone; k >= 4 (even) for the polyhedral
-            cone of k directions, solved as an LCP by Lemke's algorithm.
+        solver: of the contact problem: `ExactCone()`, `PolyhedralCone(n_directions=8)`, or one's own
+            (`solvers.register_solver`).
         tolerance: on the contact problem's KKT error [m/s].
         n_threads: tosses are split over this many threads.
 
+    Returns:
+        The simulated tosses, each with how many steps' contact problems missed the tolerance.
+
     Raises:
-        InputError: shapes that do not fit, or numbers out of range; the convex relaxation of Coulomb's law with the
-            polyhedral cone.
+        InputError: shapes that do not fit, numbers out of range, a solver that is not registered, or a law of contact
+            that the solver cannot take.
     """
     q0, v0 = np.ascontiguousarray(q0, dtype=float), np.ascontiguousarray(v0, dtype=float)
     count = len(q0)
@@ -124,33 +113,24 @@ def simulate(
     steps = np.ascontiguousarray(np.broadcast_to(np.asarray(n_steps, dtype=np.int64), (count,)))
     if (steps < 1).any() or substeps < 1 or impact_parts < 1 or not dt > 0:
         raise InputError("a simulation needs dt > 0, and at least one step a toss, one substep a step and one part")
-    if n_directions and (n_directions < 4 or n_directions % 2):
-        raise InputError(f"n_directions is {n_directions}, expected 0 (exact cone) or an even number from 4")
-    T = int(steps.max())
+    law = make_contact_law(system)
+    check_solver(solver, relaxed=law.beyond.lifting > 0)
+    T, nc = int(steps.max()), system.n_corners
     out = Simulation(
         q=np.empty((count, T + 1, system.nq)),
         v=np.empty((count, T + 1, system.nv)),
-        lam_n=np.zeros((count, T, system.n_corners)),
+        lam_n=np.zeros((count, T, nc)),
         unsolved=np.zeros(count, dtype=np.int64),
         kkt_error=np.zeros(count),
         finite=np.ones(count, dtype=bool),
     )
-
-    if n_directions and law_of(system.law).lifting > 0:
-        raise InputError("the convex relaxation of Coulomb's law ('lifting') needs the exact cone, n_directions=0")
-    body = make_body(system) if n_directions == 0 else None
+    model = make_body(system) or make_links(system)
+    settings, tosses = StepSettings(float(dt), substeps, impact_parts, tolerance), Tosses(q0, v0, steps)
 
     def part(first: int, last: int) -> None:
-        if body is not None:
-            simulate_body(
-                *body, *system.k_res, q0, v0, steps, float(dt), substeps, impact_parts, tolerance, first, last,
-                *out, *cone_work(system.n_corners),
-            )  # fmt: skip
-            return
-        simulate_links(
-            *make_links(system), *system.k_res, q0, v0, steps, float(dt), substeps, impact_parts, tolerance,
-            first, last, *out, *make_scratch(system, n_directions),
-        )  # fmt: skip
+        work, corners = model.make_work(), make_corners(nc, system.nv - 3)
+        state = make_state(system.nq, system.nv, len(system.k_res.b0))
+        simulate_tosses(model, law, system.k_res, solver, settings, tosses, out, work, state, corners, first, last)
 
     over_threads(part, count, n_threads)
     return out

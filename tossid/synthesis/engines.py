@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import DivergedError
+from tossid.physics import ExactCone, PolyhedralCone
 from tossid.physics import simulate as simulate_lcp
 from tossid.physics.effects import World
 from tossid.physics.effects.in_mujoco import inexpressible, toss_in_mujoco
@@ -57,7 +58,7 @@ def _lcp(engine: LcpEngine, world: World, q0: Array, v0: Array, *, n_steps: int,
         dt=dt,
         substeps=engine.substeps,
         impact_parts=engine.impact_parts,
-        n_directions=engine.directions,
+        solver=PolyhedralCone(engine.directions) if engine.directions else ExactCone(),
         n_threads=os.cpu_count() or 1,
     )
     if not done.finite.all():

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from tossid.errors import InputError
 from tossid.objects import OBJECT_FILES, ObjectModel, load_object
-from tossid.physics import Simulation, make_system, simulate
+from tossid.physics import PolyhedralCone, Simulation, make_system, simulate
 from tossid.physics.effects import LIBRARY, Forces, Law, RecordingErrors, World
 from tossid.physics.forces import DRAG, MAGNUS, SPIN, SPRING, TURNING, VORTEX
 from tossid.rotations import matrix_to_quat, quat_boxminus, quat_exp, quat_mul, quat_rotate, quat_to_matrix
@@ -65,9 +65,9 @@ def test_nominal_forces_and_law_are_nothing() -> None:
 
 def test_the_relaxed_law_and_the_polyhedral_cone_are_two_laws(cube: ObjectModel) -> None:
     q, v = np.array([[0, 0, 0.3, 1, 0, 0, 0]]), np.zeros((1, 6))
-    simulate(World(cube, law=Law(rolling=0.1)).system(), q, v, n_steps=2, dt=DT, n_directions=8)
+    simulate(World(cube, law=Law(rolling=0.1)).system(), q, v, n_steps=2, dt=DT, solver=PolyhedralCone(8))
     with pytest.raises(InputError, match="lifting"):
-        simulate(World(cube, law=Law(lifting=1e-3)).system(), q, v, n_steps=2, dt=DT, n_directions=8)
+        simulate(World(cube, law=Law(lifting=1e-3)).system(), q, v, n_steps=2, dt=DT, solver=PolyhedralCone(8))
 
 
 # ---------------------------------------------------------------- flight

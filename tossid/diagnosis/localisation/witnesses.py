@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
 from tossid.diagnosis.findings import Interval, Witness
+from tossid.physics.body import inset
 from tossid.physics.effects import World
-from tossid.physics.single import inset
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_rotate, quat_to_matrix
 from tossid.settings.diagnosis import WitnessSettings
 from tossid.types import Toss

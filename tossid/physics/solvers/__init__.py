@@ -2,13 +2,19 @@
 
 from tossid.physics.solvers.cone import cone_core, cone_kernel, cone_work, solve_cone
 from tossid.physics.solvers.cone_qp import cone_qp_kernel, solve_cone_qp
+from tossid.physics.solvers.exact_cone import ExactCone
 from tossid.physics.solvers.lcp import LcpSolution, lcp_kernel, lcp_work, solve_lcp
+from tossid.physics.solvers.polyhedral_cone import PolyhedralCone
 from tossid.physics.solvers.problem import ContactSolution, SolverStatus, tangent_directions
+from tossid.physics.solvers.registry import ContactSolver, register_solver
 from tossid.physics.solvers.workspace import work_arrays
 
 __all__ = [
     "ContactSolution",
+    "ContactSolver",
+    "ExactCone",
     "LcpSolution",
+    "PolyhedralCone",
     "SolverStatus",
     "cone_core",
     "cone_kernel",
@@ -16,6 +22,7 @@ __all__ = [
     "cone_work",
     "lcp_kernel",
     "lcp_work",
+    "register_solver",
     "solve_cone",
     "solve_cone_qp",
     "solve_lcp",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from tossid.kernels import fused_kernel
+from tossid.kernels import fused_lean_kernel
 from tossid.physics.solvers.workspace import OPEN, SLIP, STICK, cone_exit
 
 _TURNS = 30
@@ -16,7 +16,7 @@ _DESCENTS = 10
 _ANGLES = 16
 
 
-@fused_kernel
+@fused_lean_kernel
 def solve_3x3(A, i, g0, g1, g2):  # type: ignore[no-untyped-def]
     """x = -A_ii^-1 g of the 3x3 diagonal block at row i (LDL^T, pivots floored at 1e-14 of the trace)."""
     b00, b10, b20 = A[i, i], A[i + 1, i], A[i + 2, i]
@@ -34,7 +34,7 @@ def solve_3x3(A, i, g0, g1, g2):  # type: ignore[no-untyped-def]
     return -g0 / d0 - l10 * x1 - l20 * x2, x1, x2
 
 
-@fused_kernel
+@fused_lean_kernel
 def block_qp(A, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
     """Minimise 1/2 x^T A_ii x + g^T x over the cone |x_t| <= mu x_n. Returns (kind, x_n, x_t1, x_t2).
 
@@ -85,7 +85,7 @@ def block_qp(A, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
     return SLIP, s, s * mu * u1, s * mu * u2
 
 
-@fused_kernel
+@fused_lean_kernel
 def slide_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
     """A minimum of 1/2 x^T B x + g^T x over the cone's surface x = s (1, mu u), from the direction u.
 
@@ -125,7 +125,7 @@ def slide_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, u1, u2):  # type: 
     return s, u1, u2, outward
 
 
-@fused_kernel
+@fused_lean_kernel
 def cholesky_solve(V, top, m, x):  # type: ignore[no-untyped-def]
     """Solve H y = V[x] in place by Cholesky; H is the upper triangle of the m rows from V[top], overwritten.
 
@@ -154,7 +154,7 @@ def cholesky_solve(V, top, m, x):  # type: ignore[no-untyped-def]
         V[x, j] = value * V[top + j, j]
 
 
-@fused_kernel
+@fused_lean_kernel
 def lu_solve(V, top, m, x):  # type: ignore[no-untyped-def]
     """Solve H y = V[x] in place by elimination, rows exchanged where needed; H is the m rows from V[top], overwritten.
 
@@ -191,7 +191,7 @@ def lu_solve(V, top, m, x):  # type: ignore[no-untyped-def]
         V[x, j] = value * V[top + j, j]
 
 
-@fused_kernel
+@fused_lean_kernel
 def block_cone(A, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
     """One contact with maximum dissipation: w = A_ii x + g, 0 <= x_n _|_ w_n >= 0, x_t against w_t in the disk.
 
@@ -230,7 +230,7 @@ def block_cone(A, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
     return SLIP, s, s * mu * u1, s * mu * u2
 
 
-@fused_kernel
+@fused_lean_kernel
 def slip_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
     """The slip direction u of `block_cone`, from a guess. Returns (s, u1, u2, solved)."""
     s = 0.0

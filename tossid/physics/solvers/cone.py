@@ -22,7 +22,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import fused_kernel
+from tossid.kernels import fused_inlined_kernel, fused_kernel, fused_lean_kernel
 from tossid.physics.solvers.batches import check_batch, over_threads
 from tossid.physics.solvers.blocks import block_cone, cholesky_solve, lu_solve
 from tossid.physics.solvers.cone_qp import solve_cone_qp
@@ -73,7 +73,7 @@ def cone_work(n: int) -> tuple[Array, NDArray[np.int64]]:
     return work, index
 
 
-@fused_kernel
+@fused_inlined_kernel
 def cone_natural_map(V, lam, w, m):  # type: ignore[no-untyped-def]
     """The KKT error `problem.cone_kkt_error` [m/s] at V[lam], V[w]."""
     worst = 0.0
@@ -92,7 +92,7 @@ def cone_natural_map(V, lam, w, m):  # type: ignore[no-untyped-def]
     return worst
 
 
-@fused_kernel
+@fused_inlined_kernel
 def cone_state(V, index, m):  # type: ignore[no-untyped-def]
     """The states that the natural map names at V[LAM]; False if a Newton step cannot reach them from there."""
     for i in range(m):
@@ -116,7 +116,7 @@ def cone_state(V, index, m):  # type: ignore[no-untyped-def]
     return True
 
 
-@fused_kernel
+@fused_lean_kernel
 def cone_sweep(A, V, index, m):  # type: ignore[no-untyped-def]
     """One pass of projected Gauss-Seidel; V[LAM], V[W] and the states are brought up to date."""
     for i in range(m):
@@ -126,7 +126,7 @@ def cone_sweep(A, V, index, m):  # type: ignore[no-untyped-def]
         shift(A, V, k, x0, x1, x2, m)
 
 
-@fused_kernel
+@fused_lean_kernel
 def cone_newton(A, V, index, m):  # type: ignore[no-untyped-def]
     """Newton step for the states: unknowns as in `qp_newton`, step left in V[X]. Returns its dimension.
 
@@ -180,7 +180,7 @@ def cone_newton(A, V, index, m):  # type: ignore[no-untyped-def]
     return size
 
 
-@fused_kernel
+@fused_lean_kernel
 def cone_solve(A, V, index, m, tolerance, max_iterations):  # type: ignore[no-untyped-def]
     """Solve the contact-major problem A, V[B], V[MU] in place of V[LAM]. Returns (status, kkt_error, iterations)."""
     contact_scales(A, V, m)

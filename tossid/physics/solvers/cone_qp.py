@@ -20,7 +20,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import fused_kernel
+from tossid.kernels import fused_kernel, fused_lean_kernel
 from tossid.physics.solvers.batches import check_batch, over_threads
 from tossid.physics.solvers.blocks import block_qp, cholesky_solve
 from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution
@@ -59,7 +59,7 @@ from tossid.physics.solvers.workspace import (
 _PROXIMAL = 1e-10
 
 
-@fused_kernel
+@fused_lean_kernel
 def qp_kkt_error(V, lam, w, m):  # type: ignore[no-untyped-def]
     """The natural map of the cone programme (`problem.cone_qp_kkt_error`) at V[lam], V[w]."""
     worst = 0.0
@@ -81,7 +81,7 @@ def qp_kkt_error(V, lam, w, m):  # type: ignore[no-untyped-def]
     return worst
 
 
-@fused_kernel
+@fused_lean_kernel
 def qp_sweep(A, V, index, m):  # type: ignore[no-untyped-def]
     """One pass of block coordinate descent; V[LAM], V[W] and the states are brought up to date."""
     for i in range(m):
@@ -91,7 +91,7 @@ def qp_sweep(A, V, index, m):  # type: ignore[no-untyped-def]
         shift(A, V, k, x0, x1, x2, m)
 
 
-@fused_kernel
+@fused_lean_kernel
 def qp_newton(A, V, index, m):  # type: ignore[no-untyped-def]
     """Newton step on the manifold that the states name. Returns its dimension; the step is left in V[X].
 
@@ -152,7 +152,7 @@ def qp_at_rest(V, m):  # type: ignore[no-untyped-def]
     return True
 
 
-@fused_kernel
+@fused_lean_kernel
 def qp_solve(A, V, index, m, tolerance, max_iterations):  # type: ignore[no-untyped-def]
     """Solve the contact-major programme A, V[B], V[MU] in place of V[LAM]. Returns (status, kkt_error, iterations)."""
     contact_scales(A, V, m)

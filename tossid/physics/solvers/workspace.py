@@ -21,7 +21,7 @@ import math
 
 import numpy as np
 
-from tossid.kernels import fused_kernel
+from tossid.kernels import fused_inlined_kernel, fused_kernel, fused_lean_kernel
 
 SOLVED, MAX_ITERATIONS, INFEASIBLE, NOT_FINITE, INACCURATE = 0, 1, 2, 3, 4
 OPEN, STICK, SLIP = 0, 1, 2
@@ -36,7 +36,7 @@ def work_arrays(n):  # type: ignore[no-untyped-def]
     return np.zeros((TOP + 6 * n, 3 * n + 1)), np.zeros((4, 3 * n + 1), dtype=np.int64)
 
 
-@fused_kernel
+@fused_inlined_kernel
 def shift(A, V, k, x0, x1, x2, m):  # type: ignore[no-untyped-def]
     """Set the impulse of the contact at row k to x and bring V[W] up to date."""
     d0, d1, d2 = x0 - V[LAM, k], x1 - V[LAM, k + 1], x2 - V[LAM, k + 2]
@@ -46,7 +46,7 @@ def shift(A, V, k, x0, x1, x2, m):  # type: ignore[no-untyped-def]
             V[W, j] += A[k, j] * d0 + A[k + 1, j] * d1 + A[k + 2, j] * d2
 
 
-@fused_kernel
+@fused_inlined_kernel
 def velocity_without(A, V, k):  # type: ignore[no-untyped-def]
     """Velocity that the contact at row k would have without its own impulse."""
     y0, y1, y2 = V[LAM, k], V[LAM, k + 1], V[LAM, k + 2]
@@ -57,7 +57,7 @@ def velocity_without(A, V, k):  # type: ignore[no-untyped-def]
     )
 
 
-@fused_kernel
+@fused_lean_kernel
 def manifold_step(V, index, m, size, length):  # type: ignore[no-untyped-def]
     """V[TRIAL] = V[LAM] moved along the Newton step by `length`: slipping contacts back on their cones' surface,
 
@@ -82,7 +82,7 @@ def manifold_step(V, index, m, size, length):  # type: ignore[no-untyped-def]
             V[TRIAL, k + 2] *= limit / tangent
 
 
-@fused_kernel
+@fused_lean_kernel
 def cone_exit(y0, y1, y2, d0, d1, d2, mu):  # type: ignore[no-untyped-def]
     """The largest part (at most 1) of the step d that keeps y inside the cone |y_t| <= mu y_n, which it is in."""
     part = 1.0
@@ -99,7 +99,7 @@ def cone_exit(y0, y1, y2, d0, d1, d2, mu):  # type: ignore[no-untyped-def]
     return part
 
 
-@fused_kernel
+@fused_lean_kernel
 def project_row(V, index, row, m):  # type: ignore[no-untyped-def]
     """V[row] = V[TRIAL] (3 m,) in the unknowns of the Newton step, contact after contact."""
     u = 0
@@ -117,7 +117,7 @@ def project_row(V, index, row, m):  # type: ignore[no-untyped-def]
                 u += 1
 
 
-@fused_kernel
+@fused_lean_kernel
 def free_length(V, index, m, size):  # type: ignore[no-untyped-def]
     """The largest part (at most 1) of the Newton step at which no contact opens or leaves its cone."""
     for j in range(3 * m):
@@ -138,7 +138,7 @@ def free_length(V, index, m, size):  # type: ignore[no-untyped-def]
     return length
 
 
-@fused_kernel
+@fused_inlined_kernel
 def multiply(A, V, lam, w, m):  # type: ignore[no-untyped-def]
     """V[w] = A V[lam] + V[B]; A symmetric, contacts without impulse skipped."""
     for j in range(3 * m):
@@ -151,7 +151,7 @@ def multiply(A, V, lam, w, m):  # type: ignore[no-untyped-def]
                 V[w, j] += A[k, j] * y0 + A[k + 1, j] * y1 + A[k + 2, j] * y2
 
 
-@fused_kernel
+@fused_inlined_kernel
 def accept_trial(V, m):  # type: ignore[no-untyped-def]
     """V[LAM], V[W] = V[TRIAL], V[TRIAL_W]."""
     for j in range(3 * m):
@@ -159,7 +159,7 @@ def accept_trial(V, m):  # type: ignore[no-untyped-def]
         V[W, j] = V[TRIAL_W, j]
 
 
-@fused_kernel
+@fused_inlined_kernel
 def contact_scales(A, V, m):  # type: ignore[no-untyped-def]
     """V[SCALE, i] = trace(A_ii) / 3, floored as in `problem.contact_scale`."""
     largest = 0.0
@@ -173,7 +173,7 @@ def contact_scales(A, V, m):  # type: ignore[no-untyped-def]
         V[SCALE, i] = max(V[SCALE, i], floor)
 
 
-@fused_kernel
+@fused_lean_kernel
 def gather(b, mu, active, lam, V, index):  # type: ignore[no-untyped-def]
     """V[B], V[MU], V[LAM] of the active contacts, contact-major; the others' lam cut to 0.
 
@@ -195,7 +195,7 @@ def gather(b, mu, active, lam, V, index):  # type: ignore[no-untyped-def]
     return m, total
 
 
-@fused_kernel
+@fused_lean_kernel
 def gather_matrix(A, local, index, n, m):  # type: ignore[no-untyped-def]
     """The chosen contacts' rows and columns of A into `local`, contact-major."""
     for a in range(m):
@@ -209,7 +209,7 @@ def gather_matrix(A, local, index, n, m):  # type: ignore[no-untyped-def]
                 local[3 * a + t, 3 * b + 2] = A[row, n + 2 * j + 1]
 
 
-@fused_kernel
+@fused_lean_kernel
 def scatter(lam, V, index, n, m, status):  # type: ignore[no-untyped-def]
     """V[LAM] back into the caller's order; all zero if the status is NOT_FINITE."""
     if status == NOT_FINITE:
