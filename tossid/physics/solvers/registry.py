@@ -66,7 +66,7 @@ def register_solver(kind: type) -> Callable[[Callable[..., Any]], Callable[..., 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
         if kind in implemented(solve_contact):
             raise InputError(f"{kind.__name__} has a contact solver already; register a class of another name")
-        note_registered(kind, function)
+        note_registered(__name__, kind, function)
         compiled = function if hasattr(function, "py_func") else fused_kernel(function)
 
         @kernel(keep=False)
