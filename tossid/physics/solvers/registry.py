@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from typing import Any
 
@@ -9,8 +10,11 @@ import numpy as np
 
 from tossid.code_digest import note_registered
 from tossid.errors import InputError
-from tossid.kernels import by_type, fused_kernel, implemented, implements, kernel
+from tossid.kernels import FUSED, by_type, implemented, implements, kernel
 from tossid.physics.solvers.workspace import LAM, MU, B
+
+ARGUMENTS = ("solver", "A", "b", "mu", "lam", "tolerance")
+"""What a registered function takes, in this order."""
 
 ContactSolver = tuple[Any, ...]
 """A contact solver: a NamedTuple of its settings, of a class that is registered.
@@ -60,14 +64,21 @@ def register_solver(kind: type) -> Callable[[Callable[..., Any]], Callable[..., 
         from solved the problem is.
 
     Raises:
-        InputError: the class has a solver already.
+        InputError: the class is no NamedTuple class or has a solver already, or the function takes other arguments.
     """
+    if not (isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields")):
+        raise InputError(f"register_solver was given {kind!r}, expected a NamedTuple class of the solver's settings")
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
         if kind in implemented(solve_contact):
             raise InputError(f"{kind.__name__} has a contact solver already; register a class of another name")
+        taken = list(inspect.signature(getattr(function, "py_func", function)).parameters)
+        if len(taken) != len(ARGUMENTS):
+            raise InputError(
+                f"the contact solver {function.__name__} takes ({', '.join(taken)}), expected ({', '.join(ARGUMENTS)})"
+            )
         note_registered(__name__, kind, function)
-        compiled = function if hasattr(function, "py_func") else fused_kernel(function)
+        compiled = function if hasattr(function, "py_func") else kernel(function, fastmath=FUSED, keep=False)
 
         @kernel(keep=False)
         def in_place(solver, A, V, index, n, tolerance):  # type: ignore[no-untyped-def]

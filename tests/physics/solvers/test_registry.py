@@ -1,0 +1,85 @@
+"""A contact solver of a user's own: registered from here, used in a toss, and refused where it is misused."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from tossid.errors import InputError
+from tossid.objects import ObjectModel
+from tossid.physics import ExactCone, PolyhedralCone, make_system, register_solver, simulate
+from tossid.physics.solvers import SolverStatus, cone_kernel, work_arrays
+
+
+class FromZero(NamedTuple):
+    """The exact cone without the last step's impulses, which a limit on the iterations cuts short."""
+
+    max_iterations: int = 60
+
+
+@register_solver(FromZero)
+def _from_zero(solver: FromZero, A: Any, b: Any, mu: Any, lam: Any, tolerance: float) -> tuple[int, float]:
+    n = len(mu)
+    work, index = work_arrays(n)
+    lam[:] = 0.0
+    status, kkt_error, _ = cone_kernel(
+        A, b, mu, np.ones(n, np.bool_), lam, tolerance, solver.max_iterations, work, index
+    )
+    if status != 0:
+        return SolverStatus.INACCURATE, kkt_error
+    return SolverStatus.SOLVED, kkt_error
+
+
+def landing() -> tuple[np.ndarray, np.ndarray]:
+    """Twenty states just above the ground."""
+    rng = np.random.default_rng(0)
+    q = np.concatenate([np.zeros((20, 2)), np.full((20, 1), 0.11), rng.normal(size=(20, 4))], 1)
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    return q, rng.normal(size=(20, 6)) * [1, 1, 0.3, 6, 6, 6] - [0, 0, 1, 0, 0, 0]
+
+
+def test_a_registered_solver_tosses_like_the_exact_cone(cube: ObjectModel) -> None:
+    """A step's problem reaches it row for row: its impulses are those that the library's solver finds."""
+    system, (q, v) = make_system(cube), landing()
+    own, exact = (
+        simulate(system, q, v, n_steps=10, dt=1 / 148, tolerance=1e-11, solver=solver)
+        for solver in (FromZero(), ExactCone())
+    )
+    assert own.unsolved.sum() == 0
+    assert (own.lam_n > 0).any(axis=(1, 2)).mean() > 0.8
+    # three corners or more share their load in many ways
+    unique = np.cumsum((exact.lam_n > 0).sum(axis=2) > 2, axis=1) == 0
+    assert unique.mean() > 0.6
+    np.testing.assert_allclose(own.q[:, 1:][unique], exact.q[:, 1:][unique], atol=1e-9)
+    np.testing.assert_allclose(own.lam_n[unique], exact.lam_n[unique], atol=1e-9)
+    cut_short = simulate(system, q, v, n_steps=10, dt=1 / 148, tolerance=1e-11, solver=FromZero(1))
+    assert cut_short.unsolved.sum() > 0
+    assert cut_short.kkt_error.max() > 1e-11
+
+
+class Unregistered(NamedTuple):
+    sweeps: int = 1
+
+
+@pytest.mark.parametrize(
+    ("solver", "says"),
+    [
+        (Unregistered(), r"Unregistered\(sweeps=1\) is no registered contact solver; there are ExactCone, From"),
+        (ExactCone, "ExactCone'> is no registered contact solver"),
+        (PolyhedralCone(5), "n_directions is 5, expected an even number from 4"),
+    ],
+)  # fmt: skip
+def test_what_is_no_solver_is_refused_before_the_simulation(cube: ObjectModel, solver: Any, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        simulate(make_system(cube), *landing(), n_steps=1, dt=1 / 148, solver=solver)
+
+
+def test_what_cannot_be_a_solver_is_refused_when_it_is_registered() -> None:
+    with pytest.raises(InputError, match="FromZero has a contact solver already"):
+        register_solver(FromZero)(lambda solver, A, b, mu, lam, tolerance: (0, 0.0))
+    with pytest.raises(InputError, match=r"class 'dict'>, expected a NamedTuple class"):
+        register_solver(dict)
+    with pytest.raises(InputError, match=r"takes \(A, b\), expected \(solver, A, b, mu, lam, tolerance\)"):
+        register_solver(Unregistered)(lambda A, b: (0, 0.0))
