@@ -18,6 +18,7 @@ from tests.copied import Copy
 from tossid import code_digest as digests
 from tossid.code_digest import code_digest, imported_modules, note_registered
 from tossid.kernels import kernel
+from tossid.versions import computing_versions
 
 DIGESTS = """
 import json
@@ -117,6 +118,14 @@ def test_what_a_user_registers_counts(plugin: Path) -> None:
         note_registered("tossid.types", module.scaled)
         found.append(code_digest("tossid.types"))
     assert len({before, *found}) == 3
+
+
+def test_versions_of_what_computes_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = code_digest("tossid.types")
+    for name in ("numpy", "scipy", "numba", "llvmlite", "torch", "mujoco", "python"):
+        other = {**computing_versions(), name: "0.1"}
+        monkeypatch.setattr(digests, "computing_versions", lambda other=other: other)
+        assert code_digest("tossid.types") != before, name
 
 
 def test_what_a_registry_holds_counts_only_where_it_is_reached(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,8 @@
 
 The code of a result is the module that computes it and all that this module imports, directly or through others,
 inside the packages of the project. It is read from the source text, so nothing is imported for it. Comments, docstrings
-and layout do not count. What is registered from outside (an effect, a model, a solver of the user's own) counts too.
+and layout do not count. What is registered from outside (an effect, a model, a solver of the user's own) counts too,
+and so do the versions of the packages that compute (`tossid.versions`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from importlib.util import resolve_name
 from pathlib import Path
 from types import CodeType
 from typing import Any
+
+from tossid.versions import computing_versions
 
 ROOT = Path(__file__).resolve().parents[1]
 """The folder that holds the packages."""
@@ -36,7 +39,8 @@ _outside: dict[str, dict[str, str]] = {}
 
 
 def code_digest(*modules: str) -> str:
-    """Hash of the code that runs when one of the modules computes: their own, and all that they import.
+    """Hash of the code that runs when one of the modules computes: their own, all that they import, and the versions
+    of the packages that compute.
 
     Args:
         modules: names in full, as tossid.training.api.
@@ -48,6 +52,8 @@ def code_digest(*modules: str) -> str:
         KeyError: there is no such module in the packages of the project.
     """
     found = hashlib.sha256(_digest_of_modules(modules).encode())
+    for name, version in sorted(computing_versions().items()):
+        found.update(f"{name} {version}\n".encode())
     reached = imported_modules(*modules) if _outside else frozenset()
     for registry in sorted(reached & _outside.keys()):
         for name, digest in sorted(_outside[registry].items()):

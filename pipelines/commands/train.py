@@ -45,7 +45,9 @@ def run(config: TrainConfig, console: Console) -> dict[str, Any]:
     with only_writer(folder / "training"):
         unfinished = Unfinished(folder / "under_way", code=code_digest("tossid.training.api"))
         if unfinished.of_other_code():
-            console.say(f"{unfinished.folder}: the code has changed since; training begins anew")
+            console.say(
+                f"{unfinished.folder}: the code, or a package that computes, has changed since; training begins anew"
+            )
         if config.restart or unfinished.of_other_code():
             unfinished.clear()
         return _train(replace(config, data=data), console, fit, sha256, folder, unfinished)

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import subprocess
 from functools import cache
-from importlib import metadata
 from pathlib import Path
+
+from tossid.versions import package_version
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def version() -> str:
     """The installed version."""
-    try:
-        return metadata.version("tossid")
-    except metadata.PackageNotFoundError:
-        return "unknown"
+    return package_version("tossid")
 
 
 @cache

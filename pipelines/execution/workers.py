@@ -29,6 +29,7 @@ from urllib.parse import urlsplit
 from pipelines.config.schemas.launching import DaskLauncher, Launcher, ProcessesLauncher, SlurmLauncher
 from tossid.code_digest import PACKAGES, code_digest
 from tossid.errors import ConfigError, FileError, InputError, SolverError, TossidError
+from tossid.versions import computing_versions, differing_versions
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -51,8 +52,8 @@ class Workers:
     count: int
 
     def submit(self, function: Callable[..., R], *args: Any) -> Future[R]:
-        """Give a call to a worker, which refuses it if it has other code."""
-        return self.executor.submit(_with_code, _code_of(function), function, *args)
+        """Give a call to a worker, which refuses it if it has other code or other versions of what computes."""
+        return self.executor.submit(_with_code, _code_of(function), computing_versions(), function, *args)
 
 
 def as_done(
@@ -118,8 +119,12 @@ def _code_of(function: Callable[..., Any]) -> str:
     return code_digest(module if module.partition(".")[0] in PACKAGES else __name__)
 
 
-def _with_code(code: str, function: Callable[..., R], *args: Any) -> R:
-    """Call it, unless this worker's code would give other numbers."""
+def _with_code(code: str, versions: dict[str, str], function: Callable[..., R], *args: Any) -> R:
+    """Call it, unless this worker's code or packages would give other numbers."""
+    differing = differing_versions(computing_versions(), versions)
+    if differing:
+        pairs = ", ".join(f"{name} {here} (the command has {there})" for name, here, there in differing)
+        raise InputError(f"a worker has {pairs}; install the same on both")
     if _code_of(function) != code:
         raise InputError("a worker has another version of tossid than the command; install the same on both")
     return function(*args)

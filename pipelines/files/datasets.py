@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from pipelines.commands.info import show
 from pipelines.config.compose import as_plain
 from pipelines.execution.code_version import commit, version
 from tossid.store import dataset_info
+from tossid.versions import computing_versions
 
 Lineage = Mapping[str, str | int | float | bool]
 
@@ -36,6 +38,7 @@ def provenance(command: str, config: Any, lineage: Lineage) -> dict[str, str | i
         "command": f"tossid {command}",
         "version": version(),
         "commit": commit(),
+        "versions": json.dumps(computing_versions()),
         "config": yaml.safe_dump(keys, sort_keys=False, allow_unicode=True),
         **lineage,
     }

@@ -24,6 +24,7 @@ from pipelines.tracking.mlflow_store import client, experiment_id, is_remote
 from pipelines.tracking.outbox import UNSENT, Outbox, send_unsent
 from pipelines.tracking.runs import CHECKPOINT, COMMAND_TAG, CONFIG, EXPERIMENT, RunRecord, record_of
 from tossid.outputs import only_writer
+from tossid.versions import computing_versions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -154,6 +155,7 @@ def tracked_run(
     run = _left(store, resume, experiment)
     if run is None:
         all_tags = {COMMAND_TAG: command, "tossid.version": version(), **(tags or {})}
+        all_tags |= {f"version.{name}": value for name, value in computing_versions().items()}
         if commit():
             all_tags["mlflow.source.git.commit"] = commit()
         all_tags |= {"mlflow.source.name": f"tossid {command}", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}

@@ -27,7 +27,9 @@ def trained(cube: ObjectModel, name: str) -> TrainedModel:
         for parameter in model.state_dict().values():
             parameter += 0.01 * torch.from_numpy(rng.normal(size=tuple(parameter.shape)))
     record = EpochRecord("contact", 1, 0.2, 0.1, {"prediction": 0.2}, 3, 0.01, True)
-    return TrainedModel(model, settings, {"friction": 0.2}, (record,), 1.5, Path("/data/tosses.h5"), "a" * 64)
+    return TrainedModel(
+        model, settings, {"friction": 0.2}, (record,), 1.5, Path("/data/tosses.h5"), "a" * 64, {"numpy": "2.4.1"}
+    )
 
 
 def same_motion(one: TrainedModel, other: TrainedModel) -> None:
@@ -41,7 +43,7 @@ def same_motion(one: TrainedModel, other: TrainedModel) -> None:
 def test_what_is_saved_comes_back(cube: ObjectModel, tmp_path: Path, name: str) -> None:
     before = trained(cube, name)
     after = TrainedModel.load(before.save(tmp_path / "model.pt"))
-    for field in ("settings", "parameters", "history", "seconds", "data", "sha256", "name"):
+    for field in ("settings", "parameters", "history", "seconds", "data", "sha256", "name", "versions"):
         assert getattr(after, field) == getattr(before, field), field
     same_motion(before, after)
 
@@ -90,6 +92,13 @@ def test_a_checkpoint_of_the_schema_before_opens(cube: ObjectModel, tmp_path: Pa
     assert opened.data == Path("/data/tosses.h5")
     assert opened.parameters == opened.model.parameters_report()
     same_motion(now, opened)
+
+
+def test_a_checkpoint_without_versions_opens(cube: ObjectModel, tmp_path: Path) -> None:
+    content = torch.load(_bytes(checkpoint_bytes(trained(cube, "cn")), tmp_path), weights_only=True)
+    del content["versions"]
+    torch.save(content, tmp_path / "earlier.pt")
+    assert TrainedModel.load(tmp_path / "earlier.pt").versions == {}
 
 
 def _bytes(content: bytes, folder: Path) -> Path:

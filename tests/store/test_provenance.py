@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+
+import numpy as np
 import yaml
 
 from tossid.settings.synthesis import SynthesizeSettings
@@ -14,5 +17,6 @@ def test_the_settings_can_be_read_back() -> None:
     )
     config = yaml.safe_load(str(made["config"]))
     assert made["command"] == "tossid.synthesize"
+    assert json.loads(str(made["versions"]))["numpy"] == np.__version__
     assert (config["object"], config["tosses"], config["effects"]) == ("cube", 3, {"wind": {"x_ms": 1.0}})
     assert config["splits"] == [0.5, 0.3, 0.2]

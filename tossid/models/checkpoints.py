@@ -42,6 +42,7 @@ def checkpoint_bytes(trained: TrainedModel) -> bytes:
         "parameters": trained.parameters,
         "history": [asdict(record) for record in trained.history],
         "seconds": trained.seconds,
+        "versions": trained.versions,
     }
     return tensor_bytes(content)
 
@@ -93,6 +94,7 @@ def _trained(content: dict[str, Any]) -> TrainedModel:
         content["seconds"],
         None if content["data"] is None else Path(content["data"]),
         content["sha256"],
+        dict(content.get("versions", {})),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from itertools import groupby
 from pathlib import Path
@@ -56,6 +56,7 @@ class TrainedModel:
         seconds: How long training took, interrupted sessions included.
         data: The dataset's file, None for one in memory.
         sha256: Of that file; of a dataset in memory, of its training tosses.
+        versions: Of Python and of the packages that computed it, by name; empty where its file does not say.
     """
 
     model: DynamicsModel
@@ -65,6 +66,7 @@ class TrainedModel:
     seconds: float = 0.0
     data: Path | None = None
     sha256: str = ""
+    versions: dict[str, str] = field(default_factory=dict)
 
     @property
     def name(self) -> str:

@@ -21,6 +21,7 @@ from tossid.store import Dataset
 from tossid.training.fit import Fit
 from tossid.training.uncertainty import parameter_intervals
 from tossid.types import Toss
+from tossid.versions import computing_versions
 
 Progress = Callable[[str, float], None]
 """Called with what is done now, and the share of the most epochs that is done."""
@@ -122,7 +123,10 @@ def fit_model(
     intervals = parameter_intervals(fit, seed=fit.settings.seed)
     if intervals is not None:
         parameters["uncertainty"] = intervals
-    return TrainedModel(fit.model, fit.settings, parameters, tuple(history), took, None, fingerprint(fit.train_tosses))
+    sha256 = fingerprint(fit.train_tosses)
+    return TrainedModel(
+        fit.model, fit.settings, parameters, tuple(history), took, sha256=sha256, versions=computing_versions()
+    )
 
 
 def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:

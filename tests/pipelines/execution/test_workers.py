@@ -23,6 +23,7 @@ from pipelines.tracking.runs import find_runs
 from tests.pipelines.cluster import cluster, wait_for
 from tests.pipelines.conftest import one_line
 from tossid.errors import ConfigError, FileError, InputError, SolverError, TossidError
+from tossid.versions import computing_versions
 
 HERE = ProcessesLauncher("processes")
 
@@ -63,7 +64,13 @@ def test_a_process_that_dies_ends_the_command_with_one_line() -> None:
 
 def test_other_code_gives_no_numbers() -> None:
     with pytest.raises(InputError, match="another version of tossid"):
-        _with_code("an older one's hash", halved, 2)
+        _with_code("an older one's hash", computing_versions(), halved, 2)
+
+
+def test_other_packages_give_no_numbers() -> None:
+    here, there = computing_versions()["numpy"], {**computing_versions(), "numpy": "1.0"}
+    with pytest.raises(InputError, match=rf"a worker has numpy {here} \(the command has 1\.0\); install the same"):
+        _with_code("of any code", there, halved, 2)
 
 
 def test_no_scheduler_there(project: Path, capfd: pytest.CaptureFixture[str]) -> None:

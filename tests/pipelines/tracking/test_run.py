@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pipelines.tracking.run import tracked_run
@@ -38,6 +39,7 @@ def test_a_run_with_all_it_has(store: Path) -> None:
     assert len(client.get_metric_history(run.id, "loss")) == 1200
     assert metric_history(run.id, "validation")[7] == (7, 7.0)
     assert seen.data.tags["tossid.command"] == "train"
+    assert seen.data.tags["version.numpy"] == np.__version__
     assert seen.inputs is not None
     dataset = seen.inputs.dataset_inputs[0]
     assert str(store / "data.h5") in dataset.dataset.source
