@@ -53,7 +53,7 @@ def _folder(path: Path) -> dict[str, Any]:
 
 def _recording(path: Path) -> dict[str, Any]:
     from tossid.objects import recorded_object
-    from tossid.vision.recordings.frames import read_recording
+    from tossid.vision.recordings.formats.frames import read_recording
 
     recording = read_recording(path)
     times = [file.t_ns for files in recording.frames.values() for file in files]

@@ -47,7 +47,7 @@ def run(config: SynthesizeConfig, console: Console) -> dict[str, Any]:
         "truth_sha256": file_sha256(out / TRUTH),
     }
     if config.frames:
-        from tossid.vision.recordings.frames import read_recording
+        from tossid.vision.recordings.formats.frames import read_recording
 
         recording = read_recording(out)
         result |= {"n_images": recording.n_frames, "cameras": tuple(camera.name for camera in recording.cameras)}

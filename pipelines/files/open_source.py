@@ -12,7 +12,7 @@ from tossid.outputs import recover_folder
 from tossid.settings.objects import ObjectSettings
 from tossid.types import PoseTrack
 from tossid.vision.ingest import with_object
-from tossid.vision.recordings.frames import FramesSource
+from tossid.vision.recordings.formats.frames import FramesSource
 from tossid.vision.recordings.npz import read_tracks
 from tossid.vision.recordings.registry import Contents, Opened, open_recording, recognized_format
 

@@ -18,7 +18,7 @@ from tossid.synthesis.film import RENDERERS, TRUE_FILM, TRUE_VIEWS
 from tossid.synthesis.synthesize import synthesize
 from tossid.vision.cameras.shutter import poses_at
 from tossid.vision.detection.detect import detect_frames
-from tossid.vision.recordings.frames import read_recording
+from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.recordings.npz import read_tracks
 from tossid.vision.setup.faces import tag_corners
 

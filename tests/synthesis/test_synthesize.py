@@ -10,7 +10,7 @@ import pytest
 import tossid
 from tossid.errors import ConfigError, InputError
 from tossid.settings.synthesis import NoiseSettings
-from tossid.vision.recordings.frames import read_recording
+from tossid.vision.recordings.formats.frames import read_recording
 
 SMALL = {"tosses": 4, "seconds": 0.5, "engine": "lcp"}
 

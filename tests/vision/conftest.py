@@ -12,7 +12,7 @@ from tossid.objects import ObjectModel
 from tossid.synthesis.timeline import Timeline, make_timeline, render_timeline
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
-from tossid.vision.recordings.frames import read_recording
+from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.recordings.recording import Recording
 from tossid.vision.recordings.writing import RecordingWriter
 from tossid.vision.setup.faces import default_tags

@@ -21,7 +21,7 @@ from tossid.store.importers.registry import FORMATS, Imported, register_importer
 from tossid.types import Phase, PoseTrack, Toss
 from tossid.vision.ingest import ingest_source
 from tossid.vision.progress import IngestWarning, Progress
-from tossid.vision.recordings.frames import FramesSource
+from tossid.vision.recordings.formats.frames import FramesSource
 
 
 @pytest.fixture(scope="module")

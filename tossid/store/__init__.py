@@ -1,28 +1,60 @@
-"""The store: toss datasets in HDF5, and importers of other people's recordings. Only this room opens HDF5."""
+"""The store: toss datasets in HDF5, and importers of other people's recordings. Only this room opens HDF5.
 
-from tossid.store.dataset import Dataset
-from tossid.store.hashing import file_sha256, source_sha256
-from tossid.store.importers import read_contactnets, read_pll, read_tum, write_tum
-from tossid.store.reading import dataset_info, open_dataset, read_dataset
-from tossid.store.schema import KNOWN_SCHEMAS, SCHEMA
-from tossid.store.splits import draw_splits, drawn_splits
-from tossid.store.writing import dataset_writer, write_dataset
+Every name below is imported when it is first used: the command line reads the importers' settings, which lie in this
+room, for its help pages.
+"""
 
-__all__ = [
-    "Dataset",
-    "KNOWN_SCHEMAS",
-    "SCHEMA",
-    "dataset_info",
-    "dataset_writer",
-    "draw_splits",
-    "drawn_splits",
-    "file_sha256",
-    "open_dataset",
-    "read_contactnets",
-    "read_dataset",
-    "read_pll",
-    "read_tum",
-    "source_sha256",
-    "write_dataset",
-    "write_tum",
-]
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tossid.store.dataset import Dataset as Dataset
+    from tossid.store.hashing import file_sha256 as file_sha256
+    from tossid.store.hashing import source_sha256 as source_sha256
+    from tossid.store.importers.contactnets import read_contactnets as read_contactnets
+    from tossid.store.importers.pll import read_pll as read_pll
+    from tossid.store.importers.tum import read_tum as read_tum
+    from tossid.store.importers.tum import write_tum as write_tum
+    from tossid.store.reading import dataset_info as dataset_info
+    from tossid.store.reading import open_dataset as open_dataset
+    from tossid.store.reading import read_dataset as read_dataset
+    from tossid.store.schema import KNOWN_SCHEMAS as KNOWN_SCHEMAS
+    from tossid.store.schema import SCHEMA as SCHEMA
+    from tossid.store.splits import draw_splits as draw_splits
+    from tossid.store.splits import drawn_splits as drawn_splits
+    from tossid.store.writing import dataset_writer as dataset_writer
+    from tossid.store.writing import write_dataset as write_dataset
+
+_HOMES = {
+    "Dataset": "tossid.store.dataset",
+    "file_sha256": "tossid.store.hashing",
+    "source_sha256": "tossid.store.hashing",
+    "read_contactnets": "tossid.store.importers.contactnets",
+    "read_pll": "tossid.store.importers.pll",
+    "read_tum": "tossid.store.importers.tum",
+    "write_tum": "tossid.store.importers.tum",
+    "dataset_info": "tossid.store.reading",
+    "open_dataset": "tossid.store.reading",
+    "read_dataset": "tossid.store.reading",
+    "KNOWN_SCHEMAS": "tossid.store.schema",
+    "SCHEMA": "tossid.store.schema",
+    "draw_splits": "tossid.store.splits",
+    "drawn_splits": "tossid.store.splits",
+    "dataset_writer": "tossid.store.writing",
+    "write_dataset": "tossid.store.writing",
+}
+"""The public names, and the module that defines each."""
+
+__all__ = [*_HOMES]
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> Any:
+        """A public name, imported now (PEP 562)."""
+        if name not in _HOMES:
+            raise AttributeError(f"module '{__name__}' has no attribute {name!r}")
+        value = getattr(importlib.import_module(_HOMES[name]), name)
+        globals()[name] = value
+        return value

@@ -87,7 +87,7 @@ def test_help_imports_nothing_heavy(project: Path) -> None:
         "heavy &= set(sys.modules)\n"
         "sys.exit(f'imported {heavy}' if heavy or code else 0)"
     )
-    for args in (["--help"], ["train", "--help"], ["diagnose", "--help"]):
+    for args in (["--help"], ["train", "--help"], ["diagnose", "--help"], ["ingest", "--help"]):
         done = subprocess.run([sys.executable, "-c", script, *args], capture_output=True, text=True, timeout=60)
         assert done.returncode == 0, done.stderr
 

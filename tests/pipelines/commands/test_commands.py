@@ -35,7 +35,7 @@ from tossid.store import file_sha256, read_dataset, write_tum
 from tossid.synthesis.tosses import make_tosses
 from tossid.types import Phase
 from tossid.vision.pose_graph.stream import track_stream
-from tossid.vision.recordings.frames import read_recording
+from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.recordings.npz import read_detections
 from tossid.vision.setup.calibration import read_cameras
 

@@ -18,7 +18,7 @@ from tossid.settings.ingestion import DetectSettings
 from tossid.settings.segmentation import SegmentSettings
 from tossid.settings.tracking import TrackSettings
 from tossid.store.importers import ContactNetsSource
-from tossid.vision.recordings.frames import FramesSource
+from tossid.vision.recordings.formats.frames import FramesSource
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.store.importers.folders import scaled
+from tests.store.folders import scaled
 from tests.store.makers import HALF
 from tossid.errors import FileError, InputError
 from tossid.store import read_contactnets

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.store.importers.folders import save
+from tests.store.folders import save
 from tests.store.makers import pll_rows
 from tossid.errors import FileError, InputError
 from tossid.rotations import quat_boxminus

@@ -21,7 +21,7 @@ from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.detection import detect
 from tossid.vision.detection.detect import TagFinder, detect_frames
-from tossid.vision.recordings.frames import read_recording
+from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.rendering.render import Renderer
 from tossid.vision.setup.faces import tag_corners
 from tossid.vision.setup.layout import FAMILIES, Body, BodyTag, TagLayout

@@ -23,7 +23,7 @@ from tossid.vision.pose_graph.graph import solve
 from tossid.vision.pose_graph.initial import initialise
 from tossid.vision.pose_graph.scene import observe
 from tossid.vision.pose_graph.track import Tracked, track_scene
-from tossid.vision.recordings.bags import read_bag_detections
+from tossid.vision.recordings.formats.bags import read_bag_detections
 from tossid.vision.setup.calibration import read_cameras
 from tossid.vision.setup.layout import Body, BodyTag, Coordinate, Distance, TagLayout, layout_of
 from tossid.vision.setup.tagslam import read_tagslam

@@ -11,7 +11,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from tests.vision.bags import CAMERAS, STORES, header, write_bag
 from tossid.errors import FileError, InputError
-from tossid.vision.recordings.bags import read_bag_detections
+from tossid.vision.recordings.formats.bags import read_bag_detections
 from tossid.vision.recordings.rosbag import grey_image
 
 

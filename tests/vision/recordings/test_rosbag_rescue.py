@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.vision.bags import CAMERAS, write_bag
-from tossid.vision.recordings.bags import read_bag_detections
+from tossid.vision.recordings.formats.bags import read_bag_detections
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 0.98])

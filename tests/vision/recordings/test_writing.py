@@ -11,7 +11,7 @@ from tossid.errors import InputError, OutputError
 from tossid.objects import ObjectModel
 from tossid.types import Frame
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.recordings.frames import read_recording
+from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.recordings.writing import RecordingWriter, write_recording
 from tossid.vision.setup.layout import layout_of
 

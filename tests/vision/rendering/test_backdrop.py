@@ -18,7 +18,7 @@ from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.cameras.shutter import poses_at
 from tossid.vision.detection.detect import detect_frames
-from tossid.vision.recordings.frames import read_recording
+from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.recordings.recording import Recording
 from tossid.vision.recordings.writing import RecordingWriter
 from tossid.vision.rendering.backdrop import KINDS, scatter

@@ -5,26 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Literal
 
 from tossid.errors import FileError, InputError
-from tossid.objects import ObjectModel
 from tossid.settings.ingestion import ImportLimits
 from tossid.settings.kinds import Positive, advanced_part
-from tossid.store.importers.checks import (
-    DEFAULT_LIMITS,
-    check_rate,
-    check_velocities,
-    checked_track,
-    files_of,
-    has_columns,
-    read_tensor,
-    tracks_of,
-)
 from tossid.store.importers.registry import Imported, register_importer
-from tossid.types import PoseTrack
+
+if TYPE_CHECKING:
+    from tossid.objects import ObjectModel
+    from tossid.types import PoseTrack
 
 COLUMNS = 19
 """Position (3), quaternion wxyz (4), velocity (3), angular velocity (3, body), unused (6)."""
@@ -57,7 +47,7 @@ class ContactNetsSource:
 
 
 def read_contactnets(
-    folder: Path, *, half_width: float = HALF_WIDTH, rate_hz: float = RATE, limits: ImportLimits = DEFAULT_LIMITS
+    folder: Path, *, half_width: float = HALF_WIDTH, rate_hz: float = RATE, limits: ImportLimits = ImportLimits()
 ) -> Sequence[PoseTrack]:
     """The tracks in a folder of `N.pt`, each a tensor (1, n, 19) or (n, 19), with lengths in half widths of the cube.
 
@@ -75,6 +65,17 @@ def read_contactnets(
         FileError: A file or the folder is not what it should be; names file and row.
         InputError: The half width or the rate is not positive.
     """
+    import numpy as np
+
+    from tossid.store.import_checks import (
+        check_rate,
+        check_velocities,
+        checked_track,
+        files_of,
+        read_tensor,
+        tracks_of,
+    )
+
     check_rate(rate_hz)
     if not (np.isfinite(half_width) and half_width > 0):
         raise InputError(f"the half width is {half_width} m, expected a positive number")
@@ -103,4 +104,10 @@ def _import(source: ContactNetsSource, model: ObjectModel) -> Imported:
     return Imported(tracks, source.rate_hz)
 
 
-register_importer(ContactNetsSource, _import, recognizes=lambda path: has_columns(path, (COLUMNS,)))
+def _recognizes(path: Path) -> bool:
+    from tossid.store.import_checks import has_columns
+
+    return has_columns(path, (COLUMNS,))
+
+
+register_importer(ContactNetsSource, _import, recognizes=_recognizes)

@@ -5,26 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Literal
 
 from tossid.errors import FileError, InputError
-from tossid.objects import ObjectModel
 from tossid.settings.ingestion import ImportLimits
 from tossid.settings.kinds import Positive, advanced_part
-from tossid.store.importers.checks import (
-    DEFAULT_LIMITS,
-    check_rate,
-    check_velocities,
-    checked_track,
-    files_of,
-    has_columns,
-    read_tensor,
-    tracks_of,
-)
 from tossid.store.importers.registry import Imported, register_importer
-from tossid.types import PoseTrack
+
+if TYPE_CHECKING:
+    from tossid.objects import ObjectModel
+    from tossid.types import PoseTrack
 
 COLUMNS = (13, 15)
 """Of an object without and with a joint."""
@@ -47,7 +37,7 @@ class PllSource:
 
 
 def read_pll(
-    folder: Path, *, n_joints: int, rate_hz: float = RATE, limits: ImportLimits = DEFAULT_LIMITS
+    folder: Path, *, n_joints: int, rate_hz: float = RATE, limits: ImportLimits = ImportLimits()
 ) -> Sequence[PoseTrack]:
     """The tracks in a folder of `N.pt`, each a tensor (n, 13 or 15) in metres and radians.
 
@@ -69,6 +59,17 @@ def read_pll(
         FileError: A file or the folder is not what it should be; names file and row.
         InputError: The object has more than one joint, or the rate is not positive.
     """
+    import numpy as np
+
+    from tossid.store.import_checks import (
+        check_rate,
+        check_velocities,
+        checked_track,
+        files_of,
+        read_tensor,
+        tracks_of,
+    )
+
     check_rate(rate_hz)
     if n_joints not in (0, 1):
         raise InputError(f"the pll format has no or one joint, the object has {n_joints}")
@@ -99,4 +100,10 @@ def _import(source: PllSource, model: ObjectModel) -> Imported:
     return Imported(tracks, source.rate_hz)
 
 
-register_importer(PllSource, _import, recognizes=lambda path: has_columns(path, COLUMNS), default_object="elbow")
+def _recognizes(path: Path) -> bool:
+    from tossid.store.import_checks import has_columns
+
+    return has_columns(path, COLUMNS)
+
+
+register_importer(PllSource, _import, recognizes=_recognizes, default_object="elbow")

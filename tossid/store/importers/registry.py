@@ -2,7 +2,8 @@
 
 A format is one file with a frozen dataclass of settings (its `name` is the format's) and one call of
 `register_importer` for tracked poses and ready tosses, or of `tossid.vision.recordings.registry.register_recording`
-for recordings of cameras.
+for recordings of cameras. Help pages and completion import every format's file for its settings, so the formats of
+tossid import numpy and other heavy libraries inside the functions that read.
 """
 
 from __future__ import annotations
@@ -11,11 +12,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from tossid.code_digest import note_registered
-from tossid.objects import ObjectModel
-from tossid.types import PoseTrack
+
+if TYPE_CHECKING:
+    from tossid.objects import ObjectModel
+    from tossid.types import PoseTrack
 
 S = TypeVar("S")
 

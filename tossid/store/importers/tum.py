@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Literal
 
 from tossid.errors import FileError, InputError
-from tossid.objects import ObjectModel
 from tossid.outputs import write_whole
-from tossid.rotations import wxyz_to_xyzw, xyzw_to_wxyz
 from tossid.settings.ingestion import ImportLimits
 from tossid.settings.kinds import advanced_part
-from tossid.store.importers.checks import DEFAULT_LIMITS, checked_track, files_of, tracks_of
 from tossid.store.importers.registry import Imported, holds, register_importer
-from tossid.types import PoseTrack, Toss
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from tossid.objects import ObjectModel
+    from tossid.types import PoseTrack, Toss
+
+    Array = NDArray[np.float64]
 
 _JOINTS = ".joints.txt"
 _SAME_TIME = 1e-6
@@ -40,7 +40,7 @@ class TumSource:
     """values beyond which units are taken to be wrong"""
 
 
-def read_tum(folder: Path, *, n_joints: int, limits: ImportLimits = DEFAULT_LIMITS) -> Sequence[PoseTrack]:
+def read_tum(folder: Path, *, n_joints: int, limits: ImportLimits = ImportLimits()) -> Sequence[PoseTrack]:
     """The tracks in a folder of `NAME.txt`, and for an articulated object `NAME.joints.txt` beside each.
 
     A pose is that of the object's first link in a world with z up and ground
@@ -58,6 +58,8 @@ def read_tum(folder: Path, *, n_joints: int, limits: ImportLimits = DEFAULT_LIMI
     Raises:
         FileError: A file is missing or is not what it should be; names file and line.
     """
+    from tossid.store.import_checks import files_of, tracks_of
+
     folder = Path(folder)
     tracks = tracks_of(files_of(folder, ".txt", but_not=_JOINTS), lambda path: _read_track(path, n_joints, limits))
     for _ in tracks:  # every file is checked now
@@ -66,6 +68,11 @@ def read_tum(folder: Path, *, n_joints: int, limits: ImportLimits = DEFAULT_LIMI
 
 
 def _read_track(path: Path, n_joints: int, limits: ImportLimits) -> PoseTrack:
+    import numpy as np
+
+    from tossid.rotations import xyzw_to_wxyz
+    from tossid.store.import_checks import checked_track
+
     rows, lines = _read_rows(path, 8, "timestamp tx ty tz qx qy qz qw")
     t = rows[:, 0].copy()
     q = np.concatenate([rows[:, 1:4], xyzw_to_wxyz(rows[:, 4:8])], axis=1)
@@ -90,6 +97,10 @@ def write_tum(folder: Path, tracks: Sequence[PoseTrack | Toss]) -> None:
         InputError: A track's name cannot be a file's.
         OutputError: The folder cannot be written.
     """
+    import numpy as np
+
+    from tossid.rotations import wxyz_to_xyzw
+
     folder = Path(folder)
     for track in tracks:
         if not track.name or "/" in track.name or track.name.endswith(".joints"):
@@ -107,6 +118,8 @@ def _text(header: str, rows: Array) -> bytes:
 
 
 def _read_joints(path: Path, t: Array, n_joints: int) -> Array:
+    import numpy as np
+
     rows, lines = _read_rows(path, 1 + n_joints, "timestamp" + " angle" * n_joints)
     if len(rows) != len(t):
         raise FileError(path, f"has {len(rows)} rows, the poses beside it have {len(t)}")
@@ -122,6 +135,8 @@ def _read_joints(path: Path, t: Array, n_joints: int) -> Array:
 
 def _read_rows(path: Path, columns: int, form: str) -> tuple[Array, list[int]]:
     """Numbers of a text file (n, columns), and the line of each row, counted from 1."""
+    import numpy as np
+
     try:
         if path.stat().st_size > _MAX_FILE:
             raise FileError(path, f"is larger than {_MAX_FILE >> 20} MiB, expected one toss as text")

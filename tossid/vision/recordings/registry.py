@@ -10,17 +10,19 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from tossid import store
 from tossid.errors import ConfigError, FileError
-from tossid.objects import ObjectModel
+from tossid.store import importers
 from tossid.store.importers.registry import FORMATS, Contents, InputFormat, register
-from tossid.types import Detection
-from tossid.vision import recordings
-from tossid.vision.cameras.camera import Camera
-from tossid.vision.recordings.recording import Recording
-from tossid.vision.setup.layout import TagLayout
+from tossid.vision.recordings import formats
+
+if TYPE_CHECKING:
+    from tossid.objects import ObjectModel
+    from tossid.types import Detection
+    from tossid.vision.cameras.camera import Camera
+    from tossid.vision.recordings.recording import Recording
+    from tossid.vision.setup.layout import TagLayout
 
 S = TypeVar("S")
 
@@ -102,7 +104,7 @@ def input_formats() -> dict[str, InputFormat]:
 @cache
 def _load_formats() -> None:
     """Import the modules that register formats."""
-    for package in (store.importers, recordings):
+    for package in (importers, formats):
         _import_modules(package)
     for plugin in entry_points(group=PLUGINS):
         plugin.load()

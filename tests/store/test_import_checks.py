@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.store.importers.folders import save, scaled
+from tests.store.folders import save, scaled
 from tests.store.makers import HALF, pll_rows
 from tossid.errors import FileError
 from tossid.rotations import wxyz_to_xyzw

@@ -12,7 +12,7 @@ from tests.vision.bags import CAMERAS, CORNERS, PICTURES, write_bag
 from tossid.errors import FileError
 from tossid.objects import ObjectModel
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.recordings.bags import read_bag_detections, read_bag_images
+from tossid.vision.recordings.formats.bags import read_bag_detections, read_bag_images
 from tossid.vision.recordings.rosbag import Bag
 from tossid.vision.setup.calibration import read_cameras, write_cameras
 from tossid.vision.setup.layout import layout_of

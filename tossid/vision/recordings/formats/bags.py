@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, Literal
 
 from tossid.errors import FileError
-from tossid.types import Detection
-from tossid.vision.cameras.camera import Camera
-from tossid.vision.recordings.recording import FrameFile, Recording, in_order, read_set_up
 from tossid.vision.recordings.registry import Opened, register_recording
-from tossid.vision.recordings.rosbag import IMAGE_TYPES, SUFFIXES, Bag, as_defined, find_bags, grey_image, stamp
-from tossid.vision.setup.tagslam import number
 
-Image = NDArray[np.uint8]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from tossid.types import Detection
+    from tossid.vision.cameras.camera import Camera
+    from tossid.vision.recordings.recording import FrameFile, Recording
+    from tossid.vision.recordings.rosbag import Bag
+
+    Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +74,8 @@ def read_bag_detections(path: Path, cameras: Sequence[Camera], *, sigma: float) 
     Raises:
         FileError: There is no bag, it is damaged, or it has none of these topics.
     """
+    from tossid.vision.recordings.rosbag import Bag, as_defined, find_bags, stamp
+
     found: list[Detection] = []
     n_frames = dict.fromkeys((camera.name for camera in cameras), 0)
     problems: list[str] = []
@@ -98,6 +101,10 @@ def read_bag_detections(path: Path, cameras: Sequence[Camera], *, sigma: float) 
 
 
 def _detections(path: Path, camera: Camera, t_ns: int, message: Any, sigma: float) -> list[Detection]:
+    import numpy as np
+
+    from tossid.types import Detection
+
     rows = getattr(message, "apriltags", None)
     rows = getattr(message, "detections", None) if rows is None else rows
     if rows is None:
@@ -125,6 +132,8 @@ class BagImages:
 
     def images(self, files: Sequence[FrameFile]) -> Iterator[Image]:
         """Messages by their time of recording."""
+        from tossid.vision.recordings.rosbag import Bag, as_defined, grey_image
+
         if not files:
             return
         wanted = {file.index for file in files}
@@ -139,6 +148,8 @@ class BagImages:
 
 def image_topics(bag: Bag, cameras: Sequence[Camera]) -> dict[str, str]:
     """The topic of each camera's images in a bag (`rostopic` of cameras.yaml, plain or compressed)."""
+    from tossid.vision.recordings.rosbag import IMAGE_TYPES
+
     found = {}
     for camera in cameras:
         plain = camera.image_topic.lstrip("/")
@@ -161,6 +172,9 @@ def read_bag_images(path: str | Path, folder: Path | None = None) -> Recording:
     Raises:
         FileError: There is no bag, more than one with images, or a camera without images.
     """
+    from tossid.vision.recordings.recording import FrameFile, Recording, in_order, read_set_up
+    from tossid.vision.recordings.rosbag import Bag, as_defined, find_bags, stamp
+
     path = Path(path)
     folder = folder or (path if (path / "cameras.yaml").is_file() else path.parent)
     cameras, layout = read_set_up(folder)
@@ -193,6 +207,9 @@ def read_bag_images(path: str | Path, folder: Path | None = None) -> Recording:
 
 def _open(source: RosbagSource) -> Opened:
     """The bag's ready detections, or else its images."""
+    from tossid.vision.recordings.recording import read_set_up
+    from tossid.vision.setup.tagslam import number
+
     path, folder = source.path, _set_up_folder(source)
     cameras, layout = read_set_up(folder)
     if source.images or not _has_detections(path, cameras):
@@ -221,6 +238,8 @@ def _set_up_folder(source: RosbagSource) -> Path:
 
 
 def _has_detections(path: Path, cameras: tuple[Camera, ...]) -> bool:
+    from tossid.vision.recordings.rosbag import Bag, find_bags
+
     for file in find_bags(path):
         with Bag(file) as bag:
             if tag_topics(bag, cameras):
@@ -230,6 +249,8 @@ def _has_detections(path: Path, cameras: tuple[Camera, ...]) -> bool:
 
 def _is_bag(path: Path) -> bool:
     """A file is a bag; so is a folder that is one, or has one in it and no images."""
+    from tossid.vision.recordings.rosbag import SUFFIXES
+
     if path.is_file() or (path / "metadata.yaml").is_file():
         return True
     if not path.is_dir() or (path / "frames").exists():

@@ -11,7 +11,7 @@ import pytest
 from tossid.errors import FileError
 from tossid.objects import ObjectModel
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.recordings.videos import read_videos
+from tossid.vision.recordings.formats.videos import read_videos
 from tossid.vision.setup.calibration import write_cameras
 from tossid.vision.setup.layout import layout_of
 from tossid.vision.setup.tagslam import write_tagslam

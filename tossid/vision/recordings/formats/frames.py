@@ -11,16 +11,15 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Literal
 
 from tossid.errors import ConfigError, FileError
-from tossid.types import OnDemand
-from tossid.vision.cameras.camera import Camera
-from tossid.vision.recordings.recording import LATEST_NS, FrameFile, Recording, order_of, read_set_up
 from tossid.vision.recordings.registry import Opened, register_recording
 from tossid.vision.recordings.times import TIME_FILES, time_of_name, times_of
+
+if TYPE_CHECKING:
+    from tossid.vision.cameras.camera import Camera
+    from tossid.vision.recordings.recording import FrameFile, Recording
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".pgm", ".tif", ".tiff")
 
@@ -41,6 +40,8 @@ def read_recording(folder: str | Path) -> Recording:
     Raises:
         FileError: what is missing or damaged, by name.
     """
+    from tossid.vision.recordings.recording import Recording, read_set_up
+
     folder = Path(folder)
     cameras, layout = read_set_up(folder)
     known = {camera.name for camera in cameras}
@@ -56,6 +57,11 @@ def read_recording(folder: str | Path) -> Recording:
 
 def _list_frames(folder: Path, camera: Camera) -> Sequence[FrameFile]:
     """The frames in a folder in order of time. An hour has hundreds of thousands: of each a name and a time stay."""
+    import numpy as np
+
+    from tossid.types import OnDemand
+    from tossid.vision.recordings.recording import LATEST_NS, FrameFile, order_of
+
     if not folder.is_dir():
         raise FileError(folder, f"no such folder; expected the frames of camera '{camera.name}'")
     found, times, strangers = [], [], []

@@ -5,21 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
-
-import cv2
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Literal
 
 from tossid.errors import FileError
 from tossid.settings.kinds import Positive
-from tossid.vision.cameras.camera import Camera
-from tossid.vision.recordings.recording import FrameFile, Recording, in_order, read_set_up
 from tossid.vision.recordings.registry import Opened, register_recording
 from tossid.vision.recordings.times import read_times
 
+if TYPE_CHECKING:
+    import cv2
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from tossid.vision.cameras.camera import Camera
+    from tossid.vision.recordings.recording import FrameFile, Recording
+
+    Image = NDArray[np.uint8]
+
 VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm")
-Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +42,9 @@ class VideoFiles:
 
     def images(self, files: Sequence[FrameFile]) -> Iterator[Image]:
         """Frames by number, from the first on."""
+        import cv2
+        import numpy as np
+
         if not files:
             return
         video = _open_video(files[0].path)
@@ -61,6 +67,8 @@ class VideoFiles:
 
 
 def _open_video(path: Path) -> cv2.VideoCapture:
+    import cv2
+
     video = cv2.VideoCapture(str(path))
     if not video.isOpened():
         raise FileError(path, "is not a video that can be read")
@@ -83,6 +91,8 @@ def read_videos(folder: str | Path, *, rate_hz: float | None = None) -> Recordin
     Raises:
         FileError: A camera has no video, it cannot be read, or it and its times differ in length.
     """
+    from tossid.vision.recordings.recording import Recording, read_set_up
+
     folder = Path(folder)
     cameras, layout = read_set_up(folder)
     frames = {camera.name: _list_video(folder, camera, rate_hz) for camera in cameras}
@@ -90,6 +100,11 @@ def read_videos(folder: str | Path, *, rate_hz: float | None = None) -> Recordin
 
 
 def _list_video(folder: Path, camera: Camera, rate_hz: float | None) -> tuple[FrameFile, ...]:
+    import cv2
+    import numpy as np
+
+    from tossid.vision.recordings.recording import FrameFile, in_order
+
     names = [folder / f"{camera.name}{suffix}" for suffix in VIDEO_SUFFIXES]
     path = next((name for name in names if name.is_file()), None)
     if path is None:

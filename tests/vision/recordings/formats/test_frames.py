@@ -12,7 +12,7 @@ from tossid.errors import FileError
 from tossid.objects import ObjectModel
 from tossid.types import Frame
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.recordings.frames import read_recording
+from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.recordings.writing import write_recording
 from tossid.vision.setup.layout import layout_of
 
