@@ -9,20 +9,19 @@ import numpy as np
 import pytest
 
 from tests.vision.conftest import Filmed
+from tests.vision.films import film_of
 from tests.vision.tosses import thrown
 from tossid.errors import InputError
 from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import geodesic_angle
 from tossid.settings.rendering import RenderSettings
-from tossid.synthesis.timeline import Filming, FilmTruth, Timeline, make_timeline, render_timeline
+from tossid.synthesis.timeline import Filming, Timeline, make_timeline, render_timeline
 from tossid.types import Frame
-from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.cameras.shutter import Shutter, poses_at
 from tossid.vision.detection.detect import detect_frames
 from tossid.vision.pose_graph.track import track
 from tossid.vision.recordings.formats.frames import read_recording
-from tossid.vision.recordings.recording import Recording
 from tossid.vision.recordings.writing import RecordingWriter
 from tossid.vision.setup.layout import layout_of
 
@@ -134,37 +133,9 @@ def test_time_stamps_survive_the_names(filmed: Filmed):
     assert stamps == sorted(stamps)
 
 
-IMAGES = RenderSettings(samples=8)
-
-
-def _filmed(
-    timeline: Timeline,
-    model: ObjectModel,
-    cameras: tuple[Camera, ...],
-    folder: Path,
-    filming: Filming,
-    settings: RenderSettings = IMAGES,
-) -> tuple[Recording, FilmTruth]:
-    with RecordingWriter(folder, cameras, layout_of(model), quality=90) as writer:
-        rng = np.random.default_rng(7)
-        truth = render_timeline(timeline, model, cameras, writer, rng, settings=settings, filming=filming)
-    return read_recording(folder), truth
-
-
-@pytest.fixture(scope="module")
-def timeline(tagged: ObjectModel) -> Timeline:
-    rng = np.random.default_rng(3)
-    return make_timeline([thrown(tagged, rng, longest=0.8)], tagged, rng, start=2.0)
-
-
-@pytest.fixture(scope="module")
-def cameras() -> tuple[Camera, ...]:
-    return default_rig(resolution=(480, 384))
-
-
-def test_an_offset_clock_is_found_and_reported(tagged: ObjectModel, timeline: Timeline, cameras, tmp_path: Path):
-    cameras = cameras[:2]
-    recording, _ = _filmed(timeline, tagged, cameras, tmp_path / "r", Filming(clocks={"cam1": 0.012}))
+def test_an_offset_clock_is_found_and_reported(tagged: ObjectModel, timeline: Timeline, rig, tmp_path: Path):
+    rig = rig[:2]
+    recording, _ = film_of(timeline, tagged, rig, tmp_path / "r", Filming(clocks={"cam1": 0.012}))
     assert recording.frames["cam1"][0].t_ns == recording.frames["cam0"][0].t_ns + 12_000_000
     poses, report = track(list(detect_frames(recording, tagged)), recording.cameras, tagged)
     assert report.clocks.keys() == {"cam1"}
@@ -173,10 +144,10 @@ def test_an_offset_clock_is_found_and_reported(tagged: ObjectModel, timeline: Ti
 
 
 def test_dropped_frames_are_gone_and_the_others_as_they_were(
-    tagged: ObjectModel, timeline: Timeline, cameras, tmp_path: Path
+    tagged: ObjectModel, timeline: Timeline, rig, tmp_path: Path
 ):
-    whole, everything = _filmed(timeline, tagged, cameras[:2], tmp_path / "a", Filming())
-    part, truth = _filmed(timeline, tagged, cameras[:2], tmp_path / "b", Filming(dropped=0.3))
+    whole, everything = film_of(timeline, tagged, rig[:2], tmp_path / "a", Filming())
+    part, truth = film_of(timeline, tagged, rig[:2], tmp_path / "b", Filming(dropped=0.3))
     assert everything.kept.all()
     assert truth.kept.mean() == pytest.approx(0.7, abs=0.06)
     assert part.n_frames == truth.kept.sum() == truth.n_images
@@ -188,18 +159,18 @@ def test_dropped_frames_are_gone_and_the_others_as_they_were(
         assert file.path.read_bytes() == twin.path.read_bytes()
 
 
-def test_what_cannot_be_filmed_is_refused(tagged: ObjectModel, timeline: Timeline, cameras, tmp_path: Path):
+def test_what_cannot_be_filmed_is_refused(tagged: ObjectModel, timeline: Timeline, rig, tmp_path: Path):
     class Flat:
         def render(self, q0, q1, camera, rng):
             return np.zeros((384, 480), dtype=np.uint8)
 
     with pytest.raises(InputError, match="384 rows follow each other"):
-        _filmed(timeline, tagged, cameras, tmp_path / "r", Filming(Shutter(0.001, 1e-4)))
+        film_of(timeline, tagged, rig, tmp_path / "r", Filming(Shutter(0.001, 1e-4)))
     with pytest.raises(InputError, match="before zero"):
-        _filmed(timeline, tagged, cameras, tmp_path / "r", Filming(clocks={"cam0": -3.0}))
-    writer, shutter = RecordingWriter(tmp_path / "w", cameras, layout_of(tagged)), Filming(Shutter(0.001, 1e-6))
+        film_of(timeline, tagged, rig, tmp_path / "r", Filming(clocks={"cam0": -3.0}))
+    writer, shutter = RecordingWriter(tmp_path / "w", rig, layout_of(tagged)), Filming(Shutter(0.001, 1e-6))
     with writer, pytest.raises(InputError, match="neither a rolling shutter nor a hand"):
         rng = np.random.default_rng(0)
-        render_timeline(timeline, tagged, cameras, writer, rng, renderer=Flat(), filming=shutter)
+        render_timeline(timeline, tagged, rig, writer, rng, renderer=Flat(), filming=shutter)
     with pytest.raises(InputError, match="focus"):
         RenderSettings(focus=0.0)

@@ -29,6 +29,13 @@ def rig() -> tuple[Camera, ...]:
     return default_rig(resolution=(480, 384))
 
 
+@pytest.fixture(scope="session")
+def timeline(tagged: ObjectModel) -> Timeline:
+    """One toss of 0.8 s at the most, from hand to hand."""
+    rng = np.random.default_rng(3)
+    return make_timeline([thrown(tagged, rng, longest=0.8)], tagged, rng, start=2.0)
+
+
 @dataclass(frozen=True)
 class Filmed:
     recording: Recording

@@ -7,63 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.vision.tosses import thrown
+from tests.vision.films import corner_rms, film_of
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp, transform, transform_points
 from tossid.settings.rendering import RenderSettings
-from tossid.synthesis.timeline import Filming, FilmTruth, Timeline, make_timeline, render_timeline
-from tossid.types import Detection
+from tossid.synthesis.timeline import Filming, Timeline
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.cameras.rig import default_rig, look_at
+from tossid.vision.cameras.rig import look_at
 from tossid.vision.cameras.shutter import Shutter, interpolate, poses_at
 from tossid.vision.detection.detect import detect_frames
-from tossid.vision.recordings.formats.frames import read_recording
-from tossid.vision.recordings.recording import Recording
-from tossid.vision.recordings.writing import RecordingWriter
 from tossid.vision.rendering.render import Renderer
 from tossid.vision.setup.faces import tag_corners
-from tossid.vision.setup.layout import layout_of
 
 DT = 1 / 148
 
 
-IMAGES = RenderSettings(samples=8)
-
-
 UNSEEN = np.array([0.0, 0.0, -9.0, 1.0, 0.0, 0.0, 0.0])
-
-
-def _filmed(
-    timeline: Timeline,
-    model: ObjectModel,
-    cameras: tuple[Camera, ...],
-    folder: Path,
-    filming: Filming,
-    settings: RenderSettings = IMAGES,
-) -> tuple[Recording, FilmTruth]:
-    with RecordingWriter(folder, cameras, layout_of(model), quality=90) as writer:
-        rng = np.random.default_rng(7)
-        truth = render_timeline(timeline, model, cameras, writer, rng, settings=settings, filming=filming)
-    return read_recording(folder), truth
-
-
-def _wrongness(detection: Detection, recording: Recording, model: ObjectModel, timeline: Timeline) -> float:
-    """Rms distance of a detection's corners from the true ones [px]."""
-    q = poses_at(timeline.t, timeline.q, np.array([detection.t]))[0]
-    tag = next(tag for tag in model.tags if tag.id == detection.tag_id)
-    true = recording.camera(detection.camera).project(transform_points(transform(q[:3], q[3:7]), tag_corners(tag)))
-    return float(np.sqrt(np.mean(np.sum((detection.corners - true) ** 2, axis=-1))))
-
-
-@pytest.fixture(scope="module")
-def timeline(tagged: ObjectModel) -> Timeline:
-    rng = np.random.default_rng(3)
-    return make_timeline([thrown(tagged, rng, longest=0.8)], tagged, rng, start=2.0)
-
-
-@pytest.fixture(scope="module")
-def cameras() -> tuple[Camera, ...]:
-    return default_rig(resolution=(480, 384))
 
 
 def _facing(width: int = 300, height: int = 240) -> Camera:
@@ -92,18 +51,18 @@ def test_a_rolling_shutter_shifts_rows_by_speed_times_line_time(cube: ObjectMode
     assert np.polyfit(rows, shift, 1)[0] == pytest.approx(pixels_a_second * line, rel=0.05)
 
 
-def test_tags_lie_where_each_rows_time_puts_them(tagged: ObjectModel, timeline: Timeline, cameras, tmp_path: Path):
+def test_tags_lie_where_each_rows_time_puts_them(tagged: ObjectModel, timeline: Timeline, rig, tmp_path: Path):
     """Corners at the pose of their own row's time are right to a tenth of a pixel; at the frame's they are not."""
     line = 1.4e-5
     flight = slice(timeline.release[0], timeline.release[0] + 40)
     flown = Timeline(timeline.t[flight], timeline.q[flight], (), np.zeros(0), np.zeros(0))
-    recording, _ = _filmed(flown, tagged, cameras[:2], tmp_path / "r", Filming(Shutter(0.0005, line)))
+    recording, _ = film_of(flown, tagged, rig[:2], tmp_path / "r", Filming(Shutter(0.0005, line)))
     frame, row = [], []
     for d in detect_frames(recording, tagged):
         times = d.t + line * (d.corners[:, 1] - (384 - 1) / 2)
         if times.min() < flown.t[0] or times.max() > flown.t[-1]:
             continue
-        frame.append(_wrongness(d, recording, tagged, flown))
+        frame.append(corner_rms(d, recording, tagged, flown))
         q = poses_at(flown.t, flown.q, times)
         tag = next(tag for tag in tagged.tags if tag.id == d.tag_id)
         world = transform_points(transform(q[:, :3], q[:, 3:7]), tag_corners(tag)[:, None])[:, 0]

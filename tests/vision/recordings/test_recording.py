@@ -4,30 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
+from tests.vision.recordings.small import CAMERA, small_frames
 from tossid.errors import FileError
 from tossid.objects import ObjectModel
-from tossid.types import Frame
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.recordings.writing import write_recording
 from tossid.vision.setup.calibration import write_cameras
 from tossid.vision.setup.layout import layout_of
-
-CAMERA = Camera("left", (64, 48), [60, 60, 32, 24])
-
-
-def _frames(n: int = 4) -> list[Frame]:
-    rng = np.random.default_rng(0)
-    return [Frame("left", 0.1 + i / 100, rng.integers(0, 255, (48, 64), dtype=np.uint8)) for i in range(n)]
-
-
-@pytest.fixture
-def written(tmp_path: Path, tagged: ObjectModel) -> Path:
-    write_recording(tmp_path / "rec", [CAMERA], layout_of(tagged), _frames(), image_format="png")
-    return tmp_path / "rec"
 
 
 @pytest.mark.parametrize(
@@ -44,7 +30,7 @@ def test_a_frame_that_is_no_image_is_named(written: Path, content: bytes, words:
 
 @pytest.mark.parametrize("suffix", ["jpg", "png"])
 def test_a_truncated_image_is_not_filled_up(tmp_path: Path, tagged: ObjectModel, suffix: str):
-    write_recording(tmp_path / "rec", [CAMERA], layout_of(tagged), _frames(1), image_format=suffix)
+    write_recording(tmp_path / "rec", [CAMERA], layout_of(tagged), small_frames(1), image_format=suffix)
     (file,) = read_recording(tmp_path / "rec").frames["left"]
     file.path.write_bytes(file.path.read_bytes()[:-400])
     with pytest.raises(FileError, match="breaks off"):

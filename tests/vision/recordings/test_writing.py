@@ -7,26 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.vision.recordings.small import CAMERA, small_frames
 from tossid.errors import InputError, OutputError
 from tossid.objects import ObjectModel
 from tossid.types import Frame
-from tossid.vision.cameras.camera import Camera
 from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.recordings.writing import RecordingWriter, write_recording
 from tossid.vision.setup.layout import layout_of
-
-CAMERA = Camera("left", (64, 48), [60, 60, 32, 24])
-
-
-def _frames(n: int = 4) -> list[Frame]:
-    rng = np.random.default_rng(0)
-    return [Frame("left", 0.1 + i / 100, rng.integers(0, 255, (48, 64), dtype=np.uint8)) for i in range(n)]
-
-
-@pytest.fixture
-def written(tmp_path: Path, tagged: ObjectModel) -> Path:
-    write_recording(tmp_path / "rec", [CAMERA], layout_of(tagged), _frames(), image_format="png")
-    return tmp_path / "rec"
 
 
 def test_jpeg_is_near(tmp_path: Path, tagged: ObjectModel):
@@ -39,7 +26,7 @@ def test_jpeg_is_near(tmp_path: Path, tagged: ObjectModel):
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
 def test_an_interrupted_recording_leaves_what_was_there(written: Path, tagged: ObjectModel, error: type[BaseException]):
     def interrupted():
-        yield _frames()[0]
+        yield small_frames()[0]
         raise error
 
     with pytest.raises(error):
@@ -49,7 +36,7 @@ def test_an_interrupted_recording_leaves_what_was_there(written: Path, tagged: O
 
 
 def test_a_finished_recording_replaces_the_old(written: Path, tagged: ObjectModel):
-    write_recording(written, [CAMERA], layout_of(tagged), _frames(2))
+    write_recording(written, [CAMERA], layout_of(tagged), small_frames(2))
     assert read_recording(written).n_frames == 2
     assert [path.name for path in written.parent.iterdir()] == ["rec"]
 
@@ -61,7 +48,7 @@ def test_a_full_disk_is_one_clear_error(tmp_path: Path, tagged: ObjectModel, mon
     writer = RecordingWriter(tmp_path / "rec", [CAMERA], layout_of(tagged))
     with pytest.raises(OutputError, match="No space left"), writer:
         monkeypatch.setattr(Path, "write_bytes", full)
-        writer.write(_frames()[0])
+        writer.write(small_frames()[0])
     assert list(tmp_path.iterdir()) == []
 
 

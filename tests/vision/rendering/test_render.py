@@ -5,50 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.vision.films import corner_errors, random_poses, true_corners
 from tossid.errors import InputError, ObjectError
 from tossid.objects import ObjectModel, Tag
-from tossid.rotations import quat_exp, quat_mul, quat_normalize, transform, transform_points
+from tossid.rotations import quat_exp, quat_mul
 from tossid.settings.ingestion import DetectSettings
 from tossid.settings.rendering import RenderSettings
-from tossid.types import Detection, Frame
+from tossid.types import Frame
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig, look_at
 from tossid.vision.detection.detect import TagFinder
 from tossid.vision.rendering.render import Renderer
-from tossid.vision.setup.faces import default_tags, tag_bitmap, tag_corners
-
-
-def _poses(n: int, seed: int = 3) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return np.array(
-        [[*rng.uniform([-0.3, -0.3, 0.06], [0.3, 0.3, 0.4]), *quat_normalize(rng.normal(size=4))] for _ in range(n)]
-    )
-
-
-def _true_corners(camera: Camera, model: ObjectModel, q: np.ndarray, detection: Detection) -> np.ndarray:
-    tag = next(tag for tag in model.tags if tag.id == detection.tag_id)
-    return camera.project(transform_points(transform(q[:3], q[3:7]), tag_corners(tag)))
-
-
-def _errors(source, cameras, model: ObjectModel, poses: np.ndarray) -> np.ndarray:
-    """Detected minus true corners, and the width of a tag's cell [px], of every tag found. (n, 4, 2), (n,)."""
-    errors, cells = [], []
-    for q in poses:
-        for camera in cameras:
-            image = source.render(q, q, camera.name, None)
-            for detection in TagFinder(camera, model).find(Frame(camera.name, 0.0, image)):
-                true = _true_corners(camera, model, q, detection)
-                errors.append(detection.corners - true)
-                (ax, ay), (bx, by) = true[2] - true[0], true[3] - true[1]
-                longest = np.linalg.norm(np.roll(true, -1, axis=0) - true, axis=1).max()
-                cells.append(abs(ax * by - ay * bx) / 2 / longest / 8)
-    return np.array(errors), np.array(cells)
+from tossid.vision.setup.faces import default_tags, tag_bitmap
 
 
 def test_detected_corners_are_the_true_ones(tagged: ObjectModel):
     """Right ids, right order of corners, and a tenth of a pixel, under lens distortion."""
     cameras = default_rig()
-    errors, cells = _errors(Renderer(tagged, cameras), cameras, tagged, _poses(25))
+    errors, cells = corner_errors(Renderer(tagged, cameras), cameras, tagged, random_poses(25))
     distance = np.linalg.norm(errors, axis=-1)
     assert len(errors) > 100
     assert np.median(distance) < 0.05
@@ -59,8 +33,8 @@ def test_detected_corners_are_the_true_ones(tagged: ObjectModel):
 def test_corners_are_true_through_a_fisheye(tagged: ObjectModel):
     T = look_at([0.5, 0.1, 0.5], [0.0, 0.0, 0.15])
     camera = Camera("eye", (640, 512), [380, 380, 320, 256], "equidistant", [-0.03, 0.01, 0.0, 0.0], T)
-    poses = _poses(12, 1) * [0.5, 0.5, 0.5, 1, 1, 1, 1] + [0, 0, 0.05, 0, 0, 0, 0]
-    errors, _ = _errors(Renderer(tagged, [camera]), [camera], tagged, poses)
+    poses = random_poses(12, 1) * [0.5, 0.5, 0.5, 1, 1, 1, 1] + [0, 0, 0.05, 0, 0, 0, 0]
+    errors, _ = corner_errors(Renderer(tagged, [camera]), [camera], tagged, poses)
     assert len(errors) > 10
     assert np.median(np.linalg.norm(errors, axis=-1)) < 0.08
 
@@ -69,14 +43,14 @@ def test_blur_is_centred_on_the_middle_of_the_exposure(tagged: ObjectModel):
     cameras = default_rig(n_cameras=1)
     renderer = Renderer(tagged, cameras)
     errors = []
-    for q in _poses(12, 8):
+    for q in random_poses(12, 8):
         opened, closed = q.copy(), q.copy()
         way, turn = np.array([0.0015, -0.001, 0.0005]), np.array([0.005, 0.0, -0.005])
         opened[:3], closed[:3] = q[:3] - way, q[:3] + way
         opened[3:7], closed[3:7] = quat_mul(q[3:7], quat_exp(-turn)), quat_mul(q[3:7], quat_exp(turn))
         image = renderer.render(opened, closed, "cam0", np.random.default_rng(0))
         for detection in TagFinder(cameras[0], tagged).find(Frame("cam0", 0.0, image)):
-            errors.append(detection.corners - _true_corners(cameras[0], tagged, q, detection))
+            errors.append(detection.corners - true_corners(cameras[0], tagged, q, detection))
     assert len(errors) > 10
     assert np.median(np.linalg.norm(errors, axis=-1)) < 0.08
     assert np.abs(np.mean(errors, axis=(0, 1))).max() < 0.04
@@ -88,10 +62,10 @@ def test_refinement_measurably_helps(tagged: ObjectModel):
     size = {}
     for refine in (True, False):
         errors = []
-        for q in _poses(15, 4):
+        for q in random_poses(15, 4):
             frame = Frame("cam0", 0.0, renderer.render(q, q, "cam0", np.random.default_rng(0)))
             for detection in TagFinder(cameras[0], tagged, DetectSettings(refine=refine)).find(frame):
-                errors.append(detection.corners - _true_corners(cameras[0], tagged, q, detection))
+                errors.append(detection.corners - true_corners(cameras[0], tagged, q, detection))
         size[refine] = np.median(np.linalg.norm(errors, axis=-1))
     assert size[True] < 0.7 * size[False]
 
@@ -145,5 +119,5 @@ def test_what_cannot_be_drawn_is_refused(tagged: ObjectModel):
     with pytest.raises(ObjectError, match="600"):
         tag_bitmap(600)
     with pytest.raises(InputError, match="cam7"):
-        q = _poses(1)[0]
+        q = random_poses(1)[0]
         Renderer(tagged, default_rig()).render(q, q, "cam7", None)

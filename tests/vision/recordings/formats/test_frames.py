@@ -8,33 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.vision.recordings.small import small_frames
 from tossid.errors import FileError
-from tossid.objects import ObjectModel
-from tossid.types import Frame
-from tossid.vision.cameras.camera import Camera
 from tossid.vision.recordings.formats.frames import read_recording
-from tossid.vision.recordings.writing import write_recording
-from tossid.vision.setup.layout import layout_of
-
-CAMERA = Camera("left", (64, 48), [60, 60, 32, 24])
-
-
-def _frames(n: int = 4) -> list[Frame]:
-    rng = np.random.default_rng(0)
-    return [Frame("left", 0.1 + i / 100, rng.integers(0, 255, (48, 64), dtype=np.uint8)) for i in range(n)]
-
-
-@pytest.fixture
-def written(tmp_path: Path, tagged: ObjectModel) -> Path:
-    write_recording(tmp_path / "rec", [CAMERA], layout_of(tagged), _frames(), image_format="png")
-    return tmp_path / "rec"
 
 
 def test_frames_come_back(written: Path):
     recording = read_recording(written)
     assert recording.n_frames == 4
     assert recording.rate_hz == pytest.approx(100.0)
-    for read, frame in zip(recording, _frames(), strict=True):
+    for read, frame in zip(recording, small_frames(), strict=True):
         assert read.t == pytest.approx(frame.t, abs=1e-9)
         np.testing.assert_array_equal(read.image, frame.image)
     assert [file.path.name for file in recording.frames["left"]] == sorted(
