@@ -39,8 +39,9 @@ _outside: dict[str, dict[str, str]] = {}
 
 
 def code_digest(*modules: str) -> str:
-    """Hash of the code that runs when one of the modules computes: their own, all that they import, and the versions
-    of the packages that compute.
+    """Hash of the code that runs when one of the modules computes.
+
+    It covers the modules, all that they import, and the versions of the packages that compute.
 
     Args:
         modules: names in full, as tossid.training.api.

@@ -34,7 +34,8 @@ def differing_versions(here: dict[str, str], there: dict[str, str]) -> list[tupl
     """What two environments have in different versions.
 
     Args:
-        here, there: Of `computing_versions`.
+        here: Of `computing_versions`.
+        there: Likewise.
 
     Returns:
         (name, version here, version there), in order of name.
