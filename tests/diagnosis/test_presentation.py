@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
-from tests.diagnosis.by_hand import diagnosis, without_effects
+from tests.diagnosis.by_hand import diagnosis, with_place, without_effects
+from tossid.diagnosis.report import REPORT_FIGURES
 from tossid.diagnosis.simulators import nominal
 from tossid.objects import ObjectModel
 
@@ -21,11 +23,30 @@ def test_it_says_the_verdict_the_effects_and_the_share_closed(cube: ObjectModel)
     assert len(repr(without_effects(cube, "no_gap")).splitlines()) == 1
 
 
-def test_a_notebook_gets_the_table_and_one_figure(cube: ObjectModel) -> None:
+def test_a_notebook_shows_effects_figures_and_tables(cube: ObjectModel) -> None:
+    found = with_place(cube)
+    html = found._repr_html_()
+    first, rest = html.split("<details", 1)
+    assert first.count("<table") == 1
+    assert "<b>friction</b>" in first
+    assert "mu = 0.3000 (0.2970 to 0.3030)" in first
+    shown = {name for name, each in REPORT_FIGURES.items() if each.applies(found)}
+    folded = {name for name in shown if REPORT_FIGURES[name].detail}
+    assert first.count("data:image/png") == len(shown - folded) == 3
+    assert rest.count("data:image/png") == len(folded) == 2
+    assert "Rollout errors, effect by effect" in rest
+    assert '<td class="n">12.5 (9.20 to 16.0)</td>' in rest
+
+
+def test_the_style_of_a_cell_does_not_reach_the_notebook(cube: ObjectModel) -> None:
     html = diagnosis(cube)._repr_html_()
-    assert html.count("<table") == 1
-    assert html.count("data:image/png") == 1
-    assert "<td>friction</td>" in html
+    style = html[html.index("<style>") + 7 : html.index("</style>")]
+    rules = [rule for rule in style.split("}") if rule.strip()]
+    assert all(
+        selector.strip().startswith(".tossid-gap") for rule in rules for selector in rule.split("{")[0].split(",")
+    )
+    assert "<html" not in html
+    assert not re.search(r"https?://|<script|<link|@import|url\(", html)
 
 
 def test_a_saved_report_is_whole(cube: ObjectModel, tmp_path: Path) -> None:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import json
-from html import escape
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from tossid.diagnosis.report import report_figures, report_html
-from tossid.diagnosis.report.text import headline, sentences, verdict_of
+from tossid.diagnosis.report import report_figures, report_html, report_notebook
+from tossid.diagnosis.report.text import headline, verdict_of
 from tossid.diagnosis.report.units import closed_share, in_units, parameter
 from tossid.diagnosis.result import Diagnosis
 from tossid.outputs import write_whole
@@ -42,20 +40,8 @@ def summary(diagnosis: Diagnosis) -> str:
 
 
 def notebook_html(diagnosis: Diagnosis) -> str:
-    """The verdict in sentences, the effects in a table, and the figure of where the gap is."""
-    parts = [f"<h3>{escape(headline(diagnosis))}</h3>", *(f"<p>{escape(text)}</p>" for text in sentences(diagnosis))]
-    rows = effect_rows(diagnosis)
-    if rows:
-        head = "".join(f"<th>{name}</th>" for name in HEADINGS)
-        body = "".join("<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in rows)
-        parts.append(f"<table><tr>{head}</tr>{body}</table>")
-    figures = report_figures(diagnosis, settings=diagnosis.report)
-    parts += [_image(figures[name]) for name in list(figures)[:1]]
-    return "\n".join(parts)
-
-
-def _image(figure: Figure) -> str:
-    return f'<img style="max-width: 100%" src="data:image/png;base64,{base64.b64encode(_png(figure)).decode()}">'
+    """The verdict in sentences, the effects in a table, the main figures, and the other ones folded away."""
+    return report_notebook(diagnosis, report_figures(diagnosis, settings=diagnosis.report))
 
 
 def _png(figure: Figure) -> bytes:
@@ -78,15 +64,7 @@ def save(diagnosis: Diagnosis, folder: Path) -> Path:
         OutputError: The disk refuses.
     """
     figures = report_figures(diagnosis, settings=diagnosis.report)
-    about = "" if diagnosis.simulator is None else f"Simulator: {diagnosis.simulator.about}. "
-    page = report_html(
-        diagnosis,
-        figures,
-        about=f"{about}Tosses: {diagnosis.n_tosses}" + (f" of {diagnosis.tosses_of}." if diagnosis.tosses_of else "."),
-        patch=diagnosis.patch,
-        next_toss=diagnosis.next_toss,
-        remarks=diagnosis.remarks,
-    )
+    page = report_html(diagnosis, figures)
     gap = json.dumps(jsonable(diagnosis.as_json()), indent=2, allow_nan=False) + "\n"
     files = {"gap.html": page.encode(), "gap.json": gap.encode()}
     files |= {f"figures/{name}.png": _png(figure) for name, figure in figures.items()}

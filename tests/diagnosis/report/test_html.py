@@ -38,15 +38,14 @@ class Page(HTMLParser):
 
 
 def page_of(model: ObjectModel) -> Page:
-    found = diagnosis(model)
     next_toss = {"release": None, "reason": "<none>", "between": ["friction", "cohesion"]}
-    text = report_html(found, report_figures(found), about="a & b", patch=None, next_toss=next_toss)
-    return Page(text)
+    found = replace(diagnosis(model), next_toss=next_toss)
+    return Page(report_html(found, report_figures(found)))
 
 
 def test_the_page_is_whole_and_asks_nothing_of_the_network(cube: ObjectModel) -> None:
-    found = diagnosis(cube)
-    text = report_html(found, report_figures(found), about="Simulator: a & b <c>.")
+    found = replace(diagnosis(cube), tosses_of="a & b <c>")
+    text = report_html(found, report_figures(found))
     page = Page(text)
     assert page.open == []
     assert not re.search(r"https?://|<script|<link|@import|url\(", text)
@@ -80,7 +79,7 @@ def test_sentences_come_first_and_say_all_that_was_found(cube: ObjectModel) -> N
 
 def test_details_hold_every_effect_with_its_smallest_detectable_size(cube: ObjectModel) -> None:
     found = without_effects(cube, "no_gap")
-    page = Page(report_html(found, report_figures(found), about=""))
+    page = Page(report_html(found, report_figures(found)))
     for f in found.findings:
         assert f.name in page.text
     assert "g 0.050 m/s²" in page.text
@@ -109,7 +108,7 @@ PATCH = {
 
 
 def test_the_patch_is_on_the_page_with_its_rerun(cube: ObjectModel) -> None:
-    page = Page(report_html(diagnosis(cube), {}, about="", patch=PATCH))
+    page = Page(report_html(replace(diagnosis(cube), patch=PATCH), {}))
     for piece in (
         "As keys of tossid: object.friction 0.18 → 0.3.",
         "geom 'a&b'",
@@ -126,7 +125,8 @@ def test_the_patch_is_on_the_page_with_its_rerun(cube: ObjectModel) -> None:
 
 
 def test_a_patch_that_was_not_run_says_why(cube: ObjectModel) -> None:
-    page = Page(report_html(diagnosis(cube), {}, about="", patch={**PATCH, "rerun": {"problem": "it <diverged>"}}))
+    patched = replace(diagnosis(cube), patch={**PATCH, "rerun": {"problem": "it <diverged>"}})
+    page = Page(report_html(patched, {}))
     assert "The patched model was not run in MuJoCo. Reason: it <diverged>." in page.text
 
 
@@ -134,7 +134,7 @@ def test_witnesses_are_listed_with_where_they_come_from(cube: ObjectModel) -> No
     found = replace(
         diagnosis(cube), witnesses=(Witness("friction", "friction", 0.18, 0.3, Interval(0.29, 0.2, 0.4), 7),)
     )
-    page = Page(report_html(found, {}, about=""))
+    page = Page(report_html(found, {}))
     assert "friction 0.180 0.300 0.290 (0.200 to 0.400) 7" in page.text
     assert "The values come from the same tosses." in page.text
-    assert "without a simulator" not in Page(report_html(diagnosis(cube), {}, about="")).text
+    assert "without a simulator" not in Page(report_html(diagnosis(cube), {})).text

@@ -51,11 +51,11 @@ def test_a_body_of_other_corners_is_drawn(cube: ObjectModel) -> None:
 
 def test_the_page_has_them_in_its_details(cube: ObjectModel) -> None:
     made = with_place(cube)
-    page = report_html(made, details_of(made), about="")
+    page = report_html(made, details_of(made))
     assert page.index("The gap by corner of the object") > page.index("Details")
     assert page.count("data:image/png") == 2
     assert "the simulator lacks a force along the path that depends on the horizontal speed" in page
-    plain = report_html(diagnosis(cube), {}, about="")
+    plain = report_html(diagnosis(cube), {})
     assert "The gap by corner" not in plain
 
 

@@ -4,7 +4,7 @@ A figure of one's own is one function under `@report_figure(...)`; it then stand
 """
 
 from tossid.diagnosis.report import figures, localisation_figures
-from tossid.diagnosis.report.html import report_html
+from tossid.diagnosis.report.html import report_html, report_notebook
 from tossid.diagnosis.report.registry import REPORT_FIGURES, ReportFigure, report_figure, report_figures
 
 __all__ = [
@@ -15,4 +15,5 @@ __all__ = [
     "report_figure",
     "report_figures",
     "report_html",
+    "report_notebook",
 ]

@@ -1,4 +1,4 @@
-"""gap.html: the page of a diagnosis, self-contained, without scripts and without anything from the network.
+"""A diagnosis as HTML: gap.html and a notebook's cell, without scripts and without anything from the network.
 
 The templates hold the page; this module gathers what they show.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -36,42 +36,48 @@ _TEMPLATES = Environment(
 )
 
 
-def report_html(
-    diagnosis: Diagnosis,
-    figures: Mapping[str, Figure],
-    *,
-    about: str,
-    patch: Mapping[str, Any] | None = None,
-    next_toss: Mapping[str, Any] | None = None,
-    remarks: Sequence[str] = (),
-) -> str:
+def report_html(diagnosis: Diagnosis, figures: Mapping[str, Figure]) -> str:
     """The page.
 
     Args:
         diagnosis: What was found.
         figures: Figures by name (`report_figures`), in the order in which they are read; those that are registered
             with a heading of their own stand among the details.
-        about: Which simulator, which tosses.
-        patch: As in gap.json.
-        next_toss: As in gap.json.
-        remarks: Further sentences for the reader, about tosses that were left out, for example.
 
     Returns:
         The page as HTML.
     """
+    return _TEMPLATES.get_template("gap.html.j2").render(_content(diagnosis, figures))
+
+
+def report_notebook(diagnosis: Diagnosis, figures: Mapping[str, Figure]) -> str:
+    """The same content for a cell of a notebook: effects and main figures first, everything else folded away.
+
+    Args:
+        diagnosis: What was found.
+        figures: As `report_html` takes them.
+
+    Returns:
+        A piece of HTML with its own style, which does not reach the rest of the notebook.
+    """
+    return _TEMPLATES.get_template("notebook.html.j2").render(_content(diagnosis, figures))
+
+
+def _content(diagnosis: Diagnosis, figures: Mapping[str, Figure]) -> dict[str, Any]:
+    """What the templates show."""
     drawn = [_figure(name, figure, diagnosis) for name, figure in figures.items()]
     place = diagnosis.steps[0].unseen_position_error_pct
-    return _TEMPLATES.get_template("gap.html.j2").render(
-        headline=headline(diagnosis),
-        about=about,
-        sentences=[*sentences(diagnosis), *remarks],
-        figures=[figure for figure in drawn if not figure["detail"]],
-        details=[figure for figure in drawn if figure["detail"]],
-        named=[_named(diagnosis, f) for f in diagnosis.findings if f.verdict in ("identified", "confusable")],
-        next_toss=_next_toss(diagnosis, next_toss),
-        patch=_patch(patch),
-        effects=[_effect(f) for f in diagnosis.findings],
-        steps=[
+    return {
+        "headline": headline(diagnosis),
+        "about": _about(diagnosis),
+        "sentences": [*sentences(diagnosis), *diagnosis.remarks],
+        "figures": [figure for figure in drawn if not figure["detail"]],
+        "details": [figure for figure in drawn if figure["detail"]],
+        "named": [_named(diagnosis, f) for f in diagnosis.findings if f.verdict in ("identified", "confusable")],
+        "next_toss": _next_toss(diagnosis),
+        "patch": _patch(diagnosis.patch),
+        "effects": [_effect(f) for f in diagnosis.findings],
+        "steps": [
             [
                 " + ".join(step.effects) or "the simulator as it is",
                 span(step.position_error_pct),
@@ -79,16 +85,22 @@ def report_html(
             ]
             for step in diagnosis.steps
         ],
-        witnesses=[
+        "witnesses": [
             [w.quantity, short(w.stated), short(w.found), span(w.measured), w.tosses] for w in diagnosis.witnesses
         ],
-        witnesses_from="the same tosses" if place is None else "tosses that were not used for the fit",
-        shares=[
+        "witnesses_from": "the same tosses" if place is None else "tosses that were not used for the fit",
+        "shares": [
             [share.name, percent(share.share.value), f"{percent(share.share.low)} to {percent(share.share.high)}"]
             for share in (*diagnosis.gap.by_phase, *diagnosis.gap.by_channel)
         ],
-        lengths=_lengths(diagnosis),
-    )
+        "lengths": _lengths(diagnosis),
+    }
+
+
+def _about(diagnosis: Diagnosis) -> str:
+    """Which simulator, and which tosses."""
+    simulator = "" if diagnosis.simulator is None else f"Simulator: {diagnosis.simulator.about}. "
+    return f"{simulator}Tosses: {diagnosis.n_tosses}" + (f" of {diagnosis.tosses_of}." if diagnosis.tosses_of else ".")
 
 
 def _figure(name: str, figure: Figure, diagnosis: Diagnosis) -> dict[str, Any]:
@@ -135,7 +147,8 @@ def _effect(finding: Finding) -> dict[str, Any]:
     }
 
 
-def _next_toss(diagnosis: Diagnosis, found: Mapping[str, Any] | None) -> list[str]:
+def _next_toss(diagnosis: Diagnosis) -> list[str]:
+    found = diagnosis.next_toss
     if found is None or (found.get("release") is None and not any(f.confusable_with for f in diagnosis.findings)):
         return []
     return next_toss_words(found)
