@@ -57,9 +57,8 @@ def test_what_laughs_a_billion_times_is_said_briefly(tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
     path.write_text(LAUGHS)
     tracemalloc.start()
-    value = read_yaml(path)["a29"]
-    with pytest.raises(FileError, match="expected a finite number") as caught:
-        number(path, "rate", value)
+    with pytest.raises(FileError, match="claims 1e\\+28 values, with all that its aliases repeat") as caught:
+        read_yaml(path)
     largest = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert len(str(caught.value)) < 1000

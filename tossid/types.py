@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import MotionError
+from tossid.settings.limits import VALUES
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -247,7 +248,8 @@ class OnDemand(Sequence[T]):
 def check_motion(t: Array, q: Array, v: Array | None = None) -> None:
     """Raise `MotionError` (with the row) unless the arrays are a motion.
 
-    Checks shape, finiteness, increasing time and unit quaternions (within 1e-3).
+    Checks shape, finiteness, the limits of `tossid.settings.limits.ValueLimits`, increasing time and unit quaternions
+    (within 1e-3).
 
     Args:
         t: (n,) times [s].
@@ -267,6 +269,14 @@ def check_motion(t: Array, q: Array, v: Array | None = None) -> None:
         bad = ~np.isfinite(values).all(axis=1)
         if bad.any():
             raise MotionError(f"{name} is not finite (NaN or infinity)", row=int(np.argmax(bad)))
+    largest = (("time", t[:, None], VALUES.time), ("q", q, VALUES.position))
+    for name, values, limit in (*largest, *((("v", v, VALUES.velocity),) if v is not None else ())):
+        bad = (np.abs(values) > limit).any(axis=1)
+        if bad.any():
+            row = int(np.argmax(bad))
+            raise MotionError(f"{name} is {np.abs(values[row]).max():.4g}, expected at most {limit:g}", row=row)
+    if t[-1] - t[0] > VALUES.duration:
+        raise MotionError(f"time spans {t[-1] - t[0]:.4g} s, expected at most {VALUES.duration:g} s", row=len(t) - 1)
     steps = np.diff(t)
     if (steps <= 0).any():
         row = int(np.argmax(steps <= 0)) + 1
@@ -284,3 +294,6 @@ def _check_cov(name: str, cov: Array, n: int, nv: int) -> None:
     bad = ~np.isfinite(cov).all(axis=(1, 2)) | (np.diagonal(cov, axis1=1, axis2=2) < 0).any(axis=1)
     if bad.any():
         raise MotionError(f"{name} is not finite or has a negative variance", row=int(np.argmax(bad)))
+    bad = (np.abs(cov) > VALUES.covariance).any(axis=(1, 2))
+    if bad.any():
+        raise MotionError(f"{name} is larger than {VALUES.covariance:g}", row=int(np.argmax(bad)))

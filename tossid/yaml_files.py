@@ -14,6 +14,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from tossid import budget
 from tossid.errors import FileError, brief
 from tossid.rotations import transform_from_rotvec
 
@@ -31,15 +32,12 @@ def read_yaml(path: Path) -> dict[str, Any]:
     Raises:
         FileError: it is missing, no such file, or holds what only a hostile one does.
     """
+    if budget.regular_size(path) > LARGEST:
+        raise FileError(path, f"is larger than {LARGEST >> 10} KiB, expected a description in YAML")
     try:
-        large = path.stat().st_size > LARGEST
-        text = "" if large else path.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise FileError(path, "no such file") from error
+        text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise FileError(path, f"cannot be read: {error}") from error
-    if large:
-        raise FileError(path, f"is larger than {LARGEST >> 10} KiB, expected a description in YAML")
     try:
         content = yaml.load(text, _Loader)
     except yaml.YAMLError as error:
@@ -52,7 +50,27 @@ def read_yaml(path: Path) -> dict[str, Any]:
         raise FileError(path, f"is not valid YAML ({error})") from error
     if not isinstance(content, dict):
         raise FileError(path, "holds no mapping of names to values")
+    _check_repeated(path, content)
     return content
+
+
+def _check_repeated(path: Path, content: Any) -> None:
+    """Refuse a file whose aliases repeat values without end, or too many of them. Each value is looked at once."""
+    counts: dict[int, int] = {}
+
+    def count(value: Any) -> int:
+        if not isinstance(value, dict | list):
+            return 1
+        known = counts.get(id(value))
+        if known == 0:
+            raise FileError(path, "holds a value that contains itself")
+        if known is None:
+            counts[id(value)] = 0
+            inner = [*value, *value.values()] if isinstance(value, dict) else value
+            known = counts[id(value)] = 1 + sum(map(count, inner))
+        return known
+
+    budget.check_claim(path, "values, with all that its aliases repeat", count(content), budget.limits().yaml_nodes)
 
 
 def number(path: Path, where: str, value: Any) -> float:

@@ -160,7 +160,7 @@ def describe(hint: Any) -> str:
         base, *extras = get_args(hint)
         if any(isinstance(extra, Ordered) for extra in extras):
             return f"two limits [low,high], each {describe(get_args(base)[0])}"
-        limits = [_limits(extra) for extra in extras if isinstance(extra, Bounds)]
+        limits = [str(extra) for extra in extras if isinstance(extra, Bounds)]
         return describe(base) + "".join(limits)
     if origin in (Union, types.UnionType):
         parts = [part for part in get_args(hint) if part is not type(None)]
@@ -194,7 +194,7 @@ def convert(hint: Any, value: Any, *, key: str) -> Any:
             return _convert_union(Union[parts_of(hint)], value, key)  # noqa: UP007 (a tuple of classes)
         converted = convert(base, value, key=key)
         for extra in extras:
-            if isinstance(extra, Bounds) and not _within(extra, converted):
+            if isinstance(extra, Bounds) and not extra.contains(converted):
                 raise ConfigError(key, f"{value} is out of range; expected {describe(hint)}.")
             if isinstance(extra, Ordered) and converted[0] > converted[1]:
                 raise ConfigError(key, f"{value} has its limits in the wrong order; expected {describe(hint)}.")
@@ -320,20 +320,3 @@ def class_of(classes: Sequence[Any], member: Any) -> Any:
         if get_origin(hint) is Literal and member in get_args(hint):
             return cls
     return None
-
-
-def _within(bounds: Bounds, value: float) -> bool:
-    return not (
-        (bounds.low is not None and value < bounds.low)
-        or (bounds.high is not None and value > bounds.high)
-        or (bounds.above is not None and value <= bounds.above)
-    )
-
-
-def _limits(bounds: Bounds) -> str:
-    if bounds.above is not None:
-        text = f" above {bounds.above:g}"
-        return text if bounds.high is None else f"{text} and at most {bounds.high:g}"
-    if bounds.low is not None and bounds.high is not None:
-        return f" from {bounds.low:.10g} to {bounds.high:.10g}"
-    return f" of at least {bounds.low:g}" if bounds.low is not None else f" of at most {bounds.high:g}"

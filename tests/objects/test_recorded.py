@@ -33,7 +33,7 @@ def test_a_folder_without_one_has_none(tmp_path: Path) -> None:
     [
         ("name: box", "name: 3", "name is 3, expected text"),
         ("path: object.xml", f"path: {'x' * 300}", "path is .*, expected text"),
-        ("friction: 0.2", "friction: -0.2", "friction, restitution or width cannot be"),
+        ("friction: 0.2", "friction: -0.2", "friction: -0.2 is out of range"),
         ("friction: 0.2", "friction: much", "friction is 'much', expected a finite number"),
         ("tags: null", "mass: 3", "mass is no setting of one"),
     ],

@@ -43,8 +43,8 @@ def test_what_the_text_cannot_say_comes_beside(cube: ObjectModel) -> None:
 @pytest.mark.parametrize(
     ("text", "changes", "says"),
     [
-        ('<mujoco><include file="other.xml"/></mujoco>', {}, "names other files"),
-        ("<mujoco><extension/></mujoco>", {}, "names other files"),
+        ('<mujoco><include file="other.xml"/></mujoco>', {}, "names another file"),
+        ("<mujoco><extension/></mujoco>", {}, "element <extension>"),
         ("", {"friction": -0.1}, "cannot be"),
         ("", {"width": 0.0}, "cannot be"),
     ],

@@ -10,12 +10,15 @@ from typing import Any
 
 import torch
 
-from tossid.errors import FileError
+from tossid import budget
+from tossid.errors import FileError, InputError
 from tossid.models.registry import build_model, settings_from
 from tossid.models.trained import EpochRecord, TrainedModel
 from tossid.objects import ObjectModel, object_from_mjcf
+from tossid.objects.references import check_alone, stands_alone
 from tossid.settings.plain import from_plain, to_plain
 from tossid.settings.training import TrainSettings
+from tossid.store.object_text import text_of_model
 
 SCHEMA = "tossid.checkpoint/3"
 """What is written: settings, history and parameters with the weights."""
@@ -32,12 +35,14 @@ def checkpoint_bytes(trained: TrainedModel) -> bytes:
         trained: The model.
     """
     given = trained.model.object
+    # the model's settings say how its start differs from this text, so that it stays as it is where it can
+    text = given.mjcf if stands_alone(given.mjcf) else text_of_model(given)
     content = {
         "schema": SCHEMA,
         "settings": to_plain(trained.settings),
         "data": None if trained.data is None else str(trained.data.resolve()),
         "sha256": trained.sha256,
-        "object": {"mjcf": given.mjcf, **{name: getattr(given, name) for name in _STATED}},
+        "object": {"mjcf": text, **{name: getattr(given, name) for name in _STATED}},
         "model": trained.model.state_dict(),
         "parameters": trained.parameters,
         "history": [asdict(record) for record in trained.history],
@@ -67,6 +72,7 @@ def read_checkpoint(path: Path) -> TrainedModel:
     Raises:
         FileError: It is no checkpoint, or damaged.
     """
+    budget.regular_size(path)
     try:
         content = torch.load(path, weights_only=True)
     except Exception as error:
@@ -76,6 +82,8 @@ def read_checkpoint(path: Path) -> TrainedModel:
         raise FileError(path, f"not a checkpoint of schema {SCHEMA} or {OLDER}")
     try:
         return _trained(_renewed(content) if schema == OLDER else content)
+    except InputError as error:
+        raise FileError(path, f"a checkpoint that cannot be used: {error}") from error
     except Exception as error:  # what is damaged may be anywhere in it
         raise FileError(path, f"a damaged checkpoint ({type(error).__name__}: {error})") from error
 
@@ -83,6 +91,7 @@ def read_checkpoint(path: Path) -> TrainedModel:
 def _trained(content: dict[str, Any]) -> TrainedModel:
     settings = _train_settings(content["settings"])
     about = dict(content["object"])
+    check_alone(about["mjcf"])
     given: ObjectModel = object_from_mjcf(about.pop("mjcf"), **about)
     model = build_model(settings.model, given, seed=settings.seed)
     model.load_state_dict(content["model"])

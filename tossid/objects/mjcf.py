@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tossid.errors import FileError, ObjectError
 from tossid.objects.model import GRAVITY, JointLaw, JointType, ObjectModel, Tag
+from tossid.objects.references import check_model_file
 from tossid.rotations import quat_to_matrix
 
 Array = NDArray[np.float64]
@@ -50,11 +51,12 @@ def object_from_file(path: Path) -> ObjectModel:
         path: The file. A base without a joint gets a free joint.
 
     Raises:
-        FileError: The file is missing or MuJoCo cannot parse it.
+        FileError: The file is missing, asks for too much, or MuJoCo cannot parse it.
         ObjectError: It is no tree of one free base with hinges and slides.
     """
-    if not path.is_file():
+    if not path.exists():
         raise FileError(path, "no such object file; expected MJCF or URDF")
+    check_model_file(path)
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, mujoco.FatalError) as error:

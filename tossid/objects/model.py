@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import ObjectError
+from tossid.settings.limits import VALUES
 
 Array = NDArray[np.float64]
 
@@ -98,7 +99,7 @@ class ObjectModel:
         joint_law: what acts in the joints; nothing if None.
 
     Raises:
-        ObjectError: compliance, relaxation, cohesion or a number of the joints' law is negative or not finite.
+        ObjectError: A value is not finite, of a sign that cannot be, or beyond `tossid.settings.limits.ValueLimits`.
     """
 
     name: str
@@ -125,10 +126,36 @@ class ObjectModel:
     joint_law: JointLaw | None = None
 
     def __post_init__(self) -> None:
-        for name, unit in (("compliance", "m/N"), ("relaxation", "s"), ("cohesion", "N")):
+        scalars = (
+            ("friction", "", VALUES.friction),
+            ("restitution", "", 1.0),
+            ("compliance", " m/N", VALUES.contact),
+            ("relaxation", " s", VALUES.contact),
+            ("cohesion", " N", VALUES.contact),
+        )
+        for name, unit, limit in scalars:
             value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise ObjectError(f"object '{self.name}': {name} is {value} {unit}, expected at least 0")
+            if not 0 <= value <= limit:
+                raise ObjectError(f"object '{self.name}': {name} is {value}{unit}, expected 0 to {limit:g}{unit}")
+        if not 0 < self.width <= VALUES.length:
+            raise ObjectError(f"object '{self.name}': width is {self.width} m, expected up to {VALUES.length:g} m")
+        largest_inertia = VALUES.mass * VALUES.length**2
+        arrays = (
+            ("mass", "kg", VALUES.mass),
+            ("com", "m", VALUES.length),
+            ("inertia", "kg m²", largest_inertia),
+            ("corner_pos", "m", VALUES.length),
+            ("body_pos", "m", VALUES.length),
+            ("joint_pos", "m", VALUES.length),
+        )
+        for name, unit, limit in arrays:
+            size = np.abs(getattr(self, name)).max(initial=0.0)
+            if not size <= limit:  # NaN, too
+                raise ObjectError(
+                    f"object '{self.name}': {name} reaches {size} {unit}, expected at most {limit:g} {unit}"
+                )
+        if (self.mass <= 0).any():
+            raise ObjectError(f"object '{self.name}': mass of a body is {self.mass.min():g} kg, expected more than 0")
         for name, values in self.joints._asdict().items():
             if np.shape(values) != (self.n_bodies,) or not np.isfinite(values).all():
                 raise ObjectError(f"object '{self.name}': {name} of its joints must be one finite number a body")

@@ -9,8 +9,9 @@ from typing import Any
 
 import yaml
 
-from tossid.errors import FileError, brief
+from tossid.errors import ConfigError, FileError, ObjectError, brief
 from tossid.objects.model import ObjectModel
+from tossid.objects.references import check_model_file, inside
 from tossid.settings.objects import ObjectSettings
 from tossid.yaml_files import number, read_yaml
 
@@ -43,26 +44,36 @@ def recorded_object(folder: Path) -> ObjectSettings | None:
     """The object that `write_object` left in a folder, None if there is none.
 
     Raises:
-        FileError: The folder's object.yaml does not describe an object.
+        FileError: The folder's object.yaml does not describe an object, or names files outside the folder.
     """
     file = folder / "object.yaml"
-    if not file.is_file():
+    if not file.exists():
         return None
     values = read_yaml(file)
     if strange := sorted(set(map(str, values)) - {field.name for field in fields(ObjectSettings)}):
         raise FileError(file, f"does not describe an object: {strange[0]} is no setting of one")
-    settings = ObjectSettings(
-        name=_text(file, "name", values.get("name")),
-        path=folder / _text(file, "path", values.get("path")),
-        friction=number(file, "friction", values.get("friction")),
-        restitution=number(file, "restitution", values.get("restitution")),
-        width=None if values.get("width") is None else number(file, "width", values["width"]),
-        tags=None if values.get("tags") is None else folder / _text(file, "tags", values["tags"]),
-    )
-    sound = settings.friction >= 0 and 0 <= settings.restitution <= 1 and (settings.width is None or settings.width > 0)
-    if not sound:
-        raise FileError(file, "does not describe an object: its friction, restitution or width cannot be")
+    try:
+        settings = ObjectSettings(
+            name=_text(file, "name", values.get("name")),
+            path=_own_file(file, "path", values.get("path")),
+            friction=number(file, "friction", values.get("friction")),
+            restitution=number(file, "restitution", values.get("restitution")),
+            width=None if values.get("width") is None else number(file, "width", values["width"]),
+            tags=None if values.get("tags") is None else _own_file(file, "tags", values["tags"]),
+        )
+    except ConfigError as error:
+        raise FileError(file, f"does not describe an object: {error}") from error
+    if settings.path.exists():
+        check_model_file(settings.path, own_folder=folder)
     return settings
+
+
+def _own_file(file: Path, key: str, value: Any) -> Path:
+    """A file that object.yaml names: one in its own folder."""
+    try:
+        return inside(file.parent, _text(file, key, value))
+    except ObjectError as error:
+        raise FileError(file, f"{key}: {error}") from error
 
 
 def _text(file: Path, key: str, value: Any) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from xml.etree import ElementTree as xml
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from tossid.errors import ObjectError
+from tossid.errors import ObjectError, brief
 from tossid.objects.model import JointType, ObjectModel
 from tossid.rotations import quat_to_matrix
 
@@ -30,7 +31,7 @@ def to_urdf(model: ObjectModel, *, meshes: str) -> tuple[str, dict[str, str]]:
         text, and for each mesh file's name its content (Wavefront OBJ, metres).
 
     Raises:
-        ObjectError: a body's corners span no volume.
+        ObjectError: a body's corners span no volume, or its name can be no part of a file's.
     """
     robot = xml.Element("robot", name=model.name)
     compiler = xml.SubElement(robot, "mujoco")
@@ -46,6 +47,10 @@ def to_urdf(model: ObjectModel, *, meshes: str) -> tuple[str, dict[str, str]]:
         xml.SubElement(inertial, "inertia", {key: repr(float(I[at])) for key, at in places.items()})
         own = model.corner_pos[model.corner_body == b]
         if len(own):
+            if not re.fullmatch(r"[\w .+-]+", name) or name.startswith("."):
+                raise ObjectError(
+                    f"body {brief(name)} cannot be a part of a mesh file's name; expected letters and digits"
+                )
             file = f"{meshes}_{name}.obj"
             files[file] = _mesh(_from_link(model, b, own), name)
             for kind in ("visual", "collision"):

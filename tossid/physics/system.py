@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tossid.errors import ObjectError
 from tossid.objects import GRAVITY, JointLaw, ObjectModel
+from tossid.settings.limits import VALUES
 
 Array = NDArray[np.float64]
 
@@ -110,7 +111,8 @@ def make_system(
         k_res: a learned acceleration.
 
     Raises:
-        ObjectError: the object has both restitution and a spring's compliance or relaxation.
+        ObjectError: gravity or friction is beyond `tossid.settings.limits.ValueLimits`, or the object has both
+            restitution and a spring's compliance or relaxation.
     """
     if model.restitution > 0 and (model.compliance > 0 or model.relaxation > 0):
         raise ObjectError(
@@ -118,7 +120,11 @@ def make_system(
             f"relaxation {model.relaxation:g} s: two models of the same bounce; one of them must be 0"
         )
     g = np.asarray(gravity, dtype=float)
-    mu = model.friction if friction is None else friction
+    mu = np.asarray(model.friction if friction is None else friction, dtype=float)
+    if not (np.abs(g) <= VALUES.gravity).all():  # NaN is none
+        raise ObjectError(f"gravity is {g} m/s², expected at most {VALUES.gravity:g} m/s²")
+    if not ((mu >= 0) & (mu <= VALUES.friction)).all():
+        raise ObjectError(f"object '{model.name}': friction is {mu}, expected 0 to {VALUES.friction:g}")
     contiguous = np.ascontiguousarray
     return System(
         parent=contiguous(model.parent),
@@ -132,7 +138,7 @@ def make_system(
         inertia=contiguous(model.inertia),
         corner_body=contiguous(model.corner_body),
         corner_pos=contiguous(model.corner_pos),
-        mu=np.broadcast_to(np.asarray(mu, dtype=float), (model.n_corners,)).copy(),
+        mu=np.broadcast_to(mu, (model.n_corners,)).copy(),
         restitution=float(model.restitution),
         gravity=g.copy() if g.ndim else np.array([0.0, 0.0, -float(g)]),
         k_res=k_res or no_learned_acceleration(model.n_joints),

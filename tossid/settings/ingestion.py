@@ -6,27 +6,10 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from tossid.settings.kinds import Bounds, Count, Fraction, NonNegative, Positive, Seed, advanced, advanced_part
+from tossid.settings.kinds import Bounds, Checked, Count, Fraction, NonNegative, Positive, Seed, advanced, advanced_part
+from tossid.settings.limits import LARGEST_GRAVITY
 from tossid.settings.segmentation import SegmentSettings
 from tossid.settings.tracking import TrackSettings
-
-
-@dataclass(frozen=True, kw_only=True)
-class ImportLimits:
-    """Values of imported tosses beyond which their units are taken to be wrong."""
-
-    position: Positive = 20.0
-    """largest distance from the origin along an axis [m]: tosses are room-sized"""
-    speed: Positive = 50.0
-    """largest speed [m/s]"""
-    spin: Positive = 200.0
-    """largest angular velocity about an axis, and joint rate [rad/s]"""
-    mismatch: Positive = 0.5
-    """largest relative difference, in the median, between recorded velocities and the differences of the poses"""
-    moving_speed: Positive = 0.1
-    """speed [m/s] below which a frame says nothing about units"""
-    moving_spin: Positive = 1.0
-    """angular velocity [rad/s] below which a frame says nothing about units"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,10 +102,10 @@ class DetectSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TossSettings:
+class TossSettings(Checked):
     """From tracked poses to a dataset of tosses."""
 
-    gravity: Positive = 9.81
+    gravity: Annotated[float, Bounds(above=0, high=LARGEST_GRAVITY)] = 9.81
     """gravity where it was recorded [m/s²]"""
     level: Literal["auto", "always", "never"] = "auto"
     """frames: turn and shift the world so that the ground found from the tosses is z = 0; auto: where no fixed tag says

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-from tossid.settings.kinds import Bounds, NonNegative, Positive
+from tossid.settings.kinds import Checked
+from tossid.settings.limits import Friction, Length, Restitution
 
 
 @dataclass(frozen=True)
-class ObjectSettings:
+class ObjectSettings(Checked):
     """The object that is tossed."""
 
     name: str
     """what it is called"""
     path: Path
     """its MJCF or URDF file; a relative path is sought in the working folder, then beside tossid's own package"""
-    friction: NonNegative = 0.18
+    friction: Friction = 0.18
     """Coulomb friction of object and ground"""
-    restitution: Annotated[float, Bounds(low=0, high=1)] = 0.0
+    restitution: Restitution = 0.0
     """Newton's restitution, 0 for none"""
-    width: Positive | None = None
+    width: Length | None = None
     """length that position errors refer to [m]; null: the longest edge of the base"""
     tags: Path | None = None
     """its AprilTags, in TagSLAM's tagslam.yaml form; null: none"""

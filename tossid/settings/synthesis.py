@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from tossid.settings.kinds import (
     Bounds,
+    Checked,
     Count,
     Fraction,
     NonNegative,
@@ -17,6 +18,7 @@ from tossid.settings.kinds import (
     advanced,
     advanced_part,
 )
+from tossid.settings.limits import Gravity
 
 
 @dataclass(frozen=True)
@@ -155,7 +157,7 @@ class CameraSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SynthesizeSettings:
+class SynthesizeSettings(Checked):
     """World, engine, releases, noise and cameras of tosses that are made."""
 
     engine: Engine = MujocoEngine()
@@ -166,7 +168,7 @@ class SynthesizeSettings:
     """seed of everything random"""
     rate_hz: Positive = 148.0
     """frames a second"""
-    gravity: NonNegative = 9.81
+    gravity: Gravity = 9.81
     """downward [m/s²]"""
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
     """what differs from the nominal world: {NAME: {PARAM: VALUE}}, of the library of effects, SI; others' nominal"""

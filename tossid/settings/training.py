@@ -6,9 +6,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 from tossid.settings.kinds import (
+    Bounds,
+    Checked,
     Count,
     Fraction,
     NonNegative,
@@ -17,10 +19,11 @@ from tossid.settings.kinds import (
     advanced,
     advanced_part,
 )
+from tossid.settings.limits import Gravity
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelSettings:
+class ModelSettings(Checked):
     """What is learned and what is given."""
 
     name: str = "cn"
@@ -41,9 +44,9 @@ class ModelSettings:
     """learn contact by the implicit loss first; false: by prediction error alone"""
     refine_geometry: bool = False
     """rollouts refine the corners, too"""
-    gravity: NonNegative = 9.81
+    gravity: Gravity = 9.81
     """downward acceleration of the given continuous dynamics [m/s²]"""
-    hidden: Count = 16
+    hidden: Annotated[int, Bounds(low=1, high=1024)] = 16
     """width of the hidden layers (of k_res; of e2e's network)"""
     residual_weight: NonNegative = 1e-6
     """weight of the squared k_res in the loss, but for its uniform vertical part"""
@@ -163,7 +166,7 @@ class IntervalSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainSettings:
+class TrainSettings(Checked):
     """Fit a model to a dataset."""
 
     model: ModelSettings = field(default=CNRPI)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tossid.errors import FileError, InputError, MotionError
 from tossid.rotations import quat_boxminus, quat_normalize
-from tossid.settings.ingestion import ImportLimits
+from tossid.settings.limits import ImportLimits
 from tossid.store.hashing import natural_key
 from tossid.store.importers.registry import holds
 from tossid.types import OnDemand, PoseTrack

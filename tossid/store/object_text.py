@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import ObjectError
 from tossid.objects import ObjectModel, Tag, object_from_mjcf, to_mjcf
-
-# what would make MuJoCo open other files or load libraries
-_REACHES_OUT = re.compile(r"<\s*(include|plugin|extension|model|attach)\b|\bfile[a-z]*\s*=", re.IGNORECASE)
+from tossid.objects.references import check_alone, stands_alone
 
 _TOLERANCE = 1e-6
 """MuJoCo writes six digits and keeps mesh vertices in single precision: relative to the object's own sizes."""
@@ -26,7 +22,7 @@ def text_of_model(model: ObjectModel) -> str:
     for text in (model.mjcf, None):
         if text is None:
             text = to_mjcf(model, ground=False)
-        if not text or _REACHES_OUT.search(text):
+        if not text or not stands_alone(text):
             continue
         try:
             again = object_from_mjcf(text, width=model.width)
@@ -65,8 +61,7 @@ def model_of_text(
     Raises:
         ObjectError: MuJoCo cannot read the text, the text names other files, or a value cannot be.
     """
-    if _REACHES_OUT.search(text):
-        raise ObjectError("its MJCF names other files or plugins; a dataset's object stands alone")
+    check_alone(text)
     if friction < 0 or restitution < 0 or width <= 0:
         raise ObjectError(f"friction {friction}, restitution {restitution} or width {width} m cannot be")
     found: tuple[Tag, ...] = ()

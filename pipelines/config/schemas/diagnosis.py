@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from tossid.settings.diagnosis import DiagnoseSettings
-from tossid.settings.kinds import NonNegative
+from tossid.settings.limits import Gravity
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class NominalSim:
 
     name: Literal["nominal"]
     """the stated object"""
-    gravity: NonNegative
+    gravity: Gravity
     """downward [m/s²]"""
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tossid.settings.kinds import Bounds, NonNegative, Positive
+from tossid.settings.kinds import Bounds, Positive
+from tossid.settings.limits import Friction, Length, Mass, Restitution
 
 
 @dataclass(frozen=True)
@@ -15,15 +16,15 @@ class NewObjectConfig:
 
     name: str
     """what it is called"""
-    box: tuple[Positive, Positive, Positive]
+    box: tuple[Length, Length, Length]
     """its edges along x, y and z [m]"""
-    mass: Positive
+    mass: Mass
     """its mass [kg]"""
     com: tuple[float, float, float]
     """its centre of mass, from the box's centre [m]"""
-    friction: NonNegative
+    friction: Friction
     """Coulomb friction of object and ground, as far as you know it"""
-    restitution: Annotated[float, Bounds(low=0, high=1)]
+    restitution: Restitution
     """Newton's restitution, 0 for none"""
     tag_size: Positive | None
     """edge of the tags' black border [m]; null: three quarters of what each face has room for"""

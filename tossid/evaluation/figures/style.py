@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
+from matplotlib.ticker import LogFormatter
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -63,6 +64,7 @@ _STYLE: dict[str, Any] = {
     "lines.markersize": 5,
     "lines.solid_capstyle": "round",
     "hatch.linewidth": 0.5,
+    "text.parse_math": False,  # a toss may be named "a$\\x$"
     "legend.frameon": False,
     "legend.fontsize": 9,
 }
@@ -129,9 +131,20 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     @functools.wraps(draw)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with matplotlib.style.context(["default", _STYLE]):
-            return draw(*args, **kwargs)
+            figure = draw(*args, **kwargs)
+        _spell_powers(figure)
+        return figure
 
     return wrapped
+
+
+def _spell_powers(figure: Figure) -> None:
+    """Let the ticks of logarithmic axes be read as mathematics: matplotlib spells their powers so."""
+    for ax in figure.axes:
+        for axis in (ax.xaxis, ax.yaxis):
+            if isinstance(axis.get_major_formatter(), LogFormatter):
+                for text in (*axis.get_ticklabels(), *axis.get_ticklabels(minor=True)):
+                    text.set_parse_math(True)
 
 
 def new_figure(title: str, subtitle: str = "", *, height: float) -> Figure:

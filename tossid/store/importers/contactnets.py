@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from tossid.errors import FileError, InputError
-from tossid.settings.ingestion import ImportLimits
 from tossid.settings.kinds import Positive, advanced_part
+from tossid.settings.limits import ImportLimits
 from tossid.store.importers.registry import Imported, register_importer
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Literal
 
 from tossid.errors import FileError, InputError
 from tossid.outputs import write_whole
-from tossid.settings.ingestion import ImportLimits
 from tossid.settings.kinds import advanced_part
+from tossid.settings.limits import ImportLimits
 from tossid.store.importers.registry import Imported, holds, register_importer
 
 if TYPE_CHECKING:

@@ -39,10 +39,10 @@ def read_cameras(folder: str | Path, *, layout: TagLayout | None = None) -> tupl
     folder = Path(folder)
     path = folder / "cameras.yaml"
     content = read_yaml(path)
-    if layout is None and (folder / "tagslam.yaml").is_file():
+    if layout is None and (folder / "tagslam.yaml").exists():
         layout = read_tagslam(folder / "tagslam.yaml")
     poses_path = folder / "camera_poses.yaml"
-    poses = read_yaml(poses_path) if poses_path.is_file() else None
+    poses = read_yaml(poses_path) if poses_path.exists() else None
     cameras: list[Camera] = []
     T_rig_previous: Array | None = None
     for name, entry in content.items():

@@ -1,0 +1,253 @@
+"""What the text of a model may ask for, checked before MuJoCo reads it: other files, and elements.
+
+An MJCF or URDF may include other files, name meshes and textures, and have elements copied a million times. MuJoCo
+obeys while it parses. A model from outside (of a dataset, a checkpoint or a recording) may name regular files in its
+own folder and no others. A user's own model may name any regular file. Each model stays within
+`tossid.settings.limits.ReadLimits`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from xml.parsers import expat
+
+from tossid import budget
+from tossid.errors import FileError, ObjectError, brief
+
+_MODELS = frozenset({"include", "model"})
+"""Elements whose file is a model itself."""
+_CODE = frozenset({"plugin", "extension"})
+"""Elements that have MuJoCo load libraries."""
+_COPIES = frozenset({"attach", "composite", "flexcomp"})
+"""Elements that add many others, by rules that only MuJoCo knows; no rigid object needs one."""
+_FOLDERS = frozenset({"meshdir", "texturedir", "assetdir"})
+_PACKAGE = "package://"
+"""How URDF names files of ROS packages; MuJoCo takes it away."""
+_UNITS = {"k": 2**10, "m": 2**20, "g": 2**30, "t": 2**40, "p": 2**50, "e": 2**60}
+_MEMORY = 1 << 28
+"""Bytes that `<size memory>` may ask for."""
+_PNG = b"\x89PNG\r\n\x1a\n"
+_DEPTH = 64
+"""Elements inside one another."""
+
+
+@dataclass
+class _Asked:
+    """What a model's text asks for."""
+
+    files: list[tuple[str, str]] = field(default_factory=list)
+    """element and name of each file"""
+    folders: set[str] = field(default_factory=set)
+    """folders of meshes and textures"""
+    elements: float = 0
+    """elements, with all copies"""
+
+
+def check_alone(text: str) -> None:
+    """Refuse the text of a model from outside that names other files, or asks for too much.
+
+    Args:
+        text: MJCF, as datasets and checkpoints hold it.
+
+    Raises:
+        ObjectError: It does.
+    """
+    asked = _asked(text, outside=True)
+    if asked.files or asked.folders:
+        name = asked.files[0][1] if asked.files else min(asked.folders)
+        raise ObjectError(f"it names another file or folder ({brief(name)}), expected a model that stands alone")
+
+
+def stands_alone(text: str) -> bool:
+    """Whether `check_alone` passes."""
+    try:
+        check_alone(text)
+    except ObjectError:
+        return False
+    return True
+
+
+def inside(folder: Path, name: str) -> Path:
+    """The file in a folder that a file from outside names.
+
+    Args:
+        folder: Where the file that names it lies.
+        name: A relative path.
+
+    Returns:
+        The file's path, which may not exist.
+
+    Raises:
+        ObjectError: It lies elsewhere, by its name or by a link, or is no regular file.
+    """
+    parts = PurePosixPath(name).parts
+    windows = PureWindowsPath(name)
+    if name.startswith("/") or ".." in parts or windows.drive or "\\" in name or ":" in name or "\0" in name:
+        raise ObjectError(f"it names {brief(name)}, expected a file in its own folder")
+    path = folder / name
+    try:
+        linked = not path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError) as error:  # links in a circle, names too long
+        raise ObjectError(f"it names {brief(name)}, which cannot be found: {error}") from error
+    if linked:
+        raise ObjectError(f"it names {brief(name)}, which links to a place outside its own folder")
+    if path.exists() and not path.is_file():
+        raise ObjectError(f"it names {brief(name)}, which is not a regular file")
+    return path
+
+
+def check_model_file(path: Path, *, own_folder: Path | None = None) -> None:
+    """Refuse a model's file that asks for too much, or names files that it may not.
+
+    Args:
+        path: MJCF or URDF.
+        own_folder: The folder that its files must lie in, of a model from outside; None for a user's own model, whose
+            files may lie anywhere.
+
+    Raises:
+        FileError: It does, or it is no regular file, or cannot be read.
+    """
+    folders: set[str] = {""}
+    waiting, seen, elements = [path], set[Path](), 0.0
+    data: list[tuple[Path, str]] = []
+    while waiting:
+        file = waiting.pop()
+        if file.resolve() in seen:
+            continue
+        seen.add(file.resolve())
+        budget.check_claim(file, "bytes of a model", budget.regular_size(file), budget.limits().model_text)
+        try:
+            asked = _asked(file.read_text(encoding="utf-8"), outside=own_folder is not None)
+            elements += asked.elements
+            folders |= asked.folders
+            budget.check_claim(path, "elements", elements, budget.limits().elements)
+            for kind, name in asked.files:
+                if kind in _MODELS:
+                    waiting += _existing(name, {""}, {path.parent, file.parent}, own_folder)
+                else:
+                    data.append((file.parent, name))
+        except ObjectError as error:
+            raise FileError(file, str(error)) from error
+        except UnicodeDecodeError as error:
+            raise FileError(file, "holds letters that are not UTF-8, expected MJCF or URDF") from error
+        except OSError as error:
+            raise FileError(file, f"cannot be read: {error.strerror}") from error
+    try:
+        for parent, name in data:
+            for found in _existing(name, folders, {path.parent, parent}, own_folder):
+                _check_data(found)
+    except ObjectError as error:
+        raise FileError(path, str(error)) from error
+
+
+def _existing(name: str, folders: set[str], parents: set[Path], own_folder: Path | None) -> list[Path]:
+    """The files that a name may mean to MuJoCo, of those that are there."""
+    bare = name.removeprefix(_PACKAGE)
+    names = {str(PurePosixPath(folder) / spelled) for folder in folders for spelled in (bare, PurePosixPath(bare).name)}
+    found = []
+    for parent in sorted(parents):
+        for each in sorted(names):
+            path = parent / each
+            if own_folder is not None:
+                inside(parent, each)
+                if not path.resolve().is_relative_to(own_folder.resolve()):
+                    raise ObjectError(f"it names {brief(each)}, which lies outside its own folder")
+            if path.exists():
+                found.append(path)
+    return found
+
+
+def _check_data(path: Path) -> None:
+    """Refuse a mesh or texture that is no regular file, or too large."""
+    budget.check_claim(path, "bytes of a mesh or texture", budget.regular_size(path), budget.limits().model_file)
+    with path.open("rb") as file:
+        head = file.read(24)
+    if head.startswith(_PNG) and len(head) == 24:
+        budget.check_pixels(path, int.from_bytes(head[16:20]), int.from_bytes(head[20:24]))
+
+
+def _asked(text: str, *, outside: bool) -> _Asked:
+    """What a text asks for.
+
+    Raises:
+        ObjectError: It is no XML, or asks for too much.
+    """
+    size = len(text.encode("utf-8", "surrogatepass"))
+    if size > budget.limits().model_text:
+        raise ObjectError(f"it holds {size} bytes, expected at most {budget.limits().model_text}")
+    found, copies = _Asked(), [1.0]
+
+    def start(element: str, attributes: dict[str, str]) -> None:
+        name, given = element.lower(), {key.lower(): value for key, value in attributes.items()}
+        if outside and name in _CODE | _COPIES:
+            raise ObjectError(f"it has an element <{brief(element)[1:-1]}>, which models from outside may not have")
+        count = copies[-1] * _copies(name, given)
+        copies.append(count)
+        found.elements += count
+        if found.elements > budget.limits().elements or len(copies) > _DEPTH:
+            claimed = f"{found.elements:.3g} elements, {len(copies) - 1} inside one another"
+            raise ObjectError(f"it claims {claimed}; expected at most {budget.limits().elements}, {_DEPTH} deep")
+        _check_amounts(name, given)
+        for key, value in given.items():
+            if key in _FOLDERS:
+                found.folders.add(value)
+            elif key.startswith("file"):
+                found.files.append((name, value))
+
+    def doctype(*_: object) -> None:
+        raise ObjectError("it declares a document type, which no model needs")
+
+    parser = expat.ParserCreate("utf-8")
+    parser.StartElementHandler, parser.StartDoctypeDeclHandler = start, doctype
+    parser.EndElementHandler = lambda _: copies.pop()
+    # a person's comments may hold "--", which XML forbids and MuJoCo reads
+    spelled = text if outside else re.sub("<!--.*?-->", "", text, flags=re.DOTALL)
+    try:
+        parser.Parse(spelled.encode("utf-8", "surrogatepass"), True)
+    except (expat.ExpatError, ValueError) as error:
+        if outside:
+            raise ObjectError(f"it is not valid XML: {error}") from error
+    return found
+
+
+def _copies(name: str, given: dict[str, str]) -> float:
+    """How often an element's content is made."""
+    if name not in ("replicate", "composite", "flexcomp"):
+        return 1.0
+    return math.prod(max(1.0, number) for number in _numbers(given.get("count", "1")))
+
+
+def _check_amounts(name: str, given: dict[str, str]) -> None:
+    """Refuse amounts that MuJoCo would make room for."""
+    claimed: float = 0.0
+    what, limit = "", float(budget.limits().pixels)
+    if name == "texture":
+        width, height = (max([0.0, *_numbers(given.get(key, "0"))]) for key in ("width", "height"))
+        claimed, what = width * max(height, 6.0 * width), f"pixels of a texture ({width:.10g} wide)"
+    elif name == "hfield":
+        claimed, what = math.prod([*_numbers(given.get("nrow", "0")), *_numbers(given.get("ncol", "0"))]), "heights"
+    elif name == "numeric":
+        claimed, what = max([0.0, *_numbers(given.get("size", "0"))]), "numbers"
+    elif name == "user":
+        claimed, what = max([0.0, *_numbers(given.get("dim", "0"))]), "numbers of a sensor"
+    elif name == "mesh" and "builtin" in given:
+        claimed, what = math.prod(max(1.0, n) for n in _numbers(given.get("params", "0"))), "parts of a built-in mesh"
+        limit = float(budget.limits().corners)
+    elif name == "size":
+        claimed, what = max([0.0, *(n for value in given.values() for n in _numbers(value))]), "of MuJoCo's memory"
+        limit = float(_MEMORY)
+    if not claimed <= limit:
+        raise ObjectError(f"it claims {claimed:.4g} {what}, expected at most {limit:.4g}")
+
+
+def _numbers(text: str) -> Iterator[float]:
+    """The numbers in an attribute, with the units of memory ("10M")."""
+    for digits, unit in re.findall(r"([-+0-9.]+(?:[eE][-+]?\d+)?)\s*([kKmMgGtTpPeE]?)", text):
+        try:
+            yield float(digits) * _UNITS.get(unit.lower(), 1)
+        except ValueError:
+            continue
