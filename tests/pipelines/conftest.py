@@ -10,14 +10,24 @@ import sys
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from pipelines.cli import app
+from pipelines.cli.console import Console
+from pipelines.config.compose import load
+from pipelines.config.schemas import ViewConfig
+
+if TYPE_CHECKING:
+    from pipelines.drawing.recording_view import ViewContent
 
 KEYS = ["model=cnrpi", "epochs=12", "patience=12"]
 """A short training."""
+
+LATE_FILM = ["tosses=1", "seed=2", "camera.count=2", "camera.samples=4", "camera.clocks_s=[0,0.02]"]
+LATE_FILM += ["camera.pause_s=[0.1,0.1]", "camera.carry_s=[0.2,0.2]", "out=film"]
+"""A small recording, one of whose clocks is late."""
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -85,6 +95,26 @@ def beside(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     with closing(sqlite3.connect(made / "mlflow.db")) as store, closing(sqlite3.connect("mlflow.db")) as copy:
         store.backup(copy)
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def late_film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a small recording, one of whose clocks is late."""
+    folder = tmp_path_factory.mktemp("viewed")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert app.run(["synthesize", *LATE_FILM, "--quiet"]) == 0
+    return folder
+
+
+@pytest.fixture(scope="session")
+def content(late_film: Path) -> ViewContent:
+    """What is shown of that recording."""
+    from pipelines.drawing.recording_view import recording_content
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(late_film)
+        return recording_content(load("view", ViewConfig, [f"recording={late_film / 'film'}"]), Console(quiet=True))
 
 
 def one_line(text: str) -> str:

@@ -7,11 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.diagnosis.by_hand import EFFECTS, hypothesis
-from tests.diagnosis.selection.test_forward_selection import candidate
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.explain import explain
-from tossid.diagnosis.selection.search_result import SearchResult, replaced
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, RecordingErrors, World
 
@@ -29,15 +26,3 @@ def test_contact_decides_what_flight_cannot_distinguish(cube: ObjectModel) -> No
     assert set(found.named) == {"restitution", "length_scale"}
     bounce = next(each for each in found.findings if each.name == "restitution").parameters["e"]
     assert bounce.low < 0.35 < bounce.high
-
-
-def test_alternatives_have_one_effect_of_a_class_in_anothers_place(cube: ObjectModel) -> None:
-    last = candidate(cube, gravity=[9.5], friction=[0.3])
-    other = replace(candidate(cube, gravity=[9.5], cohesion=[0.2]), effect=EFFECTS["cohesion"])
-    found = SearchResult(candidate(cube), last, (last,), {}, {}, {}, {"friction": (other,), "gravity": ()})
-    (alternative,) = found.alternatives
-    assert alternative.names == ("gravity", "cohesion")
-    assert alternative.values_of("cohesion")[0] == 0.2
-    assert replaced(hypothesis(cube, friction=[0.3]), "friction", other).names == ("cohesion",)
-    assert list(found.without("friction").classes) == ["gravity"]
-    assert replace(found, unsteady=("friction",)).unnamed == {"friction"}

@@ -17,16 +17,15 @@ import pytest
 
 from pipelines.cli import app
 from pipelines.commands import cells, sweep
-from pipelines.commands.cells import compute, compute_all, study_cells
-from pipelines.config.compose import load
-from pipelines.config.schemas import EvaluateConfig
+from pipelines.commands.cells import compute
 from pipelines.tracking.mlflow_store import client
 from pipelines.tracking.runs import find_run, find_runs, metric_history
 from tests.pipelines.conftest import one_line
-from tossid.errors import ConfigError, DivergedError
-from tossid.store import file_sha256, read_dataset
+from tossid.errors import DivergedError
+from tossid.store import read_dataset
 
 SMALL = ["sweep.models=[cn,cnrp]", "sweep.values=[4.905,9.81]", "sweep.train=['epochs=2']", "data=tosses"]
+
 HERE = [*SMALL, "sweep.workers=1"]
 
 
@@ -126,23 +125,6 @@ def cell_end(cell: dict[str, Any]) -> float:
     return float(cell["from_flight"]["rotation_error_deg"]["ci95"][1])
 
 
-def test_processes_give_the_numbers_of_one(beside: Path) -> None:
-    data = beside / "tosses" / "tosses.h5"
-    config = load("evaluate", EvaluateConfig, ["sweep=gravity", *SMALL])
-    assert config.sweep is not None
-    sha256 = file_sha256(data)
-    dataset, study = read_dataset(data), study_cells(config.sweep, data, sha256)
-    before = dict(os.environ)
-    apart = dict(compute_all(study[1:3], sha256=sha256, workers=2, launcher=config.launcher))
-    assert dict(os.environ) == before
-    for cell in study[1:3]:
-        here, there = compute(dataset, cell.config), apart[cell]
-        assert isinstance(there, cells.Computed)
-        assert {**there.result, "seconds": 0} == {**here.result, "seconds": 0}
-        losses = [[row["train_loss"] for row in one.history] for one in (here, there)]
-        assert losses[0] == losses[1]
-
-
 def test_the_inertia_study_is_held_to_the_datasets_object(beside: Path, answer: Any) -> None:
     keys = ["sweep.values=[1,2]", "sweep.train=['epochs=1','model.horizons=[]','model.start_com=[0.003,0,0.004]']"]
     models = "sweep.models=[cnrpi,'cnrpi model.inertia=triangular']"
@@ -219,25 +201,6 @@ def test_wrong_calls(beside: Path, capfd: pytest.CaptureFixture[str], args: list
     assert app.run(["evaluate", *data, *args]) == 2
     assert words in one_line(capfd.readouterr().err)
     assert not (beside / "outputs").exists()
-
-
-def test_cells_are_told_apart_by_what_they_depend_on(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    data = made / "tosses" / "tosses.h5"
-
-    def digests(*keys: str, sha256: str = "a") -> list[str]:
-        config = load("evaluate", EvaluateConfig, ["sweep=gravity", *keys])
-        assert config.sweep is not None
-        return [cell.digest for cell in study_cells(config.sweep, data, sha256)]
-
-    one = digests(*SMALL)
-    assert len(set(one)) == 4
-    assert digests(*SMALL, "sweep.name=other", "sweep.workers=3") == one
-    for other in (digests(*SMALL, sha256="b"), digests(*SMALL, "sweep.seeds=[1]")):
-        assert not set(other) & set(one)
-    monkeypatch.setattr(cells, "code_digest", lambda *modules: "changed")
-    assert not set(digests(*SMALL)) & set(one)
-    with pytest.raises(ConfigError, match="names one twice"):
-        digests("sweep.seeds=[1,1]")
 
 
 @pytest.mark.slow

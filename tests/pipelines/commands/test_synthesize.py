@@ -17,7 +17,7 @@ from tests.pipelines.conftest import one_line
 from tossid.errors import ConfigError
 from tossid.objects import corner_positions, load_object
 from tossid.physics.effects import LIBRARY
-from tossid.store import read_dataset
+from tossid.store import file_sha256, read_dataset
 from tossid.synthesis.tosses import make_tosses, world_of
 from tossid.types import Phase
 
@@ -215,3 +215,39 @@ def test_an_effect_moves_an_object_with_joints(name: str, engine: str) -> None:
         made, _ = make_tosses(config, model, np.random.default_rng(0))
         runs.append(np.concatenate([toss.q[:40] for toss in made]))
     assert np.abs(runs[1] - runs[0]).max() > 1e-3
+
+
+@pytest.mark.parametrize("engine", ["lcp", "mujoco"])
+def test_synthesize_states(project: Path, answer: Any, engine: str) -> None:
+    keys = ["synthesize", "frames=false", f"engine={engine}", "tosses=6", "seed=3"]
+    made = answer(*keys, "out=one")
+    truth = read_dataset(project / "one" / "truth.h5")
+    assert made["n_tosses"] == len(truth.tosses) == 6
+    assert made["truth_sha256"] == file_sha256(project / "one" / "truth.h5")
+    for toss in truth.tosses:
+        flight = toss.phase == Phase.FLIGHT
+        dt = np.diff(toss.t)[0]
+        falls = np.flatnonzero(flight[1:-1] & flight[:-2] & flight[2:])[:5] + 1
+        accelerations = (toss.v[falls + 1, 2] - toss.v[falls - 1, 2]) / (2 * dt)
+        np.testing.assert_allclose(accelerations, -9.81, rtol=1e-3)
+        assert corner_positions(truth.object, toss.q)[..., 2].min() > -2e-3
+    splits = [toss.split for toss in read_dataset(project / "one" / "tosses.h5").tosses]
+    assert set(splits) == {"train", "validation", "test"}
+    again = answer(*keys, "out=two")
+    assert again["truth_sha256"] == made["truth_sha256"]
+    other = answer(*keys[:-1], "seed=4", "out=three")
+    assert other["truth_sha256"] != made["truth_sha256"]
+
+
+def test_frames_need_tags(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert app.run(["synthesize", "object.tags=null", "tosses=1"]) == 2
+    assert "object.tags: 'cube' has no tags" in one_line(capfd.readouterr().err)
+    assert list(project.iterdir()) == []
+
+
+def test_synthesize_never_replaces_a_strangers_folder(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (project / "mine").mkdir()
+    (project / "mine" / "thesis.tex").write_text("years of work")
+    assert app.run(["synthesize", "frames=false", "tosses=3", "out=mine"]) == 2
+    assert "mine: holds files" in one_line(capfd.readouterr().err)
+    assert (project / "mine" / "thesis.tex").read_text() == "years of work"

@@ -51,3 +51,10 @@ def test_a_dataset_ends_in_h5() -> None:
     assert check_dataset_name("out", Path("a.h5")) == Path("a.h5")
     with pytest.raises(ConfigError, match=r"does not end in .h5.*'a.h5'"):
         check_dataset_name("out", Path("a.txt"))
+
+
+def test_a_recording_that_is_being_written_is_not_the_newest(tmp_path: Path) -> None:
+    for name in ("old", ".new.tmp-1-00000000"):
+        (tmp_path / "data" / "raw" / name).mkdir(parents=True)
+        (tmp_path / "data" / "raw" / name / "cameras.yaml").write_text("")
+    assert newest_recording(tmp_path / "data" / "raw") == tmp_path / "data" / "raw" / "old"

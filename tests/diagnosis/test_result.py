@@ -1,0 +1,49 @@
+"""The whole result of a diagnosis in the form that gap.json has."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from tests.diagnosis.by_hand import diagnosis, with_place, without_effects
+from tossid.diagnosis.findings import Interval, Share
+from tossid.objects import ObjectModel
+
+
+def test_the_explanation_says_what_is_closed_and_what_is_not(cube: ObjectModel) -> None:
+    made = replace(
+        diagnosis(cube),
+        unexplained=(Share("impact", Interval(0.07, 0.02, 0.12)),),
+        other_laws=(("linear_drag", Interval(1.0, 0.8, 1.2)),),
+        unsteady=("wind",),
+    )
+    found = made.as_json()["explanation"]
+    assert found["verdict"] == "explained"
+    assert found["effects"] == ["friction"]
+    assert found["unexplained_share"] == pytest.approx(1 - found["gap_closed"]["value"])
+    assert found["unexplained_where"] == [{"phase": "impact", "share": 0.07, "ci95": [0.02, 0.12]}]
+    assert found["other_laws"] == [{"like": "linear_drag", "further_power": {"value": 1.0, "ci95": [0.8, 1.2]}}]
+    assert found["unsteady"] == ["wind"]
+
+
+def test_the_gap_is_given_by_phase_channel_length_corner_and_state(cube: ObjectModel) -> None:
+    found = with_place(cube).as_json()
+    gap = found["gap"]
+    assert gap["total"] == {"value": 5.0, "ci95": [4.5, 5.5], "unit": "standard deviations of noise"}
+    assert [row["phase"] for row in gap["by_phase"]] == ["flight", "impact", "slide", "roll", "rest"]
+    assert sum(row["share"] for row in gap["by_channel"]) == pytest.approx(1.0)
+    assert gap["by_length"][0] == {"frames": 5, "rms": 5.0, "floor": 1.0}
+    assert len(gap["by_corner"]) == len(found["gap_left"]["by_corner"]) == 8
+    assert [row["phase"] for row in gap["wrench"]] == ["flight", "contact"]
+    assert [row["phase"] for row in found["gap_left"]["wrench"]] == ["flight"]
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+
+
+def test_the_unexplained_share_is_never_negative(cube: ObjectModel) -> None:
+    over = replace(diagnosis(cube), gap_closed=Interval(1.04, 0.9, 1.1))
+    assert over.as_json()["explanation"]["unexplained_share"] == 0.0
+    nothing = without_effects(cube, "unexplained").as_json()
+    assert nothing["explanation"]["unexplained_share"] == 1.0
+    assert nothing["explanation"]["effects"] == []

@@ -1,0 +1,53 @@
+"""`tossid evaluate` of a run: its metrics, its figures, and runs that it refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from pipelines.cli import app
+from pipelines.commands.evaluate import _folder_name
+from pipelines.tracking.runs import find_run
+from tests.pipelines.conftest import one_line
+
+
+def test_a_run_is_found_by_its_folder_and_judged_on_held_out_tosses(
+    made: Path, answer: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(made)
+    (folder,) = made.glob("outputs/train/*")
+    by_folder = answer("evaluate", f"run={folder.relative_to(made)}")
+    assert by_folder["run"] == find_run(command="train").id
+    assert by_folder["n_tosses"] == 2
+    for path in by_folder["figures"]:
+        assert Path(path).read_bytes()[:4] in (b"\x89PNG", b"GIF8")
+    names = {Path(path).stem for path in by_folder["figures"]}
+    assert {"errors_over_tosses", "toss_comparison_median", "toss_comparison_worst", "residual_over_toss"} <= names
+    judged = find_run(command="evaluate")
+    assert {path.stem for path in (judged.folder / "figures").iterdir()} == names
+    assert judged.metrics["position_error_pct"] == pytest.approx(by_folder["position_error_pct"]["mean"])
+
+
+def test_another_dataset_has_a_folder_of_its_own() -> None:
+    record: Any = SimpleNamespace(name="cnrpi", id="0123456789abcdef")
+    assert _folder_name(record, Path("a/tosses.h5"), "test") == "cnrpi-01234567"
+    assert _folder_name(record, Path("a/other.h5"), "all") == "cnrpi-01234567-other"
+    record.id = ""
+    assert _folder_name(record, Path("a/tosses.h5"), "test") == "cnrpi"
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        (["run=nothing-of-the-kind"], "no such run"),
+        (["run=tosses/"], "is no run"),
+        (["run=tosses/", "data=nowhere.h5"], "is no run"),
+    ],
+)
+def test_wrong_calls(beside: Path, capfd: pytest.CaptureFixture[str], keys: list[str], words: str) -> None:
+    assert app.run(["evaluate", *keys, "--json", "--quiet"]) == 2
+    assert words in one_line(capfd.readouterr().err)
+    assert not (beside / "outputs").exists()

@@ -1,0 +1,58 @@
+"""Every module with logic has a test file of its own, in a folder of the same name."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+from tests.conftest import ROOT
+
+FEWEST_STATEMENTS = 5
+"""A module whose functions have so many statements together has logic to test."""
+
+WITHOUT = {
+    "pipelines/config/schemas/launching.py": "fields only",
+    "pipelines/tools/bench_vision.py": "measures speed on rendered films; its parts are those of tossid/vision",
+    "tossid/store/__init__.py": "imports its names when they are first used, as every test of the room does",
+}
+"""Modules that have no test file of their own, and why."""
+
+
+def test_every_module_with_logic_has_its_test_file() -> None:
+    missing = [
+        module
+        for module in (*modules("tossid"), *modules("pipelines"))
+        if statements(ROOT / module) >= FEWEST_STATEMENTS and not (ROOT / place_of_test(module)).is_file()
+    ]
+    assert [module for module in missing if module not in WITHOUT and not module.startswith("tossid/physics/")] == []
+
+
+def test_the_exceptions_are_still_needed() -> None:
+    for module in WITHOUT:
+        assert (ROOT / module).is_file(), module
+        assert not (ROOT / place_of_test(module)).is_file(), module
+
+
+def modules(package: str) -> list[str]:
+    """The modules of a package as paths from the root."""
+    return sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / package).rglob("*.py"))
+
+
+def place_of_test(module: str) -> str:
+    """Where a module's test file is: tossid/vision/cameras/rig.py has tests/vision/cameras/test_rig.py."""
+    parts = Path(module.removeprefix("tossid/")).parts
+    if parts[-1] == "__init__.py":
+        parts = (*parts[:-2], f"{parts[-2]}.py") if len(parts) > 1 else ("face.py",)
+    return str(Path("tests", *parts[:-1], f"test_{parts[-1].removeprefix('_')}"))
+
+
+def statements(path: Path) -> int:
+    """Statements inside a module's functions, docstrings apart."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    functions = [node for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
+    inside = {id(node): node for function in functions for part in function.body for node in ast.walk(part)}
+    return sum(isinstance(node, ast.stmt) and not is_text(node) for node in inside.values())
+
+
+def is_text(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
