@@ -70,6 +70,6 @@ def test_they_show_and_save_themselves(cube: ObjectModel, dataset: Dataset, tmp_
     assert means["diverged"] == 0
 
 
-def test_no_toss_is_refused(cube: ObjectModel, dataset: Dataset) -> None:
+def test_a_dataset_without_tosses_is_refused(cube: ObjectModel, dataset: Dataset) -> None:
     with pytest.raises(InputError, match="no tosses"):
         tossid.evaluate(model_of(cube), replace(dataset, tosses=()))

@@ -30,7 +30,7 @@ def flights(elbow: ObjectModel) -> list[Toss]:
     return [Toss(str(i), np.arange(41) * DT, run.q[i], run.v[i], cov, cov, phase) for i in range(3)]
 
 
-def test_the_truth_scores_nothing_and_whole_turns_do_not_count(elbow: ObjectModel, flights: list[Toss]) -> None:
+def test_the_truth_has_no_error_and_whole_turns_do_not_count(elbow: ObjectModel, flights: list[Toss]) -> None:
     predictor = Simulator(make_system(elbow))
     turned = []
     for toss in flights:
@@ -43,7 +43,7 @@ def test_the_truth_scores_nothing_and_whole_turns_do_not_count(elbow: ObjectMode
             np.testing.assert_allclose(value, 0, atol=1e-4)
 
 
-def test_the_miss_in_flight_is_gravity_s(elbow: ObjectModel, flights: list[Toss]) -> None:
+def test_the_error_in_flight_is_that_of_gravity(elbow: ObjectModel, flights: list[Toss]) -> None:
     q, v = flights[0].q, 0 * flights[0].v
     still = Toss("still", flights[0].t, q, v, flights[0].q_cov, flights[0].v_cov, flights[0].phase)
     scores = score_tosses(Simulator(make_system(elbow, gravity=0.9 * 9.81)), elbow, [still])
@@ -61,5 +61,5 @@ def test_short_rollouts_start_anew(elbow: ObjectModel, flights: list[Toss]) -> N
     assert np.isnan(score_windows(predictor, elbow, [*flights, flights[0].frames(slice(0, 9))]).position_error_pct[3])
 
 
-def test_half_a_turn_is_the_most() -> None:
+def test_a_rotation_error_is_at_most_half_a_turn() -> None:
     np.testing.assert_allclose(wrapped(np.array([0.1, 2 * np.pi - 0.1, -3 * np.pi + 0.2])), [0.1, -0.1, -np.pi + 0.2])

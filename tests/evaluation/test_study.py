@@ -43,6 +43,6 @@ def test_inertia_is_judged_along_its_worst_axis(cube: ObjectModel) -> None:
     assert found["com_offset_m"] == pytest.approx(0.01)
 
 
-def test_the_loss_is_that_of_what_was_kept() -> None:
+def test_the_validation_loss_is_that_of_the_kept_parameters() -> None:
     rows = [("contact", 0.1), ("rollout-90", 0.4), ("rollout-90", 0.3), ("rollout-90", 0.35)]
     assert validation_loss([{"stage": stage, "validation_loss": loss} for stage, loss in rows]) == 0.3

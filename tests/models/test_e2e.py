@@ -12,7 +12,7 @@ from tossid.models.transitions import make_transitions
 from tossid.objects import ObjectModel
 
 
-def test_a_network_of_zero_flies_straight(cube: ObjectModel) -> None:
+def test_a_network_without_output_keeps_its_velocity(cube: ObjectModel) -> None:
     network = EndToEnd(cube, hidden=4)
     with torch.no_grad():
         for parameter in network.parameters():
@@ -35,7 +35,7 @@ def test_its_loss_is_the_error_of_the_next_velocity(cube: ObjectModel) -> None:
     assert float(network.loss(data)[0].detach()) == pytest.approx(np.mean(expected), rel=1e-6)
 
 
-def test_what_runs_away_is_said(cube: ObjectModel) -> None:
+def test_a_rollout_that_diverges_is_reported(cube: ObjectModel) -> None:
     network = EndToEnd(cube, hidden=4)
     with torch.no_grad():
         network.biases[-1].fill_(1e8)

@@ -19,7 +19,7 @@ def shifted(cube: ObjectModel) -> ObjectModel:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_it_starts_at_the_object(cube: ObjectModel, elbow: ObjectModel, kind: str) -> None:
+def test_it_starts_at_the_given_inertia(cube: ObjectModel, elbow: ObjectModel, kind: str) -> None:
     for model in (shifted(cube), elbow):
         mass, moment, at_origin = (part.detach().numpy() for part in make_inertia(model, kind=kind, learn=True)())
         np.testing.assert_allclose(mass, model.mass, rtol=1e-12)
@@ -33,7 +33,7 @@ def test_it_starts_at_the_object(cube: ObjectModel, elbow: ObjectModel, kind: st
 @pytest.mark.parametrize("kind", ["log_cholesky", "direct"])
 @settings(max_examples=50, deadline=None)
 @given(numbers=st.lists(st.floats(-2, 2), min_size=9, max_size=9))
-def test_every_value_is_a_body(cube: ObjectModel, kind: str, numbers: list[float]) -> None:
+def test_every_parameter_value_gives_a_physical_inertia(cube: ObjectModel, kind: str, numbers: list[float]) -> None:
     inertia = make_inertia(cube, kind=kind, learn=True)
     learned = [p for p in inertia.parameters() if p.requires_grad]
     torch.nn.utils.vector_to_parameters(
@@ -74,7 +74,7 @@ def test_an_unknown_kind_is_refused(cube: ObjectModel) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_divergence_is_nothing_at_the_given_and_without_bound_towards_nothing(
+def test_the_divergence_is_zero_at_the_given_inertia_and_unbounded_towards_zero_inertia(
     elbow: ObjectModel, kind: str
 ) -> None:
     given_ = tuple(part.detach() for part in make_inertia(elbow, learn=False)())

@@ -24,7 +24,7 @@ def flights(model: ObjectModel, count: int, *, noise: float = 0.0) -> list[Toss]
 
 
 @pytest.mark.parametrize("noise", [0.0, 2e-3])
-def test_what_a_hand_still_holds_is_no_flight(cube: ObjectModel, noise: float) -> None:
+def test_frames_in_the_hand_are_not_flight(cube: ObjectModel, noise: float) -> None:
     free = flights(cube, 8, noise=noise)
     assert len(make_transitions(cube, free).flight) == 8 * 30
     held = []

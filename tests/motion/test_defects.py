@@ -56,7 +56,7 @@ def test_a_link_that_comes_out_turned_is_a_flip(tosses: list[Toss], model: Objec
     assert rules([tosses[2], replace(tosses[3], q=q)], model) == {("3", "flip")}
 
 
-def test_speeds_and_jolts(tosses: list[Toss], model: ObjectModel) -> None:
+def test_impossible_speeds_and_jumps_are_defects(tosses: list[Toss], model: ObjectModel) -> None:
     v = tosses[5].v.copy()
     v[5, -1] += 20.0  # in the air; the pose does not follow
     assert rules([replace(tosses[5], v=v)], model) == {("5", "jolt")}

@@ -24,7 +24,7 @@ def _elsewhere(track: PoseTrack, turn: np.ndarray, shift: np.ndarray) -> PoseTra
 
 
 @pytest.mark.parametrize("which", ["cube", "elbow"])
-def test_a_turned_world_is_set_right(which: str, request: pytest.FixtureRequest) -> None:
+def test_a_tilted_world_is_levelled(which: str, request: pytest.FixtureRequest) -> None:
     model: ObjectModel = request.getfixturevalue(which)
     rng = np.random.default_rng(1)
     made = Handling(model, rng).recording(90.0)

@@ -42,13 +42,13 @@ def test_exact_recordings_are_left_alone(cube: ObjectModel) -> None:
     assert estimate_measurement(recorded(cube, scale=1.0, lag=0.0), cube).measurement == MeasurementModel()
 
 
-def test_few_tosses_are_not_believed(cube: ObjectModel) -> None:
+def test_few_tosses_do_not_change_scale_or_lag(cube: ObjectModel) -> None:
     estimate = estimate_measurement(recorded(cube, scale=0.9, lag=0.0, count=5), cube)
     assert estimate.measurement == MeasurementModel()
     assert np.isnan(estimate.length_scale_ci95).all()
 
 
-def test_true_lengths_are_recorded_ones_undone(cube: ObjectModel) -> None:
+def test_true_lengths_are_recorded_lengths_over_the_scale(cube: ObjectModel) -> None:
     toss = tosses(cube, 1, seed=0)[0]
     measurement = MeasurementModel(length_scale=0.8)
     true = measurement.true_toss(toss)

@@ -30,7 +30,7 @@ def shifted(toss: Toss, up: float, turn: np.ndarray) -> Toss:
     return replace(toss, q=q, q_measured=None, q_measured_cov=None)
 
 
-def test_noise_and_what_all_tosses_share_are_no_scatter(cube: ObjectModel, tosses: list[Toss]) -> None:
+def test_noise_and_common_offsets_do_not_count_as_scatter(cube: ObjectModel, tosses: list[Toss]) -> None:
     assert rest_scatter(tosses, cube) == (0.0, 0.0)
 
 

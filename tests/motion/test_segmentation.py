@@ -148,7 +148,7 @@ def test_short_gaps_are_bridged(cube: ObjectModel):
     _assert_found(found, timeline)
 
 
-def test_an_unknown_gravity_still_flies(cube: ObjectModel):
+def test_flights_are_found_without_knowing_gravity(cube: ObjectModel):
     """A toss in a field a little off 9.81 (a real effect to be found later) is still one."""
     rng = np.random.default_rng(15)
     timeline = make_timeline([thrown(cube, rng) for _ in range(2)], cube, rng)

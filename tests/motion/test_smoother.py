@@ -111,7 +111,7 @@ def test_no_contact_is_taken_for_flight(case: Case) -> None:
     assert not (touched & ~found).any()
 
 
-def test_velocity_after_an_impact_owes_nothing_to_before(cube: ObjectModel) -> None:
+def test_velocity_after_an_impact_does_not_depend_on_that_before(cube: ObjectModel) -> None:
     """Two flights with the same end and different beginnings: what follows the impact must not tell them apart."""
     truth = bounce(cube, np.random.default_rng(4), tosses=1, frames=60)[0]
     impact = int(np.argmax(truth.contact))
@@ -125,7 +125,7 @@ def test_velocity_after_an_impact_owes_nothing_to_before(cube: ObjectModel) -> N
     assert np.abs((a.v - b.v)[impact + 3 :, 0]).max() < 0.01
 
 
-def test_a_blow_in_mid_air_is_not_smoothed(cube: ObjectModel) -> None:
+def test_an_impact_in_mid_air_is_not_smoothed(cube: ObjectModel) -> None:
     """A jump of 1 m/s half a metre above the ground, where the geometry knows of no contact."""
     n, hit = 50, 25
     t = np.arange(n) / 148

@@ -32,7 +32,7 @@ def test_the_mean_of_attitudes_of_either_sign_is_the_attitude() -> None:
     np.testing.assert_allclose(np.abs(pose[3:7] @ quat), 1.0, atol=1e-12)
 
 
-def test_still_is_the_same_pose_half_a_span_and_a_span_later() -> None:
+def test_a_pose_is_still_if_it_is_the_same_half_a_span_and_a_span_later() -> None:
     q = np.tile([0.0, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0], (10, 1))
     q[7:, 0] = 0.01
     np.testing.assert_array_equal(np.flatnonzero(still_for(q, 4, 1e-3, 1e-3)), [0, 1, 2])

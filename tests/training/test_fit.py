@@ -20,7 +20,7 @@ COM = np.array([[1e-3, -2e-3, 6e-3]])
 
 
 @pytest.mark.parametrize(("optimizer", "stop"), [("lbfgs", 2), ("lbfgs", 5), ("lbfgs", 7), ("adam", 5)])
-def test_it_goes_on_where_it_was(cube: ObjectModel, optimizer: str, stop: int) -> None:
+def test_an_interrupted_fit_resumes_where_it_was(cube: ObjectModel, optimizer: str, stop: int) -> None:
     made = tosses(cube.with_changes(com=COM), 6, seed=0)
 
     def fresh() -> Fit:
@@ -88,7 +88,7 @@ def test_contact_stays_rigid_where_a_softer_one_explains_little(cube: ObjectMode
     np.testing.assert_allclose(learned.inertia[0], cube.inertia[0], atol=0.01 * cube.inertia[0, 0, 0])
 
 
-def test_rollouts_that_feel_nothing_teach_nothing(cube: ObjectModel) -> None:
+def test_a_parameter_without_influence_on_rollouts_stays_as_it_is(cube: ObjectModel) -> None:
     """Without gravity a toss that still climbs never lands: friction stays as the implicit loss left it."""
     rising = [replace(toss, v=toss.v + np.array([0, 0, 3.0, 0, 0, 0])) for toss in tosses(cube, 4, seed=1)]
     model = ContactNets(cube, ModelSettings(gravity=0.0, learn_geometry=False, horizons=(5, 10)))

@@ -43,7 +43,7 @@ def test_factors_whiten_the_covariance_of_the_model(cube: ObjectModel, windows: 
     np.testing.assert_allclose(whitening.log_det, -0.5 * np.linalg.slogdet(cov)[1], rtol=1e-9)
 
 
-def test_nothing_is_computed_anew_where_nothing_has_moved(cube: ObjectModel, windows: Windows) -> None:
+def test_what_has_not_changed_is_not_computed_again(cube: ObjectModel, windows: Windows) -> None:
     kept, whitening = linearise(windows, World(cube), refine=6)
     again, same = linearise(kept, World(cube), refine=0, near=whitening)
     np.testing.assert_array_equal(again.at_v, kept.at_v)
@@ -52,7 +52,7 @@ def test_nothing_is_computed_anew_where_nothing_has_moved(cube: ObjectModel, win
     np.testing.assert_array_equal(same.root[~moved], whitening.root[~moved])
 
 
-def test_poses_said_to_be_exact_are_whitened(cube: ObjectModel) -> None:
+def test_poses_with_zero_covariance_are_whitened(cube: ObjectModel) -> None:
     """Simulated tosses without noise have no covariance."""
     tosses = [replace(toss, q_cov=np.zeros_like(toss.q_cov)) for toss in seen(World(cube), cube, 6, seed=1)]
     for length in (5, 40):
@@ -72,7 +72,7 @@ WORLDS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("name", WORLDS)
-def test_derivatives_by_the_first_place_are_those_of_a_motion_moved_along(cube: ObjectModel, name: str) -> None:
+def test_derivatives_by_the_first_position_are_those_of_a_shifted_motion(cube: ObjectModel, name: str) -> None:
     world, step = World(cube, **WORLDS[name]), 2e-4
     windows = make_windows(seen(world, cube, 8, seed=1))
     _, whitening = linearise(windows, world, refine=0)

@@ -60,7 +60,7 @@ def with_slow_errors(tosses: list[Toss], size: tuple[float, float]) -> list[Toss
     return out
 
 
-def test_slow_errors_are_known_from_rest_and_are_no_residuals(cube: ObjectModel) -> None:
+def test_slow_errors_are_estimated_at_rest_and_do_not_count_as_residuals(cube: ObjectModel) -> None:
     world = World(cube)
     tosses = with_slow_errors(seen(world, cube, 24, seed=1, frames=150), (5e-4, 1e-2))
 

@@ -139,7 +139,7 @@ def test_missing_friction_is_a_force_against_the_path(cube: ObjectModel) -> None
 
 
 @pytest.mark.parametrize("seed", [11, 12, 13])
-def test_of_noise_nothing_is_claimed(cube: ObjectModel, seed: int) -> None:
+def test_noise_alone_gives_no_finding(cube: ObjectModel, seed: int) -> None:
     for relation in found(World(cube), cube, seed=seed, n=12).values():
         assert not relation.clear
         assert not relation.state_clear

@@ -220,8 +220,8 @@ def test_friction_found_after_compliance_reaches_the_pair(users: Path) -> None:
     assert d.qvel[0] == pytest.approx(1.0 - 0.2943, abs=0.02)
 
 
-def test_adhesion_has_no_word_that_slides_alike(users: Path) -> None:
-    """MuJoCo's own takes away most of the friction to which ours adds."""
+def test_adhesion_cannot_be_written_as_mjcf(users: Path) -> None:
+    """MuJoCo's adhesion takes away most of the friction that the contact law's adhesion adds."""
     assert "adhesion" in patched(users, adhesion=[1.0]).not_expressed
     spec = mujoco.MjSpec.from_file(str(users))
     spec.geoms[1].adhesion = 0.2

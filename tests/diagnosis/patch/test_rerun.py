@@ -40,7 +40,7 @@ def test_the_right_patch_closes_the_gap_in_mujoco(cube: ObjectModel) -> None:
     assert run["lost"] == {"before": 0, "after": 0}
 
 
-def test_what_a_tracker_puts_in_the_ground_is_not_thrown_up(cube: ObjectModel) -> None:
+def test_a_first_state_below_the_ground_is_not_thrown_up(cube: ObjectModel) -> None:
     """A cube that slides 2 mm deep: a stiff, bouncing contact would make it jump."""
     sunk = []
     for toss in mujoco_tosses(cube, 0.18, n=6):

@@ -19,7 +19,7 @@ def candidate(model: ObjectModel, **values: Any) -> Candidate:
     return Candidate(None, fitted, np.zeros(1), np.zeros(1), np.zeros((1, 1)))
 
 
-def test_what_takes_a_place_has_the_other_and_the_others_rivals_in_its_class(cube: ObjectModel) -> None:
+def test_a_replacement_has_the_replaced_effect_and_its_rivals_in_its_class(cube: ObjectModel) -> None:
     nothing = candidate(cube)
     before = candidate(cube, rounded_corners=[0.003], friction=[0.3])
     after = candidate(cube, inertia=[1.3], friction=[0.3])

@@ -76,7 +76,7 @@ def test_unknown_models_get_looks_of_their_own() -> None:
     assert len({look(name, others=names).color for name in names}) == 3
 
 
-def test_settings_are_left_as_they_were_and_those_of_the_user_ignored() -> None:
+def test_the_users_matplotlib_settings_are_ignored_and_left_as_they_were() -> None:
     @styled
     def draw() -> mpl.figure.Figure:
         figure = new_figure("Title", height=3)

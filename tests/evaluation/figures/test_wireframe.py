@@ -17,7 +17,7 @@ def test_a_cube_has_twelve_edges_and_nine_are_seen(cube: ObjectModel) -> None:
     assert len(wireframe(cube.corner_pos[:3]).edges) == 3, "a flat body is drawn all the same"
 
 
-def test_a_view_keeps_up_up_and_right_right() -> None:
+def test_a_view_keeps_up_and_right() -> None:
     view = view_from(-np.pi / 2, 0.0)  # from the front
     np.testing.assert_allclose(view(np.eye(3)), [[1, 0], [0, 0], [0, 1]], atol=1e-12)
     np.testing.assert_allclose(view.toward, [0, -1, 0], atol=1e-12)

@@ -39,7 +39,7 @@ def _seen(tagged: ObjectModel, turn: float, *, level: float | None, over: float)
 
 @pytest.mark.parametrize("turn", [0.0, 0.3])
 @pytest.mark.parametrize("level", [90.0, 115.0])
-def test_a_thing_against_an_edge_is_seen(tagged: ObjectModel, turn: float, level: float) -> None:
+def test_an_occluder_at_an_edge_is_detected(tagged: ObjectModel, turn: float, level: float) -> None:
     image, true = _seen(tagged, turn, level=level, over=0.3)
     tally: Counter[str] = Counter()
     (found,) = (d for d in TagFinder(CAMERA, tagged, tally=tally).find(Frame("c", 0.0, image)) if d.tag_id == 0)
@@ -56,7 +56,7 @@ def test_a_thing_against_an_edge_is_seen(tagged: ObjectModel, turn: float, level
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, 0.7, 1.0])
-def test_paper_on_all_sides_is_paper(tagged: ObjectModel, turn: float) -> None:
+def test_a_tag_surrounded_by_paper_is_not_occluded(tagged: ObjectModel, turn: float) -> None:
     image, true = _seen(tagged, turn, level=None, over=0.0)
     hidden, _ = hidden_edges(image, true)
     assert not hidden.any()

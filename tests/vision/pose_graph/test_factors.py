@@ -70,7 +70,7 @@ def test_a_views_derivatives(outlier: bool, spread_sigma: float):
         at += n
 
 
-def test_a_views_error_is_hubers():
+def test_a_views_error_is_hubers_loss():
     values = gtsam.Values()
     values.insert(2, gtsam.Pose3(transform(np.array([0.0, 0, 1.0]), np.array([1.0, 0, 0, 0]))))
     fixed = {0: np.eye(4), 1: np.eye(4), 3: np.eye(4)}

@@ -48,8 +48,8 @@ def test_good_poses_pass(solved: SolvedScene) -> None:
     assert _gate(solved).accepted.all()
 
 
-def test_tight_limits_bend_to_what_the_recording_can_give(solved: SolvedScene) -> None:
-    """Limits far below the noise reject nothing: the noise is what the corners' covariances say."""
+def test_limits_that_are_too_tight_are_widened_to_the_recordings_own_uncertainty(solved: SolvedScene) -> None:
+    """Limits far below the noise reject nothing. The noise follows from the covariances of the corners."""
     assert _gate(solved, TrackSettings(max_rms=1e-6, max_sigma=1e-9, max_angle_sigma=1e-9)).accepted.all()
 
 

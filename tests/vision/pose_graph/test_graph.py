@@ -92,7 +92,7 @@ def test_cameras_are_calibrated_without_a_common_view(tagged: ObjectModel):
     assert tracked.report.unplaced == []
 
 
-def test_what_moves_may_be_the_rig(tagged: ObjectModel):
+def test_the_rig_may_be_the_moving_body(tagged: ObjectModel):
     """The same sightings, with the cube standing still and the cameras' rig around it moving."""
     cameras = default_rig()
     detections, q = filmed_tumble(cameras, tagged, np.random.default_rng(3), n=80)

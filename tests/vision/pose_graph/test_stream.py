@@ -88,7 +88,7 @@ def test_memory_does_not_grow_with_the_recording(tagged: ObjectModel) -> None:
     assert peaks[1] - peaks[0] < 400 * 4000
 
 
-def test_nothing_to_see_for_a_while_is_no_end(tagged: ObjectModel) -> None:
+def test_a_gap_in_detections_does_not_end_the_track(tagged: ObjectModel) -> None:
     rng, cameras = np.random.default_rng(2), default_rig()
     t, q = tumble(200, rng)
     t = np.where(np.arange(200) < 100, t, t + 7.0)
@@ -190,7 +190,7 @@ def test_a_long_recordings_clock_is_found_by_stretches_of_it(tagged: ObjectModel
     _assert_clock_taken_off(found, t, q, more_than=420)
 
 
-def test_detections_that_are_aside_are_what_they_were(tagged: ObjectModel, tmp_path: Path) -> None:
+def test_detections_in_a_temporary_file_are_unchanged(tagged: ObjectModel, tmp_path: Path) -> None:
     rng, cameras = np.random.default_rng(8), default_rig()
     t, q = tumble(40, rng)
     detections = [replace(d, hamming=1, margin=31.5) for d in _sights(cameras, tagged, t, q, rng)]

@@ -11,7 +11,7 @@ from tossid.vision.recordings.formats.bags import read_bag_detections
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 0.98])
-def test_of_a_bag_that_was_cut_what_is_whole_is_read_and_it_is_said(tmp_path: Path, share: float):
+def test_a_truncated_bag_is_read_as_far_as_it_is_whole_and_reported(tmp_path: Path, share: float):
     path = write_bag(tmp_path, 1)
     whole = path.read_bytes()
     path.write_bytes(whole[: int(share * len(whole))])

@@ -56,7 +56,7 @@ def test_how_a_chain_moves() -> None:
         np.testing.assert_allclose(J[:, k], numerical, atol=1e-6)
 
 
-def test_a_limbs_view_has_exact_derivatives() -> None:
+def test_a_view_of_a_link_has_exact_derivatives() -> None:
     rng = np.random.default_rng(2)
     hinges = [_some_hinge(rng), _some_hinge(rng)]
     values, joints = gtsam.Values(), [int(gtsam.symbol("j", k)) for k in range(2)]
