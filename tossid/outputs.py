@@ -1,15 +1,14 @@
 """Outputs that appear whole or not at all, and that only one process writes at a time.
 
 A file or folder is written beside its place under a hidden temporary name, flushed to disk and renamed. Whatever ends
-the process before the rename leaves what was there before. A lock beside the output refuses a second writer. The system
-releases it when its holder dies, so that a temporary found by the next holder is one that a dead process left.
+the process before the rename leaves what was there before. A lock beside the output (`tossid.locks`) refuses a second
+writer. It ends with its holder, so that a temporary found by the next holder is one that a dead process left.
 """
 
 from __future__ import annotations
 
 import ctypes
 import errno
-import fcntl
 import json
 import os
 import re
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from tossid.errors import InputError, OutputError
+from tossid.locks import LockHeld, held
 
 MARKER = ".tossid-output"
 """A file in each output folder of ours: only folders that carry it (or are empty) are ever replaced."""
@@ -190,32 +190,11 @@ def _explained(path: Path) -> Iterator[None]:
 def _lock(path: Path) -> Iterator[None]:
     """Hold the lock beside `path`; create its parent folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    lock = path.with_name(f".{path.name}.lock")
-    while True:
-        handle = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            holder = os.read(handle, 32).decode(errors="replace").strip()
-            os.close(handle)
-            if error.errno not in (errno.EAGAIN, errno.EWOULDBLOCK):
-                raise
-            who = f"process {holder}" if holder else "another process"
-            raise OutputError(f"{path}: is being written by another tossid command ({who})") from None
-        try:  # another holder may have removed the file between our open and our lock
-            current = os.stat(lock).st_ino == os.fstat(handle).st_ino
-        except FileNotFoundError:
-            current = False
-        if current:
-            break
-        os.close(handle)
     try:
-        os.ftruncate(handle, 0)
-        os.write(handle, f"{os.getpid()}\n".encode())
-        yield
-    finally:
-        lock.unlink(missing_ok=True)
-        os.close(handle)
+        with held(path.with_name(f".{path.name}.lock")):
+            yield
+    except LockHeld as error:
+        raise OutputError(f"{path}: is being written by another tossid command ({error.holder})") from None
 
 
 def _temporary(path: Path) -> Path:

@@ -13,6 +13,7 @@ from typing import Any
 
 from pipelines.cli.console import Console
 from pipelines.cli.failures import Interrupted
+from pipelines.tracking.addresses import redacted
 from tossid.plain_json import jsonable
 
 
@@ -31,8 +32,17 @@ def call(command: str, argument: Any, *, json: bool, quiet: bool) -> Any:
     with _uninterrupted(), guarded_stdout():
         result = _runner(command)(argument, Console(quiet=quiet))
     if json:
-        print(jsonlib.dumps(jsonable(result), indent=2, allow_nan=False), flush=True)  # noqa: T201
+        print(jsonlib.dumps(_redacted(jsonable(result)), indent=2, allow_nan=False), flush=True)  # noqa: T201
     return result
+
+
+def _redacted(value: Any) -> Any:
+    """Plain values without the passwords of addresses."""
+    if isinstance(value, str):
+        return redacted(value)
+    if isinstance(value, dict):
+        return {name: _redacted(one) for name, one in value.items()}
+    return [_redacted(one) for one in value] if isinstance(value, list) else value
 
 
 def _runner(command: str) -> Callable[[Any, Console], Any]:

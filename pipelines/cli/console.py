@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Siz
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol, TextIO, TypeVar
 
+from pipelines.tracking.addresses import redacted
+
 if TYPE_CHECKING:
     from rich.console import Console as RichConsole
 
@@ -64,11 +66,11 @@ class Console:
     def say(self, text: str = "") -> None:
         """One line of news."""
         if not self.quiet:
-            self.rich.print(text, markup=False)
+            self.rich.print(redacted(text), markup=False)
 
     def warn(self, text: str) -> None:
         """One line that a person should not miss."""
-        self.rich.print(f"warning: {text}", style="yellow", markup=False)
+        self.rich.print(f"warning: {redacted(text)}", style="yellow", markup=False)
 
     def table(self, columns: Sequence[str], rows: Iterable[Sequence[object]], *, title: str = "") -> None:
         """A table; numbers to the right, floats with four digits."""
@@ -85,7 +87,7 @@ class Console:
         from rich.text import Text
 
         for row in rows:
-            table.add_row(*(Text(_cell(value)) for value in row))
+            table.add_row(*(Text(redacted(_cell(value))) for value in row))
         self.rich.print(table, soft_wrap=False)
 
     def facts(self, facts: Mapping[str, object], *, title: str = "") -> None:

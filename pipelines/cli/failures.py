@@ -15,6 +15,7 @@ from types import FrameType
 
 import typer
 
+from pipelines.tracking.addresses import redacted
 from tossid.errors import TossidError
 
 LOGS = Path("outputs/logs")
@@ -71,7 +72,7 @@ def report(error: BaseException, args: list[str]) -> int:
     """Print the one line for an error on standard error; returns the exit code."""
     command = args[0] if args and not args[0].startswith("-") else ""
     if "--debug" in args and not isinstance(error, typer.TyperException):
-        traceback.print_exception(error, file=sys.stderr)
+        _print("".join(traceback.format_exception(error)).rstrip())
     line, code = _explain(error, args)
     if line:
         who = f"tossid {command}" if command.isalpha() and not isinstance(error, typer.TyperException) else "tossid"
@@ -154,7 +155,7 @@ def _log(error: BaseException, args: list[str]) -> str:
     lines = [version_line(), f"arguments: {args}", f"folder: {os.getcwd()}", "", *traceback.format_exception(error)]
     try:
         LOGS.mkdir(parents=True, exist_ok=True)
-        (LOGS / name).write_text("\n".join(lines))
+        (LOGS / name).write_text(redacted("\n".join(lines)))
     except OSError:
         return "--debug shows the traceback"
     return f"the traceback is in {LOGS / name}"
@@ -162,7 +163,7 @@ def _log(error: BaseException, args: list[str]) -> str:
 
 def _print(line: str) -> None:
     with suppress(OSError):
-        print(line, file=sys.stderr, flush=True)  # noqa: T201
+        print(redacted(line), file=sys.stderr, flush=True)  # noqa: T201
 
 
 def _one_line(what: object) -> str:

@@ -15,6 +15,7 @@ from typing import Any, Literal
 from pipelines.cli.console import Console
 from pipelines.execution.code_version import version_line
 from pipelines.files.project import DATASETS, RECORDINGS
+from tossid.errors import InputError
 
 State = Literal["good", "optional", "missing"]
 _PURPOSE = {
@@ -126,25 +127,27 @@ def _machine() -> Iterator[Finding]:
 
 def _store() -> Iterator[Finding]:
     """Where runs are tracked, and whether it answers."""
+    from pipelines.tracking.addresses import is_database, is_server, without_password
+    from tossid.file_systems import network_file_system
+
     uri = os.environ.get("MLFLOW_TRACKING_URI", "")
-    if not uri.startswith(("http://", "https://")):
-        there = uri or ("mlflow.db" if Path("mlflow.db").exists() else "mlflow.db, made by the first run")
-        yield Finding("MLflow", "good", there)
-        return
-    import urllib.error
-    import urllib.request
-
-    from pipelines.tracking.mlflow_store import without_password
-
     named = without_password(uri)
-    try:
-        with urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=5) as answer:
-            answer.read(100)
-        yield Finding("MLflow", "good", f"the server at {named} answers")
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "reason", error)
-        advice = "start it (docs/server.md), or unset MLFLOW_TRACKING_URI to track in this folder"
-        yield Finding("MLflow", "missing", f"the server at {named} does not answer ({reason})", advice)
+    if is_server(uri) or is_database(uri):
+        from pipelines.tracking.mlflow_store import client
+
+        try:
+            client(patient=False)
+        except InputError as error:
+            yield Finding("MLflow", "missing", str(error), "docs/server.md has how to start a server")
+        else:
+            yield Finding("MLflow", "good", f"{named} answers")
+        return
+    there = named or ("mlflow.db" if Path("mlflow.db").exists() else "mlflow.db, made by the first run")
+    shared = network_file_system(Path(uri.removeprefix("sqlite:///") or "mlflow.db"))
+    advice = (
+        f"it lies on {shared}: if several machines track at once, start a server (docs/server.md)" if shared else ""
+    )
+    yield Finding("MLflow", "good", there, advice)
 
 
 def _unsent() -> Iterator[Finding]:

@@ -29,6 +29,8 @@ from tossid.vision.cameras.camera import Camera
 from tossid.vision.detection.contact_sheet import Cell, Column, contact_sheet
 
 FOLDER = Path("outputs/view")
+LOOPBACK = "127.0.0.1"
+"""The only address that the viewer listens on."""
 
 
 def run(config: ViewConfig, console: Console) -> dict[str, Any]:
@@ -69,7 +71,9 @@ def run(config: ViewConfig, console: Console) -> dict[str, Any]:
         result["out"] = str(out)
         console.say(f"wrote {out}; open it with: rerun {out}")
         if config.open:
-            subprocess.Popen([sys.executable, "-m", "rerun", str(out)], start_new_session=True)
+            # The viewer listens for further data, by default on all addresses.
+            viewer = [sys.executable, "-m", "rerun", "--bind", LOOPBACK, str(out)]
+            subprocess.Popen(viewer, start_new_session=True)
     return result
 
 

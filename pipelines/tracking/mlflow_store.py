@@ -7,16 +7,18 @@ same folder shows it with no further keys.
 
 from __future__ import annotations
 
-import fcntl
 import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import unquote, urlsplit, urlunsplit
+from urllib.parse import unquote
 
+from pipelines.tracking.addresses import check_address, is_database, is_server, redacted, without_password
 from tossid.errors import InputError
+from tossid.file_systems import network_file_system
+from tossid.locks import held
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -24,13 +26,25 @@ if TYPE_CHECKING:
 _HTTP = {"MAX_RETRIES": "2", "BACKOFF_FACTOR": "1", "TIMEOUT": "30"}
 """A server that is away is noticed within seconds, not within MLflow's four minutes. Messages then wait on disk."""
 
+_HTTP_AT_ONCE = {"MAX_RETRIES": "0", "BACKOFF_FACTOR": "1", "TIMEOUT": "5"}
+_CONNECT_S = 5
+"""How long a database may take to answer [s]."""
+_ADVICE = "start it, or unset the variable to track in this folder"
 
-def client() -> MlflowClient:
-    """MLflow's client on its default store, quiet; the store is made by one process at a time."""
+
+def client(*, patient: bool = True) -> MlflowClient:
+    """MLflow's client on its default store, quiet; the store is made by one process at a time.
+
+    Args:
+        patient: Whether a server is asked again when it does not answer.
+
+    Raises:
+        InputError: MLFLOW_TRACKING_URI names a server or database that does not answer or refuses.
+    """
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
     os.environ.setdefault("MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT", "true")
-    for name, value in _HTTP.items():
+    for name, value in (_HTTP if patient else _HTTP_AT_ONCE).items():
         os.environ.setdefault(f"MLFLOW_HTTP_REQUEST_{name}", value)
     for name in ("mlflow", "alembic"):
         logging.getLogger(name).setLevel(logging.CRITICAL)  # its errors are raised too, and reported here
@@ -41,8 +55,11 @@ def client() -> MlflowClient:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     _prepare_sqlite()
     uri = mlflow.get_tracking_uri()
-    if _is_server(uri):
+    check_address(uri)
+    if is_server(uri):
         return _answering(MlflowClient(uri), uri)
+    if is_database(uri):
+        _check_database(uri)
     if uri.startswith("sqlite:///"):
         with _making(Path(unquote(uri.removeprefix("sqlite:///")))):
             client = MlflowClient(uri)
@@ -53,42 +70,55 @@ def client() -> MlflowClient:
 
 def is_remote(client: MlflowClient) -> bool:
     """Whether its store is a tracking server."""
-    return _is_server(str(client.tracking_uri))
-
-
-def without_password(uri: str) -> str:
-    """An address as it may be printed and stored: its password replaced by three asterisks."""
-    parts = urlsplit(uri)
-    if parts.password is None:
-        return uri
-    place = parts.netloc.rpartition("@")[2]
-    return urlunsplit(parts._replace(netloc=f"{parts.username or ''}:***@{place}"))
-
-
-def _is_server(uri: str) -> bool:
-    return uri.startswith(("http://", "https://"))
+    return is_server(str(client.tracking_uri))
 
 
 def _answering(client: MlflowClient, uri: str) -> MlflowClient:
     """The client of a server, if that answers.
 
     Raises:
-        InputError: it does not.
+        InputError: It does not, or refuses.
     """
     from mlflow.exceptions import MlflowException
 
     try:
         client.search_experiments(max_results=1)
     except MlflowException as error:
-        if error.get_http_status_code() < 500:
-            raise
-        problem = "the tracking server does not answer; start it, or unset the variable to track in this folder"
+        code = error.get_http_status_code()
+        if code < 500:
+            first = redacted(str(error).partition("\n")[0])
+            problem = f"the tracking server refuses ({first}); is it MLflow's, and are name and password right?"
+        else:
+            problem = f"the tracking server does not answer; {_ADVICE}"
         raise InputError(f"MLFLOW_TRACKING_URI={without_password(uri)}: {problem}") from error
     return client
 
 
+def _check_database(uri: str) -> None:
+    """Connect once: MLflow itself would try for half an hour.
+
+    Raises:
+        InputError: There is no such database, no answer, or no driver.
+    """
+    from sqlalchemy import create_engine
+    from sqlalchemy.exc import SQLAlchemyError
+    from sqlalchemy.pool import NullPool
+
+    wait = {} if uri.startswith("mssql") else {"connect_timeout": _CONNECT_S}
+    try:
+        with create_engine(uri, poolclass=NullPool, connect_args=wait).connect():
+            pass
+    except ImportError as error:
+        problem = f"the database's driver is not installed ({error}); pip install 'tossid[server]', and write postgresql+psycopg2://"
+        raise InputError(f"MLFLOW_TRACKING_URI={without_password(uri)}: {problem}") from error
+    except (SQLAlchemyError, ValueError) as error:
+        first = redacted(str(getattr(error, "orig", None) or error).partition("\n")[0])
+        problem = f"the database does not answer ({first}); {_ADVICE}"
+        raise InputError(f"MLFLOW_TRACKING_URI={without_password(uri)}: {problem}") from error
+
+
 def _prepare_sqlite() -> None:
-    """Let several processes write: a write-ahead log, and waiting instead of failing."""
+    """Let several processes write: a write-ahead log where all are on one machine, and waiting instead of failing."""
     from sqlalchemy import event
     from sqlalchemy.engine import Engine
 
@@ -100,40 +130,33 @@ def _on_connect(connection: Any, record: Any) -> None:
     if type(connection).__module__.startswith("sqlite3"):
         cursor = connection.cursor()
         cursor.execute("PRAGMA busy_timeout = 60000")
-        cursor.execute("PRAGMA journal_mode = WAL")
-        cursor.execute("PRAGMA synchronous = NORMAL")
+        file = cursor.execute("PRAGMA database_list").fetchone()[2]
+        # The write-ahead log is memory that processes of one machine share; a rollback journal is a file.
+        shared = bool(file) and network_file_system(Path(file)) is not None
+        cursor.execute(f"PRAGMA journal_mode = {'DELETE' if shared else 'WAL'}")
+        cursor.execute(f"PRAGMA synchronous = {'FULL' if shared else 'NORMAL'}")
         cursor.close()
-
-
-_MAKING = b"making"
 
 
 @contextmanager
 def _making(database: Path) -> Iterator[None]:
     """Let one process make the tables, where they are not there yet, and leave no half of them.
 
-    MLflow could not open a half-made store again. What an error or Ctrl-C
-    leaves is removed; what a killed process left is put aside by the next one,
-    which knows it by the lock file that says so.
+    MLflow could not open a half-made store again. What an error or Ctrl-C leaves is removed. What a killed process left
+    is put aside by the next one, which knows it by the file NAME.making.
     """
-    lock = database.with_suffix(".making")
-    while True:
-        if database.exists() and database.stat().st_size > 0 and not lock.exists():
-            yield
-            return
-        handle = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        if _is_at(handle, lock):
-            break
-        os.close(handle)  # another process has made the store meanwhile
-    try:
-        if os.read(handle, len(_MAKING)) == _MAKING:
+    making = database.with_suffix(".making")
+    if _is_made(database) and not making.exists():
+        yield
+        return
+    with held(database.with_name(f".{database.name}.lock"), wait=True):
+        if making.exists():
             for path in _files(database):
                 if path.exists():
                     os.replace(path, path.with_name(f"{path.name}.unfinished"))
-        there = database.exists() and database.stat().st_size > 0
+        there = _is_made(database)  # by another process meanwhile
         if not there:
-            os.pwrite(handle, _MAKING, 0)
+            making.touch()
         try:
             yield
         except BaseException:
@@ -141,22 +164,17 @@ def _making(database: Path) -> Iterator[None]:
                 for path in _files(database):
                     path.unlink(missing_ok=True)
             raise
-    finally:
-        lock.unlink(missing_ok=True)
-        os.close(handle)
+        finally:
+            making.unlink(missing_ok=True)
 
 
-def _is_at(handle: int, path: Path) -> bool:
-    """Whether an open file is still the one at a path."""
-    try:
-        return os.stat(path).st_ino == os.fstat(handle).st_ino
-    except FileNotFoundError:
-        return False
+def _is_made(database: Path) -> bool:
+    return database.exists() and database.stat().st_size > 0
 
 
-def _files(database: Path) -> tuple[Path, Path, Path]:
+def _files(database: Path) -> list[Path]:
     """SQLite's files."""
-    return database, database.with_name(f"{database.name}-wal"), database.with_name(f"{database.name}-shm")
+    return [database.with_name(database.name + end) for end in ("", "-wal", "-shm", "-journal")]
 
 
 def experiment_id(client: MlflowClient, name: str) -> str:

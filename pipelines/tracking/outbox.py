@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.tracking.mlflow_store import is_remote, without_password
+from pipelines.tracking.addresses import redacted, without_password
+from pipelines.tracking.mlflow_store import is_remote
 from tossid.errors import OutputError
 from tossid.outputs import only_writer, output_file, output_folder
 
@@ -188,7 +189,7 @@ class Outbox:
         if message.with_suffix("").exists():
             os.replace(message.with_suffix(""), refused / message.stem)
         os.replace(message, refused / message.name)
-        first = str(error).splitlines()[0]
+        first = redacted(str(error).partition("\n")[0])
         self._warn(f"the tracking server refuses a message of run {self._run} ({first}); it is set aside in {refused}")
 
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import tempfile
+import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -178,13 +180,32 @@ def tracked_run(
             status = "KILLED"
             raise
         finally:
-            if status == "FINISHED":
-                run.end(status)
-            else:
-                with suppress(Exception):  # the first error is the one to report
-                    run.flush()
-                with suppress(Exception):
+            with _undisturbed():
+                if status == "FINISHED":
                     run.end(status)
+                else:
+                    with suppress(Exception):  # the first error is the one to report
+                        run.flush()
+                    with suppress(Exception):
+                        run.end(status)
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Let a second Ctrl-C wait until a run's end is logged, so that it is not left as if it were running."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    numbers = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
+    before = {number: signal.signal(number, lambda number, frame: came.append(number)) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+    if came:
+        raise KeyboardInterrupt
 
 
 def _left(store: MlflowClient, run_id: str | None, experiment: str) -> TrackedRun | None:

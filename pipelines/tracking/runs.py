@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
+import tempfile
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +24,9 @@ RUN = "run.json"
 """In a training's folder: {"run": MLflow's id}."""
 COMMAND_TAG = "tossid.command"
 _REGISTERED = "models:/"
+_COPIES = ExitStack()
+"""Copies of what lies on a server, removed when the command ends."""
+atexit.register(_COPIES.close)
 
 
 @dataclass(frozen=True)
@@ -198,14 +204,18 @@ def _data_used(entry: Any) -> DataUsed:
 
 
 def _artifacts(run: Any) -> Path:
-    """The run's artifacts on this machine; downloaded where they lie elsewhere."""
+    """The run's artifacts on this machine. Where they lie elsewhere, its checkpoint and config are copied."""
     uri = run.info.artifact_uri
     parts = urlparse(uri)
     if parts.scheme in ("", "file"):
         return Path(unquote(parts.path))
-    from mlflow.artifacts import download_artifacts
-
-    return Path(download_artifacts(artifact_uri=uri))
+    store = client()
+    there = {item.path for item in store.list_artifacts(run.info.run_id)}
+    folder = _COPIES.enter_context(tempfile.TemporaryDirectory(prefix="tossid-run-"))
+    for name in (CHECKPOINT, CONFIG):
+        if name in there:
+            store.download_artifacts(run.info.run_id, name, folder)
+    return Path(folder)
 
 
 def _folder_record(folder: Path) -> RunRecord:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import runpy
 import shutil
 import socket
 import subprocess
@@ -12,6 +13,7 @@ import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -32,8 +34,8 @@ def _programs() -> Path | None:
 
 
 @contextmanager
-def postgres() -> Iterator[str]:
-    """A database's address; skips where PostgreSQL cannot be started."""
+def postgres(password: str = "") -> Iterator[str]:
+    """A database's address; skips where PostgreSQL cannot be started. It asks for the password, if one is given."""
     programs = _programs()
     if programs is None:
         pytest.skip("no PostgreSQL here (initdb, pg_ctl): apt install postgresql")
@@ -50,17 +52,25 @@ def postgres() -> Iterator[str]:
         done = subprocess.run([*as_user, *args], capture_output=True, text=True, cwd="/", timeout=120)
         return done.stderr.strip()[-300:] if done.returncode else ""
 
-    problem = call(str(programs / "initdb"), "-D", f"{data}/db", "-U", "tossid", "--auth=trust", "--no-sync")
+    (data / "password").write_text(password)
+    asks = ["--auth=scram-sha-256", f"--pwfile={data}/password"] if password else ["--auth=trust"]
+    problem = call(str(programs / "initdb"), "-D", f"{data}/db", "-U", "tossid", *asks, "--no-sync")
     options = f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories={data} -c fsync=off"
     start = ["-D", f"{data}/db", "-l", f"{data}/log", "-w", "-o", options, "start"]
     problem = problem or call(str(programs / "pg_ctl"), *start)
     try:
         if problem:
             pytest.skip(f"PostgreSQL does not start here: {problem}")
-        yield f"postgresql+psycopg2://tossid@127.0.0.1:{port}/postgres"
+        yield address(password, user="tossid", host="127.0.0.1", port=port, name="postgres")
     finally:
         call(str(programs / "pg_ctl"), "-D", f"{data}/db", "-m", "immediate", "stop")
         shutil.rmtree(data, ignore_errors=True)
+
+
+def address(password: str, **more: Any) -> str:
+    """As docs/server/start.py has it."""
+    start = runpy.run_path(str(Path(__file__).parents[2] / "docs" / "server" / "start.py"))
+    return str(start["address"](password, **more))
 
 
 class Server:
@@ -73,10 +83,11 @@ class Server:
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
-        args = ["--backend-store-uri", self._database, "--artifacts-destination", str(self._folder / "artifacts")]
+        args = ["--artifacts-destination", str(self._folder / "artifacts")]
         args += ["--host", "127.0.0.1", "--port", str(self.port), "--workers", "1"]
         environment = {**os.environ, "MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
         environment.pop("MLFLOW_TRACKING_URI", None)
+        environment["MLFLOW_BACKEND_STORE_URI"] = self._database
         self._process = subprocess.Popen(
             [sys.executable, "-m", "mlflow", "server", *args],
             stdout=(self._folder / "server.log").open("ab"), stderr=subprocess.STDOUT, cwd=self._folder,

@@ -35,4 +35,4 @@ def test_what_is_missing_is_named_with_what_to_do(project: Path, answer: Any, mo
     assert found["extra view"]["state"] == "optional"
     assert found["extra view"]["advice"].endswith("pip install -e '.[view]'")
     assert found["MLflow"]["state"] == "missing"
-    assert "127.0.0.1:9 does not answer" in found["MLflow"]["found"]
+    assert "127.0.0.1:9: the tracking server does not answer" in found["MLflow"]["found"]

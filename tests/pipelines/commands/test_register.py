@@ -14,6 +14,21 @@ from tests.pipelines.conftest import one_line
 from tossid import TrainedModel
 
 
+def test_a_registered_model_is_evaluated_by_its_weights_alone(
+    beside: Path, answer: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a stranger writes into the model's `MLmodel` is not imported, only the weights are read."""
+    first = answer("train", "model=cn", "epochs=1", "data=tosses")
+    answer("register", "name=cube", f"run={first['run']}")
+    (beside / "hostile.py").write_text("from pathlib import Path\nPath('ran').touch()\ndef _load_pyfunc(path): pass\n")
+    monkeypatch.syspath_prepend(str(beside))
+    for path in beside.rglob("MLmodel"):
+        path.write_text(path.read_text().replace("pipelines.tracking.registry", "hostile"))
+        assert "hostile" in path.read_text()
+    assert answer("evaluate", "run=models:/cube/1")["run"] == first["run"]
+    assert not (beside / "ran").exists()
+
+
 def test_registered_evaluated_and_loaded_by_mlflow(
     beside: Path, answer: Any, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from pipelines.cli import app
+from pipelines.commands import view
 from pipelines.commands.view import sheet_of
 from pipelines.drawing.recording_view import ViewContent
 from tests.pipelines.conftest import one_line
@@ -51,6 +53,20 @@ def test_a_sheet_needs_no_rerun(late_film: Path, monkeypatch: pytest.MonkeyPatch
     line = one_line(capfd.readouterr().err)
     assert "pip install 'tossid[view]'" in line
     assert "sheet=" in line
+
+
+def test_the_viewer_listens_on_loopback_alone(
+    late_film: Path, monkeypatch: pytest.MonkeyPatch, answer: Any, tmp_path: Path
+) -> None:
+    started: list[list[str]] = []
+    rerun_file = SimpleNamespace(write_rerun=lambda content, path, **more: path.write_bytes(b"RRF") or 0)
+    monkeypatch.setitem(sys.modules, "pipelines.drawing.rerun_file", rerun_file)
+    monkeypatch.setattr(view, "_need_rerun", lambda: None)
+    monkeypatch.setattr(view.subprocess, "Popen", lambda args, **more: started.append(args))
+    monkeypatch.chdir(late_film)
+    out = str(tmp_path / "film.rrd")
+    answer("view", "recording=film", f"out={out}", "open=true", "every=50")
+    assert started == [[sys.executable, "-m", "rerun", "--bind", "127.0.0.1", out]]
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.pipelines.commands.test_kills import FILM
 from tests.pipelines.execution.test_workers import slurm  # noqa: F401
 
 HOOK = """
@@ -32,9 +33,10 @@ COMMANDS = [
     ["info", "tosses/tosses.h5"],
     ["doctor"],
     ["new-object", "name=brick", "box=[0.2,0.1,0.06]", "mass=0.8"],
-    ["synthesize", "tosses=1", "camera.count=1", "camera.rate=30", "out=data/raw/film"],
+    ["synthesize", *FILM, "out=data/raw/film"],
     ["detect"],
     ["track"],
+    ["ingest", "out=ingested.h5"],
     ["view", "sheet=sheet.png"],
 ]
 SLOW = [

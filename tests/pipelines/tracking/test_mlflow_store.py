@@ -1,25 +1,91 @@
-"""MLflow's store: addresses without passwords, tables that are made once, experiments by name."""
+"""The store of runs: its tables are made once, also on network file systems and without `flock`; servers that are away."""
 
 from __future__ import annotations
 
+import errno
+import os
+import sqlite3
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from pipelines.tracking.mlflow_store import _making, client, experiment_id, is_remote, without_password
+from pipelines.cli import app
+from pipelines.tracking import mlflow_store
+from pipelines.tracking.mlflow_store import _making, client, experiment_id, is_remote
+from pipelines.tracking.run import tracked_run
+from pipelines.tracking.runs import find_run
+from tests.pipelines.conftest import one_line
+from tests.pipelines.served import free_port
+from tossid import file_systems, locks
+
+
+def journal_of(database: Path) -> str:
+    with closing(sqlite3.connect(database)) as store:
+        return str(store.execute("PRAGMA journal_mode").fetchone()[0])
+
+
+@pytest.mark.parametrize(("shared", "journal"), [("NFS", "delete"), (None, "wal")])
+def test_a_network_file_system_gets_a_rollback_journal(
+    project: Path, monkeypatch: pytest.MonkeyPatch, shared: str | None, journal: str
+) -> None:
+    monkeypatch.setattr(mlflow_store, "network_file_system", lambda path: shared)
+    with tracked_run("there", {}, command="train") as run:
+        run.metrics({"loss": 1.0}, step=1)
+    assert find_run("there").metrics == {"loss": 1.0}
+    assert journal_of(project / "mlflow.db") == journal
+
+
+def test_a_store_is_made_without_flock(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(locks.fcntl, "flock", refuse)
+    with tracked_run("there", {}, command="train"):
+        pass
+    assert find_run("there").status == "FINISHED"
+    assert not [path for path in project.iterdir() if path.name.startswith(".")]
+
+
+def test_the_doctor_names_the_file_system(project: Path, answer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(file_systems, "_type_number", lambda path: 0x6969)
+    (found,) = [each for each in answer("doctor")["findings"] if each["what"] == "MLflow"]
+    assert "it lies on NFS" in found["advice"]
+    assert "docs/server.md" in found["advice"]
 
 
 @pytest.mark.parametrize(
-    ("uri", "shown"),
-    [
-        ("http://anna:secret@host:5000/x", "http://anna:***@host:5000/x"),
-        ("https://host", "https://host"),
-        ("sqlite:///mlflow.db", "sqlite:///mlflow.db"),
-        ("postgresql://:secret@host/db", "postgresql://:***@host/db"),
-    ],
+    "kind", ["postgresql+psycopg2://ann:sec%40ret-9f3a@127.0.0.1:PORT/runs", "http://ann:sec%2Fret-9f3a@127.0.0.1:PORT"]
 )
-def test_no_password_is_printed(uri: str, shown: str) -> None:
-    assert without_password(uri) == shown
+def test_a_server_that_is_not_there_is_named_without_its_password(
+    project: Path, answer: Any, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    if kind.startswith("postgresql"):
+        pytest.importorskip("psycopg2", reason="psycopg2 is an extra: pip install -e '.[server]'")
+    for name, value in mlflow_store._HTTP_AT_ONCE.items():
+        monkeypatch.setenv(f"MLFLOW_HTTP_REQUEST_{name}", value)
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", kind.replace("PORT", str(free_port())))
+    assert app.run(["evaluate", "--debug"]) == 2
+    said = capfd.readouterr().err
+    assert "does not answer" in said.splitlines()[-1]
+    assert "ann:***@127.0.0.1" in said
+    report = answer("doctor")
+    (found,) = [each for each in report["findings"] if each["what"] == "MLflow"]
+    assert (found["state"], report["ok"]) == ("missing", False)
+    assert "does not answer" in found["found"]
+    assert "ret-9f3a" not in said + str(report)
+
+
+@pytest.mark.parametrize("uri", ["postgresql://ann:sec@ret-9f3a@db/runs", "postgresql://ann:sec/ret-9f3a@db/runs"])
+def test_a_password_that_is_not_encoded_is_refused(
+    project: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, uri: str
+) -> None:
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+    assert app.run(["evaluate"]) == 2
+    line = one_line(capfd.readouterr().err)
+    assert "MLFLOW_TRACKING_URI=postgresql://ann:***@db/runs: '@' and '/'" in line
+    assert "%40 and %2F" in line
 
 
 @pytest.mark.usefixtures("inside")

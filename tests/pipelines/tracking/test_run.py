@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +87,42 @@ def test_a_run_that_this_store_does_not_have_is_begun_anew() -> None:
     with tracked_run("lost", {"seed": 1}, command="lost", resume="0" * 32) as run:
         assert not run.resumed
     assert find_run("lost", command="lost").id == run.id != "0" * 32
+
+
+TWICE = """
+import os, signal, sys, time
+from pipelines.tracking import run as module
+flush = module.TrackedRun.flush
+def slow(self):
+    if os.path.exists("cleaning"):
+        return flush(self)
+    open("cleaning", "w").close()
+    time.sleep(2)  # the second one comes now
+    flush(self)
+with module.tracked_run("twice", {}, command="twice") as run:
+    run.metrics({"loss": 1.0})
+    module.TrackedRun.flush = slow
+    print("ready", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_second_interruption_does_not_leave_the_run_running(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", TWICE], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
+        assert running.stdout is not None
+        assert running.stdout.readline() == "ready\n"
+        running.send_signal(signal.SIGINT)
+        while not (tmp_path / "cleaning").exists():
+            time.sleep(0.05)
+        running.send_signal(signal.SIGINT)
+        _, err = running.communicate(timeout=60)
+    assert "KeyboardInterrupt" in err
+    monkeypatch.chdir(tmp_path)
+    (seen,) = find_runs(command="twice")
+    assert seen.info.status == "KILLED"
+    assert seen.data.metrics == {"loss": 1.0}
 
 
 WRITER = """

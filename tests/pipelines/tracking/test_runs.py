@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -38,6 +41,35 @@ def test_newest_finished_run_is_found() -> None:
     assert find_run(second.id, command="newest").name == "second"
     with pytest.raises(InputError, match=r"no such run.*second"):
         find_run("forth", command="newest")
+
+
+LOOK_UP = """
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from pipelines.tracking import runs
+
+class Store:
+    def list_artifacts(self, run):
+        return [SimpleNamespace(path=name) for name in ("checkpoint.pt", "config.yaml", "figures")]
+    def download_artifacts(self, run, name, folder):
+        (Path(folder) / name).write_text("seed: 1")
+
+runs.client = Store
+info = SimpleNamespace(run_id="1", run_name="far", status="FINISHED", artifact_uri="mlflow-artifacts:/1/1/artifacts")
+data = SimpleNamespace(tags={}, params={}, metrics={})
+run = SimpleNamespace(info=info, data=data, inputs=SimpleNamespace(dataset_inputs=[]))
+for _ in range(3):
+    found = runs.record_of(run)
+    print(found.checkpoint.read_text(), found.config, sorted(path.name for path in found.folder.iterdir()))
+"""
+
+
+def test_look_ups_of_remote_runs_leave_no_copies(tmp_path: Path) -> None:
+    environment = os.environ | {"TMPDIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", LOOK_UP], env=environment, capture_output=True, text=True, timeout=60)
+    assert done.stdout.splitlines() == ["seed: 1 {'seed': 1} ['checkpoint.pt', 'config.yaml']"] * 3, done.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_is_no_run(tmp_path: Path) -> None:

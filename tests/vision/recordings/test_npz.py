@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +16,7 @@ from tests.fuzz.targets import TARGETS
 from tests.vision.conftest import Filmed
 from tossid.errors import FileError
 from tossid.objects import ObjectModel
+from tossid.outputs import output_file
 from tossid.vision.detection.detect import TagFinder
 from tossid.vision.recordings.npz import read_detections, read_tracks, write_detections, write_tracks
 
@@ -24,6 +28,33 @@ def spoilt(name: str, folder: Path, **arrays: np.ndarray) -> Path:
         data = {key: archive[key] for key in archive.files} | arrays
     np.savez_compressed(path, **data)
     return path
+
+
+KILLED = """
+import os, signal, sys
+import numpy as np
+def half(stream, **arrays):
+    stream.write(b"half of a file")
+    stream.flush()
+    os.kill(os.getpid(), signal.SIGKILL)
+np.savez_compressed = half
+from pathlib import Path
+from tossid.outputs import output_file
+from tossid.vision.recordings.npz import write_detections
+with output_file(Path(sys.argv[1])) as temporary:
+    write_detections([], temporary)
+"""
+
+
+def test_what_a_killed_writer_leaves_the_next_one_removes(tmp_path: Path) -> None:
+    """Written as a stage does: a temporary of the command's, filled by the writer."""
+    path = tmp_path / "found.npz"
+    assert subprocess.run([sys.executable, "-c", KILLED, str(path)], timeout=60).returncode == -signal.SIGKILL
+    assert any(entry.read_bytes() == b"half of a file" for entry in tmp_path.iterdir())
+    with output_file(path) as temporary:
+        write_detections([], temporary)
+    assert list(tmp_path.iterdir()) == [path]
+    assert read_detections(path) == ()
 
 
 def test_tracks_come_back(tmp_path: Path) -> None:

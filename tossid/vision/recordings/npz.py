@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -11,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from tossid.errors import FileError, MotionError, OutputError
+from tossid.errors import FileError, MotionError
+from tossid.outputs import output_stream
 from tossid.types import Detection, PoseTrack
 
 DETECTIONS = "tossid.detections/2"
@@ -131,20 +130,8 @@ def read_tracks(path: str | Path) -> tuple[PoseTrack, ...]:
 
 
 def _write(path: Path, **arrays: Any) -> None:
-    made: str | None = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, made = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "wb") as stream:
-            np.savez_compressed(stream, **arrays)
-        os.chmod(made, 0o644)
-        os.replace(made, path)
-        made = None
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror}") from error
-    finally:
-        if made is not None:
-            Path(made).unlink(missing_ok=True)
+    with output_stream(path) as stream:
+        np.savez_compressed(stream, **arrays)
 
 
 def _read(path: Path, kinds: Mapping[str, tuple[str, int | None]], *schemas: str) -> dict[str, np.ndarray]:

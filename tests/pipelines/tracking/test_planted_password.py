@@ -1,0 +1,102 @@
+"""A password is planted in the tracking address: no output, log, run, dataset or waiting message has it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.pipelines.cluster import wait_for
+from tests.pipelines.execution.test_ports import COMMANDS, SLOW
+from tests.pipelines.served import Server
+
+ENCODED = "s3%40cr%2Fet-9f3a"
+PLANTED = (b"et-9f3a", b"s3@cr", b"s3%40cr")
+"""Parts that would give it away, in the forms that it may take."""
+UNDER_WAY = """
+import time
+from pipelines.tracking.run import tracked_run
+with tracked_run("cut", {"seed": 1}, command="train") as run:
+    run.metrics({"loss": 1.0}, step=1)
+    run.flush()
+    open("ready", "w").close()
+    while open("ready").read() != "go":
+        time.sleep(0.1)
+    run.metrics({"loss": 0.5}, step=2)
+    run.tag("note", "later")
+"""
+
+
+def called(folder: Path, uri: str, *args: str) -> subprocess.CompletedProcess[bytes]:
+    quick = {"MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0", "MLFLOW_HTTP_REQUEST_TIMEOUT": "20"}
+    environment = os.environ | {"MLFLOW_TRACKING_URI": uri, "TMPDIR": str(folder / "tmp"), **quick}
+    return subprocess.run([sys.executable, *args], cwd=folder, env=environment, capture_output=True, timeout=600)
+
+
+def told(folder: Path) -> list[str]:
+    """Files in which a part of the password stands."""
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return [str(path) for path in files if any(part in path.read_bytes() for part in PLANTED)]
+
+
+@pytest.mark.slow
+def test_no_command_tells_the_password(beside: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    place = tmp_path_factory.mktemp("server")
+    (beside / "tmp").mkdir()
+    server = Server(place, f"sqlite:///{place / 'server.db'}")
+    uri = server.uri.replace("http://", f"http://ann:{ENCODED}@")
+    said: dict[str, bytes] = {}
+
+    def tossid(*args: str, code: int = 0) -> None:
+        done = called(beside, uri, "-m", "pipelines.cli.app", *args)
+        assert done.returncode == code, (args, done.stderr.decode())
+        said[" ".join(args)] = done.stdout + done.stderr
+
+    try:
+        server.start()
+        for command in COMMANDS + SLOW:
+            tossid(*command)
+        tossid("info", "ingested.h5", "--json")
+        tossid("doctor", "--json")
+        tossid("evaluate", "run=models:/cube/1", "--json")
+        assert list((beside / "tmp").glob("tossid-run-*")) == []
+        environment = os.environ | {"MLFLOW_TRACKING_URI": uri, "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0"}
+        with subprocess.Popen(
+            [sys.executable, "-c", UNDER_WAY], cwd=beside, env=environment, stderr=subprocess.PIPE
+        ) as running:
+            assert wait_for((beside / "ready").exists, 60)
+            server.stop()
+            (beside / "ready").write_text("go")
+            said["a run whose server dies"] = running.communicate(timeout=120)[1]
+        assert list(beside.glob("outputs/unsent/*/*.json"))
+        tossid("doctor")
+        tossid("train", "model=cn", "epochs=1", "data=tosses", "--debug", code=2)
+    finally:
+        server.stop()
+    assert [name for name, text in said.items() if any(part in text for part in PLANTED)] == []
+    assert told(beside) == []
+    assert told(place) == []
+
+
+def test_a_bugs_traceback_does_not_tell_it(project: Path) -> None:
+    """Where an error that nobody expected has the address in its text."""
+    uri = f"http://ann:{ENCODED}@127.0.0.1:9"
+    script = """
+import os, sys
+from pipelines.cli import app
+from pipelines.commands import doctor
+def fail(*_):
+    raise RuntimeError(f"API request to {os.environ['MLFLOW_TRACKING_URI']}/api failed for 's3@cr/et-9f3a'")
+doctor.run = fail
+sys.exit(app.run(["doctor", *sys.argv[1:]]))
+"""
+    for args in ([], ["--debug"]):
+        done = called(project, uri, "-c", script, *args)
+        assert done.returncode == 1
+        assert b"ann:***@127.0.0.1:9" in done.stderr
+        assert not any(part in done.stdout + done.stderr for part in PLANTED)
+    assert list((project / "outputs/logs").glob("*.log"))
+    assert told(project) == []
