@@ -20,6 +20,7 @@ BIN      := $(VENV)/bin
 STAMP    := $(VENV)/.installed
 TEST_JOBS ?= 2
 SECONDS  ?= 60
+OSV      ?=
 DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
@@ -84,8 +85,8 @@ format: $(STAMP)  ## format and fix what can be fixed
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-dependencies: $(STAMP)  ## what is installed fits together, and has no known vulnerability (asks osv.dev)
-	$(BIN)/python -m pipelines.tools.dependencies
+dependencies: $(STAMP)  ## what is installed fits together, and has no known vulnerability (osv.dev, or OSV=COPY.zip)
+	$(BIN)/python -m pipelines.tools.dependencies $(OSV)
 
 bench: $(STAMP)  ## speed of the simulators, the training and the command line
 	$(BIN)/python -m pipelines.tools.bench
