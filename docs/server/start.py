@@ -17,7 +17,10 @@ def address(
 
     Args:
         password: As it is. It may hold "@", "/" and "%".
-        user, host, port, name: Of the database.
+        user: Who connects.
+        host: The database's machine.
+        port: Its port there.
+        name: The database's name.
     """
     url = URL.create("postgresql+psycopg2", user, password, host, port, name)
     return url.render_as_string(hide_password=False)
