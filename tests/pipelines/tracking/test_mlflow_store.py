@@ -1,4 +1,4 @@
-"""The store of runs: its tables are made once, also on network file systems and without `flock`; servers that are away."""
+"""The store of runs: its tables are made once, also on network file systems and without `flock`; servers away."""
 
 from __future__ import annotations
 
