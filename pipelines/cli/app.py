@@ -2,7 +2,7 @@
 
 To add a command: a schema in `pipelines.config.schemas` (and in its `COMMANDS`), its
 values in `conf/NAME.yaml`, `run(config, console) -> dict` in
-`pipelines/commands/NAME.py`, and a function here. Nothing heavy is imported before a
+`pipelines/commands/NAME.py`, and a line here. Nothing heavy is imported before a
 command runs.
 """
 
@@ -59,40 +59,26 @@ def _tossid(
     pass
 
 
-@app.command(cls=KeyedCommand)
-def synthesize(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Make tosses with a simulator, and camera frames of them, with their truth beside."""
-    _run("synthesize", keys, json=json, quiet=quiet)
+def _takes_keys(name: str, about: str) -> None:
+    """Add a command that takes keys and no options of its own.
+
+    Args:
+        name: Of the command, and of its schema.
+        about: What it does, for help pages.
+    """
+
+    def command(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+        _run(name, keys, json=json, quiet=quiet)
+
+    app.command(name, help=about, cls=KeyedCommand)(command)
 
 
-@app.command(cls=KeyedCommand)
-def ingest(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Turn raw recordings, tracked poses or published tosses into a dataset."""
-    _run("ingest", keys, json=json, quiet=quiet)
-
-
-@app.command(cls=KeyedCommand)
-def detect(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Find the tags in a recording's frames (first stage of ingest)."""
-    _run("detect", keys, json=json, quiet=quiet)
-
-
-@app.command(cls=KeyedCommand)
-def track(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Estimate the object's poses from detected tags (second stage of ingest)."""
-    _run("track", keys, json=json, quiet=quiet)
-
-
-@app.command(cls=KeyedCommand)
-def segment(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Cut tracked poses into tosses and write the dataset (third stage of ingest)."""
-    _run("segment", keys, json=json, quiet=quiet)
-
-
-@app.command(cls=KeyedCommand)
-def train(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Fit a model to a dataset; an interrupted training goes on where it was."""
-    _run("train", keys, json=json, quiet=quiet)
+_takes_keys("synthesize", "Make tosses with a simulator, and camera frames of them, with their truth beside.")
+_takes_keys("ingest", "Turn raw recordings, tracked poses or published tosses into a dataset.")
+_takes_keys("detect", "Find the tags in a recording's frames (first stage of ingest).")
+_takes_keys("track", "Estimate the object's poses from detected tags (second stage of ingest).")
+_takes_keys("segment", "Cut tracked poses into tosses and write the dataset (third stage of ingest).")
+_takes_keys("train", "Fit a model to a dataset; an interrupted training goes on where it was.")
 
 
 @app.command(cls=KeyedCommand)
@@ -110,40 +96,14 @@ def evaluate(
     _run("evaluate", [*(keys or []), *([f"sweep={sweep}"] if sweep is not None else [])], json=json, quiet=quiet)
 
 
-@app.command(cls=KeyedCommand)
-def register(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Put a trained model under a name in MLflow's registry."""
-    _run("register", keys, json=json, quiet=quiet)
-
-
-@app.command(cls=KeyedCommand)
-def diagnose(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Say where a simulator misses the tosses, which effect causes it, and how far that closes the gap."""
-    _run("diagnose", keys, json=json, quiet=quiet)
-
-
-@app.command(cls=KeyedCommand)
-def audit(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Check diagnose on tosses whose effect is withheld from it."""
-    _run("audit", keys, json=json, quiet=quiet)
-
-
-@app.command(cls=KeyedCommand)
-def export(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Write a learned model as MJCF or URDF, and compare MuJoCo's rollouts of it with tossid's."""
-    _run("export", keys, json=json, quiet=quiet)
-
-
-@app.command(cls=KeyedCommand)
-def view(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Show a recording, dataset, run or gap in 3D (a Rerun file), or a recording as a contact sheet."""
-    _run("view", keys, json=json, quiet=quiet)
-
-
-@app.command("new-object", cls=KeyedCommand)
-def new_object(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Make an object from a box, with a tag on each face and a sheet to print the tags from."""
-    _run("new-object", keys, json=json, quiet=quiet)
+_takes_keys("register", "Put a trained model under a name in MLflow's registry.")
+_takes_keys(
+    "diagnose", "Say where a simulator misses the tosses, which effect causes it, and how far that closes the gap."
+)
+_takes_keys("audit", "Check diagnose on tosses whose effect is withheld from it.")
+_takes_keys("export", "Write a learned model as MJCF or URDF, and compare MuJoCo's rollouts of it with tossid's.")
+_takes_keys("view", "Show a recording, dataset, run or gap in 3D (a Rerun file), or a recording as a contact sheet.")
+_takes_keys("new-object", "Make an object from a box, with a tag on each face and a sheet to print the tags from.")
 
 
 @app.command()
