@@ -27,7 +27,7 @@ def test_every_section_has_a_script() -> None:
 def test_a_script_runs_as_written(section: str, tmp_path: Path) -> None:
     env = os.environ | {"PYTHONPATH": str(CLONE)}
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPTS[section]],
+        [sys.executable, "-W", "error", "-c", SCRIPTS[section]],
         cwd=tmp_path,
         env=env,
         capture_output=True,

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
+from numba.core.caching import NullCache
 
 import tossid
 from tests.copied import Copy
@@ -66,7 +67,7 @@ def test_every_kernel_s_source_is_in_the_digest() -> None:
             if hasattr(value, "py_func"):
                 found += 1
                 assert value.py_func.__module__ in modules
-                assert isinstance(value._cache, _Cache)
+                assert type(value._cache) in (_Cache, NullCache)  # not Numba's, which an edit outdates
     assert found > 50
 
 

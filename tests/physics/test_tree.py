@@ -125,10 +125,10 @@ def test_a_tree_whose_inertia_is_no_body_s_is_reported() -> None:
 @numba.njit
 def factorise(tree, q, v, none, P, E, L, rate):  # type: ignore[no-untyped-def]
     """What the time stepper calls in a step, which Python cannot."""
-    articulated.outwards(tree, q, v, P, E)
-    articulated.own(tree, P, E)
-    articulated.inwards(tree.parent, P)
-    return articulated.factor(tree.parent, tree.joint_type, none, none, P, L, rate)
+    articulated.outward_pass(tree, q, v, P, E)
+    articulated.own_inertia_and_bias(tree, P, E)
+    articulated.inward_pass(tree.parent, P)
+    return articulated.factorise(tree.parent, tree.joint_type, none, none, P, L, rate)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -1,6 +1,7 @@
 """Physics: dynamics of a tree, contact problems and their solvers, time stepping."""
 
 from tossid.physics.batch import TreeBatch, tree_batch
+from tossid.physics.registered_forces import register_force
 from tossid.physics.solvers import ExactCone, PolyhedralCone, register_solver
 from tossid.physics.stepping import Simulation, simulate
 from tossid.physics.system import LearnedAcceleration, System, make_system, n_features, no_learned_acceleration
@@ -15,6 +16,7 @@ __all__ = [
     "make_system",
     "n_features",
     "no_learned_acceleration",
+    "register_force",
     "register_solver",
     "simulate",
     "tree_batch",

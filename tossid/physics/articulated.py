@@ -39,7 +39,16 @@ WIDTH = 37
 class Articulated(NamedTuple):
     """What the kernels read of a tree, as plain arrays; shapes as in `System`.
 
-    turn (n_b, 3, 3): rotation of each body's axes in its parent's at joint position 0.
+    Attributes:
+        parent: (n_b,) of each body.
+        joint_type: (n_b,).
+        turn: (n_b, 3, 3) rotation of each body's axes in its parent's at joint position 0.
+        place: (n_b, 3) of each body's origin in its parent's axes [m].
+        axis: (n_b, 3) of each joint, in its body's axes.
+        anchor: (n_b, 3) of each joint, in its body's axes [m].
+        mass: (n_b,) [kg].
+        com: (n_b, 3) centre of mass in the body's axes [m].
+        inertia: (n_b, 3, 3) about the centre of mass [kg m²].
     """
 
     parent: NDArray[np.int64]
@@ -54,7 +63,11 @@ class Articulated(NamedTuple):
 
 
 def make_articulated(system: System) -> Articulated:
-    """The kernels' view of `system`."""
+    """The kernels' view of a system's tree.
+
+    Args:
+        system: the simulator's parameters.
+    """
     return Articulated(
         parent=system.parent,
         joint_type=system.joint_type,
@@ -70,13 +83,13 @@ def make_articulated(system: System) -> Articulated:
 
 @fused_inlined_kernel
 def cross(a0, a1, a2, b0, b1, b2):  # type: ignore[no-untyped-def]
-    """a x b"""
+    """The cross product a x b."""
     return a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
 
 
 @fused_inlined_kernel
-def turned(E, b, x0, x1, x2):  # type: ignore[no-untyped-def]
-    """E[b] x"""
+def rotated(E, b, x0, x1, x2):  # type: ignore[no-untyped-def]
+    """The vector E[b] x: from body b's axes to the base's."""
     return (
         E[b, 0, 0] * x0 + E[b, 0, 1] * x1 + E[b, 0, 2] * x2,
         E[b, 1, 0] * x0 + E[b, 1, 1] * x1 + E[b, 1, 2] * x2,
@@ -85,8 +98,8 @@ def turned(E, b, x0, x1, x2):  # type: ignore[no-untyped-def]
 
 
 @fused_inlined_kernel
-def swing(al0, al1, al2, w0, w1, w2, r0, r1, r2):  # type: ignore[no-untyped-def]
-    """alpha x r + w x (w x r)"""
+def turning_acceleration(al0, al1, al2, w0, w1, w2, r0, r1, r2):  # type: ignore[no-untyped-def]
+    """The acceleration alpha x r + w x (w x r) of a point at r from the origin of what turns."""
     t0, t1, t2 = cross(w0, w1, w2, r0, r1, r2)
     s0, s1, s2 = cross(w0, w1, w2, t0, t1, t2)
     t0, t1, t2 = cross(al0, al1, al2, r0, r1, r2)
@@ -94,7 +107,7 @@ def swing(al0, al1, al2, w0, w1, w2, r0, r1, r2):  # type: ignore[no-untyped-def
 
 
 @fused_inlined_kernel
-def outwards(tree, q, v, P, E):  # type: ignore[no-untyped-def]
+def outward_pass(tree, q, v, P, E):  # type: ignore[no-untyped-def]
     """Poses, spins and the accelerations that remain at dv/dt = 0, for q (nq,), v (nv,)."""
     parent, joint_type, turn, place, axis, anchor = (
         tree.parent, tree.joint_type, tree.turn, tree.place, tree.axis, tree.anchor
@@ -110,11 +123,11 @@ def outwards(tree, q, v, P, E):  # type: ignore[no-untyped-def]
             for j in range(3):
                 E[b, i, j] = E[up, i, 0] * turn[b, 0, j] + E[up, i, 1] * turn[b, 1, j] + E[up, i, 2] * turn[b, 2, j]
         a0, a1, a2 = axis[b, 0], axis[b, 1], axis[b, 2]
-        z0, z1, z2 = turned(E, b, a0, a1, a2)
+        z0, z1, z2 = rotated(E, b, a0, a1, a2)
         P[b, AXIS], P[b, AXIS + 1], P[b, AXIS + 2] = z0, z1, z2
-        x0, x1, x2 = turned(E, up, place[b, 0], place[b, 1], place[b, 2])
+        x0, x1, x2 = rotated(E, up, place[b, 0], place[b, 1], place[b, 2])
         x0, x1, x2 = x0 + P[up, X], x1 + P[up, X + 1], x2 + P[up, X + 2]
-        o0, o1, o2 = turned(E, b, anchor[b, 0], anchor[b, 1], anchor[b, 2])
+        o0, o1, o2 = rotated(E, b, anchor[b, 0], anchor[b, 1], anchor[b, 2])
         k0, k1, k2 = x0 + o0, x1 + o1, x2 + o2
         if hinge:
             c, s = math.cos(angle), math.sin(angle)
@@ -124,7 +137,7 @@ def outwards(tree, q, v, P, E):  # type: ignore[no-untyped-def]
                 t0, t1, t2 = cross(e0, e1, e2, a0, a1, a2)
                 E[b, i, 0], E[b, i, 1] = c * e0 + s * t0 + part * a0, c * e1 + s * t1 + part * a1
                 E[b, i, 2] = c * e2 + s * t2 + part * a2
-            o0, o1, o2 = turned(E, b, anchor[b, 0], anchor[b, 1], anchor[b, 2])
+            o0, o1, o2 = rotated(E, b, anchor[b, 0], anchor[b, 1], anchor[b, 2])
         else:
             k0, k1, k2 = k0 + angle * z0, k1 + angle * z1, k2 + angle * z2
         P[b, ANCHOR], P[b, ANCHOR + 1], P[b, ANCHOR + 2] = k0, k1, k2
@@ -132,7 +145,7 @@ def outwards(tree, q, v, P, E):  # type: ignore[no-untyped-def]
 
         w0, w1, w2 = P[up, SPIN], P[up, SPIN + 1], P[up, SPIN + 2]
         l0, l1, l2 = P[up, ALPHA], P[up, ALPHA + 1], P[up, ALPHA + 2]
-        s0, s1, s2 = swing(l0, l1, l2, w0, w1, w2, k0 - P[up, X], k1 - P[up, X + 1], k2 - P[up, X + 2])
+        s0, s1, s2 = turning_acceleration(l0, l1, l2, w0, w1, w2, k0 - P[up, X], k1 - P[up, X + 1], k2 - P[up, X + 2])
         g0, g1, g2 = P[up, ACCEL] + s0, P[up, ACCEL + 1] + s1, P[up, ACCEL + 2] + s2
         t0, t1, t2 = cross(w0, w1, w2, rate * z0, rate * z1, rate * z2)
         if hinge:
@@ -140,31 +153,31 @@ def outwards(tree, q, v, P, E):  # type: ignore[no-untyped-def]
             w0, w1, w2 = w0 + rate * z0, w1 + rate * z1, w2 + rate * z2
         else:
             g0, g1, g2 = g0 + 2.0 * t0, g1 + 2.0 * t1, g2 + 2.0 * t2
-        s0, s1, s2 = swing(l0, l1, l2, w0, w1, w2, -o0, -o1, -o2)
+        s0, s1, s2 = turning_acceleration(l0, l1, l2, w0, w1, w2, -o0, -o1, -o2)
         P[b, SPIN], P[b, SPIN + 1], P[b, SPIN + 2] = w0, w1, w2
         P[b, ALPHA], P[b, ALPHA + 1], P[b, ALPHA + 2] = l0, l1, l2
         P[b, ACCEL], P[b, ACCEL + 1], P[b, ACCEL + 2] = g0 + s0, g1 + s1, g2 + s2
 
 
 @fused_inlined_kernel
-def own(tree, P, E):  # type: ignore[no-untyped-def]
-    """Mass, moments and bias of each body by itself. After `outwards`."""
+def own_inertia_and_bias(tree, P, E):  # type: ignore[no-untyped-def]
+    """Mass, moments and bias of each body by itself. After `outward_pass`."""
     mass, com, inertia = tree.mass, tree.com, tree.inertia
     nb = tree.parent.shape[0]
     for b in range(nb):
         m = mass[b]
-        c0, c1, c2 = turned(E, b, com[b, 0], com[b, 1], com[b, 2])
+        c0, c1, c2 = rotated(E, b, com[b, 0], com[b, 1], com[b, 2])
         d0, d1, d2 = P[b, X] + c0, P[b, X + 1] + c1, P[b, X + 2] + c2
         w0, w1, w2 = P[b, SPIN], P[b, SPIN + 1], P[b, SPIN + 2]
         l0, l1, l2 = P[b, ALPHA], P[b, ALPHA + 1], P[b, ALPHA + 2]
-        s0, s1, s2 = swing(l0, l1, l2, w0, w1, w2, c0, c1, c2)
+        s0, s1, s2 = turning_acceleration(l0, l1, l2, w0, w1, w2, c0, c1, c2)
         f0, f1, f2 = m * (P[b, ACCEL] + s0), m * (P[b, ACCEL + 1] + s1), m * (P[b, ACCEL + 2] + s2)
         # E I E^T, by its columns' products
-        y00, y10, y20 = turned(E, b, inertia[b, 0, 0], inertia[b, 1, 0], inertia[b, 2, 0])
-        y01, y11, y21 = turned(E, b, inertia[b, 0, 1], inertia[b, 1, 1], inertia[b, 2, 1])
-        y02, y12, y22 = turned(E, b, inertia[b, 0, 2], inertia[b, 1, 2], inertia[b, 2, 2])
-        xx, xy, xz = turned(E, b, y00, y01, y02)
-        _, yy, yz = turned(E, b, y10, y11, y12)
+        y00, y10, y20 = rotated(E, b, inertia[b, 0, 0], inertia[b, 1, 0], inertia[b, 2, 0])
+        y01, y11, y21 = rotated(E, b, inertia[b, 0, 1], inertia[b, 1, 1], inertia[b, 2, 1])
+        y02, y12, y22 = rotated(E, b, inertia[b, 0, 2], inertia[b, 1, 2], inertia[b, 2, 2])
+        xx, xy, xz = rotated(E, b, y00, y01, y02)
+        _, yy, yz = rotated(E, b, y10, y11, y12)
         zz = E[b, 2, 0] * y20 + E[b, 2, 1] * y21 + E[b, 2, 2] * y22
         h0, h1, h2 = xx * w0 + xy * w1 + xz * w2, xy * w0 + yy * w1 + yz * w2, xz * w0 + yz * w1 + zz * w2
         n0, n1, n2 = cross(w0, w1, w2, h0, h1, h2)
@@ -182,8 +195,8 @@ def own(tree, P, E):  # type: ignore[no-untyped-def]
 
 
 @fused_inlined_kernel
-def inwards(parent, P):  # type: ignore[no-untyped-def]
-    """Mass, moments and bias of each body with all beyond it. After `own`."""
+def inward_pass(parent, P):  # type: ignore[no-untyped-def]
+    """Mass, moments and bias of each body with all beyond it. After `own_inertia_and_bias`."""
     for b in range(parent.shape[0] - 1, 0, -1):
         up = parent[b]
         for i in range(MASS, MOMENTUM):
@@ -191,10 +204,10 @@ def inwards(parent, P):  # type: ignore[no-untyped-def]
 
 
 @fused_inlined_kernel
-def factor(parent, joint_type, torque, slack, P, L, rate):  # type: ignore[no-untyped-def]
+def factorise(parent, joint_type, torque, slack, P, L, rate):  # type: ignore[no-untyped-def]
     """Lower Cholesky factor of S into L, with its diagonal's inverse; rate (3 + n_j,) = S^-1 (torque - bias).
 
-    torque (n_b,) of the joints, 0 for the base; slack (n_b,) is added to S's diagonal. After `inwards`.
+    torque (n_b,) of the joints, 0 for the base; slack (n_b,) is added to S's diagonal. After `inward_pass`.
 
     Returns whether S and m are positive.
     """
@@ -265,13 +278,13 @@ def factor(parent, joint_type, torque, slack, P, L, rate):  # type: ignore[no-un
         for k in range(i):
             s -= L[i, k] * rate[k]
         rate[i] = s * L[i, i]
-    back(L, rate, nx)
+    back_substitute(L, rate, nx)
     return True
 
 
 @fused_inlined_kernel
-def back(L, x, n):  # type: ignore[no-untyped-def]
-    """x <- L^-T x, with L as `factor` leaves it."""
+def back_substitute(L, x, n):  # type: ignore[no-untyped-def]
+    """x <- L^-T x, with L as `factorise` leaves it."""
     for i in range(n - 1, -1, -1):
         s = x[i]
         for k in range(i + 1, n):
@@ -297,7 +310,7 @@ def common_velocity(P, xi, first):  # type: ignore[no-untyped-def]
 
 @fused_inlined_kernel
 def contact_row(tree, P, body, place, R, tau, c, k):  # type: ignore[no-untyped-def]
-    """tau[c, k] (n_x,) of corner c of `body` at place[c], along direction k of (z, x, y). After `factor`.
+    """tau[c, k] (n_x,) of corner c of `body` at place[c], along direction k of (z, x, y). After `factorise`.
 
     tau_w = (r - d_c) x a, tau_j = a . (z_j x (r - k_j) - p_j / m).
     """
@@ -320,7 +333,7 @@ def contact_row(tree, P, body, place, R, tau, c, k):  # type: ignore[no-untyped-
 
 @fused_inlined_kernel
 def spin_row(tree, P, body, a0, a1, a2, row):  # type: ignore[no-untyped-def]
-    """row (n_x,) with row . xi the spin of `body` about the direction a (base axes). After `outwards`."""
+    """row (n_x,) with row . xi the spin of `body` about the direction a (base axes). After `outward_pass`."""
     for x in range(row.shape[0]):
         row[x] = 0.0
     row[0], row[1], row[2] = a0, a1, a2

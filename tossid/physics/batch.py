@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from tossid.kernels import kernel
 from tossid.physics.free import features
+from tossid.physics.registered_forces import NoForce
 from tossid.physics.system import System
 from tossid.physics.tree import bias_force, kinematics, make_work, mass_matrix, point_jacobian
 
@@ -71,6 +72,7 @@ def _fill(system, work, q, v, X, omega, alpha, xdd, R, x, feature):  # type: ign
 def tree_batch(system: System, q: Array, v: Array) -> TreeBatch:
     """Kinematic quantities of states q (B, nq), v (B, nv); inertia and contact do not enter."""
     q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
+    system = system._replace(registered=NoForce())  # of no use here, and else one more type to compile for
     B, nb, nv = len(q), len(system.parent), system.nv
     work = make_work(system)
     out = TreeBatch(

@@ -10,9 +10,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import implements
+from tossid.kernels import implements, inlined_kernel
 from tossid.physics import moving
-from tossid.physics.forces import SPIN, Forces, damped, forces_of, grown, law_of, push
+from tossid.physics.forces import (
+    SPIN,
+    Forces,
+    forces_of,
+    inverse_damped_inertia,
+    law_of,
+    power_factor,
+    to_world,
+    velocity_change,
+)
+from tossid.physics.registered_forces import RegisteredForce, acts, has_wrench, wrench_of
 from tossid.physics.system import System
 
 Array = NDArray[np.float64]
@@ -32,10 +42,11 @@ class Body(NamedTuple):
         corner_body: (n_c,) all zero.
         corner_pos: (n_c, 3) corners from the origin [m]; of rounded ones, their spheres' centres.
         gravity: (3,) [m/s², world].
-        acts: whether `forces` act.
+        acts: whether `forces` or `registered` act.
         h_matters: whether accelerations depend on the step's length.
         rests: whether a toss may end early, where the object has come to rest.
         forces: of the state.
+        registered: the user's own force.
     """
 
     mass: float
@@ -52,6 +63,7 @@ class Body(NamedTuple):
     h_matters: bool
     rests: bool
     forces: Forces
+    registered: RegisteredForce
 
     def make_work(self) -> BodyWork:
         """Scratch of the time-stepping kernel for this body."""
@@ -102,16 +114,17 @@ def make_body(system: System) -> Body | None:
         L=np.ascontiguousarray(L),
         parent=system.parent,
         corner_body=system.corner_body,
-        corner_pos=np.ascontiguousarray(inset(system.corner_pos, law_of(system.law).rounding)),
+        corner_pos=np.ascontiguousarray(rounded_corner_centres(system.corner_pos, law_of(system.law).rounding)),
         gravity=np.ascontiguousarray(system.gravity),
-        acts=forces.acts,
+        acts=forces.acts or acts(system.registered),
         h_matters=forces.acts,
         rests=True,
         forces=forces,
+        registered=system.registered,
     )
 
 
-def inset(corner_pos: Array, radius: float) -> Array:
+def rounded_corner_centres(corner_pos: Array, radius: float) -> Array:
     """Centres (n_c, 3) [m] of spheres in the corners of a box along the axes, which touch its faces.
 
     Args:
@@ -138,9 +151,20 @@ def _kinematics(model, work, s):  # type: ignore[no-untyped-def]
     return
 
 
+@inlined_kernel
+def _com_position(model, s):  # type: ignore[no-untyped-def]
+    """Position of the centre of mass at the step's start [m], world axes."""
+    q, R, c = s.q, s.R, model.com
+    return (
+        q[0] + R[0, 0] * c[0] + R[0, 1] * c[1] + R[0, 2] * c[2],
+        q[1] + R[1, 0] * c[0] + R[1, 1] * c[1] + R[1, 2] * c[2],
+        q[2] + R[2, 0] * c[0] + R[2, 1] * c[1] + R[2, 2] * c[2],
+    )
+
+
 @implements(moving.accelerate, Body)
 def _accelerate(model, work, s, h):  # type: ignore[no-untyped-def]
-    # Euler about the centre of mass: I dw/dt = I w x w
+    # Euler's equation about the centre of mass: I dw/dt = (I w) x w + torque
     I, turn, c = model.inertia, work.turn, model.com
     w0, w1, w2 = s.xi_start[0], s.xi_start[1], s.xi_start[2]
     l0 = I[0, 0] * w0 + I[0, 1] * w1 + I[0, 2] * w2
@@ -148,11 +172,19 @@ def _accelerate(model, work, s, h):  # type: ignore[no-untyped-def]
     l2 = I[2, 0] * w0 + I[2, 1] * w1 + I[2, 2] * w2
     t0, t1, t2 = w2 * l1 - w1 * l2, w0 * l2 - w2 * l0, w1 * l0 - w0 * l1
     if model.acts:  # spin's drag, implicit in the mean spin: (I + h/2 c) dw/dt = I w x w - c w
-        drag = model.forces.spin * grown(model.forces, SPIN, w0, w1, w2)
+        drag = model.forces.spin * power_factor(model.forces, SPIN, w0, w1, w2)
         t0, t1, t2 = t0 - drag * w0, t1 - drag * w1, t2 - drag * w2
         if work.turn_h[0] != h or model.forces.powered == SPIN:
             work.turn_h[0] = h
-            damped(I, 0.5 * h * drag, work.turn)
+            inverse_damped_inertia(I, 0.5 * h * drag, work.turn)
+        if has_wrench(model.registered):  # s.u_start is not there yet
+            R = s.R
+            o0, o1, o2 = to_world(R, w1 * c[2] - w2 * c[1], w2 * c[0] - w0 * c[2], w0 * c[1] - w1 * c[0])
+            velocity = s.v[0] + o0, s.v[1] + o1, s.v[2] + o2
+            _, (n0, n1, n2) = wrench_of(model.registered, _com_position(model, s), velocity, to_world(R, w0, w1, w2))
+            t0 += R[0, 0] * n0 + R[1, 0] * n1 + R[2, 0] * n2
+            t1 += R[0, 1] * n0 + R[1, 1] * n1 + R[2, 1] * n2
+            t2 += R[0, 2] * n0 + R[1, 2] * n1 + R[2, 2] * n2
     g0 = turn[0, 0] * t0 + turn[0, 1] * t1 + turn[0, 2] * t2
     g1 = turn[1, 0] * t0 + turn[1, 1] * t1 + turn[1, 2] * t2
     g2 = turn[2, 0] * t0 + turn[2, 1] * t1 + turn[2, 2] * t2
@@ -168,15 +200,10 @@ def _accelerate(model, work, s, h):  # type: ignore[no-untyped-def]
 
 @implements(moving.act_on_free, Body)
 def _act_on_free(model, work, s, h):  # type: ignore[no-untyped-def]
-    q, R, w, y, c = s.q, s.R, s.xi_start, s.xi, model.com
-    place = (
-        q[0] + R[0, 0] * c[0] + R[0, 1] * c[1] + R[0, 2] * c[2],
-        q[1] + R[1, 0] * c[0] + R[1, 1] * c[1] + R[1, 2] * c[2],
-        q[2] + R[2, 0] * c[0] + R[2, 1] * c[1] + R[2, 2] * c[2],
-    )
-    m0, m1, m2 = push(
-        model.forces, model.gravity, 1.0 / model.mass, h, R, place, (s.u_start[1], s.u_start[2], s.u_start[0]),
-        (w[0], w[1], w[2]), (y[0], y[1], y[2]),
+    w, y = s.xi_start, s.xi
+    m0, m1, m2 = velocity_change(
+        model.forces, model.registered, model.gravity, 1.0 / model.mass, h, s.R, _com_position(model, s),
+        (s.u_start[1], s.u_start[2], s.u_start[0]), (w[0], w[1], w[2]), (y[0], y[1], y[2]),
     )  # fmt: skip
     s.v_next[0], s.v_next[1], s.v_next[2] = s.v_next[0] + m0, s.v_next[1] + m1, s.v_next[2] + m2
 

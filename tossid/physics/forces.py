@@ -26,13 +26,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import lean_kernel
+from tossid.kernels import inlined_kernel, lean_kernel
+from tossid.physics.registered_forces import has_wrench, wrench_of
 
 Array = NDArray[np.float64]
 
 
-class Growing(IntEnum):
-    """The force that grows with a further power of its state: a value of `Forces.powered`."""
+class PoweredForce(IntEnum):
+    """The force that is multiplied by a further power of its state: a value of `Forces.powered`."""
 
     NONE = 0
     DRAG = 1
@@ -43,10 +44,10 @@ class Growing(IntEnum):
     TURNING = 6
 
 
-NONE, DRAG, SPIN, MAGNUS, SPRING, VORTEX, TURNING = map(int, Growing)
+NONE, DRAG, SPIN, MAGNUS, SPRING, VORTEX, TURNING = map(int, PoweredForce)
 """The same, as kernels compare them."""
-LEAST = 1e-6
-"""Of a state, whose power would be infinite at 0."""
+LEAST_STATE = 1e-6
+"""The least size of a state [SI], whose negative powers are infinite at 0."""
 ADHESION_REACH = 5e-4
 """Height [m] up to which a corner is held by adhesion."""
 
@@ -54,13 +55,26 @@ ADHESION_REACH = 5e-4
 class Forces(NamedTuple):
     """Forces and torques of the state, at the centre of mass, in the world. u, omega: its velocity and spin there.
 
-    linear [N s/m], quadratic [N s²/m²]: drag -c w, -c |w| w of the velocity w = u - wind. spin [N m s]: torque
-    -c omega. wind_x, wind_y [m/s]. magnus [N s²/m]: c omega x w. x, y, z [N]: a uniform force. spring [N/m]
-    towards (center_x, center_y, center_z) [m]. vortex [N/m]: c e_z x p. turning [1/s]: m c e_z x u, as in a frame
-    that turns at -c/2.
-    power: one of them (`powered`) grows with this further power of what it depends on, in SI: drag with speed in
-    the wind (DRAG), spin drag and Magnus's force with spin (SPIN, MAGNUS), the spring with its length (SPRING), the
-    vortex with the distance from its axis (VORTEX), turning with speed (TURNING).
+    Attributes:
+        linear: c of the drag -c w, of the velocity w = u - wind [N s/m].
+        quadratic: c of the drag -c |w| w [N s²/m²].
+        spin: c of the torque -c omega [N m s].
+        wind_x: along the world's x [m/s].
+        wind_y: along the world's y [m/s].
+        magnus: c of the force c omega x w [N s²/m].
+        x: a uniform force along the world's x [N].
+        y: along y [N].
+        z: along z [N].
+        spring: stiffness k of the force k (center - p) [N/m].
+        center_x: where the spring pulls to [m].
+        center_y: [m].
+        center_z: [m].
+        vortex: c of the force c e_z x p [N/m].
+        turning: c of the force m c e_z x u, as in a frame that turns at -c/2 [1/s].
+        powered: the force that is multiplied by |state|^power (`PoweredForce`): drag, by the speed in the wind; spin
+            drag and Magnus's force, by spin; the spring, by its length; the vortex, by the distance from its axis;
+            turning, by speed.
+        power: of that force's state, in SI.
     """
 
     linear: float = 0.0
@@ -99,15 +113,19 @@ class Forces(NamedTuple):
 class Law(NamedTuple):
     """Contact beyond a constant friction.
 
-    Friction at slip speed s is mu (1 + (static_rel - 1) exp(-(s / slip_speed)²)), static_rel = 1 for none;
-    y_rel: friction along the world's y over that along x, 1 / mu² = d_x² / mu_x² + d_y² / mu_y² for a slip along d.
-    torsional, rolling [m]: torque per normal force against spin about the vertical and about the horizontal.
-    adhesion [N]: pull of the ground on each touching corner.
-    lifting [m]: height of a corner below which a step's contact problem is the convex relaxation of Coulomb's (Anitescu
-    2006), as MuJoCo has it: what slips at s leaves the ground at mu s. 0: Coulomb's law throughout.
-    rounding [m]: radius of the corners, spheres that touch the faces of a box with sharp ones (`inset`).
-    added_mass [kg]: of each corner in contact that yields: its force is that of its spring and damper, less this mass
-    times its acceleration (MuJoCo's 1 / R, by which contact holds most of a load at once).
+    Attributes:
+        static_rel: friction at rest over that of fast sliding. At slip speed s it is
+            mu (1 + (static_rel - 1) exp(-(s / slip_speed)²)).
+        slip_speed: [m/s].
+        y_rel: friction along the world's y over that along x; 1 / mu² = d_x² / mu_x² + d_y² / mu_y² for a slip along d.
+        torsional: torque per normal force against spin about the vertical [m].
+        rolling: torque per normal force against spin about the horizontal [m].
+        adhesion: pull of the ground on each touching corner [N].
+        lifting: height of a corner below which a step's contact problem is the convex relaxation of Coulomb's law
+            (Anitescu 2006), as MuJoCo has it: what slips at s leaves the ground at mu s [m]. 0: Coulomb's law.
+        rounding: radius of the corners, spheres that touch the faces of a box with sharp ones [m].
+        added_mass: of each corner in contact that yields [kg]: its force is that of its spring and damper, less this
+            mass times its acceleration (MuJoCo's 1 / R, by which contact holds most of a load at once).
     """
 
     static_rel: float = 1.0
@@ -127,18 +145,26 @@ class Law(NamedTuple):
 
 
 def forces_of(numbers: Array) -> Forces:
-    """Forces from their numbers in order (17,), none of an empty array."""
+    """The forces that a system's numbers stand for.
+
+    Args:
+        numbers: (17,) the fields of `Forces` in their order, or (0,) for none.
+    """
     return Forces(*map(float, numbers))
 
 
 def law_of(numbers: Array) -> Law:
-    """The law from its numbers in order (9,), the nominal one of an empty array."""
+    """The law of contact that a system's numbers stand for.
+
+    Args:
+        numbers: (9,) the fields of `Law` in their order, or (0,) for the nominal law.
+    """
     return Law(*map(float, numbers))
 
 
 @lean_kernel
-def damped(inertia, c, out):  # type: ignore[no-untyped-def]
-    """out (3, 3) = (I + c 1)^-1, by cofactors."""
+def inverse_damped_inertia(inertia, c, out):  # type: ignore[no-untyped-def]
+    """out (3, 3) = (I + c 1)^-1 of an inertia I (3, 3) and a damping c [kg m²], by cofactors."""
     A, scale = inertia, 0.0
     for i in range(3):
         for j in range(3):
@@ -153,46 +179,62 @@ def damped(inertia, c, out):  # type: ignore[no-untyped-def]
 
 
 @lean_kernel
-def grown(forces, which, x0, x1, x2):  # type: ignore[no-untyped-def]
-    """By what a force is multiplied whose state is the vector x, if it is the one that grows with another power."""
+def power_factor(forces, which, x0, x1, x2):  # type: ignore[no-untyped-def]
+    """The factor |x|^power of the force `which`, whose state is the vector x; 1 unless it is `forces.powered`."""
     if forces.powered != which:
         return 1.0
-    return max(math.sqrt(x0 * x0 + x1 * x1 + x2 * x2), LEAST) ** forces.power
+    return max(math.sqrt(x0 * x0 + x1 * x1 + x2 * x2), LEAST_STATE) ** forces.power
+
+
+@inlined_kernel
+def to_world(R, x0, x1, x2):  # type: ignore[no-untyped-def]
+    """R x, as a tuple of three."""
+    return (
+        R[0, 0] * x0 + R[0, 1] * x1 + R[0, 2] * x2,
+        R[1, 0] * x0 + R[1, 1] * x1 + R[1, 2] * x2,
+        R[2, 0] * x0 + R[2, 1] * x1 + R[2, 2] * x2,
+    )
 
 
 @lean_kernel
-def push(forces, gravity, over_m, h, R, place, velocity, spin, spin_after):  # type: ignore[no-untyped-def]
+def velocity_change(forces, registered, gravity, over_m, h, R, position, velocity, spin, spin_after):  # type: ignore[no-untyped-def]
     """What the forces add to the velocity of the centre of mass over a step [m/s, world], beside gravity's h g.
 
-    R (3, 3): orientation at the start. place, velocity: of the centre of mass at the start; spin (body's axes) at the
-    start and, without the forces, at the end; tuples of three.
+    registered: the user's own force. over_m: 1 / m [1/kg]. R (3, 3): orientation at the start. position, velocity: of
+    the centre of mass at the start; spin (body's axes) at the start and, without the forces, at the end; tuples of
+    three. The equations are the module's.
     """
     f = forces
-    p0, p1, p2 = place
+    p0, p1, p2 = position
     u0, u1, u2 = velocity
     w0, w1, w2 = spin
     y0, y1, y2 = spin_after
-    # at the middle of the step: place, then the acceleration that does not depend on velocity
+    # at the middle of the step, p + h u / 2: the acceleration a that does not depend on velocity
     half = 0.5 * h
     p0, p1, p2 = p0 + half * u0, p1 + half * u1, p2 + half * u2
     d0, d1, d2 = f.center_x - p0, f.center_y - p1, f.center_z - p2
-    spring = f.spring * grown(f, SPRING, d0, d1, d2)
-    vortex = f.vortex * grown(f, VORTEX, p0, p1, 0.0)
-    turning = f.turning * grown(f, TURNING, u0, u1, u2)
+    spring = f.spring * power_factor(f, SPRING, d0, d1, d2)
+    vortex = f.vortex * power_factor(f, VORTEX, p0, p1, 0.0)
+    turning = f.turning * power_factor(f, TURNING, u0, u1, u2)
     a0 = gravity[0] + over_m * (f.x + spring * d0 - vortex * p1)
     a1 = gravity[1] + over_m * (f.y + spring * d1 + vortex * p0)
     a2 = gravity[2] + over_m * (f.z + spring * d2)
-    # relative to the wind, in which turning adds a constant
+    if has_wrench(registered):
+        middle = (u0 + half * a0, u1 + half * a1, u2 + half * a2)
+        (g0, g1, g2), _ = wrench_of(registered, (p0, p1, p2), middle, to_world(R, w0, w1, w2))
+        a0, a1, a2 = a0 + over_m * g0, a1 + over_m * g1, a2 + over_m * g2
+    # e = u - wind, relative to which turning adds a constant acceleration
     a0, a1 = a0 - turning * f.wind_y, a1 + turning * f.wind_x
     e0, e1, e2 = u0 - f.wind_x, u1 - f.wind_y, u2
-    k = over_m * (f.linear + f.quadratic * math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)) * grown(f, DRAG, e0, e1, e2)
+    # drag k per mass [1/s], first at the start's speed, then at that of the middle which follows
+    k = over_m * (f.linear + f.quadratic * math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)) * power_factor(f, DRAG, e0, e1, e2)
     s = 1.0 / (1.0 + half * k)
     m0, m1, m2 = s * (e0 + half * a0), s * (e1 + half * a1), s * (e2 + half * a2)
-    k = over_m * (f.linear + f.quadratic * math.sqrt(m0 * m0 + m1 * m1 + m2 * m2)) * grown(f, DRAG, m0, m1, m2)
-    # the mean velocity U: (1 + h/2 k) U - h/2 O x U = e + h/2 a
+    k = over_m * (f.linear + f.quadratic * math.sqrt(m0 * m0 + m1 * m1 + m2 * m2)) * power_factor(f, DRAG, m0, m1, m2)
+    # o = h/2 O / (1 + h/2 k), and m: the mean velocity U solves (1 + h/2 k) U - h/2 O x U = e + h/2 a
     s0, s1, s2 = 0.5 * (w0 + y0), 0.5 * (w1 + y1), 0.5 * (w2 + y2)
     b = 1.0 / (1.0 + half * k)
-    c = half * b * over_m * f.magnus * grown(f, MAGNUS, s0, s1, s2)
+    c = half * b * over_m * f.magnus * power_factor(f, MAGNUS, s0, s1, s2)
     o0 = c * (R[0, 0] * s0 + R[0, 1] * s1 + R[0, 2] * s2)
     o1 = c * (R[1, 0] * s0 + R[1, 1] * s1 + R[1, 2] * s2)
     o2 = c * (R[2, 0] * s0 + R[2, 1] * s1 + R[2, 2] * s2) + half * b * turning
@@ -203,6 +245,7 @@ def push(forces, gravity, over_m, h, R, place, velocity, spin, spin_after):  # t
     s0 = b * (m0 + o1 * m2 - o2 * m1 + o0 * s)
     s1 = b * (m1 + o2 * m0 - o0 * m2 + o1 * s)
     s2 = b * (m2 + o0 * m1 - o1 * m0 + o2 * s)
+    # u' - u = 2 (U - e)
     return 2.0 * (s0 - e0) - h * gravity[0], 2.0 * (s1 - e1) - h * gravity[1], 2.0 * (s2 - e2) - h * gravity[2]
 
 

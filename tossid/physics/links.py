@@ -13,10 +13,22 @@ from numpy.typing import NDArray
 from tossid.kernels import implements
 from tossid.objects import JointLaw, free_joints
 from tossid.physics import articulated, moving
-from tossid.physics.articulated import ACCEL, ALPHA, FORCE, MASS, SPIN, WIDTH, Articulated, X, make_articulated, swing
-from tossid.physics.body import inset
+from tossid.physics.articulated import (
+    ACCEL,
+    ALPHA,
+    FORCE,
+    MASS,
+    SPIN,
+    WIDTH,
+    Articulated,
+    X,
+    make_articulated,
+    turning_acceleration,
+)
+from tossid.physics.body import rounded_corner_centres
 from tossid.physics.forces import Forces, forces_of, law_of
-from tossid.physics.pulls import drive, pull, rub
+from tossid.physics.pulls import add_forces, joint_torques, resist_joints
+from tossid.physics.registered_forces import RegisteredForce, acts
 from tossid.physics.system import System
 
 Array = NDArray[np.float64]
@@ -39,6 +51,7 @@ class Links(NamedTuple):
         joints: what acts in the joints.
         forced: whether `forces` acts.
         forces: of the state.
+        registered: the user's own force.
     """
 
     tree: Articulated
@@ -54,6 +67,7 @@ class Links(NamedTuple):
     joints: JointLaw
     forced: bool
     forces: Forces
+    registered: RegisteredForce
 
     def make_work(self) -> LinksWork:
         """Scratch of the time-stepping kernel for this tree."""
@@ -99,7 +113,7 @@ def make_links(system: System) -> Links:
     corner_pos = system.corner_pos.copy()
     for body in set(system.corner_body.tolist()):
         mine = system.corner_body == body
-        corner_pos[mine] = inset(system.corner_pos[mine], law.rounding)
+        corner_pos[mine] = rounded_corner_centres(system.corner_pos[mine], law.rounding)
     return Links(
         tree=make_articulated(system),
         parent=system.parent,
@@ -108,12 +122,13 @@ def make_links(system: System) -> Links:
         gravity=system.gravity,
         total=float(system.mass.sum()),
         acts=bool(joints.acts and joints.friction.max() > 0.0),
-        h_matters=bool(forces.acts or joints.acts),
+        h_matters=bool(forces.acts or acts(system.registered) or joints.acts),
         rests=False,
         jointed=joints.acts,
         joints=joints,
-        forced=forces.acts,
+        forced=forces.acts or acts(system.registered),
         forces=forces,
+        registered=system.registered,
     )
 
 
@@ -129,19 +144,19 @@ def _inverse_mass(model, work):  # type: ignore[no-untyped-def]
 
 @implements(moving.kinematics, Links)
 def _kinematics(model, work, s):  # type: ignore[no-untyped-def]
-    articulated.outwards(model.tree, s.q, s.v, work.P, work.E)
+    articulated.outward_pass(model.tree, s.q, s.v, work.P, work.E)
 
 
 @implements(moving.accelerate, Links)
 def _accelerate(model, work, s, h):  # type: ignore[no-untyped-def]
     tree, P = model.tree, work.P
-    articulated.own(tree, P, work.E)
+    articulated.own_inertia_and_bias(tree, P, work.E)
     if model.forced:
-        pull(model, work, s, h)
-    articulated.inwards(tree.parent, P)
+        add_forces(model, work, s, h)
+    articulated.inward_pass(tree.parent, P)
     if model.jointed:
-        drive(model.joints, h, s.q, s.v, work.torque, work.slack)
-    good = articulated.factor(tree.parent, tree.joint_type, work.torque, work.slack, P, work.L, s.rate)
+        joint_torques(model.joints, h, s.q, s.v, work.torque, work.slack)
+    good = articulated.factorise(tree.parent, tree.joint_type, work.torque, work.slack, P, work.L, s.rate)
     a0, a1, a2 = articulated.common_velocity(P, s.rate, 0)
     over_m = 1.0 / P[0, MASS]
     s.a[0], s.a[1], s.a[2] = a0 + over_m * P[0, FORCE], a1 + over_m * P[0, FORCE + 1], a2 + over_m * P[0, FORCE + 2]
@@ -150,7 +165,7 @@ def _accelerate(model, work, s, h):  # type: ignore[no-untyped-def]
 
 @implements(moving.act_on_free, Links)
 def _act_on_free(model, work, s, h):  # type: ignore[no-untyped-def]
-    rub(model.joints.friction, h, work.L, work.y, work.taken, s.xi)
+    resist_joints(model.joints.friction, h, work.L, work.y, work.taken, s.xi)
 
 
 @implements(moving.common_velocity, Links)
@@ -161,7 +176,7 @@ def _common_velocity(model, work, xi, first):  # type: ignore[no-untyped-def]
 @implements(moving.corner_place, Links)
 def _corner_place(model, work, c):  # type: ignore[no-untyped-def]
     b, pos, P = model.corner_body[c], model.corner_pos, work.P
-    r0, r1, r2 = articulated.turned(work.E, b, pos[c, 0], pos[c, 1], pos[c, 2])
+    r0, r1, r2 = articulated.rotated(work.E, b, pos[c, 0], pos[c, 1], pos[c, 2])
     return P[b, X] + r0, P[b, X + 1] + r1, P[b, X + 2] + r2
 
 
@@ -182,7 +197,7 @@ def _whiten(model, work, corners, c, k, column):  # type: ignore[no-untyped-def]
 
 @implements(moving.add_impulse, Links)
 def _add_impulse(model, work, g, xi, out):  # type: ignore[no-untyped-def]
-    articulated.back(work.L, g, g.shape[0])
+    articulated.back_substitute(work.L, g, g.shape[0])
     for x in range(g.shape[0]):
         out[x] = xi[x] + g[x]
 
@@ -207,7 +222,7 @@ def _falling(model, work, s, corners, c):  # type: ignore[no-untyped-def]
     fall = model.gravity[2] + R[2, 0] * (c0 - s.a[0]) + R[2, 1] * (c1 - s.a[1]) + R[2, 2] * (c2 - s.a[2])
     for x in range(s.rate.shape[0]):
         fall += corners.tau[c, 0, x] * s.rate[x]
-    s0, s1, s2 = swing(
+    s0, s1, s2 = turning_acceleration(
         P[b, ALPHA], P[b, ALPHA + 1], P[b, ALPHA + 2], P[b, SPIN], P[b, SPIN + 1], P[b, SPIN + 2],
         place[c, 0] - P[b, X], place[c, 1] - P[b, X + 1], place[c, 2] - P[b, X + 2],
     )  # fmt: skip

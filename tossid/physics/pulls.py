@@ -26,11 +26,12 @@ from tossid.physics.articulated import (
     TORQUE,
     X,
     cross,
-    turned,
+    rotated,
 )
 from tossid.physics.forces import SPIN as SPIN_POWER
-from tossid.physics.forces import grown, push
+from tossid.physics.forces import power_factor, to_world, velocity_change
 from tossid.physics.holding import solve_rates
+from tossid.physics.registered_forces import has_wrench, wrench_of
 from tossid.physics.tree import HINGE
 
 SWEEPS = 8
@@ -38,8 +39,11 @@ SWEEPS = 8
 
 
 @fused_lean_kernel
-def pull(model, work, s, h):  # type: ignore[no-untyped-def]
-    """Put the forces of the state on the bodies: into their bias and, for spin's drag, inertia. After `own`."""
+def add_forces(model, work, s, h):  # type: ignore[no-untyped-def]
+    """Add the forces of the state to the bodies' bias and, for spin drag, inertia. After `own_inertia_and_bias`.
+
+    A body of mass m_b gets m_b / m of the force on a single body of the whole mass m with its own state.
+    """
     forces, gravity, total, tree = model.forces, model.gravity, model.total, model.tree
     parent, joint_type, mass, com = tree.parent, tree.joint_type, tree.mass, tree.com
     R, q, v, P, E, U = s.R, s.q, s.v, work.P, work.E, work.U
@@ -59,11 +63,11 @@ def pull(model, work, s, h):  # type: ignore[no-untyped-def]
             U[b, 0] = U[up, 0] + s0 + t0 + rate * P[b, AXIS]
             U[b, 1] = U[up, 1] + s1 + t1 + rate * P[b, AXIS + 1]
             U[b, 2] = U[up, 2] + s2 + t2 + rate * P[b, AXIS + 2]
-        c0, c1, c2 = turned(E, b, com[b, 0], com[b, 1], com[b, 2])
+        c0, c1, c2 = rotated(E, b, com[b, 0], com[b, 1], com[b, 2])
         d0, d1, d2 = P[b, X] + c0, P[b, X + 1] + c1, P[b, X + 2] + c2
         s0, s1, s2 = cross(w0, w1, w2, c0, c1, c2)
         s0, s1, s2 = U[b, 0] + s0, U[b, 1] + s1, U[b, 2] + s2
-        place = (
+        position = (
             q[0] + R[0, 0] * d0 + R[0, 1] * d1 + R[0, 2] * d2,
             q[1] + R[1, 0] * d0 + R[1, 1] * d1 + R[1, 2] * d2,
             q[2] + R[2, 0] * d0 + R[2, 1] * d1 + R[2, 2] * d2,
@@ -74,24 +78,32 @@ def pull(model, work, s, h):  # type: ignore[no-untyped-def]
             R[2, 0] * s0 + R[2, 1] * s1 + R[2, 2] * s2,
         )
         spin = (w0, w1, w2)
-        m0, m1, m2 = push(forces, gravity, 1.0 / total, h, R, place, velocity, spin, spin)
+        m0, m1, m2 = velocity_change(
+            forces, model.registered, gravity, 1.0 / total, h, R, position, velocity, spin, spin
+        )
         share = mass[b] / h
         f0 = share * (R[0, 0] * m0 + R[1, 0] * m1 + R[2, 0] * m2)
         f1 = share * (R[0, 1] * m0 + R[1, 1] * m1 + R[2, 1] * m2)
         f2 = share * (R[0, 2] * m0 + R[1, 2] * m1 + R[2, 2] * m2)
         t0, t1, t2 = cross(d0, d1, d2, f0, f1, f2)
-        drag = forces.spin * grown(forces, SPIN_POWER, w0, w1, w2) * mass[b] / total
+        drag = forces.spin * power_factor(forces, SPIN_POWER, w0, w1, w2) * mass[b] / total
         P[b, FORCE], P[b, FORCE + 1], P[b, FORCE + 2] = P[b, FORCE] - f0, P[b, FORCE + 1] - f1, P[b, FORCE + 2] - f2
         P[b, TORQUE] -= t0 - drag * w0
         P[b, TORQUE + 1] -= t1 - drag * w1
         P[b, TORQUE + 2] -= t2 - drag * w2
+        if has_wrench(model.registered):
+            _, (n0, n1, n2) = wrench_of(model.registered, position, velocity, to_world(R, w0, w1, w2))
+            part = mass[b] / total
+            P[b, TORQUE] -= part * (R[0, 0] * n0 + R[1, 0] * n1 + R[2, 0] * n2)
+            P[b, TORQUE + 1] -= part * (R[0, 1] * n0 + R[1, 1] * n1 + R[2, 1] * n2)
+            P[b, TORQUE + 2] -= part * (R[0, 2] * n0 + R[1, 2] * n1 + R[2, 2] * n2)
         for i in range(3):
             P[b, INERTIA + i] += 0.5 * h * drag
 
 
 @fused_lean_kernel
-def drive(joints, h, q, v, torque, slack):  # type: ignore[no-untyped-def]
-    """Torque of each joint and what it adds to S's diagonal, (n_b,) each, as the module says."""
+def joint_torques(joints, h, q, v, torque, slack):  # type: ignore[no-untyped-def]
+    """Torque [N m] of each joint and what it adds to S's diagonal, (n_b,) each, by the module's equation."""
     for b in range(1, torque.shape[0]):
         c, k, rate = joints.damping[b], joints.stiffness[b], v[5 + b]
         torque[b] = -c * rate - k * (q[6 + b] - joints.rest[b] + 0.5 * h * rate)
@@ -99,8 +111,11 @@ def drive(joints, h, q, v, torque, slack):  # type: ignore[no-untyped-def]
 
 
 @fused_lean_kernel
-def rub(friction, h, L, y, taken, xi):  # type: ignore[no-untyped-def]
-    """Take the joints' Coulomb friction from their rates in xi. y (n_x,), taken (n_b,): scratch."""
+def resist_joints(friction, h, L, y, taken, xi):  # type: ignore[no-untyped-def]
+    """Take the joints' Coulomb friction from their rates in xi, by projected Gauss-Seidel over the joints.
+
+    friction (n_b,) [N m]. y (n_x,), taken (n_b,): scratch.
+    """
     nb, nx = friction.shape[0], xi.shape[0]
     for b in range(nb):
         taken[b] = 0.0
@@ -110,7 +125,7 @@ def rub(friction, h, L, y, taken, xi):  # type: ignore[no-untyped-def]
                 continue
             for x in range(nx):
                 y[x] = 0.0
-            y[2 + b] = 1.0
+            y[2 + b] = 1.0  # y = S^-1 e_b: the rates that a unit impulse in joint b makes
             solve_rates(L, y, nx)
             bound = h * friction[b]
             impulse = min(max(taken[b] - xi[2 + b] / y[2 + b], -bound), bound)

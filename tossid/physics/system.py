@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tossid.errors import ObjectError
 from tossid.objects import GRAVITY, JointLaw, ObjectModel
+from tossid.physics.registered_forces import NoForce, RegisteredForce
 from tossid.settings.limits import VALUES
 
 Array = NDArray[np.float64]
@@ -23,7 +24,13 @@ class LearnedAcceleration(NamedTuple):
     linear drag matrix is quadratic drag. The force is k_res = M a_res. Empty arrays
     (zero rows of `linear`) mean none.
 
-    linear (nv, n_f), W0 (h, n_f), b0 (h,), W1 (h, h), b1 (h,), W2 (nv, h).
+    Attributes:
+        linear: (nv, n_f) W.
+        W0: (h, n_f).
+        b0: (h,).
+        W1: (h, h).
+        b1: (h,).
+        W2: (nv, h).
     """
 
     linear: Array
@@ -35,17 +42,32 @@ class LearnedAcceleration(NamedTuple):
 
 
 class System(NamedTuple):
-    """A kinematic tree over the ground plane z = 0, in SI units. Shapes as in `ObjectModel`.
+    """A kinematic tree over the ground plane z = 0, in SI units.
 
-    gravity: (3,) acceleration of the given continuous dynamics k_hat [m/s², world].
-    mu: (n_c,) friction of each corner. restitution: Newton's coefficient.
-    compliance: how far a corner sinks for each newton on it, 1 / stiffness [m/N], 0 for rigid contact.
-    relaxation: damping over stiffness of a corner [s]: what sank comes out as exp(-t / relaxation).
-    cohesion: c of |f_t| <= mu f_n + c [N], of a corner that carried load in the step before; the bound stays
-        below 2 mu f_n. The law is in `stepping`.
-    forces: the numbers of `forces.Forces` in their order (17,), empty for none.
-    law: the numbers of `forces.Law` in their order (8,), empty for a constant friction.
-    joints: what acts in the joints; empty arrays for nothing.
+    Attributes:
+        parent: (n_b,) of each body.
+        joint_type: (n_b,) `JointType`.
+        joint_pos: (n_b, 3) anchor of each joint, in its body's axes [m].
+        joint_axis: (n_b, 3) unit axis of each joint, in its body's axes.
+        body_pos: (n_b, 3) origin of each body, in its parent's axes [m].
+        body_quat: (n_b, 4) orientation of each body in its parent's axes at joint position 0, wxyz.
+        mass: (n_b,) [kg].
+        com: (n_b, 3) centre of mass, in the body's axes [m].
+        inertia: (n_b, 3, 3) about the centre of mass, in the body's axes [kg m²].
+        corner_body: (n_c,) body of each corner.
+        corner_pos: (n_c, 3) in its body's axes [m].
+        mu: (n_c,) friction coefficient of each corner.
+        restitution: Newton's coefficient.
+        gravity: (3,) acceleration of the given continuous dynamics k_hat [m/s², world].
+        k_res: a learned acceleration.
+        compliance: how far a corner sinks for each newton on it, 1 / stiffness [m/N]; 0 for rigid contact.
+        relaxation: damping over stiffness of a corner [s]: what sank comes out as exp(-t / relaxation).
+        cohesion: c of |f_t| <= mu f_n + c [N], of a corner that carried load in the step before; the bound stays
+            below 2 mu f_n. The law is in `stepping`.
+        forces: (17,) the fields of `forces.Forces` in their order, (0,) for none.
+        law: (9,) the fields of `forces.Law` in their order, (0,) for a constant friction.
+        joints: what acts in the joints; empty arrays for nothing.
+        registered: the user's own force (`registered_forces`).
     """
 
     parent: NDArray[np.int64]
@@ -69,27 +91,39 @@ class System(NamedTuple):
     forces: Array = np.zeros(0)
     law: Array = np.zeros(0)
     joints: JointLaw = JointLaw(*np.zeros((5, 0)))
+    registered: RegisteredForce = NoForce()
 
     @property
     def nv(self) -> int:
+        """Length of a velocity."""
         return 5 + len(self.parent)
 
     @property
     def nq(self) -> int:
+        """Length of a configuration."""
         return 6 + len(self.parent)
 
     @property
     def n_corners(self) -> int:
+        """Number of corners."""
         return len(self.corner_body)
 
 
 def n_features(n_joints: int) -> int:
-    """Features of the learned acceleration: vertical (3), |v| v (3), spin (3), and sin, cos, rate of each joint."""
+    """Number of the learned acceleration's features: vertical (3), |v| v (3), spin (3); sin, cos, rate of each joint.
+
+    Args:
+        n_joints: of the object.
+    """
     return 9 + 3 * n_joints
 
 
 def no_learned_acceleration(n_joints: int) -> LearnedAcceleration:
-    """A learned acceleration that is absent."""
+    """A learned acceleration that is absent.
+
+    Args:
+        n_joints: of the object.
+    """
     nv, nf = 6 + n_joints, n_features(n_joints)
     return LearnedAcceleration(
         np.zeros((0, nf)), np.zeros((0, nf)), np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros((nv, 0))
@@ -106,6 +140,7 @@ def make_system(
     """The nominal simulator of an object.
 
     Args:
+        model: the object.
         gravity: downward acceleration [m/s²], or a world vector (3,).
         friction: one coefficient, or one a corner (n_c,); the object's own if None.
         k_res: a learned acceleration.

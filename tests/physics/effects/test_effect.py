@@ -10,7 +10,7 @@ import pytest
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.physics.effects import BUILT_IN, Effect, InMujoco, NotExpressible, World, effect_named
-from tossid.physics.forces import Growing
+from tossid.physics.forces import PoweredForce
 
 FRICTION = effect_named("friction")
 
@@ -55,4 +55,4 @@ def test_a_force_may_grow_with_another_power(cube: ObjectModel) -> None:
     assert law is not None
     assert law is effect_named("vortex").other_power_law
     forces = law.at(World(cube), np.array([1.5])).forces
-    assert (forces.powered, forces.power) == (Growing.VORTEX, 1.5)
+    assert (forces.powered, forces.power) == (PoweredForce.VORTEX, 1.5)

@@ -196,4 +196,4 @@ def comparable(world: World) -> World:
     """
     body = world.object.with_changes(compliance=0.0, relaxation=0.0, cohesion=0.0)
     law = Law(lifting=world.law.lifting, torsional=world.law.torsional, rolling=world.law.rolling)
-    return replace(world, object=body, forces=Forces(), law=law, k_res=None)
+    return replace(world, object=body, forces=Forces(), law=law, k_res=None, registered=())

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
 from tossid.diagnosis.findings import Interval, Witness
-from tossid.physics.body import inset
+from tossid.physics.body import rounded_corner_centres
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_rotate, quat_to_matrix
 from tossid.settings.diagnosis import WitnessSettings
@@ -114,7 +114,7 @@ def lone_impacts(tosses: Sequence[Toss], world: World, settings: WitnessSettings
     """
     gravity, radius = world.gravity_on_ground(), world.law.rounding
     com, n = world.object.com[0], settings.flight
-    shape = _Shape(inset(world.object.corner_pos, radius) - com, radius, world.object.width)
+    shape = _Shape(rounded_corner_centres(world.object.corner_pos, radius) - com, radius, world.object.width)
     rows: list[tuple[int, Array]] = []
     for number, toss in enumerate(tosses):
         q, dt, noise = _true(toss, world)

@@ -147,6 +147,11 @@ def _keys(before: World, after: World) -> dict[str, dict[str, Any]]:
     for part in ("forces", "law"):
         one, other = getattr(before, part), getattr(after, part)
         pairs |= {f"{part}.{name}": (getattr(one, name), getattr(other, name)) for name in one._fields}
+    was_there = {type(force): force for force in before.registered}
+    for force in after.registered:
+        for name, now in force._asdict().items():
+            was = getattr(was_there.get(type(force)), name, None)
+            pairs[f"forces.{type(force).__name__}.{name}"] = (was, now)
     for name in vars(before.recording):
         pairs[f"recording.{name}"] = (getattr(before.recording, name), getattr(after.recording, name))
     return {

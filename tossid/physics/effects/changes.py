@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.physics.effects.world import World
-from tossid.physics.forces import LEAST, Forces, Growing
+from tossid.physics.forces import LEAST_STATE, Forces, PoweredForce
 
 Array = NDArray[np.float64]
 Apply = Callable[[World, Mapping[str, float]], World]
@@ -60,7 +60,7 @@ def size_of(state: Array) -> Array:
     return size
 
 
-def growth(forces: Forces, which: Growing, state: Array) -> Array:
+def power_factor(forces: Forces, which: PoweredForce, state: Array) -> Array:
     """Factor (*b, 1) of the force that grows with a further power of its state; 1 for the others.
 
     Args:
@@ -68,5 +68,5 @@ def growth(forces: Forces, which: Growing, state: Array) -> Array:
         which: The force.
         state: (*b, n) what it depends on.
     """
-    size = np.maximum(size_of(state), LEAST)
+    size = np.maximum(size_of(state), LEAST_STATE)
     return size**forces.power if forces.powered == which else np.ones_like(size)

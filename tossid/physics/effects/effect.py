@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tossid.errors import InputError
 from tossid.physics.effects.strength import Strength
 from tossid.physics.effects.world import World
-from tossid.physics.forces import Growing
+from tossid.physics.forces import PoweredForce
 from tossid.types import Phase
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ class Effect:
         contains: Names of effects that are special cases of it.
         starts: Values from which it is also fitted, where what it does is far from linear.
         near_nothing: Whether its nominal values are only close to no effect, because no values are none.
-        growing: The force whose other power law is tried too, and the state on which that force depends, in words.
+        powered: The force whose other power law is tried too, and the state on which that force depends, in words.
         made_of: Names of effects that together do exactly the same.
         one_of_group: Names of a group of effects, this among them, each of which does what the others do together.
         needs_joints: Whether only objects with joints can have it.
@@ -177,7 +177,7 @@ class Effect:
     contains: tuple[str, ...] = ()
     starts: tuple[Mapping[str, float], ...] = ()
     near_nothing: bool = False
-    growing: tuple[Growing, str] | None = None
+    powered: tuple[PoweredForce, str] | None = None
     made_of: frozenset[str] = frozenset()
     one_of_group: frozenset[str] = frozenset()
     needs_joints: bool = False
@@ -234,9 +234,9 @@ class Effect:
 
         It shows whether a force has the effect's law at all. It is not in the library, and is never named as a cause.
         """
-        if self.growing is None:
+        if self.powered is None:
             return None
-        force, state = self.growing
+        force, state = self.powered
         return Effect(
             name=f"{self.name}'s power",
             family="law",

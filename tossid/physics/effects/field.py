@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.physics.effects.changes import growth, sets_forces
+from tossid.physics.effects.changes import power_factor, sets_forces
 from tossid.physics.effects.effect import (
     EVERY_PHASE,
     SHARED_AMONG_LINKS,
@@ -19,7 +19,7 @@ from tossid.physics.effects.environment import GROUP_OF_TILTS
 from tossid.physics.effects.mjcf_edit import Edit, write_acceleration
 from tossid.physics.effects.strength import Strength, directed, signed
 from tossid.physics.effects.world import World
-from tossid.physics.forces import Growing
+from tossid.physics.forces import PoweredForce
 
 Array = NDArray[np.float64]
 
@@ -35,17 +35,17 @@ def _uniform(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Arr
 def _spring(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
     f = world.forces
     away = np.array([f.center_x, f.center_y, f.center_z]) - p
-    return f.spring * growth(f, Growing.SPRING, away) * away, np.zeros_like(u)
+    return f.spring * power_factor(f, PoweredForce.SPRING, away) * away, np.zeros_like(u)
 
 
 def _vortex(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
     f = world.forces
-    return f.vortex * growth(f, Growing.VORTEX, p[..., :2]) * np.cross(_UP, p), np.zeros_like(u)
+    return f.vortex * power_factor(f, PoweredForce.VORTEX, p[..., :2]) * np.cross(_UP, p), np.zeros_like(u)
 
 
 def _turning(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
     f, mass = world.forces, float(world.object.mass.sum())
-    return mass * f.turning * growth(f, Growing.TURNING, u) * np.cross(_UP, u), np.zeros_like(u)
+    return mass * f.turning * power_factor(f, PoweredForce.TURNING, u) * np.cross(_UP, u), np.zeros_like(u)
 
 
 def _pull_of_size(size: float, u: Array) -> dict[str, float]:
@@ -95,7 +95,7 @@ POSITION_FORCE = Effect(
     strength=Strength(0.05, 15.0, _pull_of_size),
     contains=("uniform_force", "gravity"),
     starts=({"k_npm": 0.5}, {"k_npm": 5.0}),
-    growing=(Growing.SPRING, "distance"),
+    powered=(PoweredForce.SPRING, "distance"),
 )
 
 VORTEX = Effect(
@@ -108,7 +108,7 @@ VORTEX = Effect(
     mujoco=InMujoco(wrench=_vortex),
     mjcf=_NO_SUCH_FORCE,
     strength=Strength(0.1, 15.0, signed("c_npm")),
-    growing=(Growing.VORTEX, "distance from the axis"),
+    powered=(PoweredForce.VORTEX, "distance from the axis"),
 )
 
 TURNING_FRAME = Effect(
@@ -121,7 +121,7 @@ TURNING_FRAME = Effect(
     mujoco=InMujoco(wrench=_turning),
     mjcf=_NO_SUCH_FORCE,
     strength=Strength(0.03, 3.0, signed("rate_ps")),
-    growing=(Growing.TURNING, "speed"),
+    powered=(PoweredForce.TURNING, "speed"),
 )
 
 EFFECTS = (UNIFORM_FORCE, POSITION_FORCE, VORTEX, TURNING_FRAME)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.physics.effects.changes import air_speed, growth, sets_forces, size_of
+from tossid.physics.effects.changes import air_speed, power_factor, sets_forces, size_of
 from tossid.physics.effects.effect import (
     EVERY_PHASE,
     SHARED_AMONG_LINKS,
@@ -18,7 +18,7 @@ from tossid.physics.effects.effect import (
 from tossid.physics.effects.mjcf_edit import Edit
 from tossid.physics.effects.strength import Strength, between, directed, plain, signed
 from tossid.physics.effects.world import World
-from tossid.physics.forces import Growing
+from tossid.physics.forces import PoweredForce
 
 Array = NDArray[np.float64]
 
@@ -29,23 +29,25 @@ LEAST_DRAG = 0.02
 def _linear_drag(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
     """-c w of the velocity w in the air."""
     air = air_speed(world.forces, u)
-    return -world.forces.linear * growth(world.forces, Growing.DRAG, air) * air, np.zeros_like(u)
+    return -world.forces.linear * power_factor(world.forces, PoweredForce.DRAG, air) * air, np.zeros_like(u)
 
 
 def _quadratic_drag(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
     """-c |w| w of the velocity w in the air."""
     air = air_speed(world.forces, u)
-    return -world.forces.quadratic * size_of(air) * growth(world.forces, Growing.DRAG, air) * air, np.zeros_like(u)
+    return -world.forces.quadratic * size_of(air) * power_factor(
+        world.forces, PoweredForce.DRAG, air
+    ) * air, np.zeros_like(u)
 
 
 def _spin_drag(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
-    return np.zeros_like(u), -world.forces.spin * growth(world.forces, Growing.SPIN, omega) * omega
+    return np.zeros_like(u), -world.forces.spin * power_factor(world.forces, PoweredForce.SPIN, omega) * omega
 
 
 def _magnus(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
     """c omega x w of the velocity w in the air."""
     f = world.forces
-    return f.magnus * growth(f, Growing.MAGNUS, omega) * np.cross(omega, air_speed(f, u)), np.zeros_like(u)
+    return f.magnus * power_factor(f, PoweredForce.MAGNUS, omega) * np.cross(omega, air_speed(f, u)), np.zeros_like(u)
 
 
 def _wind_of_size(size: float, u: Array) -> dict[str, float]:
@@ -98,7 +100,7 @@ LINEAR_DRAG = Effect(
     mujoco=InMujoco(wrench=_linear_drag),
     mjcf=MjcfEdit(_write_linear_drag, of_links=SHARED_AMONG_LINKS),
     strength=Strength(5e-3, 0.6, plain("c_nspm")),
-    growing=(Growing.DRAG, "speed"),
+    powered=(PoweredForce.DRAG, "speed"),
 )
 
 QUADRATIC_DRAG = Effect(
@@ -111,7 +113,7 @@ QUADRATIC_DRAG = Effect(
     mujoco=InMujoco(wrench=_quadratic_drag),
     mjcf=MjcfEdit(_write_quadratic_drag, of_links=SHARED_AMONG_LINKS),
     strength=Strength(5e-3, 0.6, plain("c_ns2pm2")),
-    growing=(Growing.DRAG, "speed"),
+    powered=(PoweredForce.DRAG, "speed"),
 )
 
 SPIN_DRAG = Effect(
@@ -124,7 +126,7 @@ SPIN_DRAG = Effect(
     mujoco=InMujoco(wrench=_spin_drag),
     mjcf=NotExpressible("MuJoCo's fluid resists spin only together with velocity"),
     strength=Strength(3e-5, 6e-3, plain("c_nms")),
-    growing=(Growing.SPIN, "spin"),
+    powered=(PoweredForce.SPIN, "spin"),
 )
 
 WIND = Effect(
@@ -143,7 +145,7 @@ WIND = Effect(
     strength=Strength(5e-3, 0.4, _wind_of_size),
     contains=("linear_drag",),
     near_nothing=True,  # without drag, wind does nothing
-    growing=(Growing.DRAG, "speed in the wind"),
+    powered=(PoweredForce.DRAG, "speed in the wind"),
     # a drag against moving air is one against still air, and a constant force
     made_of=frozenset({"linear_drag", "uniform_force"}),
 )
@@ -158,7 +160,7 @@ MAGNUS = Effect(
     mujoco=InMujoco(wrench=_magnus),
     mjcf=NotExpressible("MuJoCo has it for ellipsoids only"),
     strength=Strength(1e-3, 0.08, signed("c_ns2pm")),
-    growing=(Growing.MAGNUS, "spin"),
+    powered=(PoweredForce.MAGNUS, "spin"),
 )
 
 EFFECTS = (LINEAR_DRAG, QUADRATIC_DRAG, SPIN_DRAG, WIND, MAGNUS)

@@ -2,7 +2,7 @@
 
 Body, gravity, ground and friction are MuJoCo's own, contact that bounces or yields is as `mujoco_contact` has it, and
 otherwise as rigid as `mujoco_engine` has it. Whatever else an effect needs, its declaration states (`Effect.mujoco`).
-Forces of the state are applied from outside, each held for at most `PUSH_STEP`.
+Forces of the state, registered ones among them, are applied from outside, each held for at most `PUSH_STEP`.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from tossid.physics.effects.mujoco_contact import bouncing_solref, soft_contact
 from tossid.physics.effects.registry import all_effects
 from tossid.physics.effects.world import World
 from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, RIGID_STEP, compile_scene, run_scene
+from tossid.physics.registered_forces import combined, wrenches_of
 from tossid.physics.system import make_system
 
 Array = NDArray[np.float64]
@@ -57,9 +58,13 @@ def toss_in_mujoco(
     """Toss a world's object in MuJoCo, from B true states in the ground's frame.
 
     Args:
-        q0: (B, nq). v0: (B, nv).
-        n_steps: frames after the first. dt: between frames, true time [s].
+        world: the simulator; how motion is recorded does not enter.
+        q0: (B, nq) initial configurations.
+        v0: (B, nv) initial velocities.
+        n_steps: frames after the first.
+        dt: between frames, true time [s].
         substeps: MuJoCo steps a frame; None for as many as keep contact near rigid.
+        n_threads: tosses are split over this many threads.
 
     Returns:
         q (B, n_steps + 1, nq) and v (B, n_steps + 1, nv), true, in the ground's frame.
@@ -95,7 +100,12 @@ def toss_in_mujoco(
 
 
 def scene(world: World, step: float) -> mujoco.MjModel:
-    """The world's ground frame, but for its forces, in MuJoCo at time steps of `step` [s]."""
+    """The world in its ground's frame, without its forces, as MuJoCo's compiled model.
+
+    Args:
+        world: the simulator.
+        step: MuJoCo's time step [s].
+    """
     model, gravity = world.object, world.gravity_on_ground()
     if model.compliance > 0:
         compiled = _compliant(world, step).compile()
@@ -109,7 +119,13 @@ def scene(world: World, step: float) -> mujoco.MjModel:
 
 
 def scene_text(model: ObjectModel, *, gravity: float, step: float) -> str:
-    """The object over level ground as MJCF text, with its contact as `scene` has it; numbers have six digits."""
+    """The object over level ground as MJCF text, with its contact as `scene` has it; numbers have six digits.
+
+    Args:
+        model: the object.
+        gravity: downward [m/s²].
+        step: MuJoCo's time step [s].
+    """
     world = World(model, gravity=gravity)
     if model.compliance > 0:
         text: str = _compliant(world, step).to_xml()
@@ -150,19 +166,27 @@ def _compliant(world: World, step: float) -> mujoco.MjSpec:
 
 
 def pusher(world: World, hold: float) -> Callable[[Array, Array], Array]:
-    """From states q (B, nq), v (B, nv) to the wrenches on MuJoCo's bodies (B, 1 + n_b, 6), the ground's first.
+    """The forces of a world as a function of the state.
 
-    Forces are shared out among the bodies by mass, as `pulls` has it.
-    hold: for how long [s] it is held; it is the wrench at half that time, as if nothing touched and no joint held.
+    Forces are shared out among the bodies by mass, as in `pulls`.
+
+    Args:
+        world: the simulator.
+        hold: for how long a wrench is held [s]. It is that of half this time later, as if nothing touched and no joint
+            held.
+
+    Returns:
+        A function from states q (B, nq), v (B, nv) to wrenches on MuJoCo's bodies (B, 1 + n_b, 6) [N, N m], the
+        ground's first.
     """
     model, gravity = world.object, world.gravity_on_ground()
     on_ground = world.with_changes(forces=world.forces_on_ground())
     wrenches = [form.wrench for form in _forms() if form.wrench is not None]
-    total = float(model.mass.sum())
+    registered, total = combined(world.registered), float(model.mass.sum())
 
     def wrench(p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
         """Force [N] at the centre of mass and torque [N m] on a single body, world axes, (B, 3) each."""
-        force, torque = np.zeros_like(u), np.zeros_like(u)
+        force, torque = wrenches_of(registered, p, u, omega)
         for one in wrenches:
             more, turning = one(on_ground, p, u, omega)
             force, torque = force + more, torque + turning
@@ -182,7 +206,16 @@ def pusher(world: World, hold: float) -> Callable[[Array, Array], Array]:
 
 
 def body_motions(model: ObjectModel, q: Array, v: Array) -> tuple[Array, Array, Array]:
-    """Places and velocities of the bodies' centres of mass, and spins, in the world: (B, n_b, 3) each."""
+    """Motion of the bodies, in world axes.
+
+    Args:
+        model: the object.
+        q: (B, nq) configurations.
+        v: (B, nv) velocities.
+
+    Returns:
+        Positions [m] and velocities [m/s] of the bodies' centres of mass, and spins [rad/s], (B, n_b, 3) each.
+    """
     turned = tree_batch(make_system(model), q, v)
     spin = np.einsum("nbij,nbj->nbi", turned.R, turned.omega)
     arm = np.einsum("nbij,bj->nbi", turned.R, model.com)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from tossid.objects import GRAVITY, JointType, ObjectModel
 from tossid.physics.forces import Forces, Law
+from tossid.physics.registered_forces import RegisteredForce, combined
 from tossid.physics.stepping import TOLERANCE, simulate
 from tossid.physics.system import LearnedAcceleration, System, make_system
 from tossid.rotations import quat_conj, quat_exp, quat_mul, quat_rotate
@@ -26,9 +27,12 @@ Array = NDArray[np.float64]
 class RecordingErrors:
     """From true motion to recorded: p_recorded = length_scale R(world_tilt) (p + R(q) frame_offset).
 
-    length_scale: recorded length per true. clock_rate: recorded time per true. frame_offset (3,) [m]: the recorded
-    frame's origin in the body's true frame. world_tilt (2,) [rad about x, y]: what turns true coordinates into
-    recorded ones. joint_offset: what recorded joint positions are over true ones [rad, m]; slides are lengths too.
+    Attributes:
+        length_scale: Recorded length per true length.
+        clock_rate: Recorded time per true time.
+        frame_offset: (3,) the recorded frame's origin in the body's true frame [m].
+        world_tilt: (2,) what turns true coordinates into recorded ones [rad about x, y].
+        joint_offset: Recorded joint positions minus true ones [rad, m]; slides are lengths too.
     """
 
     length_scale: float = 1.0
@@ -42,9 +46,17 @@ class RecordingErrors:
 class World:
     """An object, what pulls at it, what it lands on, and how that is recorded. SI units.
 
-    gravity: downward [m/s²]. ground_height [m], over the true world's origin, and ground_tilt (2,) [rad about x, y]
-    of the ground: p = R(ground_tilt) p_ground + (0, 0, ground_height). Forces are in the true world, except that on
-    tilted ground the wind blows along it, and the axis of vortex and turning is its normal.
+    Attributes:
+        object: What is tossed.
+        gravity: Downward [m/s²].
+        forces: Of the state, in the true world; on tilted ground the wind blows along it, and the axis of vortex and
+            turning is its normal.
+        law: Of contact.
+        ground_height: Of the ground over the true world's origin [m].
+        ground_tilt: Of the ground (2,) [rad about x, y]: p = R(ground_tilt) p_ground + (0, 0, ground_height).
+        recording: How recorded motion differs from true motion.
+        k_res: A learned acceleration.
+        registered: The user's own forces, in the ground's frame (`register_force`).
     """
 
     object: ObjectModel
@@ -55,6 +67,16 @@ class World:
     ground_tilt: tuple[float, float] = (0.0, 0.0)
     recording: RecordingErrors = field(default_factory=RecordingErrors)
     k_res: LearnedAcceleration | None = None
+    registered: tuple[RegisteredForce, ...] = ()
+
+    def with_force(self, force: RegisteredForce) -> World:
+        """A copy with a registered force, in the place of one of the same class if there is one.
+
+        Args:
+            force: Parameters of a class that is registered (`register_force`).
+        """
+        others = tuple(other for other in self.registered if type(other) is not type(force))
+        return replace(self, registered=(*others, force))
 
     def with_changes(self, **changes: Any) -> World:
         """A copy with fields replaced."""
@@ -76,20 +98,25 @@ class World:
         """The simulator, in the ground's frame."""
         system = make_system(self.object, gravity=self.gravity_on_ground(), k_res=self.k_res)
         return system._replace(
-            forces=np.array(self.forces_on_ground(), dtype=float), law=np.array(self.law, dtype=float)
+            forces=np.array(self.forces_on_ground(), dtype=float),
+            law=np.array(self.law, dtype=float),
+            registered=combined(self.registered),
         )
 
     @property
     def has_forces(self) -> bool:
         """Whether forces of the state act, beside gravity."""
-        return self.forces.acts
+        return self.forces.acts or bool(self.registered)
 
     @property
     def same_everywhere(self) -> bool:
-        """Whether motion is the same wherever it begins along the recorded x and y: on level ground, with no pull that
-        hangs on the place."""
+        """Whether motion is the same wherever it begins along the recorded x and y.
+
+        It is on level ground, without a force that depends on the position.
+        """
         level = self.ground_tilt == (0.0, 0.0) and self.recording.world_tilt == (0.0, 0.0)
-        return level and self.forces.spring == 0.0 and self.forces.vortex == 0.0 and self.k_res is None
+        uniform = self.forces.spring == 0.0 and self.forces.vortex == 0.0 and self.k_res is None
+        return level and uniform and not self.registered
 
     def to_ground(self, q: Array, v: Array) -> tuple[Array, Array]:
         """True states in the ground's frame, of recorded ones: q (*b, nq), v (*b, nv)."""
