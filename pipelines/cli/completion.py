@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import is_dataclass
 from typing import Any, Literal, get_args, get_origin
 
-from pipelines.config.keys import Group, Key, describe, group_members, keys_of, parts_of
+from pipelines.config.keys import Group, Key, describe, keys_of, parts_of
 from pipelines.config.schemas import COMMANDS
 
 
@@ -60,7 +60,7 @@ def _values(key: Key | Group | None) -> list[str]:
     if key is None:
         return []
     if isinstance(key, Group):
-        return [*group_members(key.name), *(["null"] if key.optional else [])]
+        return [*key.members(), *(["null"] if key.optional else [])]
     found: list[str] = []
     for part in parts_of(key.type):
         if get_origin(part) is Literal:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from typer.core import TyperCommand
 
-from pipelines.config.keys import MISSING, Group, Key, all_keys, class_of, group_members, keys_of, parts_of
+from pipelines.config.keys import MISSING, Group, Key, all_keys, class_of, keys_of, parts_of
 from pipelines.config.places import folders
 from pipelines.config.schemas import COMMANDS
 
@@ -73,7 +73,7 @@ def _add_group(table: Table, group: Group, schema: type, default: str | None) ->
 
     hint = get_type_hints(schema, include_extras=True)[group.name]
     classes = [part for part in parts_of(hint) if is_dataclass(part)]
-    members = group_members(group.name)
+    members = group.members()
     table.add_section()
     table.add_row("", "", "")
     table.add_row(f"{group.name}=", default or "none", f"{escape(group.doc)} [bold]{' | '.join(members)}[/bold]")

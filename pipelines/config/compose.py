@@ -14,7 +14,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pipelines.config.keys import Group, Key, all_keys, convert, group_members, key_fields, keys_of, nearest, shorten
+from pipelines.config.keys import Group, Key, all_keys, convert, key_fields, keys_of, nearest, shorten
 from pipelines.config.places import CONF, folders
 from tossid.errors import ConfigError
 
@@ -116,10 +116,10 @@ def _split(text: str, schema: type, conf: Path) -> tuple[str, str]:
 
 def _suggest_assignment(text: str, schema: type, conf: Path) -> str | None:
     """For a word without '=': the group that has it as a member, or the key itself."""
-    groups = [key.name for key in keys_of(schema, {}, conf=conf) if isinstance(key, Group)]
-    for name in groups:
-        if text in group_members(name, conf):
-            return f"{name}={text}"
+    groups = [key for key in keys_of(schema, {}, conf=conf) if isinstance(key, Group)]
+    for group in groups:
+        if text in group.members(conf):
+            return f"{group.name}={text}"
     near = nearest(text, [key.name for key in keys_of(schema, {}, conf=conf)])
     return f"{near}=…" if near else None
 
@@ -141,7 +141,7 @@ def _group(schema: type, key: str, conf: Path) -> Group | None:
 
 def _member(group: Group, value: str, conf: Path) -> str | None:
     value = value.strip("'\"")
-    members = group_members(group.name, conf)
+    members = group.members(conf)
     if value in members:
         return value
     if value in ("null", "none") and group.optional:

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from pipelines.config.places import CONF, folders
 from pipelines.config.schemas import Bounds, Ordered
 from tossid.errors import ConfigError, brief
-from tossid.settings.kinds import ADVANCED, Registered
+from tossid.settings.kinds import ADVANCED, Except, Registered
 
 LONGEST_NAME = 255
 """Bytes of a file's or folder's name."""
@@ -52,11 +52,23 @@ class Key:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """A key that chooses one of the files in `conf/NAME/`. `optional`: none may be chosen."""
+    """A key that chooses one of the files in `conf/NAME/`.
+
+    Attributes:
+        name: the key.
+        doc: what it says of itself.
+        optional: none may be chosen.
+        classes: the dataclasses of which a member is one.
+    """
 
     name: str
     doc: str
     optional: bool
+    classes: tuple[Any, ...]
+
+    def members(self, conf: Path = CONF) -> tuple[str, ...]:
+        """The members that this command takes: those of which a class is found."""
+        return tuple(name for name in group_members(self.name, conf) if class_of(self.classes, name) is not None)
 
 
 def key_fields(schema: Any) -> list[Field[Any]]:
@@ -114,7 +126,7 @@ def keys_of(
         if not (conf / field.name).is_dir():
             found += keys_of(classes[0], chosen, prefix=name + ".", conf=conf)
             continue
-        found.append(Group(name, docs[field.name], optional=type(None) in parts_of(hint)))
+        found.append(Group(name, docs[field.name], type(None) in parts_of(hint), tuple(classes)))
         member = chosen.get(name)
         if member is not None:
             own = class_of(classes, member)
@@ -127,7 +139,7 @@ def all_keys(schema: type, *, conf: Path = CONF) -> list[str]:
     """The names of all keys of a schema, with those of every member of every group."""
     names = [key.name for key in keys_of(schema, {}, conf=conf)]
     for group in [key for key in keys_of(schema, {}, conf=conf) if isinstance(key, Group)]:
-        for member in group_members(group.name, conf):
+        for member in group.members(conf):
             names += [key.name for key in keys_of(schema, {group.name: member}, conf=conf)]
     return list(dict.fromkeys(names))
 
@@ -196,6 +208,8 @@ def convert(hint: Any, value: Any, *, key: str) -> Any:
         for extra in extras:
             if isinstance(extra, Bounds) and not extra.contains(converted):
                 raise ConfigError(key, f"{value} is out of range; expected {describe(hint)}.")
+            if isinstance(extra, Except) and converted == extra.word:
+                raise ConfigError(key, f"'{extra.word}' has a meaning of its own; expected another name.")
             if isinstance(extra, Ordered) and converted[0] > converted[1]:
                 raise ConfigError(key, f"{value} has its limits in the wrong order; expected {describe(hint)}.")
         return converted
@@ -312,11 +326,19 @@ def parts_of(hint: Any) -> tuple[Any, ...]:
 
 
 def class_of(classes: Sequence[Any], member: Any) -> Any:
-    """The dataclass of a group's member: the only one, or the one whose `name` is that literal."""
-    if len(classes) == 1:
-        return classes[0]
+    """The dataclass of a group's member: the one whose `name` is that, else the only one of any name."""
+    anyone = []
     for cls in classes:
         hint = get_type_hints(cls, localns=vars(sys.modules[cls.__module__])).get("name")
-        if get_origin(hint) is Literal and member in get_args(hint):
+        if get_origin(hint) is not Literal:
+            anyone += [] if member in _excluded(cls) else [cls]
+        elif member in get_args(hint):
             return cls
-    return None
+    return anyone[0] if len(anyone) == 1 else None
+
+
+def _excluded(cls: Any) -> set[str]:
+    """The names that a dataclass of objects with any name may not have."""
+    hint = get_type_hints(cls, localns=vars(sys.modules[cls.__module__]), include_extras=True).get("name")
+    extras = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+    return {extra.word for extra in extras if isinstance(extra, Except)}

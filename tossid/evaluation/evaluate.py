@@ -61,6 +61,11 @@ class Scores:
         """The tosses' names."""
         return tuple(toss.name for toss in self.dataset.tosses)
 
+    @property
+    def stated(self) -> ObjectModel:
+        """The object whose centre, width and corners are those of the metrics."""
+        return stated_object(self.model, self.dataset)
+
     def as_json(self) -> dict[str, Any]:
         """The metrics with the model's name and what it learned, as plain values."""
         result = {"model": self.model.name, "n_tosses": len(self.dataset.tosses), **self.metrics}
@@ -83,9 +88,7 @@ class Scores:
         Args:
             settings: As of `evaluate`.
         """
-        return predicted_motions(
-            self.model.model, self.dataset.object, self.dataset.tosses, dt=self.dt, settings=settings
-        )
+        return predicted_motions(self.model.model, self.stated, self.dataset.tosses, dt=self.dt, settings=settings)
 
     def save(self, folder: str | Path) -> list[Path]:
         """Write metrics.json and, under figures/, errors over tosses and along rollouts, and single tosses.
@@ -129,7 +132,8 @@ def evaluate(
     Args:
         model: A trained model.
         dataset: Tosses that it was not trained on, such as `dataset.split("test")`; all of them are compared. Its
-            object's centre, width and corners are those of the metrics.
+            object's centre, width and corners are those of the metrics; of a model that learned an unknown object, the
+            learned ones.
         settings: How they are compared.
         progress: Called with what is done and the share of the tosses.
         **keys: Settings by name.
@@ -142,7 +146,7 @@ def evaluate(
         ConfigError: A key is no setting.
     """
     settings = changed(settings, keys)
-    nominal, tosses = dataset.object, dataset.tosses
+    nominal, tosses = stated_object(model, dataset), dataset.tosses
     if not len(tosses):
         raise InputError("there are no tosses to evaluate on")
     predictor, measurement, dt = model.model.simulator(), model.model.measurement, frame_time(tosses)
@@ -166,6 +170,19 @@ def evaluate(
     metrics["sixteen_steps"] = summary(joined(windows))
     metrics |= {"unsolved": scores.unsolved, "diverged": scores.diverged}
     return Scores(model, dataset, metrics, scores, dt)
+
+
+def stated_object(model: TrainedModel, dataset: Dataset) -> ObjectModel:
+    """The object whose centre, width and corners are those of the metrics.
+
+    Args:
+        model: A trained model.
+        dataset: What it is compared with.
+
+    Returns:
+        The dataset's, or the learned one where the model was trained from nothing.
+    """
+    return dataset.object if model.settings.object is None else model.object
 
 
 def predicted_motions(

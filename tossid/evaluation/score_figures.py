@@ -28,7 +28,7 @@ def score_figures(scores: Scores) -> dict[str, Figure]:
     """
     from tossid.evaluation.figures import errors_along, errors_along_rollout, errors_over_tosses, toss_comparison
 
-    name, nominal, tosses, rollouts = scores.model.name, scores.dataset.object, scores.dataset.tosses, scores.rollouts()
+    name, nominal, tosses, rollouts = scores.model.name, scores.stated, scores.dataset.tosses, scores.rollouts()
     figures = {"errors_over_tosses": errors_over_tosses({name: scores.per_toss}, scores.names)}
     if sum(flight_frames(toss, nominal) < len(toss) for toss in tosses) > 1:
         figures["errors_along_rollout"] = errors_along_rollout({name: errors_along(tosses, rollouts, nominal)})
@@ -61,7 +61,7 @@ def acceleration_figure(scores: Scores) -> dict[str, Figure]:
 
 def _angles_figure(scores: Scores) -> dict[str, Figure]:
     """Learned geometry at several joint angles, where there are joints and a geometry, and which corners touch."""
-    stated, mechanics = scores.dataset.object, scores.model.model.mechanics()
+    stated, mechanics = scores.stated, scores.model.model.mechanics()
     if not stated.n_joints or mechanics is None:
         return {}
     from tossid.evaluation.figures import geometry_at_angles
@@ -100,7 +100,7 @@ def _write_film(scores: Scores, index: int, path: Path) -> Path:
     from tossid.evaluation.figures import toss_film
 
     toss, rollout = scores.dataset.tosses[index], scores.rollouts()[index]
-    film = toss_film(toss, rollout, scores.dataset.object, name=scores.model.name)
+    film = toss_film(toss, rollout, scores.stated, name=scores.model.name)
     frames = [Image.fromarray(frame) for frame in film]
     duration = 10 * max(2, round(400 * float(np.median(np.diff(toss.t)))))
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=duration, loop=0)

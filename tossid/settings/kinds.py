@@ -71,6 +71,13 @@ class Registered:
 
 
 @dataclass(frozen=True, slots=True)
+class Except:
+    """Marks text that may be anything but one word, which has a meaning of its own."""
+
+    word: str
+
+
+@dataclass(frozen=True, slots=True)
 class Ordered:
     """Marks a pair of limits: the first is not above the second."""
 

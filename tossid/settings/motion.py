@@ -153,3 +153,23 @@ class MeasurementSettings:
     """and its spin [rad/s]"""
     flat: Positive = 0.05
     """height over the lowest corner within which a corner is one of the lowest, in widths"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeFallSettings:
+    """Which frames are free fall, for the centre of mass and gravity of an unknown body (`tossid.motion.free_fall`)."""
+
+    clearance: Positive = 8e-3
+    """height of the lowest point above the ground from which a frame is flight [m]"""
+    margin: Count = 2
+    """frames at either end of a stretch that are left out, since smoothing mixes them with contact"""
+    fewest_frames: Count = 8
+    """shortest stretch [frames]"""
+    fewest_stretches: Count = 3
+    """stretches below which there is no estimate"""
+    huber: Positive = 2.0
+    """rms residual, in medians over stretches, from which a stretch counts less"""
+    iterations: Count = 8
+    """reweightings"""
+    worst_condition: Positive = 1e10
+    """condition number of the normal equations beyond which the centre of mass is undetermined"""

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+<<<<<<< HEAD
 
 from tossid.settings.kinds import Checked
 from tossid.settings.limits import Friction, Length, Restitution
+=======
+from typing import Annotated, Literal
+
+from tossid.settings.kinds import Bounds, Count, Except, NonNegative, Positive, advanced_part
+>>>>>>> b730c13 (Start training from poses alone with object=unknown)
 
 
 @dataclass(frozen=True)
 class ObjectSettings(Checked):
     """The object that is tossed."""
 
-    name: str
+    name: Annotated[str, Except("unknown")]
     """what it is called"""
     path: Path
     """its MJCF or URDF file; a relative path is sought in the working folder, then beside tossid's own package"""
@@ -25,6 +31,62 @@ class ObjectSettings(Checked):
     """length that position errors refer to [m]; null: the longest edge of the base"""
     tags: Path | None = None
     """its AprilTags, in TagSLAM's tagslam.yaml form; null: none"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeSettings:
+    """How a convex shape is found from poses alone (`tossid.objects.convex_shape`)."""
+
+    noise: Positive = 3e-4
+    """standard deviation of the recorded heights of a corner [m]"""
+    gap: Positive = 1e-3
+    """scale of the loss above the ground: higher frames count less and less as contacts [m]"""
+    first_gap: Positive = 4e-3
+    """the same at the first iteration, when vertices are far from where they belong [m]"""
+    contact_gap: Positive = 1.5e-3
+    """largest distance of the lowest vertex from the ground in a frame that is counted as a contact [m]"""
+    near_rel: Positive = 0.5
+    """frames take part whose gap to the outer hull is below this share of the radius of the largest ball inside"""
+    merge_rel: Positive = 0.15
+    """vertices of the outer hull closer than this share of that radius are one vertex to begin with"""
+    feature_rel: Positive = 0.02
+    """share of the largest extent by which a vertex must stand out from the hull of the others"""
+    most_frames: Count = 4000
+    """frames, evenly drawn, from which the number of vertices is found; the last fit takes all"""
+    unseen_rel: Positive = 0.15
+    """share of that radius by which the outer hull may lie beyond the shape before it is reported as unseen"""
+    other_angle: Positive = 8.7e-3
+    """turn from the last frame that counted after which a frame of a toss counts again [rad]"""
+    other_height: Positive = 2e-4
+    """change of height after which it does [m]"""
+    careful_below: Count = 16
+    """number of vertices below which three ways to leave one out are compared, not one"""
+    iterations: Count = 40
+    """most steps of a fit"""
+    converged: Positive = 2e-6
+    """change of a vertex below which a fit ends [m]"""
+    inertia: Positive = 0.3
+    """weight of where a vertex was, in frames: it holds vertices that few frames show"""
+    fewest_contacts: Count = 30
+    """different contacts below which there is no shape"""
+    largest: Positive = 5.0
+    """farthest that an object may reach from the origin of its frame [m]"""
+    smallest: Positive = 1e-3
+    """smallest radius of the largest ball inside an object [m]"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnknownObjectSettings:
+    """A rigid body of which nothing is stated but its mass."""
+
+    name: Literal["unknown"] = "unknown"
+    """nothing is stated but the mass"""
+    mass: Positive = 1.0
+    """its mass [kg]; tosses show ratios of masses only"""
+    friction: NonNegative = 0.3
+    """Coulomb friction that training starts from"""
+    shape: ShapeSettings = advanced_part(ShapeSettings)
+    """how its shape is found"""
 
 
 _LIBRARY = Path("tossid/objects/library")

@@ -19,7 +19,11 @@ from tossid.settings.kinds import (
     advanced,
     advanced_part,
 )
+<<<<<<< HEAD
 from tossid.settings.limits import Gravity
+=======
+from tossid.settings.objects import UnknownObjectSettings
+>>>>>>> b730c13 (Start training from poses alone with object=unknown)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,6 +175,9 @@ class TrainSettings(Checked):
 
     model: ModelSettings = field(default=CNRPI)
     """the model"""
+    object: UnknownObjectSettings | None = None
+    """unknown: start from the shape and the centre of mass that the training tosses show, whatever object the dataset
+    states; null: start from that object"""
     tosses: Count | None = None
     """learn from so many of the training tosses, and stop by at most as many others, drawn by the seed; null: all"""
     seed: Seed = 0

@@ -20,6 +20,7 @@ from tossid.settings.training import TrainSettings
 from tossid.store import Dataset
 from tossid.training.fit import Fit
 from tossid.training.uncertainty import parameter_intervals
+from tossid.training.unknown import unknown_object
 from tossid.types import Toss
 from tossid.versions import computing_versions
 
@@ -123,6 +124,8 @@ def fit_model(
     intervals = parameter_intervals(fit, seed=fit.settings.seed)
     if intervals is not None:
         parameters["uncertainty"] = intervals
+    if fit.shown is not None:
+        parameters["from_nothing"] = fit.shown.as_json()
     sha256 = fingerprint(fit.train_tosses)
     return TrainedModel(
         fit.model, fit.settings, parameters, tuple(history), took, sha256=sha256, versions=computing_versions()
@@ -141,21 +144,26 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
     """
     torch.set_num_threads(1)
     train, validation = training_tosses(dataset, settings)
-    measurement = measurement_of(settings.model, estimate_measurement(train, dataset.object))
-    model = build_model(settings.model, dataset.object, seed=settings.seed, measurement=measurement)
-    return Fit(model, train, validation, settings)
+    shown = None if settings.object is None else unknown_object(train, settings.object)
+    start = dataset.object if shown is None else shown.object
+    measurement = measurement_of(settings.model, estimate_measurement(train, start), stated=shown is None)
+    model = build_model(settings.model, start, seed=settings.seed, measurement=measurement)
+    return Fit(model, train, validation, settings, shown=shown)
 
 
-def measurement_of(settings: ModelSettings, found: MeasurementEstimate) -> MeasurementModel:
+def measurement_of(settings: ModelSettings, found: MeasurementEstimate, *, stated: bool = True) -> MeasurementModel:
     """How recorded motion relates to true motion: as stated, or, where that is "auto", as the tosses show it.
 
     Args:
         settings: What is stated.
         found: What the training tosses show.
+        stated: Whether the object's size is stated; a size that the tosses themselves have shown tells no scale.
     """
     scale, lag = settings.length_scale, settings.velocity_lag
+    if scale == "auto":
+        scale = found.measurement.length_scale if stated else 1.0
     return MeasurementModel(
-        found.measurement.length_scale if scale == "auto" else float(scale),
+        float(scale),
         found.measurement.velocity_lag if lag == "auto" else float(lag),
     )
 

@@ -35,6 +35,7 @@ from tossid.objects import ObjectModel
 from tossid.settings.training import TrainSettings
 from tossid.training.losses import LossStage, Stage
 from tossid.training.rollouts import RolloutStage
+from tossid.training.unknown import UnknownObject
 from tossid.types import Toss
 
 
@@ -65,6 +66,7 @@ class Fit:
         train: Tosses to learn from, as recorded.
         validation: Other tosses, which end the stages.
         settings: How long and how carefully.
+        shown: What the tosses showed of an unknown object, from which the model starts.
     """
 
     def __init__(
@@ -73,8 +75,11 @@ class Fit:
         train: Sequence[Toss],
         validation: Sequence[Toss],
         settings: TrainSettings | None = None,
+        *,
+        shown: UnknownObject | None = None,
     ) -> None:
         self.model = model
+        self.shown = shown
         self.settings = settings or TrainSettings()
         self.train_tosses = tuple(train)
         true = model.measurement.true_toss

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from pipelines.config.compose import as_plain, load
-from pipelines.config.keys import Group, group_members, keys_of
+from pipelines.config.keys import Group, keys_of
 from pipelines.config.places import CONF
 from pipelines.config.schemas import COMMANDS
 from tossid.errors import ConfigError
@@ -27,7 +27,7 @@ def calls() -> Iterator[tuple[str, tuple[str, ...]]]:
         yield command, ()
         for group in keys_of(schema, {}):
             if isinstance(group, Group):
-                for member in group_members(group.name):
+                for member in group.members():
                     yield command, (f"{group.name}={member}",)
 
 

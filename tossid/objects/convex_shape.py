@@ -1,0 +1,370 @@
+"""A convex shape from nothing but poses over the ground.
+
+No point x of an object is ever below the ground: p_z + e_z · R x ≥ 0 in every frame, with the body's origin p and its
+rotation R. With the downward direction in the body's frame, d = -Rᵀ e_z, this reads d · x ≤ p_z: each frame bounds the
+object by a half-space, and a frame in contact touches it. So the support function h(d) = max_x d · x of the object is
+at most p_z, and equals it in contact. The intersection of all half-spaces is an outer hull. Its vertices, hundreds of
+them for noise, are merged into the few that a max-affine regression of h needs (Magnani and Boyd, "Convex
+piecewise-linear fitting", 2009): each frame is assigned to the vertex that is lowest in it, and vertices are fitted to
+their frames. A frame that is not in contact has a gap, which a redescending loss leaves out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.optimize import linprog, nnls
+from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
+
+from tossid.errors import InputError
+from tossid.rotations import quat_to_matrix
+from tossid.settings.objects import ShapeSettings
+from tossid.types import Toss
+
+Array = NDArray[np.float64]
+
+DEFAULT = ShapeSettings()
+
+
+class HalfSpaces(NamedTuple):
+    """What frames say of the shape: down · x ≤ height for every point x of the object.
+
+    Attributes:
+        down: (n, 3) the world's downward direction in the body's frame, unit.
+        height: (n,) of the body's origin above the ground [m].
+        place: (n, 2) where over the ground the body's origin is [m].
+        toss: (n,) index of the toss.
+    """
+
+    down: Array
+    height: Array
+    place: Array
+    toss: NDArray[np.int64]
+
+    def chosen(self, which: NDArray[np.bool_]) -> HalfSpaces:
+        """Some of them."""
+        return HalfSpaces(self.down[which], self.height[which], self.place[which], self.toss[which])
+
+
+@dataclass(frozen=True)
+class ConvexShape:
+    """A convex polytope that tosses have shown.
+
+    Attributes:
+        vertices: (n, 3) in the body's frame [m].
+        deviation: (n,) standard error of each vertex in its least certain direction [m].
+        frames: (n,) how many different contacts show each vertex.
+        unseen: (m, 3) points of the outer hull that the object may reach and that no contact decides [m, body frame].
+        ground: (3,) the ground as the shape needs it: its height at the origin [m] and its slopes along x and y. A
+            height of a millimetre or two is also what rounded edges look like.
+        misfit: Root mean square of the contacts' gaps [m].
+    """
+
+    vertices: Array
+    deviation: Array
+    frames: NDArray[np.int64]
+    unseen: Array
+    ground: Array
+    misfit: float
+
+    @property
+    def mean_width(self) -> float:
+        """Mean over all directions of the distance between the two planes that hold the shape [m]."""
+        heights = _DIRECTIONS @ self.vertices.T
+        return float((heights.max(axis=1) - heights.min(axis=1)).mean())
+
+    def solid(self) -> tuple[float, Array, Array]:
+        """Volume [m³], centre of mass [m] and inertia per mass about it [m²], if it were filled evenly.
+
+        The moments are summed over the tetrahedra between a point inside and each triangle of the hull.
+        """
+        inside = self.vertices.mean(axis=0)
+        corners = self.vertices[ConvexHull(self.vertices).simplices] - inside
+        volume = np.abs(np.linalg.det(corners)) / 6
+        total = corners.sum(axis=1)
+        first = np.einsum("t,ti->i", volume, total) / 4
+        second = np.einsum("t,ti,tj->ij", volume, total, total) + np.einsum("t,tvi,tvj->ij", volume, corners, corners)
+        com = first / volume.sum()
+        spread = second / 20 / volume.sum() - np.outer(com, com)
+        return float(volume.sum()), inside + com, np.trace(spread) * np.eye(3) - spread
+
+    def reach(self, down: Array) -> Array:
+        """Support function h(d) = max_x d · x [m], (k,), for directions (k, 3)."""
+        return np.asarray((down @ self.vertices.T).max(axis=1))
+
+
+class _Fit(NamedTuple):
+    vertices: Array
+    ground: Array
+    lowest: NDArray[np.int64]
+    gap: Array
+    loss: float
+
+
+def half_spaces(tosses: Sequence[Toss]) -> HalfSpaces:
+    """The half-spaces of all frames of tosses of one rigid body.
+
+    Args:
+        tosses: Their configurations, in a world whose z points up and whose ground is z = 0.
+    """
+    q = np.concatenate([toss.q for toss in tosses])
+    down = -quat_to_matrix(q[:, 3:7])[:, 2, :]
+    return HalfSpaces(down, q[:, 2], q[:, :2], np.repeat(np.arange(len(tosses)), [len(toss) for toss in tosses]))
+
+
+def find_shape(tosses: Sequence[Toss], settings: ShapeSettings = DEFAULT) -> ConvexShape:
+    """The convex shape of a rigid body, from its poses alone.
+
+    Args:
+        tosses: Of one rigid body, in any body frame, over the ground z = 0.
+        settings: What counts as contact, and which vertices count.
+
+    Returns:
+        As few vertices as the contacts need. Vertices that no contact shows are not made up; `unseen` says where the
+        object may reach further.
+
+    Raises:
+        InputError: The poses bound no shape, or there is no contact in them.
+    """
+    every = half_spaces(tosses)
+    _, radius, corners = outer_hull(every, settings)
+    seen = every.chosen(_different(every, settings))
+    seen = seen.chosen(seen.height - (seen.down @ corners.T).max(axis=1) < settings.near_rel * radius)
+    drawn = seen.chosen(_evenly(len(seen.height), settings.most_frames))
+    start = _merged(corners, settings.merge_rel * radius)
+    fits = [_fit(drawn, start, np.zeros(3), settings, gap=settings.first_gap)]
+    while len(fits[-1].vertices) > 4:
+        fits.append(_with_one_fewer(drawn, fits[-1], settings))
+    chosen = _without_flat(drawn, _fewest(fits, settings), settings)
+    chosen = _fit(seen, chosen.vertices, chosen.ground, settings, gap=2 * settings.gap)
+    sharp = _fit(seen, chosen.vertices, np.zeros(3), settings, gap=2 * settings.gap, level=True)
+    touches = np.abs(sharp.gap) < settings.contact_gap
+    if touches.sum() < settings.fewest_contacts:
+        raise InputError(
+            f"{int(touches.sum())} contacts with the ground in {len(tosses)} tosses; "
+            f"a shape needs at least {settings.fewest_contacts}. Is the ground z = 0?"
+        )
+    misfit = float(np.sqrt(np.mean(sharp.gap[touches] ** 2)))
+    deviation, frames = _certainty(seen, sharp, touches, misfit)
+    beyond = np.array([_protrusion(corner, sharp.vertices) for corner in corners])
+    unseen = corners[beyond > settings.unseen_rel * radius]
+    return ConvexShape(sharp.vertices, deviation, frames, unseen, chosen.ground, misfit)
+
+
+def outer_hull(spaces: HalfSpaces, settings: ShapeSettings = DEFAULT) -> tuple[Array, float, Array]:
+    """The intersection of half-spaces: everything where the object may be.
+
+    Args:
+        spaces: At least four.
+        settings: `largest` bounds it where no frame does.
+
+    Returns:
+        Centre (3,) and radius [m] of the largest ball inside, and the vertices (m, 3), in the body's frame.
+
+    Raises:
+        InputError: The half-spaces have no common inside: the ground is not z = 0, or the poses contradict each other.
+    """
+    box = np.concatenate([np.eye(3), -np.eye(3)])
+    normals = np.concatenate([spaces.down, box])
+    bounds = np.concatenate([spaces.height, np.full(6, settings.largest)])
+    cost, columns = np.array([0.0, 0.0, 0.0, -1.0]), np.column_stack([normals, np.ones(len(normals))])
+    found = linprog(cost, A_ub=columns, b_ub=bounds, bounds=[(None, None)] * 3 + [(0, None)])
+    if found.status != 0 or found.x[3] < settings.smallest:
+        raise InputError(
+            "no shape fits above the ground in all frames; expected poses over the level ground z = 0, of a body whose "
+            "frame does not move in it"
+        )
+    try:
+        vertices = HalfspaceIntersection(np.column_stack([normals, -bounds]), found.x[:3]).intersections
+    except QhullError as error:
+        raise InputError(f"the frames' half-spaces have no hull: {str(error).splitlines()[0]}") from error
+    vertices = vertices[np.isfinite(vertices).all(axis=1)]
+    if np.abs(vertices).max() >= settings.largest - 1e-9:
+        raise InputError(
+            f"the frames show the object from too few sides to bound it within {settings.largest:g} m; "
+            "expected tosses that come down on all sides"
+        )
+    return found.x[:3], float(found.x[3]), np.unique(vertices.round(7), axis=0)
+
+
+# ---------------------------------------------------------------- frames and vertices that count
+
+
+def _different(spaces: HalfSpaces, settings: ShapeSettings) -> NDArray[np.bool_]:
+    """Marks frames that differ from the last one marked of their toss: a body at rest is one observation."""
+    keep = np.zeros(len(spaces.height), dtype=bool)
+    least, last = np.cos(settings.other_angle), -1
+    for k in range(len(keep)):
+        keep[k] = (
+            last < 0
+            or spaces.toss[k] != spaces.toss[last]
+            or spaces.down[k] @ spaces.down[last] < least
+            or abs(spaces.height[k] - spaces.height[last]) > settings.other_height
+        )
+        last = k if keep[k] else last
+    return keep
+
+
+def _merged(points: Array, distance: float) -> Array:
+    """Means of clusters of points, which lie farther apart than a distance (average linkage)."""
+    label = fcluster(linkage(points, "average"), distance, "distance") - 1
+    count = np.bincount(label)
+    return np.column_stack([np.bincount(label, points[:, i]) / count for i in range(3)])
+
+
+def _with_one_fewer(spaces: HalfSpaces, fit: _Fit, settings: ShapeSettings) -> _Fit:
+    """The best of the fits without one of the vertices that cost least to leave out."""
+    reach = np.sort(spaces.down @ fit.vertices.T, axis=1)[:, -2:]
+    base = spaces.height - _ground(spaces) @ fit.ground
+    costs = _loss(base - reach[:, 0], settings.gap, settings) - _loss(base - reach[:, 1], settings.gap, settings)
+    cost = np.bincount(fit.lowest, costs, minlength=len(fit.vertices))
+    tried = 3 if len(cost) <= settings.careful_below else 1
+    others = [
+        _fit(spaces, np.delete(fit.vertices, j, axis=0), fit.ground, settings, gap=2 * settings.gap)
+        for j in np.argsort(cost)[:tried]
+    ]
+    return min(others, key=lambda other: other.loss)
+
+
+def _fewest(fits: Sequence[_Fit], settings: ShapeSettings) -> _Fit:
+    """The fit of least Bayesian information criterion, with the contacts' own scatter for the noise."""
+    first = fits[0]
+    touches = np.abs(first.gap) < settings.contact_gap
+    if not touches.any():
+        return fits[-1]
+    scale = max(1.0, (1.4826 * np.median(np.abs(first.gap[touches])) / settings.noise) ** 2)
+    price = 3 * np.log(touches.sum())
+    return min(fits, key=lambda fit: fit.loss / scale + price * len(fit.vertices))
+
+
+def _without_flat(spaces: HalfSpaces, fit: _Fit, settings: ShapeSettings) -> _Fit:
+    """The fit without vertices that hardly stand out from the others' hull: noise and roundness split corners."""
+    while len(fit.vertices) > 4:
+        out = np.array([_protrusion(x, np.delete(fit.vertices, i, axis=0)) for i, x in enumerate(fit.vertices)])
+        if out.min() > settings.feature_rel * 2 * np.abs(fit.vertices - fit.vertices.mean(axis=0)).max():
+            break
+        fewer = np.delete(fit.vertices, out.argmin(), axis=0)
+        fit = _fit(spaces, fewer, fit.ground, settings, gap=2 * settings.gap)
+    return fit
+
+
+def _evenly(n: int, most: int) -> NDArray[np.bool_]:
+    """Marks at most so many of n, evenly spaced."""
+    keep = np.zeros(n, dtype=bool)
+    keep[np.unique(np.linspace(0, n - 1, min(n, most)).astype(int))] = True
+    return keep
+
+
+def _protrusion(point: Array, vertices: Array) -> float:
+    """Distance [m] of a point from the convex hull of vertices."""
+    heavy = 1e3 * np.abs(vertices).max()
+    weights, _ = nnls(np.vstack([vertices.T, np.full(len(vertices), heavy)]), np.append(point, heavy))
+    return float(np.linalg.norm(vertices.T @ weights - point))
+
+
+# ---------------------------------------------------------------- the max-affine regression
+
+
+def _ground(spaces: HalfSpaces) -> Array:
+    """Derivative of the ground's height under the body with respect to its height at the origin and its slopes."""
+    return np.column_stack([np.ones(len(spaces.height)), spaces.place])
+
+
+def _loss(gap: Array, scale: float, settings: ShapeSettings) -> Array:
+    """Loss of each gap: Huber's below the ground, Geman and McClure's above; in variances of the noise."""
+    knee = 2 * settings.noise
+    below = np.where(gap > -knee, gap**2, -2 * knee * gap - knee**2)
+    return np.where(gap < 0, below, scale**2 * gap**2 / (scale**2 + gap**2)) / settings.noise**2
+
+
+def _weights(gap: Array, scale: float, settings: ShapeSettings) -> Array:
+    """Weights of the least squares that have the loss's gradient."""
+    return np.where(gap < 0, 1 / np.maximum(1, -gap / (2 * settings.noise)), 1 / (1 + (gap / scale) ** 2) ** 2)
+
+
+def _fit(
+    spaces: HalfSpaces, start: Array, ground: Array, settings: ShapeSettings, *, gap: float, level: bool = False
+) -> _Fit:
+    """Fit vertices, and the ground unless it is level, by reweighted least squares.
+
+    Args:
+        spaces: Frames near the ground.
+        start: Vertices to begin with, (n, 3).
+        ground: The ground to begin with, (3,).
+        settings: Noise, scales and iterations.
+        gap: Scale of the loss above the ground to begin with [m]; it falls to `settings.gap`.
+        level: The ground is z = 0.
+    """
+    X, g, G, n = start.copy(), ground.copy(), _ground(spaces), len(start)
+    free = n * 3 + (0 if level else 3)
+    for _ in range(settings.iterations):
+        gap = max(settings.gap, 0.8 * gap)
+        lowest, r = _residuals(spaces, G, X, g)
+        w = _weights(r, gap, settings)
+        H, b = _normal_equations(spaces.down, G, w, r, lowest, n)
+        H[np.arange(3 * n), np.arange(3 * n)] += settings.inertia
+        H[3 * n :, 3 * n :] += 1e-9 * np.eye(3)
+        step = np.linalg.solve(H[:free, :free], b[:free])
+        X += step[: 3 * n].reshape(n, 3)
+        g[: (free - 3 * n)] += step[3 * n :]
+        if gap == settings.gap and np.abs(step).max() < settings.converged:
+            break
+    lowest, r = _residuals(spaces, G, X, g)
+    return _Fit(X, g, lowest, r, float(_loss(r, settings.gap, settings).sum()))
+
+
+def _residuals(spaces: HalfSpaces, G: Array, X: Array, g: Array) -> tuple[NDArray[np.int64], Array]:
+    """The lowest vertex of each frame, and its gap [m]."""
+    reach = spaces.down @ X.T
+    lowest = reach.argmax(axis=1)
+    return lowest, spaces.height - G @ g - reach[np.arange(len(lowest)), lowest]
+
+
+def _normal_equations(
+    down: Array, G: Array, w: Array, r: Array, lowest: NDArray[np.int64], n: int
+) -> tuple[Array, Array]:
+    """Jᵀ W J and Jᵀ W r of the gaps' derivatives, vertices before ground: ((3n + 3)², 3n + 3)."""
+    rows = np.concatenate([down, G], axis=1)
+    H, b = np.zeros((3 * n + 3, 3 * n + 3)), np.zeros(3 * n + 3)
+    for i in range(6):
+        by_vertex = np.bincount(lowest, w * rows[:, i] * r, minlength=n)
+        if i < 3:
+            b[i : 3 * n : 3] = by_vertex
+        else:
+            b[3 * n + i - 3] = by_vertex.sum()
+        for j in range(6):
+            block = np.bincount(lowest, w * rows[:, i] * rows[:, j], minlength=n)
+            at, to = 3 * np.arange(n) + i, 3 * np.arange(n) + j
+            if i < 3 and j < 3:
+                H[at, to] = block
+            elif i < 3:
+                H[at, 3 * n + j - 3] = block
+            elif j < 3:
+                H[3 * n + i - 3, to] = block
+            else:
+                H[3 * n + i - 3, 3 * n + j - 3] = block.sum()
+    return H, b
+
+
+def _certainty(
+    spaces: HalfSpaces, fit: _Fit, touches: NDArray[np.bool_], misfit: float
+) -> tuple[Array, NDArray[np.int64]]:
+    """Standard error of each vertex in its least certain direction [m], and the contacts that show it."""
+    n = len(fit.vertices)
+    frames = np.bincount(fit.lowest[touches], minlength=n)
+    deviation = np.full(n, np.inf)
+    for i in range(n):
+        seen = spaces.down[touches & (fit.lowest == i)]
+        least = np.linalg.eigvalsh(seen.T @ seen)[0] if len(seen) else 0.0
+        if least > 0:
+            deviation[i] = misfit / np.sqrt(least)
+    return deviation, frames
+
+
+_DIRECTIONS = np.random.default_rng(0).normal(size=(2000, 3))
+_DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1, keepdims=True)

@@ -1,0 +1,100 @@
+"""An object of which nothing is known: its start for training, from tracked poses alone.
+
+The shape comes from the half-spaces that frames bound (`tossid.objects.convex_shape`), the centre of mass from free
+fall (`tossid.motion.free_fall`), the inertia from an evenly filled shape. Training refines them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tossid.errors import InputError
+from tossid.motion.free_fall import FreeFall, free_fall
+from tossid.objects import JointType, ObjectModel, to_mjcf
+from tossid.objects.convex_shape import ConvexShape, find_shape, half_spaces
+from tossid.settings.objects import UnknownObjectSettings
+from tossid.types import Toss
+
+
+class UnknownObject(NamedTuple):
+    """What tracked poses show of an object.
+
+    Attributes:
+        object: The start for training.
+        shape: Its corners with their certainty, and where it may reach further.
+        fall: Its centre of mass and gravity.
+    """
+
+    object: ObjectModel
+    shape: ConvexShape
+    fall: FreeFall
+
+    def as_json(self) -> dict[str, Any]:
+        """What was shown before training, with units in the names.
+
+        `corners_m` are where training starts; `contacts` says how many different contacts show each of them, and
+        `corner_deviation_m` how sure it is. `unseen_m` are points that the object may reach and no contact decides.
+        """
+        shape, fall = self.shape, self.fall
+        return {
+            "corners_m": shape.vertices.round(6).tolist(),
+            "corner_deviation_m": [None if np.isinf(sd) else round(float(sd), 6) for sd in shape.deviation],
+            "contacts": shape.frames.tolist(),
+            "unseen_m": shape.unseen.round(6).tolist(),
+            "misfit_m": shape.misfit,
+            "ground_height_m": float(shape.ground[0]),
+            "ground_slope": shape.ground[1:].round(6).tolist(),
+            "com_m": fall.com.round(6).tolist(),
+            "com_deviation_m": fall.com_deviation.round(6).tolist(),
+            "gravity_ms2": fall.gravity,
+            "gravity_deviation_ms2": fall.gravity_deviation,
+            "mean_width_m": shape.mean_width,
+        }
+
+
+def unknown_object(tosses: Sequence[Toss], settings: UnknownObjectSettings = UnknownObjectSettings()) -> UnknownObject:
+    """The object that tosses show, with nothing stated but its mass.
+
+    Args:
+        tosses: Of one rigid body, in any body frame, over the ground z = 0.
+        settings: The mass, and the friction to start from.
+
+    Raises:
+        InputError: The tosses show no shape (too few sides, no contact) or no centre of mass (no flight), or the body
+            has joints.
+    """
+    if tosses[0].q.shape[1] != 7:
+        raise InputError("object=unknown is for one rigid body; these tosses have joints")
+    shape = find_shape(tosses, settings.shape)
+    fall = free_fall(tosses, lambda toss: _clearance(toss, shape))
+    _, _, inertia = shape.solid()
+    model = ObjectModel(
+        name=settings.name,
+        body_names=(settings.name,),
+        parent=np.array([-1]),
+        joint_type=np.array([int(JointType.FREE)]),
+        joint_pos=np.zeros((1, 3)),
+        joint_axis=np.zeros((1, 3)),
+        body_pos=np.zeros((1, 3)),
+        body_quat=np.array([[1.0, 0.0, 0.0, 0.0]]),
+        mass=np.array([settings.mass]),
+        com=fall.com[None],
+        inertia=settings.mass * inertia[None],
+        corner_body=np.zeros(len(shape.vertices), dtype=np.int64),
+        corner_pos=shape.vertices,
+        friction=settings.friction,
+        restitution=0.0,
+        width=shape.mean_width,
+        tags=(),
+        mjcf="",
+    )
+    return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shape, fall)
+
+
+def _clearance(toss: Toss, shape: ConvexShape) -> np.ndarray:
+    """Height of the shape's lowest point in each frame [m], (n,)."""
+    spaces = half_spaces([toss])
+    return np.asarray(spaces.height - shape.reach(spaces.down))
