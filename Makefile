@@ -25,7 +25,7 @@ DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock demo experiments tagslam truth test test-slow fuzz check format dependencies bench scale docs figures clean distclean
+.PHONY: help setup lock demo experiments unknown tagslam truth test test-slow fuzz check format dependencies bench scale docs figures clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -58,6 +58,9 @@ demo: $(STAMP)  ## the main job, end to end, on embedded defaults
 
 experiments: $(STAMP)  ## the studies on published recordings, hours: make DATA=FOLDER experiments
 	$(BIN)/python -m pipelines.tools.experiments $(DATA)
+
+unknown: $(STAMP)  ## the published cube learned from nothing, beside its stated object: make DATA=FOLDER unknown
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.unknown $(DATA)
 
 tagslam: $(STAMP)  ## TagSLAM's published recordings against its own poses: make DATA=FOLDER tagslam
 	$(RUN_ONE) $(BIN)/python -m pipelines.tools.against_tagslam $(DATA)

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-<<<<<<< HEAD
-
-from tossid.settings.kinds import Checked
-from tossid.settings.limits import Friction, Length, Restitution
-=======
 from typing import Annotated, Literal
 
-from tossid.settings.kinds import Bounds, Count, Except, NonNegative, Positive, advanced_part
->>>>>>> b730c13 (Start training from poses alone with object=unknown)
+from tossid.settings.kinds import Checked, Count, Except, Positive, advanced_part
+from tossid.settings.limits import Friction, Length, Mass, Restitution
 
 
 @dataclass(frozen=True)
@@ -34,7 +29,7 @@ class ObjectSettings(Checked):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShapeSettings:
+class ShapeSettings(Checked):
     """How a convex shape is found from poses alone (`tossid.objects.convex_shape`)."""
 
     noise: Positive = 3e-4
@@ -76,14 +71,14 @@ class ShapeSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class UnknownObjectSettings:
+class UnknownObjectSettings(Checked):
     """A rigid body of which nothing is stated but its mass."""
 
     name: Literal["unknown"] = "unknown"
     """nothing is stated but the mass"""
-    mass: Positive = 1.0
+    mass: Mass = 1.0
     """its mass [kg]; tosses show ratios of masses only"""
-    friction: NonNegative = 0.3
+    friction: Friction = 0.3
     """Coulomb friction that training starts from"""
     shape: ShapeSettings = advanced_part(ShapeSettings)
     """how its shape is found"""

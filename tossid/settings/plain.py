@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args, get_type_hints
 
 S = TypeVar("S")
 
@@ -38,8 +38,17 @@ def from_plain(start: S, values: Mapping[str, Any]) -> S:
     kept = {field.name: getattr(start, field.name) for field in fields(start)}  # type: ignore[arg-type]
     for name, value in values.items():
         own = kept.get(name)
-        if is_dataclass(own) and not isinstance(own, type):
+        part = _optional_part(type(start), name) if own is None and isinstance(value, Mapping) else None
+        if part is not None:
+            kept[name] = from_plain(part(), value)
+        elif is_dataclass(own) and not isinstance(own, type):
             kept[name] = from_plain(own, value)
         else:
             kept[name] = tuple(value) if isinstance(value, list) else value
     return type(start)(**kept)
+
+
+def _optional_part(settings: type, name: str) -> Any:
+    """The settings class of a field that may be None; None of other fields."""
+    hint = get_type_hints(settings).get(name)
+    return next((part for part in get_args(hint) if is_dataclass(part)), None)

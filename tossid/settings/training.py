@@ -19,11 +19,8 @@ from tossid.settings.kinds import (
     advanced,
     advanced_part,
 )
-<<<<<<< HEAD
 from tossid.settings.limits import Gravity
-=======
 from tossid.settings.objects import UnknownObjectSettings
->>>>>>> b730c13 (Start training from poses alone with object=unknown)
 
 
 @dataclass(frozen=True, kw_only=True)

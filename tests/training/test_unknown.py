@@ -1,0 +1,76 @@
+"""An object of which nothing is stated, from tosses whose truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tossid
+from tests.models.made import tosses
+from tossid.errors import InputError
+from tossid.models import TrainedModel
+from tossid.objects import ObjectModel, box
+from tossid.settings.objects import UnknownObjectSettings
+from tossid.settings.training import TrainSettings
+from tossid.store import Dataset, draw_splits
+from tossid.training.api import prepare
+from tossid.training.unknown import unknown_object
+
+HALF = np.array([0.04, 0.05, 0.06])
+
+
+@pytest.fixture(scope="module")
+def dataset(cube: ObjectModel) -> Dataset:
+    """Tosses of a brick whose frame is off its centre; the dataset states the cube."""
+    center = np.array([0.01, -0.02, 0.005])
+    corners = center + HALF * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    inertia = 0.4 / 3 * np.diag(HALF[[1, 2, 0]] ** 2 + HALF[[2, 0, 1]] ** 2)
+    brick = cube.with_changes(
+        corner_pos=corners, com=center[None], inertia=inertia[None], mass=np.array([0.4]), friction=0.25
+    )
+    made = draw_splits(tuple(tosses(brick, 24, seed=5, frames=80)), fractions=(0.7, 0.2, 0.1), seed=0)
+    return Dataset(cube, made, 148.0, "synthetic", {}, truth=Dataset(brick, made, 148.0, "synthetic", {}))
+
+
+def test_shape_centre_and_inertia_are_those_of_the_brick(dataset: Dataset) -> None:
+    assert dataset.truth is not None
+    true = dataset.truth.object
+    found = unknown_object(dataset.tosses, UnknownObjectSettings(mass=0.4))
+    distance = np.linalg.norm(true.corner_pos[:, None] - found.object.corner_pos[None], axis=-1)
+    assert found.object.corner_pos.shape == (8, 3)
+    assert distance.min(axis=1).max() < 1.5e-3
+    assert found.object.com[0] == pytest.approx(true.com[0], abs=1e-3)
+    assert found.object.inertia[0] == pytest.approx(true.inertia[0], rel=0.1, abs=1e-5)
+    assert found.fall.gravity == pytest.approx(9.81, abs=0.05)
+    assert found.object.mass == pytest.approx([0.4])
+
+
+def test_training_ignores_the_stated_object_and_says_what_was_shown(dataset: Dataset, tmp_path: Path) -> None:
+    settings = UnknownObjectSettings(mass=0.4)
+    trained = tossid.train(dataset, model="cn", object=settings, epochs=8)
+    assert trained.object.n_corners == 8
+    assert trained.object.friction == pytest.approx(0.25, abs=0.03)
+    shown = trained.parameters["from_nothing"]
+    assert len(shown["corners_m"]) == len(shown["contacts"]) == 8
+    assert trained.parameters["length_scale"] == 1.0
+    again = TrainedModel.load(trained.save(tmp_path / "model.pt"))
+    assert again.settings.object == settings
+    assert again.parameters["from_nothing"] == shown
+    scores = tossid.evaluate(again, dataset.split("test"))
+    assert scores.stated.width == pytest.approx(HALF.sum(), rel=0.02)
+    assert scores.metrics["position_error_pct"]["mean"] < 20
+
+
+def test_tosses_of_a_body_with_joints_are_refused(dataset: Dataset, elbow: ObjectModel) -> None:
+    jointed = tosses(elbow, 2, seed=1, frames=20)
+    with pytest.raises(InputError, match="one rigid body"):
+        unknown_object(jointed)
+
+
+def test_the_stated_object_does_not_matter(dataset: Dataset) -> None:
+    other = replace(dataset, object=box("plank", (0.3, 0.1, 0.02), 2.0))
+    one, two = (prepare(data, TrainSettings(object=UnknownObjectSettings())) for data in (dataset, other))
+    assert one.model.object.corner_pos == pytest.approx(two.model.object.corner_pos)
