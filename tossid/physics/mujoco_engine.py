@@ -58,20 +58,23 @@ def simulate_mujoco(
     """Toss the object in MuJoCo, from B states at once.
 
     Args:
-        q0: (B, nq) or (nq,) start. v0: (B, nv) or (nv,). Our order is MuJoCo's qpos and qvel.
-        n_steps: frames after the first. dt: time between frames [s].
+        model: The object.
+        q0: (B, nq) or (nq,) start, in the order of MuJoCo's qpos.
+        v0: (B, nv) or (nv,) start, in the order of MuJoCo's qvel.
+        n_steps: Frames after the first.
+        dt: Time between frames [s].
         substeps: MuJoCo steps a frame; as many as keep the time step within `RIGID_STEP` if None.
-        gravity: downward acceleration [m/s²].
+        gravity: Downward acceleration [m/s²].
         solref: (time constant [s], damping ratio) of contact; two time steps and `RIGID_DAMPING` if None.
         solimp: MuJoCo's impedance of contact.
-        n_threads: threads over the batch.
+        n_threads: Threads over the batch.
 
     Returns:
         q (B, n_steps + 1, nq) and v (B, n_steps + 1, nv), the start first, quaternions unit.
 
     Raises:
-        MotionError: a start that is not finite or has another shape than the object's.
-        InputError: a count or a time that is not positive.
+        MotionError: A start is not finite, or has another shape than the object's.
+        InputError: A count or a time is not positive.
         DivergedError: MuJoCo gave up on a toss (it resets a state that explodes); carries the toss's start.
     """
     if n_steps < 1 or not dt > 0 or (substeps is not None and substeps < 1):
@@ -98,12 +101,23 @@ def run_scene(
     """Run a compiled scene, whose time step is a `substeps`-th of a frame, from B states at once.
 
     Args:
-        model: the object in it; its order of q and v is the scene's.
-        push: from states q (B, nq), v (B, nv) to the force [N] and torque [N m] on each of the scene's bodies,
+        compiled: The scene.
+        model: The object in it; its order of q and v is the scene's.
+        q0: (B, nq) or (nq,) start.
+        v0: (B, nv) or (nv,) start.
+        n_steps: Frames after the first.
+        substeps: MuJoCo steps a frame.
+        push: From states q (B, nq), v (B, nv) to the force [N] and torque [N m] on each of the scene's bodies,
             (B, nbody, 6), world axes, at its centre of mass.
-        hold: time steps for which a push is held; a divisor of substeps.
+        hold: Time steps for which a push is held; a divisor of substeps.
+        n_threads: Threads over the batch.
 
-    Returns and raises as `simulate_mujoco`.
+    Returns:
+        q (B, n_steps + 1, nq) and v (B, n_steps + 1, nv), the start first, quaternions unit.
+
+    Raises:
+        MotionError: A start is not finite, or has another shape than the object's.
+        DivergedError: MuJoCo gave up on a toss (it resets a state that explodes); carries the toss's start.
     """
     q0, v0 = np.atleast_2d(np.asarray(q0, dtype=float)), np.atleast_2d(np.asarray(v0, dtype=float))
     if q0.shape[1] != model.nq or v0.shape != (len(q0), model.nv):

@@ -88,7 +88,7 @@ def _matvec(R, x, out):  # type: ignore[no-untyped-def]
 
 @kernel
 def _cross_add(a, b, scale, out):  # type: ignore[no-untyped-def]
-    """out += scale * a x b"""
+    """out += scale * a x b."""
     out[0] += scale * (a[1] * b[2] - a[2] * b[1])
     out[1] += scale * (a[2] * b[0] - a[0] * b[2])
     out[2] += scale * (a[0] * b[1] - a[1] * b[0])
