@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pipelines.cli.call import digest_of
 from pipelines.cli.console import Console
@@ -23,13 +24,9 @@ from pipelines.tracking.mlflow_store import client
 from pipelines.tracking.run import TrackedRun, tracked_run
 from pipelines.tracking.runs import find_runs
 from tossid.errors import ConfigError, InputError, TossidError
-from tossid.objects import GRAVITY
 from tossid.outputs import only_writer, output_file, write_whole
 from tossid.plain_json import jsonable
 from tossid.store import Dataset, file_sha256, read_dataset
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 FOLDER = Path("outputs/sweeps")
 CELL = "cell.json"
@@ -199,24 +196,28 @@ def _report(
     study: Study, results: dict[str, Any], runs: dict[str, Any], failed: list[dict[str, Any]], parent: TrackedRun
 ) -> dict[str, Any]:
     """The study's table, figures and JSON, on disk and in MLflow."""
-    from pipelines.drawing.figures import sweep_figures, write_figures
+    from pipelines.drawing.figures import write_figures
+    from pipelines.tracking.runs import CHECKPOINT
+    from tossid import TrainedModel
     from tossid.evaluation.study import csv_table, markdown_table, measured_penetration
+    from tossid.evaluation.study_figures import study_figures
 
-    done = [cell for cell in study.cells if cell.digest in results]
-    cells = [_row(study, cell, results[cell.digest], run=runs["cells"][cell.digest]) for cell in done]
-    depth = measured_penetration(study.dataset.of_split("test"), study.dataset.object)
-    pictures = sweep_figures(study.sweep.key, cells, measured_penetration_mm=depth)
-    if study.sweep.key == "model.gravity":
-        pictures |= _accelerations_at_worst_gravity(study, done, results)
-    figures = write_figures(pictures, study.folder / "figures")
+    done = {runs["cells"][cell.digest]: cell for cell in study.cells if cell.digest in results}
+    cells = [{**_row(study, cell, results[cell.digest]), "run": run} for run, cell in done.items()]
+    held_out = study.dataset.split("test")
+
+    def model_of(cell: Mapping[str, Any]) -> TrainedModel:
+        return TrainedModel.load(Path(results[done[cell["run"]].digest]["folder"]) / CHECKPOINT)
+
+    figures = write_figures(study_figures(study.swept, cells, held_out, model_of=model_of), study.folder / "figures")
     report: dict[str, Any] = {
         "run": parent.id,
         "sweep": study.sweep.name,
         "key": study.sweep.key,
         "data": str(study.data),
-        "n_tosses": len(study.dataset.of_split("test")),
+        "n_tosses": len(held_out.tosses),
         "split": "test",
-        "measured": {"penetration_mm": depth},
+        "measured": {"penetration_mm": measured_penetration(held_out.tosses, held_out.object)},
         "cells": cells,
         "failed": failed,
         "out": str(study.folder),
@@ -233,28 +234,13 @@ def _report(
     return report
 
 
-def _row(study: Study, cell: Cell, stored: dict[str, Any], *, run: str) -> dict[str, Any]:
+def _row(study: Study, cell: Cell, stored: dict[str, Any]) -> dict[str, Any]:
     """A cell as it is reported."""
-    from tossid.evaluation.study import inertia_errors, validation_loss
+    from tossid.evaluation.study import study_cell
 
-    row = {"model": cell.model, "seed": cell.seed, study.swept: cell.value, **stored["result"]}
-    if study.sweep.key == "model.start_inertia" and "inertia_kgm2" in row["parameters"]:
-        row |= inertia_errors(cell.config.model, row["parameters"], study.dataset.object)
-    return {**row, "validation_loss": validation_loss(stored["history"]), "run": run}
-
-
-def _accelerations_at_worst_gravity(study: Study, done: list[Cell], results: dict[str, Any]) -> dict[str, Figure]:
-    """What k_res repairs, of the cell that was given the most wrong gravity."""
-    from pipelines.tracking.runs import CHECKPOINT
-    from tossid import TrainedModel, evaluate
-    from tossid.evaluation.score_figures import acceleration_figure
-
-    able = [cell for cell in done if cell.config.model.learn_k_res]
-    if not able:
-        return {}
-    worst = max(able, key=lambda cell: abs(cell.value - GRAVITY))
-    model = TrainedModel.load(Path(results[worst.digest]["folder"]) / CHECKPOINT)
-    return acceleration_figure(evaluate(model, study.dataset.split("test")))
+    about = {"model": cell.model, "seed": cell.seed, study.swept: cell.value}
+    settings, truth = cell.config.model, study.dataset.object
+    return study_cell(about, stored["result"], stored["history"], settings=settings, truth=truth)
 
 
 def _show(study: Study, report: dict[str, Any], console: Console) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from pipelines.config.compose import load
 from pipelines.config.schemas import TrainConfig
-from tossid.evaluation.study import inertia_errors, markdown_table, validation_loss
+from tossid.evaluation.study import inertia_errors, markdown_table, study_cell, validation_loss
 from tossid.objects import ObjectModel
 
 
@@ -46,3 +46,16 @@ def test_inertia_is_judged_along_its_worst_axis(cube: ObjectModel) -> None:
 def test_the_validation_loss_is_that_of_the_kept_parameters() -> None:
     rows = [("contact", 0.1), ("rollout-90", 0.4), ("rollout-90", 0.3), ("rollout-90", 0.35)]
     assert validation_loss([{"stage": stage, "validation_loss": loss} for stage, loss in rows]) == 0.3
+
+
+def test_a_cell_has_its_errors_of_inertia_where_inertia_is_swept(cube: ObjectModel) -> None:
+    config = load("train", TrainConfig, ["model.start_inertia=2"]).model
+    parameters = {"inertia_kgm2": (1.1 * cube.inertia).tolist(), "com_m": cube.com.tolist()}
+    history = [{"stage": "contact", "validation_loss": 0.2}]
+    about = {"model": "cnrpi", "seed": 0, "start_inertia": 2.0}
+    found = study_cell(about, {"parameters": parameters, "seconds": 3.0}, history, settings=config, truth=cube)
+    assert found["inertia_error_rel"] == pytest.approx(0.1)
+    assert (found["validation_loss"], found["seconds"], found["model"]) == (0.2, 3.0, "cnrpi")
+    other = {"model": "cnrpi", "seed": 0, "gravity": 2.0}
+    plain = study_cell(other, {"parameters": parameters, "seconds": 3.0}, history, settings=config, truth=cube)
+    assert "inertia_error_rel" not in plain

@@ -29,6 +29,28 @@ SWEPT = {
 """What a swept value is called in a table's head."""
 
 
+def study_cell(
+    about: Mapping[str, Any],
+    scores: Mapping[str, Any],
+    history: Sequence[Mapping[str, Any]],
+    *,
+    settings: ModelSettings,
+    truth: ObjectModel,
+) -> dict[str, Any]:
+    """A cell as tables and figures take it.
+
+    Args:
+        about: Its model, its seed and the swept value, by name.
+        scores: Of `Scores.as_json()`, and the seconds that training took.
+        history: Epoch records as dicts, in order.
+        settings: Of the model.
+        truth: The dataset's object; learned inertia is compared with it where its start was swept.
+    """
+    inertial = "start_inertia" in about and "inertia_kgm2" in scores["parameters"]
+    errors = inertia_errors(settings, scores["parameters"], truth) if inertial else {}
+    return {**about, **scores, **errors, "validation_loss": validation_loss(history)}
+
+
 def csv_table(cells: Sequence[Cell], swept: str) -> str:
     """The cells as CSV: a row each, for every metric its mean and the ends of its 95 % interval.
 
