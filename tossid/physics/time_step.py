@@ -206,8 +206,18 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
     """Simulate tosses first..last-1 into `out`, a `stepping.Simulation`.
 
     Args:
-        model: `Body` or `Links`. law: `ContactLaw`. k_res: `LearnedAcceleration`. solver: of contact.
-        settings: `StepSettings`. tosses: `Tosses`.
+        model: `Body` or `Links`.
+        law: `ContactLaw`.
+        k_res: `LearnedAcceleration`.
+        solver: of contact, registered.
+        settings: `StepSettings`.
+        tosses: `Tosses`.
+        out: `Simulation`.
+        work: scratch of the model.
+        s: `State`.
+        corners: `Corners`.
+        first: of the tosses.
+        last: the one after the last.
     """
     dt, substeps, impact_parts, tolerance = settings
     nq, nv, nc, nx = tosses.q.shape[1], tosses.v.shape[1], law.mu.shape[0], n_rates(model)

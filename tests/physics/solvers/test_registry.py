@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from tests.physics.solvers.contact_problems import landing
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.physics import ExactCone, PolyhedralCone, make_system, register_solver, simulate
@@ -32,17 +33,9 @@ def _from_zero(solver: FromZero, A: Any, b: Any, mu: Any, lam: Any, tolerance: f
     return SolverStatus.SOLVED, kkt_error
 
 
-def landing() -> tuple[np.ndarray, np.ndarray]:
-    """Twenty states just above the ground."""
-    rng = np.random.default_rng(0)
-    q = np.concatenate([np.zeros((20, 2)), np.full((20, 1), 0.11), rng.normal(size=(20, 4))], 1)
-    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
-    return q, rng.normal(size=(20, 6)) * [1, 1, 0.3, 6, 6, 6] - [0, 0, 1, 0, 0, 0]
-
-
 def test_a_registered_solver_tosses_like_the_exact_cone(cube: ObjectModel) -> None:
     """A step's problem reaches it row for row: its impulses are those that the library's solver finds."""
-    system, (q, v) = make_system(cube), landing()
+    system, (q, v) = make_system(cube), landing(cube, np.random.default_rng(0), 20)
     own, exact = (
         simulate(system, q, v, n_steps=10, dt=1 / 148, tolerance=1e-11, solver=solver)
         for solver in (FromZero(), ExactCone())
@@ -73,7 +66,7 @@ class Unregistered(NamedTuple):
 )  # fmt: skip
 def test_what_is_no_solver_is_refused_before_the_simulation(cube: ObjectModel, solver: Any, says: str) -> None:
     with pytest.raises(InputError, match=says):
-        simulate(make_system(cube), *landing(), n_steps=1, dt=1 / 148, solver=solver)
+        simulate(make_system(cube), *landing(cube, np.random.default_rng(0), 2), n_steps=1, dt=1 / 148, solver=solver)
 
 
 def test_what_cannot_be_a_solver_is_refused_when_it_is_registered() -> None:

@@ -1,9 +1,9 @@
-"""Contact problems and their solvers: Numba kernels over batches, each with a plain reference."""
+"""Contact problems and their solvers: Numba kernels over batches. Tests compare each with a plain reference."""
 
-from tossid.physics.solvers.cone import cone_core, cone_kernel, cone_work, solve_cone
+from tossid.physics.solvers.cone import cone_kernel, solve_cone
 from tossid.physics.solvers.cone_qp import cone_qp_kernel, solve_cone_qp
 from tossid.physics.solvers.exact_cone import ExactCone
-from tossid.physics.solvers.lcp import LcpSolution, lcp_kernel, lcp_work, solve_lcp
+from tossid.physics.solvers.lcp import LcpSolution, lcp_kernel, lcp_scratch, solve_lcp
 from tossid.physics.solvers.polyhedral_cone import PolyhedralCone
 from tossid.physics.solvers.problem import ContactSolution, SolverStatus, tangent_directions
 from tossid.physics.solvers.registry import ContactSolver, register_solver
@@ -16,12 +16,10 @@ __all__ = [
     "LcpSolution",
     "PolyhedralCone",
     "SolverStatus",
-    "cone_core",
     "cone_kernel",
     "cone_qp_kernel",
-    "cone_work",
     "lcp_kernel",
-    "lcp_work",
+    "lcp_scratch",
     "register_solver",
     "solve_cone",
     "solve_cone_qp",

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +17,36 @@ from tossid.errors import InputError
 from tossid.physics.solvers.problem import Array
 
 
+class Problems(NamedTuple):
+    """A batch of contact problems, contiguous; rows in the order of `problem`.
+
+    Attributes:
+        A: (B, 3 n, 3 n) Delassus matrices [1/kg].
+        b: (B, 3 n) [m/s]; of cone programmes, their linear term c.
+        mu: (B, n) friction coefficients.
+        active: (B, n) whether each contact takes part.
+    """
+
+    A: Array
+    b: Array
+    mu: Array
+    active: NDArray[np.bool_]
+
+
 def check_batch(
     A: Array, b: Array, mu: Array, active: NDArray[np.bool_] | None, warm: Array | None
-) -> tuple[Array, Array, Array, NDArray[np.bool_], Array]:
-    """Contiguous A (B, 3 n, 3 n), b (B, 3 n), mu (B, n), active (B, n) and a copy of the warm start (B, 3 n).
+) -> tuple[Problems, Array]:
+    """The problems as the kernels read them, and impulses (B, 3 n) to start from.
+
+    Args:
+        A: (B, 3 n, 3 n).
+        b: (B, 3 n).
+        mu: (), (n,) or (B, n).
+        active: (B, n); all contacts if None.
+        warm: (B, 3 n), which is copied; zero if None.
+
+    Returns:
+        The problems, and the impulses.
 
     Raises:
         InputError: shapes that do not fit, or a negative mu.
@@ -40,7 +67,7 @@ def check_batch(
         raise InputError(f"warm start of shape {np.shape(warm)}, expected {b.shape}")
     chosen = np.ones((count, n), dtype=bool) if active is None else np.ascontiguousarray(active, dtype=bool)
     lam = np.zeros(b.shape) if warm is None else np.array(warm, dtype=float, order="C")
-    return A, b, mu, chosen, lam
+    return Problems(A, b, mu, chosen), lam
 
 
 _here = threading.local()
@@ -50,8 +77,8 @@ _here = threading.local()
 def whole_batches() -> Iterator[None]:
     """In this thread, batches are not split: several of such threads are at work already.
 
-    Whoever comes back from a slice waits for the interpreter's lock: a diagnosis of 16 tosses on two cores that splits
-    them too takes 1.6 times as long.
+    A thread that returns from a slice waits for the interpreter's lock: where several threads split their batches too,
+    a diagnosis of 16 tosses on two cores takes 1.6 times as long.
     """
     before, _here.whole = getattr(_here, "whole", False), True
     try:
@@ -61,7 +88,13 @@ def whole_batches() -> Iterator[None]:
 
 
 def over_threads(part: Callable[[int, int], None], count: int, n_threads: int) -> None:
-    """Call part(first, last) over 0..count in slices, on `n_threads` threads (a share each, four slices a thread)."""
+    """Call part(first, last) for slices of 0..count on several threads; without threads where that is no gain.
+
+    Args:
+        part: works on first..last-1.
+        count: length of the batch.
+        n_threads: each takes four slices on average.
+    """
     if n_threads <= 1 or count < 2 * n_threads or getattr(_here, "whole", False):
         part(0, count)
         return
@@ -71,7 +104,7 @@ def over_threads(part: Callable[[int, int], None], count: int, n_threads: int) -
 
 @lru_cache
 def _pool(n_threads: int) -> ThreadPoolExecutor:
-    """One for all calls: to start threads takes longer than many a batch."""
+    """One pool for all calls: to start threads takes longer than most batches."""
     return ThreadPoolExecutor(n_threads, thread_name_prefix="batches")
 
 

@@ -10,10 +10,14 @@ import math
 from tossid.kernels import fused_lean_kernel
 from tossid.physics.solvers.workspace import OPEN, SLIP, STICK, cone_exit
 
-_TURNS = 30
-_GOOD_PIVOT = 1e-3  # of the largest diagonal entry: taken without a search
-_DESCENTS = 10
-_ANGLES = 16
+MAX_TURNS = 30
+"""Newton steps of a slip direction's angle."""
+GOOD_PIVOT = 1e-3
+"""Share of the largest diagonal entry above which a pivot is taken without a search."""
+MAX_DESCENTS = 10
+"""Times that `block_qp` leaves a place on the cone's surface that is lowest on the surface only."""
+START_ANGLES = 16
+"""Directions that the search for a slip direction starts from where the first fails."""
 
 
 @fused_lean_kernel
@@ -63,7 +67,7 @@ def block_qp(A, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
         else:
             u1, u2 = -g1 / length, -g2 / length
     s = 0.0
-    for _ in range(_DESCENTS):
+    for _ in range(MAX_DESCENTS):
         s, u1, u2, outward = slide_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, u1, u2)
         if outward >= -1e-12 * (abs(g0) + abs(g1) + abs(g2)):
             break
@@ -94,7 +98,7 @@ def slide_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, u1, u2):  # type: 
     best = math.inf
     s, outward = 0.0, 0.0
     v1, v2, turn = u1, u2, 0.0
-    for _ in range(_TURNS):
+    for _ in range(MAX_TURNS):
         bd0 = b00 + mu * (b10 * v1 + b20 * v2)
         bd1 = b10 + mu * (b11 * v1 + b21 * v2)
         bd2 = b20 + mu * (b21 * v1 + b22 * v2)
@@ -164,7 +168,7 @@ def lu_solve(V, top, m, x):  # type: ignore[no-untyped-def]
     for j in range(m):
         largest = max(largest, abs(V[top + j, j]))
     for j in range(m):
-        if not V[top + j, j] > _GOOD_PIVOT * largest:
+        if not V[top + j, j] > GOOD_PIVOT * largest:
             best, found = abs(V[top + j, j]), j
             for i in range(j + 1, m):
                 if abs(V[top + i, j]) > best:
@@ -220,8 +224,8 @@ def block_cone(A, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
         u1, u2 = -v1 / length, -v2 / length
     s, u1, u2, solved = slip_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, u1, u2)
     if not solved:
-        for k in range(_ANGLES):
-            angle = 2.0 * math.pi * k / _ANGLES
+        for k in range(START_ANGLES):
+            angle = 2.0 * math.pi * k / START_ANGLES
             v1, v2 = math.cos(angle), math.sin(angle)
             t, v1, v2, solved = slip_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, v1, v2)
             if solved:
@@ -234,7 +238,7 @@ def block_cone(A, i, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
 def slip_angle(b00, b10, b20, b11, b21, b22, g0, g1, g2, mu, u1, u2):  # type: ignore[no-untyped-def]
     """The slip direction u of `block_cone`, from a guess. Returns (s, u1, u2, solved)."""
     s = 0.0
-    for _ in range(_TURNS):
+    for _ in range(MAX_TURNS):
         down = b00 + mu * (b10 * u1 + b20 * u2)
         if down <= 0.0:
             return 0.0, u1, u2, False

@@ -27,7 +27,7 @@ from tossid.physics.solvers.batches import check_batch, over_threads
 from tossid.physics.solvers.blocks import block_cone, cholesky_solve, lu_solve
 from tossid.physics.solvers.cone_qp import solve_cone_qp
 from tossid.physics.solvers.lcp import solve_lcp
-from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution
+from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution, empty_solution
 from tossid.physics.solvers.rescue import rescue_cone
 from tossid.physics.solvers.workspace import (
     BASIS,
@@ -63,19 +63,19 @@ from tossid.physics.solvers.workspace import (
     work_arrays,
 )
 
-_PROXIMAL = 1e-10
-_QUICK = 0.1  # a Newton step that lowers the KKT error to this part is followed by another, without a sweep
-
-
-def cone_work(n: int) -> tuple[Array, NDArray[np.int64]]:
-    """Work arrays of `cone_kernel` and `cone_core` for up to n contacts, to be used again and again."""
-    work, index = work_arrays(n)
-    return work, index
+PROXIMAL_WEIGHT = 1e-10
+"""Share by which the Newton matrix's diagonal is raised: a singular one becomes regular."""
+QUICK = 0.1
+"""A Newton step that lowers the KKT error to this share is followed by another, without a sweep."""
 
 
 @fused_inlined_kernel
 def cone_natural_map(V, lam, w, m):  # type: ignore[no-untyped-def]
-    """The KKT error `problem.cone_kkt_error` [m/s] at V[lam], V[w]."""
+    """The KKT error `problem.cone_kkt_error` [m/s] at V[lam], V[w].
+
+    The largest over contacts of |min(a lam_n, w_n)| and |a lam_t - P(a lam_t - w_t)|, P the projection on the disk of
+    radius mu a max(lam_n, 0).
+    """
     worst = 0.0
     for i in range(m):
         k = 3 * i
@@ -118,7 +118,10 @@ def cone_state(V, index, m):  # type: ignore[no-untyped-def]
 
 @fused_lean_kernel
 def cone_sweep(A, V, index, m):  # type: ignore[no-untyped-def]
-    """One pass of projected Gauss-Seidel; V[LAM], V[W] and the states are brought up to date."""
+    """One pass of block Gauss-Seidel, w = A lam + b kept up; V[LAM], V[W] and the states are brought up to date.
+
+    Each contact in turn is solved exactly for g_i = w_i - A_ii lam_i (`block_cone`).
+    """
     for i in range(m):
         k = 3 * i
         g0, g1, g2 = velocity_without(A, V, k)
@@ -130,7 +133,9 @@ def cone_sweep(A, V, index, m):  # type: ignore[no-untyped-def]
 def cone_newton(A, V, index, m):  # type: ignore[no-untyped-def]
     """Newton step for the states: unknowns as in `qp_newton`, step left in V[X]. Returns its dimension.
 
-    All sticking, the matrix is symmetric (Cholesky); a slipping contact makes it unsymmetric (LU).
+    Sticking: A d_lam = -w. Slipping, with u = lam_t / |lam_t|, n across u and d_lam = d_s (1, mu u) + d_p (0, n):
+    (A d_lam)_n = -w_n and n . (A d_lam)_t + |w_t| / |lam_t| d_p = -n . w_t, so that w_n = 0 and u opposes w_t. All
+    sticking, the matrix is symmetric (Cholesky); a slipping contact makes it unsymmetric (LU).
     """
     size, symmetric = np.int64(0), True
     for i in range(m):
@@ -172,7 +177,7 @@ def cone_newton(A, V, index, m):  # type: ignore[no-untyped-def]
             V[TRIAL, j] = e0 * A[k, j] + e1 * A[k + 1, j] + e2 * A[k + 2, j]
         curvature = V[TOP + v, v]
         project_row(V, index, TOP + v, m)
-        V[TOP + v, v] = (1.0 + _PROXIMAL) * V[TOP + v, v] + curvature
+        V[TOP + v, v] = (1.0 + PROXIMAL_WEIGHT) * V[TOP + v, v] + curvature
     if symmetric:
         cholesky_solve(V, TOP, size, X)
     else:
@@ -182,7 +187,11 @@ def cone_newton(A, V, index, m):  # type: ignore[no-untyped-def]
 
 @fused_lean_kernel
 def cone_solve(A, V, index, m, tolerance, max_iterations):  # type: ignore[no-untyped-def]
-    """Solve the contact-major problem A, V[B], V[MU] in place of V[LAM]. Returns (status, kkt_error, iterations)."""
+    """Solve the contact-major problem A, V[B], V[MU] in place of V[LAM], the warm start.
+
+    Returns:
+        (status, KKT error [m/s], iterations).
+    """
     contact_scales(A, V, m)
     multiply(A, V, LAM, W, m)
     kkt_error = cone_natural_map(V, LAM, W, m)
@@ -215,7 +224,7 @@ def cone_solve(A, V, index, m, tolerance, max_iterations):  # type: ignore[no-un
                 break
             if attempt > 0:
                 length *= 0.3
-        quick = trial_error < _QUICK * kkt_error
+        quick = trial_error < QUICK * kkt_error
         if trial_error < kkt_error:
             accept_trial(V, m)
             kkt_error = trial_error
@@ -225,32 +234,22 @@ def cone_solve(A, V, index, m, tolerance, max_iterations):  # type: ignore[no-un
 
 
 @fused_kernel
-def cone_core(A, b, mu, lam, m, tolerance, max_iterations, work, index):  # type: ignore[no-untyped-def]
-    """Solve a contact-major problem of m contacts in place of lam. Returns (status, kkt_error, iterations).
-
-    A (3 m or more, ..), b (3 m,), lam (3 m,) in the order n, t1, t2 of contact 0, then of contact 1, ..;
-    mu (m,). lam is the warm start. work, index: from `cone_work(m or more)`. Numbers are taken to be finite.
-    """
-    for j in range(3 * m):
-        work[B, j], work[LAM, j] = b[j], lam[j]
-    for i in range(m):
-        work[MU, i] = mu[i]
-    status, kkt_error, iterations = cone_solve(A, work, index, m, tolerance, max_iterations)
-    for j in range(3 * m):
-        lam[j] = work[LAM, j]
-    return status, kkt_error, iterations
-
-
-@fused_kernel
 def cone_kernel(A, b, mu, active, lam, tolerance, max_iterations, work, index):  # type: ignore[no-untyped-def]
     """Solve one problem in the order [n.., t1 t2 ..]; lam is the warm start and receives the answer.
 
     Args:
-        A (3 n, 3 n), b (3 n,), mu (n,), active (n,) bool (others get lam = 0), lam (3 n,).
-        tolerance [m/s]. work, index: from `cone_work(n)`.
+        A: (3 n, 3 n) [1/kg].
+        b: (3 n,) [m/s].
+        mu: (n,).
+        active: (n,) bool; other contacts get lam = 0.
+        lam: (3 n,) [N s].
+        tolerance: on the KKT error [m/s].
+        max_iterations: sweeps and Newton steps.
+        work: scratch, from `work_arrays(n)`.
+        index: likewise.
 
     Returns:
-        (status, kkt_error [m/s], iterations).
+        (status, KKT error [m/s], iterations).
     """
     n = mu.shape[0]
     m, total = gather(b, mu, active, lam, work, index)
@@ -268,14 +267,13 @@ def cone_kernel(A, b, mu, active, lam, tolerance, max_iterations, work, index): 
 
 
 @fused_kernel
-def cone_batch(  # type: ignore[no-untyped-def]
-    A, b, mu, active, lam, status, kkt_error, iterations, tolerance, max_iterations, first, last
-):
-    """`cone_kernel` on problems first..last-1 of a batch, one after another."""
+def cone_batch(problems, out, tolerance, max_iterations, first, last):  # type: ignore[no-untyped-def]
+    """`cone_kernel` on problems first..last-1 of a batch, one after another, into `out`, a `ContactSolution`."""
+    A, b, mu, active = problems
     work, index = work_arrays(mu.shape[1])
     for k in range(first, last):
-        status[k], kkt_error[k], iterations[k] = cone_kernel(
-            A[k], b[k], mu[k], active[k], lam[k], tolerance, max_iterations, work, index
+        out.status[k], out.kkt_error[k], out.iterations[k] = cone_kernel(
+            A[k], b[k], mu[k], active[k], out.lam[k], tolerance, max_iterations, work, index
         )
 
 
@@ -294,7 +292,8 @@ def solve_cone(
 
     Args:
         A: (B, 3 n, 3 n) [1/kg] Delassus matrices, symmetric, positive semi-definite.
-        b: (B, 3 n) [m/s]. mu: (n,) or (B, n) friction coefficients, at least 0.
+        b: (B, 3 n) [m/s].
+        mu: (n,) or (B, n) friction coefficients, at least 0.
         active: (B, n); contacts that are not active get lam = 0. All if None.
         warm: (B, 3 n) [N s] impulses to start from; zero if None.
         tolerance: [m/s] on the natural map (`problem.cone_kkt_error`).
@@ -303,31 +302,30 @@ def solve_cone(
         n_threads: the batch is split over this many threads (the kernels release the GIL).
 
     Returns:
-        `ContactSolution`; lam (B, 3 n) [N s] in the order [n.., t1 t2 ..].
+        The solutions; lam (B, 3 n) [N s] in the order [n.., t1 t2 ..].
 
     Raises:
         InputError: shapes that do not fit, or a negative mu.
     """
-    A, b, mu, chosen, lam = check_batch(A, b, mu, active, warm)
-    status = np.empty(len(b), dtype=np.uint8)
-    kkt_error, iterations = np.empty(len(b)), np.empty(len(b), dtype=np.int64)
+    problems, lam = check_batch(A, b, mu, active, warm)
+    out = empty_solution(lam)
 
     def part(first: int, last: int) -> None:
-        cone_batch(A, b, mu, chosen, lam, status, kkt_error, iterations, tolerance, max_iterations, first, last)
+        cone_batch(problems, out, tolerance, max_iterations, first, last)
 
-    over_threads(part, len(b), n_threads)
-    work, index = cone_work(mu.shape[1])
-    for k in np.flatnonzero(status == MAX_ITERATIONS).tolist():
+    over_threads(part, len(lam), n_threads)
+    work, index = work_arrays(problems.mu.shape[1])
+    for k in np.flatnonzero(out.status == MAX_ITERATIONS).tolist():
+        A_, b_, mu_, active_ = (each[k] for each in problems)
 
-        def programme(c: Array, warm: Array, k: int = k) -> None:
-            found = solve_cone_qp(A[k : k + 1], c[None], mu[k : k + 1], active=chosen[k : k + 1], warm=warm[None])
-            warm[:] = found.lam[0]
+        def programme(c: Array, warm: Array, A: Array = A_, mu: Array = mu_, active: Array = active_) -> None:
+            warm[:] = solve_cone_qp(A[None], c[None], mu, active=active[None], warm=warm[None]).lam[0]
 
         def attempt(warm: Array, limit: int, k: int = k) -> tuple[int, float, int]:
-            return cone_kernel(A[k], b[k], mu[k], chosen[k], warm, tolerance, limit, work, index)
+            return cone_kernel(*(each[k] for each in problems), warm, tolerance, limit, work, index)
 
-        near = solve_lcp(A[k : k + 1], b[k : k + 1], mu[k : k + 1], active=chosen[k : k + 1], n_directions=16).lam[0]
-        status[k], kkt_error[k] = rescue_cone(
-            A[k], b[k], mu[k], lam[k], float(kkt_error[k]), polyhedral=near, programme=programme, attempt=attempt
+        near = solve_lcp(A_[None], b_[None], mu_, active=active_[None], n_directions=16).lam[0]
+        out.status[k], out.kkt_error[k] = rescue_cone(
+            A_, b_, mu_, out.lam[k], float(out.kkt_error[k]), polyhedral=near, programme=programme, attempt=attempt
         )
-    return ContactSolution(lam, status, kkt_error, iterations)
+    return out

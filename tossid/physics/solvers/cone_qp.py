@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from tossid.kernels import fused_kernel, fused_lean_kernel
 from tossid.physics.solvers.batches import check_batch, over_threads
 from tossid.physics.solvers.blocks import block_qp, cholesky_solve
-from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution
+from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution, empty_solution
 from tossid.physics.solvers.rescue import interior_start, rescue_programme
 from tossid.physics.solvers.workspace import (
     BASIS,
@@ -56,12 +56,13 @@ from tossid.physics.solvers.workspace import (
     work_arrays,
 )
 
-_PROXIMAL = 1e-10
+PROXIMAL_WEIGHT = 1e-10
+"""Share by which the Newton matrix's diagonal is raised: a singular one becomes regular."""
 
 
 @fused_lean_kernel
 def qp_kkt_error(V, lam, w, m):  # type: ignore[no-untyped-def]
-    """The natural map of the cone programme (`problem.cone_qp_kkt_error`) at V[lam], V[w]."""
+    """The KKT error `problem.cone_qp_kkt_error` at V[lam], V[w]: the largest a_i |lam_i - P_i(lam_i - w_i / a_i)|."""
     worst = 0.0
     for i in range(m):
         k = 3 * i
@@ -83,7 +84,10 @@ def qp_kkt_error(V, lam, w, m):  # type: ignore[no-untyped-def]
 
 @fused_lean_kernel
 def qp_sweep(A, V, index, m):  # type: ignore[no-untyped-def]
-    """One pass of block coordinate descent; V[LAM], V[W] and the states are brought up to date."""
+    """One pass of block coordinate descent, w = A lam + c kept up; V[LAM], V[W] and the states are brought up to date.
+
+    Each contact in turn takes its own minimum for g_i = w_i - A_ii lam_i (`block_qp`).
+    """
     for i in range(m):
         k = 3 * i
         g0, g1, g2 = velocity_without(A, V, k)
@@ -95,7 +99,9 @@ def qp_sweep(A, V, index, m):  # type: ignore[no-untyped-def]
 def qp_newton(A, V, index, m):  # type: ignore[no-untyped-def]
     """Newton step on the manifold that the states name. Returns its dimension; the step is left in V[X].
 
-    V[BASIS + t, v] is unknown v's direction in its contact's coordinates, index[ROW, v] its contact's row.
+    (E^T A E + D) x = -E^T w. Column v of E is unknown v's direction: V[BASIS + t, v] in its contact's coordinates,
+    index[ROW, v] its contact's row. A sticking contact has three, a slipping one (1, mu u) and n across u; D has the
+    curvature of the cone's surface, max(-u . w_t, 0) / |lam_t|, for the latter.
     """
     size = np.int64(0)  # not a literal, of which numba would compile a second version
     for i in range(m):
@@ -137,14 +143,14 @@ def qp_newton(A, V, index, m):  # type: ignore[no-untyped-def]
             V[TOP + v, u] = (
                 V[BASIS, u] * V[TRIAL, r] + V[BASIS + 1, u] * V[TRIAL, r + 1] + V[BASIS + 2, u] * V[TRIAL, r + 2]
             )
-        V[TOP + v, v] = (1.0 + _PROXIMAL) * V[TOP + v, v] + curvature
+        V[TOP + v, v] = (1.0 + PROXIMAL_WEIGHT) * V[TOP + v, v] + curvature
     cholesky_solve(V, TOP, size, X)
     return size
 
 
 @fused_kernel
 def qp_at_rest(V, m):  # type: ignore[no-untyped-def]
-    """Whether lam = 0 solves the contact-major programme of V[B] and V[MU], whatever A is."""
+    """Whether lam = 0 solves the contact-major programme of V[B] and V[MU], whatever A is: c_n >= mu |c_t|."""
     for i in range(m):
         c1, c2 = V[B, 3 * i + 1], V[B, 3 * i + 2]
         if not V[B, 3 * i] >= V[MU, i] * math.sqrt(c1 * c1 + c2 * c2):
@@ -154,7 +160,11 @@ def qp_at_rest(V, m):  # type: ignore[no-untyped-def]
 
 @fused_lean_kernel
 def qp_solve(A, V, index, m, tolerance, max_iterations):  # type: ignore[no-untyped-def]
-    """Solve the contact-major programme A, V[B], V[MU] in place of V[LAM]. Returns (status, kkt_error, iterations)."""
+    """Solve the contact-major programme A, V[B], V[MU] in place of V[LAM], the warm start.
+
+    Returns:
+        (status, KKT error, iterations).
+    """
     contact_scales(A, V, m)
     multiply(A, V, LAM, W, m)
     kkt_error = qp_kkt_error(V, LAM, W, m)
@@ -202,12 +212,19 @@ def cone_qp_kernel(  # type: ignore[no-untyped-def]
     """Solve one programme in the order [n.., t1 t2 ..]; lam is the warm start and receives the answer.
 
     Args:
-        A (3 n, 3 n), c (3 n,), mu (n,), active (n,) bool (others get lam = 0), lam (3 n,).
-        tolerance: [unit of c] on the natural map. regularization: added to A's diagonal.
-        work, index: from `work_arrays(n)`.
+        A: (3 n, 3 n).
+        c: (3 n,).
+        mu: (n,).
+        active: (n,) bool; other contacts get lam = 0.
+        lam: (3 n,).
+        tolerance: on the KKT error, in the unit of c.
+        max_iterations: sweeps, each with a Newton step.
+        regularization: added to A's diagonal.
+        work: scratch, from `work_arrays(n)`.
+        index: likewise.
 
     Returns:
-        (status, kkt_error, iterations).
+        (status, KKT error, iterations).
     """
     n = mu.shape[0]
     m, total = gather(c, mu, active, lam, work, index)
@@ -224,14 +241,13 @@ def cone_qp_kernel(  # type: ignore[no-untyped-def]
 
 
 @fused_kernel
-def cone_qp_batch(  # type: ignore[no-untyped-def]
-    A, c, mu, active, lam, status, kkt_error, iterations, tolerance, max_iterations, regularization, first, last
-):
-    """`cone_qp_kernel` on problems first..last-1 of a batch, one after another."""
+def cone_qp_batch(problems, out, tolerance, max_iterations, regularization, first, last):  # type: ignore[no-untyped-def]
+    """`cone_qp_kernel` on problems first..last-1 of a batch, one after another, into `out`, a `ContactSolution`."""
+    A, c, mu, active = problems
     work, index = work_arrays(mu.shape[1])
     for k in range(first, last):
-        status[k], kkt_error[k], iterations[k] = cone_qp_kernel(
-            A[k], c[k], mu[k], active[k], lam[k], tolerance, max_iterations, regularization, work, index
+        out.status[k], out.kkt_error[k], out.iterations[k] = cone_qp_kernel(
+            A[k], c[k], mu[k], active[k], out.lam[k], tolerance, max_iterations, regularization, work, index
         )
 
 
@@ -250,7 +266,8 @@ def solve_cone_qp(
     """Minimise 1/2 lam^T A lam + c^T lam over the friction cones, for a batch.
 
     Args:
-        A: (B, 3 n, 3 n) symmetric, positive semi-definite. c: (B, 3 n).
+        A: (B, 3 n, 3 n) symmetric, positive semi-definite.
+        c: (B, 3 n).
         mu: (n,) or (B, n) friction coefficients, at least 0.
         active: (B, n); contacts that are not active get lam = 0. All if None.
         warm: (B, 3 n) impulses to start from; zero if None.
@@ -261,28 +278,25 @@ def solve_cone_qp(
         n_threads: the batch is split over this many threads (the kernels release the GIL).
 
     Returns:
-        `ContactSolution`; lam (B, 3 n) in the order [n.., t1 t2 ..].
+        The solutions; lam (B, 3 n) in the order [n.., t1 t2 ..].
 
     Raises:
         InputError: shapes that do not fit, or a negative mu.
     """
-    A, c, mu, chosen, lam = check_batch(A, c, mu, active, warm)
-    status = np.empty(len(c), dtype=np.uint8)
-    kkt_error, iterations = np.empty(len(c)), np.empty(len(c), dtype=np.int64)
+    problems, lam = check_batch(A, c, mu, active, warm)
+    out = empty_solution(lam)
 
     def part(first: int, last: int) -> None:
-        cone_qp_batch(
-            A, c, mu, chosen, lam, status, kkt_error, iterations,
-            tolerance, max_iterations, regularization, first, last,
-        )  # fmt: skip
+        cone_qp_batch(problems, out, tolerance, max_iterations, regularization, first, last)
 
-    over_threads(part, len(c), n_threads)
-    work, index = work_arrays(mu.shape[1])
-    for k in np.flatnonzero(status == MAX_ITERATIONS).tolist():
-        start = interior_start(A[k], c[k], mu[k], chosen[k], regularization)
+    over_threads(part, len(lam), n_threads)
+    work, index = work_arrays(problems.mu.shape[1])
+    for k in np.flatnonzero(out.status == MAX_ITERATIONS).tolist():
+        start = interior_start(*(each[k] for each in problems), regularization)
 
         def attempt(warm: Array, limit: int, k: int = k) -> tuple[int, float, int]:
-            return cone_qp_kernel(A[k], c[k], mu[k], chosen[k], warm, tolerance, limit, regularization, work, index)
+            one = (each[k] for each in problems)
+            return cone_qp_kernel(*one, warm, tolerance, limit, regularization, work, index)
 
-        status[k], kkt_error[k] = rescue_programme(start, attempt, lam[k], float(kkt_error[k]))
-    return ContactSolution(lam, status, kkt_error, iterations)
+        out.status[k], out.kkt_error[k] = rescue_programme(start, attempt, out.lam[k], float(out.kkt_error[k]))
+    return out

@@ -18,15 +18,21 @@ import numpy as np
 from tossid.kernels import fused_kernel
 from tossid.physics.solvers.blocks import cholesky_solve
 
-_STEPS = 60
-_SIGHT = 0.99
+MAX_STEPS = 60
+FRACTION_TO_BOUNDARY = 0.99
+"""Share of the way to the cones' surface that a step may go."""
 
 
 @fused_kernel
 def interior_point(A, c, mu, m, lam):  # type: ignore[no-untyped-def]
-    """Put a nearly optimal, feasible impulse into lam (contact-major, m contacts).
+    r"""Put a nearly optimal, feasible impulse into lam (contact-major, m contacts).
 
-    Returns the duality gap x . z over the problem's own scale, and the same of the residual A x + c - z.
+    With W the scaling of `nt_scaling` and r = A x + c - z, each step solves (A + W^-2) dx = rhs and has
+    dz = r + A dx. The predictor has rhs = -r - z, the corrector -r + W^-1 (s \ (sigma gap e - s o s - W^-1 dx o W dz)),
+    s = W z, sigma = (1 - longest step)^3.
+
+    Returns:
+        (duality gap x . z per contact, largest |A x + c - z|), both on the problem's own scale.
     """
     # Unknowns: (mu x_n, x_t) of a contact with friction, x_n of one without; A and c scaled to about 1.
     start = np.empty(m + 1, dtype=np.int64)
@@ -59,7 +65,7 @@ def interior_point(A, c, mu, m, lam):  # type: ignore[no-untyped-def]
     beta = np.empty(m)
     residual = Q @ x + g - z
     gap = 1.0
-    for _ in range(_STEPS):
+    for _ in range(MAX_STEPS):
         nt_scaling(x, z, start, m, wbar, beta)
         apply_scaling(wbar, beta, start, m, z, scaled, False)
         for predicted in range(2):
@@ -72,7 +78,7 @@ def interior_point(A, c, mu, m, lam):  # type: ignore[no-untyped-def]
                 apply_scaling(wbar, beta, start, m, dz, right, False)
                 part = min(longest_step(x, dx, start, m), longest_step(z, dz, start, m))
                 centre = (1.0 - part) ** 3 * gap
-                jordan(scaled, left, right, e, centre, start, m)
+                solve_jordan(scaled, left, right, e, centre, start, m)
                 apply_scaling(wbar, beta, start, m, left, rhs, True)
                 for v in range(size):
                     rhs[v] -= residual[v]
@@ -94,7 +100,7 @@ def interior_point(A, c, mu, m, lam):  # type: ignore[no-untyped-def]
             total += abs(dx[v]) + abs(dz[v])
         if not total < math.inf:
             break
-        part = min(1.0, _SIGHT * min(longest_step(x, dx, start, m), longest_step(z, dz, start, m)))
+        part = min(1.0, FRACTION_TO_BOUNDARY * min(longest_step(x, dx, start, m), longest_step(z, dz, start, m)))
         if part < 1e-10:
             break
         worst, gap = 0.0, 0.0
@@ -175,8 +181,8 @@ def add_inverse_square(wbar, beta, start, m, H):  # type: ignore[no-untyped-def]
 
 
 @fused_kernel
-def jordan(scaled, left, right, e, centre, start, m):  # type: ignore[no-untyped-def]
-    """left = scaled \\ (centre e - scaled o scaled - left o right), in the Jordan algebra of each cone."""
+def solve_jordan(scaled, left, right, e, centre, start, m):  # type: ignore[no-untyped-def]
+    """left = the y with scaled o y = centre e - scaled o scaled - left o right, in each cone's Jordan algebra."""
     for i in range(m):
         k = start[i]
         if start[i + 1] - k == 1:

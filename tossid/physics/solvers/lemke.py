@@ -12,61 +12,32 @@ from tossid.kernels import fused_kernel
 from tossid.physics.solvers.blocks import lu_solve
 from tossid.physics.solvers.workspace import INFEASIBLE, MAX_ITERATIONS, SOLVED
 
-_PIVOT = 1e-10
-_TIE = 1e-11
-
-
-@fused_kernel
-def lcp_matrix(A, b, mu, directions, chosen, m, n, scale, M, q):  # type: ignore[no-untyped-def]
-    """The scaled complementarity problem w = M z + q of the chosen contacts, z = (lam_n, beta, gamma) by contact.
-
-    Contact i's impulses are measured in 1 / sqrt(a_i) and its velocities in sqrt(a_i): M has a diagonal near 1.
-    """
-    k = directions.shape[0]
-    block = k + 2
-    for p in range(m):
-        i = chosen[p]
-        row = p * block
-        si = scale[p]
-        q[row], q[row + k + 1] = b[i] * si, 0.0
-        for j in range(k):
-            q[row + 1 + j] = si * (directions[j, 0] * b[n + 2 * i] + directions[j, 1] * b[n + 2 * i + 1])
-        for r in range(m):
-            h = chosen[r]
-            column = r * block
-            s = si * scale[r]
-            M[row, column] = s * A[i, h]
-            for j in range(k):
-                c, d = directions[j, 0], directions[j, 1]
-                M[row, column + 1 + j] = s * (c * A[i, n + 2 * h] + d * A[i, n + 2 * h + 1])
-                M[row + 1 + j, column] = s * (c * A[n + 2 * i, h] + d * A[n + 2 * i + 1, h])
-                left = c * A[n + 2 * i, n + 2 * h] + d * A[n + 2 * i + 1, n + 2 * h]
-                right = c * A[n + 2 * i, n + 2 * h + 1] + d * A[n + 2 * i + 1, n + 2 * h + 1]
-                for g in range(k):
-                    M[row + 1 + j, column + 1 + g] = s * (left * directions[g, 0] + right * directions[g, 1])
-                M[row + 1 + j, column + k + 1], M[row + k + 1, column + 1 + j] = 0.0, 0.0
-            M[row, column + k + 1], M[row + k + 1, column], M[row + k + 1, column + k + 1] = 0.0, 0.0, 0.0
-        for j in range(k):
-            M[row + 1 + j, row + k + 1], M[row + k + 1, row + 1 + j] = 1.0, -1.0
-        M[row + k + 1, row] = mu[i]
+SMALLEST_PIVOT = 1e-10
+"""Entries of the entering column that are smaller limit nothing."""
+TIE = 1e-11
+"""Ratios that differ by less, relative and absolute, tie."""
 
 
 @fused_kernel
 def leaving_row(T, size, enter, basis, ties):  # type: ignore[no-untyped-def]
-    """Row of the lexicographic ratio test in column `enter`, or -1 if nothing limits it (a ray)."""
+    """Row of the lexicographic ratio test in column `enter`, or -1 if nothing limits it (a ray).
+
+    The least T[i, last] / T[i, enter] over positive T[i, enter]; ties go to the least T[i, j] / T[i, enter], column j
+    after column, and to the artificial variable before all.
+    """
     last = 2 * size + 1
     count = 0
     best = math.inf
     for i in range(size):
-        if T[i, enter] > _PIVOT:
+        if T[i, enter] > SMALLEST_PIVOT:
             ratio = max(T[i, last], 0.0) / T[i, enter]
             if ratio < best:
                 best = ratio
     if best == math.inf:
         return -1
-    limit = best + _TIE * (1.0 + best)
+    limit = best + TIE * (1.0 + best)
     for i in range(size):
-        if T[i, enter] > _PIVOT and max(T[i, last], 0.0) / T[i, enter] <= limit:
+        if T[i, enter] > SMALLEST_PIVOT and max(T[i, last], 0.0) / T[i, enter] <= limit:
             if basis[i] == 2 * size:
                 return i
             ties[count] = i
@@ -76,7 +47,7 @@ def leaving_row(T, size, enter, basis, ties):  # type: ignore[no-untyped-def]
         best = math.inf
         for t in range(count):
             best = min(best, T[ties[t], column] / T[ties[t], enter])
-        limit = best + _TIE * (1.0 + abs(best))
+        limit = best + TIE * (1.0 + abs(best))
         kept = 0
         for t in range(count):
             if T[ties[t], column] / T[ties[t], enter] <= limit:
@@ -89,7 +60,7 @@ def leaving_row(T, size, enter, basis, ties):  # type: ignore[no-untyped-def]
 
 @fused_kernel
 def pivot(T, size, row, enter):  # type: ignore[no-untyped-def]
-    """Bring column `enter` into the basis at `row`."""
+    """Bring column `enter` into the basis at `row`: Gauss-Jordan elimination of the tableau's column."""
     width = 2 * size + 2
     inverse = 1.0 / T[row, enter]
     for j in range(width):
@@ -105,9 +76,13 @@ def pivot(T, size, row, enter):  # type: ignore[no-untyped-def]
 
 @fused_kernel
 def lemke(M, q, size, max_iterations, T, basis, ties):  # type: ignore[no-untyped-def]
-    """Lemke's algorithm on w = M z + q. Returns (status, pivots); basis[i] is the variable of row i
+    """Lemke's algorithm on w = M z + q, 0 <= w _|_ z >= 0, with the artificial variable z_0 in every row.
 
-    (w_i is i, z_i is size + i, the artificial variable 2 size) and T's last column its value.
+    The tableau is w - M z - z_0 1 = q. basis[i] becomes the variable of row i (w_i is i, z_i is size + i, z_0 is
+    2 size), and the tableau's last column its value.
+
+    Returns:
+        (status, pivots).
     """
     last = 2 * size + 1
     row, worst = -1, 0.0
@@ -137,7 +112,10 @@ def lemke(M, q, size, max_iterations, T, basis, ties):  # type: ignore[no-untype
 
 @fused_kernel
 def basic_solution(M, q, size, basis, work, last):  # type: ignore[no-untyped-def]
-    """work[last] = the values of the basic variables, from the problem's own M and q; other rows are overwritten."""
+    """work[last] = the values of the basic variables, from the problem's own M and q; other rows are overwritten.
+
+    Solves C x = q, with column i of C that of row i's variable in w - M z - z_0 1.
+    """
     for i in range(size):
         work[last, i] = q[i]
         variable = basis[i]

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tossid.errors import InputError
-from tossid.physics.solvers.lcp import lcp_kernel
+from tossid.physics.solvers.lcp import lcp_kernel, lcp_scratch
+from tossid.physics.solvers.polyhedral_problem import PolyhedralAnswer, PolyhedralProblem
 from tossid.physics.solvers.registry import register_solver
 
 
@@ -41,12 +42,10 @@ class PolyhedralCone(NamedTuple):
 @register_solver(PolyhedralCone)
 def _solve(solver, A, b, mu, lam, tolerance):  # type: ignore[no-untyped-def]
     n, k = mu.shape[0], solver.n_directions
-    size = n * (k + 2)
-    work, index = np.empty((2 * size + 1, 2 * size + 2)), np.empty((3, size + n), np.int64)
-    directions, beta, gamma = np.empty((k, 2)), np.empty((n, k)), np.empty(n)
+    directions = np.empty((k, 2))
     for j in range(k):
         directions[j, 0], directions[j, 1] = math.cos(2.0 * math.pi * j / k), math.sin(2.0 * math.pi * j / k)
-    status, kkt_error, _ = lcp_kernel(
-        A, b, mu, np.ones(n, np.bool_), directions, lam, beta, gamma, tolerance, solver.max_iterations, work, index
-    )
+    problem = PolyhedralProblem(A, b, mu, np.ones(n, np.bool_), directions)
+    answer = PolyhedralAnswer(lam, np.empty((n, k)), np.empty(n))
+    status, kkt_error, _ = lcp_kernel(problem, answer, tolerance, solver.max_iterations, lcp_scratch(n, k))
     return status, kkt_error

@@ -34,7 +34,9 @@ from tossid.errors import InputError
 Array = NDArray[np.float64]
 
 DEFAULT_TOLERANCE = 1e-9
+"""KKT error [m/s] at which the cone solvers stop."""
 ACCEPTED_KKT_ERROR = 1e-8
+"""KKT error [m/s] at which the polyhedral solver stops: its impulses are sums over directions."""
 
 
 class SolverStatus(IntEnum):
@@ -57,9 +59,13 @@ class SolverStatus(IntEnum):
 
 
 class ContactSolution(NamedTuple):
-    """Solved contact problems; `status` holds `SolverStatus` values.
+    """Solved contact problems.
 
-    lam (B, 3 n) [N s], status (B,) uint8, kkt_error (B,) [m/s], iterations (B,) int64.
+    Attributes:
+        lam: (B, 3 n) impulses [N s].
+        status: (B,) `SolverStatus` values.
+        kkt_error: (B,) [m/s].
+        iterations: (B,) of the quick solver.
     """
 
     lam: Array
@@ -73,13 +79,26 @@ class ContactSolution(NamedTuple):
         return int(np.count_nonzero(self.status != SolverStatus.SOLVED))
 
 
+def empty_solution(lam: Array) -> ContactSolution:
+    """A solution to be filled in, of impulses lam (B, 3 n), which are taken as they are."""
+    count = len(lam)
+    return ContactSolution(lam, np.empty(count, dtype=np.uint8), np.empty(count), np.empty(count, dtype=np.int64))
+
+
 def contact_rows(i: int, n: int) -> list[int]:
     """Rows of contact i of n in the order of `lam`: normal, first and second tangent."""
     return [i, n + 2 * i, n + 2 * i + 1]
 
 
 def contact_scale(A: Array) -> Array:
-    """a_i = trace(A_ii) / 3 [1/kg] of each contact. A: (*b, 3 n, 3 n) -> (*b, n), at least 1e-12 of the largest."""
+    """a_i = trace(A_ii) / 3 [1/kg] of each contact, at least 1e-12 of the largest.
+
+    Args:
+        A: (*b, 3 n, 3 n).
+
+    Returns:
+        (*b, n).
+    """
     diagonal = np.diagonal(A, axis1=-2, axis2=-1)
     n = diagonal.shape[-1] // 3
     scale = (diagonal[..., :n] + diagonal[..., n::2] + diagonal[..., n + 1 :: 2]) / 3
@@ -94,7 +113,15 @@ def by_contact(x: Array) -> Array:
 
 
 def project_cone(x: Array, mu: Array) -> Array:
-    """Nearest point of the cone |x_t| <= mu x_n to x, Euclidean. x: (*b, 3) normal first, mu: (*b) -> (*b, 3)."""
+    """Nearest point of the cone |x_t| <= mu x_n, Euclidean.
+
+    Args:
+        x: (*b, 3) normal first.
+        mu: (*b) at least 0.
+
+    Returns:
+        (*b, 3).
+    """
     normal, tangent = x[..., 0], np.hypot(x[..., 1], x[..., 2])
     surface = np.maximum((normal + mu * tangent) / (1 + mu * mu), 0.0)
     inside = (normal >= 0) & (tangent <= mu * normal)
@@ -104,9 +131,18 @@ def project_cone(x: Array, mu: Array) -> Array:
 
 
 def cone_qp_kkt_error(A: Array, c: Array, mu: Array, lam: Array) -> Array:
-    """max_i a_i |lam_i - P_i(lam_i - g_i / a_i)|, g = A lam + c, P_i the projection on contact i's cone.
+    """The cone programme's natural map: the largest a_i |lam_i - P_i(lam_i - g_i / a_i)|, g = A lam + c.
 
-    A (*b, 3 n, 3 n), c and lam (*b, 3 n), mu (*b, n) -> (*b).
+    P_i is the projection on contact i's cone.
+
+    Args:
+        A: (*b, 3 n, 3 n).
+        c: (*b, 3 n).
+        mu: (*b, n).
+        lam: (*b, 3 n).
+
+    Returns:
+        (*b) in the unit of c.
     """
     g, scale, impulse = by_contact(_velocity(A, c, lam)), contact_scale(A)[..., None], by_contact(lam)
     step = scale * (impulse - project_cone(impulse - g / scale, mu))
@@ -114,11 +150,19 @@ def cone_qp_kkt_error(A: Array, c: Array, mu: Array, lam: Array) -> Array:
 
 
 def cone_kkt_error(A: Array, b: Array, mu: Array, lam: Array) -> Array:
-    """The exact cone's natural map [m/s]: the largest over contacts of
+    """The exact cone's natural map.
 
-    |a lam_n - max(0, a lam_n - w_n)| and a |lam_t - P(lam_t - w_t / a)|,
-    P the projection on the disk of radius mu max(lam_n, 0).
-    A (*b, 3 n, 3 n), b and lam (*b, 3 n), mu (*b, n) -> (*b).
+    The largest over contacts of |a lam_n - max(0, a lam_n - w_n)| and a |lam_t - P(lam_t - w_t / a)|, w = A lam + b,
+    with P the projection on the disk of radius mu max(lam_n, 0).
+
+    Args:
+        A: (*b, 3 n, 3 n) [1/kg].
+        b: (*b, 3 n) [m/s].
+        mu: (*b, n).
+        lam: (*b, 3 n) [N s].
+
+    Returns:
+        (*b) [m/s].
     """
     w, scale, impulse = by_contact(_velocity(A, b, lam)), contact_scale(A), by_contact(lam)
     reach = scale[..., None] * impulse[..., 1:] - w[..., 1:]
@@ -130,10 +174,21 @@ def cone_kkt_error(A: Array, b: Array, mu: Array, lam: Array) -> Array:
 
 
 def lcp_kkt_error(A: Array, b: Array, mu: Array, beta: Array, gamma: Array, lam_n: Array) -> Array:
-    """The polyhedral problem's complementarity error [m/s]: the largest over contacts and directions of
+    """The polyhedral problem's complementarity error.
 
-    |min(a lam_n, w_n)|, |min(a beta_j, d_j . w_t + gamma)| and |min(gamma, a (mu lam_n - sum beta))|.
-    A (*b, 3 n, 3 n), b (*b, 3 n), mu, gamma and lam_n (*b, n), beta (*b, n, k) -> (*b).
+    The largest over contacts and directions of |min(a lam_n, w_n)|, |min(a beta_j, d_j . w_t + gamma)| and
+    |min(gamma, a (mu lam_n - sum beta))|, w = A lam + b.
+
+    Args:
+        A: (*b, 3 n, 3 n) [1/kg].
+        b: (*b, 3 n) [m/s].
+        mu: (*b, n).
+        beta: (*b, n, k) [N s].
+        gamma: (*b, n) [m/s].
+        lam_n: (*b, n) [N s].
+
+    Returns:
+        (*b) [m/s].
     """
     directions = tangent_directions(beta.shape[-1])
     tangent = beta @ directions
@@ -150,7 +205,13 @@ def _velocity(A: Array, b: Array, lam: Array) -> Array:
 
 
 def tangent_directions(k: int) -> Array:
-    """k unit vectors evenly around the tangent plane, the first along t1. (k, 2).
+    """Unit vectors evenly around the tangent plane, the first along t1.
+
+    Args:
+        k: how many.
+
+    Returns:
+        (k, 2).
 
     Raises:
         InputError: k is odd or below 4.

@@ -38,7 +38,7 @@ def work_arrays(n):  # type: ignore[no-untyped-def]
 
 @fused_inlined_kernel
 def shift(A, V, k, x0, x1, x2, m):  # type: ignore[no-untyped-def]
-    """Set the impulse of the contact at row k to x and bring V[W] up to date."""
+    """Set the impulse of the contact at row k to x, and w += A_i^T (x - lam_i) in V[W]."""
     d0, d1, d2 = x0 - V[LAM, k], x1 - V[LAM, k + 1], x2 - V[LAM, k + 2]
     if d0 != 0.0 or d1 != 0.0 or d2 != 0.0:
         V[LAM, k], V[LAM, k + 1], V[LAM, k + 2] = x0, x1, x2
@@ -48,7 +48,7 @@ def shift(A, V, k, x0, x1, x2, m):  # type: ignore[no-untyped-def]
 
 @fused_inlined_kernel
 def velocity_without(A, V, k):  # type: ignore[no-untyped-def]
-    """Velocity that the contact at row k would have without its own impulse."""
+    """g_i = w_i - A_ii lam_i: the velocity that the contact at row k would have without its own impulse."""
     y0, y1, y2 = V[LAM, k], V[LAM, k + 1], V[LAM, k + 2]
     return (
         V[W, k] - (A[k, k] * y0 + A[k, k + 1] * y1 + A[k, k + 2] * y2),
@@ -59,9 +59,10 @@ def velocity_without(A, V, k):  # type: ignore[no-untyped-def]
 
 @fused_lean_kernel
 def manifold_step(V, index, m, size, length):  # type: ignore[no-untyped-def]
-    """V[TRIAL] = V[LAM] moved along the Newton step by `length`: slipping contacts back on their cones' surface,
+    """V[TRIAL] = V[LAM] + length E V[X], E the unknowns' directions; then every contact is put back where it belongs.
 
-    sticking ones inside their cones."""
+    Slipping ones on their cones' surface, sticking ones into their cones, pulling ones at zero.
+    """
     for j in range(3 * m):
         V[TRIAL, j] = V[LAM, j]
     for v in range(size):
@@ -84,7 +85,10 @@ def manifold_step(V, index, m, size, length):  # type: ignore[no-untyped-def]
 
 @fused_lean_kernel
 def cone_exit(y0, y1, y2, d0, d1, d2, mu):  # type: ignore[no-untyped-def]
-    """The largest part (at most 1) of the step d that keeps y inside the cone |y_t| <= mu y_n, which it is in."""
+    """The largest p <= 1 for which y + p d is inside the cone |y_t| <= mu y_n, which y is in.
+
+    The root of |y_t + p d_t|² = mu² (y_n + p d_n)².
+    """
     part = 1.0
     if y0 + d0 < 0.0:
         part = y0 / -d0
@@ -101,7 +105,7 @@ def cone_exit(y0, y1, y2, d0, d1, d2, mu):  # type: ignore[no-untyped-def]
 
 @fused_lean_kernel
 def project_row(V, index, row, m):  # type: ignore[no-untyped-def]
-    """V[row] = V[TRIAL] (3 m,) in the unknowns of the Newton step, contact after contact."""
+    """V[row] = E^T V[TRIAL], E the directions of the Newton step's unknowns, contact after contact."""
     u = 0
     for i in range(m):
         k, kind = 3 * i, index[KIND, i]

@@ -7,6 +7,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.objects import ObjectModel, corner_positions
+
 Array = NDArray[np.float64]
 Problem = tuple[Array, Array, Array]
 
@@ -102,3 +104,15 @@ def draw_many(count: int, seed: int, families: tuple[str, ...] = FAMILIES) -> di
         A, b, mu = (np.stack(parts) for parts in zip(*problems, strict=True))
         stacks[n] = (A, b, mu)
     return stacks
+
+
+def landing(model: ObjectModel, rng: np.random.Generator, count: int, *, tilt: float = 3.0) -> tuple[Array, Array]:
+    """States q (count, 7), v (count, 6) whose lowest corner is a millimetre above the ground and comes down.
+
+    tilt: spread of the quaternion's vector part; small for a body that lands flat.
+    """
+    q = np.zeros((count, 7))
+    q[:, 3:] = np.concatenate([np.ones((count, 1)), tilt * rng.normal(size=(count, 3))], axis=1)
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    q[:, 2] = 1e-3 - corner_positions(model, q)[..., 2].min(axis=1)
+    return q, rng.normal(size=(count, 6)) * [1, 1, 0.3, 3, 3, 3] - [0, 0, 1.5, 0, 0, 0]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.physics.contact_problems import BOTTOM, GRAVITY, INERTIA, MASS, STEP, UP, delassus, draw, draw_many
+from tests.physics.solvers.contact_problems import BOTTOM, GRAVITY, INERTIA, MASS, STEP, UP, delassus, draw, draw_many
+from tests.physics.solvers.reference import cone_reference
 from tossid.physics.solvers import SolverStatus, solve_cone
 from tossid.physics.solvers.problem import ACCEPTED_KKT_ERROR, cone_kkt_error
-from tossid.physics.solvers.reference import cone_reference
 
 
 def test_ten_thousand_problems_satisfy_complementarity_or_say_otherwise() -> None:
@@ -100,6 +100,28 @@ def test_warm_start_mask_and_threads() -> None:
     part = solve_cone(np.ascontiguousarray(A[:, keep][:, :, keep]), b[:, keep], mu[:, ::2])
     np.testing.assert_array_equal(masked.lam[:, keep], part.lam)
     assert not masked.lam[:, [1, 3, 6, 7, 10, 11]].any()
+
+
+@pytest.mark.parametrize(("family", "several"), [("point", False), ("edge", False), ("slide", True), ("flat", True)])
+def test_four_corners_have_several_solutions_and_rounding_chooses_one(family: str, several: bool) -> None:
+    """Why two programs that assemble the same problem in another order of sums may step differently (ADR 2)."""
+    rng = np.random.default_rng(8)
+    A, b, mu = (np.stack(parts) for parts in zip(*(draw(family, rng, mu=1.0) for _ in range(300)), strict=True))
+    one = solve_cone(A, b, mu, tolerance=1e-11)
+    warm = solve_cone(A, b, mu, tolerance=1e-11, warm=one.lam * rng.uniform(0, 2, size=one.lam.shape))
+    rounded = solve_cone(A, b * (1 + 1e-15 * rng.normal(size=b.shape)), mu, tolerance=1e-11)
+    solved = (one.status == 0) & (warm.status == 0) & (rounded.status == 0)
+    assert solved.mean() > 0.95
+    w, w_warm, w_rounded = (np.einsum("bij,bj->bi", A, found.lam) + b for found in (one, warm, rounded))
+    for found in (one, warm):
+        assert cone_kkt_error(A, b, mu, found.lam)[solved].max() <= 2e-11
+    apart, by_rounding = np.abs(w_warm - w).max(axis=1)[solved], np.abs(w_rounded - w).max(axis=1)[solved]
+    if several:
+        assert apart.max() > 1e-4
+        assert by_rounding.max() > 1e-9
+    else:
+        assert apart.max() < 1e-9
+        assert by_rounding.max() < 1e-11
 
 
 def test_walls_that_close_on_each_other_are_reported() -> None:

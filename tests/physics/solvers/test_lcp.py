@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.physics.contact_problems import INERTIA, MASS, delassus, draw, draw_many
+from tests.physics.solvers.contact_problems import INERTIA, MASS, delassus, draw, draw_many
+from tests.physics.solvers.reference import lcp_matrices, lemke_reference
 from tossid.errors import InputError
-from tossid.objects import OBJECT_FILES, load_object
-from tossid.physics import PolyhedralCone, make_system, simulate
 from tossid.physics.solvers import SolverStatus, lcp, solve_cone, solve_lcp, tangent_directions
+from tossid.physics.solvers.polyhedral_problem import PolyhedralAnswer, PolyhedralProblem
 from tossid.physics.solvers.problem import ACCEPTED_KKT_ERROR, lcp_kkt_error
-from tossid.physics.solvers.reference import lcp_matrices, lemke_reference
 
 
 @pytest.mark.parametrize("k", [4, 8])
@@ -102,6 +101,13 @@ def test_too_few_pivots_and_masks_and_threads() -> None:
     np.testing.assert_allclose(masked.lam[:, keep], part.lam, atol=1e-12)
 
 
+def all_chosen(n: int) -> lcp.LcpScratch:
+    """Scratch for n contacts, all of them active, and eight directions."""
+    scratch = lcp.lcp_scratch(n, 8)
+    scratch.chosen[:] = np.arange(n)
+    return scratch
+
+
 @pytest.mark.parametrize("family", ["rest", "slide", "flat", "duplicate", "edge", "huge friction"])
 def test_the_second_try_solves_alone_what_pivoting_might_leave(family: str) -> None:
     """Pivoting in circles of rounding errors is rare; here nothing of its answer is used."""
@@ -110,11 +116,9 @@ def test_the_second_try_solves_alone_what_pivoting_might_leave(family: str) -> N
     for _ in range(20):
         A, b, mu = draw(family, rng)
         n = len(mu)
-        lam, beta, gamma = np.full(3 * n, 1e3), np.full((n, 8), 1e3), np.zeros(n)
-        kkt_error = lcp.second_try(
-            A, b, mu, np.ones(n, bool), directions, np.arange(n), n, lam, beta, gamma, np.inf, ACCEPTED_KKT_ERROR, 2000,
-            *lcp.lcp_work(n, 8),
-        )  # fmt: skip
+        lam, beta, gamma = answer = PolyhedralAnswer(np.full(3 * n, 1e3), np.full((n, 8), 1e3), np.zeros(n))
+        problem = PolyhedralProblem(A, b, mu, np.ones(n, bool), directions)
+        kkt_error = lcp.second_try(problem, answer, n, np.inf, ACCEPTED_KKT_ERROR, 2000, all_chosen(n))
         assert kkt_error <= ACCEPTED_KKT_ERROR
         assert lcp_kkt_error(A, b, mu, beta, gamma, lam[:n]) <= ACCEPTED_KKT_ERROR
         np.testing.assert_allclose(lam[n:], (beta @ directions).ravel(), rtol=1e-12, atol=1e-12)
@@ -124,24 +128,8 @@ def test_the_second_try_keeps_the_better_answer() -> None:
     A, b, mu = draw("flat", np.random.default_rng(6))
     n = len(mu)
     best = solve_lcp(A[None], b[None], mu)
-    lam, beta, gamma = best.lam[0].copy(), best.beta[0].copy(), best.gamma[0].copy()
-    kkt_error = lcp.second_try(
-        A, b, mu, np.ones(n, bool), tangent_directions(8), np.arange(n), n, lam, beta, gamma, 0.0,
-        ACCEPTED_KKT_ERROR, 1, *lcp.lcp_work(n, 8),
-    )  # fmt: skip
+    answer = PolyhedralAnswer(best.lam[0].copy(), best.beta[0].copy(), best.gamma[0].copy())
+    problem = PolyhedralProblem(A, b, mu, np.ones(n, bool), tangent_directions(8))
+    kkt_error = lcp.second_try(problem, answer, n, 0.0, ACCEPTED_KKT_ERROR, 1, all_chosen(n))
     assert kkt_error == 0.0
-    np.testing.assert_array_equal(lam, best.lam[0])
-
-
-def test_four_corners_at_rest_are_solved_in_the_stepper() -> None:
-    """Rank 6 of 12: pivoting alone ended in singular bases here, once in 230 steps of real tosses."""
-    cube = load_object(OBJECT_FILES / "cube.xml")
-    rng = np.random.default_rng(0)
-    q, v = np.zeros((60, 7)), rng.normal(size=(60, 6)) * [1, 1, 0.3, 2, 2, 2]
-    q[:, 2] = rng.uniform(0.08, 0.15, 60)
-    q[:, 3:] = rng.normal(size=(60, 4))
-    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
-    run = simulate(make_system(cube), q, v, n_steps=100, dt=1 / 148, solver=PolyhedralCone(8))
-    assert ((run.lam_n > 0).sum(axis=2) == 4).any()
-    assert run.unsolved.sum() == 0
-    assert run.kkt_error.max() <= 1e-7
+    np.testing.assert_array_equal(answer.lam, best.lam[0])

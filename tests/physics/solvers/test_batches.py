@@ -1,0 +1,74 @@
+"""What the batch functions share: slices over threads, and shapes that do not fit."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+from tossid.errors import InputError
+from tossid.physics.solvers.batches import check_batch, over_threads, whole_batches
+
+
+def slices(count: int, n_threads: int) -> list[tuple[int, int]]:
+    """The slices that a batch is split into, sorted."""
+    found: list[tuple[int, int]] = []
+    lock = threading.Lock()
+
+    def part(first: int, last: int) -> None:
+        with lock:
+            found.append((first, last))
+
+    over_threads(part, count, n_threads)
+    return sorted(found)
+
+
+def test_slices_cover_a_batch_once() -> None:
+    for count in (0, 1, 7, 100, 1001):
+        for n_threads in (1, 2, 3):
+            covered = [k for first, last in slices(count, n_threads) for k in range(first, last)]
+            assert covered == list(range(count))
+    assert slices(100, 1) == [(0, 100)]
+    assert len(slices(100, 2)) == 8
+
+
+def test_a_thread_may_keep_its_batches_whole() -> None:
+    with whole_batches():
+        assert slices(100, 2) == [(0, 100)]
+        with whole_batches():
+            pass
+        assert slices(100, 2) == [(0, 100)]
+    assert len(slices(100, 2)) == 8
+
+
+def test_an_error_in_a_slice_is_raised() -> None:
+    def part(first: int, last: int) -> None:
+        raise ValueError(f"slice {first}")
+
+    with pytest.raises(ValueError, match="slice 0"):
+        over_threads(part, 100, 2)
+
+
+def test_problems_are_made_contiguous_and_warm_starts_copied() -> None:
+    A, b, warm = np.asfortranarray(np.ones((5, 6, 6))), np.ones((5, 12))[:, ::2], np.ones((5, 6))
+    problems, lam = check_batch(A, b, np.array(0.3), None, warm)
+    assert all(each.flags.c_contiguous for each in problems)
+    assert problems.mu.shape == problems.active.shape == (5, 2)
+    assert problems.active.all()
+    lam[:] = 0.0
+    assert warm.all()
+
+
+@pytest.mark.parametrize(("wrong", "says"), [
+    ({"A": np.ones((5, 6, 3))}, r"A \(5, 6, 3\) and b \(5, 6\)"),
+    ({"b": np.ones((5, 4))}, r"expected \(B, 3 n, 3 n\)"),
+    ({"mu": np.ones(3)}, r"friction of shape \(3,\), expected \(2,\) or \(5, 2\)"),
+    ({"mu": np.array([0.1, -0.2])}, "friction coefficient -0.2 is negative"),
+    ({"active": np.ones(2, bool)}, r"active contacts of shape \(2,\), expected \(5, 2\)"),
+    ({"warm": np.ones(6)}, r"warm start of shape \(6,\), expected \(5, 6\)"),
+])  # fmt: skip
+def test_shapes_that_do_not_fit_are_refused(wrong: dict[str, np.ndarray], says: str) -> None:
+    given = {"A": np.ones((5, 6, 6)), "b": np.ones((5, 6)), "mu": np.ones(2), "active": None, "warm": None} | wrong
+    with pytest.raises(InputError, match=says):
+        check_batch(**given)  # type: ignore[arg-type]
