@@ -314,18 +314,19 @@ def solve_cone(
         cone_batch(problems, out, tolerance, max_iterations, first, last)
 
     over_threads(part, len(lam), n_threads)
-    work, index = work_arrays(problems.mu.shape[1])
+    A, b, mu, chosen = problems
+    work, index = work_arrays(mu.shape[1])
     for k in np.flatnonzero(out.status == MAX_ITERATIONS).tolist():
-        A_, b_, mu_, active_ = (each[k] for each in problems)
 
-        def programme(c: Array, warm: Array, A: Array = A_, mu: Array = mu_, active: Array = active_) -> None:
-            warm[:] = solve_cone_qp(A[None], c[None], mu, active=active[None], warm=warm[None]).lam[0]
+        def programme(c: Array, warm: Array, k: int = k) -> None:
+            found = solve_cone_qp(A[k : k + 1], c[None], mu[k : k + 1], active=chosen[k : k + 1], warm=warm[None])
+            warm[:] = found.lam[0]
 
         def attempt(warm: Array, limit: int, k: int = k) -> tuple[int, float, int]:
-            return cone_kernel(*(each[k] for each in problems), warm, tolerance, limit, work, index)
+            return cone_kernel(A[k], b[k], mu[k], chosen[k], warm, tolerance, limit, work, index)
 
-        near = solve_lcp(A_[None], b_[None], mu_, active=active_[None], n_directions=16).lam[0]
+        near = solve_lcp(A[k : k + 1], b[k : k + 1], mu[k : k + 1], active=chosen[k : k + 1], n_directions=16).lam[0]
         out.status[k], out.kkt_error[k] = rescue_cone(
-            A_, b_, mu_, out.lam[k], float(out.kkt_error[k]), polyhedral=near, programme=programme, attempt=attempt
+            A[k], b[k], mu[k], lam[k], float(out.kkt_error[k]), polyhedral=near, programme=programme, attempt=attempt
         )
     return out

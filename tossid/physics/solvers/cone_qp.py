@@ -290,13 +290,13 @@ def solve_cone_qp(
         cone_qp_batch(problems, out, tolerance, max_iterations, regularization, first, last)
 
     over_threads(part, len(lam), n_threads)
-    work, index = work_arrays(problems.mu.shape[1])
+    A, c, mu, chosen = problems
+    work, index = work_arrays(mu.shape[1])
     for k in np.flatnonzero(out.status == MAX_ITERATIONS).tolist():
-        start = interior_start(*(each[k] for each in problems), regularization)
+        start = interior_start(A[k], c[k], mu[k], chosen[k], regularization)
 
         def attempt(warm: Array, limit: int, k: int = k) -> tuple[int, float, int]:
-            one = (each[k] for each in problems)
-            return cone_qp_kernel(*one, warm, tolerance, limit, regularization, work, index)
+            return cone_qp_kernel(A[k], c[k], mu[k], chosen[k], warm, tolerance, limit, regularization, work, index)
 
-        out.status[k], out.kkt_error[k] = rescue_programme(start, attempt, out.lam[k], float(out.kkt_error[k]))
+        out.status[k], out.kkt_error[k] = rescue_programme(start, attempt, lam[k], float(out.kkt_error[k]))
     return out
