@@ -5,7 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from tossid.objects import ObjectModel, object_from_mjcf
+from tossid.objects import JointLaw, ObjectModel, object_from_mjcf
+from tossid.physics.effects import Forces
+
+EVERYTHING = Forces(0.1, 0.1, 0.002, 2.0, -1.0, 0.03, 0.3, -0.2, 0.5, 4.0, 0.3, 0.2, 1.0, 2.0, 1.5)
+"""All forces of the state at once."""
 
 
 def random_tree(rng: np.random.Generator, *, n_bodies: int, slides: bool = True) -> ObjectModel:
@@ -44,3 +48,16 @@ def random_state(rng: np.random.Generator, model: ObjectModel) -> tuple[np.ndarr
     q = rng.normal(size=model.nq)
     q[3:7] /= np.linalg.norm(q[3:7])
     return q, rng.normal(size=model.nv) * 3.0
+
+
+def jointed(model: ObjectModel, **law: float) -> ObjectModel:
+    there = np.arange(model.n_bodies) > 0
+    return model.with_changes(joint_law=JointLaw(*(law.get(name, 0.0) * there for name in JointLaw._fields)))
+
+
+def flying(model: ObjectModel, count: int = 6) -> tuple[np.ndarray, np.ndarray]:
+    """States high above the ground."""
+    rng = np.random.default_rng(3)
+    q, v = map(np.array, zip(*(random_state(rng, model) for _ in range(count)), strict=True))
+    q[:, 2] += 20.0
+    return q, v

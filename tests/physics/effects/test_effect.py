@@ -9,7 +9,7 @@ import pytest
 
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
-from tossid.physics.effects import BUILT_IN, Effect, InMujoco, NotExpressible, World, effect_named
+from tossid.physics.effects import BUILT_IN, LIBRARY, Effect, InMujoco, NotExpressible, World, effect_named
 from tossid.physics.forces import PoweredForce
 
 FRICTION = effect_named("friction")
@@ -56,3 +56,16 @@ def test_a_force_may_grow_with_another_power(cube: ObjectModel) -> None:
     assert law is effect_named("vortex").other_power_law
     forces = law.at(World(cube), np.array([1.5])).forces
     assert (forces.powered, forces.power) == (PoweredForce.VORTEX, 1.5)
+
+
+@pytest.mark.parametrize("name", [effect.name for effect in LIBRARY if not effect.near_nothing])
+def test_an_effect_at_its_nominal_values_changes_nothing(cube: ObjectModel, name: str) -> None:
+    world = World(cube)
+    effect = effect_named(name)
+    same = effect.at(world, effect.nominal(world))
+    rng = np.random.default_rng(0)
+    q = np.concatenate([rng.uniform([-0.1, -0.1, 0.1], [0.1, 0.1, 0.2], (20, 3)), rng.normal(size=(20, 4))], axis=1)
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    v = rng.normal(size=(20, 6)) * [1, 1, 1, 5, 5, 5]
+    nominal = world.roll_out(q, v, n_steps=60, dt=1 / 148, substeps=2)
+    np.testing.assert_array_equal(same.roll_out(q, v, n_steps=60, dt=1 / 148, substeps=2), nominal)

@@ -13,7 +13,6 @@ from tossid.objects import OBJECT_FILES, ObjectModel, load_object, to_mjcf
 from tossid.physics import simulate
 from tossid.physics.effects import LIBRARY, Forces, Law, RecordingErrors, World
 from tossid.physics.effects.in_mujoco import inexpressible, toss_in_mujoco
-from tossid.physics.effects.mujoco_contact import damping_ratio
 from tossid.physics.forces import DRAG, MAGNUS, SPIN, SPRING, TURNING, VORTEX
 from tossid.physics.mujoco_engine import simulate_mujoco
 from tossid.rotations import quat_exp
@@ -82,12 +81,6 @@ def test_impacts_bounce(cube: ObjectModel, e: float) -> None:
         landing = np.sqrt(2 * 9.81 * 0.1)
         best = v[0, :, 2].max()
         assert best == pytest.approx(e * landing, abs=0.03 * landing + 9.81 * DT)
-
-
-def test_the_damping_ratio_of_no_bounce_and_of_all() -> None:
-    assert damping_ratio(0.999) < 1e-3
-    assert damping_ratio(np.exp(-2.0)) == pytest.approx(1.0)  # critical damping
-    assert damping_ratio(0.02) > 2.0
 
 
 @pytest.mark.parametrize(("stiffness", "damping"), [(2000.0, 5.0), (20000.0, 40.0)])
