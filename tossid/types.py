@@ -9,8 +9,8 @@ A covariance of q lives in the tangent space: position [m², world], rotation
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import lru_cache
 from typing import TypeVar, overload
@@ -196,6 +196,63 @@ class Toss:
             None if self.q_measured is None else self.q_measured[which],
             None if self.q_measured_cov is None else self.q_measured_cov[which],
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """Tosses in a row whose recording did not change.
+
+    Attributes:
+        first: Name of its first toss.
+        last: Name of its last toss.
+        n_tosses: How many it has.
+        level: How far the recorded world's vertical leaned: horizontal components of the table's normal [rad]; None
+            where the tosses do not decide it.
+        level_sigma: Their standard errors [rad].
+        levelled: Whether its tosses were turned so that this is 0.
+        changed: What changed at its start: quantities, and the probability of such a change by chance.
+        note: What a person should know of it.
+    """
+
+    first: str
+    last: str
+    n_tosses: int
+    level: tuple[float, float] | None = None
+    level_sigma: tuple[float, float] | None = None
+    levelled: bool = False
+    changed: Mapping[str, float] = field(default_factory=dict)
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordingOrder:
+    """Tosses in the order in which they were recorded, what each says of its recording, and what was undone.
+
+    A levelled pose is T x, where x is the recorded one, and T turns by `turn` and then shifts by `shift` along z.
+
+    Attributes:
+        sessions: In the order of recording.
+        ordered_by: "times" or "names".
+        names: Of the tosses, in the order of recording, (n,).
+        quantities: Names of what each toss says, (k,).
+        values: What each says, in SI, (n, k); NaN where it says nothing.
+        places: Where each ends, x and y as recorded [m], (n, 2).
+        turn: Quaternion wxyz by which each was turned, (n, 4).
+        shift: By which each was raised [m], (n,).
+        session_of: Index of each one's session, (n,).
+        notes: What a person should know.
+    """
+
+    sessions: tuple[Session, ...]
+    ordered_by: str
+    names: tuple[str, ...]
+    quantities: tuple[str, ...]
+    values: Array
+    places: Array
+    turn: Array
+    shift: Array
+    session_of: NDArray[np.int64]
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,11 +63,7 @@ class Ground:
     @property
     def turn(self) -> Array:
         """Quaternion that takes the world's frame to one whose z is `up`, (4,)."""
-        axis = np.cross(self.up, [0.0, 0.0, 1.0])
-        length = float(np.linalg.norm(axis))
-        if length < 1e-12:
-            return np.array([1.0, 0.0, 0.0, 0.0]) if self.up[2] > 0 else np.array([0.0, 1.0, 0.0, 0.0])
-        return quat_exp(axis / length * self.tilt)
+        return upright(self.up)
 
     def levelled(self, track: PoseTrack) -> PoseTrack:
         """A track in a frame whose z is up, in which the ground has z = 0 at the origin.
@@ -86,6 +82,19 @@ class Ground:
             T[:3, :3] = turn
             cov = T @ cov @ T.T
         return PoseTrack(track.name, track.t, q, cov)
+
+
+def upright(up: Array) -> Array:
+    """The shortest rotation that takes a direction to the z axis, as a quaternion wxyz (4,).
+
+    Args:
+        up: A unit vector, (3,).
+    """
+    axis = np.cross(up, [0.0, 0.0, 1.0])
+    length = float(np.linalg.norm(axis))
+    if length < 1e-12:
+        return np.array([1.0, 0.0, 0.0, 0.0]) if up[2] > 0 else np.array([0.0, 1.0, 0.0, 0.0])
+    return quat_exp(axis / length * float(np.arccos(np.clip(up[2], -1, 1))))
 
 
 def find_ground(

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from tossid.settings.kinds import Bounds, Checked, Count, Fraction, NonNegative, Positive, Seed, advanced, advanced_part
 from tossid.settings.limits import LARGEST_GRAVITY
 from tossid.settings.segmentation import SegmentSettings
+from tossid.settings.sessions import SessionSettings, WitnessSettings
 from tossid.settings.tracking import TrackSettings
 
 
@@ -107,9 +108,11 @@ class TossSettings(Checked):
 
     gravity: Annotated[float, Bounds(above=0, high=LARGEST_GRAVITY)] = 9.81
     """gravity where it was recorded [m/s²]"""
-    level: Literal["auto", "always", "never"] = "auto"
-    """frames: turn and shift the world so that the ground found from the tosses is z = 0; auto: where no fixed tag says
-    where the ground is, and it is off by more than 1 cm or 1 degree"""
+    level: Literal["auto", "session", "always", "never"] = "auto"
+    """turn and shift the world so that the ground found from the tosses is z = 0. session: that of each session of the
+    recording. auto: that of each session where its tilt changes between sessions; of frames, the whole recording's
+    where no fixed tag says where the ground is, and it is off by more than 1 cm or 1 degree. always: of frames, the
+    whole recording's whatever it is"""
     level_height: Positive = advanced(0.01)
     """height of the ground above z = 0 from which on `level=auto` levels the world [m]"""
     level_tilt: Positive = advanced(math.radians(1.0))
@@ -120,6 +123,10 @@ class TossSettings(Checked):
     """shares of tosses for train, validation and test"""
     segment: SegmentSettings = field(default_factory=SegmentSettings)
     """frames: what counts as flight and as rest:"""
+    sessions: SessionSettings = advanced_part(SessionSettings)
+    """when a change over the order of recording is one"""
+    witnesses: WitnessSettings = advanced_part(WitnessSettings)
+    """what of each toss is measured for it"""
 
 
 @dataclass(frozen=True, kw_only=True)

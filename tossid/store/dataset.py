@@ -13,7 +13,7 @@ import numpy as np
 
 from tossid.errors import InputError, nearest
 from tossid.objects import ObjectModel
-from tossid.types import SPLITS, OnDemand, Toss
+from tossid.types import SPLITS, OnDemand, RecordingOrder, Toss
 
 _DRAWN = 12
 """Tosses that the figure in a notebook draws."""
@@ -29,6 +29,7 @@ class Dataset:
         rate_hz: Frames a second.
         source: Which importer or simulator made it.
         provenance: Where it comes from: text, numbers and booleans by name.
+        order: The order of recording and its sessions; None where it was not looked at.
         truth: The exact motions, of tosses that were synthesized; files of datasets do not hold it.
     """
 
@@ -38,6 +39,7 @@ class Dataset:
     source: str
     provenance: dict[str, Any] = field(default_factory=dict)
     truth: Dataset | None = None
+    order: RecordingOrder | None = None
 
     def __len__(self) -> int:
         """The number of tosses."""

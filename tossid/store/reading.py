@@ -31,6 +31,7 @@ from tossid.store.schema import (
     plain,
     refuse_strangers,
 )
+from tossid.store.sessions import read_order, sessions_info
 from tossid.types import OnDemand, Phase, Toss
 
 _ROOT = {"object", "provenance", "tosses"}
@@ -78,12 +79,13 @@ def open_dataset(path: Path, *, split: str | None = None) -> Iterator[Dataset]:
             ]
             rate_hz, source = _positive(path, file, "rate_hz"), attribute(path, file, "source", str)
             provenance = _read_provenance(path, child(path, file, "provenance", h5py.Group))
+            order = read_order(path, file, file["tosses"], names)
 
         def read(i: int) -> Toss:
             with _explained(path):
                 return _read_toss(path, file["tosses"][names[i]], model)
 
-        yield Dataset(model, OnDemand(read, len(names), kept=KEPT), rate_hz, source, provenance)
+        yield Dataset(model, OnDemand(read, len(names), kept=KEPT), rate_hz, source, provenance, order=order)
 
 
 def _read_toss(path: Path, group: h5py.Group, model: ObjectModel) -> Toss:
@@ -108,7 +110,7 @@ def dataset_info(path: Path) -> dict[str, Any]:
     Returns:
         schema, object, n_joints, n_tosses, n_frames, rate_hz, duration_s, source,
         covariance_source, splits (tosses a split), phases (frames a phase),
-        provenance, sha256 (of the file).
+        sessions (a list, see `tossid.store.sessions.sessions_info`), provenance, sha256 (of the file).
 
     Raises:
         FileError: As `read_dataset`, for what is looked at.
@@ -121,7 +123,8 @@ def dataset_info(path: Path) -> dict[str, Any]:
         splits: Counter[str] = Counter()
         phases = np.zeros(max(Phase) + 1, dtype=int)
         n_tosses, n_frames, duration = 0, 0, 0.0
-        for name in _toss_names(path, file):
+        names = _toss_names(path, file)
+        for name in names:
             group = child(path, file["tosses"], name, h5py.Group)
             data = dict(_checked_members(path, group, nq, nv))
             phase = data["phase"][()]
@@ -144,6 +147,7 @@ def dataset_info(path: Path) -> dict[str, Any]:
             "covariance_source": attribute(path, file, "covariance_source", str),
             "splits": {name or "none": count for name, count in sorted(splits.items())},
             "phases": {phase.name.lower(): int(phases[phase]) for phase in Phase if phases[phase]},
+            "sessions": sessions_info(path, file, names),
             "provenance": _read_provenance(path, child(path, file, "provenance", h5py.Group)),
             "sha256": file_sha256(path),
         }

@@ -1,12 +1,15 @@
 """The dataset's schema `tossid.dataset/1`, and the checks that HDF5 itself does not make.
 
-    /                 attributes: schema, source, rate_hz, frames, covariance_source, n_tosses, n_frames
+    /                 attributes: schema, source, rate_hz, frames, covariance_source, n_tosses, n_frames;
+                      sessions (JSON, where the order of recording was looked at)
     /object           attributes: name, friction, restitution, width_m, nq, nv;
                       compliance, relaxation, cohesion (only where they are not 0)
     /object/mjcf      the object as MJCF text (UTF-8)
     /object/tags      a row a tag: id, body, size_m, T_body_tag (only where there are tags)
     /provenance       attributes: a flat dictionary, what the dataset was made from
-    /tosses/NAME      attributes: index (its place), split ("" where none was drawn)
+    /tosses/NAME      attributes: index (its place), split ("" where none was drawn);
+                      session, recorded_as (place in the order of recording), witnesses (what it says of it),
+                      place_m (where it ends), turn and shift_m (T in levelled = T recorded: wxyz, and then up)
         t (n)  q (n, nq)  v (n, nv)  q_cov (n, nv, nv)  v_cov (n, nv, nv)  phase (n)
         q_measured (n, nq)  q_measured_cov (n, nv, nv)  (only where q was smoothed)
 

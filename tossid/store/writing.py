@@ -16,7 +16,8 @@ from tossid.outputs import output_stream
 from tossid.store.dataset import Dataset
 from tossid.store.object_text import text_of_model
 from tossid.store.schema import CONTACT_LAW, FRAMES, MAX_ATTRIBUTE_TEXT, MEMBERS, SCHEMA, TAG_DTYPE, frugal, plain
-from tossid.types import Phase, Toss
+from tossid.store.sessions import write_order
+from tossid.types import Phase, RecordingOrder, Toss
 
 T = TypeVar("T")
 
@@ -42,7 +43,9 @@ def write_dataset(dataset: Dataset, path: str | Path) -> None:
     with dataset_writer(dataset.object, Path(path)) as writer:
         for toss in dataset.tosses:
             writer.add(toss)
-        writer.finish(rate_hz=dataset.rate_hz, source=dataset.source, provenance=dataset.provenance)
+        writer.finish(
+            rate_hz=dataset.rate_hz, source=dataset.source, provenance=dataset.provenance, order=dataset.order
+        )
 
 
 @contextmanager
@@ -112,7 +115,13 @@ class DatasetWriter:
         self._sink.check()
 
     def finish(
-        self, *, rate_hz: float, source: str, provenance: Mapping[str, Any], splits: Mapping[str, str] | None = None
+        self,
+        *,
+        rate_hz: float,
+        source: str,
+        provenance: Mapping[str, Any],
+        splits: Mapping[str, str] | None = None,
+        order: RecordingOrder | None = None,
     ) -> None:
         """Write what may be known only after the last toss.
 
@@ -121,9 +130,10 @@ class DatasetWriter:
             source: Which importer or simulator made the tosses.
             provenance: Where they come from: text, numbers and booleans by name.
             splits: Of tosses by name, where they differ from the tosses' own.
+            order: The order of recording, where it was looked at.
 
         Raises:
-            InputError: There was no toss, or rate or provenance are none.
+            InputError: There was no toss, or rate or provenance are none, or there are too many sessions.
         """
         if not self._splits:
             raise InputError("the dataset has no tosses")
@@ -133,6 +143,8 @@ class DatasetWriter:
         for name, split in (self._splits | dict(splits or {})).items():
             self._tosses[name].attrs["split"] = split
         file = self._file
+        if order is not None:
+            write_order(file, self._tosses, order)
         file.attrs["schema"] = SCHEMA
         file.attrs["source"] = source
         file.attrs["rate_hz"] = float(rate_hz)

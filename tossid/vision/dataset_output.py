@@ -14,7 +14,7 @@ from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.outputs import output_file
 from tossid.store import Dataset, dataset_writer, open_dataset
-from tossid.types import Toss
+from tossid.types import RecordingOrder, Toss
 
 
 class TossSink(Protocol):
@@ -25,7 +25,13 @@ class TossSink(Protocol):
         ...
 
     def finish(
-        self, *, rate_hz: float, source: str, provenance: Mapping[str, Any], splits: Mapping[str, str] | None = None
+        self,
+        *,
+        rate_hz: float,
+        source: str,
+        provenance: Mapping[str, Any],
+        splits: Mapping[str, str] | None = None,
+        order: RecordingOrder | None = None,
     ) -> None:
         """Take what may be known only after the last toss."""
         ...
@@ -42,13 +48,19 @@ class _InMemory:
         self._tosses.append(toss)
 
     def finish(
-        self, *, rate_hz: float, source: str, provenance: Mapping[str, Any], splits: Mapping[str, str] | None = None
+        self,
+        *,
+        rate_hz: float,
+        source: str,
+        provenance: Mapping[str, Any],
+        splits: Mapping[str, str] | None = None,
+        order: RecordingOrder | None = None,
     ) -> None:
         if not self._tosses:
             raise InputError("the dataset has no tosses")
         given = splits or {}
         tosses = tuple(replace(toss, split=given.get(toss.name, toss.split)) for toss in self._tosses)
-        self.dataset = Dataset(self._model, tosses, rate_hz, source, dict(provenance))
+        self.dataset = Dataset(self._model, tosses, rate_hz, source, dict(provenance), order=order)
 
 
 class DatasetOutput:

@@ -12,6 +12,7 @@ from tossid.errors import FileError
 from tossid.motion import Defect, covariance_source, find_defects, median_rate, tosses_in_turn
 from tossid.motion.defects import RULES
 from tossid.motion.segmentation import Stretch
+from tossid.motion.sessions import as_recorded
 from tossid.objects import ObjectModel, load_object, recorded_object
 from tossid.settings.changed import changed
 from tossid.settings.ingestion import IngestSettings, TossSettings
@@ -247,6 +248,7 @@ def _segment_poses(
     model = opened.object()
     poses, ground = stages.level(opened, poses, settings=settings, report=report)
     tracks, rejected = stages.segment_tosses(opened, poses, settings=settings, report=report)
+    tracks, order = stages.sessions(tracks, model, settings=settings, report=report)
     with output.sink(model) as sink:
         for toss in tosses_in_turn(tracks, model, gravity=settings.gravity):
             sink.add(toss)
@@ -255,6 +257,7 @@ def _segment_poses(
             source=source,
             provenance={**lineage, "covariance_source": covariance_source(tracks)},
             splits=drawn_splits([track.name for track in tracks], fractions=settings.splits, seed=settings.seed),
+            order=order,
         )
     return IngestReport(ground=ground, rejected=tuple(rejected), problems=tuple(report.problems))
 
@@ -278,11 +281,13 @@ def _import_poses(
         report.message("import", f"{path}: reading tosses of '{model.name}'")
         tracks, rate_hz = entry.read(source, model)
         report.message("import", f"{path}: {len(tracks)} tosses, {sum(len(track.t) for track in tracks)} frames")
+        tracks, order = stages.sessions(tracks, model, settings=settings, report=report)
         advance = report.counter("velocities and phases", len(tracks), "tosses")
         for toss in tosses_in_turn(tracks, model, gravity=settings.gravity, end_at_rest=entry.cut_at_rest):
             sink.add(toss)
             names.append(toss.name)
-            defects += find_defects([toss], model, gravity=settings.gravity)
+            # of what was recorded: levelling changes neither defects nor, with them, the draw of splits
+            defects += find_defects([as_recorded(toss, order)], model, gravity=settings.gravity)
             advance(1)
         set_aside = _set_aside(defects, len(tracks), settings, report)
         kept = [name for name in names if name not in set_aside]
@@ -297,6 +302,7 @@ def _import_poses(
                 "defects": "; ".join(f"{d.toss}: {d.rule} {d.value:.1f}" for d in defects),
             },
             splits=drawn_splits(kept, fractions=settings.splits, seed=settings.seed),
+            order=order,
         )
     return IngestReport(defects=tuple(defects), problems=tuple(report.problems))
 

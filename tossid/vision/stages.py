@@ -15,9 +15,11 @@ import numpy as np
 from tossid.errors import InputError, ObjectError
 from tossid.motion.ground_plane import Ground, find_ground
 from tossid.motion.segmentation import Stretch, segment
+from tossid.motion.sessions import find_sessions, levelled_tracks, session_words
+from tossid.objects import ObjectModel
 from tossid.settings.ingestion import DetectSettings, TossSettings
 from tossid.settings.tracking import TrackSettings
-from tossid.types import Detection, LongTrack, PoseTrack
+from tossid.types import Detection, LongTrack, PoseTrack, RecordingOrder
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.detection.detect import detect_frames
 from tossid.vision.pose_graph.stream import statics_known, track_stream
@@ -282,3 +284,39 @@ def segment_tosses(
     if not tracks:
         raise InputError(f"no toss in {len(poses.t)} poses of '{model.name}'; see the reasons above")
     return tracks, stretches
+
+
+def sessions(
+    tracks: Sequence[PoseTrack],
+    model: ObjectModel,
+    *,
+    settings: TossSettings = SEGMENT,
+    report: Reporter | None = None,
+) -> tuple[Sequence[PoseTrack], RecordingOrder]:
+    """The sessions of tosses, and their tracks, those of tilted sessions in levelled worlds.
+
+    Args:
+        tracks: One a toss, as recorded.
+        model: The object.
+        settings: `level` says which sessions are levelled.
+        report: Takes findings and problems.
+
+    Returns:
+        The tracks, and the order of recording with its sessions.
+    """
+    report = report or Reporter()
+    found = find_sessions(
+        tracks,
+        model,
+        gravity=settings.gravity,
+        level=settings.level,
+        settings=settings.sessions,
+        witness=settings.witnesses,
+        advance=report.counter("sessions", len(tracks), "tosses"),
+    )
+    for note in found.notes:
+        report.message("sessions", f"sessions: {note}")
+    say = report.message if len(found.sessions) == 1 else report.problem
+    for session in found.sessions:
+        say("sessions", f"{'session' if len(found.sessions) > 1 else 'one session'} {session_words(session)}")
+    return levelled_tracks(tracks, found), found

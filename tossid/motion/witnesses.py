@@ -1,0 +1,272 @@
+"""What each toss says of the world that it was recorded in: gravity, the table, noise, defects.
+
+    fall      direction against which the common centre of mass falls, horizontal components [rad]
+    gravity   size of its acceleration [m/s²]
+    normal    normal of the faces that links rest on, horizontal components [rad]
+    slope     normal of the plane through contact points, horizontal components [rad]
+    height    of the faces that the object rests on, above z = 0 [m]
+    noise     logarithms of the noise of positions [m] and orientations [rad]
+    defects   whether the toss breaks a rule of `tossid.motion.defects`
+
+None needs a simulator. The three tilts (`TILTS`) share nothing but the recorded poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from tossid.motion.defects import find_defects
+from tossid.motion.local_fits import scatter
+from tossid.motion.stability import center_of_mass, mean_pose, near
+from tossid.objects import GRAVITY, ObjectModel, body_poses, corner_positions
+from tossid.rotations import quat_boxminus, quat_rotate
+from tossid.settings.sessions import WitnessSettings
+from tossid.types import PoseTrack, Toss
+
+Array = NDArray[np.float64]
+Seen = dict[str, tuple[Array, Array]]
+"""By witness: its components (d,), and their information, the inverse of their covariance (d, d)."""
+
+DEFAULT = WitnessSettings()
+
+COLUMNS = {
+    "fall": ("fall_x", "fall_y"),
+    "gravity": ("gravity",),
+    "normal": ("normal_x", "normal_y"),
+    "slope": ("slope_x", "slope_y"),
+    "height": ("height",),
+    "noise": ("noise_position", "noise_angle"),
+    "defects": ("defects",),
+}
+"""Witnesses, and the names of their components."""
+TILTS = ("fall", "normal", "slope")
+"""Witnesses that say how the recorded world is tilted."""
+
+Face = tuple[int, Array, NDArray[np.int64]]
+"""A link, the outward normal of one of its faces in its own axes, and the face's corners (indices)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Witnesses:
+    """What tosses say of their recording, toss by toss.
+
+    Attributes:
+        values: By witness, its components, (n, d); NaN where a toss does not have it.
+        info: By witness, the inverse of the covariance of its own error, (n, d, d); 0 where a toss does not have it.
+        places: Where tosses end, x and y [m], (n, 2).
+        speeds: Horizontal velocity in flight [m/s], (n, 2); NaN where a toss has no flight.
+        last_low: Heights of the lowest stated corner in the last frame but one, and in the last [m], (n, 2).
+    """
+
+    values: dict[str, Array]
+    info: dict[str, Array]
+    places: Array
+    speeds: Array
+    last_low: Array
+
+    def of(self, which: slice | NDArray[np.int64]) -> Witnesses:
+        """Those of some tosses."""
+        return Witnesses(
+            {name: value[which] for name, value in self.values.items()},
+            {name: info[which] for name, info in self.info.items()},
+            self.places[which],
+            self.speeds[which],
+            self.last_low[which],
+        )
+
+
+def toss_witnesses(
+    tracks: Sequence[PoseTrack],
+    model: ObjectModel,
+    *,
+    gravity: float = GRAVITY,
+    settings: WitnessSettings = DEFAULT,
+    advance: Callable[[int], None] = lambda count: None,
+) -> Witnesses:
+    """What each of many tosses says of its recording.
+
+    Args:
+        tracks: As recorded, z roughly up.
+        model: The object.
+        gravity: Where they were recorded [m/s²].
+        settings: What counts as flight, rest and contact.
+        advance: Called after each toss.
+    """
+    faces, seen = link_faces(model), list[Seen]()
+    places, lows = list[Array](), list[Array]()
+    for track in tracks:
+        corners = corner_positions(model, track.q)
+        low = corners[..., 2].min(axis=1)
+        seen.append(
+            {
+                **_fall(track, model, low, settings),
+                **_rest(track, model, faces, settings),
+                **_contacts(corners, low, settings),
+                **_noise(track, model),
+                "defects": (np.array([float(_is_defective(track, model, gravity))]), np.ones((1, 1))),
+            }
+        )
+        places.append(track.q[-1, :2])
+        lows.append(low[-2:])
+        advance(1)
+    values, info = {}, {}
+    speeds = np.array([one.pop("speed", (np.full(2, np.nan), np.eye(2)))[0] for one in seen])
+    for name, components in COLUMNS.items():
+        d = len(components)
+        nothing = np.full(d, np.nan), np.zeros((d, d))
+        pairs = [one.get(name, nothing) for one in seen]
+        values[name], info[name] = np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
+    return Witnesses(values, info, np.array(places), speeds, np.array(lows))
+
+
+def _fall(track: PoseTrack, model: ObjectModel, low: Array, settings: WitnessSettings) -> Seen:
+    """A parabola through the common centre of mass, from the release until a corner is near the ground."""
+    clear = low - low.min() > settings.clear_height
+    n = len(clear) if clear.all() else int(np.argmin(clear))
+    if n < settings.fewest_flight:
+        return {}
+    com, t = center_of_mass(model, track.q[:n]), track.t[:n] - track.t[:n].mean()
+    basis = np.stack([np.ones(n), t, 0.5 * t**2], axis=1)
+    fitted, *_ = np.linalg.lstsq(basis, com, rcond=None)
+    acceleration, size = fitted[2], float(np.linalg.norm(fitted[2]))
+    noise = float(np.sqrt(np.sum((com - basis @ fitted) ** 2) / (3 * (n - 3)))) + 1e-7
+    sigma = noise * float(np.sqrt(np.linalg.inv(basis.T @ basis)[2, 2]))
+    if acceleration[2] > -0.5 * size:
+        return {}
+    return {
+        "fall": (-acceleration[:2] / size, np.eye(2) * (size / sigma) ** 2),
+        "gravity": (np.array([size]), np.eye(1) / sigma**2),
+        "speed": (fitted[1, :2], np.eye(2)),
+    }
+
+
+def _rest(track: PoseTrack, model: ObjectModel, faces: list[Face], settings: WitnessSettings) -> Seen:
+    """The faces that links rest on at a toss's end: their mean normal, and the height of the lowest."""
+    resting = resting_faces(track, model, faces, settings=settings)
+    if not len(resting):
+        return {}
+    return {
+        "normal": (resting[:, :2].mean(axis=0), np.eye(2) * len(resting) / settings.face_error**2),
+        "height": (resting[:, 2].min()[None], np.eye(1) / settings.contact_error**2),
+    }
+
+
+def resting_faces(
+    track: PoseTrack, model: ObjectModel, faces: list[Face], *, settings: WitnessSettings = DEFAULT
+) -> Array:
+    """Of each link that rests on a face at a toss's end, the normal's horizontal components and the height, (k, 3).
+
+    Args:
+        track: Of a toss.
+        model: The object.
+        faces: Of its links, see `link_faces`.
+        settings: What counts as rest.
+    """
+    n, nothing = settings.rest_frames, np.zeros((0, 3))
+    if len(track.t) < n or not faces:
+        return nothing
+    pose, last = mean_pose(track.q[-n:]), track.q[-n:]
+    if not near(last, pose, settings.rest_distance, settings.rest_angle).all():
+        return nothing
+    quat, at = body_poses(model, pose[None])[1][0], corner_positions(model, pose)
+    found = []
+    for link in range(model.n_bodies):
+        own = [face for face in faces if face[0] == link]
+        if not own:
+            continue
+        ups = -quat_rotate(np.broadcast_to(quat[link], (len(own), 4)), np.array([face[1] for face in own]))
+        best = int(np.argmax(ups[:, 2]))
+        if ups[best, 2] > np.cos(settings.flat):
+            found.append([*ups[best, :2], at[own[best][2], 2].mean()])
+    return np.array(found).reshape(-1, 3)
+
+
+def _contacts(corners: Array, low: Array, settings: WitnessSettings) -> Seen:
+    """The slope of the ground between the points at which the lowest corner turns back."""
+    points = contact_points(corners, low, settings=settings)
+    if len(points) < 2:
+        return {}
+    off = points - points.mean(axis=0)
+    info = off[:, :2].T @ off[:, :2] / settings.contact_error**2
+    # slopes that two points do not show are taken as near 0
+    weak = np.eye(2) / settings.flat**2
+    slope = np.linalg.solve(info + weak, off[:, :2].T @ off[:, 2] / settings.contact_error**2)
+    return {"slope": (-slope, info)}
+
+
+def contact_points(corners: Array, low: Array, *, settings: WitnessSettings = DEFAULT) -> Array:
+    """Where the lowest corner touched the ground, (k, 3), from the last to the first; one of points near each other.
+
+    An impact lies between two frames: its height is where the lines through the two frames before it and after it meet.
+
+    Args:
+        corners: Of a toss, (n, n_c, 3) [m].
+        low: Height of the lowest one, (n,) [m].
+        settings: What counts as contact.
+    """
+    turns = np.flatnonzero((low[1:-1] <= low[:-2]) & (low[1:-1] < low[2:])) + 1
+    turns = np.append(turns, len(low) - 1)
+    points: list[Array] = []
+    for turn in turns[low[turns] - low.min() < settings.contact_height][::-1]:
+        corner = int(np.argmin(corners[turn, :, 2]))
+        point = corners[turn, corner].copy()
+        if 2 <= turn < len(low) - 2:
+            z = corners[turn - 2 : turn + 3, corner, 2]
+            before, after = z[1] - z[0], z[4] - z[3]
+            if before < 0 < after:
+                met = (z[3] - 2 * after - z[1]) / (before - after)
+                if 0 <= met <= 2:
+                    point[2] = min(point[2], z[1] + before * met)
+        if all(np.linalg.norm(point[:2] - other[:2]) > settings.same_point for other in points):
+            points.append(point)
+    return np.array(points).reshape(-1, 3)
+
+
+def _noise(track: PoseTrack, model: ObjectModel) -> Seen:
+    """Noise from third differences, of the common centre of mass and of the base's orientation."""
+    if len(track.t) < 8:
+        return {}
+    position = scatter(np.diff(center_of_mass(model, track.q), n=3, axis=0))
+    angle = scatter(np.diff(quat_boxminus(track.q[1:, 3:7], track.q[:-1, 3:7]), n=2, axis=0))
+    return {"noise": (np.log(np.array([position, angle]) + 1e-9), np.eye(2))}
+
+
+def _is_defective(track: PoseTrack, model: ObjectModel, gravity: float) -> bool:
+    """Whether it breaks a rule; of tracks without velocities, their differences are taken."""
+    n, nv = len(track.t), track.q.shape[1] - 1
+    v = track.v
+    if v is None:
+        dt, v = np.diff(track.t)[:, None], np.zeros((n, nv))
+        v[:-1, 3:6] = quat_boxminus(track.q[1:, 3:7], track.q[:-1, 3:7]) / dt
+        v[:-1, 6:] = np.diff(track.q[:, 7:], axis=0) / dt
+        v[-1] = v[-2]
+    cov = np.zeros((n, nv, nv))
+    toss = Toss(track.name, track.t, track.q, v, cov, cov, np.zeros(n, np.uint8))
+    return bool(find_defects([toss], model, gravity=gravity))
+
+
+def link_faces(model: ObjectModel) -> list[Face]:
+    """The faces of each link's convex hull; none of links that have no volume.
+
+    Args:
+        model: The object.
+    """
+    faces: list[Face] = []
+    for link in range(model.n_bodies):
+        own = np.flatnonzero(model.corner_body == link)
+        if len(own) < 4:
+            continue
+        try:
+            hull = ConvexHull(model.corner_pos[own])
+        except QhullError:
+            continue
+        planes = np.unique(np.round(hull.equations, 6), axis=0)
+        for plane in planes:
+            on = np.abs(model.corner_pos[own] @ plane[:3] + plane[3]) < 1e-4 * model.width
+            faces.append((link, plane[:3], own[on]))
+    return faces

@@ -1,0 +1,62 @@
+"""Settings of what is looked for in the order of a recording (`tossid.motion.sessions`)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from tossid.settings.kinds import Count, Fraction, Positive
+
+
+@dataclass(frozen=True, kw_only=True)
+class WitnessSettings:
+    """What of a toss is measured, and from which frames."""
+
+    clear_height: Positive = 0.03
+    """height of the lowest stated corner above which nothing touches [m]"""
+    fewest_flight: Count = 10
+    """frames of flight from the release on that a parabola is fitted to"""
+    rest_frames: Count = 8
+    """last frames of a toss in which the object has to lie still"""
+    rest_distance: Positive = 0.001
+    """within this [m]"""
+    rest_angle: Positive = 0.02
+    """and this [rad]; joints too"""
+    flat: Positive = math.radians(8.0)
+    """a face that points down within this angle is one that a link rests on [rad]"""
+    face_error: Positive = 0.01
+    """standard deviation of a resting face's normal, which its own errors set and not the noise [rad]"""
+    contact_height: Positive = 0.02
+    """a corner that turns back less than this above the toss's lowest one has touched the ground [m]"""
+    contact_error: Positive = 0.002
+    """standard deviation of a contact point's height: corners turn back between frames [m]"""
+    same_point: Positive = 0.01
+    """contact points nearer than this are one [m]"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionSettings:
+    """When a change over the order of recording is one, and when a session's world is levelled."""
+
+    significance: Fraction = 0.005
+    """probability of finding any change in tosses whose order means nothing"""
+    permutations: Count = 3999
+    """orders of the tosses that are drawn to test a change"""
+    first_permutations: Count = 199
+    """of these first; the others only where a change may be significant"""
+    fewest_tosses: Count = 5
+    """tosses that a session has at least"""
+    outlier: Positive = 3.0
+    """standard deviations beyond which a toss counts no more than one at this distance"""
+    level_sigmas: Positive = 4.0
+    """a session's world is levelled where its tilt exceeds so many standard errors"""
+    smallest_level: Positive = math.radians(0.2)
+    """and where it exceeds this [rad]"""
+    shifted_share: Fraction = 0.95
+    """share of tosses that end with their lowest corner at exactly 0 from which on heights were shifted by that"""
+    exactly: Positive = 1e-9
+    """what is exact [m]; noise is at least a thousand times as much"""
+    rest_error: Positive = 0.001
+    """standard deviation of the height that a resting face gives [m]; a contact point's is `WitnessSettings`'s"""
+    seed: Count = 1
+    """of the orders that are drawn"""
