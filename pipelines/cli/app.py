@@ -117,14 +117,18 @@ def doctor(json: Json = False, quiet: Quiet = False, debug: Debug = False) -> No
 @app.command()
 def info(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Dataset, pose file or recording folder.")],
+    figure: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw a dataset's tosses over order and place (.png).")
+    ] = None,
     json: Json = False,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
     """Say what is in a dataset, a pose file or a recording."""
     from pipelines.cli.call import call
+    from pipelines.commands.info import Asked
 
-    call("info", file, json=json, quiet=quiet)
+    call("info", Asked(file, figure), json=json, quiet=quiet)
 
 
 def _run(command: str, keys: list[str] | None, *, json: bool, quiet: bool) -> None:

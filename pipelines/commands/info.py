@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,19 @@ from pipelines.cli.console import Console
 from tossid.errors import FileError
 
 
-def run(path: Path, console: Console) -> dict[str, Any]:
-    """Describe `path`; returns what `--json` prints."""
+@dataclass(frozen=True)
+class Asked:
+    """What `tossid info` was asked."""
+
+    file: Path
+    """a dataset, a pose file or a recording folder"""
+    figure: Path | None = None
+    """a file (.png) for the figure of the order of recording; None for none"""
+
+
+def run(asked: Asked, console: Console) -> dict[str, Any]:
+    """Describe a file; returns what `--json` prints."""
+    path = asked.file
     if not path.exists():
         raise FileError(path, "no such file or folder")
     if path.is_dir():
@@ -26,15 +38,58 @@ def run(path: Path, console: Console) -> dict[str, Any]:
     else:
         raise FileError(path, "expected a dataset (.h5), poses (.txt, .npz), detections (.npz) or a recording folder")
     show(facts, console, title=str(path))
+    if asked.figure is not None:
+        facts["figure"] = str(_draw(path, asked.figure))
     return facts
+
+
+def _draw(path: Path, out: Path) -> Path:
+    """The figure of a dataset's order of recording."""
+    from tossid.evaluation.figures import recording_over_order
+    from tossid.outputs import output_file
+    from tossid.store import open_dataset
+
+    if path.suffix not in (".h5", ".hdf5"):
+        raise FileError(path, "--figure draws the order of recording of a dataset (.h5)")
+    if out.suffix != ".png":
+        raise FileError(out, "--figure expects a file that ends with .png")
+    with open_dataset(path) as dataset:
+        order = dataset.order
+    if order is None:
+        raise FileError(path, "its order of recording was not looked at when it was made; 'tossid ingest' does")
+    with output_file(out) as temporary:
+        recording_over_order(order).savefig(temporary, format="png")
+    return out
 
 
 def show(facts: dict[str, Any], console: Console, *, title: str) -> None:
     """The facts for a person."""
-    console.facts({name: value for name, value in facts.items() if name != "provenance"}, title=title)
+    apart = ("provenance", "sessions")
+    console.facts({name: value for name, value in facts.items() if name not in apart}, title=title)
+    if facts.get("sessions"):
+        console.table(_SESSION_COLUMNS, [_session_row(session) for session in facts["sessions"]], title="sessions")
     provenance = facts.get("provenance")
     if provenance:
         console.facts({name: _first_line(value) for name, value in provenance.items()}, title="made from")
+
+
+_SESSION_COLUMNS = ("first", "last", "tosses", "tilt x, y [deg]", "levelled", "changed before it", "note")
+
+
+def _session_row(session: dict[str, Any]) -> list[Any]:
+    level, sigma = session["level_deg"], session.get("level_sigma_deg")
+    pairs = [] if level is None else [f"{a:.2f} ± {s:.2f}" for a, s in zip(level, sigma or (0, 0), strict=True)]
+    changed = ", ".join(f"{name} (p {p:.2g})" for name, p in session.get("changed", {}).items())
+    done = "yes" if session.get("levelled") else "no"
+    return [
+        session["first"],
+        session["last"],
+        session["n_tosses"],
+        ", ".join(pairs) or "not decided",
+        done,
+        changed,
+        session.get("note", ""),
+    ]
 
 
 def _folder(path: Path) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from tossid.physics.effects import Effect, effects_for
 from tossid.settings.changed import changed
 from tossid.settings.diagnosis import DiagnoseSettings
 from tossid.store import Dataset
-from tossid.types import Toss
+from tossid.types import RecordingOrder, Toss
 
 Progress = Callable[[str, float], None]
 """Called with what is under way, and the share that is done."""
@@ -69,6 +69,7 @@ class Task:
         settings: How.
         tosses_of: The tosses in words.
         remarks: What was left out, and why.
+        order: The dataset's order of recording, None where it was not looked at.
     """
 
     tosses: tuple[Toss, ...]
@@ -79,6 +80,7 @@ class Task:
     settings: DiagnoseSettings
     tosses_of: str
     remarks: tuple[str, ...]
+    order: RecordingOrder | None = None
 
     def run(self, progress: Progress | None = None) -> Diagnosis:
         """The diagnosis.
@@ -119,6 +121,7 @@ class Task:
             next_toss=following,
             patch=patch,
             remarks=(*self.remarks, *_of_contact(found, self.simulator)),
+            order=self.order,
             report=self.settings.report,
         )
 
@@ -154,7 +157,7 @@ def prepare(
     lost = check_runs(judged.world, tosses, where=judged.about, n_threads=_threads(settings), settings=settings)
     if lost:
         remarks += (f"The simulator diverges on {len(lost)} of {len(tosses)} tosses: {', '.join(lost)}.",)
-    return Task(tosses, unseen, recorded, judged, library, settings, tosses_of, remarks)
+    return Task(tosses, unseen, recorded, judged, library, settings, tosses_of, remarks, dataset.order)
 
 
 def _threads(settings: DiagnoseSettings) -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from tossid.diagnosis.findings import Finding, Gap, Interval, Place, Share, Step, Witness
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.settings.diagnosis_report import ReportSettings
+from tossid.types import RecordingOrder
 
 if TYPE_CHECKING:
     from tossid.diagnosis.simulators import Simulator
@@ -48,6 +49,7 @@ class Diagnosis:
         next_toss: gap.json's "next_toss": the release that would best separate what is confusable.
         patch: gap.json's "patch": the changed MJCF and keys, and the patched simulator's rerun.
         remarks: What a reader should know beside, in sentences.
+        order: The dataset's order of recording and its sessions, None where it was not looked at.
         report: What the figures of the report draw.
     """
 
@@ -74,6 +76,7 @@ class Diagnosis:
     next_toss: dict[str, Any] | None = None
     patch: dict[str, Any] | None = None
     remarks: tuple[str, ...] = ()
+    order: RecordingOrder | None = None
     report: ReportSettings = ReportSettings()
 
     def as_json(self) -> dict[str, Any]:

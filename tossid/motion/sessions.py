@@ -114,7 +114,7 @@ def find_sessions(
     names = tuple(tracks[i].name for i in order)
     ordered = OnDemand(lambda i: tracks[order[i]], len(order), kept=0)
     seen = toss_witnesses(ordered, model, gravity=gravity, settings=witness, advance=advance)
-    changes = find_changes(_with_covariates(seen), settings=settings)
+    changes = find_changes(with_covariates(seen), settings=settings)
     least = fewest_items(len(COLUMNS), settings)
     if len(names) < least:
         notes += (f"{len(names)} tosses are too few for a change over their order to be seen; it takes {least}",)
@@ -208,8 +208,12 @@ def _tilts(change: Change) -> bool:
     return any(name in change.p for name in TILTS)
 
 
-def _with_covariates(seen: Witnesses) -> dict[str, tuple[Array, Array, Array]]:
-    """Witnesses with what else they may depend on: place, and of a fall the velocity."""
+def with_covariates(seen: Witnesses) -> dict[str, tuple[Array, Array, Array]]:
+    """Witnesses with what else they may depend on, as `find_changes` takes them: place, and of a fall the velocity.
+
+    Args:
+        seen: What tosses say.
+    """
     both = np.column_stack([seen.places, seen.speeds])
     return {
         name: (seen.values[name], seen.info[name], both if name in ("fall", "gravity") else seen.places)

@@ -3,7 +3,7 @@
 A figure of one's own is one function under `@report_figure(...)`; it then stands on every page.
 """
 
-from tossid.diagnosis.report import figures, localisation_figures
+from tossid.diagnosis.report import figures, localisation_figures, session_figures
 from tossid.diagnosis.report.html import report_html, report_notebook
 from tossid.diagnosis.report.registry import REPORT_FIGURES, ReportFigure, report_figure, report_figures
 
@@ -16,4 +16,5 @@ __all__ = [
     "report_figures",
     "report_html",
     "report_notebook",
+    "session_figures",
 ]

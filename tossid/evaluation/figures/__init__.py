@@ -12,6 +12,7 @@ from tossid.evaluation.figures.film import toss_film
 from tossid.evaluation.figures.geometry import learned_geometry
 from tossid.evaluation.figures.inertia import inertia_study
 from tossid.evaluation.figures.residual import residual_over_toss
+from tossid.evaluation.figures.sessions import recording_over_order
 from tossid.evaluation.figures.sizes import costs_of_size
 from tossid.evaluation.figures.studies import data_efficiency, gravity_sweep
 from tossid.evaluation.figures.training import training_curves
@@ -31,6 +32,7 @@ __all__ = [
     "errors_along",
     "ErrorsAlong",
     "errors_along_rollout",
+    "recording_over_order",
     # studies
     "gravity_sweep",
     "data_efficiency",

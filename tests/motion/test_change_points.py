@@ -1,0 +1,95 @@
+"""Changes over an order: found where they are, and not where the order means nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tossid.motion.change_points import fewest_items, find_changes, robust_mean, split_statistics
+from tossid.settings.sessions import SessionSettings
+
+Array = np.ndarray
+
+
+def witness(values: Array, *, places: Array | None = None) -> tuple[Array, Array, Array]:
+    n, d = values.shape
+    return values, np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, 2)) if places is None else places
+
+
+def test_a_shift_is_found_within_three_items() -> None:
+    near = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        values = rng.normal(size=(60, 2))
+        at = int(rng.integers(12, 48))
+        values[at:] += [2.0, 1.0]  # two standard deviations
+        changes = find_changes({"tilt": witness(values), "noise": witness(rng.normal(size=(60, 1)))})
+        near += [abs(change.at - at) <= 3 for change in changes] == [True]
+    assert near >= 19
+
+
+@pytest.mark.parametrize("draw", ["normal", "heavy tails", "few values"])
+def test_no_change_is_found_in_an_order_that_means_nothing(draw: str) -> None:
+    found = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        values = {
+            "normal": rng.normal(size=(50, 2)),
+            "heavy tails": rng.standard_t(1.2, size=(50, 2)),
+            "few values": (rng.random(size=(50, 1)) < 0.1).astype(float),
+        }[draw]
+        found += bool(find_changes({"a": witness(values), "b": witness(rng.normal(size=(50, 1)))}))
+    assert found <= 1
+
+
+def test_two_changes_are_found() -> None:
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=(90, 1))
+    values[30:60] += 3
+    assert [change.at for change in find_changes({"height": witness(values)})] == pytest.approx([30, 60], abs=2)
+
+
+def test_what_place_explains_is_no_change() -> None:
+    rng = np.random.default_rng(5)
+    places = rng.normal(size=(80, 2))
+    places[:20, 0] += 3  # the first tosses land elsewhere
+    values = places @ np.array([[1.0, 0.2], [0.3, -1.0]]) + 0.1 * rng.normal(size=(80, 2))
+    assert not find_changes({"normal": witness(values, places=places)})
+    assert find_changes({"normal": witness(values)})
+
+
+def test_items_that_say_nothing_are_passed_over() -> None:
+    rng = np.random.default_rng(7)
+    values, info, places = witness(rng.normal(size=(60, 1)))
+    values[30:] += 4
+    values[::3], info[::3] = np.nan, 0
+    (change,) = find_changes({"fall": (values, info, places)})
+    assert abs(change.at - 30) <= 3
+
+
+def test_the_robust_mean_of_clean_items_is_the_mean_and_outliers_hardly_move_it() -> None:
+    rng = np.random.default_rng(0)
+    values = rng.normal(loc=(5.0, -3.0), size=(400, 2))
+    info = np.tile(np.eye(2), (400, 1, 1))
+    mean = robust_mean(values, info)
+    assert mean.value == pytest.approx(values.mean(axis=0), abs=0.02)
+    assert np.sqrt(np.diag(mean.cov)) == pytest.approx(1 / 20, rel=0.15)
+    values[:20] += 1000
+    assert robust_mean(values, info).value == pytest.approx([5.0, -3.0], abs=0.25)
+
+
+def test_the_statistic_is_that_of_two_means() -> None:
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=20)
+    k = np.arange(5, 16)
+    between = np.array([(x[:i].mean() - x[i:].mean()) ** 2 * i * (20 - i) / 20 for i in k])
+    assert split_statistics(x[:, None], 5) == pytest.approx(between / x.var())
+
+
+def test_too_few_items_are_not_judged() -> None:
+    settings = SessionSettings()
+    least = fewest_items(1, settings)
+    values = np.concatenate([np.zeros(least // 2), np.ones(least - least // 2)])[:, None] * 100
+    noise = np.random.default_rng(0).normal(size=(least, 1))
+    assert find_changes({"height": witness(values + noise)})
+    assert not find_changes({"height": witness((values + noise)[:-2])})
