@@ -36,7 +36,7 @@ def order() -> RecordingOrder:
 
 def test_the_page_says_the_sessions(cube: ObjectModel) -> None:
     found = replace(diagnosis(cube), order=order())
-    page = report_html(found, report_figures(found), about="")
+    page = report_html(found, report_figures(found))
     detail = page[page.index("<summary>The recording") :]
     assert "Session 0 to 11 (12 tosses): its world is tilted by 2.35°" in detail
     assert "normal changed before it" in detail
