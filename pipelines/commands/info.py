@@ -20,8 +20,9 @@ class Asked:
     """a file (.png) for the figure of the order of recording; None for none"""
 
 
-def run(asked: Asked, console: Console) -> dict[str, Any]:
-    """Describe a file; returns what `--json` prints."""
+def run(asked: Asked | Path, console: Console) -> dict[str, Any]:
+    """Describe a file (a path alone asks for no figure); returns what `--json` prints."""
+    asked = Asked(asked) if isinstance(asked, Path) else asked
     path = asked.file
     if not path.exists():
         raise FileError(path, "no such file or folder")
