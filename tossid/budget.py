@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import stat
+import zipfile
 from pathlib import Path
 
 from tossid.errors import FileError
@@ -83,16 +84,37 @@ def check_unpacked(path: Path, claimed: float, *, what: str = "bytes when unpack
     check_claim(path, what, claimed, unpacked_allowance(regular_size(path)))
 
 
-def unpacked_allowance(size: int) -> int:
+def unpacked_allowance(size: int, *, least: int | None = None) -> int:
     """Bytes that packed content may unpack to.
 
     Args:
         size: Packed size [bytes].
+        least: What any size may unpack to; None for `ReadLimits.unpacked`.
 
     Returns:
-        The larger of `ReadLimits.unpacked` and `ReadLimits.ratio` times the size.
+        The larger of that and `ReadLimits.ratio` times the size.
     """
-    return max(limits().unpacked, limits().ratio * size)
+    return max(limits().unpacked if least is None else least, limits().ratio * size)
+
+
+def check_archive(path: Path) -> None:
+    """Refuse a zip archive, such as `.npz` and `.pt` files are, that unpacks to more than its size makes likely.
+
+    Args:
+        path: The file; what is no archive passes.
+
+    Raises:
+        FileError: It is no regular file, or unpacks to more than `unpacked_allowance` allows.
+    """
+    regular_size(path)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            claimed = sum(member.file_size for member in archive.infolist())
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror}") from error
+    except Exception:  # no archive, or a damaged one: whoever reads it says so
+        return
+    check_unpacked(path, claimed)
 
 
 def check_pixels(path: Path, width: int, height: int) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.cli.console import Console
+from tossid import budget
 from tossid.errors import FileError
 
 
@@ -26,6 +27,8 @@ def run(asked: Asked | Path, console: Console) -> dict[str, Any]:
     path = asked.file
     if not path.exists():
         raise FileError(path, "no such file or folder")
+    if not path.is_dir():
+        budget.regular_size(path)
     if path.is_dir():
         facts = _folder(path)
     elif path.suffix in (".h5", ".hdf5"):

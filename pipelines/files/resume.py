@@ -10,6 +10,7 @@ from typing import Any
 import torch
 
 from pipelines.tracking.runs import RUN, run_id_in
+from tossid import budget
 from tossid.errors import FileError
 from tossid.outputs import output_file, write_whole
 
@@ -69,6 +70,7 @@ class Unfinished:
         path = self.folder / STATE
         if not path.is_file():
             return None
+        budget.check_archive(path)
         try:
             content = torch.load(path, weights_only=True)
         except Exception as error:

@@ -1,9 +1,9 @@
 """Fuzzing guided by coverage: `make fuzz SECONDS=600`, or `python -m tests.fuzz.run tum mjcf --seconds 600`.
 
-libFuzzer (by atheris) changes a valid file as long as something new happens in tossid's readers. It stops at the first
-finding: an exception that is no `TossidError`, more than 5 s, more than 1 GiB of memory, or 256 MiB that are not given
-back. The file that did it is left in outputs/fuzz/TARGET; kept in tests/fuzz/findings/TARGET, it is a test. What was
-tried is gone on from next time.
+libFuzzer (by atheris) changes a valid file as long as something new happens in tossid's readers, and puts huge numbers
+into it (`claims.dict`). It stops at the first finding: an exception that is no `TossidError`, more than 5 s, more than
+1 GiB of memory, or 256 MiB that are not given back. The file that did it is left in outputs/fuzz/TARGET; kept in
+tests/fuzz/findings/TARGET, it is a test. What was tried is gone on from next time.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ MEMORY = 2**30
 KEPT = 2**28
 """Bytes that reading a file may leave taken."""
 TOO_LONG_S = 5
+CLAIMS = Path(__file__).parent / "claims.dict"
+"""Huge numbers that libFuzzer puts into files."""
 LARGEST = 2**19
 """Bytes of a file."""
 
@@ -53,7 +55,13 @@ def fuzz(name: str, seconds: int) -> None:
             if _taken() > before + KEPT:
                 raise MemoryError(f"{_taken() - before} bytes are not given back")
 
-        limits = [f"-max_total_time={seconds}", f"-timeout={TOO_LONG_S}", f"-max_len={LARGEST}", "-rss_limit_mb=0"]
+        limits = [
+            f"-max_total_time={seconds}",
+            f"-timeout={TOO_LONG_S}",
+            f"-max_len={LARGEST}",
+            "-rss_limit_mb=0",
+            f"-dict={CLAIMS}",
+        ]
         atheris.Setup([sys.argv[0], *limits, f"-artifact_prefix={OUT / name}/", "-verbosity=0", str(corpus)], once)
         atheris.Fuzz()
 

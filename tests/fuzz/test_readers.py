@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -13,6 +14,22 @@ from tests.fuzz.targets import TARGETS
 from tossid.errors import TossidError
 
 FINDINGS = sorted(path for path in (Path(__file__).parent / "findings").glob("*/*") if path.is_file())
+
+
+HUGE = (
+    *(number.to_bytes(size, order) for number in (2**31 - 1, 10**9) for size in (4, 8) for order in ("little", "big")),
+    b"1000000000",
+    b"1e300",
+)
+"""Counts and sizes that no file of this size has."""
+
+
+def claim(content: bytearray, place: int, huge: bytes) -> None:
+    """Write a huge number over what is there: text over the next number in digits, bytes over bytes."""
+    if not huge.isalnum():
+        content[place : place + len(huge)] = huge
+    elif found := re.compile(rb"\d+(\.\d+)?").search(content, place):
+        content[found.start() : found.end()] = huge
 
 
 def survives(name: str, file: Path, content: bytes) -> None:
@@ -43,7 +60,7 @@ def test_damaged_files_are_one_clear_error(name: str, data: st.DataObject, tmp_p
     content = bytearray(made.read_bytes())
     for _ in range(data.draw(st.integers(1, 4), label="changes")):
         place = data.draw(st.integers(0, len(content)), label="place")
-        what = data.draw(st.sampled_from(("flip", "cut", "insert", "repeat")), label="what")
+        what = data.draw(st.sampled_from(("flip", "cut", "insert", "repeat", "claim")), label="what")
         some = data.draw(st.binary(min_size=1, max_size=8), label="bytes")
         if what == "flip":
             content[place : place + len(some)] = some
@@ -51,6 +68,8 @@ def test_damaged_files_are_one_clear_error(name: str, data: st.DataObject, tmp_p
             del content[place : place + data.draw(st.integers(1, 200), label="length")]
         elif what == "insert":
             content[place:place] = some
+        elif what == "claim":
+            claim(content, place, data.draw(st.sampled_from(HUGE), label="huge"))
         else:
             content[place:place] = content[place : place + 40]
     survives(name, made, bytes(content))

@@ -72,7 +72,7 @@ def read_checkpoint(path: Path) -> TrainedModel:
     Raises:
         FileError: It is no checkpoint, or damaged.
     """
-    budget.regular_size(path)
+    budget.check_archive(path)
     try:
         content = torch.load(path, weights_only=True)
     except Exception as error:

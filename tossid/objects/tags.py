@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from tossid import budget
 from tossid.errors import FileError, ObjectError, brief
 from tossid.objects.model import Tag
 from tossid.yaml_files import number, read_pose, read_yaml
@@ -31,6 +32,8 @@ def read_tags(path: Path, body_names: Sequence[str]) -> tuple[Tag, ...]:
         if not isinstance(entry, dict) or not all(isinstance(body, dict) for body in entry.values()):
             raise FileError(path, f"bodies: {brief(entry)} is not one name with its values")
         bodies |= {str(name): body for name, body in entry.items()}
+    claimed = sum(len(body["tags"]) for body in bodies.values() if isinstance(body.get("tags"), list))
+    budget.check_claim(path, "tags", claimed, budget.limits().tags)
     moving = [body for body in bodies.values() if body.get("is_static") is False and body.get("tags")]
     if len(body_names) == 1 and len(moving) == 1 and body_names[0] not in bodies:
         bodies[body_names[0]] = moving[0]

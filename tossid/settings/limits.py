@@ -27,10 +27,12 @@ Mass = Annotated[float, Bounds(above=0, high=LARGEST_MASS)]
 class ReadLimits:
     """What a file may claim before it is refused (`tossid.budget`)."""
 
-    unpacked: Count = 1 << 27
-    """bytes that any packed file may unpack to (128 MiB)"""
+    unpacked: Count = 1 << 26
+    """bytes that any packed file may unpack to (64 MiB)"""
     ratio: Count = 100
     """bytes that a packed file may unpack to, for each byte of it, where that is more"""
+    chunk: Count = 1 << 25
+    """bytes that one chunk of a bag may unpack to (32 MiB), or `ratio` times its size, where that is more"""
     pixels: Count = 50_000_000
     """pixels of an image or texture"""
     model_text: Count = 1 << 21

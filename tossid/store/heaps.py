@@ -21,19 +21,22 @@ _PART = 2**20
 
 
 def check_heaps(path: Path) -> None:
-    """Refuse a file with a heap whose objects do not follow one another to its end.
+    """Refuse a file with a heap whose objects do not follow one another to its end, or with heaps that overlap.
 
     Raises:
         FileError: there is one.
         OSError: the file cannot be read.
     """
     with path.open("rb") as file:
-        end = path.stat().st_size
+        end, free = path.stat().st_size, 0
         for place in _places(file):
+            if place < free:  # so that no byte is looked at twice
+                raise FileError(path, f"damaged: the heaps of strings at bytes before {free} and at {place} overlap")
             file.seek(place + len(_BEGIN))
             size = int.from_bytes(file.read(8), "little")
             if not _HEADER <= size <= end - place or not _is_sound(file.read(size - _HEADER)):
                 raise FileError(path, f"damaged: the heap of strings at byte {place} does not hold together")
+            free = place + size
 
 
 def _places(file: BinaryIO) -> list[int]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid import budget
 from tossid.errors import FileError, InputError, MotionError
 from tossid.rotations import quat_boxminus, quat_normalize
 from tossid.settings.limits import ImportLimits
@@ -75,6 +76,7 @@ def read_tensor(path: Path, columns: Sequence[int]) -> Array:
     """
     import torch
 
+    budget.check_archive(path)
     try:
         loaded = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch and pickle raise nearly every kind on damaged files
@@ -90,6 +92,9 @@ def read_tensor(path: Path, columns: Sequence[int]) -> Array:
     if loaded.layout != torch.strided or loaded.dtype not in (torch.float64, torch.float32):
         raise FileError(path, f"holds a tensor of type {loaded.dtype}, expected float64 or float32")
     shape = tuple(loaded.shape)
+    stored = loaded.untyped_storage().nbytes()
+    if loaded.numel() * loaded.element_size() > stored:  # with a stride of 0 one number is as many as one likes
+        raise FileError(path, f"claims a tensor of shape {shape}, more than its {stored} stored bytes can hold")
     if loaded.ndim == 3 and shape[0] == 1:
         loaded = loaded[0]
     if loaded.ndim != 2 or loaded.shape[1] not in columns or loaded.shape[0] < 2:

@@ -12,6 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from tossid import budget
 from tossid.errors import FileError, MotionError, ObjectError
 from tossid.objects import ObjectModel
 from tossid.store.dataset import Dataset
@@ -21,7 +22,6 @@ from tossid.store.object_text import model_of_text
 from tossid.store.schema import (
     CONTACT_LAW,
     KNOWN_SCHEMAS,
-    MAX_TEXT,
     MEMBERS,
     TAG_DTYPE,
     attribute,
@@ -81,16 +81,28 @@ def open_dataset(path: Path, *, split: str | None = None) -> Iterator[Dataset]:
             provenance = _read_provenance(path, child(path, file, "provenance", h5py.Group))
             order = read_order(path, file, file["tosses"], names)
 
+        claimed: dict[int, int] = {}  # bytes of each toss that was read
+        total = 0
+
         def read(i: int) -> Toss:
+            nonlocal total
             with _explained(path):
-                return _read_toss(path, file["tosses"][names[i]], model)
+                others = total - claimed.get(i, 0)
+                toss, claimed[i] = _read_toss(path, file["tosses"][names[i]], model, others)
+                total = others + claimed[i]
+                return toss
 
         yield Dataset(model, OnDemand(read, len(names), kept=KEPT), rate_hz, source, provenance, order=order)
 
 
-def _read_toss(path: Path, group: h5py.Group, model: ObjectModel) -> Toss:
+def _read_toss(path: Path, group: h5py.Group, model: ObjectModel, others: int) -> tuple[Toss, int]:
+    """A toss and its bytes; others: bytes of the tosses that were read of the file."""
     refuse_strangers(path, group, {member.name for member in MEMBERS})
-    arrays = {member: data[()] for member, data in _checked_members(path, group, model.nq, model.nv)}
+    arrays, claimed = {}, 0
+    for member, data in _checked_members(path, group, model.nq, model.nv):
+        claimed += data.nbytes
+        budget.check_unpacked(path, others + claimed, what="bytes of tosses")
+        arrays[member] = data[()]
     try:
         toss = Toss(name=group.name.rsplit("/", 1)[1], split=attribute(path, group, "split", str), **arrays)
     except MotionError as error:
@@ -98,7 +110,7 @@ def _read_toss(path: Path, group: h5py.Group, model: ObjectModel) -> Toss:
         raise FileError(path, error.problem, row=row or group.name) from error
     if toss.phase.max() > max(Phase):
         raise FileError(path, f"{group.name}/phase holds {toss.phase.max()}, expected at most {max(Phase)}")
-    return toss
+    return toss, claimed
 
 
 def dataset_info(path: Path) -> dict[str, Any]:
@@ -217,13 +229,13 @@ def _read_object(path: Path, group: h5py.Group) -> ObjectModel:
     refuse_strangers(path, group, {"mjcf", "tags"})
     stored = child(path, group, "mjcf", h5py.Dataset)
     check_stored(path, stored, np.dtype("|u1"), (None,))
-    if stored.shape[0] > MAX_TEXT:
-        raise FileError(path, f"/object/mjcf holds {stored.shape[0]} bytes, expected at most {MAX_TEXT}")
+    budget.check_claim(path, "bytes of /object/mjcf", stored.shape[0], budget.limits().model_text)
     text = stored[()].tobytes().decode()
     tags = None
     if "tags" in group:
         data = child(path, group, "tags", h5py.Dataset)
         check_stored(path, data, TAG_DTYPE, (None,))
+        budget.check_claim(path, "tags", data.shape[0], budget.limits().tags)
         tags = data[()]
     try:
         model = model_of_text(

@@ -20,6 +20,7 @@ docs/adr/0003-dataset-schema.md.
 from __future__ import annotations
 
 import math
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from tossid import budget
 from tossid.errors import FileError
 
 SCHEMA = "tossid.dataset/1"
@@ -41,11 +43,13 @@ FRAMES = (
 # deflate cannot shrink data by more than 1032; a data set that declares more than
 # its stored bytes could hold was not written by us
 MAX_COMPRESSION = 1040
-MAX_BYTES = 1 << 33
-MAX_TEXT = 1 << 24
+SMALL_CHUNK = 1 << 14
+"""Stored bytes of a chunk up to which what it inflates to is not looked at: it is at most 16 MiB."""
 MAX_ATTRIBUTE_TEXT = 32_000
 
 # shuffle, deflate, Fletcher's checksum: HDF5 would load a plugin (code) for others
+_CHECKSUM = 4
+"""Bytes of Fletcher's checksum."""
 _FILTERS = frozenset({h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLETCHER32})
 
 CONTACT_LAW = ("compliance", "relaxation", "cohesion")
@@ -134,13 +138,43 @@ def check_stored(path: Path, data: h5py.Dataset, dtype: np.dtype[Any], shape: tu
     if data.is_virtual or data.external:
         raise FileError(path, f"{where} keeps its data in another file")
     plist = data.id.get_create_plist()
-    filters = {plist.get_filter(k)[0] for k in range(plist.get_nfilters())}
+    listed = [plist.get_filter(k)[0] for k in range(plist.get_nfilters())]
+    filters = set(listed)
     if not filters <= _FILTERS:
         raise FileError(path, f"{where} uses filter {min(filters - _FILTERS)}, which {SCHEMA} does not know")
+    if len(listed) > len(filters):
+        raise FileError(path, f"{where} uses a filter twice, which {SCHEMA} does not know")
     declared = math.prod(data.shape) * data.dtype.itemsize
     stored = data.id.get_storage_size()
-    if declared > MAX_BYTES or declared > stored * MAX_COMPRESSION:
+    if declared > stored * MAX_COMPRESSION:
         raise FileError(path, f"{where} declares {declared} bytes, more than its {stored} stored bytes can hold")
+    budget.check_unpacked(path, declared, what=f"bytes of {where}")
+    if data.chunks is not None:
+        chunk = math.prod(data.chunks) * data.dtype.itemsize
+        budget.check_unpacked(path, chunk, what=f"bytes of a chunk of {where}")
+        if h5py.h5z.FILTER_DEFLATE in filters:
+            _check_inflated(path, data, chunk)
+
+
+def _check_inflated(path: Path, data: h5py.Dataset, chunk: int) -> None:
+    """Refuse a data set with a chunk that inflates to more than its size: HDF5 makes room for all that comes."""
+    large: list[tuple[int, ...]] = []
+
+    def note(info: Any) -> None:
+        if info.size > SMALL_CHUNK:
+            large.append(info.chunk_offset)
+
+    data.id.chunk_iter(note)
+    for offset in large:
+        mask, content = data.id.read_direct_chunk(offset)
+        if mask:
+            raise FileError(path, f"{data.name} has a chunk with filters of its own, which {SCHEMA} does not know")
+        try:
+            inflated = len(zlib.decompressobj().decompress(content, chunk + _CHECKSUM + 1))
+        except zlib.error as error:
+            raise FileError(path, f"damaged: {data.name} cannot be inflated ({error})") from error
+        if inflated > chunk + _CHECKSUM:
+            raise FileError(path, f"{data.name} has a chunk that inflates to more than its {chunk} bytes")
 
 
 def attribute(path: Path, holder: h5py.Group, name: str, kind: type) -> Any:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from tossid import budget
 from tossid.errors import FileError, InputError
 from tossid.outputs import write_whole
 from tossid.settings.kinds import advanced_part
@@ -138,7 +139,7 @@ def _read_rows(path: Path, columns: int, form: str) -> tuple[Array, list[int]]:
     import numpy as np
 
     try:
-        if path.stat().st_size > _MAX_FILE:
+        if budget.regular_size(path) > _MAX_FILE:
             raise FileError(path, f"is larger than {_MAX_FILE >> 20} MiB, expected one toss as text")
         text = path.read_text(encoding="utf-8")
     except OSError as error:

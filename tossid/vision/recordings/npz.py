@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tossid import budget
 from tossid.errors import FileError, MotionError
 from tossid.outputs import output_stream
 from tossid.types import Detection, PoseTrack
@@ -39,8 +39,6 @@ _TRACKS = {
     "q": (_NUMBER, 2),
     "q_cov": (_NUMBER, 3),
 }
-_LEAST_LIMIT, _LARGEST_RATIO = 1 << 24, 500
-"""A file may unpack to so many bytes, or to so many times its size (deflate's most is 1,032)."""
 
 
 def write_detections(detections: Iterable[Detection], path: str | Path) -> None:
@@ -137,15 +135,9 @@ def _write(path: Path, **arrays: Any) -> None:
 def _read(path: Path, kinds: Mapping[str, tuple[str, int | None]], *schemas: str) -> dict[str, np.ndarray]:
     """The arrays of a file of one of the schemas, of the kinds and dimensions that they must have."""
     try:
-        limit = max(_LEAST_LIMIT, _LARGEST_RATIO * path.stat().st_size)
-        with zipfile.ZipFile(path) as members:
-            size = sum(member.file_size for member in members.infolist())
-        if size > limit:
-            raise FileError(path, f"would unpack to {size} bytes, expected at most {limit}")
+        budget.check_archive(path)
         with np.load(path, allow_pickle=False) as archive:
             data = {key: archive[key] for key in archive.files}
-    except FileNotFoundError as error:
-        raise FileError(path, "no such file") from error
     except FileError:
         raise
     except Exception as error:  # of a damaged archive, zipfile, zlib and numpy raise whatever they come across

@@ -8,13 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid import budget
 from tossid.errors import FileError
 from tossid.types import Frame
 from tossid.vision.cameras.camera import Camera
+from tossid.vision.recordings.image_header import grey_pixels
 from tossid.vision.setup.calibration import read_cameras
 from tossid.vision.setup.layout import TagLayout
 from tossid.vision.setup.tagslam import read_tagslam
@@ -119,6 +120,7 @@ class Recording:
 
 def read_image(path: Path) -> NDArray[np.uint8]:
     """A grey image (height, width). `FileError` if the file is none, or is cut short."""
+    budget.regular_size(path)
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -127,13 +129,10 @@ def read_image(path: Path) -> NDArray[np.uint8]:
         # OpenCV fills up what is missing of such a file with grey
         if content.startswith(start) and end not in content[-64:]:
             raise FileError(path, "is an image that breaks off before its end")
-    try:
-        image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if content else None
-    except cv2.error:
-        image = None
+    image = grey_pixels(path, content)
     if image is None:
         raise FileError(path, "is not an image that can be read")
-    return np.asarray(image, dtype=np.uint8)
+    return image
 
 
 def read_set_up(folder: str | Path) -> tuple[tuple[Camera, ...], TagLayout]:

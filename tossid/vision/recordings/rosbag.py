@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import bz2
 import gzip
-import shutil
 import tempfile
 import zlib
 from collections.abc import Iterator, Sequence
@@ -25,7 +24,10 @@ from rosbags.interfaces import Connection
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from tossid import budget
 from tossid.errors import FileError, InputError
+from tossid.vision.recordings.image_header import grey_pixels
+from tossid.vision.recordings.rosbag_budget import TooLarge, check_definitions, check_parts, copy_within
 from tossid.vision.recordings.rosbag_rescue import Rescue
 
 SUFFIXES = (".bag", ".mcap", ".db3", ".bag.bz2", ".bag.gz")
@@ -107,6 +109,7 @@ class Bag:
             FileError: It is no bag, or so damaged that nothing can be read.
         """
         try:
+            check_parts(self.path)
             plain = self._unpacked()
             if plain.is_dir() or plain.suffix != ".bag":
                 self._reader = self._stack.enter_context(AnyReader([plain], default_typestore=typestore()))
@@ -118,6 +121,7 @@ class Bag:
                     if not self._rescued.types():
                         raise FileError(self.path, f"is not a bag that can be read ({_said(error)})") from error
             if self._reader is not None:
+                check_definitions(self._reader.typestore.fielddefs)
                 self.types = {c.topic.lstrip("/"): c.msgtype for c in self._reader.connections}
             elif self._rescued is not None:
                 self.types = self._rescued.types()
@@ -126,6 +130,8 @@ class Bag:
             self._stack.close()
             if isinstance(error, FileError):
                 raise
+            if isinstance(error, TooLarge):
+                raise FileError(self.path, str(error)) from error
             lost = f"; {self.problems[0]}" if self.problems else ""
             raise FileError(self.path, f"is not a bag that can be read ({_said(error)}{lost})") from error
         except BaseException:
@@ -148,9 +154,11 @@ class Bag:
         with plain.open("wb") as out:
             try:
                 with PACKED[self.path.suffix](self.path) as packed:
-                    shutil.copyfileobj(packed, out, 1 << 14)
+                    copy_within(packed, out, budget.unpacked_allowance(budget.regular_size(self.path)))
             except EOFError:
                 self.problems.append(f"{self.path} is packed, and breaks off before its end")
+            except TooLarge as error:
+                raise FileError(self.path, str(error)) from error
             except (OSError, zlib.error) as error:
                 raise FileError(self.path, f"cannot be unpacked: {error}") from error
         return plain
@@ -180,6 +188,8 @@ class Bag:
             if chosen:
                 for connection, t_ns, raw in self._reader.messages(chosen, start=start, stop=stop):
                     yield connection.topic.lstrip("/"), t_ns, self._reader.deserialize(raw, connection.msgtype)
+        except TooLarge as error:
+            raise FileError(self.path, str(error)) from error
         except Exception as error:
             raise FileError(self.path, f"is damaged: {_said(error)}; record or copy it again") from error
 
@@ -217,19 +227,22 @@ def stamp(message: Any, t_ns: int) -> int:
     return int(own or t_ns)
 
 
-def grey_image(message: Any) -> NDArray[np.uint8]:
+def grey_image(path: Path, message: Any) -> NDArray[np.uint8]:
     """A sensor_msgs Image or CompressedImage as a grey image (height, width).
 
+    Args:
+        path: The bag, for the error.
+        message: The message.
+
     Raises:
+        FileError: the image claims too many pixels.
         InputError: an encoding that is not known, or data that are no image.
     """
     if not hasattr(message, "encoding"):
-        image = (
-            cv2.imdecode(np.asarray(message.data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if len(message.data) else None
-        )
+        image = grey_pixels(path, np.asarray(message.data, dtype=np.uint8).tobytes())
         if image is None:
             raise InputError(f"a compressed image ('{message.format}') cannot be read")
-        return np.asarray(image, dtype=np.uint8)
+        return image
     encoding = str(message.encoding)
     height, width, step = int(message.height), int(message.width), int(message.step)
     data = np.asarray(message.data, dtype=np.uint8)

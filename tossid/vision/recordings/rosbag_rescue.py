@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bz2
 import struct
 from collections.abc import Iterator, Sequence
 from io import SEEK_END, BytesIO
@@ -11,6 +10,8 @@ from typing import Any, BinaryIO
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
+
+from tossid.vision.recordings.rosbag_budget import TooLarge, check_definitions, unpack_bz2, unpack_lz4
 
 
 class Rescue:
@@ -42,6 +43,7 @@ class Rescue:
             if number not in stores:
                 stores[number] = get_typestore(Stores.EMPTY)
                 stores[number].register(get_types_from_msg(definition, kind))
+                check_definitions(stores[number].fielddefs)
             yield topic, t_ns, stores[number].deserialize_ros1(raw, kind)
 
     def _records(self) -> Iterator[tuple[int, int, bytes]]:
@@ -63,6 +65,8 @@ class Rescue:
             if op == 5 and not inside:
                 try:
                     chunk = _unchunked(head.get("compression", b"none"), data)
+                except TooLarge:
+                    raise
                 except (OSError, EOFError, RuntimeError, ValueError):
                     return
                 yield from self._walk(BytesIO(chunk), inside=True)
@@ -113,8 +117,4 @@ def _fields(header: bytes) -> dict[str, bytes]:
 def _unchunked(compression: bytes, data: bytes) -> bytes:
     if compression == b"none":
         return data
-    if compression == b"bz2":
-        return bz2.decompress(data)
-    import lz4.frame
-
-    return bytes(lz4.frame.decompress(data))
+    return unpack_bz2(data) if compression == b"bz2" else unpack_lz4(data)

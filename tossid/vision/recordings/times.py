@@ -7,9 +7,12 @@ from collections.abc import Sequence
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
+from tossid import budget
 from tossid.errors import FileError
 
 TIME_FILES = ("times.txt", "timestamps.txt", "times.csv", "timestamps.csv", "data.csv")
+LARGEST_EXPONENT = 30
+"""Of a time in powers of ten; larger ones would be written out."""
 NANOSECONDS = 10**12
 """Whole numbers from here on are nanoseconds, all else seconds."""
 
@@ -20,7 +23,7 @@ def time_of(text: str) -> int | None:
         value = Decimal(text)
     except InvalidOperation:
         return None
-    if not math.isfinite(value):
+    if not math.isfinite(value) or value.adjusted() > LARGEST_EXPONENT:
         return None
     whole = value == value.to_integral_value() and "." not in text
     return int(value) if whole and abs(value) >= NANOSECONDS else round(value * 10**9)
@@ -54,6 +57,7 @@ def read_times(path: Path) -> list[tuple[str | None, int]]:
     Raises:
         FileError: it cannot be read, or a line holds no time.
     """
+    budget.check_claim(path, "bytes of times", budget.regular_size(path), budget.limits().unpacked)
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:

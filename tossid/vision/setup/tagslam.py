@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from tossid import budget
 from tossid.errors import FileError, brief
 from tossid.rotations import matrix_to_rotvec, transform_inv
 from tossid.vision.setup.layout import (
@@ -63,6 +65,7 @@ def read_tagslam(path: str | Path) -> TagLayout:
     entries = content.get("bodies")
     if not isinstance(entries, list) or not entries:
         raise FileError(path, "has no list 'bodies'")
+    _check_count(path, entries)
     defaults = _mapping(path, "body_defaults", content.get("body_defaults") or {})
     family = _family(path, "tag_family", content.get("tag_family", DEFAULT_FAMILY))
     bodies = [_read_body(path, name, body, defaults, family) for name, body in _named(path, "bodies", entries)]
@@ -72,8 +75,8 @@ def read_tagslam(path: str | Path) -> TagLayout:
     default = content.get("default_body")
     if default is not None and default not in names:
         raise FileError(path, f"default_body: '{default}' is not among the bodies {', '.join(names)}")
-    ids = [tag.id for body in bodies for tag in body.tags]
-    twice = sorted({tag_id for tag_id in ids if ids.count(tag_id) > 1})
+    ids = Counter(tag.id for body in bodies for tag in body.tags)
+    twice = sorted(tag_id for tag_id, count in ids.items() if count > 1)
     if twice:
         raise FileError(path, f"bodies: tag {twice[0]} is listed twice; an id can be on one body once")
     most = content.get("max_hamming_distance")
@@ -87,6 +90,18 @@ def read_tagslam(path: str | Path) -> TagLayout:
         None if most is None else int(number(path, "max_hamming_distance", most)),
         family,
     )
+
+
+def _check_count(path: Path, entries: Any) -> None:
+    """Refuse bodies with more tags than `ReadLimits.tags`, before any is made."""
+    claimed = 0.0
+    for name, body in _named(path, "bodies", entries):
+        board, tags = body.get("board"), body.get("tags")
+        if isinstance(board, dict):
+            sizes = [number(path, f"{name}.board.{key}", board.get(key, 0)) for key in ("tag_rows", "tag_columns")]
+            claimed += max(0.0, sizes[0]) * max(0.0, sizes[1])
+        claimed += len(tags) if isinstance(tags, list) else 0
+    budget.check_claim(path, "tags", claimed, budget.limits().tags)
 
 
 def _family(path: Path, where: str, value: Any) -> str:

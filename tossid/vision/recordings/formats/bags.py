@@ -142,7 +142,7 @@ class BagImages:
             for _, t_ns, message in bag.messages([topic], start=min(wanted), stop=max(wanted) + 1):
                 if t_ns in wanted:
                     with as_defined(path, f"{topic} at {t_ns * 1e-9:.6f} s", message):
-                        image = grey_image(message)
+                        image = grey_image(path, message)
                     yield image
 
 

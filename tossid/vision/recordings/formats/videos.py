@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from tossid import budget
 from tossid.errors import FileError
 from tossid.settings.kinds import Positive
 from tossid.vision.recordings.registry import Opened, register_recording
@@ -111,7 +112,10 @@ def _list_video(folder: Path, camera: Camera, rate_hz: float | None) -> tuple[Fr
         raise FileError(folder, f"has no video of camera '{camera.name}'; expected {names[0].name} or alike")
     video = _open_video(path)
     count, own_rate = int(video.get(cv2.CAP_PROP_FRAME_COUNT)), float(video.get(cv2.CAP_PROP_FPS))
+    width, height = (int(video.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
     video.release()
+    budget.check_pixels(path, width, height)
+    budget.check_claim(path, "frames", count, budget.regular_size(path) // budget.limits().bytes_a_frame)
     if count < 1:
         raise FileError(path, "is a video without frames")
     times = next((path.with_suffix(suffix) for suffix in (".txt", ".csv") if path.with_suffix(suffix).is_file()), None)

@@ -1,0 +1,272 @@
+"""Small files that claim much: each is a few kilobytes (the largest 4 MiB), and asks a reader for gigabytes.
+
+Each maker writes its files into an empty folder and gives the words of the command that has to refuse them.
+"""
+
+from __future__ import annotations
+
+import bz2
+import struct
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import h5py
+import numpy as np
+import torch
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from tests.store.makers import make_dataset
+from tests.vision.bags import CAMERAS
+from tossid.models import TrainedModel, build_model, variant
+from tossid.objects import load_object
+from tossid.settings.training import TrainSettings
+from tossid.store import write_dataset
+from tossid.store.schema import MEMBERS
+from tossid.vision.recordings.writing import write_recording
+from tossid.vision.setup.faces import default_tags
+from tossid.vision.setup.layout import layout_of
+
+MODEL = """<mujoco>{head}<worldbody><body name="base"><freejoint/><geom type="box" size="0.05 0.05 0.05"/>{inside}
+</body></worldbody></mujoco>"""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A hostile file.
+
+    Attributes:
+        make: Writes it into a folder, and gives the words of a command that reads it.
+        names: The file that the error has to name.
+        says: A part of what the error has to say.
+        before: What the review measured before there was a budget.
+    """
+
+    make: Callable[[Path], list[str]]
+    names: str
+    says: str
+    before: str
+
+
+def recording(folder: Path) -> Path:
+    """A recording of one camera, whose one frame is no image yet."""
+    cube = load_object("cube")
+    write_recording(folder / "rec", CAMERAS[:1], layout_of(cube.with_changes(tags=default_tags(cube))), ())
+    (folder / "rec" / "frames" / "left" / "1.png").write_bytes(b"")
+    return folder / "rec"
+
+
+def _layout(text: str) -> Callable[[Path], list[str]]:
+    def make(folder: Path) -> list[str]:
+        (recording(folder) / "tagslam.yaml").write_text(text)
+        return ["info", "rec"]
+
+    return make
+
+
+BOARD = """bodies:
+- b: {is_static: true, type: board, board: {tag_start_id: 0, tag_size: 1, tag_spacing: 0, tag_rows: 1.0e+5,
+  tag_columns: 1.0e+5}}
+"""
+ALIASES = "".join(
+    [
+        "bodies:\n- x: &b {is_static: true, default_tag_size: 1, tags: [&t {id: 1}",
+        ", *t" * 999,
+        "]}\n",
+        "- x: *b\n" * 999,
+    ]
+)
+
+
+def _object(head: str = "", inside: str = "") -> Callable[[Path], list[str]]:
+    def make(folder: Path) -> list[str]:
+        write_dataset(make_dataset(load_object("cube")), folder / "a.h5")
+        text = MODEL.format(head=head, inside=inside)
+        with h5py.File(folder / "a.h5", "a") as file:
+            del file["object/mjcf"]
+            file["object/mjcf"] = np.frombuffer(text.encode(), dtype="|u1")
+        return ["train", "data=a.h5"]
+
+    return make
+
+
+def _large_arrays(folder: Path) -> list[str]:
+    """Arrays of zeros: 1 GB in 1 MB."""
+    write_dataset(make_dataset(load_object("cube"), tosses=1), folder / "a.h5")
+    rows, n = 1 << 14, 1 << 21
+    with h5py.File(folder / "a.h5", "a") as file:
+        toss = file["tosses/toss_0000"]
+        for member in MEMBERS:
+            if member.name not in toss:
+                continue
+            rest = toss[member.name].shape[1:]
+            del toss[member.name]
+            made = toss.create_dataset(
+                member.name, (n, *rest), member.dtype, chunks=(rows, *rest), compression="gzip", shuffle=True
+            )
+            packed = zlib.compress(bytes(rows * int(np.prod(rest)) * made.dtype.itemsize), 9)
+            for at in range(0, n, rows):
+                made.id.write_direct_chunk((at, *(0 for _ in rest)), packed)
+    return ["train", "data=a.h5"]
+
+
+def _inflating_chunk(folder: Path) -> list[str]:
+    """A chunk of 576 bytes whose stream inflates to 512 MB."""
+    write_dataset(make_dataset(load_object("cube"), tosses=1), folder / "a.h5")
+    packer, packed = zlib.compressobj(1), []
+    packed = [packer.compress(bytes(1 << 24)) for _ in range(32)] + [packer.flush()]
+    with h5py.File(folder / "a.h5", "a") as file:
+        toss = file["tosses/toss_0000"]
+        n = toss["t"].shape[0]
+        del toss["t"]
+        made = toss.create_dataset("t", (n,), "<f8", chunks=(n,), compression="gzip", shuffle=True)
+        made.id.write_direct_chunk((0,), b"".join(packed))
+    return ["train", "data=a.h5"]
+
+
+def _heaps(folder: Path) -> list[str]:
+    """131,072 heaps, each from its place to the end of the file."""
+    write_dataset(make_dataset(load_object("cube"), tosses=1), folder / "a.h5")
+    size = 1 << 22
+    parts = [b"GCOL\x01\0\0\0" + struct.pack("<QH6xQ", size - at, 1, 16) for at in range(0, size - 32, 32)]
+    parts.append(b"GCOL\x01\0\0\0" + struct.pack("<QH6xQ", 32, 1, 0))
+    with (folder / "a.h5").open("ab") as file:
+        file.write(b"".join(parts))
+    return ["info", "a.h5"]
+
+
+def _stride(folder: Path) -> list[str]:
+    (folder / "pt").mkdir()
+    torch.save(torch.zeros(1, 19, dtype=torch.float64).expand(10**9, 19), folder / "pt" / "0.pt")
+    return ["ingest", "source=contactnets", "source.path=pt"]
+
+
+def checkpoint(folder: Path) -> None:
+    """A small trained model, `model.pt`, whose settings say that its layers are 20,000 wide."""
+    settings = TrainSettings(model=variant("cnrp"))
+    TrainedModel(build_model(settings.model, load_object("cube")), settings, {}).save(folder / "model.pt")
+    content = torch.load(folder / "model.pt", weights_only=True)
+    content["settings"]["model"]["hidden"] = 20000
+    torch.save(content, folder / "model.pt")
+
+
+def _hidden(folder: Path) -> list[str]:
+    (folder / "run").mkdir()
+    checkpoint(folder)
+    (folder / "model.pt").rename(folder / "run" / "checkpoint.pt")
+    (folder / "run" / "config.yaml").write_text("model: {name: cnrp}\ndata: a.h5\n")
+    write_dataset(make_dataset(load_object("cube")), folder / "a.h5")
+    return ["evaluate", "run=run", "data=a.h5"]
+
+
+def _packed_bag(folder: Path) -> list[str]:
+    recording(folder)
+    (folder / "a.bag.bz2").write_bytes(bz2.compress(bytes(1 << 26)) * 33)
+    return ["ingest", "source=rosbag", "source.path=a.bag.bz2", "source.set_up=rec", "object=cube"]
+
+
+def _strings(folder: Path) -> list[str]:
+    recording(folder)
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg("string[1000000] x\n", "apriltag_msgs/msg/Lots"))
+    with Writer(folder / "a.bag") as writer:
+        made = writer.add_connection(CAMERAS[0].tag_topic, "apriltag_msgs/msg/Lots", typestore=store)
+        writer.write(made, 10**9, bytes(16))
+    return ["ingest", "source=rosbag", "source.path=a.bag", "source.set_up=rec", "object=cube"]
+
+
+def _record(fields: dict[str, bytes], data: bytes) -> bytes:
+    parts = [name.encode() + b"=" + value for name, value in fields.items()]
+    header = b"".join(struct.pack("<I", len(part)) + part for part in parts)
+    return struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
+
+
+def _chunk(folder: Path) -> list[str]:
+    """A chunk of a bag without index: 96 MB in a hundred bytes."""
+    recording(folder)
+    chunk = {"op": b"\x05", "compression": b"bz2", "size": struct.pack("<I", 0x7FFFFFFF)}
+    (folder / "a.bag").write_bytes(b"#ROSBAG V2.0\n" + _record(chunk, bz2.compress(bytes(96 << 20))))
+    return ["ingest", "source=rosbag", "source.path=a.bag", "source.set_up=rec", "object=cube"]
+
+
+def _avi(folder: Path) -> list[str]:
+    rec = recording(folder)
+    (rec / "frames" / "left" / "1.png").unlink()
+    (rec / "frames" / "left").rmdir()
+    (rec / "frames").rmdir()
+    video = cv2.VideoWriter(str(rec / "left.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 30, (64, 48))  # type: ignore[attr-defined]
+    for _ in range(2):
+        video.write(np.zeros((48, 64, 3), dtype=np.uint8))
+    video.release()
+    content = bytearray((rec / "left.avi").read_bytes())
+    count = struct.pack("<I", 2_000_000_000)
+    for name, offset in ((b"avih", 8 + 16), (b"strh", 8 + 32)):
+        at = content.index(name) + offset
+        content[at : at + 4] = count
+    (rec / "left.avi").write_bytes(content)
+    return ["ingest", "source=video", "source.path=rec", "object=cube"]
+
+
+def _png(folder: Path) -> list[str]:
+    def part(name: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+    head = struct.pack(">IIBBBBB", 32000, 32000, 1, 0, 0, 0, 0)
+    packer = zlib.compressobj(9)
+    rows = b"".join([*(packer.compress(bytes(4001 * 1000)) for _ in range(32)), packer.flush()])
+    content = b"\x89PNG\r\n\x1a\n" + part(b"IHDR", head) + part(b"IDAT", rows) + part(b"IEND", b"")
+    (recording(folder) / "frames" / "left" / "1.png").write_bytes(content)
+    return ["detect", "recording=rec"]
+
+
+def _model_of_recording(folder: Path) -> list[str]:
+    rec = recording(folder)
+    (rec / "object.yaml").write_text("name: a\npath: object.xml\nfriction: 0.2\nrestitution: 0.0\n")
+    inside = '<replicate count="1000"><replicate count="1000"><geom size="1"/></replicate></replicate>'
+    (rec / "object.xml").write_text(MODEL.format(head="", inside=inside))
+    return ["info", "rec"]
+
+
+CLAIMS: dict[str, Claim] = {
+    "board": Claim(_layout(BOARD), "tagslam.yaml", "claims 10,000,000,000 tags", "3 to 8 GB, or no end"),
+    "aliases": Claim(_layout(ALIASES), "tagslam.yaml", "with all that its aliases repeat", "no end (quadratic)"),
+    "replicate": Claim(
+        _object(inside='<replicate count="100000000"><geom size="1"/></replicate>'), "a.h5", "elements", "3 to 8 GB"
+    ),
+    "flexcomp": Claim(
+        _object(inside='<flexcomp name="f" type="grid" count="1000 1000 1000" spacing="1 1 1"/>'),
+        "a.h5",
+        "element <flexcomp>",
+        "3 to 8 GB",
+    ),
+    "texture": Claim(
+        _object('<asset><texture name="t" type="2d" builtin="flat" width="40000" height="40000"/></asset>'),
+        "a.h5",
+        "pixels of a texture",
+        "3 to 8 GB",
+    ),
+    "object.xml": Claim(_model_of_recording, "object.xml", "elements", "3 to 8 GB"),
+    "hdf5 arrays": Claim(_large_arrays, "a.h5", "bytes of", "1 GB and more"),
+    "hdf5 chunk": Claim(_inflating_chunk, "a.h5", "inflates to more than", "1 GB and more"),
+    "hdf5 heaps": Claim(_heaps, "a.h5", "overlap", "10 s (quadratic)"),
+    "stride 0": Claim(_stride, "0.pt", "claims a tensor of shape (1000000000, 19)", "3 to 8 GB"),
+    "hidden": Claim(_hidden, "checkpoint.pt", "hidden: 20000 is out of range", "3 to 8 GB"),
+    "bag.bz2": Claim(_packed_bag, "a.bag.bz2", "bytes when unpacked", "2.1 GB of temporary files"),
+    "bag strings": Claim(_strings, "a.bag", "claims 1,000,00", "3 to 8 GB, or no end"),
+    "bag chunk": Claim(_chunk, "a.bag", "when unpacked", "2 GB"),
+    "avi": Claim(_avi, "left.avi", "claims 2,000,000,000 frames", "3 to 8 GB"),
+    "png": Claim(_png, "1.png", "claims 1,024,000,000 pixels (32000 by 32000)", "1 GB and more"),
+}
+
+
+def described(measured: dict[str, dict[str, Any]]) -> str:
+    """A table of what was measured, in Markdown."""
+    rows = [
+        f"| {name} | {each['bytes']:,} | {CLAIMS[name].before} | {each['seconds']:.2f} s | {each['megabytes']:.0f} MB |"
+        for name, each in measured.items()
+    ]
+    return "\n".join(["| file | bytes | before | CPU time | memory |", "|---|---|---|---|---|", *rows])
