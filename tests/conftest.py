@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import copy
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,12 +14,9 @@ ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture(autouse=True)
-def digests_forget_registrations() -> Iterator[None]:
-    """What one test registers does not change the digests of the next: workers of its own do not know it."""
-    before = copy.deepcopy(code_digest._outside)
-    yield
-    code_digest._outside.clear()
-    code_digest._outside.update(before)
+def digests_forget_registrations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What other tests register does not change the digests of this one: workers of its own do not know it."""
+    monkeypatch.setattr(code_digest, "_outside", {})
 
 
 @pytest.fixture(scope="session")

@@ -49,23 +49,23 @@ def test_members_that_the_schema_does_not_name_are_refused(file: h5py.File) -> N
 
 
 def test_type_and_shape_are_checked_before_anything_is_read(file: h5py.File) -> None:
-    check_stored(NAME, file["data"], FLOAT, (None, 3))
+    check_stored(Path(file.filename), file["data"], FLOAT, (None, 3))
     with pytest.raises(FileError, match=r"has shape \(4, 3\), expected \(n, 7\)"):
-        check_stored(NAME, file["data"], FLOAT, (None, 7))
+        check_stored(Path(file.filename), file["data"], FLOAT, (None, 7))
     with pytest.raises(FileError, match="has type float64, expected uint8"):
-        check_stored(NAME, file["data"], np.dtype("u1"), (4, 3))
+        check_stored(Path(file.filename), file["data"], np.dtype("u1"), (4, 3))
 
 
 def test_bytes_that_are_not_in_the_file_are_refused(file: h5py.File) -> None:
     file.create_dataset("empty", shape=(1 << 20,), dtype=FLOAT, chunks=(1024,))
     with pytest.raises(FileError, match="more than its 0 stored bytes can hold"):
-        check_stored(NAME, file["empty"], FLOAT, (None,))
+        check_stored(Path(file.filename), file["empty"], FLOAT, (None,))
     file.create_dataset("apart", shape=(4,), dtype=FLOAT, external=[("raw.bin", 0, 32)])
     with pytest.raises(FileError, match="keeps its data in another file"):
-        check_stored(NAME, file["apart"], FLOAT, (None,))
+        check_stored(Path(file.filename), file["apart"], FLOAT, (None,))
     file.create_dataset("packed", data=np.zeros(64), chunks=(64,), scaleoffset=3)
     with pytest.raises(FileError, match="uses filter"):
-        check_stored(NAME, file["packed"], FLOAT, (None,))
+        check_stored(Path(file.filename), file["packed"], FLOAT, (None,))
 
 
 def test_attributes_are_python_values_of_the_right_type(file: h5py.File) -> None:

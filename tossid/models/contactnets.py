@@ -21,6 +21,7 @@ from tossid.models.registry import register_model
 from tossid.models.transitions import Transitions
 from tossid.motion import MeasurementModel
 from tossid.objects import ObjectModel
+from tossid.settings.limits import VALUES
 from tossid.settings.training import ModelSettings
 
 
@@ -126,7 +127,7 @@ class ContactNets(nn.Module):
                 com=com,
                 inertia=at_origin - mass[:, None, None] * shift,
                 corner_pos=self.geometry().numpy().copy(),
-                friction=float(self.friction()),
+                friction=min(float(self.friction()), VALUES.friction),
                 restitution=0.0 if self.settings.learn_contact_law else self.object.restitution,
                 compliance=compliance,
                 relaxation=relaxation,

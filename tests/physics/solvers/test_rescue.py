@@ -34,7 +34,7 @@ def test_a_programme_s_worse_answer_is_not_taken() -> None:
 
 def test_a_sequence_of_programmes_comes_to_the_exact_cone() -> None:
     """Here an attempt only measures: the iteration on |w_t| alone finds the answer."""
-    A, b, mu = draw("edge", np.random.default_rng(3), mu=0.18)
+    A, b, mu = draw("edge", np.random.default_rng(6), mu=0.18)
     lam = np.zeros(6)
 
     def programme(c: Array, warm: Array) -> None:

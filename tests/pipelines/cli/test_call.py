@@ -27,7 +27,7 @@ def test_json_is_all_there_is_on_standard_output(command: SimpleNamespace, capfd
         console.say("for people")
         console.table(["name", "value"], [["a", 1.0]])
         console.warn("careful")
-        return {"path": path, "mean": np.float64(2.5), "bad": float("nan"), "list": np.arange(3), "flag": np.True_}
+        return {"path": path.file, "mean": np.float64(2.5), "bad": float("nan"), "list": np.arange(3), "flag": np.True_}
 
     command.does = noisy
     assert app.run(["info", "x", "--json"]) == 0
@@ -54,7 +54,7 @@ from pipelines.cli import app
 from pipelines.cli import call as calling
 from tossid.outputs import output_file
 def write(path, console):
-    with output_file(path) as temporary:
+    with output_file(path.file) as temporary:
         temporary.write_text("half")
         os.kill(os.getpid(), signal.{number})
         import time; time.sleep(30)
