@@ -9,7 +9,7 @@ from pathlib import Path
 from pipelines.cli.console import Console
 from pipelines.cli.failures import guarded
 
-TOSSES = (8, 16, 64)
+TOSSES = (64, 16, 8)
 MODELS = ("cn", "cnrpi")
 
 
