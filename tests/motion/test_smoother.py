@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.motion.bouncing import Truth, away_from_jumps, bounce, tracked
-from tossid.motion import Smoothed, may_touch, smooth_tracks
+from tossid.motion import Smoothed, may_touch, smooth_in_turn
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_boxminus
 from tossid.settings.motion import SmootherSettings
@@ -21,7 +21,7 @@ def smoothed(model: ObjectModel, truths: list[Truth], *, gravity: float = 9.81, 
     rng = np.random.default_rng(seed)
     tracks = [tracked(truth, rng, name=str(i)) for i, truth in enumerate(truths)]
     cov = [track.q_cov for track in tracks if track.q_cov is not None]
-    return truths, tracks, smooth_tracks(tracks, model, cov, gravity=gravity)
+    return truths, tracks, list(smooth_in_turn(tracks, model, cov, gravity=gravity))
 
 
 def errors(truth: Truth, result: Smoothed) -> tuple[np.ndarray, np.ndarray]:
@@ -90,7 +90,7 @@ def test_the_density_in_contact_is_estimated_from_precise_poses(cube: ObjectMode
     truths = bounce(cube, np.random.default_rng(5), tosses=12, frames=120)
     tracks = [tracked(truth, np.random.default_rng(6), position=6e-6, rotation=1e-4) for truth in truths]
     covs = [track.q_cov for track in tracks if track.q_cov is not None]
-    results = smooth_tracks(tracks, cube, covs, settings=settings)
+    results = list(smooth_in_turn(tracks, cube, covs, settings=settings))
     away = [away_from_jumps(truth, 3 * HALF_FALL) for truth in truths]
     of_v = [nees(errors(x, s)[1][at], s.v_cov[at]) for x, s, at in zip(truths, results, away, strict=True)]
     mean = np.concatenate(of_v).mean()
@@ -185,8 +185,8 @@ def test_a_track_comes_out_the_same_beside_longer_ones(cube: ObjectModel) -> Non
     rng = np.random.default_rng(0)
     track, longer = tracked(short, rng, name="a"), tracked(truths[1], rng, name="b")
     cov = [track.q_cov, longer.q_cov]
-    alone = smooth_tracks([track], cube, cov[:1])[0]
-    beside = smooth_tracks([longer, track], cube, cov[::-1])[1]
+    (alone,) = smooth_in_turn([track], cube, cov[:1])
+    _, beside = smooth_in_turn([longer, track], cube, cov[::-1])
     np.testing.assert_allclose(alone.q[:, :3], beside.q[:, :3], atol=2e-5)
     assert len(beside.q) == 35
     assert beside.v_cov.shape == (35, 6, 6)

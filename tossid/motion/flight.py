@@ -25,6 +25,7 @@ SUBSTEP = 0.1
 ITERATIONS = 8
 """Most Gauss-Newton steps."""
 _DIFFERENCE = 1e-5
+"""Step of central differences with respect to the first state [SI]: between rounding and curvature."""
 
 
 @dataclass(frozen=True, slots=True)

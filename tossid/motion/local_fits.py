@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 OUTLIER = 4.0
-"""Residual over the noise from which one of a fit's frames may be an outlier."""
+"""Residual over the noise from which one of a fit's frames may be an outlier; then it is fitted without one."""
 INLIERS = 2.0
 """It is one if the rms residual of the others, fitted without it, is below this many times the noise."""
 

@@ -36,12 +36,10 @@ class PoseNoise:
     Attributes:
         q_cov: Covariance of one pose in the tangent space, (nv, nv).
         source: What it was estimated from, in words.
-        n_windows: From how many windows.
     """
 
     q_cov: Array
     source: str
-    n_windows: int
 
 
 def pose_noise(tracks: Sequence[PoseTrack], model: ObjectModel, *, settings: NoiseSettings = DEFAULT) -> PoseNoise:
@@ -70,7 +68,7 @@ def pose_noise(tracks: Sequence[PoseTrack], model: ObjectModel, *, settings: Noi
     sigma[3:6] = np.sqrt(np.mean(sigma[3:6] ** 2))
     sigma[:3] = np.maximum(sigma[:3], settings.least_position)
     sigma[3:] = np.maximum(sigma[3:], settings.least_angle)
-    return PoseNoise(np.diag(sigma**2), source, len(flight))
+    return PoseNoise(np.diag(sigma**2), source)
 
 
 def flight_runs(track: PoseTrack, model: ObjectModel) -> list[slice]:

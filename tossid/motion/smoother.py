@@ -73,26 +73,6 @@ class _State:
     fall: Array
 
 
-def smooth_tracks(
-    tracks: Sequence[PoseTrack],
-    model: ObjectModel,
-    q_cov: Sequence[Array],
-    *,
-    gravity: float = GRAVITY,
-    settings: SmootherSettings = DEFAULT,
-) -> list[Smoothed]:
-    """Smoothed tracks of one object.
-
-    Args:
-        tracks: Poses.
-        model: Its corners say where contact can be, its inertia how it flies.
-        q_cov: Measurement covariance of each track, (n, nv, nv).
-        gravity: [m/s²].
-        settings: Of the noise model and the passes.
-    """
-    return list(smooth_in_turn(tracks, model, q_cov, gravity=gravity, settings=settings))
-
-
 def smooth_in_turn(
     tracks: Sequence[PoseTrack],
     model: ObjectModel,
@@ -101,14 +81,14 @@ def smooth_in_turn(
     gravity: float = GRAVITY,
     settings: SmootherSettings = DEFAULT,
 ) -> Iterator[Smoothed]:
-    """`smooth_tracks` one by one, of more tracks than fit into memory.
+    """Smoothed tracks of one object, one by one.
 
     Args:
-        tracks: As there.
-        model: As there.
-        q_cov: As there.
-        gravity: As there.
-        settings: As there.
+        tracks: Poses.
+        model: Its corners say where contact can be, its inertia how it flies.
+        q_cov: Measurement covariance of each track, (n, nv, nv).
+        gravity: [m/s²].
+        settings: Of the noise model and the passes.
 
     Yields:
         The smoothed tracks in order; at most `sorted_tracks` and a batch are in memory.

@@ -30,7 +30,10 @@ from tossid.types import PoseTrack
 Array = NDArray[np.float64]
 
 PRIOR = (1.0, 1.0, 10.0, 100.0)
-"""Standard deviations of the first state: position [m], angle [rad], velocity [m/s], rate [rad/s]."""
+"""Standard deviations of the first state: position [m], angle [rad], velocity [m/s], rate [rad/s].
+
+They only keep the first step solvable: they are a thousand times the noise of poses, and decide nothing.
+"""
 
 
 @dataclass(slots=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tossid.errors import InputError
 from tossid.motion.noise import pose_noise, velocity_noise
 from tossid.motion.phases import label_phases
-from tossid.motion.smoother import Smoothed, gyration, smooth_in_turn, smooth_tracks
+from tossid.motion.smoother import Smoothed, gyration, smooth_in_turn
 from tossid.objects import GRAVITY, ObjectModel, corner_positions
 from tossid.settings.motion import MotionSettings, NoiseSettings, PhaseSettings
 from tossid.types import OnDemand, Phase, PoseTrack, Toss
@@ -25,7 +25,6 @@ def tosses_from_tracks(
     model: ObjectModel,
     *,
     gravity: float = GRAVITY,
-    velocities: str = "recorded",
     end_at_rest: bool = False,
     settings: MotionSettings = DEFAULT,
 ) -> tuple[Toss, ...]:
@@ -39,18 +38,13 @@ def tosses_from_tracks(
         tracks: Of one object; all or none with velocities.
         model: The object.
         gravity: Of free flight [m/s²].
-        velocities: "recorded" keeps recorded velocities; "smoothed" ignores them.
         end_at_rest: Whether to cut what follows 0.1 s of final rest.
         settings: Of noise, smoothing and phases.
 
     Raises:
         InputError: The tracks do not fit the object, or lie in the ground.
     """
-    return tuple(
-        tosses_in_turn(
-            tracks, model, gravity=gravity, velocities=velocities, end_at_rest=end_at_rest, settings=settings
-        )
-    )
+    return tuple(tosses_in_turn(tracks, model, gravity=gravity, end_at_rest=end_at_rest, settings=settings))
 
 
 def tosses_in_turn(
@@ -58,7 +52,6 @@ def tosses_in_turn(
     model: ObjectModel,
     *,
     gravity: float = GRAVITY,
-    velocities: str = "recorded",
     end_at_rest: bool = False,
     settings: MotionSettings = DEFAULT,
 ) -> Iterator[Toss]:
@@ -68,7 +61,6 @@ def tosses_in_turn(
         tracks: As there.
         model: As there.
         gravity: As there.
-        velocities: As there.
         end_at_rest: As there.
         settings: As there.
 
@@ -79,27 +71,23 @@ def tosses_in_turn(
         InputError: As there; before the first toss.
     """
     _check(tracks, model, settings.deepest)
-    if velocities not in ("recorded", "smoothed"):
-        raise InputError(f"velocities is {velocities!r}, expected 'recorded' or 'smoothed'")
     recorded = [track.v is not None for track in tracks]
-    if velocities == "recorded" and any(recorded) and not all(recorded):
+    if any(recorded) and not all(recorded):
         missing = tracks[recorded.index(False)].name
         raise InputError(f"track {missing} carries no velocities, others do; expected all or none")
     q_cov = _measurement_covariances(tracks, model, settings.noise)
-    kept = velocities == "recorded" and all(recorded)
-    made = (_as_recorded if kept else _as_smoothed)(tracks, model, q_cov, gravity, settings)
+    made = (_as_recorded if all(recorded) else _as_smoothed)(tracks, model, q_cov, gravity, settings)
     return (_until_rest(toss, settings.rest_kept) for toss in made) if end_at_rest else made
 
 
-def covariance_source(tracks: Sequence[PoseTrack], *, velocities: str = "recorded") -> str:
+def covariance_source(tracks: Sequence[PoseTrack]) -> str:
     """Where the covariances of `tosses_from_tracks` come from, in words, for a dataset's provenance.
 
     Args:
         tracks: As there.
-        velocities: As there.
     """
     poses = "given with the track" if all(track.q_cov is not None for track in tracks) else "residuals in flight"
-    if velocities == "recorded" and all(track.v is not None for track in tracks):
+    if all(track.v is not None for track in tracks):
         return f"q: {poses}; v: distance to smoothed velocities, by phase"
     return f"q, v: smoother (measurement: {poses})"
 
@@ -161,7 +149,8 @@ def _as_recorded(
 
     chosen = np.unique(np.linspace(0, len(tracks) - 1, min(settings.judged_tracks, len(tracks))).astype(int))
     sample = [tracks[i] for i in chosen]
-    smoothed = smooth_tracks(sample, model, [q_cov[i] for i in chosen], gravity=gravity, settings=settings.smoother)
+    some = [q_cov[i] for i in chosen]
+    smoothed = list(smooth_in_turn(sample, model, some, gravity=gravity, settings=settings.smoother))
     v, phase = zip(*(labelled(track) for track in sample), strict=True)
     v_cov = velocity_noise(
         np.concatenate(v), np.concatenate([s.v for s in smoothed]), np.concatenate(phase), settings=settings.noise

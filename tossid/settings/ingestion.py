@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from tossid.settings.kinds import Bounds, Checked, Count, Fraction, NonNegative, Positive, Seed, advanced, advanced_part
 from tossid.settings.limits import LARGEST_GRAVITY
 from tossid.settings.segmentation import SegmentSettings
-from tossid.settings.sessions import SessionSettings, WitnessSettings
+from tossid.settings.sessions import SessionSettings, SmoothingSettings, WitnessSettings
 from tossid.settings.tracking import TrackSettings
 
 
@@ -136,6 +136,11 @@ class IngestSettings(TossSettings):
     defects: Literal["keep", "set_aside"] = "keep"
     """imported tosses with what neither gravity nor contact explains (rules flight, speed, flip, jolt): set_aside gives
     them no split"""
+    smoothed: Literal["refuse", "keep"] = "refuse"
+    """imported tosses that a smoother made: they do not fall by gravity, and have no tracker's noise. refuse: an error
+    says so. keep: they are ingested nevertheless"""
+    smoothing: SmoothingSettings = advanced_part(SmoothingSettings)
+    """when tosses are taken for such"""
     threads: Count | None = None
     """images searched at the same time; null: one a core"""
     detect: DetectSettings = field(default_factory=DetectSettings)

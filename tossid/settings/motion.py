@@ -145,6 +145,8 @@ class MeasurementSettings:
     """level of the interval that must leave out no correction"""
     smallest_scale: NonNegative = 2e-3
     """smaller relative corrections of length are not made"""
+    size_warning: NonNegative = 0.01
+    """larger relative differences from the stated size are said"""
     smallest_lag: NonNegative = 0.1
     """smaller corrections of time are not made, in frames"""
     rest_speed: Positive = 0.05

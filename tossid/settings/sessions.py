@@ -58,5 +58,30 @@ class SessionSettings:
     """what is exact [m]; noise is at least a thousand times as much"""
     rest_error: Positive = 0.001
     """standard deviation of the height that a resting face gives [m]; a contact point's is `WitnessSettings`'s"""
+    above_lowest: Positive = 0.004
+    """greatest height above a toss's lowest corner at which a resting face or a contact point shows the ground [m]"""
     seed: Count = 1
     """of the orders that are drawn"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SmoothingSettings:
+    """When poses are taken for what a smoother made (`tossid.motion.sessions.smoothing`)."""
+
+    fall_time: Positive = 0.1
+    """shortest stretch over which a toss's acceleration is looked at [s]"""
+    fewest_frames: Count = 4
+    """frames that such a stretch has at least"""
+    fall_error: Positive = 0.1
+    """largest distance of a toss's acceleration from gravity where it is nearest to it, in gravities; the published
+    recordings have 0.01 to 0.08 in the median"""
+    fewest_falls: Count = 2
+    """tosses that must come down far enough for it to be judged"""
+    roughness: Positive = 1.0
+    """size of fourth over third differences below which noise is no tracker's; white noise has 1.87"""
+    fewest_differences: Count = 30
+    """numbers from which it is estimated"""
+    moving_speed: Positive = 0.1
+    """speed above which a frame counts for it [m/s]; filters rest where the object does"""
+    uneven: Positive = 0.02
+    """largest difference of a frame's time step from the median, relative; others do not count for it"""

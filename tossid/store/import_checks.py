@@ -102,6 +102,35 @@ def read_tensor(path: Path, columns: Sequence[int]) -> Array:
     return np.array(loaded.detach().numpy(), dtype=float)
 
 
+def tensor_tracks(
+    folder: Path, read: Callable[[Path], tuple[Array, Array]], *, rate_hz: float, limits: ImportLimits = DEFAULT_LIMITS
+) -> Sequence[PoseTrack]:
+    """The tracks of a folder of `.pt` files, one a toss, with recorded velocities.
+
+    Args:
+        folder: Where they lie.
+        read: Reads a file: configurations (n, nq) and velocities (n, nv).
+        rate_hz: Frames a second.
+        limits: Values beyond which units are taken to be wrong.
+
+    Returns:
+        The tracks, 2 before 10.
+
+    Raises:
+        FileError: A file or the folder is not what it should be; names file and row.
+        InputError: The rate is not positive.
+    """
+    check_rate(rate_hz)
+
+    def track(path: Path) -> PoseTrack:
+        q, v = read(path)
+        return checked_track(path, np.arange(len(q)) / rate_hz, q, v, limits=limits)
+
+    tracks = tracks_of(files_of(folder, ".pt"), track)
+    check_velocities(folder, tracks, limits=limits)
+    return tracks
+
+
 def has_columns(folder: Path, columns: Sequence[int]) -> bool:
     """Whether a folder's first `.pt` file holds a tensor with one of these numbers of columns."""
     if not holds(folder, ".pt"):

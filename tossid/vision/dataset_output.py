@@ -8,33 +8,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.outputs import output_file
 from tossid.store import Dataset, dataset_writer, open_dataset
+from tossid.store.writing import DatasetWriter
 from tossid.types import RecordingOrder, Toss
-
-
-class TossSink(Protocol):
-    """What takes the tosses of a dataset, as `tossid.store.writing.DatasetWriter` does."""
-
-    def add(self, toss: Toss) -> None:
-        """Take the next toss."""
-        ...
-
-    def finish(
-        self,
-        *,
-        rate_hz: float,
-        source: str,
-        provenance: Mapping[str, Any],
-        splits: Mapping[str, str] | None = None,
-        order: RecordingOrder | None = None,
-    ) -> None:
-        """Take what may be known only after the last toss."""
-        ...
 
 
 class _InMemory:
@@ -77,7 +58,7 @@ class DatasetOutput:
         return Path(tempfile.gettempdir()) if self._file is None else self._file.parent
 
     @contextmanager
-    def sink(self, model: ObjectModel) -> Iterator[TossSink]:
+    def sink(self, model: ObjectModel) -> Iterator[DatasetWriter | _InMemory]:
         """What takes the tosses one by one, while the block lasts.
 
         Args:

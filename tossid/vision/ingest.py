@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from tossid.motion import Defect, covariance_source, find_defects, median_rate, 
 from tossid.motion.defects import RULES
 from tossid.motion.segmentation import Stretch
 from tossid.motion.sessions import as_recorded
+from tossid.motion.sessions.smoothing import WHITE, look_for_smoothing
 from tossid.objects import ObjectModel, load_object, recorded_object
 from tossid.settings.changed import changed
 from tossid.settings.ingestion import IngestSettings, TossSettings
@@ -176,7 +177,6 @@ def dataset_of_poses(
     opened: Opened,
     poses: PoseTrack | LongTrack,
     *,
-    source: str = "frames",
     settings: TossSettings = DEFAULT,
     out: Path | None = None,
     lineage: Scalars | None = None,
@@ -187,7 +187,6 @@ def dataset_of_poses(
     Args:
         opened: The recording with its object.
         poses: The object's track.
-        source: Name of the format that the poses come from.
         settings: How tosses are found.
         out: Dataset file (.h5) to write; None: the dataset is in memory.
         lineage: What the dataset's provenance says beside the origin of its covariances.
@@ -200,7 +199,7 @@ def dataset_of_poses(
         InputError: There is no toss in it.
     """
     with dataset_output(out) as output:
-        made = _segment_poses(opened, poses, source, settings, output, lineage or {}, report or Reporter())
+        made = _segment_poses(opened, poses, "frames", settings, output, lineage or {}, report or Reporter())
     return Ingested(output.dataset(out), made)
 
 
@@ -281,6 +280,7 @@ def _import_poses(
         report.message("import", f"{path}: reading tosses of '{model.name}'")
         tracks, rate_hz = entry.read(source, model)
         report.message("import", f"{path}: {len(tracks)} tosses, {sum(len(track.t) for track in tracks)} frames")
+        _check_measured(tracks, model, path, settings, report)
         tracks, order = stages.sessions(tracks, model, settings=settings, report=report)
         advance = report.counter("velocities and phases", len(tracks), "tosses")
         for toss in tosses_in_turn(tracks, model, gravity=settings.gravity, end_at_rest=entry.cut_at_rest):
@@ -305,6 +305,25 @@ def _import_poses(
             order=order,
         )
     return IngestReport(defects=tuple(defects), problems=tuple(report.problems))
+
+
+def _check_measured(
+    tracks: Sequence[PoseTrack], model: ObjectModel, path: Path, settings: IngestSettings, report: Reporter
+) -> None:
+    """Refuse tosses that a smoother made (`settings.smoothed`); report tosses that do not fall by the given gravity."""
+    seen = look_for_smoothing(tracks, model, gravity=settings.gravity, settings=settings.smoothing)
+    if seen.falls:
+        return
+    gravity, off = f"{settings.gravity:g} m/s²", f"{seen.fall_error:.1f} m/s²"
+    unlike = f"they do not fall by gravity: where nearest to it ({gravity}), tosses are off by {off} in the median"
+    if not seen.smoothed:
+        report.problem("import", f"{path}: {unlike} of {seen.n_falls}; is gravity={settings.gravity:g} right?")
+        return
+    smooth = f"fourth over third differences of positions are {seen.roughness:.2f}, and {WHITE:.2f} in white noise"
+    problem = f"the poses are a smoother's, not measured: {unlike} of {seen.n_falls}; {smooth}"
+    if settings.smoothed == "refuse":
+        raise FileError(path, f"{problem}. Nothing can be learned from them (smoothed=keep ingests them nevertheless)")
+    report.problem("import", f"{path}: {problem}; kept as smoothed=keep asks")
 
 
 def _set_aside(defects: list[Defect], n_tosses: int, settings: IngestSettings, report: Reporter) -> set[str]:

@@ -12,6 +12,7 @@ from tests.store.makers import make_toss, spinning
 from tossid.errors import FileError, InputError, OutputError
 from tossid.rotations import wxyz_to_xyzw
 from tossid.store import read_tum, write_tum
+from tossid.store.importers.tum import trajectory_info, write_trajectory
 from tossid.types import PoseTrack
 
 
@@ -102,3 +103,27 @@ def test_joints_beside_the_poses(tmp_path: Path) -> None:
     joints.write_text("0.0 3.1\n0.1 nan\n0.25 -3.0\n")
     with pytest.raises(FileError, match="line 2: is not finite"):
         read_tum(tmp_path, n_joints=1)
+
+
+def test_one_trajectory_is_written_with_nine_decimals_and_described(tmp_path: Path) -> None:
+    q = np.zeros((5, 7))
+    q[:, 2], q[:, 3] = 0.2 * np.arange(5), 1.0
+    write_trajectory(tmp_path / "poses.txt", PoseTrack("cube", 0.1 * np.arange(5), q))
+    head, first, *_ = (tmp_path / "poses.txt").read_text().splitlines()
+    assert head == "# timestamp tx ty tz qx qy qz qw"
+    assert first.split() == ["0.000000000"] * 7 + ["1.000000000"]
+    found = trajectory_info(tmp_path / "poses.txt")
+    assert (found["n_frames"], found["rate_hz"], found["duration_s"]) == (5, pytest.approx(10), pytest.approx(0.4))
+    assert found["position_max_m"] == pytest.approx([0, 0, 0.8])
+
+
+def test_a_trajectory_that_is_none_is_refused_with_what_was_expected(tmp_path: Path) -> None:
+    path = tmp_path / "poses.txt"
+    for text, says in (
+        ("words", "expected rows of"),
+        ("0 0 0 0 0 0 1", "has 7 columns"),
+        ("0 0 0 0 0 0 0 9\n1 0 0 0 0 0 0 9", "norm"),
+    ):
+        path.write_text(text)
+        with pytest.raises(FileError, match=says):
+            trajectory_info(path)

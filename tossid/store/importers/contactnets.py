@@ -14,7 +14,7 @@ from tossid.store.importers.registry import Imported, register_importer
 
 if TYPE_CHECKING:
     from tossid.objects import ObjectModel
-    from tossid.types import PoseTrack
+    from tossid.types import Array, PoseTrack
 
 COLUMNS = 19
 """Position (3), quaternion wxyz (4), velocity (3), angular velocity (3, body), unused (6)."""
@@ -67,28 +67,18 @@ def read_contactnets(
     """
     import numpy as np
 
-    from tossid.store.import_checks import (
-        check_rate,
-        check_velocities,
-        checked_track,
-        files_of,
-        read_tensor,
-        tracks_of,
-    )
+    from tossid.store.import_checks import read_tensor, tensor_tracks
 
-    check_rate(rate_hz)
     if not (np.isfinite(half_width) and half_width > 0):
         raise InputError(f"the half width is {half_width} m, expected a positive number")
-    folder = Path(folder)
 
-    def read(path: Path) -> PoseTrack:
+    def read(path: Path) -> tuple[Array, Array]:
         rows = read_tensor(path, (COLUMNS,))
         q = np.concatenate([half_width * rows[:, :3], rows[:, 3:7]], axis=1)
         v = np.concatenate([half_width * rows[:, 7:10], rows[:, 10:13]], axis=1)
-        return checked_track(path, np.arange(len(rows)) / rate_hz, q, v, limits=limits)
+        return q, v
 
-    tracks = tracks_of(files_of(folder, ".pt"), read)
-    check_velocities(folder, tracks, limits=limits)
+    tracks = tensor_tracks(folder, read, rate_hz=rate_hz, limits=limits)
     lowest = float(np.median([track.q[:, 2].min() for track in tracks])) / half_width
     if not LOWEST_CENTER[0] < lowest < LOWEST_CENTER[1]:
         raise FileError(

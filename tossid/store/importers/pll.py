@@ -14,7 +14,7 @@ from tossid.store.importers.registry import Imported, register_importer
 
 if TYPE_CHECKING:
     from tossid.objects import ObjectModel
-    from tossid.types import PoseTrack
+    from tossid.types import Array, PoseTrack
 
 COLUMNS = (13, 15)
 """Of an object without and with a joint."""
@@ -61,21 +61,12 @@ def read_pll(
     """
     import numpy as np
 
-    from tossid.store.import_checks import (
-        check_rate,
-        check_velocities,
-        checked_track,
-        files_of,
-        read_tensor,
-        tracks_of,
-    )
+    from tossid.store.import_checks import read_tensor, tensor_tracks
 
-    check_rate(rate_hz)
     if n_joints not in (0, 1):
         raise InputError(f"the pll format has no or one joint, the object has {n_joints}")
-    folder = Path(folder)
 
-    def read(path: Path) -> PoseTrack:
+    def read(path: Path) -> tuple[Array, Array]:
         rows = read_tensor(path, COLUMNS)
         if rows.shape[1] != 13 + 2 * n_joints:
             raise FileError(
@@ -87,12 +78,9 @@ def read_pll(
         quat, p, joints = rows[:, :4], rows[:, 4:7], rows[:, 7 : 7 + n_joints]
         spin, speed, rates = np.split(rows[:, 7 + n_joints :], [3, 6], axis=1)
         q = np.concatenate([p, quat, np.unwrap(joints, axis=0)], axis=1)
-        v = np.concatenate([speed, spin, rates], axis=1)
-        return checked_track(path, np.arange(len(rows)) / rate_hz, q, v, limits=limits)
+        return q, np.concatenate([speed, spin, rates], axis=1)
 
-    tracks = tracks_of(files_of(folder, ".pt"), read)
-    check_velocities(folder, tracks, limits=limits)
-    return tracks
+    return tensor_tracks(folder, read, rate_hz=rate_hz, limits=limits)
 
 
 def _import(source: PllSource, model: ObjectModel) -> Imported:

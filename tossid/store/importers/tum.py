@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from tossid import budget
 from tossid.errors import FileError, InputError
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _JOINTS = ".joints.txt"
+_FORM = "timestamp tx ty tz qx qy qz qw"
 _SAME_TIME = 1e-6
 """[s] by which the times of poses and joints may differ (they are printed with some digits)."""
 _MAX_FILE = 1 << 28
@@ -74,7 +75,7 @@ def _read_track(path: Path, n_joints: int, limits: ImportLimits) -> PoseTrack:
     from tossid.rotations import xyzw_to_wxyz
     from tossid.store.import_checks import checked_track
 
-    rows, lines = _read_rows(path, 8, "timestamp tx ty tz qx qy qz qw")
+    rows, lines = _read_rows(path, 8, _FORM)
     t = rows[:, 0].copy()
     q = np.concatenate([rows[:, 1:4], xyzw_to_wxyz(rows[:, 4:8])], axis=1)
     beside = path.with_name(path.name.removesuffix(".txt") + _JOINTS)
@@ -107,10 +108,60 @@ def write_tum(folder: Path, tracks: Sequence[PoseTrack | Toss]) -> None:
         if not track.name or "/" in track.name or track.name.endswith(".joints"):
             raise InputError(f"a TUM file cannot be named after track {track.name!r} (empty, with '/', or '.joints')")
         poses = np.column_stack([track.t, track.q[:, :3], wxyz_to_xyzw(track.q[:, 3:7])])
-        write_whole(folder / f"{track.name}.txt", _text("timestamp tx ty tz qx qy qz qw", poses))
+        write_whole(folder / f"{track.name}.txt", _text(_FORM, poses))
         if track.q.shape[1] > 7:
             joints = np.column_stack([track.t, track.q[:, 7:]])
             write_whole(folder / f"{track.name}{_JOINTS}", _text("timestamp angle", joints))
+
+
+def write_trajectory(path: Path, track: PoseTrack) -> None:
+    """Write the poses of a track's base as one file, with nine decimals: `timestamp tx ty tz qx qy qz qw`.
+
+    Args:
+        path: The file.
+        track: What is written.
+    """
+    import numpy as np
+
+    from tossid.rotations import wxyz_to_xyzw
+
+    rows = np.column_stack([track.t, track.q[:, :3], wxyz_to_xyzw(track.q[:, 3:7])])
+    np.savetxt(path, rows, fmt="%.9f", header=_FORM)
+
+
+def trajectory_info(path: Path) -> dict[str, Any]:
+    """What is in one trajectory, for a person: its rows, their rate, their span in time and in space.
+
+    Args:
+        path: A file of rows `timestamp tx ty tz qx qy qz qw`.
+
+    Raises:
+        FileError: It is none, or its times do not increase, or a quaternion is no rotation.
+    """
+    import numpy as np
+
+    from tossid.errors import MotionError
+    from tossid.types import check_motion
+
+    form = f"rows of '{_FORM}'"
+    try:
+        rows = np.loadtxt(path, comments="#", ndmin=2)
+    except (ValueError, UnicodeDecodeError) as error:
+        raise FileError(path, f"expected {form} ({' '.join(str(error).split())})") from error
+    if rows.shape[1] != 8:
+        raise FileError(path, f"has {rows.shape[1]} columns, expected {form}")
+    try:
+        check_motion(rows[:, 0], rows[:, [1, 2, 3, 7, 4, 5, 6]])
+    except MotionError as error:
+        raise FileError(path, error.problem, row=error.row) from error
+    return {
+        "kind": "poses",
+        "n_frames": len(rows),
+        "rate_hz": float(1 / np.median(np.diff(rows[:, 0]))),
+        "duration_s": float(rows[-1, 0] - rows[0, 0]),
+        "position_min_m": rows[:, 1:4].min(axis=0).tolist(),
+        "position_max_m": rows[:, 1:4].max(axis=0).tolist(),
+    }
 
 
 def _text(header: str, rows: Array) -> bytes:

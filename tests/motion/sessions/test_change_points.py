@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tossid.motion.change_points import fewest_items, find_changes, robust_mean, split_statistics
+from tossid.motion.sessions.change_points import fewest_items, find_changes, robust_mean, split_statistics
 from tossid.settings.sessions import SessionSettings
 
 Array = np.ndarray

@@ -8,19 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.motion.bouncing import bounce, tracked
-from tossid.motion.change_points import find_changes
-from tossid.motion.sessions import (
-    as_recorded,
-    find_sessions,
-    levelled_tracks,
-    recording_order,
-    session_words,
-    turned_track,
-    with_covariates,
-)
-from tossid.motion.tosses import tosses_from_tracks
-from tossid.motion.witnesses import toss_witnesses
+from tossid.motion.sessions.change_points import find_changes
+from tossid.motion.sessions.levelling import levelled_tracks, turned_track
+from tossid.motion.sessions.search import find_sessions, recording_order, session_words, with_covariates
+from tossid.motion.sessions.witnesses import toss_witnesses
 from tossid.objects import ObjectModel, corner_positions, load_object
 from tossid.rotations import quat_exp
 from tossid.store.importers import read_contactnets, read_pll, read_tum
@@ -28,15 +19,6 @@ from tossid.types import PoseTrack
 
 TILT = np.deg2rad([1.2, -0.8])
 """Of the table's normal, x and y."""
-
-
-@pytest.fixture(scope="module")
-def tosses(cube: ObjectModel) -> list[PoseTrack]:
-    rng = np.random.default_rng(11)
-    return [
-        tracked(truth, rng, name=str(i))
-        for i, truth in enumerate(bounce(cube, rng, tosses=40, frames=110, gravity=9.81))
-    ]
 
 
 def tilted(tracks: list[PoseTrack], first: int, stop: int, *, height: float = 0.0) -> list[PoseTrack]:
@@ -62,19 +44,6 @@ def test_a_tilt_that_begins_at_a_toss_is_found_and_undone(tosses: list[PoseTrack
     after = find_sessions(levelled, cube)
     assert len(after.sessions) == 1
     assert all("levelled" in session_words(s) or "left" in session_words(s) for s in found.sessions)
-
-
-def test_what_was_levelled_can_be_had_as_recorded(tosses: list[PoseTrack], cube: ObjectModel) -> None:
-    recorded = tilted(tosses, 20, 40)
-    found = find_sessions(recorded, cube)
-    made = tosses_from_tracks(levelled_tracks(recorded, found), cube)
-    back = as_recorded(made[30], found)
-    assert back.q_measured is not None
-    assert made[30].q_measured is not None
-    assert np.abs(made[30].q_measured - recorded[30].q).max() > 1e-3
-    np.testing.assert_allclose(back.q_measured[:, :3], recorded[30].q[:, :3], atol=1e-12)
-    same = np.abs(np.sum(back.q_measured[:, 3:7] * recorded[30].q[:, 3:7], axis=1))
-    np.testing.assert_allclose(same, 1, atol=1e-12)
 
 
 def test_level_never_only_looks_and_level_session_levels_one_session_too(

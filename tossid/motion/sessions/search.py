@@ -1,9 +1,9 @@
-"""Sessions: stretches of a recording between which a camera was bumped, a table cleaned, a calibration redone.
+"""The sessions of a recording, and how the world of each is tilted.
 
-What tosses say of their recording (`tossid.motion.witnesses`) is searched for changes over the order of recording
-(`tossid.motion.change_points`). A session's tilt is the weighted mean of three estimates: how objects fall, the faces
-they rest on, and the points at which they touch. Where they disagree by more than their errors, the scatter between
-them is added to each (DerSimonian and Laird 1986).
+What tosses say of their recording (`witnesses`) is searched for changes over the order of recording
+(`change_points`). A session's tilt is the weighted mean of three estimates: how objects fall, the faces they rest on,
+and the points at which they touch. Where they disagree by more than their errors, the scatter between them is added to
+each (DerSimonian and Laird 1986).
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.motion.change_points import Change, fewest_items, find_changes, robust_mean
 from tossid.motion.ground_plane import upright
-from tossid.motion.witnesses import (
+from tossid.motion.sessions.change_points import Change, fewest_items, find_changes, robust_mean
+from tossid.motion.sessions.levelling import IDENTITY, turned_track
+from tossid.motion.sessions.witnesses import (
     COLUMNS,
     TILTS,
     Witnesses,
@@ -28,18 +29,14 @@ from tossid.motion.witnesses import (
     toss_witnesses,
 )
 from tossid.objects import GRAVITY, ObjectModel, corner_positions
-from tossid.rotations import quat_conj, quat_mul, quat_rotate, quat_to_matrix
 from tossid.settings.sessions import SessionSettings, WitnessSettings
-from tossid.types import OnDemand, PoseTrack, RecordingOrder, Session, Toss
+from tossid.types import OnDemand, PoseTrack, RecordingOrder, Session
 
 Array = NDArray[np.float64]
 Level = Literal["auto", "session", "always", "never"]
 
 DEFAULT = SessionSettings()
 WITNESS = WitnessSettings()
-IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
-_KEPT = 256
-"""Levelled tracks that stay in memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +105,7 @@ def find_sessions(
         advance: Called after each toss.
 
     Returns:
-        The tosses in their order; `levelled_tracks` turns and raises them.
+        The tosses in their order; `levelling.levelled_tracks` turns and raises them.
     """
     order, ordered_by, notes = recording_order(tracks)
     names = tuple(tracks[i].name for i in order)
@@ -279,10 +276,16 @@ def _ground(
     settings: SessionSettings,
     witness: WitnessSettings,
 ) -> tuple[float, float]:
-    """The ground's height that a toss shows [m], and its information; 0, 0 where it neither rests nor touches twice."""
-    resting = resting_faces(track, model, faces, settings=witness)
+    """The ground's height that a toss shows [m] and its information; 0, 0 where it neither rests nor touches twice.
+
+    No corner is below ground: a link that lies on another one, or a corner that turns back in mid-air, says nothing.
+    """
     corners = corner_positions(model, track.q)
-    points = contact_points(corners, corners[..., 2].min(axis=1), settings=witness)
+    low = corners[..., 2].min(axis=1)
+    resting = resting_faces(track, model, faces, settings=witness)
+    resting = resting[resting[:, 2] < low[-1] + settings.above_lowest]
+    points = contact_points(corners, low, settings=witness)
+    points = points[points[:, 2] < low.min() + settings.above_lowest]
     heights, info = list(resting[:, 2]), [settings.rest_error**-2] * len(resting)
     if len(points) >= 2 or len(resting):
         heights += list(points[:, 2])
@@ -290,89 +293,6 @@ def _ground(
     if not info:
         return 0.0, 0.0
     return float(np.average(heights, weights=info)), float(np.sum(info))
-
-
-def levelled_tracks(tracks: Sequence[PoseTrack], found: RecordingOrder) -> Sequence[PoseTrack]:
-    """The tracks, turned and raised as `find_sessions` found; the same ones where nothing is to be done.
-
-    Args:
-        tracks: As recorded.
-        found: What was found of them.
-    """
-    if not (found.shift.any() or (found.turn != IDENTITY).any()):
-        return tracks
-    at = {name: i for i, name in enumerate(found.names)}
-
-    def levelled(i: int) -> PoseTrack:
-        k = at[tracks[i].name]
-        return turned_track(tracks[i], found.turn[k], float(found.shift[k]))
-
-    return OnDemand(levelled, len(tracks), kept=_KEPT)
-
-
-def turned_track(track: PoseTrack, turn: Array, shift: float) -> PoseTrack:
-    """A track in a world that is turned and then raised.
-
-    Args:
-        track: In the recorded world.
-        turn: Quaternion wxyz, (4,).
-        shift: Added to heights after the turn [m].
-    """
-    q, v, cov = _turned(track.q, turn), track.v, track.q_cov
-    q[:, 2] += shift
-    if v is not None:
-        v = _turned_velocity(v, turn)
-    return PoseTrack(track.name, track.t, q, None if cov is None else _turned_cov(cov, turn), v)
-
-
-def as_recorded(toss: Toss, found: RecordingOrder) -> Toss:
-    """A toss as it was recorded, before its session was levelled.
-
-    Args:
-        toss: Of a dataset.
-        found: The dataset's order of recording.
-    """
-    k = found.names.index(toss.name)
-    if not found.shift[k] and (found.turn[k] == IDENTITY).all():
-        return toss
-    back = quat_conj(found.turn[k])
-
-    def pose(q: Array) -> Array:
-        lowered = q.copy()
-        lowered[:, 2] -= found.shift[k]
-        return _turned(lowered, back)
-
-    measured, measured_cov = toss.q_measured, toss.q_measured_cov
-    return replace(
-        toss,
-        q=pose(toss.q),
-        v=_turned_velocity(toss.v, back),
-        q_cov=_turned_cov(toss.q_cov, back),
-        v_cov=_turned_cov(toss.v_cov, back),
-        q_measured=None if measured is None else pose(measured),
-        q_measured_cov=None if measured_cov is None else _turned_cov(measured_cov, back),
-    )
-
-
-def _turned(q: Array, turn: Array) -> Array:
-    """Configurations (n, nq) in a turned world."""
-    out, turns = q.copy(), np.broadcast_to(turn, (len(q), 4))
-    out[:, :3] = quat_rotate(turns, q[:, :3])
-    out[:, 3:7] = quat_mul(turns, q[:, 3:7])
-    return out
-
-
-def _turned_velocity(v: Array, turn: Array) -> Array:
-    out = v.copy()
-    out[:, :3] = quat_rotate(np.broadcast_to(turn, (len(v), 4)), v[:, :3])
-    return out
-
-
-def _turned_cov(cov: Array, turn: Array) -> Array:
-    """Covariances (n, nv, nv), whose first three coordinates are of the world."""
-    T = np.eye(cov.shape[-1])
-    T[:3, :3] = quat_to_matrix(turn)
-    return np.asarray(T @ cov @ T.T)
 
 
 def session_words(session: Session) -> str:
