@@ -37,7 +37,7 @@ from pipelines.commands.cells import study_cells
 from pipelines.config.compose import load
 from pipelines.config.schemas import EvaluateConfig
 sweep = load("evaluate", EvaluateConfig, ["sweep=gravity", "sweep.models=[cn]", "sweep.values=[9.81]"]).sweep
-print(study_cells(sweep, Path("x.h5"), "hash of the data")[0].digest)
+print(next(iter(study_cells(sweep, Path("x.h5"), "hash of the data"))).digest)
 """
 
 

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import pkgutil
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
 import numba
 import numpy as np
+import pytest
 from numba.core.caching import NullCache
 
 import tossid
 from tests.copied import Copy
+from tossid import kernels
 from tossid.code_digest import kernel_modules
 from tossid.kernels import _Cache, _is_ours, fused_kernel, kernel
+from tossid.physics.batch import _fill
 from tossid.physics.forces import Forces
 
 INNER = """
@@ -57,6 +64,62 @@ def test_a_kernel_whose_callee_is_edited_in_another_file_is_compiled_anew(tmp_pa
     assert copy.python(EDIT_AND_RUN) == "16.0 0"
     assert copy.python(RUN) == "16.0 0"
     assert copy.python(RUN) == "16.0 1"
+
+
+COMPILES_SLOWLY = """
+import os, pathlib, time
+from tossid._outer import outer
+compile_ = outer._compiler.compile
+def slowly(*args):
+    pathlib.Path("compiling").touch()
+    while not os.path.exists("go"):
+        time.sleep(0.02)
+    return compile_(*args)
+outer._compiler.compile = slowly
+print(outer(1.0), len(outer.stats.cache_hits))
+"""
+WAITS = """
+import pathlib
+from tossid._outer import outer
+pathlib.Path("waiting").touch()
+print(outer(1.0), len(outer.stats.cache_hits))
+"""
+
+
+def test_of_two_processes_one_compiles_a_kernel(tmp_path: Path) -> None:
+    copy = Copy(tmp_path)
+    for name, text in (("_inner", INNER), ("_outer", OUTER)):
+        (tmp_path / "tossid" / f"{name}.py").write_text(text)
+    with ThreadPoolExecutor(2) as at_once:
+        first = at_once.submit(copy.python, COMPILES_SLOWLY)
+        wait_for((tmp_path / "compiling").exists, first)
+        second = at_once.submit(copy.python, WAITS)
+        wait_for((tmp_path / "waiting").exists, second)
+        time.sleep(1.0)
+        assert not second.done(), "it was to wait for the first"
+        (tmp_path / "go").touch()
+        assert first.result() == "4.0 0"
+        assert second.result() == "4.0 1"
+
+
+def wait_for(there: Callable[[], bool], process: Future[str]) -> None:
+    """Until a file is there; what the process raises, if it ends before."""
+    while not there():
+        assert not process.done(), process.result()
+        time.sleep(0.02)
+
+
+def test_a_kernel_is_compiled_where_nothing_can_be_locked(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    kept = _Cache(_fill.py_func)
+    assert kept._take()
+    kept.give_back()
+    monkeypatch.setattr(kernels.fcntl, "flock", refuse)
+    assert not kept._take()
+    kept.give_back()
+    assert kept._lock is None
 
 
 def test_every_kernel_s_source_is_in_the_digest() -> None:

@@ -112,9 +112,6 @@ def test_transforms_compose_and_invert(
     once = rot.transform_points(T_a @ T_b, points)
     np.testing.assert_allclose(once, rot.transform_points(T_a, rot.transform_points(T_b, points)), atol=1e-10)
     np.testing.assert_allclose(rot.transform_inv(T_a) @ T_a, np.eye(4), atol=1e-10)
-    p, quat = rot.transform_to_pose(T_a)
-    np.testing.assert_allclose(p, p_a)
-    assert same_rotation(quat, q_a)
 
 
 def test_quat_orders_convert_both_ways() -> None:

@@ -2,7 +2,8 @@
 
 Numba keeps a compiled function until the function's own file changes, though other functions, constants and named
 tuples of other files are compiled into it. Here the cache is valid for a digest of all the code that kernels stand in
-or import, and not used at all once one of these files has been edited since the process began.
+or import, and not used at all once one of these files has been edited since the process began. Of several processes
+that start at once, one compiles a kernel, and the others wait for it.
 
 Every kernel states its own `fastmath`. Where it is left open, Numba takes it from the caller that happens to be
 compiled first, so that the last digits would depend on what ran before.
@@ -10,7 +11,11 @@ compiled first, so that the last digits would depend on what ran before.
 
 from __future__ import annotations
 
+import fcntl
+import os
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, partial
 from typing import Any
 
@@ -18,6 +23,7 @@ import numba
 import numpy as np
 from numba import types
 from numba.core.caching import FunctionCache
+from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import overload
 
 from tossid.code_digest import digest_of_modules, kernel_modules, modification_times
@@ -27,6 +33,10 @@ REORDERED = frozenset({"contract", "reassoc", "arcp", "nsz"})
 
 FUSED = frozenset({"contract"})
 """Flags of `fastmath` by which a product and a sum may be rounded once together; nothing is reordered."""
+
+LONGEST_WAIT_S = 300.0
+"""Time for which a process waits for another that compiles the same kernel, before it compiles it itself [s]."""
+_POLL_S = 0.05
 
 _BEGAN = modification_times()
 _IMPLEMENTATIONS: dict[Callable[..., Any], dict[type, Callable[..., Any]]] = {}
@@ -64,6 +74,7 @@ def kernel(
     compiled: Any = numba.njit(nogil=True, **options)(function)
     if keep and hasattr(compiled, "enable_caching"):  # a plain function where NUMBA_DISABLE_JIT is set
         compiled._cache = _Cache(function)
+        compiled.compile = partial(_compile, compiled.compile, compiled._cache)
     return compiled
 
 
@@ -159,11 +170,52 @@ def _is_ours(kind: Any) -> bool:
     return all(_is_ours(part) for part in getattr(kind, "types", ()))
 
 
+def _compile(by_numba: Callable[[Any], Any], kept: _Cache, sig: Any) -> Any:
+    """Load or compile a function for a signature, with Numba's own lock between threads taken before ours."""
+    with global_compiler_lock:
+        try:
+            return by_numba(sig)
+        finally:
+            kept.give_back()
+
+
 class _Cache(FunctionCache):
-    """Numba's cache of a function's machine code, valid for a digest of all kernels instead of the function's file."""
+    """Numba's cache of a function's machine code, valid for a digest of all kernels instead of the function's file.
+
+    What is not in it is compiled under a lock between processes: whoever waited for the lock finds it in the cache.
+    Kernels call each other without cycles, so that two processes never wait for each other.
+    """
+
+    _lock: int | None = None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        return super().load_overload(sig, target_context) if self._may_be_used(sig) else None
+        if not self._may_be_used(sig):
+            return None
+        found = super().load_overload(sig, target_context)
+        if found is None and self._lock is None and self._take():
+            found = super().load_overload(sig, target_context)
+        return found
+
+    def _take(self) -> bool:
+        """Take the lock, if there is one to be had; returns whether it was taken."""
+        with suppress(OSError):  # a read-only folder, or a file system without `flock`
+            os.makedirs(self._cache_path, exist_ok=True)
+            path = os.path.join(self._cache_path, f"{self._impl.filename_base}.lock")
+            self._lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            until = time.monotonic() + LONGEST_WAIT_S
+            while time.monotonic() < until:
+                try:
+                    fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    return True
+                except BlockingIOError:
+                    time.sleep(_POLL_S)
+        return False
+
+    def give_back(self) -> None:
+        """Let others compile the function, or load what was compiled here."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         if self._may_be_used(data.signature.args):

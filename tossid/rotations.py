@@ -204,12 +204,6 @@ def transform_inv(T: ArrayLike) -> Array:
     return out
 
 
-def transform_to_pose(T: ArrayLike) -> tuple[Array, Array]:
-    """Position [m] and quaternion of T_a_b. (*b, 4, 4) -> (*b, 3), (*b, 4)."""
-    T = np.asarray(T, dtype=float)
-    return T[..., :3, 3].copy(), matrix_to_quat(T[..., :3, :3])
-
-
 def transform_points(T: ArrayLike, x: ArrayLike) -> Array:
     """T_a_b applied to points. (*b, 4, 4), (*b, n, 3) -> (*b, n, 3)."""
     T, x = np.asarray(T, dtype=float), np.asarray(x, dtype=float)

@@ -20,7 +20,7 @@ def test_an_object_comes_back(tmp_path: Path) -> None:
     assert settings is not None
     assert settings.path == tmp_path / "object.xml"
     again, model = load_object(settings), load_object("elbow")
-    assert (again.name, again.friction, again.width, len(again.tags)) == ("elbow", 0.18, 0.1, len(model.tags))
+    assert (again.name, again.friction, again.width, len(again.tags)) == ("elbow", 0.3, 0.1, len(model.tags))
     assert again.mjcf == model.mjcf
 
 

@@ -10,7 +10,8 @@ import pytest
 from tossid.kernels import kernel
 from tossid.objects import ObjectModel
 from tossid.physics import law, make_system
-from tossid.physics.law import RECOVERY_SPEED, UNKNOWN, ContactLaw, make_contact_law
+from tossid.physics.law import UNKNOWN, ContactLaw, make_contact_law
+from tossid.settings.contact import ContactSettings
 
 H = 1 / 148
 
@@ -23,8 +24,8 @@ def times(one, h):  # type: ignore[no-untyped-def]
 
 
 @kernel(keep=False)
-def heights(z, sunk, rigid, h):  # type: ignore[no-untyped-def]
-    return law.above_ground(z, 0, sunk, rigid, h)
+def heights(one, z, sunk, rigid, h):  # type: ignore[no-untyped-def]
+    return law.above_ground(one, z, 0, sunk, rigid, h)
 
 
 def law_with(cube: ObjectModel, *, added_mass: float = 0.0, **changes: float) -> ContactLaw:
@@ -57,11 +58,13 @@ def test_an_added_mass_keeps_the_speed_in_short_steps(cube: ObjectModel) -> None
     assert across == pytest.approx(3.0 / (3.0 + H * 2e-3 / 1e-5))  # m' / (m' + h d), d = relaxation / compliance
 
 
-def test_rigid_ground_gives_way_where_a_toss_begins_in_it_and_rises(cube: ObjectModel) -> None:
+@pytest.mark.parametrize("speed", [0.02, 0.005])
+def test_rigid_ground_gives_way_where_a_toss_begins_in_it_and_rises(cube: ObjectModel, speed: float) -> None:
+    one = make_contact_law(make_system(cube), ContactSettings(recovery_speed=speed))
     sunk = np.array([UNKNOWN])
-    assert heights(-1e-3, sunk, True, H) == 0.0
-    found = [heights(-1e-3, sunk, True, H) for _ in range(20)]
-    np.testing.assert_allclose(found, np.maximum(-1e-3, -RECOVERY_SPEED * H * np.arange(1, 21)), atol=1e-15)
+    assert heights(one, -1e-3, sunk, True, H) == 0.0
+    found = [heights(one, -1e-3, sunk, True, H) for _ in range(20)]
+    np.testing.assert_allclose(found, np.maximum(-1e-3, -speed * H * np.arange(1, 21)), atol=1e-15)
     for z, rigid in ((0.01, True), (-1e-3, False)):
         sunk = np.array([UNKNOWN])
-        assert heights(z, sunk, rigid, H) == heights(z, sunk, rigid, H) == z
+        assert heights(one, z, sunk, rigid, H) == heights(one, z, sunk, rigid, H) == z

@@ -8,7 +8,7 @@ import pytest
 
 from tests.physics.trees import random_state, random_tree
 from tossid.physics import LearnedAcceleration, System, contact, free, simulate, tree
-from tossid.physics.solvers import solve_cone
+from tossid.physics.solvers import solve_contacts
 from tossid.physics.system import make_system
 
 
@@ -46,17 +46,6 @@ def test_mass_matrix_bias_and_jacobians_agree_with_mujoco(seed: int) -> None:
             np.testing.assert_allclose(J, J_mujoco, rtol=0, atol=1e-9)
 
 
-def test_configuration_steps_like_mujoco() -> None:
-    rng = np.random.default_rng(0)
-    model = random_tree(rng, n_bodies=3)
-    m = mujoco.MjModel.from_xml_string(model.mjcf)
-    q, v = random_state(rng, model)
-    moved, expected = np.empty(model.nq), q.copy()
-    tree.integrate_configuration(q, v, 0.01, moved)
-    mujoco.mj_integratePos(m, expected, v, 0.01)
-    np.testing.assert_allclose(moved, expected, atol=1e-12)
-
-
 def tossed(rng: np.random.Generator, n_bodies: int) -> tuple[System, np.ndarray, np.ndarray]:
     """A random tree with a random learned acceleration over the ground, and 30 states of it."""
     model = random_tree(rng, n_bodies=n_bodies)
@@ -90,7 +79,7 @@ def plain_step(system: System, q: np.ndarray, v: np.ndarray, h: float) -> tuple[
     A = J @ np.linalg.solve(work.M, J.T)
     slack = system.compliance / (h * recovery_time)
     A += slack * np.diag(np.r_[np.ones(n), np.full(2 * n, contact.TANGENTIAL)])
-    found = solve_cone(A[None], b[None], system.mu[None], tolerance=1e-11)
+    found = solve_contacts(A[None], b[None], system.mu[None], tolerance=1e-11)
     assert found.status[0] == 0
     return vf + np.linalg.solve(work.M, J.T @ found.lam[0]), found.lam[0, :n]
 

@@ -11,6 +11,7 @@ import pytest
 from tests.vision.conftest import Filmed
 from tests.vision.films import film_of
 from tests.vision.tosses import thrown
+from tests.vision.tracked import track
 from tossid.errors import InputError
 from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import geodesic_angle
@@ -20,7 +21,6 @@ from tossid.types import Frame
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.cameras.shutter import Shutter, poses_at
 from tossid.vision.detection.detect import detect_frames
-from tossid.vision.pose_graph.track import track
 from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.recordings.writing import RecordingWriter
 from tossid.vision.setup.layout import layout_of
@@ -94,7 +94,7 @@ def test_images_depend_on_the_seed_and_not_on_threads(made, tagged: ObjectModel,
         with RecordingWriter(tmp_path / "rec", cameras, layout_of(tagged), image_format="png") as writer:
             rng = np.random.default_rng(4)
             truth = render_timeline(short, tagged, cameras, writer, rng, threads=threads, progress=done.append)
-        assert truth.n_images == 12
+        assert truth.kept.sum() == 12
         assert sum(done) == 12
         images.append([frame.image for frame in read_recording(tmp_path / "rec")])
     np.testing.assert_array_equal(images[0], images[1])
@@ -150,7 +150,7 @@ def test_dropped_frames_are_gone_and_the_others_as_they_were(
     part, truth = film_of(timeline, tagged, rig[:2], tmp_path / "b", Filming(dropped=0.3))
     assert everything.kept.all()
     assert truth.kept.mean() == pytest.approx(0.7, abs=0.06)
-    assert part.n_frames == truth.kept.sum() == truth.n_images
+    assert part.n_frames == truth.kept.sum()
     for c, camera in enumerate(part.cameras):
         stamps = np.array([file.t_ns for file in part.frames[camera.name]]) * 1e-9
         np.testing.assert_allclose(stamps, timeline.t[truth.kept[:, c]], atol=1e-9)

@@ -34,6 +34,7 @@ X, AXIS, ANCHOR, SPIN, ALPHA, ACCEL = 0, 3, 6, 9, 12, 15  # origin; joint; spin;
 MASS, MOMENT, INERTIA = 18, 19, 22  # of the body and all beyond it: 1; first moment; xx, yy, zz, xy, xz, yz
 FORCE, TORQUE, MOMENTUM = 28, 31, 34  # of the bias, all beyond; p_j / m
 WIDTH = 37
+"""Columns in all."""
 
 
 class Articulated(NamedTuple):

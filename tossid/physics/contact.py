@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tossid.kernels import fused_kernel, inlined_kernel
 from tossid.physics.forces import friction_of
-from tossid.physics.law import BOUNCE_SPEED, RECOVERY_SPEED, above_ground, kept_speed, recovery_time
+from tossid.physics.law import above_ground, kept_speed, recovery_time
 from tossid.physics.moving import add_impulse, contact_row, corner_place, inverse_mass, n_rates, whiten
 from tossid.physics.solvers.cone_qp import qp_solve
 from tossid.physics.solvers.registry import solve_contact
@@ -28,13 +28,13 @@ Array = NDArray[np.float64]
 MAX_ITERATIONS = 40
 """Of the convex programme that relaxed friction is solved by."""
 CLOSING_SPEED = 1.0
-"""A corner joins the contact problem at once if it would touch within this speed [m/s]; others when they are hit."""
-IMPACT_SPEED = 0.1
-"""[m/s] at which a corner has to cross the ground for a step to be cut there."""
-TOUCHING = 5e-5
-"""Height [m] from which a corner that comes down at that speed strikes the ground."""
+"""A corner joins the contact problem at once if it would touch within this speed [m/s]; others when they are hit.
+
+Not a setting: those left out are looked at again once impulses are known, so that it decides how soon a problem is
+solved, and not what the motion is.
+"""
 TANGENTIAL = 1e-3
-"""Slack of a compliant corner's tangential rows over that of its normal row: sigma of Castro et al."""
+"""Slack of a compliant corner's tangential rows over that of its normal row: sigma of Castro et al., their value."""
 FAR, LOW, CANDIDATE = 0, 1, 2
 """State of a corner: out of reach; within reach; in the contact problem."""
 ROUNDS = 4
@@ -128,7 +128,7 @@ def find_corners(model, work, s, corners, radius, h):  # type: ignore[no-untyped
 
 
 @inlined_kernel
-def find_gaps(corners, rigid, strike, whole, h, step):  # type: ignore[no-untyped-def]
+def find_gaps(law, corners, rigid, strike, whole, h, step):  # type: ignore[no-untyped-def]
     """The gaps of a step of length h, or of a strike.
 
     whole: steps do not end at impacts. step: length of a whole one [s].
@@ -136,16 +136,16 @@ def find_gaps(corners, rigid, strike, whole, h, step):  # type: ignore[no-untype
     Returns:
         Whether the ground gives way below a corner.
     """
-    uneven = False
+    uneven, touching = False, law.thresholds.touching_height
     for c in range(corners.state.shape[0]):
-        z = above_ground(corners.height[c], c, corners.sunk, rigid, h)
+        z = above_ground(law, corners.height[c], c, corners.sunk, rigid, h)
         uneven = uneven or corners.sunk[c] < 0.0
-        if strike and z < TOUCHING:
+        if strike and z < touching:
             z = 0.0
         elif rigid and z < 0.0:
             z *= h / max(h, step)  # comes out within a whole step
-        elif z < TOUCHING and not whole:
-            z = min(z, RECOVERY_SPEED * h)  # is on the ground, and recovers there
+        elif z < touching and not whole:
+            z = min(z, law.thresholds.recovery_speed * h)  # is on the ground, and recovers there
         corners.gap[c] = z
     return uneven
 
@@ -161,7 +161,7 @@ def set_target(law, s, corners, c, n, nx, h, cold, bounces):  # type: ignore[no-
     target = corners.gap[c] / h + free
     if law.restitution > 0.0 and target < 0.0:
         before = velocity(tau, c, 0, s.u_start, s.xi_start, nx)
-        if before < -BOUNCE_SPEED and (bounces or before > -IMPACT_SPEED):
+        if before < -law.thresholds.bounce_speed and (bounces or before > -law.thresholds.impact_speed):
             target = min(target, free + law.restitution * before)  # Newton: J_n v' >= -e J_n v
     elif target < 0.0 or corners.gap[c] < 0.0:
         target = corners.gap[c] / recovery_time(law, h) + free  # phi / s + J_n v'
@@ -278,7 +278,7 @@ def resolve_contact(model, law, solver, work, s, corners, h, tolerance, cold, st
     """Contact in one step: s.u and s.xi become those after it. After `find_corners` and `find_gaps`.
 
     cold: there is no last step's load. strike: the step has no length. bounces: restitution acts at any approach, not
-    only below `IMPACT_SPEED`.
+    only below `impact_speed`.
 
     Returns:
         (candidates, 0 if none is hit; touched; status; KKT error); the candidates' impulses are V[LAM].

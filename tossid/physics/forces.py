@@ -14,7 +14,7 @@ friction. All but an impact's resistance to spin, which follows it, is known bef
     speed in friction       the corner's slip at the step's start: before an impact, or at the end of the last step
     direction in friction   the corner's slip without this step's contact forces; that is where the load pushes
     load of resistance      the normal impulse of the step before, over all corners; of an impact, its own
-    adhesion                of corners that carried load in the step before or are within `ADHESION_REACH`
+    adhesion                of corners that carried load in the step before or are within `adhesion_reach`
 """
 
 from __future__ import annotations
@@ -48,8 +48,6 @@ NONE, DRAG, SPIN, MAGNUS, SPRING, VORTEX, TURNING = map(int, PoweredForce)
 """The same, as kernels compare them."""
 LEAST_STATE = 1e-6
 """The least size of a state [SI], whose negative powers are infinite at 0."""
-ADHESION_REACH = 5e-4
-"""Height [m] up to which a corner is held by adhesion."""
 
 
 class Forces(NamedTuple):

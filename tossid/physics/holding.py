@@ -6,7 +6,6 @@ import math
 
 from tossid.kernels import fused_lean_kernel, lean_kernel
 from tossid.physics.contact import FAR
-from tossid.physics.forces import ADHESION_REACH
 from tossid.physics.moving import inverse_mass, n_rates, spin_row
 
 
@@ -44,12 +43,12 @@ def resist(impulse, L, row, y, xi):  # type: ignore[no-untyped-def]
 def hold_bodies(model, law, work, s, corners, h, cold):  # type: ignore[no-untyped-def]
     """Adhesion's pull on the free s.u and s.xi, and each body's resistance to spin, by the last step's load.
 
-    Every corner that carried load in the last step, or is within `ADHESION_REACH`, is pulled down by the same force:
+    Every corner that carried load in the last step, or is within `adhesion_reach`, is pulled down by the same force:
     u_n -= h f / m, xi -= h f S^-1 tau_n.
     """
     nx, y, pull = n_rates(model), corners.g, h * law.beyond.adhesion
     for c in range(corners.state.shape[0]):
-        near = corners.height[c] < ADHESION_REACH or (not cold and corners.warm[c, 0] > 0.0)
+        near = corners.height[c] < law.thresholds.adhesion_reach or (not cold and corners.warm[c, 0] > 0.0)
         if pull != 0.0 and near and corners.state[c] != FAR:
             for x in range(nx):
                 y[x] = corners.tau[c, 0, x]

@@ -11,15 +11,22 @@ from numpy.typing import NDArray
 from tossid.kernels import fused_inlined_kernel
 from tossid.physics.forces import Law, law_of
 from tossid.physics.system import System
+from tossid.settings.contact import ContactSettings
 
 Array = NDArray[np.float64]
 
-BOUNCE_SPEED = 0.02
-"""Approach [m/s] below which restitution does not act."""
-RECOVERY_SPEED = 0.02
-"""[m/s] at which a corner that a toss starts with in rigid ground comes out of it."""
 UNKNOWN = 1.0
-"""Depth of the ground below a corner whose toss has not begun."""
+"""Stands for the depth of the ground below a corner whose toss has not begun; true depths are not positive."""
+
+
+class Thresholds(NamedTuple):
+    """The numbers of `ContactSettings`, as kernels read them: speeds [m/s] and heights [m]."""
+
+    bounce_speed: float
+    recovery_speed: float
+    impact_speed: float
+    touching_height: float
+    adhesion_reach: float
 
 
 class ContactLaw(NamedTuple):
@@ -33,6 +40,7 @@ class ContactLaw(NamedTuple):
         cohesion: c of |f_t| <= mu f_n + c [N].
         varied: whether `beyond` differs from a constant friction.
         beyond: contact beyond a constant friction.
+        thresholds: speeds and heights that decide between cases.
     """
 
     mu: Array
@@ -42,13 +50,15 @@ class ContactLaw(NamedTuple):
     cohesion: float
     varied: bool
     beyond: Law
+    thresholds: Thresholds
 
 
-def make_contact_law(system: System) -> ContactLaw:
+def make_contact_law(system: System, settings: ContactSettings = ContactSettings()) -> ContactLaw:
     """The law of contact of a system.
 
     Args:
         system: the simulator's parameters.
+        settings: speeds and heights that decide between cases.
     """
     beyond = law_of(system.law)
     return ContactLaw(
@@ -59,6 +69,13 @@ def make_contact_law(system: System) -> ContactLaw:
         cohesion=float(system.cohesion),
         varied=beyond.acts,
         beyond=beyond,
+        thresholds=Thresholds(
+            bounce_speed=float(settings.bounce_speed),
+            recovery_speed=float(settings.recovery_speed),
+            impact_speed=float(settings.impact_speed),
+            touching_height=float(settings.touching_height),
+            adhesion_reach=float(settings.adhesion_reach),
+        ),
     )
 
 
@@ -89,14 +106,14 @@ def kept_speed(law, h):  # type: ignore[no-untyped-def]
 
 
 @fused_inlined_kernel
-def above_ground(z, c, sunk, rigid, h):  # type: ignore[no-untyped-def]
+def above_ground(law, z, c, sunk, rigid, h):  # type: ignore[no-untyped-def]
     """Height of corner c at z over the ground as it is below that corner.
 
     Recorded states lie in the ground by their noise, and phi / h of that depth would be a kick. So rigid ground is as
-    deep as the corner where a toss begins in it, and rises at `RECOVERY_SPEED`. Compliant ground needs no such care.
+    deep as the corner where a toss begins in it, and rises at `recovery_speed`. Compliant ground needs no such care.
     """
     if sunk[c] == UNKNOWN:
         sunk[c] = min(z, 0.0) if rigid else 0.0
     elif sunk[c] < 0.0:
-        sunk[c] = min(sunk[c] + RECOVERY_SPEED * h, 0.0)
+        sunk[c] = min(sunk[c] + law.thresholds.recovery_speed * h, 0.0)
     return z - sunk[c]

@@ -16,7 +16,6 @@ further from Coulomb's law, since friction then comes too late in an impact; it 
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -27,7 +26,7 @@ from mujoco import rollout
 from numpy.typing import NDArray
 
 from tossid.errors import DivergedError, InputError, MotionError
-from tossid.objects import GRAVITY, ObjectModel, to_mjcf
+from tossid.objects import ObjectModel, to_mjcf
 
 Array = NDArray[np.float64]
 
@@ -38,52 +37,10 @@ RIGID_DAMPING = 10.0
 """Damping ratio of contact at which a landing does not bounce."""
 
 RIGID_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+"""MuJoCo's impedance of contact: as near 1, which is rigid, as its solver bears."""
 _ROWS_AT_ONCE = 1_000_000
+"""States that MuJoCo returns at once: a bound on memory, of some hundred megabytes."""
 _one_at_a_time = threading.RLock()
-
-
-def simulate_mujoco(
-    model: ObjectModel,
-    q0: Array,
-    v0: Array,
-    n_steps: int,
-    dt: float,
-    *,
-    substeps: int | None = None,
-    gravity: float = GRAVITY,
-    solref: tuple[float, float] | None = None,
-    solimp: tuple[float, ...] = RIGID_SOLIMP,
-    n_threads: int = 1,
-) -> tuple[Array, Array]:
-    """Toss the object in MuJoCo, from B states at once.
-
-    Args:
-        model: The object.
-        q0: (B, nq) or (nq,) start, in the order of MuJoCo's qpos.
-        v0: (B, nv) or (nv,) start, in the order of MuJoCo's qvel.
-        n_steps: Frames after the first.
-        dt: Time between frames [s].
-        substeps: MuJoCo steps a frame; as many as keep the time step within `RIGID_STEP` if None.
-        gravity: Downward acceleration [m/s²].
-        solref: (time constant [s], damping ratio) of contact; two time steps and `RIGID_DAMPING` if None.
-        solimp: MuJoCo's impedance of contact.
-        n_threads: Threads over the batch.
-
-    Returns:
-        q (B, n_steps + 1, nq) and v (B, n_steps + 1, nv), the start first, quaternions unit.
-
-    Raises:
-        MotionError: A start is not finite, or has another shape than the object's.
-        InputError: A count or a time is not positive.
-        DivergedError: MuJoCo gave up on a toss (it resets a state that explodes); carries the toss's start.
-    """
-    if n_steps < 1 or not dt > 0 or (substeps is not None and substeps < 1):
-        raise InputError(f"{n_steps} steps of {dt} s in {substeps} substeps; expected positive numbers")
-    if substeps is None:
-        substeps = math.ceil(dt / RIGID_STEP)
-    step = dt / substeps
-    compiled = compile_scene(model, np.array([0.0, 0.0, -gravity]), step, solref or (2 * step, RIGID_DAMPING), solimp)
-    return run_scene(compiled, model, q0, v0, n_steps, substeps, n_threads=n_threads)
 
 
 def run_scene(
@@ -195,7 +152,7 @@ def compile_scene(
     solref: tuple[float, float],
     solimp: tuple[float, ...],
 ) -> mujoco.MjModel:
-    """The object over the ground plane z = 0, with gravity (3,) [m/s²] and time steps [s]; see `simulate_mujoco`."""
+    """The object over the ground plane z = 0, with gravity (3,) [m/s²] and time steps [s]."""
     compiled = mujoco.MjModel.from_xml_string(to_mjcf(model, timestep=step, solref=solref, solimp=solimp))
     # MJCF text rounds numbers; frames must fall on their times.
     compiled.opt.timestep, compiled.opt.gravity[:] = step, gravity

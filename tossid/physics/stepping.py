@@ -27,7 +27,7 @@ free motion, and is pushed there by others, has phi / h for its gap. Its tangent
 which no solver finds soon. A sticking corner creeps by that slack times lam_t, 1e-5 m/s for a newton at 33 kN/m.
 
 Where a toss begins with a corner in rigid ground, the ground is as deep below that corner and rises at 2 cm/s
-(`above_ground`): recorded states are noisy, and phi / h of a depth that is noise would be a kick.
+(`ContactSettings.recovery_speed`): recorded states are noisy, and phi / h of a depth that is noise would be a kick.
 
 An impact that falls into a step is felt in two parts: at its end, so much of the impulse as brings the corner to the
 ground by then, and the rest a step later. Two parts are not the same impulse where friction turns or others are hit,
@@ -59,6 +59,7 @@ from tossid.physics.solvers.exact_cone import ExactCone
 from tossid.physics.solvers.registry import ContactSolver, check_solver
 from tossid.physics.system import System
 from tossid.physics.time_step import Simulation, StepSettings, Tosses, simulate_tosses
+from tossid.settings.contact import ContactSettings
 
 Array = NDArray[np.float64]
 
@@ -79,6 +80,7 @@ def simulate(
     impact_parts: int = 1,
     solver: ContactSolver = EXACT_CONE,
     tolerance: float = TOLERANCE,
+    contact: ContactSettings = ContactSettings(),
     n_threads: int = 1,
 ) -> Simulation:
     """The motion of a batch of tosses.
@@ -91,10 +93,11 @@ def simulate(
         dt: time between frames [s], at least `substeps` steps each.
         substeps: steps in a frame.
         impact_parts: more than 1 for impacts where they happen: a step in which a corner crosses the ground at more
-            than 0.1 m/s ends there or, where contact gives way, is cut in so many.
+            than `contact.impact_speed` ends there or, where contact gives way, is cut in so many.
         solver: of the contact problem: `ExactCone()`, `PolyhedralCone(n_directions=8)`, or one's own
             (`solvers.register_solver`).
         tolerance: on the contact problem's KKT error [m/s].
+        contact: speeds and heights that decide between cases of contact.
         n_threads: tosses are split over this many threads.
 
     Returns:
@@ -113,7 +116,7 @@ def simulate(
     steps = np.array(np.broadcast_to(np.asarray(n_steps, dtype=np.int64), (count,)))  # writable, also of one toss
     if (steps < 1).any() or substeps < 1 or impact_parts < 1 or not dt > 0:
         raise InputError("a simulation needs dt > 0, and at least one step a toss, one substep a step and one part")
-    law = make_contact_law(system)
+    law = make_contact_law(system, contact)
     check_solver(solver, relaxed=law.beyond.lifting > 0)
     T, nc = int(steps.max()), system.n_corners
     out = Simulation(

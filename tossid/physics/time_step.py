@@ -32,7 +32,10 @@ from tossid.physics.solvers.workspace import LAM
 Array = NDArray[np.float64]
 
 STRIKE = 1e-6
-"""Length of a strike, over a frame's: an impulse, and no way."""
+"""Length of a strike, over a frame's: an impulse, and no way.
+
+Not a setting: any number gives the same that is small beside 1 and large beside rounding.
+"""
 STEADY = 5e-3
 """[m/s] below which a touching corner goes neither up nor down: its slide then is that of the mean velocity."""
 RESTING, QUIET = 100.0, 4
@@ -259,7 +262,7 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
                     low = find_corners(model, work, s, corners, beyond.rounding, h)
                     if not begins:
                         break
-                    left, strike, length = first_impact(model, work, s, corners, rigid, strikes, impact_parts, h)
+                    left, strike, length = first_impact(model, law, work, s, corners, rigid, strikes, impact_parts, h)
                     if strike:
                         strikes += 1
                         length = STRIKE * dt
@@ -278,7 +281,7 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
                     for x in range(nx):
                         s.xi[x] += s.taken[x]
                 if low or uneven:
-                    uneven = find_gaps(corners, rigid, strike, whole, h, dt / substeps)
+                    uneven = find_gaps(law, corners, rigid, strike, whole, h, dt / substeps)
                 n, touched, status, kkt_error = np.int64(0), False, 0, 0.0
                 if low:
                     n, touched, status, kkt_error = resolve_contact(

@@ -330,28 +330,3 @@ def cholesky_solve(L, x, n):  # type: ignore[no-untyped-def]
         for k in range(i + 1, n):
             s -= L[k, i] * x[k]
         x[i] = s / L[i, i]
-
-
-@fused_kernel
-def integrate_configuration(q, v, dt, out):  # type: ignore[no-untyped-def]
-    """out (nq,) = q moved along v (nv,) for dt [s]: quaternion times exp(omega dt), body frame."""
-    for i in range(3):
-        out[i] = q[i] + dt * v[i]
-    wx, wy, wz = dt * v[3], dt * v[4], dt * v[5]
-    angle = np.sqrt(wx * wx + wy * wy + wz * wz)
-    if angle > 1e-8:
-        s = np.sin(0.5 * angle) / angle
-    else:
-        s = 0.5 - angle * angle / 48.0
-    c = np.cos(0.5 * angle)
-    x, y, z = s * wx, s * wy, s * wz
-    a, b, d, e = q[3], q[4], q[5], q[6]
-    out[3] = a * c - b * x - d * y - e * z
-    out[4] = a * x + b * c + d * z - e * y
-    out[5] = a * y - b * z + d * c + e * x
-    out[6] = a * z + b * y - d * x + e * c
-    n = np.sqrt(out[3] ** 2 + out[4] ** 2 + out[5] ** 2 + out[6] ** 2)
-    for i in range(3, 7):
-        out[i] /= n
-    for i in range(7, q.shape[0]):
-        out[i] = q[i] + dt * v[i - 1]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tossid.settings.kinds import Checked, Count, Except, Positive, advanced_part
+from tossid.settings.kinds import Checked, Count, Except, Fraction, Positive, advanced_part
 from tossid.settings.limits import Friction, Length, Mass, Restitution
 
 
@@ -55,7 +55,9 @@ class ShapeSettings(Checked):
     other_height: Positive = 2e-4
     """change of height after which it does [m]"""
     careful_below: Count = 16
-    """number of vertices below which three ways to leave one out are compared, not one"""
+    """number of vertices up to which they are left out one by one, the best of three ways each time"""
+    dropped_share: Fraction = 0.1
+    """share of the vertices that is left out at once while there are more"""
     iterations: Count = 40
     """most steps of a fit"""
     converged: Positive = 2e-6
@@ -68,6 +70,28 @@ class ShapeSettings(Checked):
     """farthest that an object may reach from the origin of its frame [m]"""
     smallest: Positive = 1e-3
     """smallest radius of the largest ball inside an object [m]"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvidenceSettings(Checked):
+    """What frames say against corners (`tossid.objects.shape_evidence`)."""
+
+    tight_rel: Positive = 0.05
+    """a frame is tight when its gap to the outer hull is below this share of the radius of the largest ball inside"""
+    missing_rel: Positive = 0.1
+    """share of that radius by which all corners may stay above the ground in a tight frame, and by which a corner may
+    be off one that the tosses show"""
+    outside_rel: Positive = 0.25
+    """share of that radius by which a corner may be below the ground in some frame; real ones sink at impacts"""
+    unexplained_share: Positive = 2e-3
+    """share of the tight frames that corners may leave unexplained"""
+    fewest_shown: Count = 5
+    """different contacts that show a corner"""
+    seen_rel: Positive = 0.06
+    """height below which a learned corner touches the ground, as a share of that radius, or of half the width where no
+    radius is known"""
+    fewest_seen: Count = 3
+    """frames in which a learned corner touches, from which on it counts as seen"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +112,9 @@ _LIBRARY = Path("tossid/objects/library")
 
 PRESETS = {
     "cube": ObjectSettings("cube", _LIBRARY / "cube.xml", width=0.1048, tags=_LIBRARY / "cube_tags.yaml"),
-    "elbow": ObjectSettings("elbow", _LIBRARY / "elbow.xml", width=0.1, tags=_LIBRARY / "elbow_tags.yaml"),
+    "elbow": ObjectSettings(
+        "elbow", _LIBRARY / "elbow.xml", friction=0.3, width=0.1, tags=_LIBRARY / "elbow_tags.yaml"
+    ),
 }
 """The objects that are known by name. The cube is that of the published ContactNets tosses, the elbow that of dair_pll:
 two links on a hinge."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
+from tossid.settings.contact import ContactSettings
 from tossid.settings.kinds import (
     Bounds,
     Checked,
@@ -33,6 +34,8 @@ class LcpEngine:
     """0: the exact friction cone; 4, 6, 8, …: the polyhedral cone of so many directions"""
     impact_parts: Count = advanced(8)
     """parts of a time step in which contact gives way, where impacts have a duration"""
+    contact: ContactSettings = advanced_part(ContactSettings)
+    """speeds and heights that decide between cases of contact"""
 
 
 @dataclass(frozen=True)
@@ -162,7 +165,7 @@ class SynthesizeSettings(Checked):
 
     engine: Engine = MujocoEngine()
     """what simulates:"""
-    tosses: Count = 8
+    tosses: Count = 12
     """how many"""
     seed: Seed = 0
     """seed of everything random"""

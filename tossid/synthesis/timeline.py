@@ -202,12 +202,10 @@ class FilmTruth:
     """What was filmed.
 
     Attributes:
-        n_images: How many images were written.
         kept: (n, cameras) whether a camera's frame was written.
         visible: (n, cameras, tags) the share of each tag that a camera could see, NaN where another renderer drew.
     """
 
-    n_images: int
     kept: NDArray[np.bool_]
     visible: Array
 
@@ -292,4 +290,4 @@ def render_timeline(
                     draw(job, seed)
             if progress is not None:
                 progress(len(part))
-    return FilmTruth(int(kept.sum()), kept, visible)
+    return FilmTruth(kept, visible)

@@ -14,7 +14,6 @@ from tossid.physics import simulate
 from tossid.physics.effects import LIBRARY, Forces, Law, RecordingErrors, World
 from tossid.physics.effects.in_mujoco import inexpressible, toss_in_mujoco
 from tossid.physics.forces import DRAG, MAGNUS, SPIN, SPRING, TURNING, VORTEX
-from tossid.physics.mujoco_engine import simulate_mujoco
 from tossid.rotations import quat_exp
 
 DT = 1 / 148
@@ -30,14 +29,6 @@ def above(height: float) -> np.ndarray:
 @pytest.fixture(scope="module")
 def cube() -> ObjectModel:
     return load_object(OBJECT_FILES / "cube.xml")
-
-
-def test_a_plain_world_is_the_plain_engine(cube: ObjectModel) -> None:
-    q, v = above(0.1), np.array([[0.5, 0, 0, 3, 2, 1.0]])
-    plain = simulate_mujoco(cube, q, v, 40, DT)
-    world = toss_in_mujoco(World(cube), q, v, 40, DT)
-    np.testing.assert_array_equal(world[0], plain[0])
-    np.testing.assert_array_equal(world[1], plain[1])
 
 
 def test_bodies_gravity_ground_and_forces_fly_as_in_our_engine(cube: ObjectModel) -> None:

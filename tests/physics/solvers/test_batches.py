@@ -52,10 +52,9 @@ def test_an_error_in_a_slice_is_raised() -> None:
 
 def test_problems_are_made_contiguous_and_warm_starts_copied() -> None:
     A, b, warm = np.asfortranarray(np.ones((5, 6, 6))), np.ones((5, 12))[:, ::2], np.ones((5, 6))
-    problems, lam = check_batch(A, b, np.array(0.3), None, warm)
+    problems, lam = check_batch(A, b, np.array(0.3), warm)
     assert all(each.flags.c_contiguous for each in problems)
-    assert problems.mu.shape == problems.active.shape == (5, 2)
-    assert problems.active.all()
+    assert problems.mu.shape == (5, 2)
     lam[:] = 0.0
     assert warm.all()
 
@@ -65,10 +64,9 @@ def test_problems_are_made_contiguous_and_warm_starts_copied() -> None:
     ({"b": np.ones((5, 4))}, r"expected \(B, 3 n, 3 n\)"),
     ({"mu": np.ones(3)}, r"friction of shape \(3,\), expected \(2,\) or \(5, 2\)"),
     ({"mu": np.array([0.1, -0.2])}, "friction coefficient -0.2 is negative"),
-    ({"active": np.ones(2, bool)}, r"active contacts of shape \(2,\), expected \(5, 2\)"),
     ({"warm": np.ones(6)}, r"warm start of shape \(6,\), expected \(5, 6\)"),
 ])  # fmt: skip
 def test_shapes_that_do_not_fit_are_refused(wrong: dict[str, np.ndarray], says: str) -> None:
-    given = {"A": np.ones((5, 6, 6)), "b": np.ones((5, 6)), "mu": np.ones(2), "active": None, "warm": None} | wrong
+    given = {"A": np.ones((5, 6, 6)), "b": np.ones((5, 6)), "mu": np.ones(2), "warm": None} | wrong
     with pytest.raises(InputError, match=says):
         check_batch(**given)  # type: ignore[arg-type]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.physics.solvers.reference import cone_kkt_error, cone_qp_kkt_error
 from tossid.kernels import kernel
 from tossid.physics.solvers import blocks
-from tossid.physics.solvers.problem import cone_kkt_error, cone_qp_kkt_error
 from tossid.physics.solvers.workspace import OPEN, SLIP, STICK
 
 

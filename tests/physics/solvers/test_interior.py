@@ -5,9 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.physics.solvers.contact_problems import draw_many
+from tests.physics.solvers.contact_problems import draw, draw_many
 from tossid.physics.solvers import solve_cone_qp
-from tossid.physics.solvers.interior import add_inverse_square, apply_scaling, interior_point, longest_step, nt_scaling
+from tossid.physics.solvers.interior import (
+    add_inverse_square,
+    apply_scaling,
+    interior_point,
+    interior_start,
+    longest_step,
+    nt_scaling,
+)
 from tossid.physics.solvers.problem import contact_rows
 
 START = np.array([0, 3, 4, 7])  # a cone, a half line, a cone
@@ -64,3 +71,10 @@ def test_interior_point_comes_close_to_every_minimum() -> None:
             other[rows] = answer
             values = [0.5 * x @ A[k] @ x + c[k] @ x for x in (lam[k], other)]
             assert values[1] == pytest.approx(values[0], abs=1e-5 * (1 + abs(values[0])))
+
+
+def test_the_interior_point_s_start_is_near_the_minimum() -> None:
+    A, c, mu = draw("flat", np.random.default_rng(0), mu=0.3)
+    A = A + 1e-3 * np.eye(12)  # so that the impulses are unique
+    best = solve_cone_qp(A[None], c[None], mu).lam[0]
+    np.testing.assert_allclose(interior_start(A, c, mu), best, atol=1e-5 * (1 + np.abs(best).max()))

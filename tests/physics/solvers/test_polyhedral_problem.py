@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.physics.solvers.contact_problems import draw
-from tests.physics.solvers.reference import lcp_matrices
+from tests.physics.solvers.reference import lcp_kkt_error, lcp_matrices, tangent_directions
 from tossid.physics.solvers.polyhedral_problem import (
     PolyhedralAnswer,
     PolyhedralProblem,
@@ -14,14 +14,13 @@ from tossid.physics.solvers.polyhedral_problem import (
     polyhedral_kkt_error,
     unpack,
 )
-from tossid.physics.solvers.problem import lcp_kkt_error, tangent_directions
 
 K = 6
 
 
 def problem(seed: int) -> PolyhedralProblem:
     A, b, mu = draw("flat", np.random.default_rng(seed), mu=0.4)
-    return PolyhedralProblem(A, b, mu, np.ones(len(mu), bool), tangent_directions(K))
+    return PolyhedralProblem(A, b, mu, tangent_directions(K))
 
 
 def test_the_scaled_matrix_is_the_plain_one_in_other_units() -> None:
@@ -29,7 +28,7 @@ def test_the_scaled_matrix_is_the_plain_one_in_other_units() -> None:
     n = len(given.mu)
     size, scale = n * (K + 2), rng.uniform(0.5, 2, size=n)
     M, q = np.empty((size, size)), np.empty(size)
-    lcp_matrix(given, np.arange(n), n, scale, M, q)
+    lcp_matrix(given, scale, M, q)
     plain_M, plain_q = lcp_matrices(given.A, given.b, given.mu, K)
     # contact after contact: its normal, its directions, its gamma
     order = np.ravel([[i, *range(n + K * i, n + K * (i + 1)), n + K * n + i] for i in range(n)])
@@ -47,7 +46,7 @@ def test_an_answer_is_read_from_the_basis() -> None:
     basis[:3] = size + np.array([K + 2, K + 2 + 3, K + 1])
     values = np.full(size, 9.0)
     values[:3] = [0.5, 0.25, 3.0]
-    unpack(values, basis, size, np.arange(4), scale, given, answer)
+    unpack(values, basis, size, scale, given, answer)
     assert answer.lam[1] == 1.0
     assert answer.beta[1, 2] == 0.5
     assert answer.gamma[0] == 3.0

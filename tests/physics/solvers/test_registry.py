@@ -11,7 +11,9 @@ from tests.physics.solvers.contact_problems import landing
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.physics import ExactCone, PolyhedralCone, make_system, register_solver, simulate
-from tossid.physics.solvers import SolverStatus, cone_kernel, work_arrays
+from tossid.physics.solvers import SolverStatus
+from tossid.physics.solvers.cone import cone_solve
+from tossid.physics.solvers.workspace import TOP, gather, gather_matrix, scatter, work_arrays
 
 
 class FromZero(NamedTuple):
@@ -25,9 +27,11 @@ def _from_zero(solver: FromZero, A: Any, b: Any, mu: Any, lam: Any, tolerance: f
     n = len(mu)
     work, index = work_arrays(n)
     lam[:] = 0.0
-    status, kkt_error, _ = cone_kernel(
-        A, b, mu, np.ones(n, np.bool_), lam, tolerance, solver.max_iterations, work, index
-    )
+    gather(b, mu, lam, work)
+    local = work[TOP + 3 * n :]
+    gather_matrix(A, local, n)
+    status, kkt_error, _ = cone_solve(local, work, index, n, tolerance, solver.max_iterations)
+    scatter(lam, work, n, status)
     if status != 0:
         return SolverStatus.INACCURATE, kkt_error
     return SolverStatus.SOLVED, kkt_error

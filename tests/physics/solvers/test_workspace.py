@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from tests.physics.solvers.contact_problems import BOTTOM, INERTIA, MASS, UP, delassus
+from tests.physics.solvers.reference import contact_scale
 from tossid.kernels import kernel
 from tossid.physics.solvers import workspace as ws
-from tossid.physics.solvers.problem import contact_rows, contact_scale
+from tossid.physics.solvers.problem import contact_rows
 
 RNG = np.random.default_rng(0)
 
@@ -32,13 +33,12 @@ def exits(y, d, mu):  # type: ignore[no-untyped-def]
 
 
 @kernel(keep=False)
-def there_and_back(A, b, mu, active, lam, V, index, local):  # type: ignore[no-untyped-def]
+def there_and_back(A, b, mu, lam, V, local):  # type: ignore[no-untyped-def]
     n = mu.shape[0]
-    m, _ = ws.gather(b, mu, active, lam, V, index)
-    ws.gather_matrix(A, local, index, n, m)
+    ws.gather(b, mu, lam, V)
+    ws.gather_matrix(A, local, n)
     lam[:] = -1.0
-    ws.scatter(lam, V, index, n, m, ws.SOLVED)
-    return m
+    ws.scatter(lam, V, n, ws.SOLVED)
 
 
 def contact_major() -> tuple[np.ndarray, np.ndarray]:
@@ -93,14 +93,14 @@ def test_a_step_out_of_the_cone_is_cut_at_its_surface() -> None:
     assert 20 < left < 200
 
 
-def test_active_contacts_are_gathered_and_scattered() -> None:
-    n, active = 4, np.array([True, False, True, True])
+def test_contacts_are_gathered_and_scattered() -> None:
+    n = 4
     A, b, mu, lam = RNG.normal(size=(12, 12)), RNG.normal(size=12), RNG.uniform(size=4), RNG.normal(size=12)
-    V, index = ws.work_arrays(n)
-    local, before = np.zeros((9, 9)), lam.copy()
-    assert there_and_back(A, b, mu, active, lam, V, index, local) == 3
-    rows = np.ravel([contact_rows(i, n) for i in (0, 2, 3)])
-    np.testing.assert_array_equal(V[ws.B, :9], b[rows])
-    np.testing.assert_array_equal(V[ws.MU, :3], mu[active])
+    V, _ = ws.work_arrays(n)
+    local, before = np.zeros((12, 12)), lam.copy()
+    there_and_back(A, b, mu, lam, V, local)
+    rows = np.ravel([contact_rows(i, n) for i in range(n)])
+    np.testing.assert_array_equal(V[ws.B, :12], b[rows])
+    np.testing.assert_array_equal(V[ws.MU, :4], mu)
     np.testing.assert_array_equal(local, A[np.ix_(rows, rows)])
-    np.testing.assert_array_equal(lam[rows], before[rows])
+    np.testing.assert_array_equal(lam, before)

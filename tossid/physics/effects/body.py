@@ -8,7 +8,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from tossid.physics.effects.changes import sets_law, with_object
+from tossid.physics.effects.changes import half_size, half_thickness, sets_law, with_object
 from tossid.physics.effects.effect import (
     CONTACT_PHASES,
     EVERY_PHASE,
@@ -29,6 +29,7 @@ _LINKS_STARTS = (
     {"scale_rel": 0.5, "along_y_rel": 2.0, "along_z_rel": 1.0},
     {"scale_rel": 0.5, "along_y_rel": 1.0, "along_z_rel": 2.0},
 )
+"""From where fits of several links' inertia begin."""
 
 
 def _shifted_com(world: World, p: Mapping[str, float]) -> World:
@@ -89,8 +90,7 @@ COM_OFFSET = Effect(
     name="com_offset",
     family="body",
     says="the centre of mass is not where the object's model has it",
-    parameters=tuple(Parameter(f"{a}_m", 0.0, -0.04, 0.04, 1e-3) for a in "xyz"),
-    phases=EVERY_PHASE,
+    parameters=tuple(Parameter(f"{a}_m", 0.0, -0.04, 0.04, 1e-3, limit=half_size) for a in "xyz"),
     apply=_shifted_com,
     mujoco=InMujoco(),
     mjcf=MjcfEdit(_write_com),
@@ -144,7 +144,7 @@ ROUNDED_CORNERS = Effect(
     name="rounded_corners",
     family="body",
     says="corners and edges are rounded",
-    parameters=(Parameter("radius_m", 0.0, 0.0, 0.025, 5e-4),),
+    parameters=(Parameter("radius_m", 0.0, 0.0, 0.025, 5e-4, limit=half_thickness),),
     phases=CONTACT_PHASES,
     apply=sets_law(rounding="radius_m"),
     mujoco=NotExpressible("the hull of the object has sharp corners", lambda world: world.law.rounding != 0.0),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.objects import ObjectModel
 from tossid.physics.effects.world import World
 from tossid.physics.forces import LEAST_STATE, Forces, PoweredForce
 
@@ -24,6 +25,25 @@ def with_object(world: World, **changes: Any) -> World:
         **changes: As for `ObjectModel.with_changes`.
     """
     return replace(world, object=world.object.with_changes(**changes))
+
+
+def half_size(model: ObjectModel) -> float:
+    """Half of the largest distance between an object's corners [m]: no patch of contact has a larger radius.
+
+    Args:
+        model: The object.
+    """
+    corners = model.corner_pos
+    return 0.5 * float(np.linalg.norm(corners[:, None] - corners[None], axis=-1).max())
+
+
+def half_thickness(model: ObjectModel) -> float:
+    """Half of an object's smallest extent along its axes [m]: no corner is rounder.
+
+    Args:
+        model: The object.
+    """
+    return 0.5 * float(np.ptp(model.corner_pos, axis=0).min())
 
 
 def sets_forces(**names: str) -> Apply:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tossid.physics.effects.changes import sets_law, with_object
+from tossid.physics.effects.changes import half_size, sets_law, with_object
 from tossid.physics.effects.contact_in_mjcf import write_compliance, write_friction, write_restitution
 from tossid.physics.effects.effect import (
     CONTACT_PHASES,
@@ -116,7 +116,7 @@ VELOCITY_FRICTION = Effect(
     parameters=(
         Parameter("static_mu", None, 0.005, 2.0, 5e-3),
         Parameter("sliding_mu", None, 0.005, 2.0, 5e-3),
-        Parameter("speed_ms", 0.2, 0.01, 3.0, 0.02),
+        Parameter("speed_ms", 0.2, 0.01, 3.0, 0.02, form=True),
     ),
     phases=CONTACT_PHASES,
     apply=_velocity_friction,
@@ -169,7 +169,7 @@ TORSIONAL_FRICTION = Effect(
     name="torsional_friction",
     family="contact",
     says="a contact resists spin about the vertical",
-    parameters=(Parameter("radius_m", 0.0, 0.0, 0.1, 1e-3),),
+    parameters=(Parameter("radius_m", 0.0, 0.0, 0.1, 1e-3, limit=half_size),),
     phases=CONTACT_PHASES,
     apply=sets_law(torsional="radius_m"),
     mujoco=InMujoco(scene=_resist_spin),
@@ -182,7 +182,7 @@ ROLLING_RESISTANCE = Effect(
     name="rolling_resistance",
     family="contact",
     says="a contact resists rolling",
-    parameters=(Parameter("radius_m", 0.0, 0.0, 0.1, 1e-3),),
+    parameters=(Parameter("radius_m", 0.0, 0.0, 0.1, 1e-3, limit=half_size),),
     phases=CONTACT_PHASES,
     apply=sets_law(rolling="radius_m"),
     mujoco=InMujoco(scene=_resist_spin),
@@ -211,8 +211,8 @@ COMPLIANCE = Effect(
     says="contact yields like a spring and a damper, or, with an impedance, like MuJoCo's",
     parameters=(
         Parameter("stiffness_npm", 2e5, 50.0, 5e5, 1e3),
-        Parameter("damping_nspm", 100.0, 0.0, 1e3, 2.0),
-        Parameter("impedance_rel", 0.0, 0.0, 0.995, 0.01),
+        Parameter("damping_nspm", 100.0, 0.0, 1e3, 2.0, form=True),
+        Parameter("impedance_rel", 0.0, 0.0, 0.995, 0.01, form=True),
     ),
     phases=CONTACT_PHASES,
     apply=_compliance,

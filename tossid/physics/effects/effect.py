@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
+from tossid.objects import ObjectModel
 from tossid.physics.effects.strength import Strength
 from tossid.physics.effects.world import World
 from tossid.physics.forces import PoweredForce
@@ -43,6 +44,8 @@ class Parameter:
         low: The least plausible value.
         high: The largest plausible value.
         step: A small change that matters, for differences and for scaling.
+        limit: The largest absolute value that an object's size allows; None where size sets no limit.
+        form: Whether it only says of which form the effect is, and not how large.
     """
 
     name: str
@@ -50,6 +53,20 @@ class Parameter:
     low: float
     high: float
     step: float
+    limit: Callable[[ObjectModel], float] | None = None
+    form: bool = False
+
+    def bounded(self, model: ObjectModel) -> Parameter:
+        """The parameter with bounds that an object's size allows.
+
+        Args:
+            model: The object.
+        """
+        if self.limit is None:
+            return self
+        most = self.limit(model)
+        low, high = max(self.low, -most), min(self.high, most)
+        return self if (low, high) == (self.low, self.high) else replace(self, low=low, high=high)
 
 
 @dataclass(frozen=True)
@@ -148,7 +165,7 @@ class Effect:
         family: body, environment, fluid, field, contact, joint or measurement.
         says: What it is, in half a sentence, for the report.
         parameters: Its numbers.
-        phases: Where it acts.
+        phases: Where it acts; everywhere if nothing is said.
         apply: The world with the effect, given the parameters' values by name.
         mujoco: How MuJoCo simulates it, or why it cannot.
         mjcf: How an MJCF file says it or how the recording is corrected, or why neither can be done.
@@ -168,7 +185,7 @@ class Effect:
     family: str
     says: str
     parameters: tuple[Parameter, ...]
-    phases: tuple[Phase, ...]
+    phases: tuple[Phase, ...] = EVERY_PHASE
     apply: Callable[[World, Mapping[str, float]], World]
     mujoco: InMujoco | NotExpressible
     mjcf: MjcfEdit | RecordingCorrection | NotExpressible
@@ -197,6 +214,19 @@ class Effect:
             raise InputError(f"effect '{self.name}' does not state which worlds have it, which MuJoCo must refuse")
         if not self.parameters:
             raise InputError(f"effect '{self.name}' has no parameters")
+
+    def bounded(self, model: ObjectModel) -> Effect:
+        """The effect with bounds that an object's size allows; itself where they are no narrower.
+
+        Args:
+            model: The object.
+        """
+        parameters = tuple(p.bounded(model) for p in self.parameters)
+        if all(new is old for new, old in zip(parameters, self.parameters, strict=True)):
+            return self
+        ends = {p.name: (p.low, p.high) for p in parameters}
+        starts = tuple({name: float(np.clip(x, *ends[name])) for name, x in start.items()} for start in self.starts)
+        return replace(self, parameters=parameters, starts=starts)
 
     def nominal(self, world: World) -> Array:
         """Values at which the effect changes nothing in a world.

@@ -7,7 +7,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from tossid.physics.effects.effect import CONTACT_PHASES, EVERY_PHASE, Effect, InMujoco, MjcfEdit, Parameter
+from tossid.physics.effects.effect import CONTACT_PHASES, Effect, InMujoco, MjcfEdit, Parameter
 from tossid.physics.effects.mjcf_edit import Edit, named, write_acceleration
 from tossid.physics.effects.strength import Strength, directed, signed
 from tossid.physics.effects.world import World
@@ -33,7 +33,6 @@ GRAVITY = Effect(
     family="environment",
     says="gravity differs from the simulator's",
     parameters=(Parameter("g_ms2", None, 0.0, 25.0, 0.05),),
-    phases=EVERY_PHASE,
     apply=lambda world, p: replace(world, gravity=p["g_ms2"]),
     read=lambda world: {"g_ms2": world.gravity},
     mujoco=InMujoco(),

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from tossid.physics.effects.changes import power_factor, sets_forces
 from tossid.physics.effects.effect import (
-    EVERY_PHASE,
     SHARED_AMONG_LINKS,
     Effect,
     InMujoco,
@@ -71,7 +70,6 @@ UNIFORM_FORCE = Effect(
     family="field",
     says="a constant force",
     parameters=tuple(Parameter(f"{a}_n", 0.0, -5.0, 5.0, 0.02) for a in "xyz"),
-    phases=EVERY_PHASE,
     apply=sets_forces(x="x_n", y="y_n", z="z_n"),
     mujoco=InMujoco(wrench=_uniform),
     mjcf=MjcfEdit(write_acceleration),
@@ -86,9 +84,8 @@ POSITION_FORCE = Effect(
     says="a pull towards a point, as of a spring or a magnet",
     parameters=(
         Parameter("k_npm", 0.0, 0.0, 50.0, 0.1),
-        *(Parameter(f"{a}_m", 0.0, -2.0, 2.0, 0.05) for a in "xyz"),
+        *(Parameter(f"{a}_m", 0.0, -2.0, 2.0, 0.05, form=True) for a in "xyz"),
     ),
-    phases=EVERY_PHASE,
     apply=sets_forces(spring="k_npm", center_x="x_m", center_y="y_m", center_z="z_m"),
     mujoco=InMujoco(wrench=_spring),
     mjcf=MjcfEdit(_write_spring, of_links=SHARED_AMONG_LINKS),
@@ -103,7 +100,6 @@ VORTEX = Effect(
     family="field",
     says="a force around the world's vertical axis, in proportion to the distance from it",
     parameters=(Parameter("c_npm", 0.0, -20.0, 20.0, 0.05),),
-    phases=EVERY_PHASE,
     apply=sets_forces(vortex="c_npm"),
     mujoco=InMujoco(wrench=_vortex),
     mjcf=_NO_SUCH_FORCE,
@@ -116,7 +112,6 @@ TURNING_FRAME = Effect(
     family="field",
     says="a sideways acceleration in proportion to velocity, as in a turning frame",
     parameters=(Parameter("rate_ps", 0.0, -5.0, 5.0, 0.02),),
-    phases=EVERY_PHASE,
     apply=sets_forces(turning="rate_ps"),
     mujoco=InMujoco(wrench=_turning),
     mjcf=_NO_SUCH_FORCE,

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from tossid.physics.effects.changes import air_speed, power_factor, sets_forces, size_of
 from tossid.physics.effects.effect import (
-    EVERY_PHASE,
     SHARED_AMONG_LINKS,
     Effect,
     InMujoco,
@@ -95,7 +94,6 @@ LINEAR_DRAG = Effect(
     family="fluid",
     says="a resistance in proportion to speed",
     parameters=(Parameter("c_nspm", 0.0, 0.0, 2.0, 5e-3),),
-    phases=EVERY_PHASE,
     apply=sets_forces(linear="c_nspm"),
     mujoco=InMujoco(wrench=_linear_drag),
     mjcf=MjcfEdit(_write_linear_drag, of_links=SHARED_AMONG_LINKS),
@@ -108,7 +106,6 @@ QUADRATIC_DRAG = Effect(
     family="fluid",
     says="a resistance in proportion to speed squared, as air's",
     parameters=(Parameter("c_ns2pm2", 0.0, 0.0, 2.0, 5e-3),),
-    phases=EVERY_PHASE,
     apply=sets_forces(quadratic="c_ns2pm2"),
     mujoco=InMujoco(wrench=_quadratic_drag),
     mjcf=MjcfEdit(_write_quadratic_drag, of_links=SHARED_AMONG_LINKS),
@@ -121,7 +118,6 @@ SPIN_DRAG = Effect(
     family="fluid",
     says="a torque against spin",
     parameters=(Parameter("c_nms", 0.0, 0.0, 0.02, 2e-5),),
-    phases=EVERY_PHASE,
     apply=sets_forces(spin="c_nms"),
     mujoco=InMujoco(wrench=_spin_drag),
     mjcf=NotExpressible("MuJoCo's fluid resists spin only together with velocity"),
@@ -135,9 +131,8 @@ WIND = Effect(
     says="moving air",
     parameters=(
         *(Parameter(f"{a}_ms", 0.0, -10.0, 10.0, 0.2) for a in "xy"),
-        Parameter("c_nspm", None, 1e-3, 1.0, 5e-3),
+        Parameter("c_nspm", None, 1e-3, 1.0, 5e-3, form=True),
     ),
-    phases=EVERY_PHASE,
     apply=sets_forces(wind_x="x_ms", wind_y="y_ms", linear="c_nspm"),
     read=lambda world: {"c_nspm": world.forces.linear or LEAST_DRAG},
     mujoco=InMujoco(),  # the drags read the wind
@@ -155,7 +150,6 @@ MAGNUS = Effect(
     family="fluid",
     says="a sideways force of a spinning body in air",
     parameters=(Parameter("c_ns2pm", 0.0, -0.1, 0.1, 1e-3),),
-    phases=EVERY_PHASE,
     apply=sets_forces(magnus="c_ns2pm"),
     mujoco=InMujoco(wrench=_magnus),
     mjcf=NotExpressible("MuJoCo has it for ellipsoids only"),

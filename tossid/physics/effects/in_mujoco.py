@@ -70,8 +70,8 @@ def toss_in_mujoco(
         q (B, n_steps + 1, nq) and v (B, n_steps + 1, nv), true, in the ground's frame.
 
     Raises:
-        InputError: an effect that MuJoCo cannot express.
-        MotionError, DivergedError: as `simulate_mujoco`.
+        InputError: an effect that MuJoCo cannot express, or a count or a time that is not positive.
+        MotionError, DivergedError: as `run_scene`.
     """
     missing = inexpressible(world)
     if missing:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tossid.objects import JointLaw
 from tossid.physics.effects.changes import Apply, with_object
-from tossid.physics.effects.effect import EVERY_PHASE, Effect, InMujoco, MjcfEdit, Parameter, RecordingCorrection
+from tossid.physics.effects.effect import Effect, InMujoco, MjcfEdit, Parameter, RecordingCorrection
 from tossid.physics.effects.mjcf_edit import Edit, named
 from tossid.physics.effects.strength import Strength, plain, signed
 from tossid.physics.effects.world import World
@@ -63,7 +63,6 @@ DAMPING = Effect(
     family="joint",
     says="a joint resists in proportion to its rate",
     parameters=(Parameter("c_nms", None, 0.0, 0.1, 2e-5),),
-    phases=EVERY_PHASE,
     apply=_sets_joints(damping="c_nms"),
     read=_reads_joints(damping="c_nms"),
     mujoco=InMujoco(),
@@ -78,7 +77,6 @@ FRICTION = Effect(
     family="joint",
     says="a joint rubs: a torque of constant size against its rate",
     parameters=(Parameter("torque_nm", None, 0.0, 0.5, 2e-4),),
-    phases=EVERY_PHASE,
     apply=_sets_joints(friction="torque_nm"),
     read=_reads_joints(friction="torque_nm"),
     mujoco=InMujoco(),
@@ -92,8 +90,7 @@ STIFFNESS = Effect(
     name="joint_stiffness",
     family="joint",
     says="a joint has a spring, as a cable's",
-    parameters=(Parameter("k_nmprad", None, 0.0, 5.0, 2e-3), Parameter("rest_rad", None, -3.2, 3.2, 0.05)),
-    phases=EVERY_PHASE,
+    parameters=(Parameter("k_nmprad", None, 0.0, 5.0, 2e-3), Parameter("rest_rad", None, -3.2, 3.2, 0.05, form=True)),
     apply=_sets_joints(stiffness="k_nmprad", rest="rest_rad"),
     read=_reads_joints(stiffness="k_nmprad", rest="rest_rad"),
     mujoco=InMujoco(),
@@ -108,7 +105,6 @@ OFFSET = Effect(
     family="joint",
     says="recorded joint angles are off by a constant",
     parameters=(Parameter("angle_rad", 0.0, -1.0, 1.0, 2e-3),),
-    phases=EVERY_PHASE,
     apply=lambda world, p: replace(world, recording=replace(world.recording, joint_offset=p["angle_rad"])),
     mujoco=InMujoco(),
     mjcf=RecordingCorrection(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from tossid.physics.effects.effect import EVERY_PHASE, Effect, InMujoco, Parameter, RecordingCorrection
+from tossid.physics.effects.effect import Effect, InMujoco, Parameter, RecordingCorrection
 from tossid.physics.effects.environment import GROUP_OF_TILTS
 from tossid.physics.effects.strength import Strength, directed, scaled
 from tossid.physics.effects.world import World
@@ -29,7 +29,6 @@ LENGTH_SCALE = Effect(
     family="measurement",
     says="recorded lengths are too short or too long",
     parameters=(Parameter("scale_rel", 1.0, 0.7, 1.4, 1e-3),),
-    phases=EVERY_PHASE,
     apply=lambda world, p: _recorded(world, length_scale=p["scale_rel"]),
     mujoco=InMujoco(),
     mjcf=RecordingCorrection(lambda world: f"divide recorded lengths by {world.recording.length_scale:.6g}"),
@@ -41,7 +40,6 @@ TIME_BASE = Effect(
     family="measurement",
     says="the recording's clock is too fast or too slow",
     parameters=(Parameter("rate_rel", 1.0, 0.7, 1.4, 1e-3),),
-    phases=EVERY_PHASE,
     apply=lambda world, p: _recorded(world, clock_rate=p["rate_rel"]),
     mujoco=InMujoco(),
     mjcf=RecordingCorrection(lambda world: f"divide recorded times by {world.recording.clock_rate:.6g}"),
@@ -54,7 +52,6 @@ BODY_FRAME_OFFSET = Effect(
     family="measurement",
     says="the recorded frame does not sit where the object's frame is",
     parameters=tuple(Parameter(f"{a}_m", 0.0, -0.05, 0.05, 5e-4) for a in "xyz"),
-    phases=EVERY_PHASE,
     apply=_offset,
     mujoco=InMujoco(),
     mjcf=RecordingCorrection(
@@ -71,7 +68,6 @@ WORLD_TILT = Effect(
     family="measurement",
     says="the recorded world is tilted against the vertical",
     parameters=tuple(Parameter(f"{a}_rad", 0.0, -0.2, 0.2, 2e-3) for a in "xy"),
-    phases=EVERY_PHASE,
     apply=lambda world, p: _recorded(world, world_tilt=(p["x_rad"], p["y_rad"])),
     mujoco=InMujoco(),
     mjcf=RecordingCorrection(

@@ -64,11 +64,11 @@ def effects_for(model: ObjectModel) -> tuple[Effect, ...]:
         model: The object. Effects of joints are only for objects with joints.
 
     Returns:
-        The effects, in the form that they have for this object.
+        The effects, in the form and with the bounds that they have for this object.
     """
     if not model.n_joints:
-        return tuple(effect for effect in all_effects() if not effect.needs_joints)
-    return tuple(effect.of_links or effect for effect in all_effects())
+        return tuple(effect.bounded(model) for effect in all_effects() if not effect.needs_joints)
+    return tuple((effect.of_links or effect).bounded(model) for effect in all_effects())
 
 
 def effect_named(name: str) -> Effect:

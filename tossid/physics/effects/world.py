@@ -19,6 +19,7 @@ from tossid.physics.registered_forces import RegisteredForce, combined
 from tossid.physics.stepping import TOLERANCE, simulate
 from tossid.physics.system import LearnedAcceleration, System, make_system
 from tossid.rotations import quat_conj, quat_exp, quat_mul, quat_rotate
+from tossid.settings.contact import ContactSettings
 
 Array = NDArray[np.float64]
 
@@ -168,6 +169,7 @@ class World:
         substeps: int,
         impact_parts: int = 1,
         tolerance: float = TOLERANCE,
+        contact: ContactSettings = ContactSettings(),
         n_threads: int = 1,
     ) -> Array:
         """Recorded motions (B, T + 1, nq) from recorded first states (B, nq), (B, nv); NaN where one diverges.
@@ -184,6 +186,7 @@ class World:
             substeps=substeps,
             impact_parts=impact_parts,
             tolerance=tolerance,
+            contact=contact,
             n_threads=n_threads,
         )
         out = self.recorded_poses(run.q)

@@ -11,7 +11,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.physics.solvers.problem import Array
@@ -24,25 +23,20 @@ class Problems(NamedTuple):
         A: (B, 3 n, 3 n) Delassus matrices [1/kg].
         b: (B, 3 n) [m/s]; of cone programmes, their linear term c.
         mu: (B, n) friction coefficients.
-        active: (B, n) whether each contact takes part.
     """
 
     A: Array
     b: Array
     mu: Array
-    active: NDArray[np.bool_]
 
 
-def check_batch(
-    A: Array, b: Array, mu: Array, active: NDArray[np.bool_] | None, warm: Array | None
-) -> tuple[Problems, Array]:
+def check_batch(A: Array, b: Array, mu: Array, warm: Array | None) -> tuple[Problems, Array]:
     """The problems as the kernels read them, and impulses (B, 3 n) to start from.
 
     Args:
         A: (B, 3 n, 3 n).
         b: (B, 3 n).
         mu: (), (n,) or (B, n).
-        active: (B, n); all contacts if None.
         warm: (B, 3 n), which is copied; zero if None.
 
     Returns:
@@ -61,13 +55,10 @@ def check_batch(
     if (mu < 0).any():
         raise InputError(f"friction coefficient {mu.min():g} is negative")
     mu = np.ascontiguousarray(np.broadcast_to(mu, (count, n)))
-    if active is not None and np.shape(active) != (count, n):
-        raise InputError(f"active contacts of shape {np.shape(active)}, expected ({count}, {n})")
     if warm is not None and np.shape(warm) != b.shape:
         raise InputError(f"warm start of shape {np.shape(warm)}, expected {b.shape}")
-    chosen = np.ones((count, n), dtype=bool) if active is None else np.ascontiguousarray(active, dtype=bool)
     lam = np.zeros(b.shape) if warm is None else np.array(warm, dtype=float, order="C")
-    return Problems(A, b, mu, chosen), lam
+    return Problems(A, b, mu), lam
 
 
 _here = threading.local()

@@ -11,8 +11,7 @@ convex. Two moves alternate:
    the KKT error falls. From a warm start it is tried first: a body that slides or rests on
    needs nothing else.
 
-Where they stall, the problem is solved as a sequence of convex cone programmes (de Saxce's
-change of variable, iterated as by Cadoux 2009): c_n = b_n + mu |w_t| held, solved, renewed.
+Where they stall, `exact_cone` solves the problem as a sequence of convex cone programmes.
 """
 
 from __future__ import annotations
@@ -20,15 +19,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tossid.kernels import fused_inlined_kernel, fused_kernel, fused_lean_kernel
-from tossid.physics.solvers.batches import check_batch, over_threads
+from tossid.kernels import fused_inlined_kernel, fused_lean_kernel
 from tossid.physics.solvers.blocks import block_cone, cholesky_solve, lu_solve
-from tossid.physics.solvers.cone_qp import solve_cone_qp
-from tossid.physics.solvers.lcp import solve_lcp
-from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution, empty_solution
-from tossid.physics.solvers.rescue import rescue_cone
 from tossid.physics.solvers.workspace import (
     BASIS,
     KIND,
@@ -46,21 +39,16 @@ from tossid.physics.solvers.workspace import (
     TRIAL,
     TRIAL_W,
     WIDTH,
-    B,
     W,
     X,
     accept_trial,
     contact_scales,
     free_length,
-    gather,
-    gather_matrix,
     manifold_step,
     multiply,
     project_row,
-    scatter,
     shift,
     velocity_without,
-    work_arrays,
 )
 
 PROXIMAL_WEIGHT = 1e-10
@@ -71,7 +59,7 @@ QUICK = 0.1
 
 @fused_inlined_kernel
 def cone_natural_map(V, lam, w, m):  # type: ignore[no-untyped-def]
-    """The KKT error `problem.cone_kkt_error` [m/s] at V[lam], V[w].
+    """The KKT error of the exact cone (`problem`) [m/s] at V[lam], V[w].
 
     The largest over contacts of |min(a lam_n, w_n)| and |a lam_t - P(a lam_t - w_t)|, P the projection on the disk of
     radius mu a max(lam_n, 0).
@@ -231,102 +219,3 @@ def cone_solve(A, V, index, m, tolerance, max_iterations):  # type: ignore[no-un
             if kkt_error <= tolerance:
                 return SOLVED, kkt_error, iteration
     return MAX_ITERATIONS, kkt_error, max_iterations
-
-
-@fused_kernel
-def cone_kernel(A, b, mu, active, lam, tolerance, max_iterations, work, index):  # type: ignore[no-untyped-def]
-    """Solve one problem in the order [n.., t1 t2 ..]; lam is the warm start and receives the answer.
-
-    Args:
-        A: (3 n, 3 n) [1/kg].
-        b: (3 n,) [m/s].
-        mu: (n,).
-        active: (n,) bool; other contacts get lam = 0.
-        lam: (3 n,) [N s].
-        tolerance: on the KKT error [m/s].
-        max_iterations: sweeps and Newton steps.
-        work: scratch, from `work_arrays(n)`.
-        index: likewise.
-
-    Returns:
-        (status, KKT error [m/s], iterations).
-    """
-    n = mu.shape[0]
-    m, total = gather(b, mu, active, lam, work, index)
-    closed = True
-    for a in range(m):
-        closed = closed and work[B, 3 * a] >= 0.0
-    if m == 0 or closed or not total < math.inf:
-        lam[:] = 0.0
-        return (SOLVED, 0.0, 0) if total < math.inf else (NOT_FINITE, math.inf, 0)
-    local = work[TOP + 3 * n :]
-    gather_matrix(A, local, index, n, m)
-    status, kkt_error, iterations = cone_solve(local, work, index, m, tolerance, max_iterations)
-    scatter(lam, work, index, n, m, status)
-    return status, kkt_error, iterations
-
-
-@fused_kernel
-def cone_batch(problems, out, tolerance, max_iterations, first, last):  # type: ignore[no-untyped-def]
-    """`cone_kernel` on problems first..last-1 of a batch, one after another, into `out`, a `ContactSolution`."""
-    A, b, mu, active = problems
-    work, index = work_arrays(mu.shape[1])
-    for k in range(first, last):
-        out.status[k], out.kkt_error[k], out.iterations[k] = cone_kernel(
-            A[k], b[k], mu[k], active[k], out.lam[k], tolerance, max_iterations, work, index
-        )
-
-
-def solve_cone(
-    A: Array,
-    b: Array,
-    mu: Array,
-    *,
-    active: NDArray[np.bool_] | None = None,
-    warm: Array | None = None,
-    tolerance: float = DEFAULT_TOLERANCE,
-    max_iterations: int = 60,
-    n_threads: int = 1,
-) -> ContactSolution:
-    """Solve a batch of contact problems with the exact friction cone.
-
-    Args:
-        A: (B, 3 n, 3 n) [1/kg] Delassus matrices, symmetric, positive semi-definite.
-        b: (B, 3 n) [m/s].
-        mu: (n,) or (B, n) friction coefficients, at least 0.
-        active: (B, n); contacts that are not active get lam = 0. All if None.
-        warm: (B, 3 n) [N s] impulses to start from; zero if None.
-        tolerance: [m/s] on the natural map (`problem.cone_kkt_error`).
-        max_iterations: of the quick kernel; problems that reach it are solved again as a sequence
-            of cone programmes.
-        n_threads: the batch is split over this many threads (the kernels release the GIL).
-
-    Returns:
-        The solutions; lam (B, 3 n) [N s] in the order [n.., t1 t2 ..].
-
-    Raises:
-        InputError: shapes that do not fit, or a negative mu.
-    """
-    problems, lam = check_batch(A, b, mu, active, warm)
-    out = empty_solution(lam)
-
-    def part(first: int, last: int) -> None:
-        cone_batch(problems, out, tolerance, max_iterations, first, last)
-
-    over_threads(part, len(lam), n_threads)
-    A, b, mu, chosen = problems
-    work, index = work_arrays(mu.shape[1])
-    for k in np.flatnonzero(out.status == MAX_ITERATIONS).tolist():
-
-        def programme(c: Array, warm: Array, k: int = k) -> None:
-            found = solve_cone_qp(A[k : k + 1], c[None], mu[k : k + 1], active=chosen[k : k + 1], warm=warm[None])
-            warm[:] = found.lam[0]
-
-        def attempt(warm: Array, limit: int, k: int = k) -> tuple[int, float, int]:
-            return cone_kernel(A[k], b[k], mu[k], chosen[k], warm, tolerance, limit, work, index)
-
-        near = solve_lcp(A[k : k + 1], b[k : k + 1], mu[k : k + 1], active=chosen[k : k + 1], n_directions=16).lam[0]
-        out.status[k], out.kkt_error[k] = rescue_cone(
-            A[k], b[k], mu[k], lam[k], float(out.kkt_error[k]), polyhedral=near, programme=programme, attempt=attempt
-        )
-    return out

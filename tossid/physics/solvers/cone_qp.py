@@ -18,13 +18,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tossid.kernels import fused_kernel, fused_lean_kernel
 from tossid.physics.solvers.batches import check_batch, over_threads
 from tossid.physics.solvers.blocks import block_qp, cholesky_solve
+from tossid.physics.solvers.interior import interior_start
 from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution, empty_solution
-from tossid.physics.solvers.rescue import interior_start, rescue_programme
 from tossid.physics.solvers.workspace import (
     BASIS,
     KIND,
@@ -56,13 +55,17 @@ from tossid.physics.solvers.workspace import (
     work_arrays,
 )
 
+MOST_ITERATIONS = 60
+"""Sweeps, each with a Newton step."""
+AGAIN = 500
+"""The same from the interior-point method's answer, for the few problems that the first ones leave."""
 PROXIMAL_WEIGHT = 1e-10
 """Share by which the Newton matrix's diagonal is raised: a singular one becomes regular."""
 
 
 @fused_lean_kernel
 def qp_kkt_error(V, lam, w, m):  # type: ignore[no-untyped-def]
-    """The KKT error `problem.cone_qp_kkt_error` at V[lam], V[w]: the largest a_i |lam_i - P_i(lam_i - w_i / a_i)|."""
+    """The KKT error at V[lam], V[w]: the largest a_i |lam_i - P_i(lam_i - w_i / a_i)|."""
     worst = 0.0
     for i in range(m):
         k = 3 * i
@@ -206,48 +209,42 @@ def qp_solve(A, V, index, m, tolerance, max_iterations):  # type: ignore[no-unty
 
 
 @fused_kernel
-def cone_qp_kernel(  # type: ignore[no-untyped-def]
-    A, c, mu, active, lam, tolerance, max_iterations, regularization, work, index
-):
+def cone_qp_kernel(A, c, mu, lam, tolerance, max_iterations, work, index):  # type: ignore[no-untyped-def]
     """Solve one programme in the order [n.., t1 t2 ..]; lam is the warm start and receives the answer.
 
     Args:
         A: (3 n, 3 n).
         c: (3 n,).
         mu: (n,).
-        active: (n,) bool; other contacts get lam = 0.
         lam: (3 n,).
         tolerance: on the KKT error, in the unit of c.
         max_iterations: sweeps, each with a Newton step.
-        regularization: added to A's diagonal.
         work: scratch, from `work_arrays(n)`.
         index: likewise.
 
     Returns:
-        (status, KKT error, iterations).
+        (status, KKT error).
     """
     n = mu.shape[0]
-    m, total = gather(c, mu, active, lam, work, index)
-    if m == 0 or qp_at_rest(work, m) or not abs(total) < math.inf:
+    total = gather(c, mu, lam, work)
+    if qp_at_rest(work, n) or not total < math.inf:
         lam[:] = 0.0
-        return (SOLVED, 0.0, 0) if abs(total) < math.inf else (NOT_FINITE, math.inf, 0)
+        return (SOLVED, 0.0) if total < math.inf else (NOT_FINITE, math.inf)
     local = work[TOP + 3 * n :]
-    gather_matrix(A, local, index, n, m)
-    for j in range(3 * m):
-        local[j, j] += regularization
-    status, kkt_error, iterations = qp_solve(local, work, index, m, tolerance, max_iterations)
-    scatter(lam, work, index, n, m, status)
-    return status, kkt_error, iterations
+    gather_matrix(A, local, n)
+    status, kkt_error, _ = qp_solve(local, work, index, n, tolerance, max_iterations)
+    scatter(lam, work, n, status)
+    return status, kkt_error
 
 
 @fused_kernel
-def cone_qp_batch(problems, out, tolerance, max_iterations, regularization, first, last):  # type: ignore[no-untyped-def]
+def cone_qp_batch(problems, out, tolerance, first, last):  # type: ignore[no-untyped-def]
     """`cone_qp_kernel` on problems first..last-1 of a batch, one after another, into `out`, a `ContactSolution`."""
-    A, c, mu, active = problems
+    A, c, mu = problems
     work, index = work_arrays(mu.shape[1])
     for k in range(first, last):
-        out.status[k], out.kkt_error[k], out.iterations[k] = cone_qp_kernel(
-            A[k], c[k], mu[k], active[k], out.lam[k], tolerance, max_iterations, regularization, work, index
+        out.status[k], out.kkt_error[k] = cone_qp_kernel(
+            A[k], c[k], mu[k], out.lam[k], tolerance, MOST_ITERATIONS, work, index
         )
 
 
@@ -256,11 +253,8 @@ def solve_cone_qp(
     c: Array,
     mu: Array,
     *,
-    active: NDArray[np.bool_] | None = None,
     warm: Array | None = None,
-    regularization: float = 0.0,
     tolerance: float = DEFAULT_TOLERANCE,
-    max_iterations: int = 60,
     n_threads: int = 1,
 ) -> ContactSolution:
     """Minimise 1/2 lam^T A lam + c^T lam over the friction cones, for a batch.
@@ -269,12 +263,8 @@ def solve_cone_qp(
         A: (B, 3 n, 3 n) symmetric, positive semi-definite.
         c: (B, 3 n).
         mu: (n,) or (B, n) friction coefficients, at least 0.
-        active: (B, n); contacts that are not active get lam = 0. All if None.
         warm: (B, 3 n) impulses to start from; zero if None.
-        regularization: added to A's diagonal (makes lam unique where A is singular).
-        tolerance: on the natural map (`problem.cone_qp_kkt_error`), in the unit of c.
-        max_iterations: of the quick kernel; problems that reach it are tried again from an
-            interior-point answer.
+        tolerance: on the KKT error (`problem`), in the unit of c.
         n_threads: the batch is split over this many threads (the kernels release the GIL).
 
     Returns:
@@ -283,20 +273,18 @@ def solve_cone_qp(
     Raises:
         InputError: shapes that do not fit, or a negative mu.
     """
-    problems, lam = check_batch(A, c, mu, active, warm)
+    problems, lam = check_batch(A, c, mu, warm)
     out = empty_solution(lam)
 
     def part(first: int, last: int) -> None:
-        cone_qp_batch(problems, out, tolerance, max_iterations, regularization, first, last)
+        cone_qp_batch(problems, out, tolerance, first, last)
 
     over_threads(part, len(lam), n_threads)
-    A, c, mu, chosen = problems
+    A, c, mu = problems
     work, index = work_arrays(mu.shape[1])
     for k in np.flatnonzero(out.status == MAX_ITERATIONS).tolist():
-        start = interior_start(A[k], c[k], mu[k], chosen[k], regularization)
-
-        def attempt(warm: Array, limit: int, k: int = k) -> tuple[int, float, int]:
-            return cone_qp_kernel(A[k], c[k], mu[k], chosen[k], warm, tolerance, limit, regularization, work, index)
-
-        out.status[k], out.kkt_error[k] = rescue_programme(start, attempt, lam[k], float(out.kkt_error[k]))
+        start = interior_start(A[k], c[k], mu[k])
+        status, kkt_error = cone_qp_kernel(A[k], c[k], mu[k], start, tolerance, AGAIN, work, index)
+        if kkt_error < out.kkt_error[k]:
+            lam[k], out.status[k], out.kkt_error[k] = start, status, kkt_error
     return out

@@ -45,7 +45,7 @@ def _solve(solver, A, b, mu, lam, tolerance):  # type: ignore[no-untyped-def]
     directions = np.empty((k, 2))
     for j in range(k):
         directions[j, 0], directions[j, 1] = math.cos(2.0 * math.pi * j / k), math.sin(2.0 * math.pi * j / k)
-    problem = PolyhedralProblem(A, b, mu, np.ones(n, np.bool_), directions)
+    problem = PolyhedralProblem(A, b, mu, directions)
     answer = PolyhedralAnswer(lam, np.empty((n, k)), np.empty(n))
     status, kkt_error, _ = lcp_kernel(problem, answer, tolerance, solver.max_iterations, lcp_scratch(n, k))
     return status, kkt_error

@@ -30,14 +30,12 @@ class PolyhedralProblem(NamedTuple):
         A: (3 n, 3 n) Delassus matrix [1/kg].
         b: (3 n,) [m/s].
         mu: (n,) friction coefficients.
-        active: (n,) whether each contact takes part; others get no impulse.
-        directions: (k, 2) d_j, from `tangent_directions`.
+        directions: (k, 2) d_j, unit vectors evenly around the tangent plane, the first along t1.
     """
 
     A: Array
     b: Array
     mu: Array
-    active: NDArray[np.bool_]
     directions: Array
 
 
@@ -63,32 +61,29 @@ def make_answer(n, k):  # type: ignore[no-untyped-def]
 
 @fused_kernel
 def own_scale(A, i, n, largest):  # type: ignore[no-untyped-def]
-    """a_i = trace(A_ii) / 3 of contact i, floored as in `problem.contact_scale`; largest: trace among contacts."""
+    """a_i = trace(A_ii) / 3 of contact i, at least 1e-12 of the largest; largest: trace among contacts."""
     t = n + 2 * i
     a = max(A[i, i] + A[t, t] + A[t + 1, t + 1], 1e-12 * largest) / 3.0
     return a if a > 0.0 else 1.0
 
 
 @fused_kernel
-def largest_trace(A, active, n):  # type: ignore[no-untyped-def]
-    """The largest trace(A_ii) of the active contacts."""
+def largest_trace(A, n):  # type: ignore[no-untyped-def]
+    """The largest trace(A_ii)."""
     largest = 0.0
     for i in range(n):
-        if active[i]:
-            largest = max(largest, A[i, i] + A[n + 2 * i, n + 2 * i] + A[n + 2 * i + 1, n + 2 * i + 1])
+        largest = max(largest, A[i, i] + A[n + 2 * i, n + 2 * i] + A[n + 2 * i + 1, n + 2 * i + 1])
     return largest
 
 
 @fused_kernel
 def polyhedral_kkt_error(problem, answer):  # type: ignore[no-untyped-def]
-    """The KKT error `problem.lcp_kkt_error` [m/s] over the active contacts."""
-    A, b, mu, active, directions = problem
+    """The KKT error of the polyhedral cone (`problem`) [m/s]."""
+    A, b, mu, directions = problem
     lam, beta, gamma = answer
     n, k = beta.shape
-    worst, largest = 0.0, largest_trace(A, active, n)
+    worst, largest = 0.0, largest_trace(A, n)
     for i in range(n):
-        if not active[i]:
-            continue
         t = n + 2 * i
         w0, w1, w2 = b[i], b[t], b[t + 1]
         for j in range(3 * n):
@@ -108,8 +103,8 @@ def polyhedral_kkt_error(problem, answer):  # type: ignore[no-untyped-def]
 
 
 @fused_kernel
-def lcp_matrix(problem, chosen, m, scale, M, q):  # type: ignore[no-untyped-def]
-    """M and q of 0 <= z _|_ M z + q >= 0 for the m chosen contacts, scaled.
+def lcp_matrix(problem, scale, M, q):  # type: ignore[no-untyped-def]
+    """M and q of 0 <= z _|_ M z + q >= 0 scaled.
 
     Contact i's impulses are measured in scale_i = 1 / sqrt(a_i) and its velocities in sqrt(a_i), so that the diagonal
     of M is near 1:
@@ -118,20 +113,18 @@ def lcp_matrix(problem, chosen, m, scale, M, q):  # type: ignore[no-untyped-def]
                 [s s d^T A_n, s s d^T A_tt d, 1],
                 [mu, -1, 0]]
     """
-    A, b, mu, _, directions = problem
+    A, b, mu, directions = problem
     n, k = mu.shape[0], directions.shape[0]
     block = k + 2
-    for p in range(m):
-        i = chosen[p]
-        row = p * block
-        si = scale[p]
+    for i in range(n):
+        row = i * block
+        si = scale[i]
         q[row], q[row + k + 1] = b[i] * si, 0.0
         for j in range(k):
             q[row + 1 + j] = si * (directions[j, 0] * b[n + 2 * i] + directions[j, 1] * b[n + 2 * i + 1])
-        for r in range(m):
-            h = chosen[r]
-            column = r * block
-            s = si * scale[r]
+        for h in range(n):
+            column = h * block
+            s = si * scale[h]
             M[row, column] = s * A[i, h]
             for j in range(k):
                 c, d = directions[j, 0], directions[j, 1]
@@ -149,7 +142,7 @@ def lcp_matrix(problem, chosen, m, scale, M, q):  # type: ignore[no-untyped-def]
 
 
 @fused_kernel
-def unpack(values, basis, size, chosen, scale, problem, answer):  # type: ignore[no-untyped-def]
+def unpack(values, basis, size, scale, problem, answer):  # type: ignore[no-untyped-def]
     """The answer from the values of the basic variables of the scaled problem; negative ones are cut to 0.
 
     basis[row]: number of the variable, w first (0 to size - 1), then z, as in `lemke`.
@@ -164,16 +157,15 @@ def unpack(values, basis, size, chosen, scale, problem, answer):  # type: ignore
         variable = basis[row] - size
         if variable < 0 or variable >= size:
             continue
-        p, place, value = variable // block, variable % block, max(values[row], 0.0)
-        i = chosen[p]
+        i, place, value = variable // block, variable % block, max(values[row], 0.0)
         if place == 0:
-            lam[i] = value * scale[p]
+            lam[i] = value * scale[i]
         elif place == k + 1:
-            gamma[i] = value / scale[p]
+            gamma[i] = value / scale[i]
         else:
-            beta[i, place - 1] = value * scale[p]
-            lam[n + 2 * i] += value * scale[p] * directions[place - 1, 0]
-            lam[n + 2 * i + 1] += value * scale[p] * directions[place - 1, 1]
+            beta[i, place - 1] = value * scale[i]
+            lam[n + 2 * i] += value * scale[i] * directions[place - 1, 0]
+            lam[n + 2 * i + 1] += value * scale[i] * directions[place - 1, 1]
 
 
 @fused_kernel

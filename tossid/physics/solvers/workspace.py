@@ -10,8 +10,8 @@ cost 200 ns; a step of a cube at rest takes 100 without them):
     V[SCALE]            a_i by contact
     V[X], V[BASIS + t]  Newton step, and its unknowns' directions
     V[TOP + r]          Newton matrix
-    index[KIND], index[WIDTH], index[CHOSEN]
-                        state, number of unknowns and the caller's number of each contact
+    index[KIND], index[WIDTH]
+                        state and number of unknowns of each contact
     index[ROW]          first row of each unknown's contact
 """
 
@@ -24,16 +24,20 @@ import numpy as np
 from tossid.kernels import fused_inlined_kernel, fused_kernel, fused_lean_kernel
 
 SOLVED, MAX_ITERATIONS, INFEASIBLE, NOT_FINITE, INACCURATE = 0, 1, 2, 3, 4
+"""What became of a problem (`problem.SolverStatus`)."""
 OPEN, STICK, SLIP = 0, 1, 2
+"""State of a contact."""
 W, TRIAL_W, LAM, TRIAL, B, MU, SCALE, X, BASIS = 0, 1, 2, 3, 4, 5, 6, 7, 8
 TOP = 11
-KIND, ROW, CHOSEN, WIDTH = 0, 1, 2, 3
+"""Rows of V by what they hold; the Newton matrix begins at TOP."""
+KIND, ROW, WIDTH = 0, 1, 2
+"""Rows of the integers."""
 
 
 @fused_kernel
 def work_arrays(n):  # type: ignore[no-untyped-def]
     """Work arrays (V, index) of the cone solvers for up to n contacts, to be used again and again."""
-    return np.zeros((TOP + 6 * n, 3 * n + 1)), np.zeros((4, 3 * n + 1), dtype=np.int64)
+    return np.zeros((TOP + 6 * n, 3 * n + 1)), np.zeros((3, 3 * n + 1), dtype=np.int64)
 
 
 @fused_inlined_kernel
@@ -165,7 +169,7 @@ def accept_trial(V, m):  # type: ignore[no-untyped-def]
 
 @fused_inlined_kernel
 def contact_scales(A, V, m):  # type: ignore[no-untyped-def]
-    """V[SCALE, i] = trace(A_ii) / 3, floored as in `problem.contact_scale`."""
+    """V[SCALE, i] = trace(A_ii) / 3, at least 1e-12 of the largest."""
     largest = 0.0
     for i in range(m):
         V[SCALE, i] = (A[3 * i, 3 * i] + A[3 * i + 1, 3 * i + 1] + A[3 * i + 2, 3 * i + 2]) / 3.0
@@ -178,48 +182,37 @@ def contact_scales(A, V, m):  # type: ignore[no-untyped-def]
 
 
 @fused_lean_kernel
-def gather(b, mu, active, lam, V, index):  # type: ignore[no-untyped-def]
-    """V[B], V[MU], V[LAM] of the active contacts, contact-major; the others' lam cut to 0.
-
-    Returns their number and a sum that is finite if the numbers are.
-    """
+def gather(b, mu, lam, V):  # type: ignore[no-untyped-def]
+    """V[B], V[MU], V[LAM] from the caller's order, contact-major; returns a sum that is finite if the numbers are."""
     n = mu.shape[0]
-    m, total = 0, 0.0
+    total = 0.0
     for i in range(n):
         t = n + 2 * i
-        if not active[i]:
-            lam[i], lam[t], lam[t + 1] = 0.0, 0.0, 0.0
-            continue
-        index[CHOSEN, m] = i
-        V[MU, m] = mu[i]
-        V[B, 3 * m], V[B, 3 * m + 1], V[B, 3 * m + 2] = b[i], b[t], b[t + 1]
-        V[LAM, 3 * m], V[LAM, 3 * m + 1], V[LAM, 3 * m + 2] = lam[i], lam[t], lam[t + 1]
+        V[MU, i] = mu[i]
+        V[B, 3 * i], V[B, 3 * i + 1], V[B, 3 * i + 2] = b[i], b[t], b[t + 1]
+        V[LAM, 3 * i], V[LAM, 3 * i + 1], V[LAM, 3 * i + 2] = lam[i], lam[t], lam[t + 1]
         total += abs(b[i]) + abs(b[t]) + abs(b[t + 1]) + abs(mu[i])
-        m += 1
-    return m, total
+    return total
 
 
 @fused_lean_kernel
-def gather_matrix(A, local, index, n, m):  # type: ignore[no-untyped-def]
-    """The chosen contacts' rows and columns of A into `local`, contact-major."""
-    for a in range(m):
-        i = index[CHOSEN, a]
+def gather_matrix(A, local, n):  # type: ignore[no-untyped-def]
+    """The rows and columns of A into `local`, contact-major."""
+    for i in range(n):
         for t in range(3):
             row = i if t == 0 else n + 2 * i + t - 1
-            for b in range(m):
-                j = index[CHOSEN, b]
-                local[3 * a + t, 3 * b] = A[row, j]
-                local[3 * a + t, 3 * b + 1] = A[row, n + 2 * j]
-                local[3 * a + t, 3 * b + 2] = A[row, n + 2 * j + 1]
+            for j in range(n):
+                local[3 * i + t, 3 * j] = A[row, j]
+                local[3 * i + t, 3 * j + 1] = A[row, n + 2 * j]
+                local[3 * i + t, 3 * j + 2] = A[row, n + 2 * j + 1]
 
 
 @fused_lean_kernel
-def scatter(lam, V, index, n, m, status):  # type: ignore[no-untyped-def]
+def scatter(lam, V, n, status):  # type: ignore[no-untyped-def]
     """V[LAM] back into the caller's order; all zero if the status is NOT_FINITE."""
     if status == NOT_FINITE:
         lam[:] = 0.0
         return
-    for a in range(m):
-        i = index[CHOSEN, a]
+    for i in range(n):
         t = n + 2 * i
-        lam[i], lam[t], lam[t + 1] = V[LAM, 3 * a], V[LAM, 3 * a + 1], V[LAM, 3 * a + 2]
+        lam[i], lam[t], lam[t + 1] = V[LAM, 3 * i], V[LAM, 3 * i + 1], V[LAM, 3 * i + 2]
