@@ -31,7 +31,17 @@ def test_a_room_and_a_type_are_there_without_importing_them_by_hand():
 
 
 def test_dir_names_the_verbs():
-    verbs = {"ingest", "read_dataset", "write_dataset", "synthesize", "train", "evaluate", "diagnose", "export"}
+    verbs = {
+        "ingest",
+        "read_dataset",
+        "write_dataset",
+        "synthesize",
+        "train",
+        "evaluate",
+        "study",
+        "diagnose",
+        "export",
+    }
     assert verbs <= set(dir(tossid))
     assert verbs <= set(tossid.__all__)
 

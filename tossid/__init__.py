@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from tossid.store import Dataset as Dataset
     from tossid.store import read_dataset as read_dataset
     from tossid.store import write_dataset as write_dataset
+    from tossid.studies.result import Study as Study
+    from tossid.studies.study import study as study
     from tossid.synthesis.synthesize import synthesize as synthesize
     from tossid.training.api import train as train
     from tossid.types import Rollout as Rollout
@@ -47,6 +49,7 @@ _HOMES = {
     "synthesize": "tossid.synthesis.synthesize",
     "train": "tossid.training.api",
     "evaluate": "tossid.evaluation.evaluate",
+    "study": "tossid.studies.study",
     "diagnose": "tossid.diagnosis.diagnose",
     "export": "tossid.evaluation.export",
     "Dataset": "tossid.store",
@@ -55,6 +58,7 @@ _HOMES = {
     "ObjectModel": "tossid.objects",
     "TrainedModel": "tossid.models.trained",
     "Scores": "tossid.evaluation.evaluate",
+    "Study": "tossid.studies.result",
     "Diagnosis": "tossid.diagnosis.result",
     "Exported": "tossid.evaluation.export",
     "IngestSettings": "tossid.settings.ingestion",
@@ -79,6 +83,7 @@ _ROOMS = (
     "models",
     "training",
     "evaluation",
+    "studies",
     "diagnosis",
 )
 

@@ -1,9 +1,8 @@
-"""`tossid evaluate --sweep NAME`: a study, cell by cell.
+"""`tossid evaluate --sweep NAME`: gives the cells of a study to workers; tracks and prints what is found.
 
-Results lie in `outputs/sweeps/NAME-DIGEST`: a folder for each cell, and the
-whole as `cells.json`, `cells.csv`, `table.md` and figures. A cell that is done, in this
-study or in another, is never computed again. MLflow gets a run for the study
-and a nested one for each cell; only the command writes to it, never a worker.
+Results lie in `outputs/sweeps/NAME-DIGEST`: a folder for each cell, and the whole as `cells.json`, `cells.csv`,
+`table.md` and figures. A cell that is done, in this study or in another, is never computed again (`tossid.studies`).
+MLflow gets a run for the study and a nested one for each cell; only the command writes to it, never a worker.
 """
 
 from __future__ import annotations
@@ -11,44 +10,31 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pipelines.cli.call import digest_of
 from pipelines.cli.console import Console
-from pipelines.commands.cells import SCHEMA, Cell, Computed, compute_all, study_cells
-from pipelines.config.schemas import EvaluateConfig, SweepConfig
+from pipelines.commands.cells import study_cells
+from pipelines.config.schemas import EvaluateConfig, SweepConfig, TrainConfig
+from pipelines.execution.workers import submitting
 from pipelines.files.project import dataset_path
 from pipelines.tracking.mlflow_store import client
 from pipelines.tracking.run import TrackedRun, tracked_run
 from pipelines.tracking.runs import find_runs
-from tossid.errors import ConfigError, InputError, TossidError
-from tossid.outputs import only_writer, output_file, write_whole
-from tossid.plain_json import jsonable
-from tossid.store import Dataset, file_sha256, read_dataset
+from tossid.errors import ConfigError, TossidError
+from tossid.evaluation.evaluate import metric_means
+from tossid.models import EpochRecord
+from tossid.outputs import only_writer
+from tossid.plain_json import digest_of
+from tossid.studies.cells import CellResult, StudyCell, StudyData
+from tossid.studies.kept import write_text
+from tossid.studies.result import Study
+from tossid.studies.study import StudyPlan, plan_study
 
 FOLDER = Path("outputs/sweeps")
-CELL = "cell.json"
 RUNS = "runs.json"
 CELL_TAG = "tossid.cell"
-
-
-@dataclass(frozen=True)
-class Study:
-    """A study with its data and its place."""
-
-    sweep: SweepConfig
-    data: Path
-    sha256: str
-    dataset: Dataset
-    cells: tuple[Cell, ...]
-    folder: Path
-
-    @property
-    def swept(self) -> str:
-        """What the swept value is called in a cell: "gravity" for model.gravity."""
-        return self.sweep.key.rpartition(".")[2]
 
 
 def run_sweep(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> dict[str, Any]:
@@ -56,202 +42,140 @@ def run_sweep(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> d
     started = time.perf_counter()
     if config.run is not None:
         raise ConfigError("run", "a study trains its own models; leave it out.")
-    study = _open(config, sweep, console)
-    with only_writer(study.folder / "study"):
-        results = {cell.digest: found for cell in study.cells if (found := _stored(cell)) is not None}
-        console.say(f"{study.folder}: {len(results)} of {len(study.cells)} cells are done")
-        runs = _runs(study)
-        failed: list[dict[str, Any]] = []
-        with tracked_run(f"sweep-{sweep.name}", config, command="sweep", resume=runs.get("run")) as parent:
-            if not parent.resumed:
-                parent.data(study.data, study.sha256, context="study")
-                runs = {"run": parent.id, "cells": {}}
-                _write(study.folder / RUNS, json.dumps(runs) + "\n")
-            else:
-                _recall(parent, runs)
-            for cell in study.cells:
-                if cell.digest in results:
-                    _track(study, cell, results[cell.digest], parent, runs)
-            missing = [cell for cell in study.cells if cell.digest not in results]
-            computed = compute_all(missing, sha256=study.sha256, workers=sweep.workers, launcher=config.launcher)
-            with console.progress(f"sweep {sweep.name}", len(study.cells), unit="cells") as bar:
-                bar.advance(len(results))
-                for cell, outcome in computed:
-                    if isinstance(outcome, TossidError):
-                        failed.append({"model": cell.model, "seed": cell.seed, study.swept: cell.value})
-                        failed[-1]["error"] = str(outcome)
-                        console.warn(f"{cell.model}, {study.swept} {cell.value:g}, seed {cell.seed}: {outcome}")
-                    else:
-                        results[cell.digest] = _keep(study, cell, outcome)
-                        _track(study, cell, results[cell.digest], parent, runs)
-                    bar.advance(1, note=f"{cell.model}, {study.swept} {cell.value:g}")
-            if not results:
-                raise InputError(f"all {len(failed)} cells failed; the first: {failed[0]['error']}")
-            report = _report(study, results, runs, failed, parent)
-    report["seconds"] = time.perf_counter() - started
-    _show(study, report, console)
+    study = _open(sweep, dataset_path(config.data))
+    plan, folder = study.plan, study.folder
+    for note in plan.notes:
+        console.warn(note)
+    with only_writer(folder / "study"):
+        todo = len(plan.missing())
+        console.say(f"{folder}: {len(plan.cells) - todo} of {len(plan.cells)} cells are done")
+        noted = _noted(folder)
+        with (
+            tracked_run(f"sweep-{sweep.name}", config, command="sweep", resume=noted.get("run")) as parent,
+            console.progress(f"sweep {sweep.name}", len(plan.cells), unit="cells") as bar,
+            submitting(config.launcher, sweep.workers, todo) as submit,
+        ):
+            runs = CellRuns(study, parent, noted)
+
+            def each(cell: StudyCell, outcome: CellResult | TossidError) -> Mapping[str, Any] | None:
+                what = f"{cell.model}, {cell.swept} {cell.value:g}"
+                if isinstance(outcome, TossidError):
+                    console.warn(f"{what}, seed {cell.seed}: {outcome}")
+                row = None if isinstance(outcome, TossidError) else {"run": runs.tracked(cell, outcome)}
+                bar.advance(1, note=what)
+                return row
+
+            found = plan.run(submit=submit, each_cell=each)
+            files = found.save(folder)
+            for path in files:
+                parent.artifact(path, folder=None if path.parent == folder else path.parent.name)
+            parent.metrics({"cells": len(found.rows), "failed": len(found.failed)})
+    report = {
+        "run": parent.id,
+        "sweep": sweep.name,
+        "key": sweep.key,
+        "data": str(study.data),
+        **found.as_json(),
+        "out": str(folder),
+        "figures": [str(path) for path in files if path.parent != folder],
+        "seconds": time.perf_counter() - started,
+    }
+    _show(sweep, found, report, console)
     return report
 
 
-def _open(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> Study:
-    data = dataset_path(config.data)
-    dataset, sha256 = read_dataset(data), file_sha256(data)
-    if not dataset.of_split("test"):
-        raise InputError(f"{data}: no held-out tosses to evaluate on (split 'test')")
-    cells = study_cells(sweep, data, sha256)
-    there = len(dataset.of_split("train"))
-    kept = tuple(cell for cell in cells if cell.config.tosses is None or cell.config.tosses <= there)
-    left_out = sorted({cell.value for cell in cells} - {cell.value for cell in kept})
-    if left_out:
-        what = f"{data} has {there} training tosses; left out: {', '.join(f'{value:g}' for value in left_out)}"
-        if not kept:
-            raise InputError(what)
-        console.warn(what)
-    digest = digest_of([sweep.key, *[cell.digest for cell in kept]])[:12]
-    return Study(sweep, data, sha256, dataset, kept, FOLDER / f"{sweep.name}-{digest}")
+@dataclass(frozen=True)
+class OpenStudy:
+    """A study with its data and its place."""
+
+    name: str
+    data: Path
+    sha256: str
+    configs: dict[StudyCell, TrainConfig]
+    plan: StudyPlan
+    folder: Path
 
 
-# ---------------------------------------------------------------- a cell on disk and in MLflow
+def _open(sweep: SweepConfig, data: Path) -> OpenStudy:
+    of = StudyData.of(data)
+    configs = study_cells(sweep, data, of.sha256)
+    plan = plan_study(list(configs), of)
+    folder = FOLDER / f"{sweep.name}-{digest_of([sweep.key, *[cell.digest for cell in plan.cells]])[:12]}"
+    return OpenStudy(sweep.name, data, of.sha256, configs, replace(plan, folder=folder), folder)
 
 
-def _stored(cell: Cell) -> dict[str, Any] | None:
-    """A cell that any study has computed."""
-    for path in sorted(FOLDER.glob(f"*/cells/{cell.name}/{CELL}")):
-        try:
-            found = json.loads(path.read_text())
-        except (OSError, ValueError):
-            continue
-        if isinstance(found, dict) and found.get("schema") == SCHEMA and found.get("digest") == cell.digest:
-            return {**found, "folder": str(path.parent)}
-    return None
+class CellRuns:
+    """The runs of a study's cells in MLflow, below the study's own; each cell is logged once.
 
+    Args:
+        study: The study.
+        parent: Its run.
+        noted: What an interrupted command had noted of its runs.
+    """
 
-def _keep(study: Study, cell: Cell, computed: Computed) -> dict[str, Any]:
-    """Write a cell: its checkpoint and config, and last, as the sign that all is there, its numbers."""
-    import yaml
-
-    from pipelines.config.compose import as_plain
-    from pipelines.tracking.runs import CHECKPOINT, CONFIG
-
-    folder = study.folder / "cells" / cell.name
-    write_whole(folder / CHECKPOINT, computed.checkpoint)
-    _write(folder / CONFIG, yaml.safe_dump(as_plain(cell.config), sort_keys=False, allow_unicode=True))
-    content = {"schema": SCHEMA, "digest": cell.digest, "result": computed.result, "history": computed.history}
-    content = jsonable(content)
-    _write(folder / CELL, json.dumps(content, indent=1) + "\n")
-    return {**content, "folder": str(folder)}
-
-
-def _track(study: Study, cell: Cell, stored: dict[str, Any], parent: TrackedRun, runs: dict[str, Any]) -> None:
-    """Log a cell as a run under the study's, once."""
-    if cell.digest in runs["cells"]:
-        return
-    from pipelines.tracking.runs import CHECKPOINT
-    from tossid.evaluation.evaluate import metric_means
-    from tossid.models import EpochRecord
-
-    name = f"{cell.model}-{study.swept}{cell.value:g}-s{cell.seed}"
-    tags = {"sweep": study.sweep.name, CELL_TAG: cell.digest}
-    with tracked_run(name, cell.config, command="train", parent=parent, tags=tags) as run:
-        run.data(study.data, study.sha256, context="training")
-        for step, row in enumerate(stored["history"], start=1):
-            run.metrics(EpochRecord(**row).losses(), step=step)
-        run.metrics(metric_means(stored["result"]), step=len(stored["history"]))
-        run.text(json.dumps(stored["result"], indent=1), "result.json")
-        run.checkpoint(Path(stored["folder"]) / CHECKPOINT)
-    runs["cells"][cell.digest] = run.id
-    _write(study.folder / RUNS, json.dumps(runs, indent=1) + "\n")
-
-
-def _recall(parent: TrackedRun, runs: dict[str, Any]) -> None:
-    """Know the runs of cells that a killed command had logged and not noted; what it had half logged goes."""
-    for run in find_runs(parent=parent.id):
-        digest = run.data.tags.get(CELL_TAG)
-        if digest is None or digest in runs["cells"]:
-            continue
-        if run.info.status == "FINISHED":
-            runs["cells"][digest] = run.info.run_id
+    def __init__(self, study: OpenStudy, parent: TrackedRun, noted: dict[str, Any]) -> None:
+        self._study, self._parent = study, parent
+        self._of_cell: dict[str, str] = noted["cells"] if parent.resumed else {}
+        if parent.resumed:
+            self._recall()
         else:
-            client().delete_run(run.info.run_id)
+            parent.data(study.data, study.sha256, context="study")
+            self._note()
+
+    def tracked(self, cell: StudyCell, got: CellResult) -> str:
+        """Log a cell, unless it is logged already; returns its run's id.
+
+        Args:
+            cell: The cell.
+            got: What it gave.
+        """
+        if cell.digest in self._of_cell:
+            return self._of_cell[cell.digest]
+        name = f"{cell.model}-{cell.swept}{cell.value:g}-s{cell.seed}"
+        tags = {"sweep": self._study.name, CELL_TAG: cell.digest}
+        with tracked_run(name, self._study.configs[cell], command="train", parent=self._parent, tags=tags) as run:
+            run.data(self._study.data, self._study.sha256, context="training")
+            for step, row in enumerate(got.history, start=1):
+                run.metrics(EpochRecord(**row).losses(), step=step)
+            run.metrics(metric_means(got.scores), step=len(got.history))
+            run.text(json.dumps(got.scores, indent=1), "result.json")
+            assert isinstance(got.checkpoint, Path)  # a study with a folder keeps it there
+            run.checkpoint(got.checkpoint)
+        self._of_cell[cell.digest] = run.id
+        self._note()
+        return run.id
+
+    def _recall(self) -> None:
+        """Know the runs of cells that a killed command had logged and not noted; what it had half logged goes."""
+        for run in find_runs(parent=self._parent.id):
+            digest = run.data.tags.get(CELL_TAG)
+            if digest is None or digest in self._of_cell:
+                continue
+            if run.info.status == "FINISHED":
+                self._of_cell[digest] = run.info.run_id
+            else:
+                client().delete_run(run.info.run_id)
+
+    def _note(self) -> None:
+        noted = {"run": self._parent.id, "cells": self._of_cell}
+        write_text(self._study.folder / RUNS, json.dumps(noted, indent=1) + "\n")
 
 
-def _runs(study: Study) -> dict[str, Any]:
+def _noted(folder: Path) -> dict[str, Any]:
     """The runs that this study has in MLflow: its own, and each cell's by digest."""
     try:
-        runs = json.loads((study.folder / RUNS).read_text())
+        runs = json.loads((folder / RUNS).read_text())
         return {"run": str(runs["run"]), "cells": dict(runs["cells"])}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
 
 
-def _write(path: Path, text: str) -> None:
-    with output_file(path) as temporary:
-        temporary.write_text(text)
-
-
-# ---------------------------------------------------------------- the whole
-
-
-def _report(
-    study: Study, results: dict[str, Any], runs: dict[str, Any], failed: list[dict[str, Any]], parent: TrackedRun
-) -> dict[str, Any]:
-    """The study's table, figures and JSON, on disk and in MLflow."""
-    from pipelines.drawing.figures import write_figures
-    from pipelines.tracking.runs import CHECKPOINT
-    from tossid import TrainedModel
-    from tossid.evaluation.study import csv_table, markdown_table, measured_penetration
-    from tossid.evaluation.study_figures import study_figures
-
-    done = {runs["cells"][cell.digest]: cell for cell in study.cells if cell.digest in results}
-    cells = [{**_row(study, cell, results[cell.digest]), "run": run} for run, cell in done.items()]
-    held_out = study.dataset.split("test")
-
-    def model_of(cell: Mapping[str, Any]) -> TrainedModel:
-        return TrainedModel.load(Path(results[done[cell["run"]].digest]["folder"]) / CHECKPOINT)
-
-    figures = write_figures(study_figures(study.swept, cells, held_out, model_of=model_of), study.folder / "figures")
-    report: dict[str, Any] = {
-        "run": parent.id,
-        "sweep": study.sweep.name,
-        "key": study.sweep.key,
-        "data": str(study.data),
-        "n_tosses": len(held_out.tosses),
-        "split": "test",
-        "measured": {"penetration_mm": measured_penetration(held_out.tosses, held_out.object)},
-        "cells": cells,
-        "failed": failed,
-        "out": str(study.folder),
-        "figures": [str(path) for path in figures],
-    }
-    _write(study.folder / "cells.json", json.dumps(jsonable(cells), indent=1) + "\n")
-    _write(study.folder / "cells.csv", csv_table(cells, study.swept))
-    _write(study.folder / "table.md", markdown_table(cells, study.swept))
-    for name in ("cells.json", "cells.csv", "table.md"):
-        parent.artifact(study.folder / name)
-    for path in figures:
-        parent.artifact(path, folder="figures")
-    parent.metrics({"cells": len(cells), "failed": len(failed)})
-    return report
-
-
-def _row(study: Study, cell: Cell, stored: dict[str, Any]) -> dict[str, Any]:
-    """A cell as it is reported."""
-    from tossid.evaluation.study import study_cell
-
-    about = {"model": cell.model, "seed": cell.seed, study.swept: cell.value}
-    settings, truth = cell.config.model, study.dataset.object
-    return study_cell(about, stored["result"], stored["history"], settings=settings, truth=truth)
-
-
-def _show(study: Study, report: dict[str, Any], console: Console) -> None:
+def _show(sweep: SweepConfig, found: Study, report: Mapping[str, Any], console: Console) -> None:
     """Means over seeds, for a person."""
-    from tossid.evaluation.study import seed_means
-
-    head, rows = seed_means(report["cells"], study.swept)
-    seeds = len(study.sweep.seeds)
-    title = f"{study.sweep.name}: {report['n_tosses']} held-out tosses" + (f", means of {seeds} seeds" * (seeds > 1))
-    console.table(head, rows, title=title)
-    trained = sum(cell["seconds"] for cell in report["cells"])
+    seeds = len(sweep.seeds)
+    title = f"{sweep.name}: {report['n_tosses']} held-out tosses" + (f", means of {seeds} seeds" * (seeds > 1))
+    console.table(*found.table(), title=title)
+    trained = sum(row["seconds"] for row in found.rows)
     console.facts(
         {
             "tables": f"{report['out']}/table.md, cells.csv",

@@ -13,11 +13,10 @@ import logging
 import multiprocessing
 import os
 import signal
-import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -28,10 +27,9 @@ from urllib.parse import urlsplit
 
 from pipelines.config.schemas.launching import DaskLauncher, Launcher, ProcessesLauncher, SlurmLauncher
 from tossid.code_digest import PACKAGES, code_digest
-from tossid.errors import ConfigError, FileError, InputError, SolverError, TossidError
+from tossid.errors import ConfigError, FileError, InputError
 from tossid.versions import computing_versions, differing_versions
 
-T = TypeVar("T")
 R = TypeVar("R")
 
 EXTRA = "pip install 'tossid[cluster]'"
@@ -54,61 +52,6 @@ class Workers:
     def submit(self, function: Callable[..., R], *args: Any) -> Future[R]:
         """Give a call to a worker, which refuses it if it has other code or other versions of what computes."""
         return self.executor.submit(_with_code, _code_of(function), computing_versions(), function, *args)
-
-
-def as_done(
-    function: Callable[[T], R], items: Sequence[T], submit: Callable[[Callable[[T], R], T], Future[R]] | None
-) -> Iterator[tuple[T, R | TossidError]]:
-    """Each item with the function's result, in the order in which they are done.
-
-    Args:
-        function: What is computed of an item.
-        items: The items.
-        submit: Of an executor or of `Workers`; None to compute them one after another, in this process.
-
-    Yields:
-        An item, and its result or the `TossidError` that it ended in.
-
-    Raises:
-        SolverError: Workers died, or can no longer be reached. The rest is cancelled, as on any other end.
-    """
-    if submit is None:
-        for item in items:
-            yield item, _outcome(lambda item=item: function(item))  # type: ignore[misc]
-        return
-    waiting = {submit(function, item): item for item in items}
-    try:
-        for done in as_completed(list(waiting)):
-            yield waiting.pop(done), _outcome(done.result)
-    except BaseException as error:
-        for future in waiting:
-            future.cancel()
-        if not _lost(error):
-            raise
-        problem = (
-            f"a worker died or was lost ({type(error).__name__}; perhaps for lack of memory); what is done is kept, "
-            "and the same command continues; fewer workers take less memory"
-        )
-        raise SolverError(problem, count=len(waiting) + 1, total=len(items)) from error
-
-
-def _outcome(result: Callable[[], R]) -> R | TossidError:
-    try:
-        return result()
-    except TossidError as error:
-        return error
-
-
-def _lost(error: BaseException) -> bool:
-    """Whether workers are gone, not the work wrong."""
-    if isinstance(error, (BrokenExecutor, CancelledError)):
-        return True
-    if "distributed" not in sys.modules:
-        return False
-    from distributed import KilledWorker
-    from distributed.scheduler import NoWorkerError
-
-    return isinstance(error, (KilledWorker, NoWorkerError))
 
 
 def _code_of(function: Callable[..., Any]) -> str:
@@ -146,6 +89,27 @@ def open_workers(launcher: Launcher, count: int | None) -> Iterator[Workers]:
     """
     with _OPENERS[type(launcher)](launcher, count) as workers:
         yield workers
+
+
+@contextmanager
+def submitting(launcher: Launcher, count: int | None, items: int) -> Iterator[Callable[..., Future[Any]] | None]:
+    """What gives work to as many workers as there is work for; None where this process does it alone.
+
+    Args:
+        launcher: Which workers.
+        count: Number of processes, None for one a core. With one, no process is started.
+        items: How many pieces of work there are.
+
+    Raises:
+        ConfigError: As of `open_workers`.
+    """
+    if isinstance(launcher, ProcessesLauncher):
+        count = min(count or os.cpu_count() or 1, items)
+    if not items or (isinstance(launcher, ProcessesLauncher) and count == 1):
+        yield None
+        return
+    with open_workers(launcher, count) as workers:
+        yield workers.submit
 
 
 @contextmanager

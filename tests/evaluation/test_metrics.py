@@ -50,6 +50,16 @@ def test_the_error_in_flight_is_that_of_gravity(elbow: ObjectModel, flights: lis
     assert scores.flight_miss_pct[0] == pytest.approx(10.0)
 
 
+def test_recorded_poses_have_a_penetration_of_their_own(cube: ObjectModel) -> None:
+    """A cube that is recorded 2 mm too low at rest: its rollout, lifted onto the ground, does not sink."""
+    q = np.tile([0.0, 0.0, 0.5 * cube.width - 0.002, 1.0, 0.0, 0.0, 0.0], (20, 1))
+    cov, phase = np.tile(1e-9 * np.eye(6), (20, 1, 1)), np.zeros(20, dtype=np.uint8)
+    low = Toss("low", np.arange(20) * DT, q, np.zeros((20, 6)), cov, cov, phase)
+    scores = score_tosses(Simulator(make_system(cube)), cube, [low])
+    assert scores.recorded_penetration_mm[0] == pytest.approx(2.0)
+    assert scores.penetration_mm[0] < 0.1
+
+
 def test_short_rollouts_start_anew(elbow: ObjectModel, flights: list[Toss]) -> None:
     """With gravity off by d, the k-th frame is off by d (k dt)² / 2: over 16 steps from each start."""
     predictor = Simulator(make_system(elbow, gravity=9.31))

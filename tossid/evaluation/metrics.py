@@ -34,6 +34,8 @@ class TossScores:
         position_error_pct: Mean over frames of the distance of the geometric centres [% of the width].
         rotation_error_deg: Mean over frames of the geodesic angle.
         penetration_mm: Mean over frames of the depth of the deepest stated corner.
+        recorded_penetration_mm: The same of the recorded poses themselves, the floor that noise and a wrong size set: a
+            rollout that sinks no deeper sinks as far as the tracked object seems to.
         gravity_ms2: Mean downward acceleration of the model in the toss's free flight.
         joint_error_deg: Mean over frames and hinges, within half a turn; NaN without hinges.
         link_error_deg: (B, n_b) mean over frames of each body's geodesic angle.
@@ -46,6 +48,7 @@ class TossScores:
     position_error_pct: Array
     rotation_error_deg: Array
     penetration_mm: Array
+    recorded_penetration_mm: Array
     gravity_ms2: Array
     joint_error_deg: Array
     link_error_deg: Array
@@ -127,7 +130,7 @@ def score_tosses(
     runs = roll_out(
         predictor, model, tosses, measurement=measurement, from_flight=from_flight, dt=dt, n_threads=n_threads
     )
-    position, rotation, penetration, gravity, joint, flight = (np.empty(len(tosses)) for _ in range(6))
+    position, rotation, penetration, recorded, gravity, joint, flight = (np.empty(len(tosses)) for _ in range(7))
     link = np.empty((len(tosses), model.n_bodies))
     unsolved = diverged = 0
     hinge = 7 + np.flatnonzero(model.joint_type[1:] == JointType.HINGE)
@@ -139,7 +142,7 @@ def score_tosses(
         rotation[i] = np.rad2deg(geodesic_angle(q[:, 3:7], toss.q[:, 3:7])).mean()
         link[i] = np.rad2deg(geodesic_angle(body_poses(model, q)[1], body_poses(model, toss.q)[1])).mean(axis=0)
         joint[i] = np.rad2deg(np.abs(wrapped(q[:, hinge] - toss.q[:, hinge]))).mean() if len(hinge) else np.nan
-        penetration[i] = 1e3 * np.maximum(-corner_positions(model, q)[..., 2].min(axis=1), 0).mean()
+        penetration[i], recorded[i] = _penetration(model, q), _penetration(model, toss.q)
         n = flight_frames(toss, model)
         true = measurement.true_toss(toss)
         gravity[i] = flight[i] = np.nan
@@ -149,7 +152,12 @@ def score_tosses(
             flight[i] = _flight_error(stated, true.q[:n], true.v[:n], found)
         unsolved += run.unsolved
         diverged += run.diverged
-    return TossScores(position, rotation, penetration, gravity, joint, link, flight, unsolved, diverged)
+    return TossScores(position, rotation, penetration, recorded, gravity, joint, link, flight, unsolved, diverged)
+
+
+def _penetration(model: ObjectModel, q: Array) -> float:
+    """Mean over configurations of the depth of the deepest corner [mm]."""
+    return float(1e3 * np.maximum(-corner_positions(model, q)[..., 2].min(axis=1), 0).mean())
 
 
 def score_windows(
@@ -255,7 +263,9 @@ def summarize(values: Array, *, draws: int = EvaluateSettings.draws, seed: int =
 def summarize_scores(
     scores: TossScores, model: ObjectModel, *, draws: int = EvaluateSettings.draws, seed: int = 0
 ) -> dict[str, Any]:
-    """The four metrics and the error in flight, each with mean and interval; joints and links where there are any.
+    """The four metrics, the recorded poses' own penetration and the error in flight, each with mean and interval.
+
+    Joints and links are added where there are any.
 
     Args:
         scores: One a toss.
@@ -263,7 +273,8 @@ def summarize_scores(
         draws: As of `summarize`.
         seed: As of `summarize`.
     """
-    keys = ["position_error_pct", "rotation_error_deg", "penetration_mm", "gravity_ms2", "flight_miss_pct"]
+    keys = ["position_error_pct", "rotation_error_deg", "penetration_mm", "recorded_penetration_mm", "gravity_ms2"]
+    keys += ["flight_miss_pct"]
     found = {key: summarize(getattr(scores, key), draws=draws, seed=seed) for key in keys}
     if model.n_joints:
         found["joint_error_deg"] = summarize(scores.joint_error_deg, draws=draws, seed=seed)

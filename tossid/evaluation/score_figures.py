@@ -56,7 +56,7 @@ def acceleration_figure(scores: Scores) -> dict[str, Figure]:
     parts = accelerations_over_toss(mechanics.system(), mechanics.object, true, weights=mechanics.weights)
     name = f"{scores.model.name.upper()}, {gravity_given(scores.model.settings.model.gravity)}"
     title = f"{name}: what accelerates the object"
-    return {"residual_over_toss": residual_over_toss(**vars(parts), title=title, name=toss.name)}
+    return {"residual_over_toss": residual_over_toss(parts, title=title, name=toss.name)}
 
 
 def _angles_figure(scores: Scores) -> dict[str, Figure]:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.evaluation.figures.reading import assert_legible, line, words
-from tossid.errors import InputError
-from tossid.evaluation.figures import residual_over_toss
+from tossid.evaluation.figures import Accelerations, residual_over_toss
 
 
 def accelerations() -> dict[str, np.ndarray]:
@@ -27,7 +26,7 @@ def accelerations() -> dict[str, np.ndarray]:
 
 def test_accelerations_add_up_and_what_is_not_separable_is_hatched() -> None:
     parts = accelerations()
-    figure = residual_over_toss(parts["t"], **{k: v for k, v in parts.items() if k != "t"})
+    figure = residual_over_toss(Accelerations(**parts))
     given, residual, contact, total = figure.axes
     for ax, name in ((given, "given"), (residual, "residual"), (contact, "contact"), (total, "measured")):
         np.testing.assert_array_equal(line(ax, name).get_data(), [parts["t"], parts[name]])
@@ -48,12 +47,6 @@ def test_accelerations_add_up_and_what_is_not_separable_is_hatched() -> None:
 def test_nothing_is_hatched_where_all_is_separable() -> None:
     parts = accelerations()
     parts["separable"] = np.ones(80, dtype=bool)
-    figure = residual_over_toss(parts["t"], **{k: v for k, v in parts.items() if k != "t"})
+    figure = residual_over_toss(Accelerations(**parts))
     assert not [p for ax in figure.axes for p in ax.patches if p.get_hatch()]
     assert "not separable" not in words(figure)
-
-
-def test_accelerations_of_other_lengths_are_refused() -> None:
-    parts = accelerations()
-    with pytest.raises(InputError, match="contact has shape"):
-        residual_over_toss(parts["t"], **{k: v[:5] if k == "contact" else v for k, v in parts.items() if k != "t"})

@@ -16,13 +16,16 @@ import numpy as np
 import pytest
 
 from pipelines.cli import app
-from pipelines.commands import cells, sweep
-from pipelines.commands.cells import compute
+from pipelines.commands import sweep
 from pipelines.tracking.mlflow_store import client
-from pipelines.tracking.runs import find_run, find_runs, metric_history
+from pipelines.tracking.runs import find_run, find_runs
 from tests.pipelines.conftest import one_line
+from tests.pipelines.stored import metric_history, stored_run
 from tossid.errors import DivergedError
 from tossid.store import read_dataset
+from tossid.studies import study as studies
+from tossid.studies.cells import compute_cell
+from tossid.studies.kept import CELL
 
 SMALL = ["sweep.models=[cn,cnrp]", "sweep.values=[4.905,9.81]", "sweep.train=['epochs=2']", "data=tosses"]
 
@@ -34,11 +37,11 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Names of the models whose cells are computed, in order."""
     seen: list[str] = []
 
-    def count(dataset: Any, config: Any, sha256: str) -> Any:
-        seen.append(config.model.name)
-        return compute(dataset, config, sha256)
+    def count(cell: Any, data: Any) -> Any:
+        seen.append(cell.settings.model.name)
+        return compute_cell(cell, data)
 
-    monkeypatch.setattr(cells, "compute", count)
+    monkeypatch.setattr(studies, "compute_cell", count)
     return seen
 
 
@@ -79,7 +82,7 @@ def test_a_study(beside: Path, answer: Any, counted: list[str]) -> None:
 
     # in MLflow
     parent = find_run(report["run"], command="sweep")
-    assert parent.status == "FINISHED"
+    assert stored_run(parent.id).info.status == "FINISHED"
     assert {"cells.json", "cells.csv", "table.md", "config.yaml", "figures"} <= {
         path.name for path in parent.folder.iterdir()
     }
@@ -158,19 +161,19 @@ def test_the_number_of_training_tosses(beside: Path, capfd: pytest.CaptureFixtur
 def test_a_cell_that_fails_is_said_and_tried_again(
     beside: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, answer: Any
 ) -> None:
-    def diverge(dataset: Any, config: Any, sha256: str) -> Any:
-        if config.model.name == "cnrp" and config.model.gravity > 5:
+    def diverge(cell: Any, data: Any) -> Any:
+        if cell.model == "cnrp" and cell.value > 5:
             raise DivergedError("the loss became nan")
-        return compute(dataset, config, sha256)
+        return compute_cell(cell, data)
 
-    monkeypatch.setattr(cells, "compute", diverge)
+    monkeypatch.setattr(studies, "compute_cell", diverge)
     assert app.run(["evaluate", "--sweep", "gravity", *HERE, "--json", "--quiet"]) == 0
     out, err = capfd.readouterr()
     assert "cnrp, gravity 9.81, seed 0: the loss became nan" in one_line(err)
     report = json.loads(out)
     assert len(report["cells"]) == 3
     assert report["failed"] == [{"model": "cnrp", "seed": 0, "gravity": 9.81, "error": "the loss became nan"}]
-    monkeypatch.setattr(cells, "compute", compute)
+    monkeypatch.setattr(studies, "compute_cell", compute_cell)
     again = answer("evaluate", "--sweep", "gravity", *HERE)
     assert len(again["cells"]) == 4
     assert again["run"] == report["run"]
@@ -215,7 +218,7 @@ def test_a_stopped_study_goes_on(beside: Path, answer: Any, number: signal.Signa
         start_new_session=True,
     ) as running:
         deadline = time.monotonic() + 90
-        while not list(beside.glob(f"outputs/sweeps/*/cells/*/{sweep.CELL}")) and time.monotonic() < deadline:
+        while not list(beside.glob(f"outputs/sweeps/*/cells/*/{CELL}")) and time.monotonic() < deadline:
             time.sleep(0.02)
         if number == signal.SIGINT:
             os.killpg(running.pid, number)  # a terminal sends it to all
@@ -229,7 +232,7 @@ def test_a_stopped_study_goes_on(beside: Path, answer: Any, number: signal.Signa
         assert running.returncode == 130
         assert "interrupted" in err.strip().splitlines()[-1]
         assert "Traceback" not in err
-    kept = {path: path.stat().st_mtime_ns for path in beside.glob(f"outputs/sweeps/*/cells/*/{sweep.CELL}")}
+    kept = {path: path.stat().st_mtime_ns for path in beside.glob(f"outputs/sweeps/*/cells/*/{CELL}")}
     assert 0 < len(kept) < 4
     report = answer("evaluate", "--sweep", "gravity", *keys, "sweep.workers=1")
     assert len(report["cells"]) == 4

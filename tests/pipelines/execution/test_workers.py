@@ -16,13 +16,14 @@ from typing import Any
 import pytest
 
 from pipelines.cli import app
-from pipelines.commands import sweep
 from pipelines.config.schemas import DaskLauncher, ProcessesLauncher, SlurmLauncher
-from pipelines.execution.workers import _with_code, as_done, open_workers
+from pipelines.execution.workers import _with_code, open_workers
 from pipelines.tracking.runs import find_runs
 from tests.pipelines.cluster import cluster, wait_for
 from tests.pipelines.conftest import one_line
 from tossid.errors import ConfigError, FileError, InputError, SolverError, TossidError
+from tossid.parallel import as_done
+from tossid.studies.kept import CELL
 from tossid.versions import computing_versions
 
 HERE = ProcessesLauncher("processes")
@@ -195,7 +196,7 @@ def test_a_worker_that_is_killed_is_replaced_by_the_others(beside: Path, answer:
     pytest.importorskip("distributed", reason="Dask is an extra: pip install -e '.[cluster]'")
     study = ["evaluate", "--sweep", "gravity", "data=tosses", "sweep.models=[cn,cnrp]", "sweep.seeds=[0,1,2]"]
     study += ["sweep.values=[0,4.905,9.81,19.62]", "sweep.train=['epochs=2']"]
-    places: Callable[[], list[Path]] = lambda: list(beside.glob(f"outputs/sweeps/*/cells/*/{sweep.CELL}"))  # noqa: E731
+    places: Callable[[], list[Path]] = lambda: list(beside.glob(f"outputs/sweeps/*/cells/*/{CELL}"))  # noqa: E731
     elsewhere = beside / "elsewhere"
     elsewhere.mkdir()
     with cluster(elsewhere) as there:

@@ -73,7 +73,7 @@ def models_in(cells: Sequence[Cell], *, key: str = "model") -> list[str]:
     return [name for name in LOOKS if name in found] + [name for name in found if name not in LOOKS]
 
 
-def pool(cells: Sequence[Cell], *, model: str, swept: str, metric: str, by: str = "model") -> Series:
+def pool(cells: Sequence[Cell], *, model: str, swept: str, metric: str) -> Series:
     """The series of one model; cells whose metric is missing or not finite take no part.
 
     Args:
@@ -81,12 +81,11 @@ def pool(cells: Sequence[Cell], *, model: str, swept: str, metric: str, by: str 
         model: The model's name.
         swept: Key of the swept value.
         metric: Key of the metric.
-        by: What a cell names its model by.
 
     Returns:
         The series.
     """
-    rows = [(float(c[swept]), *value_of(c, metric)) for c in cells if str(c[by]) == model]
+    rows = [(float(c[swept]), *value_of(c, metric)) for c in cells if str(c["model"]) == model]
     table = np.array([row for row in rows if np.isfinite(row[1])]).reshape(-1, 4)
     x = np.unique(table[:, 0])
     pooled = np.array([table[table[:, 0] == value, 1:].mean(axis=0) for value in x]).reshape(-1, 3)

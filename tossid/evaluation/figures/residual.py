@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +11,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
-from tossid.errors import InputError
 from tossid.evaluation.figures.style import (
     INK,
     LOOKS,
@@ -25,6 +25,9 @@ from tossid.evaluation.figures.style import (
 )
 from tossid.objects import GRAVITY
 
+if TYPE_CHECKING:
+    from tossid.evaluation.figures.accelerations import Accelerations
+
 Array = NDArray[np.float64]
 
 _CONTACT = "#D55E00"
@@ -36,14 +39,8 @@ _LINEAR = 15.0
 
 @styled
 def residual_over_toss(
-    t: Array,
+    parts: Accelerations,
     *,
-    given: Array,
-    residual: Array,
-    contact: Array,
-    measured: Array,
-    separable: NDArray[np.bool_],
-    true_free: float | None = -GRAVITY,
     title: str = "What accelerates the object",
     name: str = "",
 ) -> Figure:
@@ -55,33 +52,21 @@ def residual_over_toss(
     series are hatched.
 
     Args:
-        t: Middles (or ends) of the frames' intervals (n,) [s].
-        given: k_hat (n,) [m/s²], up positive.
-        residual: k_res (n,) [m/s²].
-        contact: Contact impulses over mass and time (n,) [m/s²].
-        measured: Measured accelerations (n,) [m/s²].
-        separable: False where the data determine only the sum of k_res and contact (n,).
-        true_free: The true acceleration in flight [m/s²], where it is known.
+        parts: Of `accelerations_over_toss`.
         title: The figure's title.
         name: The toss's name, for the subtitle.
 
     Returns:
         The figure.
-
-    Raises:
-        InputError: The series differ in length.
     """
-    series = {"given": given, "residual": residual, "contact": contact, "measured": measured, "separable": separable}
-    for key, values in series.items():
-        if np.shape(values) != np.shape(t):
-            raise InputError(f"{key} has shape {np.shape(values)}, time has {np.shape(t)}")
+    t, given, residual, contact, measured = parts.t, parts.given, parts.residual, parts.contact, parts.measured
     total = given + residual + contact
     free = given + residual
-    flown = np.cumprod(separable & (np.abs(contact) < 1e-9)).astype(bool)
+    flown = np.cumprod(parts.separable & (np.abs(contact) < 1e-9)).astype(bool)
     subtitle = f"Toss {name}.  " if name else ""
     if flown.any():
-        parts = [number(float(np.mean(part[flown]))) for part in (given, free, measured)]
-        subtitle += "Mean before first contact: given {}, with the learned part {}, measured {} m/s².".format(*parts)
+        means = [number(float(np.mean(part[flown]))) for part in (given, free, measured)]
+        subtitle += "Mean before first contact: given {}, with the learned part {}, measured {} m/s².".format(*means)
     figure = new_figure(title, subtitle, height=7.6)
     axes = panel_grid(
         figure, 4, 1, left=0.8, right=1.35, top=1.05, bottom=0.85, above=0.42, heights=[0.8, 0.8, 1.1, 1.3]
@@ -95,7 +80,7 @@ def residual_over_toss(
             [("measured", measured, INK, 2.6), ("sum", total, LOOKS["cnrp"].color, 1.2)],
         ),
     )  # fmt: skip
-    low, high = _limits([given, residual] + ([true_free, true_free - given] if true_free is not None else []))
+    low, high = _limits([given, residual, -GRAVITY, -GRAVITY - given])
     border = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])
     for i, (ax, heading, label, lines) in enumerate(rows):
         ax.set_title(heading)
@@ -108,16 +93,15 @@ def residual_over_toss(
             ax.set_ylim(low, high)
         else:
             _symlog(ax, [values for _, values, _, _ in lines])
-        _hatch(ax, border, separable, beside=lines[0][1] if i in (1, 2) else None)
+        _hatch(ax, border, parts.separable, beside=lines[0][1] if i in (1, 2) else None)
         label_ends(ax, [(t[-1], values[-1], key, color) for key, values, color, _ in lines])
         if i < 3:
             ax.tick_params(labelbottom=False)
-    if true_free is not None:
-        _level(axes[0], true_free, "true", f"true in flight: {number(true_free)}")
-        missing = true_free - float(np.mean(given))
-        _level(axes[1], missing, "missing", f"what is missing: {number(missing)}")
+    _level(axes[0], -GRAVITY, "true", f"true in flight: {number(-GRAVITY)}")
+    missing = -GRAVITY - float(np.mean(given))
+    _level(axes[1], missing, "missing", f"what is missing: {number(missing)}")
     axes[3].set_xlabel("time [s]")
-    if not separable.all():
+    if not parts.separable.all():
         footnote(
             figure,
             "Hatched: sustained contact. There the data determine only the sum of learned acceleration and contact.",

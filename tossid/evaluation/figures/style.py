@@ -19,6 +19,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 from matplotlib.ticker import LogFormatter
 from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
 
 Array = NDArray[np.float64]
 P = ParamSpec("P")
@@ -242,7 +243,7 @@ def axes_inches(ax: Axes) -> tuple[float, float]:
 def spread(wanted: Sequence[float], gap: float, low: float = -np.inf, high: float = np.inf) -> Array:
     """Positions nearest to the wanted ones (least squares) that are at least a gap apart, in the same order.
 
-    They come from the pool-adjacent-violators algorithm, and are then kept within limits.
+    They come from an isotonic regression, and are then kept within limits.
 
     Args:
         wanted: The wanted positions.
@@ -255,14 +256,7 @@ def spread(wanted: Sequence[float], gap: float, low: float = -np.inf, high: floa
     """
     order = np.argsort(wanted, kind="stable")
     target = np.asarray(wanted, dtype=float)[order] - gap * np.arange(len(order))
-    blocks: list[tuple[float, int]] = []
-    for value in target:
-        mean, count = float(value), 1
-        while blocks and blocks[-1][0] > mean:
-            other, n = blocks.pop()
-            mean, count = (mean * count + other * n) / (count + n), count + n
-        blocks.append((mean, count))
-    place = np.repeat([m for m, _ in blocks], [n for _, n in blocks])
+    place = isotonic_regression(target).x if len(target) else target
     place = np.maximum(np.minimum(place, high - gap * (len(order) - 1)), low) + gap * np.arange(len(order))
     out = np.empty(len(order))
     out[order] = place

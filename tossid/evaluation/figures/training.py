@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -23,6 +23,9 @@ from tossid.evaluation.figures.style import (
     styled,
 )
 
+if TYPE_CHECKING:
+    from tossid.models import EpochRecord
+
 _PARTS = {
     "prediction": "#0072B2",
     "complementarity": "#D55E00",
@@ -31,35 +34,14 @@ _PARTS = {
     "residual": "#CC79A7",
 }
 _SPARE = ("#56B4E9", "#7B4B94", "#8C6D1F", "#444444")
+SUBTITLE = "Losses [m²/s²; rollouts: squared half widths and rad]; a ring: the lowest validation loss of a stage, kept"
 _NO_LOSS = frozenset({"unsolved"})
 _DECADES = 7.0
 """Parts smaller than this many decades under the largest are drawn at the panel's foot, not to scale."""
 
 
-class EpochLike(Protocol):
-    """One epoch of a fit, as `tossid.training` records it. Losses are in [m²/s²]."""
-
-    @property
-    def stage(self) -> str:
-        """Name of the stage that the epoch belongs to."""
-
-    @property
-    def train_loss(self) -> float:
-        """Loss on the training tosses."""
-
-    @property
-    def validation_loss(self) -> float:
-        """Loss on the validation tosses."""
-
-    @property
-    def parts(self) -> Mapping[str, float]:
-        """Parts of the training loss, and the count `unsolved`."""
-
-
 @styled
-def training_curves(
-    history: Sequence[EpochLike], *, title: str = "Training", unit: str = "m²/s²; rollouts: squared half widths and rad"
-) -> Figure:
+def training_curves(history: Sequence[EpochRecord], *, title: str = "Training") -> Figure:
     """Loss on training and validation tosses, and the training loss's parts, over epochs.
 
     Stages follow each other on the epoch axis and are marked; in each, the epoch of the lowest validation loss, whose
@@ -68,7 +50,6 @@ def training_curves(
     Args:
         history: Records of the epochs, in order (N,).
         title: The figure's title.
-        unit: Unit of the loss.
 
     Returns:
         The figure.
@@ -85,7 +66,7 @@ def training_curves(
     stages = _stages(history)
     unsolved = max(record.parts.get("unsolved", 0.0) for record in history)
 
-    figure = new_figure(title, f"Losses [{unit}]; a ring: the lowest validation loss of a stage, kept", height=6.2)
+    figure = new_figure(title, SUBTITLE, height=6.2)
     upper, lower = panel_grid(figure, 2, 1, left=1.0, right=1.55, top=0.98, bottom=0.85, above=0.5, heights=[1.15, 1])[
         :, 0
     ]
@@ -151,7 +132,7 @@ def training_curves(
     return figure
 
 
-def _stages(history: Sequence[EpochLike]) -> list[tuple[str, int, int]]:
+def _stages(history: Sequence[EpochRecord]) -> list[tuple[str, int, int]]:
     """(name, first, one past the last) of each run of epochs of one stage."""
     starts = [i for i, record in enumerate(history) if i == 0 or record.stage != history[i - 1].stage]
     return [(history[a].stage, a, b) for a, b in zip(starts, [*starts[1:], len(history)], strict=True)]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from tossid.evaluation.study import Cell, measured_penetration
 from tossid.objects import GRAVITY
+from tossid.studies.tables import Row, measured_penetration
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def study_figures(
-    swept: str, cells: Sequence[Cell], held_out: Dataset, *, model_of: Callable[[Cell], TrainedModel]
+    swept: str, cells: Sequence[Row], held_out: Dataset, *, model_of: Callable[[Row], TrainedModel]
 ) -> dict[str, Figure]:
     """Figures of a study by name: its metrics over the swept value, from the first state and from the flight.
 
@@ -50,7 +50,7 @@ def study_figures(
 
 
 def _accelerations_at_worst_gravity(
-    cells: Sequence[Cell], held_out: Dataset, model_of: Callable[[Cell], TrainedModel]
+    cells: Sequence[Row], held_out: Dataset, model_of: Callable[[Row], TrainedModel]
 ) -> dict[str, Figure]:
     """What k_res repairs, of the cell with a k_res that was given the most wrong gravity."""
     from tossid.evaluation.evaluate import evaluate

@@ -9,8 +9,8 @@ import pytest
 
 from pipelines.config.compose import load
 from pipelines.config.schemas import TrainConfig
-from tossid.evaluation.study import inertia_errors, markdown_table, study_cell, validation_loss
 from tossid.objects import ObjectModel
+from tossid.studies.tables import inertia_errors, markdown_table, study_row, validation_loss
 
 
 def cell(seed: int, gravity: float, found: float) -> dict[str, Any]:
@@ -53,9 +53,9 @@ def test_a_cell_has_its_errors_of_inertia_where_inertia_is_swept(cube: ObjectMod
     parameters = {"inertia_kgm2": (1.1 * cube.inertia).tolist(), "com_m": cube.com.tolist()}
     history = [{"stage": "contact", "validation_loss": 0.2}]
     about = {"model": "cnrpi", "seed": 0, "start_inertia": 2.0}
-    found = study_cell(about, {"parameters": parameters, "seconds": 3.0}, history, settings=config, truth=cube)
+    found = study_row(about, {"parameters": parameters, "seconds": 3.0}, history, settings=config, truth=cube)
     assert found["inertia_error_rel"] == pytest.approx(0.1)
     assert (found["validation_loss"], found["seconds"], found["model"]) == (0.2, 3.0, "cnrpi")
     other = {"model": "cnrpi", "seed": 0, "gravity": 2.0}
-    plain = study_cell(other, {"parameters": parameters, "seconds": 3.0}, history, settings=config, truth=cube)
+    plain = study_row(other, {"parameters": parameters, "seconds": 3.0}, history, settings=config, truth=cube)
     assert "inertia_error_rel" not in plain

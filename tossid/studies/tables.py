@@ -1,6 +1,6 @@
 """Statistics and tables of a study: many trainings and their evaluations, means over seeds with intervals over tosses.
 
-A study itself is a plain loop over `tossid.train` and `tossid.evaluate`. A cell is what one turn of it gives:
+A row is what one cell of a study gives:
 `{"model", "seed", the swept value by name, **Scores.as_json(), "validation_loss", "seconds"}`.
 """
 
@@ -18,7 +18,7 @@ from tossid.physics.identifiable import base_parameters, order
 from tossid.settings.training import ModelSettings
 from tossid.types import Toss
 
-Cell = Mapping[str, Any]
+Row = Mapping[str, Any]
 
 SWEPT = {
     "gravity": "given gravity [m/s²]",
@@ -29,7 +29,7 @@ SWEPT = {
 """What a swept value is called in a table's head."""
 
 
-def study_cell(
+def study_row(
     about: Mapping[str, Any],
     scores: Mapping[str, Any],
     history: Sequence[Mapping[str, Any]],
@@ -37,7 +37,7 @@ def study_cell(
     settings: ModelSettings,
     truth: ObjectModel,
 ) -> dict[str, Any]:
-    """A cell as tables and figures take it.
+    """A cell of a study as tables and figures take it.
 
     Args:
         about: Its model, its seed and the swept value, by name.
@@ -51,7 +51,7 @@ def study_cell(
     return {**about, **scores, **errors, "validation_loss": validation_loss(history)}
 
 
-def csv_table(cells: Sequence[Cell], swept: str) -> str:
+def csv_table(cells: Sequence[Row], swept: str) -> str:
     """The cells as CSV: a row each, for every metric its mean and the ends of its 95 % interval.
 
     Args:
@@ -80,7 +80,7 @@ def csv_table(cells: Sequence[Cell], swept: str) -> str:
     return text.getvalue()
 
 
-def markdown_table(cells: Sequence[Cell], swept: str) -> str:
+def markdown_table(cells: Sequence[Row], swept: str) -> str:
     """A markdown row for each model and swept value: means over seeds of the metrics and of their intervals' ends.
 
     Args:
@@ -128,7 +128,7 @@ def markdown_table(cells: Sequence[Cell], swept: str) -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def _metric(cells: Sequence[Cell], name: str, *, digits: int = 1, ends: bool = True) -> str:
+def _metric(cells: Sequence[Row], name: str, *, digits: int = 1, ends: bool = True) -> str:
     values = [cell[name] for cell in cells if cell[name]["mean"] is not None]
     if not values:
         return "-"
@@ -162,7 +162,7 @@ def measured_penetration(tosses: Sequence[Toss], model: ObjectModel) -> float:
     return float(np.mean([1e3 * np.maximum(-height, 0).mean() for height in lowest]))
 
 
-def seed_means(cells: Sequence[Cell], swept: str) -> tuple[list[str], list[list[str]]]:
+def seed_means(cells: Sequence[Row], swept: str) -> tuple[list[str], list[list[str]]]:
     """Head and rows of a short table: means over seeds of the main metrics.
 
     Args:

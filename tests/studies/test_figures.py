@@ -9,12 +9,12 @@ import pytest
 from matplotlib.figure import Figure
 
 from tests.models.made import tosses
-from tossid.evaluation.study import Cell
-from tossid.evaluation.study_figures import study_figures
 from tossid.models import TrainedModel, build_model, variant
 from tossid.objects import ObjectModel
 from tossid.settings.training import TrainSettings
 from tossid.store import Dataset
+from tossid.studies.figures import study_figures
+from tossid.studies.tables import Row
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def _drawn_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_study_has_the_figures_of_what_is_swept(
     held_out: Dataset, swept: str, cells: list[dict[str, Any]], names: list[str]
 ) -> None:
-    def no_model(cell: Cell) -> TrainedModel:
+    def no_model(cell: Row) -> TrainedModel:
         raise AssertionError("no model is needed")
 
     assert list(study_figures(swept, cells, held_out, model_of=no_model)) == names
@@ -49,7 +49,7 @@ def test_a_study_has_the_figures_of_what_is_swept(
 def test_a_study_of_gravity_shows_the_k_res_of_its_most_wrong_gravity(held_out: Dataset) -> None:
     asked = []
 
-    def model_of(cell: Cell) -> TrainedModel:
+    def model_of(cell: Row) -> TrainedModel:
         asked.append((cell["model"], cell["gravity"]))
         settings = TrainSettings(model=replace(variant(cell["model"]), hidden=4, gravity=cell["gravity"]))
         return TrainedModel(build_model(settings.model, held_out.object), settings, {})
