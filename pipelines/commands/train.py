@@ -9,11 +9,11 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.cli.call import digest_of
 from pipelines.cli.console import Console
 from pipelines.config.schemas import TrainConfig
 from pipelines.files.project import dataset_path
 from tossid.errors import InputError
+from tossid.plain_json import digest_of
 from tossid.settings.training import TrainSettings
 
 if TYPE_CHECKING:
@@ -87,11 +87,14 @@ def _train(
     facts = {**numbers, "seconds": round(trained.seconds, 1), "run": tracked.id, "figures": str(folder / "figures")}
     console.facts(facts, title=f"{name} on {config.data}")
     _show_intervals(trained, console)
+    _show_convergence(trained, console)
     return {
         "run": tracked.id,
         "checkpoint": str(checkpoint),
         "model": name,
         "parameters": trained.parameters,
+        "geometry": trained.parameters.get("geometry", []),
+        "converged": trained.converged,
         "seconds": trained.seconds,
         "figures": [str(path) for path in figures],
     }
@@ -163,6 +166,25 @@ def _show_intervals(trained: TrainedModel, console: Console) -> None:
     console.table(["learned from rollouts", "value", "95 % interval"], rows, title=found["method"])
     for text in found["not_seen"]:
         console.say(f"not determined: {text}")
+
+
+def _show_convergence(trained: TrainedModel, console: Console) -> None:
+    """Warn where training has not converged; say what was started again, and which corners no toss has shown."""
+    size = trained.parameters.get("stated_size")
+    if size is not None:
+        console.warn(size["warning"])
+    found = trained.parameters.get("convergence")
+    if found is None:
+        return
+    for restart in found["restarts"]:
+        kept = "" if restart["kept"] else ", which did not help and was undone"
+        count = f"{restart['moved']} corners" if restart["what"] == "corners" else restart["what"]
+        console.say(f"{restart['stage']}: {count} started again{kept}")
+    unseen = sum(not seen for link in trained.parameters["geometry"] for seen in link["seen"])
+    if unseen:
+        console.warn(f"{unseen} learned corners never came down to the ground: no toss decides where they are")
+    for reason in found["reasons"]:
+        console.warn(f"not converged: {reason}")
 
 
 def _epochs(state: dict[str, Any] | None) -> str:

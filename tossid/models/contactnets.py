@@ -146,15 +146,19 @@ class ContactNets(nn.Module):
             plans.append(StagePlan("continuous", Objective.FLIGHT_LOSS, _learned(self.k_res, self.inertia)))
         if settings.implicit:
             contact = _learned(self.geometry, self.friction, self.inertia)
-            plans.append(StagePlan("contact", Objective.LOSS, contact))
+            held = tuple(_learned(self.inertia)) if settings.learn_geometry else ()
+            corners = self.geometry if settings.learn_geometry else None
+            plans.append(StagePlan("contact", Objective.LOSS, contact, corners=corners, held=held))
         horizons = settings.horizons
         if self.object.n_joints and horizons:
             horizons = (max(1, horizons[0] // 2), horizons[0])
         geometry = self.geometry if settings.refine_geometry else None
         parameters = _learned(self.friction, self.contact_law, self.inertia, geometry)
         starts = self.contact_law if settings.learn_contact_law else None
+        friction = self.friction if settings.learn_friction else None
         for horizon in horizons:
-            plans.append(StagePlan(f"rollout-{horizon}", Objective.ROLLOUT, parameters, horizon, starts=starts))
+            name = f"rollout-{horizon}"
+            plans.append(StagePlan(name, Objective.ROLLOUT, parameters, horizon, starts=starts, friction=friction))
         return tuple(plans)
 
     def flight_gravity(self, transitions: Transitions) -> float:

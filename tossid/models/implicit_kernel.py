@@ -67,9 +67,8 @@ from tossid.models.implicit_motion import (
     weigh,
     world_twists,
 )
-from tossid.physics.solvers import work_arrays
 from tossid.physics.solvers.cone_qp import qp_at_rest, qp_solve
-from tossid.physics.solvers.workspace import LAM, MAX_ITERATIONS, MU, NOT_FINITE, SOLVED, TOP, B
+from tossid.physics.solvers.workspace import LAM, MAX_ITERATIONS, MU, NOT_FINITE, SOLVED, TOP, B, work_arrays
 
 PREDICTION, COMPLEMENTARITY, DISSIPATION, PENETRATION = 0, 1, 2, 3
 

@@ -7,12 +7,15 @@ from math import exp, log, sqrt
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.physics import LearnedAcceleration, n_features
 
 torch_double = torch.float64
+
+Array = NDArray[np.float64]
 
 
 class Geometry(nn.Module):
@@ -38,6 +41,15 @@ class Geometry(nn.Module):
         """(n_c, 3) [m]."""
         return self.start + self.scale * self.offset
 
+    def move(self, corners: Array) -> None:
+        """Put the corners elsewhere; training goes on from there.
+
+        Args:
+            corners: (n_c, 3) [m].
+        """
+        with torch.no_grad():
+            self.offset.copy_((torch.as_tensor(corners) - self.start) / self.scale)
+
 
 class Friction(nn.Module):
     """One Coulomb coefficient, kept positive by its logarithm.
@@ -55,6 +67,15 @@ class Friction(nn.Module):
     def forward(self) -> Tensor:
         """() dimensionless."""
         return self.log_mu.exp()
+
+    def move(self, mu: float) -> None:
+        """Put friction elsewhere; training goes on from there.
+
+        Args:
+            mu: Above zero.
+        """
+        with torch.no_grad():
+            self.log_mu.fill_(float(np.log(mu)))
 
 
 class ContactLaw(nn.Module):

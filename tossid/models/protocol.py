@@ -32,6 +32,34 @@ class Objective(Enum):
     """the error of open-loop predictions"""
 
 
+class Corners(Protocol):
+    """Corners that are held against the tosses, and started again where these contradict them."""
+
+    def __call__(self) -> Tensor:
+        """(n_c, 3) [m]."""
+
+    def move(self, corners: Array) -> None:
+        """Put them elsewhere.
+
+        Args:
+            corners: (n_c, 3) [m].
+        """
+
+
+class Coefficient(Protocol):
+    """A positive number that may run to where the prediction error no longer depends on it."""
+
+    def __call__(self) -> Tensor:
+        """Its value ()."""
+
+    def move(self, mu: float) -> None:
+        """Put it elsewhere.
+
+        Args:
+            mu: Its value.
+        """
+
+
 class Starts(Protocol):
     """A parameter over which the prediction error has several minima, so that several starts are compared."""
 
@@ -57,6 +85,10 @@ class StagePlan:
         horizon: Frames of a rollout after first contact, or of a stretch. Unused by losses.
         optimizer: Of a loss, where the model needs a certain one; None for the one of the settings.
         starts: A parameter whose starts are compared before the first step of a rollout stage.
+        corners: Corners that the stage learns, which are started again where the tosses contradict them.
+        held: Those of its parameters that it does not learn while the tosses contradict the corners: an inertia would
+            stand in for a missing corner.
+        friction: Friction that the stage learns, whose starts are compared before the first step of a rollout stage.
     """
 
     name: str
@@ -65,6 +97,9 @@ class StagePlan:
     horizon: int = 0
     optimizer: str | None = None
     starts: Starts | None = None
+    corners: Corners | None = None
+    held: tuple[nn.Parameter, ...] = ()
+    friction: Coefficient | None = None
 
 
 @dataclass(frozen=True)

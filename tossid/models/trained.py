@@ -79,6 +79,11 @@ class TrainedModel:
         return self.model.learned_object()
 
     @property
+    def converged(self) -> bool:
+        """Whether training has converged, as far as its tosses can tell; True where nothing is known against it."""
+        return bool(self.parameters.get("convergence", {}).get("converged", True))
+
+    @property
     def intervals(self) -> dict[str, dict[str, Any]]:
         """95 % intervals of what rollouts determine: {name: {"value", "ci95"}}; empty where there are none."""
         found: dict[str, dict[str, Any]] = self.parameters.get("uncertainty", {}).get("intervals", {})
@@ -118,6 +123,7 @@ class TrainedModel:
 
     def __repr__(self) -> str:
         lines = [f"TrainedModel {self.name} of {self.model.object.name}, {len(self.history)} epochs"]
+        lines += [f"  not converged: {reason}" for reason in self.parameters.get("convergence", {}).get("reasons", [])]
         lines += [f"  {name}: {value}" for name, value in self._rows()]
         return "\n".join(lines)
 
@@ -130,7 +136,9 @@ class TrainedModel:
             f"<figcaption>{escape(stage)}: validation loss {records[-1].validation_loss:.3g}</figcaption></figure>"
             for stage, records in self._stages()
         )
-        return f"{title}{self.seconds:.1f} s</p><table>{head}{rows}</table>{curves}"
+        reasons = self.parameters.get("convergence", {}).get("reasons", [])
+        warned = "".join(f"<p><b>not converged</b>: {escape(reason)}</p>" for reason in reasons)
+        return f"{title}{self.seconds:.1f} s</p>{warned}<table>{head}{rows}</table>{curves}"
 
     def _rows(self) -> list[tuple[str, str]]:
         """Names and values of the parameters that are single numbers, with their intervals."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -76,6 +76,10 @@ class Transitions:
     def in_flight(self) -> Transitions:
         """The transitions that surely involve no contact."""
         return self.rows(self.flight)
+
+    def free(self) -> Transitions:
+        """The transitions that surely involve no contact, marked so: wrong corners below the ground do not count."""
+        return replace(self.in_flight(), near=self.near[:0])
 
 
 def make_transitions(

@@ -133,13 +133,13 @@ def find_shape(tosses: Sequence[Toss], settings: ShapeSettings = DEFAULT) -> Con
     """
     every = half_spaces(tosses)
     _, radius, corners = outer_hull(every, settings)
-    seen = every.chosen(_different(every, settings))
+    seen = every.chosen(different(every, settings))
     seen = seen.chosen(seen.height - (seen.down @ corners.T).max(axis=1) < settings.near_rel * radius)
     drawn = seen.chosen(_evenly(len(seen.height), settings.most_frames))
     start = _merged(corners, settings.merge_rel * radius)
     fits = [_fit(drawn, start, np.zeros(3), settings, gap=settings.first_gap)]
     while len(fits[-1].vertices) > 4:
-        fits.append(_with_one_fewer(drawn, fits[-1], settings))
+        fits.append(_with_fewer(drawn, fits[-1], settings))
     chosen = _without_flat(drawn, _fewest(fits, settings), settings)
     chosen = _fit(seen, chosen.vertices, chosen.ground, settings, gap=2 * settings.gap)
     sharp = _fit(seen, chosen.vertices, np.zeros(3), settings, gap=2 * settings.gap, level=True)
@@ -151,7 +151,7 @@ def find_shape(tosses: Sequence[Toss], settings: ShapeSettings = DEFAULT) -> Con
         )
     misfit = float(np.sqrt(np.mean(sharp.gap[touches] ** 2)))
     deviation, frames = _certainty(seen, sharp, touches, misfit)
-    beyond = np.array([_protrusion(corner, sharp.vertices) for corner in corners])
+    beyond = np.array([protrusion(corner, sharp.vertices) for corner in corners])
     unseen = corners[beyond > settings.unseen_rel * radius]
     return ConvexShape(sharp.vertices, deviation, frames, unseen, chosen.ground, misfit)
 
@@ -195,8 +195,13 @@ def outer_hull(spaces: HalfSpaces, settings: ShapeSettings = DEFAULT) -> tuple[A
 # ---------------------------------------------------------------- frames and vertices that count
 
 
-def _different(spaces: HalfSpaces, settings: ShapeSettings) -> NDArray[np.bool_]:
-    """Marks frames that differ from the last one marked of their toss: a body at rest is one observation."""
+def different(spaces: HalfSpaces, settings: ShapeSettings) -> NDArray[np.bool_]:
+    """Marks frames (n,) that differ from the last one marked of their toss: a body at rest is one observation.
+
+    Args:
+        spaces: Of all frames, toss after toss.
+        settings: How much a frame has to differ.
+    """
     keep = np.zeros(len(spaces.height), dtype=bool)
     least, last = np.cos(settings.other_angle), -1
     for k in range(len(keep)):
@@ -217,16 +222,18 @@ def _merged(points: Array, distance: float) -> Array:
     return np.column_stack([np.bincount(label, points[:, i]) / count for i in range(3)])
 
 
-def _with_one_fewer(spaces: HalfSpaces, fit: _Fit, settings: ShapeSettings) -> _Fit:
-    """The best of the fits without one of the vertices that cost least to leave out."""
+def _with_fewer(spaces: HalfSpaces, fit: _Fit, settings: ShapeSettings) -> _Fit:
+    """The fit without the vertices that cost least to leave out: a share of many, the best choice of one of few."""
     reach = np.sort(spaces.down @ fit.vertices.T, axis=1)[:, -2:]
     base = spaces.height - _ground(spaces) @ fit.ground
     costs = _loss(base - reach[:, 0], settings.gap, settings) - _loss(base - reach[:, 1], settings.gap, settings)
     cost = np.bincount(fit.lowest, costs, minlength=len(fit.vertices))
-    tried = 3 if len(cost) <= settings.careful_below else 1
+    cheapest, n = np.argsort(cost), len(cost)
+    left_out = [cheapest[j : j + 1] for j in range(3)]
+    if n > settings.careful_below:
+        left_out = [cheapest[: min(max(1, int(settings.dropped_share * n)), n - settings.careful_below)]]
     others = [
-        _fit(spaces, np.delete(fit.vertices, j, axis=0), fit.ground, settings, gap=2 * settings.gap)
-        for j in np.argsort(cost)[:tried]
+        _fit(spaces, np.delete(fit.vertices, j, axis=0), fit.ground, settings, gap=2 * settings.gap) for j in left_out
     ]
     return min(others, key=lambda other: other.loss)
 
@@ -245,7 +252,7 @@ def _fewest(fits: Sequence[_Fit], settings: ShapeSettings) -> _Fit:
 def _without_flat(spaces: HalfSpaces, fit: _Fit, settings: ShapeSettings) -> _Fit:
     """The fit without vertices that hardly stand out from the others' hull: noise and roundness split corners."""
     while len(fit.vertices) > 4:
-        out = np.array([_protrusion(x, np.delete(fit.vertices, i, axis=0)) for i, x in enumerate(fit.vertices)])
+        out = np.array([protrusion(x, np.delete(fit.vertices, i, axis=0)) for i, x in enumerate(fit.vertices)])
         if out.min() > settings.feature_rel * 2 * np.abs(fit.vertices - fit.vertices.mean(axis=0)).max():
             break
         fewer = np.delete(fit.vertices, out.argmin(), axis=0)
@@ -260,8 +267,13 @@ def _evenly(n: int, most: int) -> NDArray[np.bool_]:
     return keep
 
 
-def _protrusion(point: Array, vertices: Array) -> float:
-    """Distance [m] of a point from the convex hull of vertices."""
+def protrusion(point: Array, vertices: Array) -> float:
+    """Distance [m] of a point from the convex hull of vertices.
+
+    Args:
+        point: (3,) [m].
+        vertices: (n, 3) [m].
+    """
     heavy = 1e3 * np.abs(vertices).max()
     weights, _ = nnls(np.vstack([vertices.T, np.full(len(vertices), heavy)]), np.append(point, heavy))
     return float(np.linalg.norm(vertices.T @ weights - point))

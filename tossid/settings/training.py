@@ -20,7 +20,7 @@ from tossid.settings.kinds import (
     advanced_part,
 )
 from tossid.settings.limits import Gravity
-from tossid.settings.objects import UnknownObjectSettings
+from tossid.settings.objects import EvidenceSettings, UnknownObjectSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,6 +151,40 @@ class RolloutSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class StartSettings:
+    """Random starts of training (`tossid.training.starts`)."""
+
+    ball: Positive = 0.2
+    """radius of the ball in which corners lie evenly [m]"""
+    offset_rel: Positive = 0.4
+    """standard deviation of each coordinate of the other corners from the stated ones, in half widths; Pfrommer, Halm
+    and Posa start so far off"""
+    friction: tuple[Positive, Positive] = (0.05, 1.5)
+    """range of friction"""
+    inertia: tuple[Positive, Positive] = (0.25, 4.0)
+    """range of inertia, relative to the stated one"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestartSettings:
+    """When a parameter is started again from other values (`tossid.training.restarts`)."""
+
+    corners: Annotated[int, Bounds(low=0)] = 3
+    """most times that corners which the tosses contradict are started again where the tosses show corners; 0: never"""
+    frictions: tuple[Positive, ...] = (0.05, 0.15, 0.4, 1.0)
+    """values of friction that are compared with the present one before a rollout stage"""
+    better_share: Fraction = 0.8
+    """share of the present loss that another friction must stay below to be preferred"""
+    friction_range: tuple[Positive, Positive] = (0.005, 5.0)
+    """friction outside of which training is said not to have converged"""
+    still_falling: Positive = 0.01
+    """relative decrease of the validation loss over the last `patience` epochs, above which a stage that ended at its
+    most epochs is said not to have converged"""
+    evidence: EvidenceSettings = advanced_part(EvidenceSettings)
+    """when tosses contradict corners"""
+
+
+@dataclass(frozen=True, kw_only=True)
 class IntervalSettings:
     """Intervals of what rollouts determine (`tossid.training.uncertainty`)."""
 
@@ -201,5 +235,7 @@ class TrainSettings(Checked):
     """which pairs of frames may involve contact"""
     rollouts: RolloutSettings = advanced_part(RolloutSettings)
     """how prediction error is minimised"""
+    restarts: RestartSettings = advanced_part(RestartSettings)
+    """when a parameter is started again from other values"""
     intervals: IntervalSettings = advanced_part(IntervalSettings)
     """intervals of the learned parameters"""

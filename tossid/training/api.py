@@ -19,6 +19,8 @@ from tossid.settings.changed import changed
 from tossid.settings.training import TrainSettings
 from tossid.store import Dataset
 from tossid.training.fit import Fit
+from tossid.training.restarts import convergence, geometry_report, seen_corners
+from tossid.training.stated_size import size_contradiction
 from tossid.training.uncertainty import parameter_intervals
 from tossid.training.unknown import unknown_object
 from tossid.types import Toss
@@ -116,7 +118,8 @@ def fit_model(
     for record in fit.epochs():
         history.append(record)
         if progress is not None:
-            progress(f"{record.stage}: validation loss {record.validation_loss:.3g}", len(history) / fit.most_epochs)
+            share = min(1.0, len(history) / fit.most_epochs)
+            progress(f"{record.stage}: validation loss {record.validation_loss:.3g}", share)
         if each_epoch is not None:
             each_epoch(Epoch(len(history), record, state_now))
     took = seconds()
@@ -126,6 +129,14 @@ def fit_model(
         parameters["uncertainty"] = intervals
     if fit.shown is not None:
         parameters["from_nothing"] = fit.shown.as_json()
+    learned, true = fit.model.learned_object(), fit.true_tosses
+    if fit.model.mechanics() is not None:
+        seen = seen_corners(learned, true, fit.settings.restarts.evidence)
+        scale = fit.model.measurement.length_scale
+        parameters["geometry"] = geometry_report(learned, seen, length_scale=scale)
+        parameters["convergence"] = convergence(learned, fit.evidence, history, fit.restarts, fit.settings)
+    if fit.size is not None:
+        parameters["stated_size"] = fit.size
     sha256 = fingerprint(fit.train_tosses)
     return TrainedModel(
         fit.model, fit.settings, parameters, tuple(history), took, sha256=sha256, versions=computing_versions()
@@ -146,9 +157,11 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
     train, validation = training_tosses(dataset, settings)
     shown = None if settings.object is None else unknown_object(train, settings.object)
     start = dataset.object if shown is None else shown.object
-    measurement = measurement_of(settings.model, estimate_measurement(train, start), stated=shown is None)
+    measured = estimate_measurement(train, start)
+    measurement = measurement_of(settings.model, measured, stated=shown is None)
     model = build_model(settings.model, start, seed=settings.seed, measurement=measurement)
-    return Fit(model, train, validation, settings, shown=shown)
+    size = size_contradiction(measured, measurement) if shown is None else None
+    return Fit(model, train, validation, settings, shown=shown, size=size)
 
 
 def measurement_of(settings: ModelSettings, found: MeasurementEstimate, *, stated: bool = True) -> MeasurementModel:

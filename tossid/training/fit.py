@@ -19,14 +19,14 @@ import copy
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from tossid.errors import DivergedError
-from tossid.models.protocol import DynamicsModel, Objective, StagePlan
+from tossid.models.protocol import Corners, DynamicsModel, Objective, StagePlan
 from tossid.models.shots import Shots, first_states, flight_starts, make_shots, make_stretches
 from tossid.models.trained import EpochRecord
 from tossid.models.transitions import Transitions, make_transitions
@@ -34,6 +34,7 @@ from tossid.motion import FlightState
 from tossid.objects import ObjectModel
 from tossid.settings.training import TrainSettings
 from tossid.training.losses import LossStage, Stage
+from tossid.training.restarts import Restart, evidence_of
 from tossid.training.rollouts import RolloutStage
 from tossid.training.unknown import UnknownObject
 from tossid.types import Toss
@@ -67,6 +68,11 @@ class Fit:
         validation: Other tosses, which end the stages.
         settings: How long and how carefully.
         shown: What the tosses showed of an unknown object, from which the model starts.
+        size: What the tosses say against the object's stated size (`stated_size`).
+
+    Attributes:
+        evidence: The frames against which corners are held, or why there are none.
+        restarts: What was started again.
     """
 
     def __init__(
@@ -77,16 +83,22 @@ class Fit:
         settings: TrainSettings | None = None,
         *,
         shown: UnknownObject | None = None,
+        size: dict[str, Any] | None = None,
     ) -> None:
         self.model = model
-        self.shown = shown
+        self.shown, self.size = shown, size
         self.settings = settings or TrainSettings()
         self.train_tosses = tuple(train)
         true = model.measurement.true_toss
         self._tosses = (tuple(true(toss) for toss in train), tuple(true(toss) for toss in validation))
-        self._transitions = tuple(
-            make_transitions(model.object, tosses, self.settings.transitions) for tosses in self._tosses
+        self.evidence = evidence_of(
+            self._tosses[0], self.settings.restarts, shape=None if shown is None else shown.shape
         )
+        self.restarts: list[Restart] = []
+        self._before: tuple[float, dict[str, Any]] | None = None
+        near = self._geometry_of_contact(model.object)
+        self._start_fits = near is model.object
+        self._transitions = tuple(make_transitions(near, tosses, self.settings.transitions) for tosses in self._tosses)
         self._n_threads = self.settings.threads or os.cpu_count() or 1
         self.stages = model.stages()
         self.stage = 0
@@ -95,6 +107,7 @@ class Fit:
         self.best_loss = float("inf")
         self.best = copy.deepcopy(model.state_dict())
         self._current: Stage | None = None
+        self._holds = False
         self._flights: _Flights | None = None
 
     @property
@@ -103,10 +116,34 @@ class Fit:
         most = {Objective.ROLLOUT: self.settings.rollouts.epochs}
         return sum(most.get(plan.objective, self.settings.epochs) for plan in self.stages)
 
+    @property
+    def true_tosses(self) -> tuple[Toss, ...]:
+        """The tosses to learn from, with true lengths and velocities."""
+        return self._tosses[0]
+
+    def _geometry_of_contact(self, start: ObjectModel) -> ObjectModel:
+        """The object with the corners that say which frames may involve contact.
+
+        Those that it starts with, unless the tosses contradict them.
+        """
+        if isinstance(self.evidence, str) or self.evidence.contradiction(start.corner_pos) is None:
+            return start
+        shown = self.evidence.shown()
+        if len(shown) < 4:
+            return start
+        return start.with_changes(corner_pos=shown, corner_body=np.zeros(len(shown), dtype=np.int64))
+
+    def _contradicted(self, corners: Corners | None) -> bool:
+        if corners is None or isinstance(self.evidence, str):
+            return False
+        return self.evidence.contradiction(corners().detach().numpy()) is not None
+
     def _make(self, plan: StagePlan) -> Stage:
         """A stage, when its turn comes: it starts from the model as it is then."""
         make: dict[Objective, Callable[[StagePlan], Stage]] = {
-            Objective.FLIGHT_LOSS: partial(self._loss_stage, choose=Transitions.in_flight),
+            Objective.FLIGHT_LOSS: partial(
+                self._loss_stage, choose=Transitions.in_flight if self._start_fits else Transitions.free
+            ),
             Objective.LOSS: self._loss_stage,
             Objective.ROLLOUT: self._rollout_stage,
         }
@@ -114,11 +151,17 @@ class Fit:
 
     def _loss_stage(self, plan: StagePlan, choose: Callable[[Transitions], Transitions] = lambda t: t) -> LossStage:
         train, validation = (choose(transitions) for transitions in self._transitions)
+        if self._holds:
+            free = [p for p in plan.parameters if all(p is not held for held in plan.held)]
+            plan = replace(plan, parameters=free)
         return LossStage(plan, self.model, train, validation, self.settings)
 
     def _rollout_stage(self, plan: StagePlan) -> RolloutStage:
         make = partial(self._shots, plan.horizon)
-        return RolloutStage(plan, self.model, make, self.settings.rollouts, n_threads=self._n_threads)
+        settings = self.settings
+        return RolloutStage(
+            plan, self.model, make, settings.rollouts, restarts=settings.restarts, n_threads=self._n_threads
+        )
 
     def longest_rollout(self) -> RolloutStage | None:
         """The last stage at the model's present parameters, if it is one of rollouts; None otherwise."""
@@ -159,6 +202,9 @@ class Fit:
             "stale": self.stale,
             "best_loss": self.best_loss,
             "best": self.best,
+            "restarts": [asdict(restart) for restart in self.restarts],
+            "before": self._before,
+            "holds": self._holds,
             "model": copy.deepcopy(self.model.state_dict()),
             "current": None if self._current is None else self._current.state_dict(),
         }
@@ -172,6 +218,8 @@ class Fit:
         self.stage, self.epoch, self.stale = state["stage"], state["epoch"], state["stale"]
         self.best_loss, self.best = state["best_loss"], state["best"]
         self.model.load_state_dict(state["model"])
+        self.restarts = [Restart(**restart) for restart in state["restarts"]]
+        self._before, self._holds = state["before"], state["holds"]
         self._current = None
         if state["current"] is not None and self.stage < len(self.stages):
             self._current = self._make(self.stages[self.stage])
@@ -187,9 +235,13 @@ class Fit:
             DivergedError: The loss became NaN or infinite; the state before it is attached.
         """
         while self.stage < len(self.stages):
+            plan = self.stages[self.stage]
             if self._current is None:
-                self._current = self._make(self.stages[self.stage])
+                self._holds = bool(plan.held) and self._contradicted(plan.corners)
+                self._current = self._make(plan)
                 self._current.begin()
+                if isinstance(self._current, RolloutStage) and self._current.friction_restarted:
+                    self.restarts.append(Restart(plan.name, "friction", 1, kept=True))
             done = False
             while not done and self.epoch < self._current.epochs and self.stale < self.settings.patience:
                 record, done = self._step(self._current)
@@ -197,8 +249,35 @@ class Fit:
                     self.epoch = self._current.epochs
                 yield record
             self.model.load_state_dict(self.best)
-            self.stage, self.epoch, self.stale = self.stage + 1, 0, 0
-            self.best_loss, self._current = float("inf"), None
+            self.stage += 0 if self._start_again(plan) else 1
+            self.epoch, self.stale, self.best_loss, self._current = 0, 0, float("inf"), None
+
+    def _start_again(self, plan: StagePlan) -> bool:
+        """Whether the stage that has ended is to be gone through again, with corners that were started again.
+
+        A pass with corners started again counts if its validation loss is lower than that of the pass before.
+        """
+        if self._before is not None:
+            loss, before = self._before
+            self._before = None
+            if self.best_loss >= loss:
+                self.model.load_state_dict(before)
+                self.restarts[-1] = replace(self.restarts[-1], kept=False)
+                return False
+        tried = sum(restart.what == "corners" for restart in self.restarts)
+        if tried >= self.settings.restarts.corners or not self._contradicted(plan.corners):
+            return False
+        assert plan.corners is not None
+        assert not isinstance(self.evidence, str)
+        now = plan.corners().detach().numpy().copy()
+        moved = self.evidence.corrected(now)
+        changed = int((moved != now).any(axis=1).sum())
+        if not changed:
+            return False
+        self._before = (self.best_loss, copy.deepcopy(self.model.state_dict()))
+        self.restarts.append(Restart(plan.name, "corners", changed, kept=True))
+        plan.corners.move(moved)
+        return True
 
     def _step(self, stage: Stage) -> tuple[EpochRecord, bool]:
         before = copy.deepcopy(self.model.state_dict())

@@ -18,7 +18,7 @@ from torch import nn
 from tossid.least_squares import Damping, damped_step, search_damping
 from tossid.models.protocol import DynamicsModel, StagePlan
 from tossid.models.shots import Shots, prediction_errors
-from tossid.settings.training import RolloutSettings
+from tossid.settings.training import RestartSettings, RolloutSettings
 from tossid.training.losses import Pass
 
 Array = NDArray[np.float64]
@@ -57,7 +57,11 @@ class RolloutStage:
         make_shots: Training and validation shots for the model as it is. Called every epoch, as the first state that
             a flight gives depends on the centre of mass.
         settings: Steps, differences, limits.
+        restarts: Values of friction that are compared with its present one.
         n_threads: For rollouts.
+
+    Attributes:
+        friction_restarted: Whether another friction was clearly better when the stage began.
     """
 
     def __init__(
@@ -67,6 +71,7 @@ class RolloutStage:
         make_shots: Callable[[], tuple[Shots, Shots]],
         settings: RolloutSettings,
         *,
+        restarts: RestartSettings | None = None,
         n_threads: int = 1,
     ) -> None:
         self.name, self.epochs = plan.name, settings.epochs
@@ -75,12 +80,32 @@ class RolloutStage:
         self._train, self._validation = make_shots()
         self._n_threads = n_threads
         self._damping = settings.damping
+        self._restarts = restarts or RestartSettings()
+        self.friction_restarted = False
 
     def begin(self) -> None:
-        """Choose where the contact law starts, where it is learned.
+        """Choose where the contact law and friction start, where they are learned.
 
-        Almost rigid, unless a softer start is clearly better.
+        Contact is almost rigid, unless a softer start is clearly better. Friction stays, unless another value is:
+        near zero and far above the slope of flight paths, rollouts no longer depend on it.
         """
+        self._begin_contact_law()
+        friction = self._plan.friction
+        if friction is None or not self._restarts.frictions:
+            return
+        x, now = self._get(), float(friction().detach())
+        values = [now, *self._restarts.frictions]
+        losses = []
+        for value in values:
+            friction.move(value)
+            losses.append(self._loss(self._errors(self._train), self._train))
+        best = int(np.argmin(losses))
+        self.friction_restarted = losses[best] < self._restarts.better_share * losses[0]
+        self.set_parameters(x)
+        if self.friction_restarted:
+            friction.move(values[best])
+
+    def _begin_contact_law(self) -> None:
         law, settings = self._plan.starts, self._settings
         if law is None:
             return

@@ -19,8 +19,9 @@ import pytest
 import torch
 
 from pipelines.cli import app
-from pipelines.tracking.runs import find_run, find_runs, metric_history
+from pipelines.tracking.runs import find_run, find_runs
 from tests.pipelines.conftest import KEYS, one_line
+from tests.pipelines.stored import metric_history, stored_run
 from tossid import outputs
 
 SLOW = """
@@ -54,10 +55,12 @@ def interrupt(
     with subprocess.Popen(
         [sys.executable, "-c", SLOW, "train", *keys, "data=tosses"], stderr=subprocess.PIPE, text=True, cwd=folder
     ) as running:
-        deadline = time.monotonic() + 60
+        deadline, seen = time.monotonic() + 300, 0
         while time.monotonic() < deadline and running.poll() is None:
-            kept = list(folder.glob("outputs/train/*/under_way/state.pt"))
-            if kept and len(torch.load(kept[0], weights_only=True)["history"]) >= epochs:
+            for state in folder.glob("outputs/train/*/under_way/state.pt"):
+                if (written := state.stat().st_mtime_ns) != seen:  # to read it takes as long as an epoch
+                    seen, kept = written, len(torch.load(state, weights_only=True)["history"])
+            if seen and kept >= epochs:
                 break
             time.sleep(0.02)
         running.send_signal(number)
@@ -82,7 +85,7 @@ def test_an_interrupted_training_goes_on_in_its_run(
 
     again = answer("train", *KEYS, "data=tosses")
     assert again["run"] == left.info.run_id
-    assert find_run(again["run"]).status == "FINISHED"
+    assert stored_run(again["run"]).info.status == "FINISHED"
     for name in ("continuous/train", "contact/validation", "contact/train"):
         steps = [step for step, _ in metric_history(again["run"], name)]
         assert len(steps) == len(set(steps))

@@ -1,0 +1,68 @@
+"""Corners that frames contradict, and where frames show corners instead."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.objects.test_convex_shape import OFFSET, WEDGE, rolled
+from tossid.errors import InputError
+from tossid.objects.shape_evidence import ShapeEvidence
+
+TRUE = WEDGE + OFFSET
+
+
+@pytest.fixture(scope="module")
+def evidence() -> ShapeEvidence:
+    return ShapeEvidence(rolled(TRUE, np.random.default_rng(1)))
+
+
+def test_the_true_corners_are_not_contradicted(evidence: ShapeEvidence) -> None:
+    assert evidence.unexplained(TRUE) == 0.0
+    assert evidence.contradiction(TRUE) is None
+
+
+def test_a_corner_inside_is_missed_and_put_back(evidence: ShapeEvidence) -> None:
+    wrong = TRUE.copy()
+    wrong[2] = OFFSET
+    assert "outside the learned ones" in (evidence.contradiction(wrong) or "")
+    corrected = evidence.corrected(wrong)
+    np.testing.assert_array_equal(np.delete(corrected, 2, axis=0), np.delete(TRUE, 2, axis=0))
+    assert np.linalg.norm(corrected[2] - TRUE[2]) < 2e-3
+
+
+def test_two_corners_in_one_place_are_parted(evidence: ShapeEvidence) -> None:
+    wrong = TRUE.copy()
+    wrong[0] = wrong[1] + 1e-4
+    corrected = evidence.corrected(wrong)
+    distance = np.linalg.norm(TRUE[:, None] - corrected[None], axis=-1)
+    assert distance.min(axis=1).max() < 2e-3
+
+
+def test_a_corner_below_the_ground_is_brought_back(evidence: ShapeEvidence) -> None:
+    beyond = np.vstack([TRUE, OFFSET + np.array([0.2, 0.0, 0.0])])
+    assert evidence.outside(beyond).tolist() == [False] * 6 + [True]
+    assert "below the ground" in (evidence.contradiction(beyond) or "")
+    corrected = evidence.corrected(beyond)
+    assert evidence.contradiction(corrected) is None
+    np.testing.assert_array_equal(corrected[:6], TRUE)
+
+
+def test_an_inner_corner_beside_all_others_is_left_alone(evidence: ShapeEvidence) -> None:
+    more = np.vstack([TRUE, OFFSET])
+    assert evidence.contradiction(more) is None
+    np.testing.assert_array_equal(evidence.corrected(more), more)
+
+
+def test_a_side_that_never_came_down_may_reach_further(evidence: ShapeEvidence) -> None:
+    def nearest(corners: np.ndarray) -> float:
+        return float(np.linalg.norm(evidence.not_reached(corners) - TRUE[2], axis=1).min())
+
+    assert nearest(TRUE) > 0.005
+    assert nearest(np.delete(TRUE, 2, axis=0)) < 0.003
+
+
+def test_too_few_sides_are_refused() -> None:
+    flat = rolled(TRUE, np.random.default_rng(1), tosses=1)[0].frames(slice(0, 2))
+    with pytest.raises(InputError, match="too few sides"):
+        ShapeEvidence([flat])

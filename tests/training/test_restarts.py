@@ -1,0 +1,134 @@
+"""Corners and friction that are started again, and trainings that say that they have not converged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.models.made import tosses
+from tossid.models.contactnets import ContactNets
+from tossid.models.trained import EpochRecord
+from tossid.objects import ObjectModel
+from tossid.settings.objects import EvidenceSettings
+from tossid.settings.training import ModelSettings, RestartSettings, TrainSettings
+from tossid.training.fit import Fit
+from tossid.training.restarts import convergence, evidence_of, geometry_report, seen_corners
+from tossid.types import Toss
+
+
+@pytest.fixture(scope="module")
+def made(cube: ObjectModel) -> list[Toss]:
+    return tosses(cube, 32, seed=3)
+
+
+def fitted(cube: ObjectModel, made: list[Toss], restarts: int) -> Fit:
+    """A fit from four corners that never touch the ground and a friction of 1."""
+    corners = cube.corner_pos.copy()
+    corners[:4] *= 0.1
+    model = ContactNets(cube.with_changes(corner_pos=corners, friction=1.0), ModelSettings(horizons=()))
+    settings = TrainSettings(epochs=40, restarts=RestartSettings(corners=restarts))
+    fit = Fit(model, made[:26], made[26:], settings)
+    list(fit.epochs())
+    return fit
+
+
+def test_corners_that_never_touch_are_started_again(cube: ObjectModel, made: list[Toss]) -> None:
+    fit = fitted(cube, made, 3)
+    assert [restart.what for restart in fit.restarts] == ["corners"] * len(fit.restarts)
+    assert fit.restarts[0].moved >= 3
+    assert fit.restarts[0].kept
+    learned = fit.model.learned_object()
+    distance = np.linalg.norm(learned.corner_pos[:, None] - cube.corner_pos[None], axis=-1)
+    assert distance.min(axis=0).max() < 1e-3
+    assert learned.friction == pytest.approx(cube.friction, abs=0.01)
+    assert convergence(learned, fit.evidence, (), fit.restarts, fit.settings)["converged"]
+
+
+def test_without_restarts_they_stay_and_training_says_so(cube: ObjectModel, made: list[Toss]) -> None:
+    fit = fitted(cube, made, 0)
+    learned = fit.model.learned_object()
+    distance = np.linalg.norm(learned.corner_pos[:, None] - cube.corner_pos[None], axis=-1)
+    assert distance.min(axis=0).max() > 0.02
+    found = convergence(learned, fit.evidence, (), fit.restarts, fit.settings)
+    assert not found["converged"]
+    assert "outside the learned ones" in found["reasons"][0]
+
+
+def test_an_interrupted_fit_resumes_within_a_restart(cube: ObjectModel, made: list[Toss]) -> None:
+    corners = cube.corner_pos.copy()
+    corners[:4] *= 0.1
+
+    def fresh() -> Fit:
+        settings = ModelSettings(learn_inertia=True, learn_k_res=True, hidden=4, horizons=(5,))
+        model = ContactNets(cube.with_changes(corner_pos=corners), settings)
+        return Fit(model, made[:8], made[8:12], TrainSettings(epochs=3))
+
+    whole = fresh()
+    count = len(list(whole.epochs()))
+    assert whole.restarts
+    for stop in (4, 7):  # before the first restart, and in the pass after it
+        first, second = fresh(), fresh()
+        steps = first.epochs()
+        for _ in range(stop):
+            next(steps)
+        second.load_state_dict(first.state_dict())
+        assert len(list(second.epochs())) == count - stop
+        assert second.restarts == whole.restarts
+        for a, b in zip(whole.model.state_dict().values(), second.model.state_dict().values(), strict=True):
+            assert (a == b).all()
+
+
+@pytest.mark.parametrize("friction", [1e-4, 30.0])
+def test_friction_without_a_gradient_is_started_again(cube: ObjectModel, made: list[Toss], friction: float) -> None:
+    settings = ModelSettings(learn_geometry=False, implicit=False, horizons=(20,))
+    model = ContactNets(cube.with_changes(friction=friction), settings)
+    fit = Fit(model, made[:8], made[8:10])
+    list(fit.epochs())
+    assert [restart.what for restart in fit.restarts] == ["friction"]
+    assert model.learned_object().friction == pytest.approx(cube.friction, rel=0.05)
+
+
+def test_a_friction_that_stays_at_its_end_is_reported(cube: ObjectModel) -> None:
+    lost = convergence(cube.with_changes(friction=7e-5), "not checked", (), (), TrainSettings())
+    assert not lost["converged"]
+    assert "friction ran to 7e-05" in lost["reasons"][0]
+    assert lost["geometry_checked"] == "not checked"
+
+
+def test_an_inertia_that_no_mass_within_the_corners_has_is_reported(cube: ObjectModel) -> None:
+    def reasons(model: ObjectModel) -> list[str]:
+        return list(convergence(model, "", (), (), TrainSettings())["reasons"])
+
+    shell = cube.mass[0] * 2 / 3 * 3 * (0.5 * cube.width) ** 2  # all mass in the corners
+    assert reasons(cube.with_changes(inertia=shell * np.eye(3)[None])) == []
+    assert "more inertia" in reasons(cube.with_changes(inertia=1.2 * shell * np.eye(3)[None]))[0]
+    assert "outside its corners" in reasons(cube.with_changes(com=np.array([[0.0, 0.0, 0.6 * cube.width]])))[0]
+
+
+def test_a_stage_that_ends_while_its_loss_falls_is_reported(cube: ObjectModel) -> None:
+    losses = 0.9 ** np.arange(20)
+    falling = [EpochRecord("contact", k + 1, x, x, {}, 1, 0.0, best=True) for k, x in enumerate(losses)]
+    level = [replace(record, validation_loss=1.0) for record in falling]
+    short = TrainSettings(epochs=20)
+    assert "still fell" in convergence(cube, "", falling, (), short)["reasons"][0]
+    assert convergence(cube, "", level, (), short)["converged"]
+    assert convergence(cube, "", falling, (), TrainSettings(epochs=40))["converged"]
+
+
+def test_corners_that_no_toss_brought_down_are_marked(cube: ObjectModel, made: list[Toss]) -> None:
+    q = made[0].q[:40].copy()
+    q[:, 3:7], q[:, 2] = (1.0, 0.0, 0.0, 0.0), 0.5 * cube.width
+    flat = replace(made[0].frames(slice(0, 40)), q=q)
+    seen = seen_corners(cube, [flat], EvidenceSettings())
+    assert seen.tolist() == (cube.corner_pos[:, 2] < 0).tolist()
+    assert seen_corners(cube, made, EvidenceSettings()).all()
+    report = geometry_report(cube, seen, length_scale=0.5)
+    assert len(report) == 1
+    np.testing.assert_allclose(report[0]["vertices_m"], 0.5 * cube.corner_pos, atol=1e-6)
+    assert report[0]["seen"] == seen.tolist()
+
+
+def test_objects_with_joints_are_not_held_against_a_hull(elbow: ObjectModel) -> None:
+    assert "joints" in str(evidence_of(tosses(elbow, 1, seed=1, frames=5), RestartSettings()))

@@ -1,0 +1,159 @@
+"""Parameters that are started again where their start led nowhere, and whether training has converged.
+
+The implicit loss moves a corner that touches the ground. One that never touches has no gradient: it stays inside the
+body, or on a corner that another one already explains. Frames show this (`tossid.objects.shape_evidence`), and their
+hull says where a corner is missing. What is started again is kept only if it ends with a lower validation loss.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.errors import InputError
+from tossid.models.trained import EpochRecord
+from tossid.objects import ObjectModel, corner_positions
+from tossid.objects.convex_shape import protrusion
+from tossid.objects.shape_evidence import ShapeEvidence
+from tossid.settings.objects import EvidenceSettings
+from tossid.settings.training import RestartSettings, TrainSettings
+from tossid.types import Toss
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Restart:
+    """A parameter that was started again.
+
+    Attributes:
+        stage: In which stage of training.
+        what: "corners" or "friction".
+        moved: How many numbers were moved: corners, or one.
+        kept: Whether the validation loss then ended lower than before; if not, what was before was restored.
+    """
+
+    stage: str
+    what: str
+    moved: int
+    kept: bool
+
+
+def evidence_of(tosses: Sequence[Toss], settings: RestartSettings, **known: Any) -> ShapeEvidence | str:
+    """The frames against which corners are held, or why there are none.
+
+    Args:
+        tosses: For training, with true lengths.
+        settings: What contradicts corners.
+        **known: Further arguments of `ShapeEvidence`.
+    """
+    if tosses[0].q.shape[1] != 7:
+        return "objects with joints are not held against the hull of their frames"
+    try:
+        return ShapeEvidence(tosses, settings.evidence, **known)
+    except InputError as error:
+        return str(error)
+
+
+def seen_corners(model: ObjectModel, tosses: Sequence[Toss], settings: EvidenceSettings) -> NDArray[np.bool_]:
+    """Marks corners (n,) that tosses have brought down to the ground.
+
+    Args:
+        model: The object as it was learned.
+        tosses: With true lengths.
+        settings: How near the ground, and how often.
+    """
+    reach = settings.seen_rel * 0.5 * model.width
+    count = sum((corner_positions(model, toss.q)[..., 2] < reach).sum(axis=0) for toss in tosses)
+    return np.asarray(count >= settings.fewest_seen)
+
+
+def geometry_report(model: ObjectModel, seen: NDArray[np.bool_], *, length_scale: float) -> list[dict[str, Any]]:
+    """The learned corners of each body and which of them tosses have shown.
+
+    Args:
+        model: The object as it was learned.
+        seen: (n,), of `seen_corners`.
+        length_scale: Recorded length per true length.
+
+    Returns:
+        An entry a body: `vertices_m` in the recorded body frame, and `seen`.
+    """
+    own = [model.corner_body == body for body in range(model.n_bodies)]
+    corners = length_scale * model.corner_pos
+    return [{"vertices_m": corners[which].round(6).tolist(), "seen": seen[which].tolist()} for which in own]
+
+
+def convergence(
+    model: ObjectModel,
+    evidence: ShapeEvidence | str,
+    history: Sequence[EpochRecord],
+    restarts: Sequence[Restart],
+    settings: TrainSettings,
+) -> dict[str, Any]:
+    """Whether training has converged, as far as the training tosses can tell.
+
+    Args:
+        model: The object as it was learned.
+        evidence: The frames of the training tosses, or why there are none.
+        history: The epochs.
+        restarts: What was started again.
+        settings: How it was trained.
+
+    Returns:
+        {"converged", "reasons": [text], "restarts": [...], "geometry_checked": true or why not}.
+    """
+    limits = settings.restarts
+    reasons = [*_unfinished(history, settings), *_body(model)]
+    low, high = limits.friction_range
+    if not low < model.friction < high:
+        reasons.append(f"friction ran to {model.friction:.3g}, where rollouts hardly depend on it")
+    checked: bool | str = True
+    if isinstance(evidence, str):
+        checked = evidence
+    else:
+        contradiction = evidence.contradiction(model.corner_pos)
+        reasons += [] if contradiction is None else [contradiction]
+    return {
+        "converged": not reasons,
+        "reasons": reasons,
+        "restarts": [asdict(restart) for restart in restarts],
+        "geometry_checked": checked,
+    }
+
+
+def _unfinished(history: Sequence[EpochRecord], settings: TrainSettings) -> list[str]:
+    """Stages that ended at their most epochs while the validation loss still fell."""
+    found = []
+    for stage, group in groupby(history, key=lambda record: record.stage):
+        records = list(group)
+        most = settings.rollouts.epochs if stage.startswith("rollout") else settings.epochs
+        losses = [record.validation_loss for record in records]
+        earlier = min(losses[: -settings.patience], default=losses[0])
+        if records[-1].epoch >= most and min(losses) < earlier * (1 - settings.restarts.still_falling):
+            found.append(f"stage {stage} ended after {most} epochs while its loss still fell")
+    return found
+
+
+def _body(model: ObjectModel) -> list[str]:
+    """Centres of mass and moments of inertia that no mass within the corners has."""
+    found = []
+    for body in range(model.n_bodies):
+        corners, name = model.corner_pos[model.corner_body == body], model.body_names[body]
+        if len(corners) < 4:
+            continue
+        if protrusion(model.com[body], corners) > OUTSIDE * model.width:
+            found.append(f"the centre of mass of {name} lies outside its corners")
+        reach = np.linalg.norm(corners - model.com[body], axis=1).max()
+        if np.trace(model.inertia[body]) > 2 * model.mass[body] * reach**2 * LARGER:
+            found.append(f"{name} has more inertia than its mass at its farthest corner would have")
+    return found
+
+
+OUTSIDE, LARGER = 0.02, 1.05
+"""By how much a centre of mass may be outside (widths), and an inertia beyond what is possible (ratio)."""
