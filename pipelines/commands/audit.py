@@ -11,8 +11,9 @@ from typing import Any
 
 from pipelines.cli.console import Console
 from pipelines.config.schemas import AuditConfig
-from pipelines.execution.workers import as_done, open_workers
+from pipelines.execution.workers import open_workers
 from pipelines.files.project import dataset_path
+from tossid.parallel import as_done
 
 FOLDER = Path("outputs/audit")
 

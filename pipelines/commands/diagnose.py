@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipelines.cli.console import Console
-from pipelines.config.schemas import DiagnoseConfig, MjcfSim, NominalSim, RunSim
+from pipelines.config.schemas import DiagnoseConfig, MjcfSim, NominalSim, PythonSim, RunSim
 from pipelines.files.project import dataset_path
 from tossid.errors import InputError
 
@@ -45,7 +44,7 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
             found = task.run(progress)
         found = replace(found, data={"path": str(data), "sha256": sha256, "object": dataset.object.name})
         found.save(temporary)
-        tracked.metrics(_metrics(found))
+        tracked.metrics(found.metrics())
         tracked.tag("verdict", found.verdict)
         tracked.tag("effects", ", ".join(found.named))
         written = [name for name in (*_FILES, "patched.xml") if (temporary / name).exists()]
@@ -89,32 +88,26 @@ def _run(sim: RunSim, recorded: ObjectModel) -> Simulator:
     return replace(read_simulator(trained_model(record), recorded), about=about, run=record.id or None)
 
 
-_SIMULATORS: dict[str, Callable[[Any, ObjectModel], Simulator]] = {"nominal": _nominal, "mjcf": _mjcf, "run": _run}
+def _python(sim: PythonSim, recorded: ObjectModel) -> Simulator:
+    from tossid.diagnosis.likelihood.simulator_process import FromFile
+    from tossid.diagnosis.simulators import users_simulator
+
+    if not sim.path.is_file():
+        raise InputError(f"sim.path: there is no file {sim.path}; expected a Python file with your simulator")
+    return users_simulator(FromFile(sim.path, sim.function), recorded, about=f"{sim.function} of {sim.path}")
+
+
+_SIMULATORS: dict[str, Callable[[Any, ObjectModel], Simulator]] = {
+    "nominal": _nominal,
+    "mjcf": _mjcf,
+    "run": _run,
+    "python": _python,
+}
 
 
 def _dataset_name(data: Path) -> str:
     """The dataset's name: cube for data/datasets/cube.h5, cube-lcp-0 for data/raw/cube-lcp-0/tosses.h5."""
     return data.resolve().parent.name if data.name == "tosses.h5" else data.stem
-
-
-def _metrics(found: Diagnosis) -> dict[str, float]:
-    """What is tracked: the gap, how much of it is closed, the last rollouts' errors."""
-    numbers = {
-        "gap_total": found.gap.total.value,
-        "gap_left": found.left.total.value,
-        "noise_floor": found.gap.noise_floor,
-        "gap_closed": found.gap_closed.value,
-        "n_effects": float(len(found.named)),
-        "seconds": found.seconds,
-    }
-    for when, step in (("before", found.steps[:1]), ("after", found.steps[-1:])):
-        for each in step:
-            numbers[f"position_error_pct/{when}"] = each.position_error_pct.value
-            numbers[f"rotation_error_deg/{when}"] = each.rotation_error_deg.value
-    for finding in found.findings:
-        if finding.name in found.named:
-            numbers |= {f"{finding.name}/{key}": value.value for key, value in finding.parameters.items()}
-    return {name: value for name, value in numbers.items() if math.isfinite(value)}
 
 
 def _say(found: Diagnosis, folder: Path, console: Console) -> None:

@@ -17,6 +17,7 @@ from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, World
 from tossid.settings.diagnosis import DiagnoseSettings
 from tossid.store import Dataset
+from tossid.types import RecordingOrder, Session
 
 KEPT = ("friction", "gravity")
 WITHOUT = tuple(effect.name for effect in LIBRARY if effect.name not in KEPT)
@@ -39,8 +40,11 @@ def test_friction_is_found_and_its_report_saved(dataset: Dataset, cube: ObjectMo
         dataset, World(cube), without=WITHOUT, threads=1, progress=lambda text, share: reported.append(share)
     )
     assert gap.named == ("friction",)
+    assert gap.findings[0].verdict == "identified"
     mu = gap.findings[0].parameters["mu"]
-    assert mu.low - 0.01 < 0.3 < mu.high + 0.01
+    assert mu.low - 0.002 < 0.3 < mu.high + 0.002
+    assert gap.gap_closed.value > 0.8
+    assert next(share for share in gap.gap.by_phase if share.name == "slide").share.value > 0.4
     assert gap.remarks[0] == "Tosses left out: 1 of 10 are shorter than 11 frames."
     assert gap.patch is not None
     assert gap.patch["keys"]["object.friction"]["before"] == cube.friction
@@ -64,12 +68,41 @@ def test_tosses_are_chosen_by_settings(dataset: Dataset) -> None:
     assert task.tosses_of == "mine.h5, train split"
 
 
+def test_two_recordings_in_one_dataset_are_said(dataset: Dataset) -> None:
+    names, n = dataset.names, len(dataset)
+    worlds = (
+        Session(names[0], names[3], 4, (0.04, 0.0), (0.002, 0.002)),
+        Session(names[4], names[-1], n - 4, (0.0, 0.0), (0.002, 0.002)),
+    )
+    turn, session_of = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), (np.arange(n) >= 4).astype(np.int64)
+    order = RecordingOrder(
+        worlds, "names", names, (), np.zeros((n, 0)), np.zeros((n, 2)), turn, np.zeros(n), session_of
+    )
+    task = prepare(replace(dataset, order=order), settings=DiagnoseSettings(threads=1))
+    said = f"Two recordings: tosses {names[0]} to {names[3]} stand in a world tilted by 2.29°"
+    assert task.remarks[-1].startswith(said)
+    assert not any("recordings" in remark for remark in prepare(dataset, settings=DiagnoseSettings(threads=1)).remarks)
+
+
 def test_too_little_is_refused(dataset: Dataset) -> None:
-    with pytest.raises(InputError, match="test split: has 3 tosses; a diagnosis needs at least 6"):
-        prepare(dataset, settings=DiagnoseSettings(split="test", threads=1))
+    with pytest.raises(InputError, match="from number 1: has 2 tosses; a diagnosis needs at least 3"):
+        prepare(dataset, settings=DiagnoseSettings(tosses=2, threads=1))
     still = [replace(toss, q=np.repeat(toss.q[:1], len(toss), axis=0)) for toss in dataset.tosses[:8]]
     with pytest.raises(InputError, match="in 8 of 8 nothing moves"):
         prepare(replace(dataset, tosses=tuple(still)), settings=DiagnoseSettings(threads=1))
+
+
+def test_too_few_for_a_name_have_a_gap_and_say_how_many_a_name_needs(dataset: Dataset, cube: ObjectModel) -> None:
+    gap = diagnose(dataset, World(cube), without=WITHOUT, threads=1, tosses=5)
+    assert gap.named == ()
+    assert gap.verdict == "unexplained"
+    slide = next(share.share.value for share in gap.gap.by_phase if share.name == "slide")
+    assert slide > 0.3
+    kept = gap.as_json()
+    # two effects and three tests: 6 / 2^n < 0.05 from seven on
+    assert (kept["tosses_needed"]["n_tosses"], kept["tosses_needed"]["for_a_name"]) == (5, 7)
+    assert not kept["tosses_needed"]["enough"]
+    assert "5 tosses are too few to name every effect, 7 are needed" in repr(gap)
 
 
 def test_a_misspelt_name_is_corrected(dataset: Dataset) -> None:

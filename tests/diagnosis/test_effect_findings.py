@@ -10,7 +10,7 @@ import pytest
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.effect_findings import closed_by_each, detectable_sizes
 from tossid.diagnosis.likelihood.evidence import Hypothesis
-from tossid.diagnosis.localisation.gap import noise_floor
+from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.objects import ObjectModel
@@ -44,7 +44,7 @@ def test_an_effect_closes_what_it_closed_beyond_those_before_it(cube: ObjectMode
     both = friction.plus(NAMES["gravity"], np.array([9.0]))
     history = tuple(validator.evaluate(each) for each in (nothing, friction, both))
     found = SearchResult(history[0], history[-1], history, {}, {}, {}, {})
-    closed = closed_by_each(validator, found, noise_floor(history[-1], validator, seed=0))
+    closed = closed_by_each(validator, found, noise_floor(validator.windows))
     assert list(closed) == ["friction", "gravity"]
     assert closed["friction"].value > 0.1
     assert closed["gravity"].value > 0.01

@@ -7,7 +7,7 @@ import json
 import numpy as np
 
 from tests.diagnosis.by_hand import EFFECTS, finding, with_place
-from tossid.diagnosis.findings import Corner, Interval, Step, Witness
+from tossid.diagnosis.findings import Consequence, Corner, Interval, Step, Witness
 from tossid.objects import ObjectModel
 
 ONE = Interval(1.0, 0.5, 1.5)
@@ -55,3 +55,14 @@ def test_a_witness_has_three_values(cube: ObjectModel) -> None:
     found = Witness("restitution", "restitution", 0.0, 0.31, Interval(0.3, 0.25, 0.35), 7).as_json()
     values = found["stated"], found["found"], found["measured"]["value"]
     np.testing.assert_array_equal(values, (0.0, 0.31, 0.3))
+
+
+def test_a_headline_is_found_and_matters() -> None:
+    friction = EFFECTS["friction"]
+    assert finding(friction, "identified").headline
+    assert not finding(friction, "not_supported").headline
+    for matters in (True, False):
+        found = finding(friction, "confusable", consequence=Consequence(0.1, 0.2, 0.01, matters))
+        assert found.headline == matters
+        assert found.as_json()["matters"] == matters
+        assert found.as_json()["whole_tosses"] == {"position_pct": 0.1, "rotation_deg": 0.2}

@@ -47,3 +47,14 @@ def test_the_unexplained_share_is_never_negative(cube: ObjectModel) -> None:
     nothing = without_effects(cube, "unexplained").as_json()
     assert nothing["explanation"]["unexplained_share"] == 1.0
     assert nothing["explanation"]["effects"] == []
+
+
+def test_its_main_numbers_are_flat_and_finite(cube: ObjectModel) -> None:
+    made = diagnosis(cube)
+    found = made.metrics()
+    assert (found["gap_total"], found["n_effects"]) == (5.0, 1.0)
+    assert found["gap_closed"] == made.gap_closed.value
+    assert found["position_error_pct/after"] == made.steps[-1].position_error_pct.value
+    assert any(name.startswith("friction/") for name in found)
+    unknown = replace(made, gap_closed=Interval(float("nan"), 0.0, 1.0)).metrics()
+    assert "gap_closed" not in unknown

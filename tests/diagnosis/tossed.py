@@ -20,7 +20,12 @@ def seen(world: World, nominal: ObjectModel, count: int, *, seed: int, frames: i
     """Tosses of a world, recorded with noise; velocities are those of the truth, off by 3 cm/s and 0.3 rad/s."""
     rng = np.random.default_rng(seed)
     q, v = thrown(rng, count)
-    run = world.roll_out(q, v, n_steps=frames, dt=DT, substeps=32, impact_parts=8)
+    return recorded(world.roll_out(q, v, n_steps=frames, dt=DT, substeps=32, impact_parts=8), nominal, rng)
+
+
+def recorded(run: np.ndarray, nominal: ObjectModel, rng: np.random.Generator) -> list[Toss]:
+    """Motions (B, T + 1, 7) of a free body as tosses, with noise."""
+    count, frames = len(run), run.shape[1] - 1
     t = np.arange(frames + 1) * DT
     q_cov = np.broadcast_to(np.diag([POSITION**2] * 3 + [ROTATION**2] * 3), (frames + 1, 6, 6)).copy()
     v_cov = np.broadcast_to(np.diag([0.03**2] * 3 + [0.3**2] * 3), (frames + 1, 6, 6)).copy()

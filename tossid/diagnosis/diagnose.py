@@ -17,6 +17,7 @@ from tossid.diagnosis.patch.rerun import rerun
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.simulators import Simulator, check_runs, check_same_object, moves, read_simulator
 from tossid.errors import ConfigError, InputError, TossidError
+from tossid.motion.sessions.levelling import recordings_apart
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, effects_for
 from tossid.settings.changed import changed
@@ -41,7 +42,10 @@ def diagnose(
     Args:
         dataset: Tosses of one object.
         simulator: "nominal" (the object as it is stated), a trained model, the path of an MJCF file, a `World`, a
-            `Simulator`, or anything that `tossid.diagnosis.simulators.reader` has been taught.
+            function f(q0, v0, n_steps, dt) -> (q, v) over a batch of first states, a `Simulator`, or anything that
+            `tossid.diagnosis.simulators.reader` has been taught. A function runs in a process of its own: q0 (B, nq)
+            position [m], quaternion wxyz, joints [rad]; v0 (B, nv) linear in the world, angular in the body frame,
+            joint rates; q (B, n_steps + 1, nq) and v likewise, first states included.
         settings: Which tosses, and how.
         progress: Called with what is under way, and the share that is done.
         **keys: Settings by name, such as `split="train"` or `without=("magnus",)`.
@@ -154,6 +158,9 @@ def prepare(
     tosses, remarks = _usable(chosen[settings.skip : last], tosses_of, settings)
     unseen = () if settings.split in (None, "test") else _moving(dataset.of_split("test"), settings)[1]
     check_same_object(judged.world, recorded, where=name or "the dataset", settings=settings.checks)
+    apart = None if dataset.order is None else recordings_apart(dataset.order)
+    if apart is not None:
+        remarks += (f"{apart} No change of a simulator closes that part of the gap; 'tossid ingest' levels sessions.",)
     lost = check_runs(judged.world, tosses, where=judged.about, n_threads=_threads(settings), settings=settings)
     if lost:
         remarks += (f"The simulator diverges on {len(lost)} of {len(tosses)} tosses: {', '.join(lost)}.",)
@@ -213,7 +220,7 @@ def _usable(
         which = f" that serve ({', '.join(why)})" if why else ""
         raise InputError(
             f"{tosses_of}: has {len(kept)} tosses{which}; a diagnosis needs at least {settings.checks.fewest_tosses}, "
-            "to fit effects to some and judge them on others"
+            "for a gap with an interval"
         )
     return kept, (f"Tosses left out: {', '.join(why)}.",) if why else ()
 

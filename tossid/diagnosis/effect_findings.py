@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import EffectVerdict, Finding, Interval
+from tossid.diagnosis.findings import Consequence, EffectVerdict, Finding, Interval
 from tossid.diagnosis.likelihood.fitting import derivatives, toss_sums
-from tossid.diagnosis.localisation.gap import Floor, share_left
+from tossid.diagnosis.localisation.gap import share_left
+from tossid.diagnosis.localisation.noise import Floor
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.refinement import intervals
 from tossid.diagnosis.selection.search_result import SearchResult
@@ -18,7 +20,9 @@ from tossid.types import Phase
 
 Array = NDArray[np.float64]
 NOTHING = Interval(0.0, 0.0, 0.0)
+"""The interval of a parameter that is not there."""
 _RANK = {"identified": 0, "confusable": 0, "not_supported": 2, "not_identifiable": 3}
+"""Order of statuses in a table."""
 
 
 def effect_findings(
@@ -29,6 +33,7 @@ def effect_findings(
     floor: Floor,
     spread: Array | None,
     closed: Mapping[str, Interval],
+    consequence: Mapping[str, Consequence] = MappingProxyType({}),
 ) -> tuple[Finding, ...]:
     """A finding for each effect, named ones and their classes first, the others by evidence.
 
@@ -40,6 +45,7 @@ def effect_findings(
         floor: The noise floor.
         spread: (P,) standard deviations of parameters over shifted windows.
         closed: Share of the gap that each effect of the last hypothesis closes, by name.
+        consequence: What each of them does to whole tosses, by name.
     """
     known = intervals(found.present.fitted, validator.n, spread, found.n_flight)
     stands_for = {each.name: (name, each) for name, group in found.classes.items() for each in group}
@@ -73,7 +79,18 @@ def effect_findings(
         }
         phases = tuple(Phase(phase).name.lower() for phase in effect.phases)
         out.append(
-            Finding(effect.name, verdict, effect.says, phases, parameters, evidence, closes, confusable_with, sizes)
+            Finding(
+                effect.name,
+                verdict,
+                effect.says,
+                phases,
+                parameters,
+                evidence,
+                closes,
+                confusable_with,
+                sizes,
+                consequence.get(stands_for[effect.name][0] if effect.name in stands_for else effect.name),
+            )
         )
     order = {name: i for i, name in enumerate(named)}
 

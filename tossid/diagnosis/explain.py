@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +12,20 @@ from tossid.diagnosis.effect_findings import closed_by_each, effect_findings
 from tossid.diagnosis.findings import Gap, Interval, Share
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
 from tossid.diagnosis.likelihood.evidence import Hypothesis
-from tossid.diagnosis.likelihood.windows import make_windows
+from tossid.diagnosis.localisation.consequence import consequences
 from tossid.diagnosis.localisation.corners import locate
-from tossid.diagnosis.localisation.gap import measure_gap, noise_floor, share_left
+from tossid.diagnosis.localisation.disagreement import solver_disagreement
+from tossid.diagnosis.localisation.gap import measure_gap, share_left
+from tossid.diagnosis.localisation.misspecification import misspecification
+from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.localisation.rollouts import rollout_errors
+from tossid.diagnosis.localisation.unseen import judge_unseen, unseen_windows
 from tossid.diagnosis.localisation.witnesses import witnesses
 from tossid.diagnosis.result import Contact, Diagnosis, Verdict
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.flight_search import power_law_of
+from tossid.diagnosis.selection.nested import judged, judging_folds
+from tossid.diagnosis.selection.plausibility import Implausible, plausible_names
 from tossid.diagnosis.selection.refinement import (
     intervals,
     line_searched,
@@ -28,9 +34,10 @@ from tossid.diagnosis.selection.refinement import (
 )
 from tossid.diagnosis.selection.search import search
 from tossid.diagnosis.selection.search_result import SearchResult
+from tossid.diagnosis.selection.significance import TossesNeeded
 from tossid.physics.effects import LIBRARY, OTHER_POWER, Effect, World
 from tossid.settings.diagnosis import DiagnoseSettings, VerdictSettings
-from tossid.types import Toss
+from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -56,8 +63,8 @@ def explain(
         library: The effects to choose from.
         engine: The other engine, whose differences are no evidence; near-rigid MuJoCo if None.
         n_threads: Of simulators.
-        seed: Of the folds and of the simulated noise floor.
-        unseen: Other tosses, of which only rollouts are shown.
+        seed: Of the folds and of simulated noise.
+        unseen: Other tosses, which take no part and are judged in one pass at the end.
         progress: Called with what is under way, and the share that is done.
         settings: Of everything else. Its `seed` and `threads` are not read here.
     """
@@ -74,8 +81,9 @@ def explain(
     report("shifted windows", 0.92)
     found, spread = refitted_on_shifted_windows(tosses, world.object, validator, found)
     found, spread = pruned_by_wald_test(validator, found, spread)
+    found, why = plausible_names(validator, found, spread)
     report("what is left", 0.97)
-    return _concluded(tosses, unseen, library, validator, found, spread, started, seed)
+    return _concluded(tosses, unseen, library, validator, found, spread, why, started, seed)
 
 
 def _silent(text: str, share: float) -> None:
@@ -89,33 +97,51 @@ def _concluded(
     validator: CrossValidator,
     found: SearchResult,
     spread: Array | None,
+    why: Mapping[str, Implausible],
     started: float,
     seed: int,
 ) -> Diagnosis:
     """Everything that is said of what the search found."""
+    folds = judging_folds(validator, found)
+    found = judged(validator, found, folds)
     n, first, present, settings = validator.n, found.first, found.present, validator.settings
-    begin = make_windows(unseen, first.hypothesis.base.object, settings=settings.likelihood) if unseen else None
-    floor = noise_floor(present, validator, seed=seed)
+    begin = unseen_windows(unseen, tosses, first.hypothesis.base.object, validator) if unseen else None
+    on_unseen = None if begin is None else judge_unseen(begin, first.hypothesis, present.hypothesis, validator)
+    floor = noise_floor(validator.windows)
     gap = measure_gap(tosses, first, validator, floor)
     left = measure_gap(tosses, present, validator, floor) if present.hypothesis.effects else gap
-    inside = [name for name in present.hypothesis.names if name not in found.unnamed]
-    named = tuple(sorted(inside, key=lambda name: -found.needed[name].total))
     closed, unexplained = share_left(first, present, validator, floor)
     closes = closed_by_each(validator, found, floor)
+    consequence = consequences(tosses, validator, found, closes)
+    inside = [name for name in present.hypothesis.names if name not in found.unnamed]
+    inside.sort(key=lambda name: -found.needed[name].total)
+    named = tuple(name for name in inside if consequence[name].matters)
     if found.unnamed:
-        unnamed = [closes[name] for name in found.unnamed]
+        unnamed = [(each, closes[each.name]) for each in present.hypothesis.effects if each.name in found.unnamed]
         closed, unexplained = _without_unnamed(closed, unexplained, unnamed)
+    # what may be no change at all is no sign of something without a name
+    nameless = [name for name in found.unnamed if why.get(name) != "no_change"]
+    verdict = gap_verdict(gap, left, closed, nameless, unexplained, any_named=bool(named), settings=settings.verdict)
+    # a user's simulator is its own solver
+    disagreement = None if validator.engine.of_user else solver_disagreement(present, validator, seed=seed)
+    if verdict == "unexplained" and not named and disagreement is not None and left.total.value <= disagreement.gap:
+        verdict = "within_solver_disagreement"
     return Diagnosis(
-        verdict=gap_verdict(
-            gap, left, closed, found.unnamed, unexplained, any_named=bool(named), settings=settings.verdict
-        ),
+        verdict=verdict,
         gap=gap,
         left=left,
-        findings=effect_findings(library, validator, found, named, floor, spread, closes),
+        findings=effect_findings(library, validator, found, inside, floor, spread, closes, consequence),
         named=named,
+        minor=tuple(name for name in inside if name not in named),
+        implausible=tuple(why.items()),
+        disagreement=disagreement,
         gap_closed=closed,
         unexplained=unexplained,
-        steps=tuple(rollout_errors(tosses, unseen, each, validator, begin) for each in found.history),
+        steps=tuple(
+            rollout_errors(tosses, unseen, each, validator, begin, folds if each is present else ())
+            for each in found.history
+        ),
+        unseen=on_unseen,
         hypothesis=present.hypothesis,
         n_tosses=n,
         seconds=time.perf_counter() - started,
@@ -126,20 +152,36 @@ def _concluded(
             for name, each in found.other_laws.items()
         ),
         unsteady=found.unsteady,
+        needed=_needed(library, validator),
+        noise=floor.noise,
+        misspecification=misspecification(present, validator, floor, seed=seed),
         place=locate(tosses, first, present, gap, left, seed=seed, settings=settings),
         witnesses=witnesses(unseen or tosses, first.hypothesis.world(), present.hypothesis.world(), settings.witnesses),
     )
 
 
+def _needed(library: Sequence[Effect], validator: CrossValidator) -> TossesNeeded:
+    """How many tosses a name needs, and how many there are."""
+    windows = validator.windows
+    flights, level = len(np.unique(windows.toss[windows.free])), validator.settings.selection.level
+    return TossesNeeded.of(library, level, tosses=validator.n, flights=flights)
+
+
 def _without_unnamed(
-    closed: Interval, unexplained: tuple[Share, ...], unnamed: Sequence[Interval]
+    closed: Interval, unexplained: tuple[Share, ...], unnamed: Sequence[tuple[Effect, Interval]]
 ) -> tuple[Interval, tuple[Share, ...]]:
     """What named effects close, and phases with some left, given the shares that effects without a name close."""
-    value, low, high = (max(0.0, sum(part)) for part in zip(*((s.value, s.low, s.high) for s in unnamed), strict=True))
-    closed = Interval(closed.value - value, closed.low - value, closed.high - value)
-    if value > 0:
+
+    def total(shares: Sequence[Interval]) -> Interval:
+        ends = zip(*((s.value, s.low, s.high) for s in shares), strict=True)
+        return Interval(*(max(0.0, sum(part)) for part in ends))
+
+    whole = total([share for _, share in unnamed]).value
+    closed = Interval(closed.value - whole, closed.low - whole, closed.high - whole)
+    flying = [share for effect, share in unnamed if Phase.FLIGHT in effect.phases]
+    if flying and (there := total(flying)).value > 0:
         others = (share for share in unexplained if share.name != "flight")
-        unexplained = (Share("flight", Interval(value, low, high)), *others)
+        unexplained = (Share("flight", there), *others)
     return closed, unexplained
 
 
@@ -179,6 +221,6 @@ def gap_verdict(
 
 def _contact(validator: CrossValidator, found: SearchResult) -> Contact:
     """The contact law that the tosses follow most."""
-    if validator.engine.model is not None:
+    if validator.engine.of_user:
         return "own"
     return "relaxed" if found.first.hypothesis.base.law.lifting > 0 else "coulomb"

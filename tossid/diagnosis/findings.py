@@ -51,7 +51,7 @@ class Gap:
 
     Attributes:
         total: Root mean square of whitened residuals.
-        noise_floor: What it would be if the simulator were right, by simulation.
+        noise_floor: What it would be if the simulator were right, from the noise of the recorded poses.
         by_phase: Shares of the excess of deviance over the floor.
         by_channel: Likewise.
         by_length: (frames, root mean square, floor) for windows of several lengths.
@@ -174,6 +174,27 @@ class Place:
 
 
 @dataclass(frozen=True)
+class Consequence:
+    """How far whole tosses move when one effect is taken out of the last hypothesis, from the same first states.
+
+    Attributes:
+        position_pct: Median over tosses of the mean distance over frames [% of the object's width].
+        rotation_deg: Median over tosses of the mean angle over frames [deg].
+        closed: Share of the gap that the effect closes.
+        matters: Whether one of these is beyond its tolerance.
+    """
+
+    position_pct: float
+    rotation_deg: float
+    closed: float
+    matters: bool
+
+    def as_json(self) -> dict[str, Any]:
+        """An effect's "whole_tosses" in gap.json."""
+        return {"position_pct": self.position_pct, "rotation_deg": self.rotation_deg}
+
+
+@dataclass(frozen=True)
 class Finding:
     """What the tosses say of one effect.
 
@@ -187,6 +208,7 @@ class Finding:
         gap_closed: Share of the gap; of a named effect beyond those before it, else by it alone.
         confusable_with: Other effects of its class.
         detectable: The smallest size of each parameter that these tosses would reveal.
+        consequence: What it does to whole tosses, if it is named or confusable.
     """
 
     name: str
@@ -198,6 +220,12 @@ class Finding:
     gap_closed: Interval
     confusable_with: tuple[str, ...] = ()
     detectable: dict[str, float] = field(default_factory=dict)
+    consequence: Consequence | None = None
+
+    @property
+    def headline(self) -> bool:
+        """Whether it is found, or may be what is found, and matters."""
+        return self.verdict in ("identified", "confusable") and (self.consequence is None or self.consequence.matters)
 
     def as_json(self) -> dict[str, Any]:
         """One of gap.json's "effects"."""
@@ -211,6 +239,8 @@ class Finding:
             "gap_closed": self.gap_closed.as_json(),
             "confusable_with": list(self.confusable_with),
             "detectable": self.detectable,
+            "matters": self.consequence is not None and self.consequence.matters,
+            "whole_tosses": None if self.consequence is None else self.consequence.as_json(),
         }
 
 

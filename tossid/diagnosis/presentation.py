@@ -28,7 +28,7 @@ def effect_rows(diagnosis: Diagnosis) -> list[list[str]]:
             verdict_of(finding),
         ]
         for finding in diagnosis.findings
-        if finding.verdict in ("identified", "confusable")
+        if finding.headline
     ]
 
 

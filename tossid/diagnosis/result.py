@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from tossid.diagnosis.findings import Finding, Gap, Interval, Place, Share, Step, Witness
 from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.localisation.disagreement import SolverDisagreement
+from tossid.diagnosis.localisation.misspecification import Misspecification
+from tossid.diagnosis.localisation.noise import MeasuredNoise
+from tossid.diagnosis.localisation.unseen import Unseen
+from tossid.diagnosis.selection.significance import TossesNeeded
 from tossid.settings.diagnosis_report import ReportSettings
 from tossid.types import RecordingOrder
 
@@ -15,7 +21,7 @@ if TYPE_CHECKING:
     from tossid.diagnosis.simulators import Simulator
 
 SCHEMA = "tossid.gap/1"
-Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained"]
+Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained", "within_solver_disagreement"]
 Contact = Literal["coulomb", "relaxed", "own"]
 
 
@@ -28,7 +34,7 @@ class Diagnosis:
         gap: The gap of the simulator as it is stated.
         left: The gap that is left with the named effects in.
         findings: What the tosses say of each effect, ordered by evidence.
-        named: Names of the effects that explain the gap, ordered by what is lost without each.
+        named: Names of the effects that explain the gap and matter, ordered by what is lost without each.
         gap_closed: Share of the gap above the noise floor that all named effects close together.
         unexplained: Phases in which clearly something is left, with its share of the first gap.
         steps: Rollout errors without effects and after each effect that joined.
@@ -50,6 +56,13 @@ class Diagnosis:
         patch: gap.json's "patch": the changed MJCF and keys, and the patched simulator's rerun.
         remarks: What a reader should know beside, in sentences.
         order: The dataset's order of recording and its sessions, None where it was not looked at.
+        needed: How many tosses a name needs; None where it was not computed.
+        noise: The noise of the recorded poses over the stated one; None where it was not measured.
+        misspecification: What the diagnosis itself leaves of the found world's own motions; no verdict rests on it.
+        unseen: What was found, on tosses that took no part; None if there were none.
+        minor: Names of effects that were found too, and are too small to matter.
+        implausible: Effects of the hypothesis that have no name, with why: "no_change" or "at_bound".
+        disagreement: The gap that another exact solver of the same rigid body shows; None for a user's own contact.
         report: What the figures of the report draw.
     """
 
@@ -77,6 +90,13 @@ class Diagnosis:
     patch: dict[str, Any] | None = None
     remarks: tuple[str, ...] = ()
     order: RecordingOrder | None = None
+    needed: TossesNeeded | None = None
+    minor: tuple[str, ...] = ()
+    implausible: tuple[tuple[str, str], ...] = ()
+    disagreement: SolverDisagreement | None = None
+    unseen: Unseen | None = None
+    noise: MeasuredNoise | None = None
+    misspecification: Misspecification | None = None
     report: ReportSettings = ReportSettings()
 
     def as_json(self) -> dict[str, Any]:
@@ -112,6 +132,8 @@ class Diagnosis:
                 "unexplained_where": [{"phase": s.name, **_share(s)} for s in self.unexplained],
                 "other_laws": [{"like": name, "further_power": each.as_json()} for name, each in self.other_laws],
                 "unsteady": list(self.unsteady),
+                "minor": list(self.minor),
+                "no_name": [{"like": name, "why": why} for name, why in self.implausible],
             },
             "steps": [step.as_json() for step in self.steps],
             "witnesses": [witness.as_json() for witness in self.witnesses],
@@ -122,6 +144,11 @@ class Diagnosis:
             "patch": self.patch,
             "simulator": None if self.simulator is None else self.simulator.as_json(),
             "data": self.data,
+            "noise": None if self.noise is None else self.noise.as_json(),
+            "misspecification": None if self.misspecification is None else self.misspecification.as_json(),
+            "unseen": None if self.unseen is None else self.unseen.as_json(),
+            "solver_disagreement": None if self.disagreement is None else self.disagreement.as_json(),
+            "tosses_needed": None if self.needed is None else self.needed.as_json(),
         }
         whole |= {name: value for name, value in beside.items() if value is not None}
         return {**whole, "remarks": list(self.remarks)}
@@ -141,6 +168,28 @@ class Diagnosis:
         from tossid.diagnosis.presentation import save
 
         return save(self, Path(folder))
+
+    def metrics(self) -> dict[str, float]:
+        """The main numbers, flat, as a tracker logs them; unknown ones are left out.
+
+        The gap, how much of it is closed, the first and last rollouts' errors, and the parameters of named effects.
+        """
+        numbers = {
+            "gap_total": self.gap.total.value,
+            "gap_left": self.left.total.value,
+            "noise_floor": self.gap.noise_floor,
+            "gap_closed": self.gap_closed.value,
+            "n_effects": float(len(self.named)),
+            "seconds": self.seconds,
+        }
+        for when, step in (("before", self.steps[:1]), ("after", self.steps[-1:])):
+            for each in step:
+                numbers[f"position_error_pct/{when}"] = each.position_error_pct.value
+                numbers[f"rotation_error_deg/{when}"] = each.rotation_error_deg.value
+        for finding in self.findings:
+            if finding.name in self.named:
+                numbers |= {f"{finding.name}/{key}": value.value for key, value in finding.parameters.items()}
+        return {name: value for name, value in numbers.items() if math.isfinite(value)}
 
     def __repr__(self) -> str:
         """The verdict, the effects with intervals, and the share that they close."""

@@ -15,6 +15,8 @@ import mujoco
 import numpy as np
 
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
+from tossid.diagnosis.likelihood.simulator_process import FromFile, Given, SimulatorProcess
+from tossid.diagnosis.likelihood.users_world import UsersWorld
 from tossid.diagnosis.likelihood.windows import steps_of
 from tossid.diagnosis.patch.make import read_spec
 from tossid.errors import InputError, brief
@@ -34,11 +36,11 @@ class Simulator:
     """A simulator to be diagnosed.
 
     Attributes:
-        kind: What it is: "nominal", "run", "mjcf" or "world".
+        kind: What it is: "nominal", "run", "mjcf", "python" or "world".
         about: The simulator in words.
         world: The simulator as a world of tossid's own, to which effects are added.
         mjcf: The user's own MJCF file, which the patch changes.
-        engine: The user's own MuJoCo model, whose contact may be taken as it is.
+        engine: The user's own MuJoCo model, whose contact may be taken as it is; none beside a simulator of a user.
         run: The tracker's id of the training that the model comes from.
     """
 
@@ -92,7 +94,8 @@ def read_simulator(given: Any, recorded: ObjectModel) -> Simulator:
         if accepts(given):
             return read(given, recorded)
     raise InputError(
-        f"{brief(given)} is no simulator; expected 'nominal', a trained model, the path of an MJCF file or a World"
+        f"{brief(given)} is no simulator; expected 'nominal', a trained model, the path of an MJCF file, a World or a "
+        "function f(q0, v0, n_steps, dt) -> (q, v)"
     )
 
 
@@ -116,6 +119,29 @@ def _mjcf(given: Any, recorded: ObjectModel) -> Simulator:
     path = Path(given)
     world, engine = world_of_mjcf(path, width=recorded.width)
     return Simulator("mjcf", f"the MuJoCo model {path}", world, mjcf=path, engine=engine)
+
+
+@reader("python", lambda given: callable(given) and not hasattr(_model_in(given), "learned_object"))
+def _function(given: Any, recorded: ObjectModel) -> Simulator:
+    name = getattr(given, "__qualname__", type(given).__qualname__)
+    return users_simulator(Given(given), recorded, about=f"the simulator {name}")
+
+
+def users_simulator(
+    source: FromFile | Given, recorded: ObjectModel, *, about: str, settings: CheckSettings = CheckSettings()
+) -> Simulator:
+    """A user's own simulator, to whose predictions effects are added as changes.
+
+    A change is what an effect does to the dataset's object in tossid's own simulator.
+
+    Args:
+        source: The function f(q0, v0, n_steps, dt) -> (q, v).
+        recorded: The dataset's object.
+        about: The simulator in words.
+        settings: How long a call may take.
+    """
+    process = SimulatorProcess(source, about=about, seconds=settings.simulator_seconds)
+    return Simulator("python", about, UsersWorld.of(World(recorded), process), engine=Engine(none=True))
 
 
 def _model_in(given: Any) -> Any:

@@ -17,6 +17,8 @@ class CrossValidationSettings:
 
     folds: Annotated[int, Bounds(low=2)] = 8
     """parts of the tosses, each of which is left out of a fit in turn"""
+    judging_folds: Annotated[int, Bounds(low=2)] = 4
+    """parts of the tosses, each of which judges what was chosen and fitted without it at the end"""
     refits: Count = 2
     """fits of all effects together, each from a perturbed last one"""
     least_refit_gain: Positive = 1.0
@@ -196,7 +198,7 @@ class NextTossSettings:
 class VerdictSettings:
     """What makes a gap none, explained, partly explained or unexplained."""
 
-    no_gap: Positive = 1.15
+    no_gap: Positive = 1.25
     """gap over the noise floor below which there is none, if nothing is found"""
     floor_reached: Positive = 1.03
     """gap over the noise floor below which nothing is left to explain"""
@@ -204,6 +206,12 @@ class VerdictSettings:
     """share of the gap that effects must close to explain it in part"""
     all_closed: Fraction = 0.9
     """share of the gap that effects must close to explain it, where no phase has clearly something left"""
+    matters_position_pct: NonNegative = 0.5
+    """change of whole tosses from which an effect is a headline, mean over frames [% of the width], ..."""
+    matters_rotation_deg: NonNegative = 0.5
+    """... or this change [deg], ..."""
+    matters_closed: Fraction = 0.02
+    """... or this share of the gap"""
     detectable: Positive = 4.0
     """size of an effect that these tosses would have revealed [standard errors]"""
     detectable_range: Fraction = 0.5
@@ -214,10 +222,13 @@ class VerdictSettings:
 class CheckSettings:
     """Which tosses and simulators are refused."""
 
-    fewest_tosses: Count = 6
-    """tosses below which neither fits nor judgements mean anything"""
+    fewest_tosses: Count = 3
+    """tosses below which a gap has no interval. A name needs more: as many as the level, the tests and the effects
+    require (`selection.significance`)"""
     still: Positive = 10.0
     """standard deviations of poses within which nothing moves in a toss"""
+    simulator_seconds: Positive = 120.0
+    """longest that a user's own simulator may take for a call [s]"""
     size_ratio: Annotated[float, Bounds(above=1)] = 1.6
     """ratio of the sizes of two objects beyond which one is not a wrong statement of the other"""
     most_diverged: Fraction = 0.1

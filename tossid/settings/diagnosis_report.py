@@ -10,7 +10,14 @@ from tossid.settings.kinds import Bounds, Count, Fraction, NonNegative, Positive
 
 @dataclass(frozen=True, kw_only=True)
 class ReportSettings:
-    """What the figures of a diagnosis draw."""
+    """What the figures of a diagnosis draw, and what its sentences name."""
+
+    main_share: Fraction = 0.1
+    """share of the gap above which a phase or a channel is named in the first sentences"""
+    noisier: Positive = 1.1
+    """measured noise over the stated one from which the first sentences speak of it"""
+    misspecified: NonNegative = 0.05
+    """what the diagnosis itself adds to the noise floor, as a share, from which the last sentences speak of it"""
 
     time_bin: Positive = 0.02
     """width of a cell in the figure over time [s]"""

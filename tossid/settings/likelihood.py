@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
+from tossid.settings.contact import ContactSettings
 from tossid.settings.kinds import Bounds, Count, Fraction, Positive, advanced_part
 
 
@@ -54,6 +55,8 @@ class SimulationSettings:
     tolerance: Positive = 1e-5
     """contact solver's tolerance [m/s]: nine windows in ten move by less than 5 % of the poses' noise against 1e-7,
     for half of the work"""
+    contact: ContactSettings = advanced_part(ContactSettings)
+    """speeds and heights that decide between cases of contact"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,6 +106,8 @@ class EngineSettings:
     """MuJoCo's steps a frame for near-rigid contact; 135 give the same differences to a few percent"""
     bouncing_substeps: Count = 68
     """the same where contact bounces; a bounce takes 25 steps, here 2.5 ms"""
+    fixed_substeps: Count = 16
+    """fixed steps a frame of the other exact solver, in which impacts of a step are resolved at once"""
     reuse_share: Fraction = 0.2
     """share of the engines' difference by which our predictions may move before it is computed anew"""
 

@@ -95,6 +95,8 @@ class ClockSearchSettings:
 
     reach: Positive = 0.25
     """largest offset that is looked for [s]"""
+    steps: tuple[Positive, Positive, Positive] = (0.004, 0.001, 0.00025)
+    """steps of the offsets that are tried, from coarse to fine [s]"""
     stretches: Count = 10
     """stretches of the recording that are used"""
     stretch_steps: Count = 120

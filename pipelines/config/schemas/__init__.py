@@ -13,7 +13,7 @@ Nothing heavy is imported here: help pages read this module.
 from __future__ import annotations
 
 from pipelines.config.schemas.auditing import AuditConfig
-from pipelines.config.schemas.diagnosis import DiagnoseConfig, MjcfSim, NominalSim, RunSim, Sim
+from pipelines.config.schemas.diagnosis import DiagnoseConfig, MjcfSim, NominalSim, PythonSim, RunSim, Sim
 from pipelines.config.schemas.ingestion import DetectStageConfig, IngestConfig, SegmentStageConfig, TrackStageConfig
 from pipelines.config.schemas.launching import DaskLauncher, Launcher, ProcessesLauncher, SlurmLauncher
 from pipelines.config.schemas.learning import EvaluateConfig, RegisterConfig, SweepConfig, TrainConfig
@@ -59,6 +59,7 @@ __all__ = [
     "Ordered",
     "ProcessesLauncher",
     "Positive",
+    "PythonSim",
     "Range",
     "RegisterConfig",
     "RunSim",

@@ -40,7 +40,19 @@ class MjcfSim:
     """its MJCF file: one free body, and the ground as a plane"""
 
 
-Sim = NominalSim | RunSim | MjcfSim
+@dataclass(frozen=True)
+class PythonSim:
+    """Your own simulator, a Python function f(q0, v0, n_steps, dt) -> (q, v); it runs in a process of its own."""
+
+    name: Literal["python"]
+    """a Python function"""
+    path: Path
+    """its file"""
+    function: str
+    """its name"""
+
+
+Sim = NominalSim | RunSim | MjcfSim | PythonSim
 
 
 @dataclass(frozen=True, kw_only=True)

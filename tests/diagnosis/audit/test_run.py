@@ -12,10 +12,11 @@ from typing import Any
 import pytest
 
 from tossid.diagnosis.audit import steps
-from tossid.diagnosis.audit.run import audit, in_this_process, one_by_one, plan, stored
+from tossid.diagnosis.audit.run import audit, in_this_process, plan, stored
 from tossid.diagnosis.audit.steps import Job
 from tossid.errors import ConfigError, InputError, SolverError
 from tossid.objects import ObjectModel
+from tossid.parallel import as_done
 from tossid.settings.diagnosis_audit import AuditSettings, ScoreSettings
 
 SETTINGS = AuditSettings(cases=3, tosses=6, engines=("lcp",))
@@ -127,7 +128,7 @@ def test_jobs_one_by_one_end_in_results_or_errors(cube: ObjectModel) -> None:
             raise InputError("odd")
         return {"index": job.case.index}
 
-    found = [outcome for _, outcome in one_by_one(odd, plan(cube, SETTINGS))]
+    found = [outcome for _, outcome in as_done(odd, plan(cube, SETTINGS))]
     assert found[0] == {"index": 0}
     assert isinstance(found[1], InputError)
     assert found[2] == {"index": 2}

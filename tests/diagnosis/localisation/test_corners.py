@@ -13,7 +13,8 @@ from tests.diagnosis.tossed import seen
 from tossid.diagnosis.findings import Gap
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.corners import corner_shares
-from tossid.diagnosis.localisation.gap import measure_gap, noise_floor
+from tossid.diagnosis.localisation.gap import measure_gap
+from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics.effects import World
@@ -62,7 +63,7 @@ def test_a_wrong_corner_has_the_gap(cube: ObjectModel) -> None:
     settings = changed(DiagnoseSettings(), {"other_lengths": ()})
     judge = CrossValidator.of(tosses, cube, seed=0, settings=settings)
     first = judge.evaluate(Hypothesis(World(cube)))
-    measured = measure_gap(tosses, first, judge, noise_floor(first, judge, seed=0))
+    measured = measure_gap(tosses, first, judge, noise_floor(judge.windows))
     shares = corner_shares(tosses, World(cube), measured, 1 / 148)
     assert shares[wrong].share.value > 0.6
     assert shares[wrong].share.low > 0.4

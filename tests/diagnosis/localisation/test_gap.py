@@ -13,9 +13,9 @@ from tossid.diagnosis.localisation.gap import (
     channels_of,
     deviance,
     measure_gap,
-    noise_floor,
     share_left,
 )
+from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, World
@@ -43,8 +43,8 @@ def test_friction_closes_the_gap_that_it_makes(
 ) -> None:
     stated = Hypothesis(World(cube))
     first, last = validator.evaluate(stated), validator.evaluate(stated.plus(FRICTION, np.array([0.3])))
-    floor = noise_floor(last, validator, seed=0)
-    assert 0.7 < floor.rms < 1.3
+    floor = noise_floor(validator.windows)
+    assert floor.rms == pytest.approx(1.0, abs=0.1)
     gap, left = (measure_gap(tosses, each, validator, floor) for each in (first, last))
     assert gap.total.value > 2 * left.total.value
     assert sum(share.share.value for share in gap.by_phase) == pytest.approx(1.0)

@@ -19,7 +19,7 @@ from tossid.diagnosis.localisation.wrench import (
     with_wrench,
     wrenches,
 )
-from tossid.diagnosis.report.text import wrench_sentences
+from tossid.diagnosis.report.localisation_text import wrench_sentences
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, World
 from tossid.rotations import quat_rotate

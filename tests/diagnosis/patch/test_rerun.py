@@ -8,7 +8,8 @@ from tests.diagnosis.by_hand import hypothesis
 from tossid.diagnosis.patch.make import make_patch
 from tossid.diagnosis.patch.rerun import rerun
 from tossid.objects import ObjectModel
-from tossid.physics.mujoco_engine import simulate_mujoco
+from tossid.physics.effects import World
+from tossid.physics.effects.in_mujoco import toss_in_mujoco
 from tossid.types import Phase, Toss
 
 HALF = 0.0524
@@ -23,7 +24,7 @@ def mujoco_tosses(model: ObjectModel, friction: float, n: int = 8) -> list[Toss]
     q0[:, 3:] /= np.linalg.norm(q0[:, 3:], axis=1, keepdims=True)
     q0[:, 2] = 0.2
     v0[:, :3], v0[:, 3:] = rng.normal(size=(n, 3)) * 0.7, rng.normal(size=(n, 3)) * 3
-    q, v = simulate_mujoco(model.with_changes(friction=friction), q0, v0, 70, 1 / 148, substeps=68)
+    q, v = toss_in_mujoco(World(model.with_changes(friction=friction)), q0, v0, 70, 1 / 148, substeps=68)
     cov = np.diag([1.5e-4**2] * 3 + [1.5e-3**2] * 3)
     cov = np.broadcast_to(cov, (71, 6, 6)).copy()
     phase = np.full(71, int(Phase.UNKNOWN), dtype=np.uint8)

@@ -6,20 +6,18 @@ from dataclasses import replace
 
 import pytest
 
-from tests.diagnosis.by_hand import diagnosis, hypothesis, with_place, without_effects
+from tests.diagnosis.by_hand import diagnosis, hypothesis, without_effects
 from tossid.diagnosis.findings import Interval, Share
+from tossid.diagnosis.localisation.disagreement import SolverDisagreement
+from tossid.diagnosis.localisation.misspecification import Misspecification
 from tossid.diagnosis.report.text import (
-    corner_paragraphs,
     headline,
-    next_toss_words,
     sentences,
-    state_words,
     stated_values,
     verdict_of,
-    wrench_paragraphs,
-    wrench_words,
 )
 from tossid.objects import ObjectModel
+from tossid.settings.diagnosis_report import ReportSettings
 
 
 @pytest.mark.parametrize(
@@ -82,49 +80,30 @@ def test_verdicts_in_words(cube: ObjectModel) -> None:
     assert verdict_of(magnus) == "not identifiable"
 
 
-def test_the_place_of_the_gap_is_said_before_and_after(cube: ObjectModel) -> None:
-    made = with_place(cube)
-    before, after = wrench_paragraphs(made)
-    assert before.startswith("Before: In flight, the simulator lacks a force along the path that depends on the")
-    assert after.startswith("With friction: In flight")
-    (corner,) = corner_paragraphs(made)
-    assert "4.0 times the mean" in corner
-    assert "50 % (25 % to 100 %) of the gap in contact, in 40 frames" in corner
+def test_what_is_no_name_is_said_with_its_reason(cube: ObjectModel) -> None:
+    found = replace(diagnosis(cube), implausible=(("compliance", "at_bound"), ("wind", "no_change")))
+    text = " ".join(sentences(found))
+    assert "like compliance, but its fit ends at the bound" in text
+    assert "like wind, but the interval of its values includes no change" in text
 
 
-def test_joints_and_their_rates_have_names() -> None:
-    assert state_words("joint_1_rate") == ("joint 1's rate", "rad/s")
-    assert state_words("joint_1") == ("joint 1's angle", "rad")
-    assert wrench_words("torque_joint_1") == "torque in joint 1"
+def test_a_gap_that_solvers_disagree_on_is_said_with_its_size(cube: ObjectModel) -> None:
+    other = SolverDisagreement(1.42, 2.1, 2.6)
+    found = replace(without_effects(cube, "within_solver_disagreement"), disagreement=other)
+    assert headline(found) == "The gap is within what rigid-body solvers disagree on"
+    assert "its motions differ by up to 2.1 mm and 2.6 deg" in sentences(found)[-1]
 
 
-def test_a_next_toss_is_said_with_all_its_numbers() -> None:
-    release = {
-        "attitude_wxyz": [1.0, 0.0, 0.0, 0.0],
-        "velocity_ms": [0.0, 1.5, -0.5],
-        "lowest_corner_m": 0.12,
-        "position_m": [0.3, -0.2, 0.2],
-        "horizontal_speed_ms": 1.5,
-        "vertical_speed_ms": -0.5,
-        "spin_rads": 8.0,
-        "spin_body_rads": [8.0, 0.0, 0.0],
-        "joints": [0.5],
-        "joint_rates": [2.0],
-    }
-    found = {
-        "release": release,
-        "between": ["friction", "cohesion"],
-        "separation_sd": 12.3,
-        "separation_of_tosses_seen_sd": 3.1,
-    }
-    text = " ".join(next_toss_words(found))
-    for piece in (
-        "distinguish between friction and cohesion",
-        "lowest corner 12 cm above the ground, at x = 0.30 m, y = -0.20 m",
-        "1.50 m/s, 90 degrees from the x axis; 0.50 m/s down",
-        "spin 8.0 rad/s, (8.0, 0.0, 0.0)",
-        "joint 1 at 0.50, its rate 2.0 per second",
-        "differ by 12.3 standard deviations in this toss, and by 3.1",
-    ):
-        assert piece in text, piece
-    assert next_toss_words({"release": None, "reason": "why"}) == ["None proposed: why."]
+def test_what_is_named_first_depends_on_the_settings(cube: ObjectModel) -> None:
+    made = diagnosis(cube)
+    first = sentences(made)[0]
+    assert "Most of the gap arises" in first
+    high = replace(made, report=ReportSettings(main_share=1.0))
+    assert "Most of the gap arises" not in sentences(high)[0]
+
+
+def test_what_the_diagnosis_itself_adds_is_said(cube: ObjectModel) -> None:
+    found = replace(diagnosis(cube), misspecification=Misspecification(1.31, 0.31))
+    assert "leaves 1.31 standard deviations of motions that it made itself" in " ".join(sentences(found))
+    quiet = replace(found, misspecification=Misspecification(1.01, 0.01))
+    assert "made itself" not in " ".join(sentences(quiet))

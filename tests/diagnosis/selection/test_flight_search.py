@@ -3,44 +3,90 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.explain import explain
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.flight_search import search_flight
+from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, Forces, World
+from tossid.physics.effects import LIBRARY, Effect, Forces, World
 from tossid.physics.forces import DRAG
+from tossid.types import Toss
 
 NAMES = {effect.name: effect for effect in LIBRARY}
 
 
+DRAGS = [NAMES[name] for name in ("linear_drag", "quadratic_drag", "gravity", "com_offset")]
+PULLS = [NAMES[name] for name in ("uniform_force", "gravity", "friction")]
+
+
+def dragged(cube: ObjectModel, power: float) -> list[Toss]:
+    """Tosses with a drag by that power of the speed, beyond the first."""
+    return seen(World(cube, forces=Forces(linear=0.12, powered=DRAG, power=power)), cube, 16, seed=7)
+
+
+def pulled(cube: ObjectModel, force: np.ndarray) -> list[Toss]:
+    """Tosses that are pulled to one side, each by its own force [N]."""
+    return [seen(World(cube, forces=Forces(x=x)), cube, 1, seed=seed)[0] for seed, x in enumerate(force)]
+
+
+def of_flight(tosses: list[Toss], cube: ObjectModel, library: list[Effect]) -> SearchResult:
+    """What the search in flight alone finds."""
+    found = search_flight(CrossValidator.of(tosses, cube, seed=0), library, Hypothesis(World(cube)))
+    assert found is not None
+    return found
+
+
 def test_a_drag_of_another_power_has_no_name(cube: ObjectModel) -> None:
     """Its nearest in the library closes most of the gap, and is not it."""
-    library = [NAMES[name] for name in ("linear_drag", "quadratic_drag", "gravity", "com_offset")]
-    for power, named in ((2.0, ()), (1.0, ("quadratic_drag",))):
-        forces = Forces(linear=0.12, powered=DRAG, power=power)
-        found = explain(seen(World(cube, forces=forces), cube, 16, seed=7), World(cube), library=library)
-        assert found.named == named
-        assert (found.verdict == "unexplained") == (not named)
-        for name, further in found.other_laws:
-            assert (name, found.unexplained[0].name) == ("quadratic_drag", "flight")
-            assert further.low < 1.0 < further.high
-            # contact is searched in the world of the force that was found
-            assert further.low < found.hypothesis.base.forces.power < further.high
-    assert not found.other_laws
+    found = explain(dragged(cube, 2.0), World(cube), library=DRAGS)
+    assert (found.named, found.verdict) == ((), "unexplained")
+    ((name, further),) = found.other_laws
+    assert (name, found.unexplained[0].name) == ("quadratic_drag", "flight")
+    assert further.low < 1.0 < further.high
+    # contact is searched in the world of the force that was found
+    assert further.low < found.hypothesis.base.forces.power < further.high
+
+
+def test_a_drag_of_the_librarys_power_is_found_in_flight(cube: ObjectModel) -> None:
+    found = of_flight(dragged(cube, 1.0), cube, DRAGS)
+    assert found.present.hypothesis.names == ("quadratic_drag",)
+    assert (found.other_laws, found.unsteady) == ({}, ())
 
 
 def test_a_force_that_changes_from_toss_to_toss_has_no_name(cube: ObjectModel) -> None:
     """It pulls to one side, and so would its nearest in the library, which however is always the same."""
-    library = [NAMES[name] for name in ("uniform_force", "gravity", "friction")]
-    for force, named in ((np.linspace(0.03, 0.3, 18), ()), (np.full(18, 0.15), ("uniform_force",))):
-        tosses = [seen(World(cube, forces=Forces(x=x)), cube, 1, seed=seed)[0] for seed, x in enumerate(force)]
-        found = explain(tosses, World(cube), library=library)
-        assert found.named == named
-        assert found.unsteady == (() if named else ("uniform_force",))
-        assert (found.verdict == "unexplained") == (not named)
+    found = of_flight(pulled(cube, np.linspace(0.03, 0.3, 18)), cube, PULLS)
+    assert found.present.hypothesis.names == ("uniform_force",)
+    assert (found.unsteady, found.unnamed) == (("uniform_force",), {"uniform_force"})
+
+
+def test_a_force_that_does_not_change_is_found_in_flight(cube: ObjectModel) -> None:
+    found = of_flight(pulled(cube, np.full(18, 0.15)), cube, PULLS)
+    assert found.present.hypothesis.names == ("uniform_force",)
+    assert (found.other_laws, found.unsteady) == ({}, ())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("steady", [True, False])
+def test_a_steady_force_alone_has_a_name_in_the_end(cube: ObjectModel, steady: bool) -> None:
+    """Contact takes no name away, and adds none."""
+    force = np.full(18, 0.15) if steady else np.linspace(0.03, 0.3, 18)
+    found = explain(pulled(cube, force), World(cube), library=PULLS)
+    assert found.named == (("uniform_force",) if steady else ())
+    assert found.unsteady == (() if steady else ("uniform_force",))
+    assert (found.verdict == "unexplained") == (not steady)
+
+
+@pytest.mark.slow
+def test_a_drag_of_the_librarys_power_is_named_in_the_end(cube: ObjectModel) -> None:
+    found = explain(dragged(cube, 1.0), World(cube), library=DRAGS)
+    assert found.named == ("quadratic_drag",)
+    assert found.verdict != "unexplained"
+    assert not found.other_laws
 
 
 def test_without_flight_nothing_is_searched(cube: ObjectModel) -> None:

@@ -162,7 +162,7 @@ def test_tosses_that_say_little_name_nothing_by_accident(project: Path, spoilt: 
 def test_two_tosses_are_too_few(project: Path, spoilt: Path, capfd: pytest.CaptureFixture[str]) -> None:
     dataset = read_dataset(spoilt)
     write_dataset(replace(dataset, tosses=dataset.tosses[:2]), project / "two.h5")
-    assert "has 2 tosses; a diagnosis needs at least 6" in refused(["data=two.h5"], capfd)
+    assert "has 2 tosses; a diagnosis needs at least 3" in refused(["data=two.h5"], capfd)
     short = tuple(cut(toss, slice(0, 5)) for toss in dataset.tosses)
     write_dataset(replace(dataset, tosses=short), project / "short.h5")
     assert "has 0 tosses that serve (12 of 12 are shorter than 11 frames)" in refused(["data=short.h5"], capfd)
@@ -219,6 +219,42 @@ def test_a_model_that_is_no_simulator_of_it(
         (project / "mine.xml").write_text(text)
     assert words in refused([f"data={spoilt}", "sim=mjcf", "sim.path=mine.xml"], capfd)
     assert not (project / "outputs").exists()
+
+
+MINE = """
+import numpy as np
+
+def still(q0, v0, n_steps, dt):
+    return np.repeat(q0[:, None], n_steps + 1, axis=1), np.repeat(v0[:, None], n_steps + 1, axis=1)
+
+def broken(q0, v0, n_steps, dt):
+    return still(q0 * np.nan, v0, n_steps, dt)
+
+def dying(q0, v0, n_steps, dt):
+    raise SystemExit(7)
+"""
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        ("broken", "broken of mine.py: returns q that is not finite in 12 of 12 motions"),
+        ("dying", "dying of mine.py: its process ended (exit status 7)"),
+        ("absent", "has no function 'absent'"),
+    ],
+)
+def test_a_python_simulator_that_fails_is_one_line(
+    project: Path, spoilt: Path, capfd: pytest.CaptureFixture[str], function: str, words: str
+) -> None:
+    (project / "mine.py").write_text(MINE)
+    keys = [f"data={spoilt}", "sim=python", "sim.path=mine.py", f"sim.function={function}"]
+    assert words in refused(keys, capfd)
+    assert not (project / "outputs").exists()
+
+
+def test_a_python_simulator_needs_its_file(project: Path, spoilt: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert "sim.path: is needed" in refused(["sim=python"], capfd)
+    assert "sim.path: there is no file none.py" in refused([f"data={spoilt}", "sim=python", "sim.path=none.py"], capfd)
 
 
 def test_wrong_keys(project: Path, spoilt: Path, capfd: pytest.CaptureFixture[str]) -> None:

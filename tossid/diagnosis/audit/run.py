@@ -30,6 +30,7 @@ from tossid.diagnosis.audit.strengths import strengths_for, world_with
 from tossid.errors import ConfigError, InputError, TossidError
 from tossid.objects import ObjectModel, load_object
 from tossid.outputs import only_writer, output_folder, write_whole
+from tossid.parallel import as_done
 from tossid.physics.effects import World
 from tossid.physics.effects.in_mujoco import inexpressible
 from tossid.plain_json import jsonable
@@ -71,23 +72,6 @@ def in_this_process(function: Callable[..., Any], *args: Any) -> Future[Any]:
     return future
 
 
-def one_by_one(function: Callable[[Job], dict[str, Any]], jobs: Sequence[Job]) -> Finished:
-    """Jobs one after another.
-
-    Args:
-        function: What is computed of a job.
-        jobs: The jobs.
-
-    Yields:
-        A job, and its result or the error that it ended in.
-    """
-    for job in jobs:
-        try:
-            yield job, function(job)
-        except TossidError as error:
-            yield job, error
-
-
 def audit(
     object: str | Path | ObjectSettings | ObjectModel = "cube",
     *,
@@ -95,7 +79,7 @@ def audit(
     data: str | Path | None = None,
     settings: AuditSettings = AuditSettings(),
     submit: Submit = in_this_process,
-    each: Each = one_by_one,
+    each: Each = as_done,
     threads: int | None = None,
     progress: Progress | None = None,
     **keys: Any,

@@ -11,7 +11,8 @@ import numpy as np
 from tossid.diagnosis.audit.cases import KINDS
 from tossid.diagnosis.audit.strengths import world_with
 from tossid.diagnosis.likelihood.evidence import Hypothesis
-from tossid.diagnosis.localisation.gap import noise_floor, share_left
+from tossid.diagnosis.localisation.gap import share_left
+from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.screening import screen
 from tossid.physics.effects import World, effect_named
@@ -29,7 +30,7 @@ def closable_share(
         tosses: The case's tosses.
         world: The stated world.
         effects: The true effects and their values.
-        seed: Seed of the folds and of the noise floor.
+        seed: Seed of the folds.
         n_threads: Threads of the simulator.
 
     Returns:
@@ -39,7 +40,7 @@ def closable_share(
     validator, best = validator.with_contact_law(world_with(world, effects))
     world = replace(world, law=world.law._replace(lifting=best.law.lifting))
     first, last = validator.evaluate(Hypothesis(world)), validator.evaluate(Hypothesis(world_with(world, effects)))
-    floor = noise_floor(last, validator, seed=seed)
+    floor = noise_floor(validator.windows)
     return share_left(first, last, validator, floor)[0].value
 
 

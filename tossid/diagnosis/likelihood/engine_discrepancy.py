@@ -6,7 +6,8 @@ effect is sought (`CrossValidator.with_contact_law`), and is no effect. Beyond t
 contact yields, how several corners bounce, and what torsional friction and rolling resistance leave of sliding friction
 differ between engines. So each window has one more nuisance parameter c, the multiple of the difference between the
 other engine and ours (both with the same body, contact and gravity) that the residuals contain, c ~ N(0, 1). Where a
-user's MuJoCo model is diagnosed, its difference to our reading of it is expected once, c ~ N(1, 1).
+user's MuJoCo model is diagnosed, its difference to our reading of it is expected once, c ~ N(1, 1). Where any other
+simulator of a user is diagnosed, it is what is judged, and there is no other engine (`users_world`).
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ Array = NDArray[np.float64]
 FARTHEST = 1e3
 """[m] beyond which a motion has diverged."""
 _ROWS_AT_ONCE = 1_000_000
+"""States that MuJoCo returns at once: a bound on memory, of some hundred megabytes."""
 
 
 @dataclass(frozen=True)
@@ -122,10 +124,17 @@ class Engine:
         model: A user's MuJoCo model that is diagnosed; None for MuJoCo with near-rigid contact, of whatever body and
             ground the hypothesis has.
         world: The world as which that model is read.
+        none: Whether there is no other engine.
     """
 
     model: mujoco.MjModel | None = None
     world: World | None = None
+    none: bool = False
+
+    @property
+    def of_user(self) -> bool:
+        """Whether a user's own contact is taken as it is."""
+        return self.model is not None or self.none
 
     @property
     def expected(self) -> float:
@@ -144,6 +153,9 @@ class Engine:
                 have hardly moved since.
             n_threads: Of the simulators.
         """
+        if self.none:
+            nothing = np.zeros((*windows.inside.shape, windows.channels))
+            return EngineDifference(nothing, 0.0, nothing)
         settings, reuse_tolerance = windows.settings.engine, windows.settings.whitening.reuse_tolerance
         if self.model is None or self.world is None:
             ours = comparable(world)

@@ -21,6 +21,7 @@ from tossid.settings.likelihood import DensitySettings
 Array = NDArray[np.float64]
 
 N_PHASES = 6
+"""Phases of motion (`types.Phase`)."""
 FREE = 0
 """Number of free flight's windows among the phases."""
 

@@ -24,6 +24,7 @@ from tossid.settings.likelihood import EffectFitSettings
 
 Array = NDArray[np.float64]
 SCHEDULE = Damping(grow=8.0, fall=0.2, least=1e-2)
+"""Of Marquardt's damping: it changes how soon a fit ends, not where."""
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ from tossid.motion.resting import rest_scatter
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize
+from tossid.settings.contact import ContactSettings
 from tossid.settings.likelihood import LikelihoodSettings, SimulationSettings, WindowSettings
 from tossid.types import Phase, Toss
 
@@ -40,6 +41,7 @@ class Steps(TypedDict):
     substeps: int
     impact_parts: int
     tolerance: float
+    contact: ContactSettings
 
 
 def steps_of(world: World, settings: SimulationSettings = SimulationSettings()) -> Steps:
@@ -50,7 +52,12 @@ def steps_of(world: World, settings: SimulationSettings = SimulationSettings()) 
         settings: The numbers.
     """
     parts = settings.impact_parts if world.object.compliance == 0 else settings.compliant_impact_parts
-    return {"substeps": settings.substeps, "impact_parts": parts, "tolerance": settings.tolerance}
+    return {
+        "substeps": settings.substeps,
+        "impact_parts": parts,
+        "tolerance": settings.tolerance,
+        "contact": settings.contact,
+    }
 
 
 @dataclass(frozen=True)
@@ -199,6 +206,7 @@ def make_windows(
     long: int | None = None,
     shift: int = 0,
     first_flights: bool = True,
+    scatter: tuple[float, float] | None = None,
 ) -> Windows:
     """Tosses cut into consecutive windows, which end where frames are missing.
 
@@ -213,6 +221,7 @@ def make_windows(
         long: Frames of a window that is all flight or all rest; the settings' if None.
         shift: Frames of each toss that are left out at its beginning, which shifts all windows.
         first_flights: Whether first flights get windows of their own.
+        scatter: Sizes of a tracker's slow errors [m], [rad], as other tosses show them; these tosses' own if None.
     """
     cut = settings.windows
     length, long = (cut.length if length is None else length), (cut.long if long is None else long)
@@ -220,7 +229,8 @@ def make_windows(
     most, K = max(length, long), tosses[0].v.shape[1]
     cuts = [(i, *each) for i, toss in enumerate(tosses) for each in _cuts(toss, dt, length, long, shift, cut)]
     consecutive = len(cuts)
-    scatter = (0.0, 0.0) if model is None else rest_scatter(tosses, model)
+    if scatter is None:
+        scatter = (0.0, 0.0) if model is None else rest_scatter(tosses, model)
     if model is not None and first_flights:
         cuts += [(i, *each) for i, toss in enumerate(tosses) for each in _first_flight(toss, model, dt, long, cut)]
     W = len(cuts)

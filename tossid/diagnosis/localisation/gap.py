@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Gap, Interval, Share
-from tossid.diagnosis.likelihood.evidence import N_PHASES, Evidence, student_deviance
+from tossid.diagnosis.likelihood.evidence import Evidence, student_deviance
 from tossid.diagnosis.likelihood.whitening import linearise
-from tossid.diagnosis.likelihood.windows import Windows, make_windows, moved_pose
+from tossid.diagnosis.likelihood.windows import make_windows
+from tossid.diagnosis.localisation.noise import Floor
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.types import Phase, Toss
 
@@ -20,19 +20,6 @@ Array = NDArray[np.float64]
 PHASES = (Phase.FLIGHT, Phase.IMPACT, Phase.SLIDE, Phase.ROLL, Phase.REST)
 CHANNELS = ("p_x", "p_y", "p_z", "r_x", "r_y", "r_z")
 """Of the base; those of joints are joint_1 and so on."""
-
-
-@dataclass(frozen=True)
-class Floor:
-    """What noise and uncertain first states alone leave.
-
-    Attributes:
-        deviance: (W, L, K) mean deviance of each entry's phase.
-        rms: Root mean square of whitened residuals.
-    """
-
-    deviance: Array
-    rms: float
 
 
 def deviance(evidence: Evidence, residuals: Array) -> Array:
@@ -81,11 +68,11 @@ def measure_gap(tosses: Sequence[Toss], state: Candidate, validator: CrossValida
 
     Args:
         tosses: As recorded.
-        state: The hypothesis.
+        state: The hypothesis, judged if it has effects.
         validator: Of all windows.
         floor: The noise floor.
     """
-    n, e, residuals = validator.n, state.evidence, state.fitted.residuals
+    n, e, residuals = validator.n, state.evidence, judged_residuals(state)
     w, settings = e.windows, validator.settings
     resamples = settings.localisation.resamples
     squares, entries = _counted_squares(e, residuals)
@@ -109,7 +96,7 @@ def measure_gap(tosses: Sequence[Toss], state: Candidate, validator: CrossValida
     own, others = settings.likelihood.windows.length, settings.localisation.other_lengths
     of_others = validator.map(lambda length: _rms_of(tosses, length, state, validator), others)
     rms = {own: total.value} | dict(zip(others, of_others, strict=True))
-    lengths = tuple((length, rms[length], 1.0) for length in sorted(rms))
+    lengths = tuple((length, rms[length], floor.rms) for length in sorted(rms))
     return Gap(total, floor.rms, phases, channels, lengths, rows, odd)
 
 
@@ -142,61 +129,12 @@ def _rms_of(tosses: Sequence[Toss], length: int, state: Candidate, validator: Cr
     return float(np.sqrt(np.minimum(r**2, evidence.density.largest_residual**2).mean()))
 
 
-def noise_floor(state: Candidate, validator: CrossValidator, *, seed: int) -> Floor:
-    """The noise floor, from motions that the world itself makes from the windows' first states, measured with noise.
-
-    It is never above what the world leaves: where noise is smaller than stated, no gap must close twice.
-
-    Args:
-        state: The hypothesis whose world is simulated.
-        validator: Of all windows.
-        seed: Of the noise.
-    """
-    e, world = state.evidence, state.hypothesis.world()
-    w = e.windows
-    rng = np.random.default_rng(seed + 1)
-    truth = w.predicted(world, n_threads=validator.n_threads)
-    truth = np.where(np.isfinite(truth), truth, w.y[:, : truth.shape[1]])
-    before, slow = _slow_errors(w, truth.shape[1], rng)
-    noise = w.y_noise[:, : truth.shape[1]] * rng.normal(size=slow.shape) + slow
-    y = moved_pose(truth, noise)
-    first = w.prior[:, : w.channels] * rng.normal(size=before.shape) + before
-    q, v = moved_pose(w.at_q, first), w.v  # velocities are as wrong as the recorded ones
-    made = replace(w, y=y, q=q, v=v, at_q=q, at_v=v)
-    # windows may contain a multiple of the engines' difference; here it is none
-    difference = None if e.difference is None else replace(e.difference, expected=0.0)
-    restarts = validator.settings.cross_validation.restarts
-    kept, whitening = linearise(
-        made, world, refine=6, restarts=restarts, difference=difference, n_threads=validator.n_threads
-    )
-    r = Evidence(kept, whitening, validator.n_threads).residuals(world)
-    values, achieved, out = deviance(e, r), deviance(e, state.fitted.residuals), np.zeros_like(r)
-    for phase in range(N_PHASES):
-        chosen = (w.phase == phase) & w.counted
-        if chosen.any():
-            out[chosen] = np.minimum(values[chosen].mean(0), achieved[chosen].mean(0))
-    largest = e.density.largest_residual**2
-    rms = (np.sqrt(np.minimum(x[w.counted] ** 2, largest).mean()) for x in (r, state.fitted.residuals))
-    return Floor(out, float(min(rms)))
-
-
-def _slow_errors(w: Windows, frames: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """A tracker's slow errors (`Windows.slow`): of first poses (W, K) and of frames (W, frames, K)."""
-    (W, L), K = w.inside.shape, w.channels
-    drawn = np.zeros((W, L + 1, K))
-    if w.slow.any():
-        cov = w.slow.copy()
-        index = np.arange(L + 1)
-        cov[..., index, index] += 1e-9 * cov[..., :1, 0] + 1e-30
-        drawn = (np.linalg.cholesky(cov) @ rng.normal(size=(W, K, L + 1, 1)))[..., 0].transpose(0, 2, 1)
-    row = 1 + w.mix[..., :frames].argmax(axis=1)
-    return drawn[:, 0], np.take_along_axis(drawn, row[..., None], axis=1)
-
-
 def share_left(
     first: Candidate, last: Candidate, validator: CrossValidator, floor: Floor
 ) -> tuple[Interval, tuple[Share, ...]]:
     """The share of the first gap that is closed, and phases with some left; each toss at the other folds' values.
+
+    Where nothing lies above the noise floor, nothing can be closed.
 
     Args:
         first: The hypothesis without effects.
@@ -208,7 +146,11 @@ def share_left(
     before = deviance(first.evidence, first.fitted.residuals) - floor.deviance
     after = deviance(last.evidence, cross_fitted(last, validator)) - floor.deviance
     whole = by_toss(first.evidence, before, n)
+    if not whole.sum() > 0:
+        return Interval(0.0, 0.0, 0.0), ()
     closed = bootstrap_ratio(whole - by_toss(last.evidence, after, n), whole, resamples=settings.resamples)
+    # below the floor is no more than all
+    closed = Interval(*(min(1.0, x) for x in (closed.value, closed.low, closed.high)))
     left = []
     for phase in PHASES:
         there = np.where((last.evidence.windows.phase == phase)[..., None], after, 0.0)
@@ -219,22 +161,33 @@ def share_left(
 
 
 def cross_fitted(state: Candidate, validator: CrossValidator) -> Array:
-    """(W, L, K) whitened residuals of every toss at values fitted to the other folds.
+    """(W, L, K) whitened residuals of every toss without which the hypothesis was chosen and fitted.
+
+    A hypothesis on the way, which was not judged so, has its values moved by one Gauss-Newton step only.
 
     Args:
         state: The hypothesis.
         validator: Of all windows.
     """
     fitted, e = state.fitted, state.evidence
-    if not fitted.hypothesis.effects:
-        return fitted.residuals
+    if not fitted.hypothesis.effects or state.judged is not None:
+        return judged_residuals(state)
     out = fitted.residuals.copy()
     for held in validator.folds:
         out[held[e.windows.toss]] = e.of_tosses(held).residuals(fitted.of_part(~held).world())
     return out
 
 
-def mean_square_left(state: Candidate, validator: CrossValidator) -> Interval:
+def judged_residuals(state: Candidate) -> Array:
+    """(W, L, K) whitened residuals as judged, or as fitted where nothing was judged.
+
+    Args:
+        state: The hypothesis.
+    """
+    return state.fitted.residuals if state.judged is None else state.judged
+
+
+def mean_square(state: Candidate, validator: CrossValidator) -> Interval:
     """Mean square of whitened residuals, each toss at values fitted to the other folds.
 
     Args:

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from tossid.diagnosis.findings import Interval, Step
 from tossid.diagnosis.likelihood.whitening import linearise
 from tossid.diagnosis.likelihood.windows import Windows, make_windows, steps_of
-from tossid.diagnosis.localisation.gap import bootstrap_ratio, mean_square_left
+from tossid.diagnosis.localisation.gap import bootstrap_ratio, mean_square
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
+from tossid.diagnosis.selection.nested import JudgingFold
 from tossid.motion import flight_states
 from tossid.physics.effects import World
 from tossid.rotations import geodesic_angle
@@ -26,6 +27,7 @@ def rollout_errors(
     state: Candidate,
     validator: CrossValidator,
     begin: Windows | None = None,
+    folds: Sequence[JudgingFold] = (),
 ) -> Step:
     """Errors of rollouts of whole tosses under a hypothesis.
 
@@ -35,13 +37,15 @@ def rollout_errors(
         state: The hypothesis.
         validator: Of all windows.
         begin: The windows of the unseen tosses.
+        folds: What was chosen and fitted without each; one Gauss-Newton step from all tosses' values if there are none.
     """
     errors = np.full((validator.n, 2), np.nan)
-    for held in validator.folds:
+    without = [(fold.held, fold.hypothesis) for fold in folds]
+    for held, hypothesis in without or [(held, state.fitted.of_part(~held)) for held in validator.folds]:
         some = np.flatnonzero(held)
         chosen, own = [tosses[i] for i in some.tolist()], validator.windows.of_tosses(some)
-        errors[held] = _errors(chosen, state.fitted.of_part(~held).world(), own, n_threads=validator.n_threads)
-    left, names = mean_square_left(state, validator), state.hypothesis.names
+        errors[held] = _errors(chosen, hypothesis.world(), own, n_threads=validator.n_threads)
+    left, names = mean_square(state, validator), state.hypothesis.names
     if not unseen:
         return Step(names, *_means(errors), left)
     unseen_errors = _errors(unseen, state.hypothesis.world(), begin, n_threads=validator.n_threads)

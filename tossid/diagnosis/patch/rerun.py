@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
-from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis, student_deviance
+from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
 from tossid.diagnosis.likelihood.whitening import linearise
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.diagnosis.localisation.gap import bootstrap_ratio, by_toss, deviance
+from tossid.diagnosis.localisation.noise import expected_deviance
 from tossid.diagnosis.localisation.rollouts import first_states
 from tossid.diagnosis.patch.make import Patch
 from tossid.evaluation.metrics import summarize
@@ -96,8 +97,7 @@ def rerun(
 
 def _excess(evidence: Evidence, residual: Array) -> Array:
     """(W, L, K) deviance above what a standard normal has on average; 0 outside the windows."""
-    nodes, weights = np.polynomial.hermite_e.hermegauss(60)
-    floor = float(weights @ student_deviance(nodes) / weights.sum())
+    floor = expected_deviance(1.0, evidence.density)
     return np.where(evidence.windows.inside[..., None], deviance(evidence, residual) - floor, 0.0)
 
 

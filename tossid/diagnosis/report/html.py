@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 
 from tossid.diagnosis.findings import Finding, Interval
 from tossid.diagnosis.report.figures import VERDICTS, gain_per_toss
+from tossid.diagnosis.report.localisation_text import next_toss_words
 from tossid.diagnosis.report.registry import REPORT_FIGURES
-from tossid.diagnosis.report.text import headline, next_toss_words, sentences, stated_values, verdict_of
+from tossid.diagnosis.report.text import headline, sentences, stated_values, verdict_of
 from tossid.diagnosis.report.units import (
     change,
     closed_share,
@@ -73,7 +74,7 @@ def _content(diagnosis: Diagnosis, figures: Mapping[str, Figure]) -> dict[str, A
         "sentences": [*sentences(diagnosis), *diagnosis.remarks],
         "figures": [figure for figure in drawn if not figure["detail"]],
         "details": [figure for figure in drawn if figure["detail"]],
-        "named": [_named(diagnosis, f) for f in diagnosis.findings if f.verdict in ("identified", "confusable")],
+        "named": [_named(diagnosis, f) for f in diagnosis.findings if f.headline],
         "next_toss": _next_toss(diagnosis),
         "patch": _patch(diagnosis.patch),
         "effects": [_effect(f) for f in diagnosis.findings],

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Corner, Interval, Relation
 from tossid.diagnosis.report.figures import AFTER, BEFORE, PHASES, plain
+from tossid.diagnosis.report.localisation_text import corner_paragraphs, state_words, wrench_paragraphs, wrench_words
 from tossid.diagnosis.report.registry import report_figure
-from tossid.diagnosis.report.text import corner_paragraphs, state_words, wrench_paragraphs, wrench_words
 from tossid.diagnosis.report.units import percent, place_of, short
 from tossid.diagnosis.result import Diagnosis
 from tossid.evaluation.figures.style import INK, MUTED, SMALL, footnote, key_row, new_figure, panel_grid, styled

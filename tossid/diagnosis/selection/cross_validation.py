@@ -9,13 +9,13 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import wilcoxon
 
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
 from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
 from tossid.diagnosis.likelihood.fitting import Fitted, fit, perturbed
 from tossid.diagnosis.likelihood.whitening import linearise
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
+from tossid.diagnosis.selection.significance import part_p_value
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, World
 from tossid.physics.solvers.batches import whole_batches
@@ -38,6 +38,8 @@ class Candidate:
         gain: (W,) of every window's log-likelihood, over the hypothesis before.
         toss_gains: (G, n) weighted gain of every toss, but for what a fit to nothing would lose: in all windows, in
             those with an impact, and in the others with contact, if there are both.
+        judged: (W, L, K) whitened residuals of every toss under what was chosen and fitted without it; None while
+            nothing was judged (`selection.nested`).
     """
 
     effect: Effect | None
@@ -45,6 +47,7 @@ class Candidate:
     log_likelihood: Array
     gain: Array
     toss_gains: Array
+    judged: Array | None = None
 
     @property
     def evidence(self) -> Evidence:
@@ -72,30 +75,6 @@ class Candidate:
     def name(self) -> str:
         """Name of the effect that joined last."""
         return "" if self.effect is None else self.effect.name
-
-
-def signed_rank_p_value(values: Array) -> float:
-    """One-sided p-value that values tend to be positive (Wilcoxon's signed ranks); 1 for fewer than three values.
-
-    Ranks, as few tosses have residuals far beyond the others', and would decide a mean.
-
-    Args:
-        values: (n,), one a toss.
-    """
-    if len(values) < 3 or not np.any(values):
-        return 1.0
-    return float(wilcoxon(values, alternative="greater", method="auto").pvalue)
-
-
-def part_p_value(values: Array) -> float:
-    """One-sided p-value that values tend to be positive in any part (Bonferroni).
-
-    Impacts are rough: what acts in sliding would be lost in their noise.
-
-    Args:
-        values: (G, n) of G parts and n tosses.
-    """
-    return min(1.0, len(values) * min(signed_rank_p_value(each) for each in values))
 
 
 def draw_folds(n: int, rng: np.random.Generator, count: int = 8) -> tuple[NDArray[np.bool_], ...]:
@@ -178,11 +157,13 @@ class CrossValidator:
         """The world with the contact law that the tosses follow most, and the validator that belongs to it.
 
         The law is Coulomb's, its relaxation, or, where a user's MuJoCo model is diagnosed, that model's own; the last
-        only together with its engine.
+        only together with its engine. Any other simulator of a user has its own.
 
         Args:
             world: The simulator.
         """
+        if self.engine.none:
+            return self, world
         relaxed = replace(world, law=world.law._replace(lifting=self.settings.likelihood.engine.lifting))
         tried = [(replace(self, engine=Engine()), each) for each in (world, relaxed)]
         if self.engine.model is not None:
@@ -305,7 +286,7 @@ class CrossValidator:
         return replace(one, log_likelihood=np.maximum(one.log_likelihood, other))
 
     def held_out_log_likelihood(self, fitted: Fitted, evidence: Evidence | None = None) -> Array:
-        """(W,) log-likelihood of each window at values fitted to the other folds.
+        """(W,) log-likelihood of each window at values fitted to the other folds, with scales of these.
 
         Args:
             fitted: The hypothesis.
@@ -317,7 +298,8 @@ class CrossValidator:
             own = held[evidence.windows.toss]
             if own.any():
                 part = evidence.of_tosses(held)
-                out[own] = part.log_likelihood_of(fitted.of_part(~held).world(), fitted.scales)
+                scales = evidence.of_tosses(~held).scales(fitted.residuals[~own])
+                out[own] = part.log_likelihood_of(fitted.of_part(~held).world(), scales)
         return out
 
     def gain_over(self, one: Candidate, other: Candidate) -> Array:

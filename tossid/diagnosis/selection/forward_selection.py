@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.evidence import Evidence, student_deviance
-from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator, part_p_value
+from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.screening import Screened, screen
+from tossid.diagnosis.selection.significance import PARTS, fewest_tosses, part_p_value
 from tossid.physics.effects import Effect
 
 Array = NDArray[np.float64]
@@ -84,9 +85,13 @@ class ForwardSelection:
         self.validator, self.library, self.progress = validator, library, progress
         self.settings = validator.settings.selection
         self.level = self.settings.level / max(len(library), 1)
+        windows = validator.windows
+        tests = 1 if windows.free.all() else PARTS
+        needed = fewest_tosses(self.settings.level, tests=tests, effects=len(library))
+        self.can_name = len(np.unique(windows.toss)) >= needed
 
     def run(self, first: Candidate, history: Sequence[Candidate], done: float = 0.0) -> SelectionPath:
-        """Rounds from the last hypothesis of a history until no effect is significant.
+        """Rounds from the last hypothesis of a history until no effect is significant; none with too few tosses.
 
         Args:
             first: The hypothesis without effects, of whose gap shares are taken.
@@ -98,7 +103,7 @@ class ForwardSelection:
         first_round: dict[str, Candidate] = {}
         runners_up: list[Candidate] = []
         without: dict[str, Candidate] = {}
-        for turn in range(self.settings.most_rounds):
+        for turn in range(self.settings.most_rounds if self.can_name else 0):
             if len(present.hypothesis.effects) == self.settings.most_effects:
                 break
             self.progress(f"round {turn + 1}", min(done + 0.08 * turn, max(done, 0.75)))

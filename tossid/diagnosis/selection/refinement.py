@@ -151,7 +151,7 @@ def intervals(fitted: Fitted, n: int, spread: Array | None = None, n_flight: int
     """95 % intervals of every effect's parameters: sandwich estimate over tosses, Student's quantile.
 
     What flight determines is no better known than by flight alone: contact, which could determine it better, moves it
-    away from the truth as often as towards it.
+    away from the truth as often as towards it. No interval goes beyond what is physically possible.
 
     Args:
         fitted: The hypothesis.
@@ -170,7 +170,8 @@ def intervals(fitted: Fitted, n: int, spread: Array | None = None, n_flight: int
         named = {}
         for parameter, value in zip(effect.parameters, values, strict=True):
             value = float(np.clip(value, low[k], high[k]))
-            named[parameter.name] = Interval(value, value - quantile * error[k], value + quantile * error[k])
+            ends = np.clip(value + np.array([-1.0, 1.0]) * quantile * error[k], low[k], high[k])
+            named[parameter.name] = Interval(value, *ends.tolist())
             k += 1
         out[effect.name] = named
     return out

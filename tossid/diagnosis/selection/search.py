@@ -123,7 +123,7 @@ class _Search:
         The relaxation lifts what slides, and so makes up for some of a missing bounce.
         """
         validator, relaxed = self.validator, hypothesis.base
-        if relaxed.law.lifting == 0 or validator.engine.model is not None:
+        if relaxed.law.lifting == 0 or validator.engine.of_user or not self._rounds.can_name:
             return hypothesis
         base = replace(relaxed, law=relaxed.law._replace(lifting=0.0))
         found = Hypothesis(relaxed) if flight is None else flight.present.hypothesis

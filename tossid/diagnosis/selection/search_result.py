@@ -23,6 +23,7 @@ class SearchResult:
         n_flight: How many of the effects, the first, were found in free flight.
         other_laws: Effects that stand in for a force of another law, each beside its fitted power of the state.
         unsteady: Effects that flight reveals, but not the same in all tosses.
+        implausible: Effects whose intervals hold no change or touch a bound (`selection.plausibility`).
     """
 
     first: Candidate
@@ -35,11 +36,21 @@ class SearchResult:
     n_flight: int = 0
     other_laws: dict[str, Candidate] = field(default_factory=dict)
     unsteady: tuple[str, ...] = ()
+    implausible: tuple[str, ...] = ()
 
     @property
     def unnamed(self) -> frozenset[str]:
         """Effects of the last hypothesis that only stand in for something else."""
-        return frozenset((*self.other_laws, *self.unsteady))
+        return frozenset((*self.other_laws, *self.unsteady, *self.implausible))
+
+    def with_names(self, classes: dict[str, tuple[Candidate, ...]], implausible: tuple[str, ...]) -> SearchResult:
+        """With other confusable classes, and effects that are no names.
+
+        Args:
+            classes: For each effect, the hypotheses with another in its place.
+            implausible: Names of the effects that are none.
+        """
+        return replace(self, classes=classes, implausible=implausible)
 
     def ending_in(self, present: Candidate) -> SearchResult:
         """With another last hypothesis.

@@ -1,0 +1,138 @@
+"""A user's simulator in a process of its own: right answers come back, and each way to fail is one clear error."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tossid.diagnosis.likelihood.simulator_process import FromFile, Given, SimulatorProcess
+from tossid.errors import InputError
+
+Q0 = np.array([[0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0], [0.1, 0.2, 0.7, 0.0, 1.0, 0.0, 0.0]])
+V0 = np.array([[0.3, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.4, 1.0, 0.0, 0.0, 0.0]])
+
+
+def falling(q0: np.ndarray, v0: np.ndarray, n_steps: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Free fall without spin."""
+    t = dt * np.arange(n_steps + 1)[:, None]
+    q, v = (np.repeat(each[:, None], n_steps + 1, axis=1) for each in (q0, v0))
+    g = np.array([0.0, 0.0, -9.81])
+    q[..., :3] += v0[:, None, :3] * t + 0.5 * g * t**2
+    v[..., :3] += g * t
+    return q, v
+
+
+@pytest.fixture
+def made() -> Iterator[Any]:
+    processes: list[SimulatorProcess] = []
+
+    def make(source: Any, seconds: float = 60.0) -> SimulatorProcess:
+        process = SimulatorProcess(
+            source if isinstance(source, FromFile) else Given(source), about="mine", seconds=seconds
+        )
+        processes.append(process)
+        return process
+
+    yield make
+    for process in processes:
+        process.close()
+
+
+def test_motions_come_back_as_the_function_has_them(made: Any) -> None:
+    process = made(falling)
+    np.testing.assert_array_equal(process(Q0, V0, 7, 0.01), falling(Q0, V0, 7, 0.01)[0])
+    assert process(Q0[:1], V0[:1], 2, 0.01).shape == (1, 3, 7)
+
+
+def test_it_runs_in_another_process_that_starts_again_after_it_was_closed(made: Any) -> None:
+    def telling(q0: np.ndarray, v0: np.ndarray, n_steps: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        q, v = falling(q0, v0, n_steps, dt)
+        q[:, 1:, 0] = os.getpid()
+        return q, v
+
+    process = made(telling)
+    first = process(Q0, V0, 1, 0.01)[0, 1, 0]
+    assert first != os.getpid()
+    assert process(Q0, V0, 1, 0.01)[0, 1, 0] == first
+    process.close()
+    assert process(Q0, V0, 1, 0.01)[0, 1, 0] not in (first, os.getpid())
+
+
+def _nan(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
+    q, v = falling(q0, v0, n_steps, dt)
+    q[1, 3:, 2] = np.nan
+    return q, v
+
+
+def _short(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
+    q, v = falling(q0, v0, n_steps, dt)
+    return q[:, 1:], v[:, 1:]
+
+
+def _shifted(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
+    q, v = falling(q0, v0, n_steps + 1, dt)
+    return q[:, 1:], v[:, 1:]
+
+
+def _stretched(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
+    q, v = falling(q0, v0, n_steps, dt)
+    q[..., 3:7] *= 1.5
+    return q, v
+
+
+def _raising(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
+    raise ValueError("no such friction")
+
+
+@pytest.mark.parametrize(
+    ("function", "says"),
+    [
+        (
+            lambda *_: os.kill(os.getpid(), signal.SIGSEGV),
+            r"mine: its process crashed \(SIGSEGV\), called with 2 first",
+        ),
+        (lambda *_: os._exit(3), r"mine: its process ended \(exit status 3\)"),
+        (_nan, r"returns q that is not finite in 1 of 2 motions, in row 1 from frame 3 of 5"),
+        (_short, r"returns q of shape \(2, 5, 7\), expected \(2, 6, 7\)"),
+        (_shifted, r"begin 0.0\d+ from the first states"),
+        (_stretched, r"quaternions of length 1.5"),
+        (_raising, r"mine: raises ValueError: no such friction \(line \d+ of test_simulator_process.py\)"),
+        (lambda *_: None, r"returns NoneType, expected a pair of arrays"),
+    ],
+    ids=["crash", "exit", "nan", "shape", "first", "quaternion", "raises", "none"],
+)
+def test_each_failure_is_one_clear_error(made: Any, function: Any, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        made(function)(Q0, V0, 5, 0.01)
+
+
+def test_a_hang_is_ended(made: Any) -> None:
+    process = made(lambda *_: time.sleep(60), seconds=1.0)
+    began = time.perf_counter()
+    with pytest.raises(InputError, match="gave no answer within 1 s, and was ended"):
+        process(Q0, V0, 5, 0.01)
+    assert time.perf_counter() - began < 30
+
+
+def test_a_function_of_a_file(made: Any, tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "import numpy as np\nprint('loaded')\n"
+        "def simulate(q0, v0, n_steps, dt):\n"
+        "    print('called')\n"
+        "    return np.repeat(q0[:, None], n_steps + 1, 1), np.repeat(v0[:, None], n_steps + 1, 1)\n"
+    )
+    still = made(FromFile(path, "simulate"))(Q0, V0, 3, 0.01)
+    np.testing.assert_array_equal(still, np.repeat(Q0[:, None], 4, axis=1))
+    with pytest.raises(InputError, match="has no function 'other'"):
+        made(FromFile(path, "other"))(Q0, V0, 3, 0.01)
+    path.write_text("import no_such_engine\n")
+    with pytest.raises(InputError, match=r"cannot be loaded: ModuleNotFoundError.*\(line 1 of mine.py\)"):
+        made(FromFile(path, "simulate"))(Q0, V0, 3, 0.01)

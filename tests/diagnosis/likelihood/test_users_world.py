@@ -1,0 +1,71 @@
+"""A user's simulator as a world: itself without effects, changed by what effects change, and not asked twice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from tests.models.made import DT, thrown
+from tossid.diagnosis.likelihood.simulator_process import Given, SimulatorProcess
+from tossid.diagnosis.likelihood.users_world import UsersWorld
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World, effect_named
+
+HOW = {"substeps": 4, "impact_parts": 8}
+
+
+@pytest.fixture
+def world(cube: ObjectModel) -> Iterator[UsersWorld]:
+    """A simulator with another gravity than is stated."""
+    moon = World(cube, gravity=3.0)
+
+    def simulate(q0: np.ndarray, v0: np.ndarray, n_steps: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        q = moon.roll_out(q0, v0, n_steps=n_steps, dt=dt, substeps=4, impact_parts=8)
+        return q, np.repeat(v0[:, None], n_steps + 1, axis=1)
+
+    process = SimulatorProcess(Given(simulate), about="moon", seconds=60.0)
+    yield UsersWorld.of(World(cube), process)
+    process.close()
+
+
+def test_without_effects_it_is_the_simulator(world: UsersWorld, cube: ObjectModel) -> None:
+    q, v = thrown(np.random.default_rng(0), 4)
+    steps = np.array([3, 20, 40, 60])
+    run = world.roll_out(q, v, n_steps=steps, dt=DT, **HOW)
+    wanted = World(cube, gravity=3.0).roll_out(q, v, n_steps=60, dt=DT, **HOW)
+    assert run.shape == (4, 61, 7)
+    for row, n in enumerate(steps):
+        np.testing.assert_allclose(run[row, : n + 1], wanted[row, : n + 1], atol=1e-12)
+
+
+def test_an_effect_changes_it_as_it_changes_the_stated_object(world: UsersWorld, cube: ObjectModel) -> None:
+    q, v = thrown(np.random.default_rng(1), 3)
+    q[:, 2] += 5.0  # free
+    heavier = effect_named("gravity").at(world, np.array([10.81]))
+    assert isinstance(heavier, UsersWorld)
+    run = heavier.roll_out(q, v, n_steps=30, dt=DT, **HOW)
+    # one m/s² more than the stated 9.81 is one more than the simulator's 3
+    wanted = World(cube, gravity=4.0).roll_out(q, v, n_steps=30, dt=DT, **HOW)
+    np.testing.assert_allclose(run[..., :3], wanted[..., :3], atol=1e-6)
+    np.testing.assert_allclose(np.abs((run[..., 3:] * wanted[..., 3:]).sum(-1)), 1.0, atol=1e-9)
+
+
+def test_a_motion_is_asked_for_once(world: UsersWorld) -> None:
+    assert world.motions is not None
+    asked: list[int] = []
+    process = world.motions.process
+
+    def counting(q: np.ndarray, v: np.ndarray, n_steps: int, dt: float) -> np.ndarray:
+        asked.append(len(q))
+        return process(q, v, n_steps, dt)
+
+    world.motions.process = counting  # type: ignore[assignment]
+    q, v = thrown(np.random.default_rng(2), 4)
+    first = world.roll_out(q, v, n_steps=10, dt=DT, **HOW)
+    again = world.roll_out(q, v, n_steps=np.array([10, 4, 10, 7]), dt=DT, **HOW)
+    np.testing.assert_array_equal(again[1, :5], first[1, :5])
+    assert asked == [4]
+    world.roll_out(q, v, n_steps=12, dt=DT, **HOW)
+    assert asked == [4, 4]

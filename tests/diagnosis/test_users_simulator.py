@@ -1,0 +1,71 @@
+"""A user's simulator is judged itself: of tosses that one changed parameter of it made, that parameter is named."""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.conftest import ROOT
+from tests.diagnosis.tossed import recorded
+from tests.models.made import DT, thrown
+from tossid.diagnosis.diagnose import diagnose, prepare
+from tossid.errors import InputError
+from tossid.objects import ObjectModel
+from tossid.physics.effects import LIBRARY
+from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.store import Dataset
+
+KEPT = ("friction", "gravity", "restitution")
+WITHOUT = tuple(effect.name for effect in LIBRARY if effect.name not in KEPT)
+
+
+@pytest.fixture(scope="module")
+def engine() -> Callable[..., Any]:
+    """A cube in MuJoCo with its default soft contact, which tossid does not have."""
+    simulate: Callable[..., Any] = runpy.run_path(str(ROOT / "examples" / "diagnose_mujoco.py"))["simulate"]
+    return simulate
+
+
+def made_by(simulate: Callable[..., Any], cube: ObjectModel, count: int, *, seed: int, **changed: float) -> Dataset:
+    rng = np.random.default_rng(seed)
+    run, _ = simulate(*thrown(rng, count), 60, DT, **changed)
+    return Dataset(cube, tuple(recorded(run, cube, rng)), 148.0, "made", {})
+
+
+def test_one_changed_parameter_is_named(engine: Callable[..., Any], cube: ObjectModel) -> None:
+    dataset = made_by(engine, cube, 10, seed=5, gravity=9.2)
+    found = diagnose(dataset, engine, without=WITHOUT, threads=1)
+    assert found.named[:1] == ("gravity",)
+    assert not {"friction", "restitution"} & set(found.named)
+    assert found.contact == "own"
+    g = found.findings[0].parameters["g_ms2"]
+    assert g.value == pytest.approx(9.2, abs=0.03)
+    assert found.simulator is not None
+    assert found.simulator.kind == "python"
+
+
+def test_the_engine_itself_has_no_gap_to_its_own_tosses(engine: Callable[..., Any], cube: ObjectModel) -> None:
+    found = diagnose(made_by(engine, cube, 10, seed=6), engine, without=WITHOUT, threads=1)
+    assert found.named == ()
+    assert found.verdict == "no_gap"
+    assert found.gap.total.value < 1.25
+
+
+def test_a_simulator_that_fails_is_refused_before_the_search(engine: Callable[..., Any], cube: ObjectModel) -> None:
+    dataset = made_by(engine, cube, 4, seed=7)
+
+    def broken(q0: np.ndarray, v0: np.ndarray, n_steps: int, dt: float) -> Any:
+        q, v = engine(q0, v0, n_steps, dt)
+        return q * np.nan, v
+
+    with pytest.raises(InputError, match=r"the simulator .*broken: returns q that is not finite in 4 of 4 motions"):
+        prepare(dataset, broken, settings=DiagnoseSettings(threads=1))
+    with pytest.raises(InputError, match=r"'nominal', a trained model, .* or a function"):
+        prepare(dataset, 3.0)
+    # a partial function serves too
+    assert prepare(dataset, partial(engine, mu=0.2)).simulator.about.startswith("the simulator")

@@ -1,0 +1,121 @@
+"""The noise floor: what the noise of the recorded poses alone leaves of whitened residuals, with no simulator in it.
+
+Where the stated noise is right, whitened residuals of a right simulator have unit variance, whatever first states were.
+Whether it is right shows in flight, without a simulator: there positions follow a parabola and rotations turn evenly,
+so third differences of both are noise, with sqrt(20) times its standard deviation. Where they show more noise than is
+stated, the floor is that much higher. Where they show less, it stays: errors that follow each other over frames, as a
+tracker's do, are smaller in differences than they are.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.likelihood.evidence import student_deviance
+from tossid.diagnosis.likelihood.windows import Windows
+from tossid.rotations import quat_boxminus
+from tossid.settings.likelihood import DensitySettings
+
+Array = NDArray[np.float64]
+
+_OF_THIRD_DIFFERENCES = math.sqrt(20.0)
+"""Standard deviation of a third difference of independent errors over theirs: 1, -3, 3, -1."""
+_OF_MEDIAN = 0.6745
+"""Median of the absolute value of a standard normal variable."""
+_FEWEST = 30
+"""Third differences from which noise is measured."""
+
+
+@dataclass(frozen=True)
+class MeasuredNoise:
+    """The noise of the recorded poses as flight shows it, over the noise that the dataset states.
+
+    Attributes:
+        position: Of positions; None where flight is too short to show it.
+        rotation: Of rotations, likewise.
+    """
+
+    position: float | None
+    rotation: float | None
+
+    def as_json(self) -> dict[str, Any]:
+        """gap.json's "noise"."""
+        return {"position_over_stated": self.position, "rotation_over_stated": self.rotation}
+
+    def factors(self, channels: int) -> Array:
+        """(K,) standard deviations of whitened residuals that noise alone leaves in each channel, at least 1.
+
+        Args:
+            channels: K; joints' noise is taken as stated.
+        """
+        position, rotation = (1.0 if each is None else max(1.0, each) for each in (self.position, self.rotation))
+        return np.array([position] * 3 + [rotation] * 3 + [1.0] * (channels - 6))
+
+
+@dataclass(frozen=True)
+class Floor:
+    """What noise alone leaves, of each entry of the windows.
+
+    Attributes:
+        deviance: (W, L, K) expected deviance; 0 outside the consecutive windows.
+        rms: Root mean square of whitened residuals.
+        noise: The noise as it was measured.
+    """
+
+    deviance: Array
+    rms: float
+    noise: MeasuredNoise
+
+
+def measure_noise(windows: Windows) -> MeasuredNoise:
+    """The noise of recorded poses over the stated one, from third differences in free flight.
+
+    Args:
+        windows: Of all tosses; those of free flight are used.
+    """
+    position, rotation = [], []
+    for w in np.flatnonzero(windows.free):
+        n = int(windows.steps[w])
+        q, std = windows.y[w, :n], windows.y_noise[w, :n].mean(axis=0)
+        position.append((np.diff(q[:, :3], n=3, axis=0) / std[:3]).ravel())
+        if n > 1:
+            turns = quat_boxminus(q[1:, 3:7], q[:-1, 3:7])
+            rotation.append((np.diff(turns, n=2, axis=0) / std[3:6]).ravel())
+    return MeasuredNoise(_size(position), _size(rotation))
+
+
+def _size(values: list[Array]) -> float | None:
+    """Robust size of normalised third differences, over what the stated noise gives."""
+    all_values = np.concatenate(values) if values else np.zeros(0)
+    if len(all_values) < _FEWEST:
+        return None
+    return float(np.median(np.abs(all_values))) / _OF_MEDIAN / _OF_THIRD_DIFFERENCES
+
+
+def noise_floor(windows: Windows) -> Floor:
+    """What noise alone leaves of whitened residuals in windows.
+
+    Args:
+        windows: Of all tosses.
+    """
+    noise, counted = measure_noise(windows), windows.counted
+    factors = noise.factors(windows.channels)
+    expected = np.array([expected_deviance(each, windows.settings.density) for each in factors])
+    rms = float(np.sqrt((factors**2).mean()))
+    return Floor(np.where(counted[..., None], expected, 0.0), rms, noise)
+
+
+def expected_deviance(std: float, density: DensitySettings = DensitySettings()) -> float:
+    """Mean of Student's deviance of normal residuals, by Gauss-Hermite quadrature.
+
+    Args:
+        std: Their standard deviation.
+        density: Student's degrees of freedom.
+    """
+    nodes, weights = np.polynomial.hermite_e.hermegauss(64)
+    return float(weights @ student_deviance(std * nodes, density) / weights.sum())

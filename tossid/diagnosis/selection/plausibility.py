@@ -1,0 +1,78 @@
+"""Which fitted effects are no names: their interval holds "no change", or touches a bound of what is possible.
+
+A parameter at the end of its physical range is where a fit was stopped, not what the tosses say: the effect stands in
+for something else. It stays in the hypothesis, as it predicts better than nothing, and loses its name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.findings import Interval
+from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.selection.refinement import intervals
+from tossid.diagnosis.selection.search_result import SearchResult
+from tossid.physics.effects import Effect, World
+
+Array = NDArray[np.float64]
+Implausible = Literal["no_change", "at_bound"]
+_NEAR = 1e-6
+"""Share of a parameter's range within which an end of an interval is at a bound."""
+
+
+def implausible(effect: Effect, values: Mapping[str, Interval], world: World) -> Implausible | None:
+    """Why an effect's intervals give it no name; None if they do.
+
+    Parameters that only say of which form an effect is do not count, nor does a bound that is "no change" itself.
+
+    Args:
+        effect: The effect.
+        values: Intervals of its parameters by name.
+        world: Without the effect.
+    """
+    nominal = dict(zip((p.name for p in effect.parameters), effect.nominal(world), strict=True))
+    sizes = [p for p in effect.parameters if not p.form]
+    if all(values[p.name].low <= nominal[p.name] <= values[p.name].high for p in sizes):
+        return "no_change"
+    for p in sizes:
+        near, each = _NEAR * (p.high - p.low), values[p.name]
+        at_low = each.low <= p.low + near and abs(nominal[p.name] - p.low) > near
+        at_high = each.high >= p.high - near and abs(nominal[p.name] - p.high) > near
+        if at_low or at_high:
+            return "at_bound"
+    return None
+
+
+def plausible_names(
+    validator: CrossValidator, found: SearchResult, spread: Array | None
+) -> tuple[SearchResult, dict[str, Implausible]]:
+    """The search's result with implausible effects nameless, and without implausible members of classes.
+
+    Args:
+        validator: Of all windows.
+        found: What the search found.
+        spread: (P,) standard deviations of parameters over shifted windows.
+
+    Returns:
+        The result, and why effects of the last hypothesis have no name.
+    """
+    hypothesis, out = found.present.hypothesis, {}
+    known = intervals(found.present.fitted, validator.n, spread, found.n_flight)
+    for effect in hypothesis.effects:
+        why = None if effect.name in found.unnamed else implausible(effect, known[effect.name], hypothesis.base)
+        if why is not None:
+            out[effect.name] = why
+    classes = {}
+    for name, group in found.classes.items():
+        kept = []
+        for each in group:
+            assert each.effect is not None
+            values = intervals(each.fitted, validator.n)[each.name]
+            if implausible(each.effect, values, each.hypothesis.base) is None:
+                kept.append(each)
+        classes[name] = () if name in out else tuple(kept)
+    return found.with_names(classes, tuple(out)), out
