@@ -25,7 +25,7 @@ DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock demo experiments unknown tagslam truth test test-slow fuzz check format dependencies bench scale docs figures clean distclean
+.PHONY: help setup lock demo experiments unknown starts tagslam truth test test-slow fuzz check format dependencies bench bench-against scale docs figures clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -62,6 +62,9 @@ experiments: $(STAMP)  ## the studies on published recordings, hours: make DATA=
 unknown: $(STAMP)  ## the published cube learned from nothing, beside its stated object: make DATA=FOLDER unknown
 	$(RUN_ONE) $(BIN)/python -m pipelines.tools.unknown $(DATA)
 
+starts: $(STAMP)  ## the published cube from 20 random starts: make DATA=FOLDER OPTIONS="--model cn --tosses 64" starts
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.starts $(DATA) $(OPTIONS)
+
 tagslam: $(STAMP)  ## TagSLAM's published recordings against its own poses: make DATA=FOLDER tagslam
 	$(RUN_ONE) $(BIN)/python -m pipelines.tools.against_tagslam $(DATA)
 
@@ -93,6 +96,9 @@ dependencies: $(STAMP)  ## what is installed fits together, and has no known vul
 
 bench: $(STAMP)  ## speed of the simulators, the training and the command line
 	$(BIN)/python -m pipelines.tools.bench
+
+bench-against: $(STAMP)  ## the simulator's speed beside an earlier commit's, in turns: make COMMIT=NAME bench-against
+	$(BIN)/python -m pipelines.tools.bench_against $(COMMIT)
 
 scale: $(STAMP)  ## time and memory of the commands against tosses, minutes of film and workers, hours
 	$(RUN_ONE) $(BIN)/python -m pipelines.tools.scale

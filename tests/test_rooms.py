@@ -12,10 +12,12 @@ FEWEST_STATEMENTS = 5
 
 WITHOUT = {
     "pipelines/config/schemas/launching.py": "fields only",
+    "pipelines/tools/bench_against.py": "times two trees of the simulator; its parts are those of tossid/physics",
     "pipelines/tools/bench_vision.py": "measures speed on rendered films; its parts are those of tossid/vision",
     "pipelines/tools/unknown.py": "trains on the published cube; its parts are those of tossid/training",
     "pipelines/tools/sessions.py": "measures published recordings; its parts are those of tossid/motion",
-    "tossid/motion/witnesses.py": "held to known recordings by tests/motion/test_sessions.py",
+    "pipelines/tools/scores_by_group.py": "prints scores of trained models; its parts are those of tossid/evaluation",
+    "tossid/motion/sessions/witnesses.py": "held to known recordings by tests/motion/sessions/test_search.py",
     "tossid/vision/recordings/image_header.py": "held to hostile files by tests/fuzz/test_claims.py",
     "tossid/vision/recordings/rosbag_budget.py": "held to hostile files by tests/fuzz/test_claims.py",
     "tossid/store/__init__.py": "imports its names when they are first used, as every test of the room does",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
@@ -33,3 +35,12 @@ def jsonable(value: Any) -> Any:
     if hasattr(value, "tolist"):  # NumPy and torch
         return jsonable(value.tolist())
     raise TypeError(f"{type(value).__name__} has no JSON form")
+
+
+def digest_of(value: Any) -> str:
+    """SHA-256 of a value as plain JSON: the same settings, data and code are known again by it.
+
+    Args:
+        value: As of `jsonable`.
+    """
+    return hashlib.sha256(json.dumps(jsonable(value), sort_keys=True).encode()).hexdigest()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import json as jsonlib
 import os
@@ -74,8 +73,3 @@ def _uninterrupted() -> Iterator[None]:
         yield
     except KeyboardInterrupt as error:
         raise Interrupted from error
-
-
-def digest_of(value: Any) -> str:
-    """SHA-256 of a value as plain JSON: the same keys, data and code are known again by it."""
-    return hashlib.sha256(jsonlib.dumps(jsonable(value), sort_keys=True).encode()).hexdigest()

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Protocol, TextIO, TypeVar
+from typing import TYPE_CHECKING, Protocol
 
 from pipelines.tracking.addresses import redacted
 
 if TYPE_CHECKING:
     from rich.console import Console as RichConsole
-
-T = TypeVar("T")
 
 
 class Progress(Protocol):
@@ -23,35 +21,24 @@ class Progress(Protocol):
         """Add `count` done; `note` is shown beside (a loss, say)."""
         ...
 
-    def total(self, total: float) -> None:
-        """Correct how much there is to do."""
-        ...
-
 
 class Console:
     """Lines, tables and progress for a person.
 
     Args:
         quiet: only warnings.
-        stream: standard error if None.
         interval: seconds between plain progress lines where no terminal is there.
     """
 
-    def __init__(self, *, quiet: bool = False, stream: TextIO | None = None, interval: float = 10.0) -> None:
+    def __init__(self, *, quiet: bool = False, interval: float = 10.0) -> None:
         self.quiet = quiet
         self.interval = interval
-        self._stream = stream
         self._rich: RichConsole | None = None
-
-    @property
-    def stream(self) -> TextIO:
-        """Where everything is said: standard error, unless another stream was given."""
-        return self._stream or sys.stderr
 
     @property
     def is_terminal(self) -> bool:
         """Whether a person watches, so that progress bars move."""
-        return self.stream.isatty()
+        return sys.stderr.isatty()
 
     @property
     def rich(self) -> RichConsole:
@@ -60,7 +47,7 @@ class Console:
             from rich.console import Console as RichConsole
 
             width = None if self.is_terminal else 110
-            self._rich = RichConsole(file=self.stream, width=width, highlight=False, soft_wrap=True)
+            self._rich = RichConsole(file=sys.stderr, width=width, highlight=False, soft_wrap=True)
         return self._rich
 
     def say(self, text: str = "") -> None:
@@ -109,9 +96,7 @@ class Console:
             total: how much there is to do, None if unknown.
             unit: of what ("frames").
         """
-        if self.quiet:
-            yield _Silent()
-        elif self.is_terminal:
+        if self.is_terminal and not self.quiet:
             from rich import progress as bars
 
             columns = [
@@ -143,23 +128,6 @@ class Console:
 
             yield report
 
-    def track(self, items: Iterable[T], what: str, *, total: float | None = None, unit: str = "") -> Iterator[T]:
-        """Iterate with progress."""
-        if total is None and isinstance(items, Sized):
-            total = len(items)
-        with self.progress(what, total, unit=unit) as progress:
-            for item in items:
-                yield item
-                progress.advance()
-
-
-class _Silent:
-    def advance(self, count: float = 1, *, note: str = "") -> None:
-        """Nothing is shown."""
-
-    def total(self, total: float) -> None:
-        """Nothing is shown."""
-
 
 class _Bar:
     def __init__(self, bar: object, task: object) -> None:
@@ -167,9 +135,6 @@ class _Bar:
 
     def advance(self, count: float = 1, *, note: str = "") -> None:
         self._bar.update(self._task, advance=count, note=note)  # type: ignore[attr-defined]
-
-    def total(self, total: float) -> None:
-        self._bar.update(self._task, total=total)  # type: ignore[attr-defined]
 
 
 class _Lines:
@@ -188,9 +153,6 @@ class _Lines:
         if now - self._last >= self._console.interval:
             self._last = now
             self._console.say(self._line(now))
-
-    def total(self, total: float) -> None:
-        self._total = total
 
     def close(self) -> None:
         if self._last > self._start:

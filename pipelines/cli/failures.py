@@ -23,6 +23,9 @@ LOGS = Path("outputs/logs")
 
 INTERRUPTED = 130
 
+_OPTIONS = ("--json", "--quiet", "-q", "--debug")
+"""Those that every command has."""
+
 
 class Interrupted(Exception):
     """The user (or the system) asked the command to stop.
@@ -124,7 +127,7 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
 
 def _usage(error: typer.TyperException, args: list[str]) -> str:
     """Typer's own errors, with a suggestion."""
-    from pipelines.cli.help import command_keys, command_names
+    from pipelines.cli.help import command_names
     from pipelines.config.keys import nearest
 
     message = error.format_message().rstrip(".")
@@ -134,17 +137,29 @@ def _usage(error: typer.TyperException, args: list[str]) -> str:
         hint = f"Did you mean '{near}'?" if near else f"There are {', '.join(command_names())}."
         return f"{args[0]}: no such command. {hint}"
     if option and message.startswith("No such option"):
-        word = str(option).lstrip("-").partition("=")[0]
-        keys = command_keys(args[0])
-        if word in keys:
-            return f"{option}: no such option. Keys are given without dashes: {word}=…"
-        near = nearest(
-            str(option), ["--json", "--quiet", "--debug", "--help", *(["--sweep"] if args[0] == "evaluate" else [])]
-        )
-        key = nearest(word, keys)
-        hint = f" Did you mean '{near}'?" if near else f" Did you mean the key {key}=…?" if key else ""
-        return f"{option}: no such option.{hint}"
+        return f"{option}: no such option.{_option_hint(str(option), args[0])}"
     return _one_line(message)
+
+
+def _option_hint(option: str, command: str) -> str:
+    """What may have been meant by an option that a command, or tossid before any command, does not have."""
+    from pipelines.cli.help import command_keys, command_names
+    from pipelines.config.keys import nearest
+
+    if option == "--version":
+        return " It stands alone: tossid --version."
+    if command not in command_names():
+        if option in _OPTIONS:
+            return f" It stands after a command: tossid COMMAND {option}."
+        near = nearest(option, ["--version", "--help"])
+        return f" Did you mean '{near}'?" if near else ""
+    word = option.lstrip("-").partition("=")[0]
+    keys = command_keys(command)
+    if word in keys:
+        return f" Keys are given without dashes: {word}=…"
+    near = nearest(option, [*_OPTIONS, "--help", *(["--sweep"] if command == "evaluate" else [])])
+    key = nearest(word, keys)
+    return f" Did you mean '{near}'?" if near else f" Did you mean the key {key}=…?" if key else ""
 
 
 def _log(error: BaseException, args: list[str]) -> str:

@@ -9,18 +9,18 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from pipelines.cli.call import digest_of
 from pipelines.cli.console import Console
 from pipelines.cli.progress import reported
 from pipelines.config.compose import as_plain
 from pipelines.config.schemas import DetectStageConfig
-from pipelines.execution.workers import as_done, open_workers
+from pipelines.execution.workers import open_workers
 from pipelines.files.open_source import STAGES, check_stage_name, open_stage
 from tossid.code_digest import code_digest
 from tossid.errors import ConfigError, InputError, TossidError
 from tossid.objects import absolute_paths
 from tossid.outputs import output_file
-from tossid.plain_json import jsonable
+from tossid.parallel import as_done
+from tossid.plain_json import digest_of, jsonable
 from tossid.store import source_sha256
 from tossid.vision import stages
 from tossid.vision.progress import Reporter

@@ -36,7 +36,9 @@ def run(asked: Asked | Path, console: Console) -> dict[str, Any]:
 
         facts = dataset_info(path)
     elif path.suffix == ".txt":
-        facts = _poses(path)
+        from tossid.store.importers.tum import trajectory_info
+
+        facts = trajectory_info(path)
     elif path.suffix == ".npz":
         facts = _stage(path)
     else:
@@ -151,34 +153,6 @@ def _stage(path: Path) -> dict[str, Any]:
         "tracks": {track.name: len(track.t) for track in tracks},
         "n_frames": sum(len(track.t) for track in tracks),
         "covariances": all(track.q_cov is not None for track in tracks),
-    }
-
-
-def _poses(path: Path) -> dict[str, Any]:
-    """One TUM trajectory."""
-    import numpy as np
-
-    from tossid.errors import MotionError
-    from tossid.types import check_motion
-
-    form = "rows of 'timestamp tx ty tz qx qy qz qw'"
-    try:
-        rows = np.loadtxt(path, comments="#", ndmin=2)
-    except (ValueError, UnicodeDecodeError) as error:
-        raise FileError(path, f"expected {form} ({' '.join(str(error).split())})") from error
-    if rows.shape[1] != 8:
-        raise FileError(path, f"has {rows.shape[1]} columns, expected {form}")
-    try:
-        check_motion(rows[:, 0], rows[:, [1, 2, 3, 7, 4, 5, 6]])
-    except MotionError as error:
-        raise FileError(path, error.problem, row=error.row) from error
-    return {
-        "kind": "poses",
-        "n_frames": len(rows),
-        "rate_hz": float(1 / np.median(np.diff(rows[:, 0]))),
-        "duration_s": float(rows[-1, 0] - rows[0, 0]),
-        "position_min_m": rows[:, 1:4].min(axis=0).tolist(),
-        "position_max_m": rows[:, 1:4].max(axis=0).tolist(),
     }
 
 

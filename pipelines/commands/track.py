@@ -8,15 +8,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pipelines.cli.console import Console
 from pipelines.cli.progress import reported
 from pipelines.config.schemas import TrackStageConfig
 from pipelines.files.open_source import STAGES, check_stage_name, open_stage
 from tossid.errors import FileError
 from tossid.outputs import output_file, output_folder
-from tossid.rotations import wxyz_to_xyzw
+from tossid.store.importers.tum import write_trajectory
 from tossid.types import Detection, PoseTrack
 from tossid.vision import stages
 from tossid.vision.progress import Reporter
@@ -41,9 +39,7 @@ def run(config: TrackStageConfig, console: Console) -> dict[str, Any]:
     with ExitStack() as stack:
         write_tracks(tracks, stack.enter_context(output_file(out)))
         for track, text in zip(tracks, texts, strict=True):
-            rows = np.column_stack([track.t, track.q[:, :3], wxyz_to_xyzw(track.q[:, 3:7])])
-            header = "timestamp tx ty tz qx qy qz qw"
-            np.savetxt(stack.enter_context(output_file(text)), rows, fmt="%.9f", header=header)
+            write_trajectory(stack.enter_context(output_file(text)), track)
         folder = stack.enter_context(output_folder(set_up, made_by="track"))
         write_cameras(stages.corrected_cameras(tracked), folder)
         write_tagslam(tracked.layout, folder / "tagslam.yaml")

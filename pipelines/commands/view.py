@@ -47,7 +47,9 @@ def run(config: ViewConfig, console: Console) -> dict[str, Any]:
         raise ConfigError("sheet", "is a contact sheet of a recording's frames; give recording=, or leave it out.")
     wants_file = config.sheet is None or config.out is not None or config.open
     if wants_file:
-        _need_rerun()
+        from pipelines.drawing.rerun_file import need_rerun, write_rerun
+
+        need_rerun()
     content = recording_content(config, console) if recorded else toss_content(config, console)
     result: dict[str, Any] = {
         "name": content.name,
@@ -63,8 +65,6 @@ def run(config: ViewConfig, console: Console) -> dict[str, Any]:
         result["sheet"] = str(config.sheet)
         console.say(f"wrote {config.sheet}")
     if wants_file:
-        from pipelines.drawing.rerun_file import write_rerun
-
         out = config.out or FOLDER / f"{content.name}.rrd"
         with output_file(out) as temporary:
             result["n_images"] = write_rerun(content, temporary, magnify=config.magnify, console=console)
@@ -75,16 +75,6 @@ def run(config: ViewConfig, console: Console) -> dict[str, Any]:
             viewer = [sys.executable, "-m", "rerun", "--bind", LOOPBACK, str(out)]
             subprocess.Popen(viewer, start_new_session=True)
     return result
-
-
-def _need_rerun() -> None:
-    try:
-        import rerun  # noqa: F401
-    except ImportError:
-        raise InputError(
-            "Rerun is not installed (its viewer takes 500 MB): pip install 'tossid[view]', or from a clone "
-            "pip install -e '.[view]'; without it, sheet=FILE.png draws a contact sheet"
-        ) from None
 
 
 def sheet_of(content: ViewContent, moments: int) -> np.ndarray:

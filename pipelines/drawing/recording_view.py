@@ -26,7 +26,7 @@ from tossid.vision.progress import Reporter
 from tossid.vision.recordings.npz import read_detections, read_tracks
 from tossid.vision.recordings.recording import FrameFile, Recording, read_set_up
 from tossid.vision.recordings.registry import Opened
-from tossid.vision.setup.faces import object_faces
+from tossid.vision.setup.faces import object_faces, tag_corners
 from tossid.vision.setup.layout import BodyTag, TagLayout, body_tags, object_body
 
 Array = NDArray[np.float64]
@@ -275,20 +275,13 @@ def faces_in_view(content: ViewContent, camera: Camera, t: float) -> tuple[Array
         pose = body.at(t)
         if pose is None:
             continue
-        outlines = body.polygons or tuple(tag_outline(tag) for tag in body.tags)
+        outlines = body.polygons or tuple(tag_corners(tag) for tag in body.tags)
         for polygon in outlines:
             world = quat_rotate(pose[1], polygon) + pose[0]
             normal = np.cross(world[1] - world[0], world[2] - world[1])
             if normal @ (camera.T_world_cam[:3, 3] - world[0]) > 0:
                 found.append(camera.project(world))
     return tuple(found)
-
-
-def tag_outline(tag: BodyTag) -> Array:
-    """A tag's corners on its body [m], in the order of a detection's. (4, 3)."""
-    assert tag.T_body_tag is not None
-    corners = 0.5 * tag.size * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
-    return np.asarray(corners @ tag.T_body_tag[:3, :3].T + tag.T_body_tag[:3, 3])
 
 
 def misplaced(content: ViewContent, camera: Camera, found: Sequence[Detection]) -> float | None:
@@ -299,6 +292,6 @@ def misplaced(content: ViewContent, camera: Camera, found: Sequence[Detection]) 
             tag = next((tag for tag in body.tags if tag.id == detection.tag_id), None)
             pose = None if tag is None else body.at(detection.t)
             if tag is not None and pose is not None:
-                world = quat_rotate(pose[1], tag_outline(tag)) + pose[0]
+                world = quat_rotate(pose[1], tag_corners(tag)) + pose[0]
                 square.append(np.sum((camera.project(world) - detection.corners) ** 2, axis=-1))
     return float(np.sqrt(np.mean(square))) if square else None

@@ -12,6 +12,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,8 +20,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import rerun as rr
-import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from pipelines.cli.console import Console
@@ -31,14 +30,18 @@ from pipelines.drawing.recording_view import (
     faces_in_view,
     is_placed,
     moments_of,
-    tag_outline,
 )
+from tossid.errors import InputError
 from tossid.rotations import matrix_to_quat, quat_rotate, wxyz_to_xyzw
 from tossid.types import Detection, Phase
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.recordings.recording import FrameFile
-from tossid.vision.setup.faces import FAMILY_SIZE, tag_bitmap
+from tossid.vision.setup.faces import FAMILY_SIZE, tag_bitmap, tag_corners
 from tossid.vision.setup.layout import DEFAULT_FAMILY, BodyTag
+
+with contextlib.suppress(ImportError):  # the extra "view"; `need_rerun` says where it is missing
+    import rerun as rr
+    import rerun.blueprint as rrb
 
 Array = NDArray[np.float64]
 
@@ -55,6 +58,17 @@ PREDICTED = ((240, 120, 60), (80, 190, 190))
 FOUND, PLACED = (60, 200, 60), (255, 140, 0)
 HALF = 0.5
 """Rerun counts pixels from the first one's corner, we from its middle."""
+
+
+def need_rerun() -> None:
+    """Raise an InputError that says how to install Rerun where it is missing."""
+    try:
+        import rerun  # noqa: F401
+    except ImportError:
+        raise InputError(
+            "Rerun is not installed (its viewer takes 500 MB): pip install 'tossid[view]', or from a clone "
+            "pip install -e '.[view]'; without it, sheet=FILE.png draws a contact sheet"
+        ) from None
 
 
 def write_rerun(content: ViewContent, path: Path, *, magnify: float, console: Console) -> int:
@@ -145,7 +159,7 @@ def _triangles(polygons: Sequence[Array]) -> tuple[Array, NDArray[np.int64], Arr
 
 def _log_tag(stream: rr.RecordingStream, entity: str, tag: BodyTag) -> None:
     assert tag.T_body_tag is not None
-    corners = tag_outline(tag) + 2e-4 * tag.T_body_tag[:3, 2]
+    corners = tag_corners(tag) + 2e-4 * tag.T_body_tag[:3, 2]
     stream.log(entity, rr.LineStrips3D([[*corners, corners[0]]], colors=[(30, 30, 30)], radii=[4e-4]), static=True)
     if tag.family == DEFAULT_FAMILY and 0 <= tag.id < FAMILY_SIZE:
         picture = np.repeat(np.kron(255 * tag_bitmap(tag.id), np.ones((16, 16), np.uint8))[:, :, None], 3, axis=2)

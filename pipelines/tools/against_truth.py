@@ -33,11 +33,12 @@ from tossid.objects import GRAVITY, ObjectModel, body_poses
 from tossid.rotations import quat_boxminus, transform, transform_points
 from tossid.store import read_dataset
 from tossid.synthesis.synthesize import TRUTH
-from tossid.types import Detection, Phase, PoseTrack, Toss
+from tossid.types import Phase, PoseTrack, Toss
 from tossid.vision import stages
 from tossid.vision.progress import Reporter
 from tossid.vision.recordings.npz import read_tracks
 from tossid.vision.recordings.registry import Opened
+from tossid.vision.setup.layout import SQUARE
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -84,13 +85,12 @@ def main(names: Sequence[str]) -> None:
     console.say(markdown(heads, table))
 
 
-def against_truth(folder: Path, console: Console, detections: list[Detection] | None = None) -> list[Row]:
+def against_truth(folder: Path, console: Console) -> list[Row]:
     """The errors of each stage of `ingest` on a film.
 
     Args:
         folder: A film with its truth.
         console: Shows the progress.
-        detections: The film's detections; None to detect the tags.
 
     Returns:
         A row a quantity.
@@ -99,8 +99,7 @@ def against_truth(folder: Path, console: Console, detections: list[Detection] | 
     opened, clock = open_stage(folder, None), [time.process_time()]
     with reported(console) as progress:
         report = Reporter(progress)
-        if detections is None:
-            detections = list(stages.detect(opened, settings=config.detect, report=report))
+        detections = list(stages.detect(opened, settings=config.detect, report=report))
         clock.append(time.process_time())
         tracked = stages.track(opened, detections, settings=config.track, report=report)
         poses, model = stages.object_track(opened, tracked), opened.object()
@@ -295,10 +294,9 @@ def visible(opened: Opened, model: ObjectModel, truth: PoseTrack) -> Bools:
     """In which true frames a tag faces a camera and is whole in its image. (n,)."""
     position, quat = body_poses(model, truth.q)
     seen = np.zeros(len(truth.t), dtype=bool)
-    square = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
     for tag in model.tags:
         T = transform(position[:, tag.body], quat[:, tag.body]) @ tag.T_body_tag
-        corners = transform_points(T, 0.5 * tag.size * square)
+        corners = transform_points(T, 0.5 * tag.size * SQUARE)
         for camera in opened.cameras:
             way = camera.T_world_cam[:3, 3] - T[:, :3, 3]
             faces = np.einsum("ni,ni->n", T[:, :3, 2], way) > FACING * np.linalg.norm(way, axis=1)

@@ -1,6 +1,6 @@
 """`make experiments`: the named studies, on published recordings and on simulated tosses whose truth is known.
 
-What is done already is not done again.
+What is done already is not done again. What recordings say of themselves comes last (docs/experiments/sessions.md).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from pathlib import Path
 from pipelines.cli.call import call_with_keys
 from pipelines.cli.console import Console
 from pipelines.cli.failures import guarded
+from pipelines.tools import sessions
 from tossid.errors import FileError
 
 FOLDER = Path("data/datasets")
@@ -51,11 +52,13 @@ STUDIES = (
 
 
 def main(folder: Path) -> None:
-    """Ingest or simulate what is missing, run every study; the figures' places are said by each."""
+    """Ingest or simulate what is missing, run every study, and look at every recording's sessions."""
     console = Console()
     data = {name: _dataset(name, folder, console) for name in dict.fromkeys(name for name, _ in STUDIES)}
     for name, study in STUDIES:
         _say_and_call(console, "evaluate", [f"sweep={study}", f"data={data[name]}"])
+    console.say(f"\n$ python -m pipelines.tools.sessions {folder}")
+    sessions.main(folder)
 
 
 def _dataset(name: str, folder: Path, console: Console) -> Path:

@@ -9,7 +9,6 @@ outputs/unsent/RUN/refused/, with a warning.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import shutil
@@ -167,7 +166,7 @@ class Outbox:
         number = max((int(path.stem) for path in there), default=-1) + 1
         if not (self.folder / _SERVER).exists():
             with output_file(self.folder / _SERVER) as temporary:
-                temporary.write_text(json.dumps(_address(self._client)))
+                temporary.write_text(json.dumps({"uri": _address(self._client)}))
         plain = list(values)
         if kind in _WITH_FILES:
             source = Path(values[0])
@@ -197,18 +196,16 @@ def _messages(folder: Path) -> list[Path]:
     return sorted(folder.glob("[0-9]*.json"))
 
 
-def _address(client: MlflowClient) -> dict[str, str]:
-    """A server as a message knows it: its address without the password, and a digest of the whole."""
-    uri = str(client.tracking_uri)
-    return {"uri": without_password(uri), "sha256": hashlib.sha256(uri.encode()).hexdigest()}
+def _address(client: MlflowClient) -> str:
+    """What messages know their server by: address and user. No password, nor a digest by which one can be guessed."""
+    return without_password(str(client.tracking_uri))
 
 
-def _kept_address(folder: Path) -> dict[str, str]:
+def _kept_address(folder: Path) -> str:
     try:
-        found = json.loads((folder / _SERVER).read_text())
-        return {"uri": str(found["uri"]), "sha256": str(found["sha256"])}
+        return str(json.loads((folder / _SERVER).read_text())["uri"])
     except (OSError, ValueError, KeyError, TypeError):  # of an earlier version
-        return {"uri": "", "sha256": ""}
+        return ""
 
 
 def _from_server(error: BaseException) -> bool:
@@ -230,7 +227,7 @@ def waiting_messages() -> list[Waiting]:
     for folder in sorted(UNSENT.glob("*")):
         count, refused = len(_messages(folder)), len(_messages(folder / _REFUSED))
         if count or refused:
-            found.append(Waiting(folder, _kept_address(folder)["uri"], count, refused))
+            found.append(Waiting(folder, _kept_address(folder), count, refused))
     return found
 
 
@@ -241,9 +238,9 @@ def send_unsent(client: MlflowClient, *, warn: Callable[[str], None] = lambda te
         client: MLflow's client. Messages for other servers stay where they are.
         warn: Takes a sentence about messages that the server has refused.
     """
-    here = _address(client)["sha256"]
+    here = _address(client)
     for waiting in waiting_messages():
-        if not waiting.count or _kept_address(waiting.folder)["sha256"] != here:
+        if not waiting.count or _kept_address(waiting.folder) != here:
             continue
         with suppress(OutputError), only_writer(waiting.folder):
             if not Outbox(client, waiting.folder.name, warn=warn).send_waiting():

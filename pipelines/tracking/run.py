@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import tempfile
 import threading
 import time
 from collections.abc import Iterator, Mapping
@@ -24,12 +23,11 @@ from pipelines.config.compose import as_plain, flatten
 from pipelines.execution.code_version import commit, version
 from pipelines.tracking.mlflow_store import client, experiment_id, is_remote
 from pipelines.tracking.outbox import UNSENT, Outbox, send_unsent
-from pipelines.tracking.runs import CHECKPOINT, COMMAND_TAG, CONFIG, EXPERIMENT, RunRecord, record_of
+from pipelines.tracking.runs import CHECKPOINT, COMMAND_TAG, CONFIG, EXPERIMENT
 from tossid.outputs import only_writer
 from tossid.versions import computing_versions
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from mlflow import MlflowClient
 
 _BUFFER = 500
@@ -40,9 +38,8 @@ _DIGEST_LENGTH = 36
 class TrackedRun:
     """A run that is going on. Made by `tracked_run`. resumed: it was begun earlier."""
 
-    def __init__(self, client: MlflowClient, run_id: str, experiment: str, name: str, *, resumed: bool = False) -> None:
+    def __init__(self, client: MlflowClient, run_id: str, name: str, *, resumed: bool = False) -> None:
         self.id = run_id
-        self.experiment = experiment
         self.name = name
         self.resumed = resumed
         self.outbox = Outbox(client, run_id, warn=Console().warn)
@@ -91,13 +88,6 @@ class TrackedRun:
         }
         self.outbox.send("data", dataset, {"mlflow.data.context": context, "sha256": sha256, "path": str(path)})
 
-    def figure(self, figure: Figure, name: str) -> None:
-        """Log a matplotlib figure as `figures/NAME.png`."""
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / f"{Path(name).stem}.png"
-            figure.savefig(path)
-            self.artifact(path, folder="figures")
-
     def artifact(self, path: Path, *, folder: str | None = None) -> None:
         """Copy a file (or a folder with its files) to the run's artifacts."""
         self.outbox.send("artifact", str(path), (folder or path.name) if path.is_dir() else folder)
@@ -119,11 +109,6 @@ class TrackedRun:
             problem = f"the tracking server is away; {self.outbox.waiting()} messages of run {self.id} wait in {UNSENT}"
             Console().warn(f"{problem}; the next command that tracks with this server sends them")
 
-    def record(self) -> RunRecord:
-        """The run as `find_run` would return it now."""
-        self.flush()
-        return record_of(self._client.get_run(self.id))
-
 
 @contextmanager
 def tracked_run(
@@ -131,7 +116,6 @@ def tracked_run(
     config: Any,
     *,
     command: str,
-    experiment: str = EXPERIMENT,
     parent: TrackedRun | str | None = None,
     tags: Mapping[str, str] | None = None,
     resume: str | None = None,
@@ -142,7 +126,6 @@ def tracked_run(
         name: what a person calls it.
         config: a config dataclass, or a mapping: logged as `config.yaml` and, flattened, as parameters.
         command: what made it ("train"); `find_run` looks runs up by it.
-        experiment: MLflow experiment.
         parent: the run (or its id) that this one belongs to.
         tags: further tags.
         resume: id of a run that was left, to go on under it; where this store does not have it, a new one is begun.
@@ -154,7 +137,7 @@ def tracked_run(
     store = client()
     send_unsent(store, warn=Console().warn)
     plain = as_plain(config) if is_dataclass(config) else dict(config)
-    run = _left(store, resume, experiment)
+    run = _left(store, resume)
     if run is None:
         all_tags = {COMMAND_TAG: command, "tossid.version": version(), **(tags or {})}
         all_tags |= {f"version.{name}": value for name, value in computing_versions().items()}
@@ -163,8 +146,8 @@ def tracked_run(
         all_tags |= {"mlflow.source.name": f"tossid {command}", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
         if parent is not None:
             all_tags["mlflow.parentRunId"] = parent.id if isinstance(parent, TrackedRun) else parent
-        created = store.create_run(experiment_id(store, experiment), tags=all_tags, run_name=name)
-        run = TrackedRun(store, created.info.run_id, experiment, name)
+        created = store.create_run(experiment_id(store, EXPERIMENT), tags=all_tags, run_name=name)
+        run = TrackedRun(store, created.info.run_id, name)
     status = "FAILED"
     with ExitStack() as lock:
         if is_remote(store):
@@ -208,7 +191,7 @@ def _undisturbed() -> Iterator[None]:
         raise KeyboardInterrupt
 
 
-def _left(store: MlflowClient, run_id: str | None, experiment: str) -> TrackedRun | None:
+def _left(store: MlflowClient, run_id: str | None) -> TrackedRun | None:
     """A run that was left, running again; None where the store does not have it."""
     from mlflow.exceptions import MlflowException
 
@@ -221,7 +204,7 @@ def _left(store: MlflowClient, run_id: str | None, experiment: str) -> TrackedRu
         store.update_run(run_id, status="RUNNING")
     except MlflowException:
         return None
-    return TrackedRun(store, run_id, experiment, record.info.run_name, resumed=True)
+    return TrackedRun(store, run_id, record.info.run_name, resumed=True)
 
 
 def _user() -> str:

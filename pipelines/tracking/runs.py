@@ -8,14 +8,13 @@ import os
 import tempfile
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlparse
 
 from pipelines.tracking.mlflow_store import client
 from tossid.errors import FileError, InputError
-from tossid.yaml_files import read_yaml
 
 EXPERIMENT = "tossid"
 CHECKPOINT = "checkpoint.pt"
@@ -30,55 +29,30 @@ atexit.register(_COPIES.close)
 
 
 @dataclass(frozen=True)
-class DataUsed:
-    """A dataset that a run read.
-
-    Attributes:
-        path: Its file.
-        sha256: Its hash.
-        context: What it was read for: "training", "evaluation", "diagnosis".
-    """
-
-    path: str
-    sha256: str
-    context: str
-
-
-@dataclass(frozen=True)
 class RunRecord:
     """A run as it can be found again.
 
     Attributes:
         id: MLflow's run id; "" for a folder that names none.
-        name, status: as MLflow has them.
+        name: as MLflow has it.
         folder: where its artifacts lie on this machine.
         checkpoint: its checkpoint, None if it logged none.
-        config: its resolved config.
-        tags, params, metrics: as logged (the last value of each metric).
-        data: the datasets that it read.
     """
 
     id: str
     name: str
-    status: str
     folder: Path
     checkpoint: Path | None
-    config: dict[str, Any]
-    tags: dict[str, str] = field(default_factory=dict)
-    params: dict[str, str] = field(default_factory=dict)
-    metrics: dict[str, float] = field(default_factory=dict)
-    data: tuple[DataUsed, ...] = ()
 
 
-def find_run(reference: str | Path | None = None, *, command: str = "train", experiment: str = EXPERIMENT) -> RunRecord:
+def find_run(reference: str | Path | None = None, *, command: str = "train") -> RunRecord:
     """A run, by what a user gives for it.
 
     Args:
         reference: A run id (or an unambiguous beginning of at least 6 digits), a run's name (the newest of that
-            name), a folder with `checkpoint.pt` and `config.yaml`, `models:/NAME/VERSION` of the registry, or None
+            name), a folder with `checkpoint.pt`, `models:/NAME/VERSION` of the registry, or None
             for the newest finished run of `command`.
         command: The command whose runs are searched.
-        experiment: MLflow's experiment.
 
     Returns:
         The run, with its checkpoint on this machine.
@@ -91,7 +65,7 @@ def find_run(reference: str | Path | None = None, *, command: str = "train", exp
         return _registered(str(reference))
     if reference is not None and (Path(reference).is_dir() or os.sep in str(reference)):
         return _folder_record(Path(reference))
-    found = find_runs(command=command, experiment=experiment, finished=reference is None, nested=reference is not None)
+    found = find_runs(command=command, finished=reference is None, nested=reference is not None)
     if reference is None:
         if not found:
             raise InputError(f"there is no finished run yet; make one with 'tossid {command}'")
@@ -138,7 +112,6 @@ def _registered(reference: str) -> RunRecord:
 def find_runs(
     *,
     command: str | None = None,
-    experiment: str = EXPERIMENT,
     parent: str | None = None,
     tags: Mapping[str, str] | None = None,
     finished: bool = False,
@@ -149,7 +122,7 @@ def find_runs(
     Runs of a study (with a parent) are left out unless `parent` or `nested` asks for them.
     """
     store = client()
-    known = store.get_experiment_by_name(experiment)
+    known = store.get_experiment_by_name(EXPERIMENT)
     if known is None:
         return []
     wanted = {**({COMMAND_TAG: command} if command else {}), **(tags or {})}
@@ -170,41 +143,15 @@ def find_runs(
             return runs
 
 
-def metric_history(run_id: str, name: str) -> list[tuple[int, float]]:
-    """Steps and values of a run's metric."""
-    return [(point.step, point.value) for point in client().get_metric_history(run_id, name)]
-
-
 def record_of(run: Any) -> RunRecord:
     """A `RunRecord` of what MLflow's client returned; its artifacts are fetched where they lie elsewhere."""
     folder = _artifacts(run)
-    checkpoint, config = folder / CHECKPOINT, folder / CONFIG
-    return RunRecord(
-        id=run.info.run_id,
-        name=run.info.run_name,
-        status=run.info.status,
-        folder=folder,
-        checkpoint=checkpoint if checkpoint.is_file() else None,
-        config=read_yaml(config) if config.is_file() else {},
-        tags=dict(run.data.tags),
-        params=dict(run.data.params),
-        metrics=dict(run.data.metrics),
-        data=tuple(_data_used(entry) for entry in run.inputs.dataset_inputs),
-    )
-
-
-def _data_used(entry: Any) -> DataUsed:
-    tags = {tag.key: tag.value for tag in entry.tags}
-    source = json.loads(entry.dataset.source)
-    return DataUsed(
-        path=source.get("uri", ""),
-        sha256=tags.get("sha256", entry.dataset.digest),
-        context=tags.get("mlflow.data.context", ""),
-    )
+    checkpoint = folder / CHECKPOINT
+    return RunRecord(run.info.run_id, run.info.run_name, folder, checkpoint if checkpoint.is_file() else None)
 
 
 def _artifacts(run: Any) -> Path:
-    """The run's artifacts on this machine. Where they lie elsewhere, its checkpoint and config are copied."""
+    """The run's artifacts on this machine. Where they lie elsewhere, its checkpoint is copied."""
     uri = run.info.artifact_uri
     parts = urlparse(uri)
     if parts.scheme in ("", "file"):
@@ -212,17 +159,16 @@ def _artifacts(run: Any) -> Path:
     store = client()
     there = {item.path for item in store.list_artifacts(run.info.run_id)}
     folder = _COPIES.enter_context(tempfile.TemporaryDirectory(prefix="tossid-run-"))
-    for name in (CHECKPOINT, CONFIG):
-        if name in there:
-            store.download_artifacts(run.info.run_id, name, folder)
+    if CHECKPOINT in there:
+        store.download_artifacts(run.info.run_id, CHECKPOINT, folder)
     return Path(folder)
 
 
 def _folder_record(folder: Path) -> RunRecord:
     checkpoint = folder / CHECKPOINT
     if not checkpoint.is_file():
-        raise FileError(folder, f"is no run: expected a folder with {CHECKPOINT} and {CONFIG}")
-    return RunRecord(run_id_in(folder) or "", folder.name, "FINISHED", folder, checkpoint, read_yaml(folder / CONFIG))
+        raise FileError(folder, f"is no run: expected a folder with {CHECKPOINT}")
+    return RunRecord(run_id_in(folder) or "", folder.name, folder, checkpoint)
 
 
 def run_id_in(folder: Path) -> str | None:

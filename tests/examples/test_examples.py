@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import tossid
@@ -51,6 +53,13 @@ def test_study_as_loop(tmp_path: Path) -> None:
     assert [row.split()[:2] for row in rows] == [["2", "9.81"], ["2", "0.00"], ["3", "9.81"], ["3", "0.00"]]
 
 
+def test_study_by_processes(tmp_path: Path) -> None:
+    lines = output_of("study_by_processes.py", tmp_path, "1").splitlines()
+    assert sum(line.startswith("done: ") for line in lines) == 4
+    assert [line.split()[:2] for line in lines[-4:]] == [["cn", "0"], ["cn", "9.81"], ["cnrp", "0"], ["cnrp", "9.81"]]
+    assert (tmp_path / "studies" / "gravity" / "table.md").is_file()
+
+
 @pytest.mark.slow
 def test_diagnose_trained_model(tmp_path: Path) -> None:
     said = output_of("diagnose_trained_model.py", tmp_path, "--quick")
@@ -64,3 +73,34 @@ def test_frames_to_report(tmp_path: Path) -> None:
     tossid.synthesize("cube", frames=True, out=tmp_path / "film", tosses=8, **camera)
     assert "rotation_error_deg" in output_of("frames_to_report.py", tmp_path, "film")
     assert (tmp_path / "gap" / "gap.html").is_file()
+
+
+# ---------------------------------------------------------------- simulators of users
+
+
+ENGINES = [("diagnose_mujoco.py", "mujoco"), ("diagnose_drake.py", "pydrake"), ("diagnose_bullet.py", "pybullet")]
+
+
+@pytest.mark.parametrize(("script", "package"), ENGINES)
+def test_an_engine_drops_the_cube_onto_its_face(script: str, package: str) -> None:
+    pytest.importorskip(package, reason=f"{script} needs the package '{package}'")
+    simulate = runpy.run_path(str(EXAMPLES / script))["simulate"]
+    q0 = np.array([[0.0, 0.0, 0.0624, 1.0, 0.0, 0.0, 0.0], [0.1, 0.2, 0.5, 0.6, 0.8, 0.0, 0.0]])
+    v0 = np.array([[0.5, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.3, 1.0, 0.0, 0.0, 4.0]])
+    q, v = simulate(q0, v0, 60, 1 / 100)
+    assert (q.shape, v.shape) == ((2, 61, 7), (2, 61, 6))
+    np.testing.assert_array_equal(q[:, 0], q0)
+    # it slides 1 cm down and on, and friction of 0.18 stops it after some 7 cm
+    assert q[0, -1, 2] == pytest.approx(0.0524, abs=2e-3)
+    assert q[0, -1, 0] == pytest.approx(0.5**2 / (2 * 0.18 * 9.81), abs=0.02)
+    # free: a parabola, and even spin about the body's z
+    t = np.arange(20) / 100
+    np.testing.assert_allclose(q[1, :20, 2], 0.5 + t - 4.905 * t**2, atol=5e-3)
+    np.testing.assert_allclose(v[1, :20, 3:], np.tile([0, 0, 4.0], (20, 1)), atol=1e-2)
+
+
+@pytest.mark.slow
+def test_diagnose_mujoco(tmp_path: Path) -> None:
+    said = output_of("diagnose_mujoco.py", tmp_path, "--quick")
+    assert "gap" in said.splitlines()[0]
+    assert (tmp_path / "gap-mujoco" / "gap.html").is_file()

@@ -22,12 +22,12 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tests.store.makers import make_dataset
 from tests.vision.bags import CAMERAS
+from tests.vision.written import write_recording
 from tossid.models import TrainedModel, build_model, variant
 from tossid.objects import load_object
 from tossid.settings.training import TrainSettings
 from tossid.store import write_dataset
 from tossid.store.schema import MEMBERS
-from tossid.vision.recordings.writing import write_recording
 from tossid.vision.setup.faces import default_tags
 from tossid.vision.setup.layout import layout_of
 

@@ -18,6 +18,7 @@ from pipelines.cli import app
 from pipelines.cli.console import Console
 from pipelines.config.compose import load
 from pipelines.config.schemas import ViewConfig
+from tests.once import made_once
 
 if TYPE_CHECKING:
     from pipelines.drawing.recording_view import ViewContent
@@ -55,21 +56,16 @@ def tossid(project: Path) -> Run:
 @pytest.fixture(scope="session")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a small dataset of tosses, and an uninterrupted training of KEYS in an MLflow store."""
-    folder = tmp_path_factory.mktemp("made")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
-        keys = [
-            "frames=false",
-            "engine=lcp",
-            "tosses=10",
-            "seconds=0.8",
-            "noise.position=0.0005",
-            "noise.velocity=0.02",
-        ]
-        assert app.run(["synthesize", *keys, "out=tosses", "--quiet"]) == 0
-        assert app.run(["train", *KEYS, "data=tosses", "--quiet"]) == 0
-    return folder
+    keys = ["frames=false", "engine=lcp", "tosses=10", "seconds=0.8", "noise.position=0.0005", "noise.velocity=0.02"]
+
+    def make(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(folder)
+            patch.delenv("MLFLOW_TRACKING_URI", raising=False)
+            assert app.run(["synthesize", *keys, "out=tosses", "--quiet"]) == 0
+            assert app.run(["train", *KEYS, "data=tosses", "--quiet"]) == 0
+
+    return made_once(tmp_path_factory, "made", make)
 
 
 @pytest.fixture
@@ -100,11 +96,13 @@ def beside(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture(scope="session")
 def late_film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a small recording, one of whose clocks is late."""
-    folder = tmp_path_factory.mktemp("viewed")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        assert app.run(["synthesize", *LATE_FILM, "--quiet"]) == 0
-    return folder
+
+    def make(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(folder)
+            assert app.run(["synthesize", *LATE_FILM, "--quiet"]) == 0
+
+    return made_once(tmp_path_factory, "viewed", make)
 
 
 @pytest.fixture(scope="session")

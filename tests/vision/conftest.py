@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.once import made_once
 from tests.vision.tosses import thrown
 from tossid.objects import ObjectModel
 from tossid.synthesis.timeline import Timeline, make_timeline, render_timeline
@@ -47,7 +49,9 @@ def filmed(tagged: ObjectModel, rig: tuple[Camera, ...], tmp_path_factory: pytes
     """Two tosses, three cameras, noise and blur."""
     rng = np.random.default_rng(5)
     timeline = make_timeline([thrown(tagged, rng, name=f"toss_{i}") for i in range(2)], tagged, rng, start=2.0)
-    folder = tmp_path_factory.mktemp("film") / "recording"
-    with RecordingWriter(folder, rig, layout_of(tagged)) as writer:
-        render_timeline(timeline, tagged, rig, writer, rng)
-    return Filmed(read_recording(folder), timeline)
+
+    def make(folder: Path) -> None:
+        with RecordingWriter(folder / "recording", rig, layout_of(tagged)) as writer:
+            render_timeline(timeline, tagged, rig, writer, rng)
+
+    return Filmed(read_recording(made_once(tmp_path_factory, "filmed", make) / "recording"), timeline)

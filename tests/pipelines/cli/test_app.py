@@ -26,6 +26,10 @@ from tests.pipelines.conftest import Run, one_line
         (["info"], "FILE"),
         (["info", "nowhere.h5"], "nowhere.h5: no such file"),
         (["--nothing"], "--nothing"),
+        (["--version", "--quiet"], "--quiet: no such option. It stands after a command: tossid COMMAND --quiet."),
+        (["-q"], "-q: no such option. It stands after a command: tossid COMMAND -q."),
+        (["--versoin"], "Did you mean '--version'?"),
+        (["info", "--version"], "It stands alone: tossid --version."),
         (["ingest"], "no recording here"),
         (
             ["ingest", "source=tum", "source.path=nowhere"],

@@ -32,7 +32,7 @@ def test_many_recordings_are_searched_by_workers_and_once(film: Path, project: P
     before = {name: Path("found", name, "detections.npz").stat().st_mtime_ns for name in "ab"}
     gone = max(path for path in (project / "raw" / "b" / "frames").rglob("*") if path.is_file())
     gone.unlink()
-    again = answer(*keys)
+    again = answer(*keys[:-1], "workers=1")
     after = {name: Path("found", name, "detections.npz").stat().st_mtime_ns for name in "ab"}
     assert after["a"] == before["a"]
     assert after["b"] > before["b"]

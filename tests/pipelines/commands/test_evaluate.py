@@ -12,6 +12,7 @@ from pipelines.cli import app
 from pipelines.commands.evaluate import _folder_name
 from pipelines.tracking.runs import find_run
 from tests.pipelines.conftest import one_line
+from tests.pipelines.stored import stored_run
 
 
 def test_a_run_is_found_by_its_folder_and_judged_on_held_out_tosses(
@@ -28,7 +29,9 @@ def test_a_run_is_found_by_its_folder_and_judged_on_held_out_tosses(
     assert {"errors_over_tosses", "toss_comparison_median", "toss_comparison_worst", "residual_over_toss"} <= names
     judged = find_run(command="evaluate")
     assert {path.stem for path in (judged.folder / "figures").iterdir()} == names
-    assert judged.metrics["position_error_pct"] == pytest.approx(by_folder["position_error_pct"]["mean"])
+    assert stored_run(judged.id).data.metrics["position_error_pct"] == pytest.approx(
+        by_folder["position_error_pct"]["mean"]
+    )
 
 
 def test_another_dataset_has_a_folder_of_its_own() -> None:

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from tests.pipelines.conftest import Run, one_line
+from pipelines.cli import app
+from tests.pipelines.conftest import one_line
 from tossid.objects import load_object
 
 
@@ -30,7 +31,6 @@ def test_a_run_s_export_flies_as_tossid_has_it(beside: Path, answer: Any, form: 
         np.testing.assert_allclose(scene.opt.gravity[2], -found["gravity_ms2"], atol=1e-4)
 
 
-def test_a_name_that_is_not_the_format_s_is_refused(tossid: Run, beside: Path) -> None:
-    done = tossid("export", "format=urdf", "out=cube.xml")
-    assert done.returncode == 2
-    assert "does not end in .urdf" in one_line(done.stderr)
+def test_a_name_that_is_not_the_format_s_is_refused(beside: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert app.run(["export", "format=urdf", "out=cube.xml"]) == 2
+    assert "does not end in .urdf" in one_line(capfd.readouterr().err)

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from pipelines.cli.console import Console
-from pipelines.commands.info import run, show
+from pipelines.commands.info import Asked, run, show
+from tests.motion.bouncing import bounce, tracked
 from tossid.errors import FileError
+from tossid.motion import covariance_source, tosses_from_tracks
+from tossid.motion.sessions import find_sessions, levelled_tracks
+from tossid.motion.sessions.levelling import turned_track
+from tossid.objects import ObjectModel
+from tossid.rotations import quat_exp
+from tossid.store import Dataset, read_dataset, write_dataset
 from tossid.types import Detection, PoseTrack
 from tossid.vision.recordings.npz import write_detections, write_tracks
 
@@ -77,3 +86,47 @@ def test_of_a_long_text_the_first_line_is_shown(capsys: Any) -> None:
     err = capsys.readouterr().err
     assert "a: 1 … (2 lines)" in err
     assert "b: 2" not in err
+
+
+@pytest.fixture
+def two_sessions(tmp_path: Path, cube: ObjectModel) -> Path:
+    """A dataset whose last twelve tosses stand in a world that is tilted by 3 degrees."""
+    rng, tracks = np.random.default_rng(4), []
+    for k, truth in enumerate(bounce(cube, rng, tosses=24, frames=110)):
+        tilt = quat_exp(np.array([np.deg2rad(3.0), 0.0, 0.0]) * (k >= 12))
+        tracks.append(turned_track(tracked(truth, rng, name=str(k), with_cov=False), tilt, 0.0))
+    order = find_sessions(tracks, cube)
+    tosses = tosses_from_tracks(levelled_tracks(tracks, order), cube)
+    provenance = {"covariance_source": covariance_source(tracks)}
+    write_dataset(Dataset(cube, tosses, 148.0, "made", provenance, order=order), tmp_path / "tilted.h5")
+    return tmp_path / "tilted.h5"
+
+
+def test_the_figure_shows_the_order_of_recording(two_sessions: Path) -> None:
+    out = two_sessions.with_name("order.png")
+    found = run(Asked(two_sessions, out), QUIET)
+    assert found["figure"] == str(out)
+    assert [(one["first"], one["last"], one["levelled"]) for one in found["sessions"]] == [
+        ("0", "11", False),
+        ("12", "23", True),
+    ]
+    image = cv2.imread(str(out))
+    assert image is not None
+    assert min(image.shape[:2]) > 300
+    assert np.ptp(image) > 200  # something is drawn on white
+    assert "figure" not in run(two_sessions, QUIET)
+
+
+def test_a_figure_that_cannot_be_drawn_is_refused(two_sessions: Path, cube: ObjectModel) -> None:
+    folder = two_sessions.parent
+    np.savetxt(folder / "poses.txt", poses())
+    unseen = replace(read_dataset(two_sessions), order=None)
+    write_dataset(unseen, folder / "unseen.h5")
+    for file, out, says in (
+        ("poses.txt", "a.png", "--figure draws the order of recording of a dataset"),
+        ("tilted.h5", "a.pdf", "--figure expects a file that ends with .png"),
+        ("unseen.h5", "a.png", "its order of recording was not looked at"),
+    ):
+        with pytest.raises(FileError, match=says):
+            run(Asked(folder / file, folder / out), QUIET)
+        assert not (folder / out).exists()

@@ -21,6 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.stores.ros1_noetic import builtin_interfaces__msg__Time as Time
 from rosbags.typesys.stores.ros1_noetic import sensor_msgs__msg__CompressedImage as CompressedImage
 from rosbags.typesys.stores.ros1_noetic import std_msgs__msg__Header as Header
+from scipy.ndimage import gaussian_filter1d
 
 from pipelines.cli import app
 from pipelines.config.compose import load
@@ -74,6 +75,23 @@ def test_ingest_reads_tum_and_ends_tosses_at_rest(project: Path, answer: Any) ->
         flight = true.phase[: len(one)] == Phase.FLIGHT
         flight[1:] &= flight[:-1]
         assert np.median(np.abs(one.v[flight, :3] - true.v[: len(one)][flight, :3])) < 0.02
+
+
+def test_what_a_smoother_made_is_refused_unless_it_is_asked_for(
+    project: Path, answer: Any, capfd: pytest.CaptureFixture[str]
+) -> None:
+    config = synthesis("engine=lcp", "tosses=3", "seconds=1.2")
+    tosses, _ = make_tosses(config, load_object(config.object), np.random.default_rng(5))
+    for toss in tosses:
+        toss.q[:, :3] = gaussian_filter1d(toss.q[:, :3], 15.0, axis=0)
+    write_tum(project / "poses", tosses)
+    keys = ["source=tum", "source.path=poses", "object=cube", "out=made.h5"]
+    assert app.run(["ingest", *keys, "--quiet"]) == 2
+    line = one_line(capfd.readouterr().err)
+    assert "the poses are a smoother's, not measured: they do not fall by gravity" in line
+    assert "smoothed=keep" in line
+    assert not (project / "made.h5").exists()
+    assert answer("ingest", *keys, "smoothed=keep")["n_tosses"] == 3
 
 
 def test_ingest_reads_videos_and_bags_as_it_reads_frames(

@@ -13,6 +13,7 @@ import pytest
 from pipelines.cli import app
 from pipelines.tracking.runs import find_runs
 from tests.pipelines.commands.rough import can_mount, jumping, on_a_disk, tossid
+from tests.pipelines.commands.test_diagnose import FEW
 from tests.pipelines.commands.test_kills import FILM, check_whole, files
 from tests.pipelines.conftest import KEYS, one_line
 
@@ -20,7 +21,7 @@ COMMANDS = {
     "ingest": ["ingest", "source=frames", "source.path=film", "out=ingested.h5"],
     "train": ["train", *KEYS, "data=tosses"],
     "evaluate": ["evaluate", "data=tosses", "run=RUN"],
-    "diagnose": ["diagnose", "data=tosses", "tosses=6", "out=gap"],
+    "diagnose": ["diagnose", "data=tosses", "tosses=6", "out=gap", FEW],
 }
 PAIRS = list(itertools.combinations_with_replacement(COMMANDS, 2))
 FREE_KB = [None, 0, 64, 1024]

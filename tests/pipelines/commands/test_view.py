@@ -59,9 +59,10 @@ def test_the_viewer_listens_on_loopback_alone(
     late_film: Path, monkeypatch: pytest.MonkeyPatch, answer: Any, tmp_path: Path
 ) -> None:
     started: list[list[str]] = []
-    rerun_file = SimpleNamespace(write_rerun=lambda content, path, **more: path.write_bytes(b"RRF") or 0)
+    rerun_file = SimpleNamespace(
+        need_rerun=lambda: None, write_rerun=lambda content, path, **more: path.write_bytes(b"RRF") or 0
+    )
     monkeypatch.setitem(sys.modules, "pipelines.drawing.rerun_file", rerun_file)
-    monkeypatch.setattr(view, "_need_rerun", lambda: None)
     monkeypatch.setattr(view.subprocess, "Popen", lambda args, **more: started.append(args))
     monkeypatch.chdir(late_film)
     out = str(tmp_path / "film.rrd")

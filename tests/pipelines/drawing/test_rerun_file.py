@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from pipelines.drawing.recording_view import ViewContent
+from pipelines.drawing.rerun_file import need_rerun
+from tossid.errors import InputError
+
+
+def test_the_module_imports_without_rerun_and_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)  # an import that fails
+    with pytest.raises(InputError, match=r"pip install 'tossid\[view\]'"):
+        need_rerun()
 
 
 def test_a_rerun_file_holds_it_all(

@@ -17,9 +17,9 @@ from pipelines.cli import app
 from tests.pipelines.conftest import one_line
 from tests.store.makers import make_dataset
 from tests.vision.bags import CAMERAS
+from tests.vision.written import write_recording
 from tossid.objects import load_object, write_object
 from tossid.store import write_dataset
-from tossid.vision.recordings.writing import write_recording
 from tossid.vision.setup.faces import default_tags
 from tossid.vision.setup.layout import layout_of
 

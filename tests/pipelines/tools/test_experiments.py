@@ -32,6 +32,7 @@ def called(project: Path, monkeypatch: pytest.MonkeyPatch) -> list[Call]:
         path.touch()
 
     monkeypatch.setattr(experiments, "call_with_keys", take)
+    monkeypatch.setattr(experiments.sessions, "main", lambda folder: calls.append(("sessions", [str(folder)])))
     return calls
 
 
@@ -48,15 +49,16 @@ def test_datasets_are_made_once_and_every_study_is_called(project: Path, called:
     assert sorted(commands[:made]) == ["ingest"] * len(experiments.RECORDED) + ["synthesize"] * len(
         experiments.SIMULATED
     )
-    assert commands[made:] == ["evaluate"] * len(experiments.STUDIES)
-    for (dataset, study), (_, keys) in zip(experiments.STUDIES, called[made:], strict=True):
+    assert commands[made:] == ["evaluate"] * len(experiments.STUDIES) + ["sessions"]
+    assert called[-1] == ("sessions", [str(project / "recordings")])
+    for (dataset, study), (_, keys) in zip(experiments.STUDIES, called[made:-1], strict=True):
         assert keys[0] == f"sweep={study}"
         assert dataset in keys[1]
         assert Path(keys[1].removeprefix("data=")).is_file()
-    first = called[made:]
+    first = called[made:-1]
     called.clear()
     experiments.main(project / "nowhere")
-    assert called == first
+    assert called[:-1] == first
 
 
 def test_recordings_that_are_not_there_are_said(project: Path, called: list[Call]) -> None:

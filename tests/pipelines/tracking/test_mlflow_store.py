@@ -15,9 +15,9 @@ from pipelines.cli import app
 from pipelines.tracking import mlflow_store
 from pipelines.tracking.mlflow_store import _making, client, experiment_id, is_remote
 from pipelines.tracking.run import tracked_run
-from pipelines.tracking.runs import find_run
 from tests.pipelines.conftest import one_line
 from tests.pipelines.served import free_port
+from tests.pipelines.stored import stored_run
 from tossid import file_systems, locks
 
 
@@ -33,7 +33,7 @@ def test_a_network_file_system_gets_a_rollback_journal(
     monkeypatch.setattr(mlflow_store, "network_file_system", lambda path: shared)
     with tracked_run("there", {}, command="train") as run:
         run.metrics({"loss": 1.0}, step=1)
-    assert find_run("there").metrics == {"loss": 1.0}
+    assert stored_run(run.id).data.metrics == {"loss": 1.0}
     assert journal_of(project / "mlflow.db") == journal
 
 
@@ -42,9 +42,9 @@ def test_a_store_is_made_without_flock(project: Path, monkeypatch: pytest.Monkey
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
     monkeypatch.setattr(locks.fcntl, "flock", refuse)
-    with tracked_run("there", {}, command="train"):
+    with tracked_run("there", {}, command="train") as run:
         pass
-    assert find_run("there").status == "FINISHED"
+    assert stored_run(run.id).info.status == "FINISHED"
     assert not [path for path in project.iterdir() if path.name.startswith(".")]
 
 

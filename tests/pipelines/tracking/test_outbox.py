@@ -66,7 +66,7 @@ def test_messages_wait_in_order_and_survive_their_process(project: Path, client:
 
 
 @pytest.mark.parametrize(
-    "other", ["http://ann:other@tracking.lab:5000", "http://elsewhere:5000", "sqlite:///mlflow.db"]
+    "other", ["http://bob:secret@tracking.lab:5000", "http://elsewhere:5000", "sqlite:///mlflow.db"]
 )
 def test_a_message_is_sent_to_its_own_server_only(project: Path, client: Any, other: str) -> None:
     client.away = True
@@ -77,10 +77,25 @@ def test_a_message_is_sent_to_its_own_server_only(project: Path, client: Any, ot
     assert [waiting.count for waiting in waiting_messages()] == [1]
 
 
-def test_no_password_lies_on_disk(project: Path, client: Any) -> None:
+def test_neither_a_password_lies_on_disk_nor_what_depends_on_it(project: Path) -> None:
+    """A digest of the address would let a short password be guessed."""
+    kept = []
+    for password in ("secret", "another"):
+        client: Any = Recorder(f"http://ann:{password}@tracking.lab:5000")
+        client.away = True
+        Outbox(client, password).send("tag", "a", "1")
+        kept.append({path.name: path.read_bytes() for path in (UNSENT / password).iterdir()})
+        assert not [name for name, content in kept[-1].items() if password.encode() in content]
+    assert kept[0] == kept[1]
+
+
+def test_a_new_password_gets_what_waits(project: Path, client: Any) -> None:
     client.away = True
     Outbox(client, "r1").send("tag", "a", "1")
-    assert not [path for path in project.rglob("*") if path.is_file() and b"secret" in path.read_bytes()]
+    renewed: Any = Recorder(SERVER.replace("secret", "renewed"))
+    send_unsent(renewed)
+    assert renewed.sent == [("set_tag", "a", "1")]
+    assert waiting_messages() == []
 
 
 def test_a_refused_message_is_set_aside_with_a_warning_and_the_others_are_sent(project: Path, client: Any) -> None:

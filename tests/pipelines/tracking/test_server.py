@@ -109,14 +109,15 @@ def test_eight_runs_and_a_server_that_is_stopped_in_the_middle(
             from mlflow.artifacts import download_artifacts
 
             from pipelines.tracking.run import tracked_run
-            from pipelines.tracking.runs import find_run, metric_history
+            from pipelines.tracking.runs import find_run
+            from tests.pipelines.stored import metric_history, stored_run
 
             with tracked_run("the next", {}, command="other"):
                 pass
             assert waiting_messages() == []
             for name in names:
                 record = find_run(name)
-                assert record.status == "FINISHED"
+                assert stored_run(record.id).info.status == "FINISHED"
                 steps = Counter(step for step, _ in metric_history(record.id, "loss"))
                 assert steps == Counter(range(1, 1001))
                 text = download_artifacts(run_id=record.id, artifact_path=f"{name}.txt")

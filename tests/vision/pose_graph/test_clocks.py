@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.vision.sights import filmed_tumble, nees, seen, tumble
+from tests.vision.tracked import track
 from tossid.objects import ObjectModel
 from tossid.vision.cameras.rig import default_rig
-from tossid.vision.pose_graph.track import track
 
 
 @pytest.mark.parametrize("delay", [0.0405, -0.0213])

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from tests.vision.sights import motion, nees, seen, tangent
+from tests.vision.tracked import track
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_boxminus
 from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection, PoseTrack
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
-from tossid.vision.pose_graph.track import track, track_scene
+from tossid.vision.pose_graph.track import track_scene
 from tossid.vision.setup.faces import default_tags
 from tossid.vision.setup.layout import layout_of
 

@@ -14,9 +14,8 @@ from tossid.rotations import transform
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.pose_graph.initial import State, given
 from tossid.vision.pose_graph.reprojection import printed_corners, reproject
-from tossid.vision.pose_graph.resect import SQUARE
 from tossid.vision.pose_graph.scene import Scene, corner_growth, observe
-from tossid.vision.setup.layout import layout_of
+from tossid.vision.setup.layout import SQUARE, layout_of
 
 SIGMA, SPREAD = 0.1, 0.8
 

@@ -9,7 +9,8 @@ import pytest
 
 from tossid.rotations import geodesic_angle, matrix_to_quat, quat_normalize, transform, transform_inv, transform_points
 from tossid.settings.tracking import ResectionSettings
-from tossid.vision.pose_graph.resect import SQUARE, Sightings, resect, residuals, retract, tag_poses
+from tossid.vision.pose_graph.resect import Sightings, resect, residuals, retract, tag_poses
+from tossid.vision.setup.layout import SQUARE
 
 
 def _sightings(rng: np.random.Generator, n: int, m: int, sigma: float) -> tuple[Sightings, np.ndarray]:

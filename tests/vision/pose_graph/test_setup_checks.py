@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from tests.vision.sights import filmed_tumble
+from tests.vision.tracked import track
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
-from tossid.vision.pose_graph.track import track
 
 
 def _suspects(tagged: ObjectModel, filmed: ObjectModel, cameras: tuple[Camera, ...], filming: tuple[Camera, ...]):

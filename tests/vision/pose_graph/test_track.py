@@ -10,6 +10,7 @@ import pytest
 
 from tests.vision.conftest import Filmed
 from tests.vision.sights import alike, motion, nees, seen, tangent
+from tests.vision.tracked import track
 from tossid.errors import InputError, ObjectError
 from tossid.motion.segmentation import segment
 from tossid.objects import JointType, ObjectModel, object_from_mjcf
@@ -24,7 +25,6 @@ from tossid.types import Detection, PoseTrack
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.detection.detect import detect_frames
-from tossid.vision.pose_graph.track import track
 from tossid.vision.recordings.npz import read_tracks, write_tracks
 from tossid.vision.setup.calibration import read_cameras
 from tossid.vision.setup.faces import default_tags

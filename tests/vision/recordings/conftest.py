@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from tests.vision.recordings.small import CAMERA, small_frames
+from tests.vision.written import write_recording
 from tossid.objects import ObjectModel
-from tossid.vision.recordings.writing import write_recording
 from tossid.vision.setup.layout import layout_of
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from tests.vision.recordings.small import CAMERA, small_frames
+from tests.vision.written import write_recording
 from tossid.errors import FileError
 from tossid.objects import ObjectModel
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.recordings.formats.frames import read_recording
-from tossid.vision.recordings.writing import write_recording
 from tossid.vision.setup.calibration import write_cameras
 from tossid.vision.setup.layout import layout_of
 

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from tests.vision.recordings.small import CAMERA, small_frames
+from tests.vision.written import write_recording
 from tossid.errors import InputError, OutputError
 from tossid.objects import ObjectModel
 from tossid.types import Frame
 from tossid.vision.recordings.formats.frames import read_recording
-from tossid.vision.recordings.writing import RecordingWriter, write_recording
+from tossid.vision.recordings.writing import RecordingWriter
 from tossid.vision.setup.layout import layout_of
 
 

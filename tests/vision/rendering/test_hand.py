@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from tests.vision.films import corner_rms, film_of
+from tests.vision.tracked import track
 from tossid.objects import ObjectModel
 from tossid.rotations import geodesic_angle
 from tossid.synthesis.timeline import Filming, Timeline
 from tossid.vision.cameras.shutter import Shutter, poses_at
 from tossid.vision.detection.detect import detect_frames
-from tossid.vision.pose_graph.track import track
 from tossid.vision.rendering.hand import hand_poses
 from tossid.vision.rendering.render import Renderer
 

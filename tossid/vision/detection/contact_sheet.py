@@ -21,6 +21,7 @@ DIM: Colour = (120, 120, 120)
 PAPER = 250
 FOUND: Colour = (50, 160, 30)
 PLACED: Colour = (0, 130, 255)
+"""Colours (blue, green, red) of texts, of less important ones, of the page, of tags found and of the object placed."""
 GAP, HEAD, FOOT, CAPTION = 10, 66, 40, 24
 """Heights and distances [px]."""
 

@@ -19,8 +19,10 @@ from tossid.vision.cameras.camera import Camera
 
 Array = NDArray[np.float64]
 
-_MOST = 64  # stretches of an edge
-_N = 11  # parameters: two of each edge, black, white, width
+_MOST = 64
+"""Stretches of an edge, at most: the size of scratch arrays."""
+_N = 11
+"""Parameters of a tag's image: two of each edge, black, white, width of the edges."""
 DEFAULT = CornerSettings()
 
 

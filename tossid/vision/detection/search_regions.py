@@ -14,8 +14,9 @@ from tossid.settings.ingestion import PredictionSettings
 from tossid.types import Detection
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.detection.corners import rays_at
-from tossid.vision.pose_graph.resect import SQUARE, tag_poses
+from tossid.vision.pose_graph.resect import tag_poses
 from tossid.vision.setup.faces import tag_corners
+from tossid.vision.setup.layout import SQUARE
 
 Array = NDArray[np.float64]
 

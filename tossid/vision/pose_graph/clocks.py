@@ -14,9 +14,6 @@ from tossid.vision.pose_graph.scene import Scene
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-GRID = (0.004, 0.001, 0.00025)
-"""Steps of the offsets that are tried, from coarse to fine [s]."""
-
 
 def clock_offsets(scene: Scene, state: State, *, settings: TrackSettings) -> dict[int, float]:
     """Offsets of cameras' clocks [s] by camera's number: how much later than most cameras' a frame's time stamp is.
@@ -104,11 +101,11 @@ def _offset(
         square = np.sum(np.squeeze(scene.to_pixels[rows[good]] @ r[..., None], -1) ** 2, axis=-1)
         return float(np.mean(np.nan_to_num(square / (square + search.soft_pixels**2), nan=1.0))), int(good.sum())
 
-    grid = np.arange(-search.reach, search.reach + 1e-9, GRID[0])
+    grid = np.arange(-search.reach, search.reach + 1e-9, search.steps[0])
     curve, counts = np.array([misfit(offset) for offset in grid]).T
     curve[counts < 0.5 * counts.max()] = np.inf
     best = float(grid[np.argmin(curve)])
-    for step in GRID[1:]:
+    for step in search.steps[1:]:
         near = best + step * np.arange(-4, 5)
         best = float(near[np.argmin([misfit(offset)[0] for offset in near])])
     better = misfit(best)[0] < search.misfit_share * misfit(0.0)[0]

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.kernels import kernel
-from tossid.vision.pose_graph.resect import SQUARE
 from tossid.vision.setup.hinge import Hinge, Hinges
-from tossid.vision.setup.layout import Coordinate, Distance
+from tossid.vision.setup.layout import SQUARE, Coordinate, Distance
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from tossid.rotations import transform_inv, transform_points
 from tossid.vision.pose_graph.initial import State
-from tossid.vision.pose_graph.resect import SQUARE, retract
+from tossid.vision.pose_graph.resect import retract
 from tossid.vision.pose_graph.scene import Scene
 from tossid.vision.pose_graph.solution import TimingModel
+from tossid.vision.setup.layout import SQUARE
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

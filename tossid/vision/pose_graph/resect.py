@@ -31,13 +31,11 @@ from tossid.rotations import (
     transform_points,
 )
 from tossid.settings.tracking import ResectionSettings
+from tossid.vision.setup.layout import SQUARE
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-
-SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
-"""Corners of a tag of half size 1: bottom-left, bottom-right, top-right, top-left, (4, 3)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tossid.errors import InputError, ObjectError
-from tossid.objects import ObjectModel
+from tossid.errors import InputError
 from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection, PoseTrack
 from tossid.vision.cameras.camera import Camera
@@ -19,7 +18,7 @@ from tossid.vision.pose_graph.initial import given
 from tossid.vision.pose_graph.report import Counts, FrameErrors, TrackReport, calibrated, frame_errors, make_report
 from tossid.vision.pose_graph.robust import SolvedScene, solve_scene
 from tossid.vision.pose_graph.scene import Scene, observe, words
-from tossid.vision.setup.layout import Body, TagLayout, articulated, body_tags, descendants
+from tossid.vision.setup.layout import TagLayout, descendants
 
 DEFAULT = TrackSettings()
 
@@ -41,37 +40,6 @@ class Tracked:
     layout: TagLayout
     frames: FrameErrors
     report: TrackReport
-
-
-def track(
-    detections: Iterable[Detection],
-    cameras: Sequence[Camera],
-    model: ObjectModel,
-    *,
-    settings: TrackSettings = DEFAULT,
-    name: str = "track",
-) -> tuple[PoseTrack, TrackReport]:
-    """The track of one object whose tags are where its model says, among cameras of known pose, and a report.
-
-    Args:
-        detections: In any order.
-        cameras: Those that detections are of, with their poses in the world.
-        model: The object, with tags; its joints are hinges.
-        settings: When poses are accepted.
-        name: Of the track.
-
-    Raises:
-        ObjectError: The object has no tags, or a joint that slides.
-        InputError: A detection of an unknown camera, or too few to make a track.
-    """
-    if not model.tags:
-        raise ObjectError(f"object '{model.name}' has no tags to track")
-    rigs = {camera.rig_body: camera for camera in cameras}
-    bodies = [Body(rig, True, camera.T_world_rig) for rig, camera in rigs.items()]
-    own = [Body(name, False, tags=body_tags(model, b)) for b, name in enumerate(model.body_names)]
-    layout = articulated(TagLayout((*bodies, *own)), model)
-    tracked = track_scene(list(detections), cameras, layout, settings=settings, name=name)
-    return tracked.tracks[model.body_names[0]], tracked.report
 
 
 def track_scene(

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from tossid import budget
 
 _START_OF_FRAME = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""JPEG's markers that an image's size follows."""
 _ALONE = frozenset({0x01, *range(0xD0, 0xD9)})
 """JPEG's markers without a length."""
 _START_OF_SCAN, _END = 0xDA, 0xD9
+"""JPEG's markers after which no size follows."""
 _WIDTHS, _HEIGHTS = (256, 322), (257, 323)
 """TIFF's tags of an image's and of a tile's size."""
 

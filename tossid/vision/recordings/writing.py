@@ -112,18 +112,3 @@ class RecordingWriter:
     def _discard(self) -> None:
         if self.folder != self.target:
             shutil.rmtree(self.folder, ignore_errors=True)
-
-
-def write_recording(
-    target: str | Path,
-    cameras: Iterable[Camera],
-    layout: TagLayout,
-    frames: Iterable[Frame],
-    *,
-    image_format: str = "jpg",
-    quality: int = 80,
-) -> None:
-    """Write a recording from frames as they come; whole or not at all (`RecordingWriter`)."""
-    with RecordingWriter(target, cameras, layout, image_format=image_format, quality=quality) as writer:
-        for frame in frames:
-            writer.write(frame)

@@ -11,6 +11,7 @@ from scipy.spatial import ConvexHull
 
 from tossid.errors import ObjectError
 from tossid.objects import ObjectModel, Tag
+from tossid.vision.setup.layout import SQUARE, BodyTag
 
 Array = NDArray[np.float64]
 
@@ -103,14 +104,13 @@ def default_tags(model: ObjectModel, *, first_id: int = 0, fill: float = TAG_FIL
     return tuple(tags)
 
 
-def tag_corners(tag: Tag) -> Array:
+def tag_corners(tag: Tag | BodyTag) -> Array:
     """The corners (4, 3) of a tag's black border in its body's frame [m].
 
     Bottom-left, bottom-right, top-right, top-left, as a viewer sees the upright tag.
     """
-    half = 0.5 * tag.size
-    corners = half * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
-    return corners @ tag.T_body_tag[:3, :3].T + tag.T_body_tag[:3, 3]
+    assert tag.T_body_tag is not None
+    return np.asarray(0.5 * tag.size * SQUARE @ tag.T_body_tag[:3, :3].T + tag.T_body_tag[:3, 3])
 
 
 def tag_bitmap(tag_id: int) -> NDArray[np.uint8]:

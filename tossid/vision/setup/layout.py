@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 FAMILIES = {"tag36h11": 8, "tag25h9": 7, "tag16h5": 6}
 """The AprilTag families that can be used, and how many cells across each is, its black border included."""
+SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+"""Corners of a tag of half size 1: bottom-left, bottom-right, top-right, top-left, (4, 3)."""
 DEFAULT_FAMILY = "tag36h11"
 """The family of a tag where none is named."""
 

@@ -20,7 +20,9 @@ PAPERS = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
 QUIET = (TAG_CELLS + 2) / TAG_CELLS
 """Edge of the white margin that a detector needs, over that of the black border."""
 _MARGIN, _HEAD, _CAPTION, _GAP = 12.0, 30.0, 8.0, 8.0
+"""Distances on a page [mm]."""
 _INCH = 25.4
+"""[mm]."""
 _GREY = "0.6"
 
 
