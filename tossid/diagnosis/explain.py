@@ -124,7 +124,9 @@ def _concluded(
     verdict = gap_verdict(gap, left, closed, nameless, unexplained, any_named=bool(named), settings=settings.verdict)
     # a user's simulator is its own solver
     disagreement = None if validator.engine.of_user else solver_disagreement(present, validator, seed=seed)
-    if verdict == "unexplained" and not named and disagreement is not None and left.total.value <= disagreement.gap:
+    small = disagreement is not None and left.total.value <= disagreement.gap
+    # solvers agree in flight, so they do not explain an effect that was found there without a name
+    if verdict == "unexplained" and small and not (named or nameless):
         verdict = "within_solver_disagreement"
     return Diagnosis(
         verdict=verdict,

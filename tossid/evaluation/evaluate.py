@@ -69,7 +69,7 @@ class Scores:
     def as_json(self) -> dict[str, Any]:
         """The metrics with the model's name and what it learned, as plain values."""
         result = {"model": self.model.name, "n_tosses": len(self.dataset.tosses), **self.metrics}
-        plain: dict[str, Any] = jsonable({**result, "parameters": self.model.model.parameters_report()})
+        plain: dict[str, Any] = jsonable({**result, "parameters": self.model.parameters})
         return plain
 
     def table(self) -> tuple[list[str], list[list[str]]]:
