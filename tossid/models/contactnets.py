@@ -16,8 +16,8 @@ from tossid.models.implicit import Dynamics, LossTerms, LossWeights, free_accele
 from tossid.models.inertia import divergence, make_inertia
 from tossid.models.parameters import ContactLaw, Friction, Geometry, LearnedAccelerationNet
 from tossid.models.predictor import Simulator
-from tossid.models.random_start import draw_start
 from tossid.models.protocol import Mechanics, Objective, StagePlan
+from tossid.models.random_start import draw_start
 from tossid.models.registry import register_model
 from tossid.models.transitions import Transitions
 from tossid.motion import MeasurementModel

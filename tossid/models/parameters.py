@@ -196,7 +196,7 @@ class LearnedAccelerationNet(nn.Module):
         return SCALE * torch.cat([own[:, :3] + field, own[:, 3:]], dim=-1)
 
     def uniform_vertical(self) -> float:
-        """The uniform vertical acceleration, up positive [m/s²]; where it has no number of its own, in the linear part."""
+        """The uniform vertical acceleration, up positive [m/s²], that of the linear part included."""
         with torch.no_grad():
             value = self.vertical
             if self.world:
