@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from tossid.diagnosis.explain import explain
+from tossid.diagnosis.learned import learned_forces
 from tossid.diagnosis.next_toss import next_toss
 from tossid.diagnosis.patch.make import make_patch
 from tossid.diagnosis.patch.rerun import rerun
@@ -126,6 +127,7 @@ class Task:
             patch=patch,
             remarks=(*self.remarks, *_of_contact(found, self.simulator)),
             order=self.order,
+            learned=learned_forces(self.simulator.world, self.tosses, self.library, self.settings.learned),
             report=self.settings.report,
         )
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from tossid.diagnosis.findings import Finding, Gap, Interval, Place, Share, Step, Witness
+from tossid.diagnosis.learned import LearnedForces
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.disagreement import SolverDisagreement
 from tossid.diagnosis.localisation.misspecification import Misspecification
@@ -63,6 +64,7 @@ class Diagnosis:
         minor: Names of effects that were found too, and are too small to matter.
         implausible: Effects of the hypothesis that have no name, with why: "no_change" or "at_bound".
         disagreement: The gap that another exact solver of the same rigid body shows; None for a user's own contact.
+        learned: What the simulator's learned acceleration stands for; None if it has none.
         report: What the figures of the report draw.
     """
 
@@ -97,6 +99,7 @@ class Diagnosis:
     unseen: Unseen | None = None
     noise: MeasuredNoise | None = None
     misspecification: Misspecification | None = None
+    learned: LearnedForces | None = None
     report: ReportSettings = ReportSettings()
 
     def as_json(self) -> dict[str, Any]:
@@ -147,6 +150,7 @@ class Diagnosis:
             "noise": None if self.noise is None else self.noise.as_json(),
             "misspecification": None if self.misspecification is None else self.misspecification.as_json(),
             "unseen": None if self.unseen is None else self.unseen.as_json(),
+            "learned_acceleration": None if self.learned is None else self.learned.as_json(),
             "solver_disagreement": None if self.disagreement is None else self.disagreement.as_json(),
             "tosses_needed": None if self.needed is None else self.needed.as_json(),
         }

@@ -14,13 +14,15 @@ from torch import Tensor, nn
 
 from tossid.models.implicit import Dynamics, LossTerms, LossWeights, free_acceleration, implicit_loss
 from tossid.models.inertia import divergence, make_inertia
-from tossid.models.parameters import SCALE, ContactLaw, Friction, Geometry, LearnedAccelerationNet
+from tossid.models.parameters import ContactLaw, Friction, Geometry, LearnedAccelerationNet
 from tossid.models.predictor import Simulator
 from tossid.models.protocol import Mechanics, Objective, StagePlan
+from tossid.models.random_start import draw_start
 from tossid.models.registry import register_model
 from tossid.models.transitions import Transitions
 from tossid.motion import MeasurementModel
 from tossid.objects import ObjectModel
+from tossid.physics import ExactCone, PolyhedralCone
 from tossid.settings.limits import VALUES
 from tossid.settings.training import ModelSettings
 
@@ -60,7 +62,13 @@ class ContactNets(nn.Module):
         self.k_res: LearnedAccelerationNet | None = None
         if settings.learn_k_res:
             generator = torch.Generator().manual_seed(seed)
-            self.k_res = LearnedAccelerationNet(model.n_joints, hidden=settings.hidden, generator=generator)
+            self.k_res = LearnedAccelerationNet(
+                model.n_joints,
+                hidden=settings.hidden,
+                generator=generator,
+                world=settings.k_res_inputs == "world",
+                gravity=settings.k_res_gravity,
+            )
         with torch.no_grad():
             self._metric = tuple(part.clone() for part in make_inertia(model, learn=False)())
 
@@ -139,12 +147,15 @@ class ContactNets(nn.Module):
 
         Rollouts determine few numbers; the corners are left to the implicit loss, unless the settings say otherwise.
         Objects with joints predict stretches of half the first horizon, and then of the first: a few impacts on, links
-        may be anywhere.
+        may be anywhere. On demand there is one stage of the implicit loss in place of the first two, over everything.
         """
         settings, plans = self.settings, []
-        if self.k_res is not None:
+        if settings.together:
+            everything = _learned(self.geometry, self.friction, self.inertia, self.k_res)
+            plans.append(StagePlan("together", Objective.LOSS, everything))
+        elif self.k_res is not None:
             plans.append(StagePlan("continuous", Objective.FLIGHT_LOSS, _learned(self.k_res, self.inertia)))
-        if settings.implicit:
+        if settings.implicit and not settings.together:
             contact = _learned(self.geometry, self.friction, self.inertia)
             held = tuple(_learned(self.inertia)) if settings.learn_geometry else ()
             corners = self.geometry if settings.learn_geometry else None
@@ -175,12 +186,12 @@ class ContactNets(nn.Module):
         net, gravity = self.k_res, self.settings.gravity
         if net is None:
             return Mechanics(self.learned_object(), gravity, weights=self.weights)
-        vertical = SCALE * float(net.vertical.detach())
-        return Mechanics(self.learned_object(), gravity, net.arrays(), vertical, self.weights)
+        return Mechanics(self.learned_object(), gravity, net.arrays(), net.uniform_vertical(), self.weights)
 
     def simulator(self) -> Simulator:
         """The learned simulator."""
-        return Simulator(self.mechanics().system(), substeps=self.settings.substeps)
+        cone = {"exact": ExactCone(), "polyhedral": PolyhedralCone()}[self.settings.cone]
+        return Simulator(self.mechanics().system(), substeps=self.settings.substeps, solver=cone)
 
     def parameters_report(self) -> dict[str, Any]:
         """What was learned and what was given, with units."""
@@ -217,7 +228,10 @@ def build(
     """
     com = given.com.copy()
     com[0] += settings.start_com
-    off = np.random.default_rng(seed).normal(size=given.corner_pos.shape) * settings.start_corners
+    rng = np.random.default_rng(seed)
+    off = rng.normal(size=given.corner_pos.shape) * settings.start_corners
+    if settings.random_start:
+        given = draw_start(given, rng, inertia=settings.learn_inertia).object
     start = given.with_changes(
         inertia=settings.start_inertia * given.inertia, com=com, corner_pos=given.corner_pos + off
     )

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.kernels import by_type, fused_kernel
+from tossid.physics.system import N_WORLD
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,7 @@ class State(NamedTuple):
         taken: (n_x,) what contact takes from xi in a strike, beside its impulses.
         feature: (n_f,) input of the learned acceleration.
         hidden: (2, h) its layers.
-        learned: (nv,) the learned acceleration.
+        learned: (nv + 3,) its output.
     """
 
     q: Array
@@ -65,8 +66,8 @@ def make_state(nq, nv, n_hidden):  # type: ignore[no-untyped-def]
     nx = nv - 3
     return State(
         np.zeros(nq), np.zeros(nv), np.zeros(nq), np.zeros(nv), np.zeros((3, 3)), np.zeros(3), np.zeros(nx),
-        np.zeros(3), np.zeros(nx), np.zeros(3), np.zeros(nx), np.zeros(nx), np.zeros(9 + 3 * (nv - 6)),
-        np.zeros((2, n_hidden)), np.zeros(nv),
+        np.zeros(3), np.zeros(nx), np.zeros(3), np.zeros(nx), np.zeros(nx),
+        np.zeros(9 + 3 * (nv - 6) + N_WORLD), np.zeros((2, n_hidden)), np.zeros(nv + 3),
     )  # fmt: skip
 
 

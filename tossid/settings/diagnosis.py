@@ -219,6 +219,21 @@ class VerdictSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LearnedSettings:
+    """What a simulator's learned acceleration stands for (`tossid.diagnosis.learned`)."""
+
+    states: Count = 2000
+    """most states in flight at which it is compared with effects"""
+    effects: Count = 3
+    """most effects that it is said to stand for"""
+    least_share: Fraction = 0.05
+    """share of its mean square that an effect must do beyond those before it"""
+    least_acceleration: Positive = 0.05
+    """root mean square below which it is said to do next to nothing [m/s²]; angular accelerations count over half a
+    width"""
+
+
+@dataclass(frozen=True, kw_only=True)
 class CheckSettings:
     """Which tosses and simulators are refused."""
 
@@ -265,6 +280,8 @@ class DiagnoseSettings:
     """how the residual wrench is estimated"""
     witnesses: WitnessSettings = advanced_part(WitnessSettings)
     """which impacts and slides are measured without a simulator"""
+    learned: LearnedSettings = advanced_part(LearnedSettings)
+    """how a learned acceleration is compared with effects"""
     next_toss: NextTossSettings = advanced_part(NextTossSettings)
     """how the next toss is sought"""
     verdict: VerdictSettings = advanced_part(VerdictSettings)
