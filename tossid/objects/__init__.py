@@ -7,6 +7,7 @@ from tossid.objects.mjcf import object_from_mjcf, to_mjcf
 from tossid.objects.model import GRAVITY, JointLaw, JointType, ObjectModel, Tag, free_joints
 from tossid.objects.recorded import recorded_object, write_object
 from tossid.objects.tags import read_tags
+from tossid.objects.unstated import need_stated, unstated_object
 from tossid.objects.urdf import to_urdf
 
 __all__ = [
@@ -23,10 +24,12 @@ __all__ = [
     "corner_positions",
     "free_joints",
     "load_object",
+    "need_stated",
     "object_from_mjcf",
     "read_tags",
     "recorded_object",
     "to_mjcf",
     "to_urdf",
+    "unstated_object",
     "write_object",
 ]

@@ -193,9 +193,16 @@ class ObjectModel:
         return len(self.corner_body)
 
     @property
+    def is_stated(self) -> bool:
+        """Whether it has a shape; false of a recording with `object=unknown`."""
+        return self.n_corners > 0
+
+    @property
     def center(self) -> Array:
-        """Geometric centre of the base body's corners, in the base frame [m]. (3,)."""
+        """Geometric centre of the base body's corners, in the base frame [m]; its origin without corners. (3,)."""
         own = self.corner_pos[self.corner_body == 0]
+        if not len(own):
+            return np.zeros(3)
         return 0.5 * (own.min(axis=0) + own.max(axis=0))
 
     def with_changes(self, **changes: Any) -> ObjectModel:
