@@ -31,7 +31,7 @@ DIAGNOSIS = """
 from tossid.physics.effects import LIBRARY
 
 without = tuple(effect.name for effect in LIBRARY if effect.name not in ("gravity", "friction"))
-gap = tossid.diagnose(dataset, without=without)
+gap = tossid.diagnose(dataset, without=without, repeats=0)
 assert gap.named == ("gravity",), gap
 gap.save("gap")
 """

@@ -164,7 +164,7 @@ def in_words(report: dict[str, Any]) -> str:
         "|---|---|---|---|",
     ]
     for effect in report.get("effects", []):
-        if effect.get("verdict") not in ("identified", "confusable"):
+        if effect.get("verdict") not in ("identified", "candidate", "confusable"):
             continue
         values = ", ".join(f"{name} {value['value']:.4g}" for name, value in effect.get("parameters", {}).items())
         closes = 100 * effect.get("gap_closed", {}).get("value", float("nan"))

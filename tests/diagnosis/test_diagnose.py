@@ -37,7 +37,7 @@ def dataset(cube: ObjectModel) -> Dataset:
 def test_friction_is_found_and_its_report_saved(dataset: Dataset, cube: ObjectModel, tmp_path: Path) -> None:
     reported: list[float] = []
     gap = diagnose(
-        dataset, World(cube), without=WITHOUT, threads=1, progress=lambda text, share: reported.append(share)
+        dataset, World(cube), without=WITHOUT, threads=1, repeats=0, progress=lambda text, share: reported.append(share)
     )
     assert gap.named == ("friction",)
     assert gap.findings[0].verdict == "identified"
@@ -93,7 +93,7 @@ def test_too_little_is_refused(dataset: Dataset) -> None:
 
 
 def test_too_few_for_a_name_have_a_gap_and_say_how_many_a_name_needs(dataset: Dataset, cube: ObjectModel) -> None:
-    gap = diagnose(dataset, World(cube), without=WITHOUT, threads=1, tosses=5)
+    gap = diagnose(dataset, World(cube), without=WITHOUT, threads=1, tosses=5, repeats=0)
     assert gap.named == ()
     assert gap.verdict == "unexplained"
     slide = next(share.share.value for share in gap.gap.by_phase if share.name == "slide")

@@ -21,7 +21,7 @@ def test_a_registered_effect_is_named(cube: ObjectModel) -> None:
         true = effect.at(World(cube), np.array([2.0]))
         dataset = Dataset(cube, tuple(seen(true, cube, 10, seed=5)), 148.0, "made", {})
         without = tuple(other.name for other in LIBRARY if other.name not in KEPT)
-        gap = diagnose(dataset, World(cube), without=without, threads=1)
+        gap = diagnose(dataset, World(cube), without=without, threads=1, repeats=0)
     assert gap.named == ("height_pull",)
     found = next(finding for finding in gap.findings if finding.name == "height_pull").parameters["k_npm"]
     assert found.low - 0.05 < 2.0 < found.high + 0.05

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from tests.diagnosis.tossed import seen
+from tests.diagnosis.tossed import ONCE, seen
 from tossid.diagnosis.explain import explain
 from tossid.diagnosis.result import Diagnosis
 from tossid.objects import ObjectModel
@@ -31,7 +31,7 @@ def diagnoses(cube: ObjectModel, name: str, truth: list[float], count: int, *, f
     world = World(cube)
     there = EFFECTS[name].at(world, np.array(truth)) if name else world
     for seed in range(first, first + count):
-        yield explain(seen(there, cube, TOSSES, seed=seed), world, library=SOME, n_threads=2, seed=seed)
+        yield explain(seen(there, cube, TOSSES, seed=seed), world, library=SOME, n_threads=2, seed=seed, settings=ONCE)
 
 
 def most(count: int, rate: float) -> int:

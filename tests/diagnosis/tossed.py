@@ -10,10 +10,13 @@ from tossid.motion import label_phases
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World, effects_for
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul
+from tossid.settings.diagnosis import DiagnoseSettings
 from tossid.types import Toss
 
 POSITION, ROTATION = 1.5e-4, 1.5e-3
 """Standard deviations of the noise [m], [rad]."""
+ONCE = DiagnoseSettings(repeats=0)
+"""No search is repeated, which would take several times as long."""
 
 
 def seen(world: World, nominal: ObjectModel, count: int, *, seed: int, frames: int = 90) -> list[Toss]:

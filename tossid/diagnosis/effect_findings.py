@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -15,13 +15,14 @@ from tossid.diagnosis.localisation.noise import Floor
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.refinement import intervals
 from tossid.diagnosis.selection.search_result import SearchResult
+from tossid.diagnosis.selection.stability import Stability
 from tossid.physics.effects import Effect
 from tossid.types import Phase
 
 Array = NDArray[np.float64]
 NOTHING = Interval(0.0, 0.0, 0.0)
 """The interval of a parameter that is not there."""
-_RANK = {"identified": 0, "confusable": 0, "not_supported": 2, "not_identifiable": 3}
+_RANK = {"identified": 0, "confusable": 0, "candidate": 0, "not_supported": 2, "not_identifiable": 3}
 """Order of statuses in a table."""
 
 
@@ -34,6 +35,8 @@ def effect_findings(
     spread: Array | None,
     closed: Mapping[str, Interval],
     consequence: Mapping[str, Consequence] = MappingProxyType({}),
+    candidates: Collection[str] = (),
+    stability: Stability = Stability(),
 ) -> tuple[Finding, ...]:
     """A finding for each effect, named ones and their classes first, the others by evidence.
 
@@ -46,6 +49,8 @@ def effect_findings(
         spread: (P,) standard deviations of parameters over shifted windows.
         closed: Share of the gap that each effect of the last hypothesis closes, by name.
         consequence: What each of them does to whole tosses, by name.
+        candidates: Names of effects that are significant, and not sure enough to be identified.
+        stability: How often repeated searches name each effect.
     """
     known = intervals(found.present.fitted, validator.n, spread, found.n_flight)
     stands_for = {each.name: (name, each) for name, group in found.classes.items() for each in group}
@@ -64,12 +69,13 @@ def effect_findings(
             judged, parameters = found.needed[effect.name], known[effect.name]
             confusable_with = tuple(each.name for each in found.classes[effect.name])
             verdict = "confusable" if confusable_with else "identified"
+            verdict = "candidate" if effect.name in candidates else verdict
         elif effect.name in stands_for:
             name, each = stands_for[effect.name]
             judged, parameters = each, intervals(each.fitted, validator.n)[effect.name]
             closes = closed[name]
             confusable_with = (name, *(o.name for o in found.classes[name] if o.name != effect.name))
-            verdict = "confusable"
+            verdict = "candidate" if name in candidates else "confusable"
         else:
             verdict = "not_supported" if detectable else "not_identifiable"
         evidence = {
@@ -90,6 +96,7 @@ def effect_findings(
                 confusable_with,
                 sizes,
                 consequence.get(stands_for[effect.name][0] if effect.name in stands_for else effect.name),
+                stability.frequency([effect.name]),
             )
         )
     order = {name: i for i, name in enumerate(named)}

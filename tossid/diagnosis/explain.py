@@ -35,6 +35,7 @@ from tossid.diagnosis.selection.refinement import (
 from tossid.diagnosis.selection.search import search
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.diagnosis.selection.significance import TossesNeeded
+from tossid.diagnosis.selection.stability import Stability, repeated
 from tossid.physics.effects import LIBRARY, OTHER_POWER, Effect, World
 from tossid.settings.diagnosis import DiagnoseSettings, VerdictSettings
 from tossid.types import Phase, Toss
@@ -82,8 +83,10 @@ def explain(
     found, spread = refitted_on_shifted_windows(tosses, world.object, validator, found)
     found, spread = pruned_by_wald_test(validator, found, spread)
     found, why = plausible_names(validator, found, spread)
+    report("repeated searches", 0.93)
+    stability = repeated(tosses, world.object, validator, found, library, seed=seed)
     report("what is left", 0.97)
-    return _concluded(tosses, unseen, library, validator, found, spread, why, started, seed)
+    return _concluded(tosses, unseen, library, validator, found, spread, why, stability, started, seed)
 
 
 def _silent(text: str, share: float) -> None:
@@ -98,6 +101,7 @@ def _concluded(
     found: SearchResult,
     spread: Array | None,
     why: Mapping[str, Implausible],
+    stability: Stability,
     started: float,
     seed: int,
 ) -> Diagnosis:
@@ -115,26 +119,36 @@ def _concluded(
     consequence = consequences(tosses, validator, found, closes)
     inside = [name for name in present.hypothesis.names if name not in found.unnamed]
     inside.sort(key=lambda name: -found.needed[name].total)
-    named = tuple(name for name in inside if consequence[name].matters)
+    mattering = [name for name in inside if consequence[name].matters]
     if found.unnamed:
         unnamed = [(each, closes[each.name]) for each in present.hypothesis.effects if each.name in found.unnamed]
         closed, unexplained = _without_unnamed(closed, unexplained, unnamed)
     # what may be no change at all is no sign of something without a name
     nameless = [name for name in found.unnamed if why.get(name) != "no_change"]
-    verdict = gap_verdict(gap, left, closed, nameless, unexplained, any_named=bool(named), settings=settings.verdict)
+    verdict = gap_verdict(
+        gap, left, closed, nameless, unexplained, any_named=bool(mattering), settings=settings.verdict
+    )
     # a user's simulator is its own solver
     disagreement = None if validator.engine.of_user else solver_disagreement(present, validator, seed=seed)
     small = disagreement is not None and left.total.value <= disagreement.gap
     # solvers agree in flight, so they do not explain an effect that was found there without a name
-    if verdict == "unexplained" and small and not (named or nameless):
+    if verdict == "unexplained" and small and not (mattering or nameless):
         verdict = "within_solver_disagreement"
+    candidates = [name for name in inside if verdict == "unexplained" or not _is_sure(stability, found, name, settings)]
+    named = tuple(name for name in mattering if name not in candidates)
+    if verdict == "explained" and not named:
+        verdict = "partly_explained"
     return Diagnosis(
         verdict=verdict,
         gap=gap,
         left=left,
-        findings=effect_findings(library, validator, found, inside, floor, spread, closes, consequence),
+        findings=effect_findings(
+            library, validator, found, inside, floor, spread, closes, consequence, candidates, stability
+        ),
         named=named,
-        minor=tuple(name for name in inside if name not in named),
+        candidates=tuple(name for name in mattering if name in candidates),
+        minor=tuple(name for name in inside if name not in mattering),
+        stability=stability,
         implausible=tuple(why.items()),
         disagreement=disagreement,
         gap_closed=closed,
@@ -160,6 +174,12 @@ def _concluded(
         place=locate(tosses, first, present, gap, left, seed=seed, settings=settings),
         witnesses=witnesses(unseen or tosses, first.hypothesis.world(), present.hypothesis.world(), settings.witnesses),
     )
+
+
+def _is_sure(stability: Stability, found: SearchResult, name: str, settings: DiagnoseSettings) -> bool:
+    """Whether repeated searches name an effect, or one of its class, often enough; yes if there were none."""
+    frequency = stability.frequency([name, *(each.name for each in found.classes[name])])
+    return frequency is None or frequency >= settings.stability.least_frequency
 
 
 def _needed(library: Sequence[Effect], validator: CrossValidator) -> TossesNeeded:

@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-EffectVerdict = Literal["identified", "confusable", "not_supported", "not_identifiable"]
+EffectVerdict = Literal["identified", "candidate", "confusable", "not_supported", "not_identifiable"]
+
+FOUND: tuple[EffectVerdict, ...] = ("identified", "candidate", "confusable")
+"""Verdicts of effects that are found, or may be what is found."""
 
 
 @dataclass(frozen=True)
@@ -209,6 +212,7 @@ class Finding:
         confusable_with: Other effects of its class.
         detectable: The smallest size of each parameter that these tosses would reveal.
         consequence: What it does to whole tosses, if it is named or confusable.
+        frequency: Share of the repeated searches that name it; None if none were made.
     """
 
     name: str
@@ -221,11 +225,14 @@ class Finding:
     confusable_with: tuple[str, ...] = ()
     detectable: dict[str, float] = field(default_factory=dict)
     consequence: Consequence | None = None
+    frequency: float | None = None
 
     @property
     def headline(self) -> bool:
         """Whether it is found, or may be what is found, and matters."""
-        return self.verdict in ("identified", "confusable") and (self.consequence is None or self.consequence.matters)
+        return self.verdict in ("identified", "candidate", "confusable") and (
+            self.consequence is None or self.consequence.matters
+        )
 
     def as_json(self) -> dict[str, Any]:
         """One of gap.json's "effects"."""
@@ -238,6 +245,7 @@ class Finding:
             "evidence": self.evidence,
             "gap_closed": self.gap_closed.as_json(),
             "confusable_with": list(self.confusable_with),
+            "frequency": self.frequency,
             "detectable": self.detectable,
             "matters": self.consequence is not None and self.consequence.matters,
             "whole_tosses": None if self.consequence is None else self.consequence.as_json(),

@@ -35,7 +35,11 @@ def effect_rows(diagnosis: Diagnosis) -> list[list[str]]:
 def summary(diagnosis: Diagnosis) -> str:
     """The verdict, the effects with their intervals, and the share that they close, in a few lines."""
     rows = ["  " + "; ".join(text for text in row if text) for row in effect_rows(diagnosis)]
-    whole = [f"  all named together close {closed_share(diagnosis.gap_closed)}"] if diagnosis.named else []
+    whole = (
+        [f"  all named together close {closed_share(diagnosis.gap_closed)}"]
+        if diagnosis.named or diagnosis.candidates
+        else []
+    )
     return "\n".join([headline(diagnosis), *rows, *whole])
 
 

@@ -15,6 +15,7 @@ from tossid.diagnosis.localisation.misspecification import Misspecification
 from tossid.diagnosis.localisation.noise import MeasuredNoise
 from tossid.diagnosis.localisation.unseen import Unseen
 from tossid.diagnosis.selection.significance import TossesNeeded
+from tossid.diagnosis.selection.stability import Stability
 from tossid.settings.diagnosis_report import ReportSettings
 from tossid.types import RecordingOrder
 
@@ -62,6 +63,9 @@ class Diagnosis:
         misspecification: What the diagnosis itself leaves of the found world's own motions; no verdict rests on it.
         unseen: What was found, on tosses that took no part; None if there were none.
         minor: Names of effects that were found too, and are too small to matter.
+        candidates: Names of effects that are significant and matter, but that repeated searches name too rarely, or
+            that leave most of the gap.
+        stability: What repeated searches name.
         implausible: Effects of the hypothesis that have no name, with why: "no_change" or "at_bound".
         disagreement: The gap that another exact solver of the same rigid body shows; None for a user's own contact.
         learned: What the simulator's learned acceleration stands for; None if it has none.
@@ -94,6 +98,8 @@ class Diagnosis:
     order: RecordingOrder | None = None
     needed: TossesNeeded | None = None
     minor: tuple[str, ...] = ()
+    candidates: tuple[str, ...] = ()
+    stability: Stability = Stability()
     implausible: tuple[tuple[str, str], ...] = ()
     disagreement: SolverDisagreement | None = None
     unseen: Unseen | None = None
@@ -101,6 +107,11 @@ class Diagnosis:
     misspecification: Misspecification | None = None
     learned: LearnedForces | None = None
     report: ReportSettings = ReportSettings()
+
+    @property
+    def found(self) -> tuple[str, ...]:
+        """Names of effects that are significant and matter, those that are sure first."""
+        return (*self.named, *self.candidates)
 
     def as_json(self) -> dict[str, Any]:
         """The content of gap.json (schema tossid.gap/1)."""
@@ -130,6 +141,9 @@ class Diagnosis:
             "explanation": {
                 "verdict": self.verdict,
                 "effects": list(self.named),
+                "candidates": list(self.candidates),
+                "repeats": len(self.stability.repeats),
+                "probability_none": self.stability.probability_none,
                 "gap_closed": self.gap_closed.as_json(),
                 "unexplained_share": max(0.0, 1.0 - self.gap_closed.value),
                 "unexplained_where": [{"phase": s.name, **_share(s)} for s in self.unexplained],

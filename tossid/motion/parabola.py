@@ -213,7 +213,8 @@ def _all_windows(
     total = sum(max(0, len(track.t) - w + 1) for track in tracks)
     stride = max(1, w // 3, -(-total // settings.most_windows))
     found = [
-        _windows(track.t, track.q, gravity, w, stride) for track in map(partial(_moving, settings=settings, w=w), tracks)
+        _windows(track.t, track.q, gravity, w, stride)
+        for track in map(partial(_moving, settings=settings, w=w), tracks)
         if len(track.t) >= w
     ]
     if not found:

@@ -234,6 +234,39 @@ class LearnedSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlaneSettings:
+    """How a motion that stays in a plane is recognised, and what it shows."""
+
+    out_of_plane: Fraction = 0.02
+    """share of velocities along the plane's normal, and of spins about other axes, up to which a motion is in the
+    plane"""
+    windows: Count = 60
+    """windows in which it is tried what a parameter changes"""
+    steps: Positive = 2.0
+    """by how many steps a parameter is moved to either side"""
+    least_change: Positive = 1e-7
+    """change of a pose [m, rad] from which a parameter does anything in a window"""
+    least_share: Fraction = 0.1
+    """share of what a parameter changes that must differ in the plane between both sides for it to be shown"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StabilitySettings:
+    """How the search is repeated to see how often each effect is named."""
+
+    lengths: tuple[Positive, ...] = (0.75, 1.0, 1.25)
+    """factors of the windows' length, of which a repeat draws one"""
+    shortlist: Count = 8
+    """effects that gain most by a step, without effects and beside those found, among which a repeat chooses"""
+    most_joint_refits: Count = 1
+    """most refits of all effects together in a repeat"""
+    most_replacements: Annotated[int, Bounds(low=0)] = 1
+    """how often a repeat may replace an effect by another of its class"""
+    least_frequency: Fraction = 0.9
+    """share of the repeats that must name an effect, or one of its class, for it to be more than a candidate"""
+
+
+@dataclass(frozen=True, kw_only=True)
 class CheckSettings:
     """Which tosses and simulators are refused."""
 
@@ -266,12 +299,19 @@ class DiagnoseSettings:
     """effects of the library that are not considered"""
     threads: Count | None = None
     """threads of the simulator; null: one a core"""
+    repeats: Annotated[int, Bounds(low=0)] = 10
+    """how often the search is repeated over resampled tosses and other windows, which says how often each effect is
+    named; 0: never, then nothing is said of it"""
     likelihood: LikelihoodSettings = advanced_part(LikelihoodSettings)
     """how likely tosses are under a simulator"""
     cross_validation: CrossValidationSettings = advanced_part(CrossValidationSettings)
     """how hypotheses are judged"""
     selection: SelectionSettings = advanced_part(SelectionSettings)
     """how effects are selected"""
+    plane: PlaneSettings = advanced_part(PlaneSettings)
+    """how planes of motion are recognised"""
+    stability: StabilitySettings = advanced_part(StabilitySettings)
+    """how the search is repeated"""
     refinement: RefinementSettings = advanced_part(RefinementSettings)
     """how the selected hypothesis is refined"""
     localisation: LocalisationSettings = advanced_part(LocalisationSettings)

@@ -88,7 +88,9 @@ ELLIPSOID = np.array([0.06, 0.045, 0.035])
 def _shapes() -> Mapping[str, tuple[Array, str | None]]:
     """Points of each shape's hull about its frame [m], and the MJCF geom of one that is no mesh."""
     ring = np.linspace(0, 2 * np.pi, 6, endpoint=False)
-    prism = np.concatenate([np.column_stack([0.045 * np.cos(ring), 0.045 * np.sin(ring), np.full(6, z)]) for z in (-0.03, 0.03)])
+    prism = np.concatenate(
+        [np.column_stack([0.045 * np.cos(ring), 0.045 * np.sin(ring), np.full(6, z)]) for z in (-0.03, 0.03)]
+    )
     wedge = np.array([[x, y, z] for y in (-0.04, 0.04) for x, z in ((-0.05, -0.02), (0.05, -0.02), (-0.05, 0.04))])
     tetrahedron = 0.065 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
     return {
@@ -134,13 +136,21 @@ def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedSh
     spec.option.timestep = settings.step
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10
-    law = {"friction": [settings.friction, 0, 0], "condim": 3, "solref": [0.002, 1.0], "solimp": [0.98, 0.9999, 0.0001, 0.5, 2]}
+    law = {
+        "friction": [settings.friction, 0, 0],
+        "condim": 3,
+        "solref": [0.002, 1.0],
+        "solimp": [0.98, 0.9999, 0.0001, 0.5, 2],
+    }
     for key, value in law.items():
         setattr(spec.geoms[0], key, value)
     spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **law)
     model = spec.compile()
     if mesh:  # MuJoCo turns a mesh into its principal axes: undo it for the truth
-        R, at = quat_to_matrix(model.geom_quat[0 if model.geom_bodyid[0] else 1]), model.geom_pos[0 if model.geom_bodyid[0] else 1]
+        R, at = (
+            quat_to_matrix(model.geom_quat[0 if model.geom_bodyid[0] else 1]),
+            model.geom_pos[0 if model.geom_bodyid[0] else 1],
+        )
         first, count = model.mesh_vertadr[0], model.mesh_vertnum[0]
         hull = np.asarray(model.mesh_vert[first : first + count], dtype=float) @ R.T + at
         hull = hull[ConvexHull(hull).vertices]
@@ -155,7 +165,9 @@ def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedSh
     return TossedShape(name, tracks, truth, hull, com, inertia, settings.mass, settings.friction, body)
 
 
-def _toss(model: mujoco.MjModel, hull: Array, name: str, rng: np.random.Generator, settings: ShapeTossSettings) -> PoseTrack:
+def _toss(
+    model: mujoco.MjModel, hull: Array, name: str, rng: np.random.Generator, settings: ShapeTossSettings
+) -> PoseTrack:
     """A toss from the air to rest, or to the longest time."""
     data = mujoco.MjData(model)
     quat = rng.normal(size=4)

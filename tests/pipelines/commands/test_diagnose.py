@@ -72,7 +72,7 @@ def test_a_spoilt_friction_is_found_in_the_users_mujoco_model_and_the_patch_work
     project: Path, spoilt: Path, answer: Any
 ) -> None:
     (project / "mine.xml").write_text(USER)
-    found = answer("diagnose", f"data={spoilt}", "sim=mjcf", "sim.path=mine.xml", "out=gap", FEW)
+    found = answer("diagnose", f"data={spoilt}", "sim=mjcf", "sim.path=mine.xml", "out=gap", FEW, "repeats=0")
     assert found["schema"] == "tossid.gap/1"
     assert found["explanation"]["verdict"] in ("explained", "partly_explained")
     assert found["explanation"]["effects"] == ["friction"]
@@ -111,7 +111,7 @@ def test_a_trained_run_is_diagnosed(beside: Path, made: Path, answer: Any) -> No
 
     shutil.copytree(made / "outputs", beside / "outputs")
     (folder,) = (beside / "outputs" / "train").iterdir()
-    found = answer("diagnose", "data=tosses", "sim=run", f"sim.path={folder}", FEW)
+    found = answer("diagnose", "data=tosses", "sim=run", f"sim.path={folder}", FEW, "repeats=0")
     assert found["simulator"]["sim"] == "run"
     assert "residual" in found["patch"]["not_expressed"]
 
@@ -148,7 +148,7 @@ def test_tosses_that_say_little_name_nothing_by_accident(project: Path, spoilt: 
     assert len(tosses) >= 6
     stated = dataset.object if kind is on_the_ground else dataset.object.with_changes(friction=0.35)
     write_dataset(replace(dataset, tosses=tosses, object=stated), project / "few.h5")
-    found = answer("diagnose", "data=few.h5", FEW)
+    found = answer("diagnose", "data=few.h5", FEW, "repeats=0")
     names = set(found["explanation"]["effects"])
     assert names <= ({"friction"} if kind is on_the_ground else set())
     if kind is in_flight:

@@ -37,7 +37,7 @@ COMMANDS = {
     "train": ["train", *KEYS, "data=tosses"],
     "evaluate": ["evaluate", "data=tosses", "run=RUN"],
     "sweep": ["evaluate", "--sweep", "gravity", *SWEEP, "sweep.seeds=[ROUND]", "data=tosses"],
-    "diagnose": ["diagnose", "data=tosses", "tosses=6", "out=gap"],
+    "diagnose": ["diagnose", "data=tosses", "tosses=6", "repeats=0", "out=gap"],
     "audit": ["audit", *AUDIT, "seed=ROUND", "out=audited-ROUND"],
     "export": ["export", "run=RUN", "format=urdf", "out=here/cube.urdf"],
     "register": ["register", "name=cube", "run=RUN"],

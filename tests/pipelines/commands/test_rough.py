@@ -21,7 +21,7 @@ COMMANDS = {
     "ingest": ["ingest", "source=frames", "source.path=film", "out=ingested.h5"],
     "train": ["train", *KEYS, "data=tosses"],
     "evaluate": ["evaluate", "data=tosses", "run=RUN"],
-    "diagnose": ["diagnose", "data=tosses", "tosses=6", "out=gap", FEW],
+    "diagnose": ["diagnose", "data=tosses", "tosses=6", "repeats=0", "out=gap", FEW],
 }
 PAIRS = list(itertools.combinations_with_replacement(COMMANDS, 2))
 FREE_KB = [None, 0, 64, 1024]

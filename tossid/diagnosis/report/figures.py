@@ -13,7 +13,7 @@ from matplotlib.patches import Patch as Swatch
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from tossid.diagnosis.findings import Finding, Gap, Share
+from tossid.diagnosis.findings import FOUND, Finding, Gap, Share
 from tossid.diagnosis.report.registry import report_figure
 from tossid.diagnosis.result import Diagnosis
 from tossid.evaluation.figures.style import (
@@ -35,6 +35,7 @@ BEFORE, AFTER = "#D55E00", "#0072B2"
 PHASES = {"flight": "#56B4E9", "impact": "#D55E00", "slide": "#C28E00", "roll": "#009E73", "rest": "#7B4B94"}
 VERDICTS = {
     "identified": ("identified", "#009E73"),
+    "candidate": ("candidate", "#7B4B94"),
     "confusable": ("confusable", "#C28E00"),
     "not_supported": ("not supported", "#b4b9c0"),
     "not_identifiable": ("not identifiable", "#e3e5e8"),
@@ -312,9 +313,7 @@ def evidence(diagnosis: Diagnosis, settings: ReportSettings) -> Figure:
     Returns:
         The figure.
     """
-    tried = [
-        f for f in diagnosis.findings if f.evidence.get("gain", 0.0) != 0.0 or f.verdict in ("identified", "confusable")
-    ]
+    tried = [f for f in diagnosis.findings if f.evidence.get("gain", 0.0) != 0.0 or f.verdict in FOUND]
     others = [f for f in diagnosis.findings if f not in tried]
     figure = new_figure(
         "Which effect explains it",
@@ -340,7 +339,7 @@ def evidence(diagnosis: Diagnosis, settings: ReportSettings) -> Figure:
             textcoords="offset points",
             va="center",
             fontsize=8.5,
-            color=INK if finding.verdict in ("identified", "confusable") else MUTED,
+            color=INK if finding.verdict in FOUND else MUTED,
         )
     ax.set_xscale("symlog", linthresh=1.0, linscale=0.4)
     ax.set_xlim(-0.6, top * 1.6)

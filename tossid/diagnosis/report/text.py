@@ -56,8 +56,12 @@ def headline(diagnosis: Diagnosis) -> str:
         The verdict, with the named effects.
     """
     line = _VERDICTS[diagnosis.verdict]
+    named = listed([_with_frequency(diagnosis, name) for name in diagnosis.named])
+    candidates = listed([_with_frequency(diagnosis, name) for name in diagnosis.candidates])
     if diagnosis.named:
-        return f"{line}: {listed(diagnosis.named)}"
+        return f"{line}: {named}" + (f"; not sure: {candidates}" if candidates else "")
+    if diagnosis.candidates:
+        return f"{line}; not sure: {candidates}"
     needed = diagnosis.needed
     if needed is not None and not needed.enough and diagnosis.verdict != "no_gap":
         return f"{line}: {needed.tosses} tosses are too few to name every effect, {needed.contact} are needed"
@@ -74,9 +78,9 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
         The paragraphs: how large the gap is and where, which effects explain it and with which values, how much of it
         they close, which effects cannot be distinguished, and what remains.
     """
-    text = [_the_gap(diagnosis), *_too_few(diagnosis)]
-    text += [_one_effect(diagnosis, name) for name in diagnosis.named]
-    if diagnosis.named:
+    text = [*_how_sure(diagnosis), _the_gap(diagnosis), *_too_few(diagnosis), *_not_repeated(diagnosis)]
+    text += [_one_effect(diagnosis, name) for name in diagnosis.found]
+    if diagnosis.found:
         text.append(_how_far(diagnosis))
         text += _confusable(diagnosis)
     text += [_another_law(name, power) for name, power in diagnosis.other_laws]
@@ -92,6 +96,47 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
             "all other tosses."
         )
     return text
+
+
+def _with_frequency(diagnosis: Diagnosis, name: str) -> str:
+    """An effect, or its class, with how often repeated searches name it: "friction (10 of 10)"."""
+    finding = next((each for each in diagnosis.findings if each.name == name), None)
+    group = [name, *(finding.confusable_with if finding else ())]
+    frequency, count = diagnosis.stability.frequency(group), len(diagnosis.stability.repeats)
+    text = listed(group, "or")
+    return text if frequency is None else f"{text} ({round(frequency * count)} of {count})"
+
+
+def _how_sure(diagnosis: Diagnosis) -> list[str]:
+    """How often repeated searches name what was found, and what they name besides."""
+    count, none = len(diagnosis.stability.repeats), diagnosis.stability.probability_none
+    found = diagnosis.found
+    if none is None:
+        return []
+    text = f"The search was repeated {count} times, with resampled tosses and other windows. "
+    if found:
+        text += f"It named {listed([_with_frequency(diagnosis, name) for name in found])}. "
+    known = {name for each in diagnosis.findings if each.name in found for name in (each.name, *each.confusable_with)}
+    others = [
+        f"{each.name} ({round(each.frequency * count)})"
+        for each in sorted(diagnosis.findings, key=lambda each: -(each.frequency or 0.0))
+        if each.frequency and each.name not in known
+    ]
+    if others:
+        text += f"Other names in some repeats: {listed(others)}. "
+    text += f"In {round(none * count)} of {count} no effect of the library explained the gap."
+    if diagnosis.candidates:
+        text += (
+            f" Not sure, although significant: {listed(diagnosis.candidates)}. Repeated searches name such an effect "
+            "too rarely, or most of the gap stays with it."
+        )
+    return [text]
+
+
+def _not_repeated(diagnosis: Diagnosis) -> list[str]:
+    if diagnosis.stability.repeats or not diagnosis.found:
+        return []
+    return [f"How often {listed(diagnosis.found)} would be named again was not checked: no search was repeated."]
 
 
 def _the_gap(diagnosis: Diagnosis) -> str:
@@ -182,7 +227,7 @@ def _estimate(key: str, value: Interval, stated: float | None) -> str:
 
 def _how_far(diagnosis: Diagnosis) -> str:
     closed = diagnosis.gap_closed
-    together = "these effects" if len(diagnosis.named) > 1 else "this effect"
+    together = "these effects" if len(diagnosis.found) > 1 else "this effect"
     text = (
         f"A simulator with {together} closes {closed_share(closed)} ({closed_share(closed, closed.low)} to "
         f"{closed_share(closed, closed.high)}) of the gap above the noise, each toss predicted by what was chosen and "
@@ -206,7 +251,7 @@ def _how_far(diagnosis: Diagnosis) -> str:
 
 
 def _confusable(diagnosis: Diagnosis) -> list[str]:
-    named = [f for name in diagnosis.named for f in diagnosis.findings if f.name == name and f.confusable_with]
+    named = [f for name in diagnosis.found for f in diagnosis.findings if f.name == name and f.confusable_with]
     return [
         f"These tosses cannot distinguish {finding.name} from {listed(finding.confusable_with, 'or')}: the cause may "
         'be any of them. See "The next toss" in the report.'
@@ -260,7 +305,7 @@ def _what_remains(diagnosis: Diagnosis) -> str:
             f"95 % of the short windows with contact, its motions differ by up to {short(other.position_mm, 2)} mm and "
             f"{short(other.rotation_deg, 2)} deg."
         )
-    left = f"{percent(max(0.0, 1.0 - diagnosis.gap_closed.value) if diagnosis.named else 1.0)} of the gap remains"
+    left = f"{percent(max(0.0, 1.0 - diagnosis.gap_closed.value) if diagnosis.found else 1.0)} of the gap remains"
     if diagnosis.unexplained:
         where = [
             f"{_PHASES.get(share.name, share.name)} ({percent(share.share.value)} of the original gap)"
@@ -315,4 +360,6 @@ def verdict_of(finding: Finding) -> str:
         The verdict, with the effects that it is confusable with.
     """
     text = finding.verdict.replace("_", " ")
+    if finding.verdict == "candidate":
+        return f"{text}, or {listed(finding.confusable_with, 'or')}" if finding.confusable_with else text
     return f"{text} with {listed(finding.confusable_with)}" if finding.confusable_with else text

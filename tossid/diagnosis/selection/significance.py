@@ -24,19 +24,24 @@ PARTS = 3
 """Tests of an effect in all windows: of all of them, of those with an impact, and of the others with contact."""
 _FEWEST_RANKS = 3
 """Values from which signed ranks are tested."""
+_MOST_EXACT = 50
+"""Values up to which their distribution is computed exactly."""
 
 
 def signed_rank_p_value(values: Array) -> float:
     """One-sided p-value that values tend to be positive (Wilcoxon's signed ranks); 1 for fewer than three values.
 
-    Ranks, as few tosses have residuals far beyond the others', and would decide a mean.
+    Ranks, as few tosses have residuals far beyond the others', and would decide a mean. Zeros are left out. Up to fifty
+    values the distribution is exact; ties, which resampled tosses have, are rounded against the effect.
 
     Args:
         values: (n,), one a toss.
     """
     if len(values) < _FEWEST_RANKS or not np.any(values):
         return 1.0
-    return float(wilcoxon(values, alternative="greater", method="auto").pvalue)
+    values = values[values != 0.0]
+    method = "exact" if len(values) <= _MOST_EXACT else "asymptotic"
+    return float(wilcoxon(values, alternative="greater", method=method).pvalue)
 
 
 def part_p_value(values: Array) -> float:
