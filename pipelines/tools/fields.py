@@ -123,9 +123,9 @@ def throw(field: str, study: Study, seed: int) -> Thrown:
     import numpy as np
 
     import tossid
+    from tossid.physics.effects.fields import airborne
     from tossid.settings.synthesis import NoiseSettings, ReleaseSettings, SynthesizeSettings
     from tossid.synthesis.tosses import world_of
-    from tossid.types import Phase
 
     settings = SynthesizeSettings(
         tosses=6 * (study.tosses + 3 * study.held_out),
@@ -140,7 +140,7 @@ def throw(field: str, study: Study, seed: int) -> Thrown:
     assert dataset.truth is not None
     inside, between = [], []
     for toss, true in zip(dataset.tosses, dataset.truth.tosses, strict=True):
-        stripe = np.floor(true.q[true.phase == Phase.FLIGHT, 0] / STRIPE_M)
+        stripe = np.floor(true.q[airborne(dataset.object, true.q), 0] / STRIPE_M)
         if len(stripe) and (stripe == stripe[0]).all():
             (inside if stripe[0] % 2 == 0 else between).append((toss, true))
     splits = ["train"] * study.tosses + ["validation"] * study.held_out + ["test"] * study.held_out
@@ -167,10 +167,11 @@ def recovered(trained: TrainedModel, world: World, tosses: tuple[Toss, ...]) -> 
     import numpy as np
 
     from tossid.objects import GRAVITY
-    from tossid.physics.effects.fields import acceleration_of_forces, learned_field, share_recovered
-    from tossid.types import Phase
+    from tossid.physics.effects.fields import acceleration_of_forces, airborne, learned_field, share_recovered
 
-    q, v = (np.concatenate([getattr(toss, name)[toss.phase == Phase.FLIGHT] for toss in tosses]) for name in ("q", "v"))
+    q, v = (np.concatenate([getattr(toss, name) for toss in tosses]) for name in ("q", "v"))
+    flying = airborne(world.object, q)
+    q, v = q[flying], v[flying]
     mechanics = trained.model.mechanics()
     assert mechanics is not None
     given = np.array([0.0, 0.0, -GRAVITY])

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tossid.physics.effects import Effect, World
-from tossid.physics.effects.fields import acceleration_of_forces, learned_field
+from tossid.physics.effects.fields import acceleration_of_forces, airborne, learned_field
 from tossid.settings.diagnosis import LearnedSettings
-from tossid.types import Phase, Toss
+from tossid.types import Toss
 
 Array = NDArray[np.float64]
 
@@ -89,10 +89,14 @@ def learned_forces(
         library: Effects to choose from; those that are forces in flight are considered.
         settings: How many states and effects, and which are too small.
     """
-    q, v = _flight(tosses, settings.states)
-    if world.k_res is None or not len(q):
+    if world.k_res is None:
         return None
-    q, v = world.to_ground(q, v)
+    q, v = world.to_ground(*(np.concatenate([getattr(toss, name) for toss in tosses]) for name in ("q", "v")))
+    flying = np.flatnonzero(airborne(world.object, q))
+    if not len(flying):
+        return None
+    chosen = flying[np.unique(np.linspace(0, len(flying) - 1, settings.states).astype(int))]
+    q, v = q[chosen], v[chosen]
     target = learned_field(world.object, world.k_res, q, v)
     linear, angular = (float(np.sqrt(np.square(x).sum(axis=1).mean())) for x in (target[:, :3], target[:, 3:]))
     weight = np.where(np.arange(target.shape[1]) < 3, 1.0, 0.5 * world.object.width)
@@ -123,13 +127,6 @@ def learned_forces(
         for effect, part, share in zip(best.effects, parts, shares, strict=True)
     )
     return LearnedForces(linear, angular, False, named, best.left / whole)
-
-
-def _flight(tosses: Sequence[Toss], most: int) -> tuple[Array, Array]:
-    """Recorded states in flight, evenly chosen."""
-    q, v = (np.concatenate([getattr(t, name)[t.phase == Phase.FLIGHT] for t in tosses]) for name in ("q", "v"))
-    chosen = np.unique(np.linspace(0, len(q) - 1, min(most, len(q))).astype(int)) if len(q) else slice(0)
-    return q[chosen], v[chosen]
 
 
 def _is_force(world: World, effect: Effect) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.objects import ObjectModel
+from tossid.objects import ObjectModel, corner_positions
 from tossid.physics.batch import learned_accelerations, tree_batch
 from tossid.physics.effects.in_mujoco import body_motions, wrench_of_world
 from tossid.physics.effects.world import World
@@ -60,6 +60,17 @@ def learned_field(model: ObjectModel, k_res: LearnedAcceleration | None, q: Arra
     _, bodies, _ = body_motions(model, q, a_res)
     linear = np.einsum("b,nbi->ni", model.mass / model.mass.sum(), bodies)
     return linear if model.n_joints else np.concatenate([linear, a_res[:, 3:6]], axis=1)
+
+
+def airborne(model: ObjectModel, q: Array, *, clearance: float = 0.1) -> NDArray[np.bool_]:
+    """Marks states (B,) in which all corners are clear of the ground; a field may make flights unlike free fall.
+
+    Args:
+        model: the object.
+        q: (B, nq) configurations in the ground's frame.
+        clearance: share of the width above the ground.
+    """
+    return np.asarray(corner_positions(model, q)[..., 2].min(axis=-1) > clearance * model.width)
 
 
 def share_recovered(found: Array, true: Array) -> float:
