@@ -21,6 +21,7 @@ from tossid.models.registry import register_model
 from tossid.models.transitions import Transitions
 from tossid.motion import MeasurementModel
 from tossid.objects import ObjectModel
+from tossid.physics.rounds import shape_of
 from tossid.settings.limits import VALUES
 from tossid.settings.training import ModelSettings
 
@@ -53,6 +54,7 @@ class ContactNets(nn.Module):
             settings.complementarity, settings.dissipation, settings.penetration, settings.gap_scale
         )
         self.corner_body = torch.as_tensor(model.corner_body)
+        self.shape = shape_of(model.roundness)
         self.geometry = Geometry(model, learn=settings.learn_geometry)
         self.friction = Friction(model, learn=settings.learn_friction)
         self.contact_law = ContactLaw(model, learn=settings.learn_contact_law)
@@ -95,6 +97,7 @@ class ContactNets(nn.Module):
             corner_body=self.corner_body,
             metric=self._metric,
             weights=self.weights,
+            shape=self.shape,
         )
 
     def loss(self, transitions: Transitions) -> tuple[Tensor, dict[str, float]]:

@@ -50,6 +50,8 @@ class ShapeSettings(Checked):
     """frames, evenly drawn, from which the number of vertices is found; the last fit takes all"""
     unseen_rel: Positive = 0.15
     """share of that radius by which the outer hull may lie beyond the shape before it is reported as unseen"""
+    seen_angle: Positive = 0.15
+    """angle from the downward direction of a contact within which points of a round surface count as seen [rad]"""
     other_angle: Positive = 8.7e-3
     """turn from the last frame that counted after which a frame of a toss counts again [rad]"""
     other_height: Positive = 2e-4
