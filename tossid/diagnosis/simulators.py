@@ -261,9 +261,9 @@ def check_same_object(
             f"{where}: tosses of '{recorded.name}' with {recorded.n_joints} joints, the simulator's '{given.name}' "
             f"has {given.n_joints}; both must be of the same object"
         )
-    ratio = np.ptp(given.corner_pos, axis=0) / np.ptp(recorded.corner_pos, axis=0)
+    ratio = np.ptp(given.drawn.corner_pos, axis=0) / np.ptp(recorded.drawn.corner_pos, axis=0)
     if (np.maximum(ratio, 1 / ratio) > settings.size_ratio).any():
-        sizes = [" x ".join(f"{1e3 * x:.0f}" for x in np.ptp(o.corner_pos, axis=0)) for o in (given, recorded)]
+        sizes = [" x ".join(f"{1e3 * x:.0f}" for x in np.ptp(o.drawn.corner_pos, axis=0)) for o in (given, recorded)]
         raise InputError(
             f"{where}: tosses of '{recorded.name}' ({sizes[1]} mm), the simulator's '{given.name}' measures "
             f"{sizes[0]} mm; both must be of the same object"

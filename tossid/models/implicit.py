@@ -111,7 +111,13 @@ def free_acceleration(t: Transitions, d: Dynamics) -> Tensor:
 
 
 def implicit_loss(
-    t: Transitions, d: Dynamics, *, corner_body: Tensor, metric: tuple[Tensor, Tensor, Tensor], weights: LossWeights
+    t: Transitions,
+    d: Dynamics,
+    *,
+    corner_body: Tensor,
+    metric: tuple[Tensor, Tensor, Tensor],
+    weights: LossWeights,
+    shape: Shape = Points(),
 ) -> LossTerms:
     """The loss's terms; differentiable (once) in `d`.
 

@@ -59,9 +59,7 @@ class Batch:
     origin: Array
 
 
-def pad(
-    tracks: Sequence[PoseTrack], model: ObjectModel, q_cov: Sequence[Array], touch: Touch | None = None
-) -> Batch:
+def pad(tracks: Sequence[PoseTrack], model: ObjectModel, q_cov: Sequence[Array], touch: Touch | None = None) -> Batch:
     """A batch of tracks; short ones are extended by frames without measurement.
 
     Args:
@@ -88,9 +86,7 @@ def pad(
         batch.q[:m, i], batch.R[:m, i] = _move_origin(track.q, q_cov[i], c)
         batch.q[m:, i] = batch.q[m - 1, i]
         batch.seen[:m, i] = True
-        batch.touch[: m - 1, i] = (
-            may_touch(model, track.t, track.q) if touch is None else touch(track.t, track.q)
-        )
+        batch.touch[: m - 1, i] = may_touch(model, track.t, track.q) if touch is None else touch(track.t, track.q)
         batch.inside[: m - 1, i] = True
     return batch
 

@@ -55,7 +55,9 @@ def add_geoms(spec: mujoco.MjSpec, to: mujoco.MjsBody, model: ObjectModel, body:
             geoms.append({"type": mujoco.mjtGeom.mjGEOM_ELLIPSOID, "size": sizes, "pos": place, "quat": quat})
         elif radius == 0.0 and sizes[1] > (1 - 1e-6) * largest:
             quat = matrix_to_quat(axes[:, [1, 2, 0]])  # the axis of a cylinder is its z
-            geoms.append({"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [largest, THIN, 0], "pos": place, "quat": quat})
+            geoms.append(
+                {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [largest, THIN, 0], "pos": place, "quat": quat}
+            )
         else:  # round edges, or another shape that MuJoCo has no geom for
             _mesh(spec, to, model.hull_points(body), f"hull_{body}", common)
             return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,9 @@ Array = NDArray[np.float64]
 GRAVITY = 9.81
 """Standard gravity of every stated simulator here [m/s²] (CONTRACT: nominal)."""
 HULL_POINTS = 1000
-"""Directions in which points of a round body's surface are taken, where it is drawn or listed."""
+"""Directions in which points of a round body's surface are taken, where they are listed or made a mesh."""
+DRAWN_POINTS = 200
+"""The same where it is drawn."""
 
 
 class JointType(IntEnum):
@@ -248,19 +251,37 @@ class ObjectModel:
             return at
         return at + self.roundness.of(own).offset(np.broadcast_to(directions[:, None], at.shape))
 
-    def hull_points(self, body: int = 0, count: int = HULL_POINTS) -> Array:
+    def hull_points(self, body: int = 0) -> Array:
         """Points whose hull a body is: its corners, or of a round one many points of its surface. (n, 3) [m].
 
         Args:
             body: With corners.
-            count: Directions in which points of a round body are taken.
+        """
+        points = self.as_points()
+        own = points.corner_pos[points.corner_body == body]
+        return own if self.roundness is None else np.unique(own.round(9), axis=0)
+
+    @cached_property
+    def drawn(self) -> ObjectModel:
+        """The same with points of its surface as corners where it is round: what figures show."""
+        return self.as_points(DRAWN_POINTS)
+
+    def as_points(self, count: int = HULL_POINTS) -> ObjectModel:
+        """The same with points of its surface as corners where it is round.
+
+        Args:
+            count: Directions (`roundness.directions`), in whose order the farthest points of each body stand.
         """
         if self.roundness is None:
-            return self.corner_pos[self.corner_body == body]
-        ways = directions_over_sphere(count)
-        every = self.farthest(ways, body)
-        farthest = np.einsum("ki,kci->kc", ways, every).argmax(axis=1)
-        return np.unique(every[np.arange(len(ways)), farthest].round(9), axis=0)
+            return self
+        ways, bodies = directions_over_sphere(count), sorted(set(self.corner_body.tolist()))
+        every = [self.farthest(ways, body) for body in bodies]
+        farthest = [np.einsum("ki,kci->kc", ways, points).argmax(axis=1) for points in every]
+        return self.with_changes(
+            corner_body=np.repeat(np.array(bodies, dtype=np.int64), count),
+            corner_pos=np.concatenate([p[np.arange(count), k] for p, k in zip(every, farthest, strict=True)]),
+            roundness=None,
+        )
 
     def resized(self, size: float) -> ObjectModel:
         """A copy whose shape is larger or smaller by a factor, about the bodies' origins."""

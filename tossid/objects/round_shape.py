@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.objects.roundness import RIM, Roundness, ball, disc, directions, ellipsoid, joined
+from tossid.objects.roundness import RIM, Roundness, ball, directions, disc, ellipsoid, joined
 from tossid.settings.objects import ShapeSettings
 
 Array = NDArray[np.float64]

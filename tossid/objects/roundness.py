@@ -4,8 +4,8 @@ The lowest point of a corner at x, with the downward direction d in its body's a
 
     x + r d + T Q w,      w = Q d / |Q d|:
 
-that of a ball of radius r and, added to it (Minkowski's sum), of the ellipsoid {Q y: |y| <= 1}. A ball has Q = 0. A disc
-has a Q of rank two: its axis is Q's null space. An ellipsoid has r = 0. The rotation T, about a disc's axis, makes
+that of a ball of radius r and, added to it (Minkowski's sum), of the ellipsoid {Q y: |y| <= 1}. A ball has Q = 0. A
+disc has a Q of rank two: its axis is Q's null space. An ellipsoid has r = 0. The rotation T, about a disc's axis, makes
 further points of the same rim, so that a cylinder can stand on its face: MuJoCo, too, takes three. For the ground, an
 object is the convex hull of its corners: a capsule is two balls, a cylinder two discs.
 """

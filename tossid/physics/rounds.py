@@ -1,7 +1,7 @@
 """Round corners in the time-stepping kernel: where the lowest point of a corner is.
 
-`tossid.objects.roundness` has the equation. An object whose corners are points has the type `Points`; for it all of this
-falls away when a kernel is compiled.
+`tossid.objects.roundness` has the equation. An object whose corners are points has the type `Points`; for it all of
+this falls away when a kernel is compiled.
 """
 
 from __future__ import annotations

@@ -92,6 +92,8 @@ class EvidenceSettings(Checked):
     seen_rel: Positive = 0.06
     """height below which a learned corner touches the ground, as a share of that radius, or of half the width where no
     radius is known"""
+    seen_angle: Positive = 0.2
+    """angle from the downward direction in a contact within which points of a round surface count as seen [rad]"""
     fewest_seen: Count = 3
     """frames in which a learned corner touches, from which on it counts as seen"""
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from tossid.objects.roundness import directions
 from tossid.physics.mujoco_engine import quiet
 from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
 from tossid.settings.synthesis import ShapeTossSettings
@@ -52,23 +53,11 @@ def _row(values: Array) -> str:
     return " ".join(f"{value:.9g}" for value in values)
 
 
-def sphere_points(count: int) -> Array:
-    """Directions spread evenly over the sphere (Fibonacci's lattice).
-
-    Args:
-        count: How many.
-    """
-    k = np.arange(count) + 0.5
-    z, angle = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
-    r = np.sqrt(1 - z**2)
-    return np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
-
-
 def _irregular() -> Array:
     """Twelve points, each a vertex that stands out from the hull of the others."""
     rng = np.random.default_rng(12)
     while True:
-        points = np.array([0.055, 0.045, 0.04]) * sphere_points(12) * rng.uniform(0.92, 1.12, (12, 1))
+        points = np.array([0.055, 0.045, 0.04]) * directions(12) * rng.uniform(0.92, 1.12, (12, 1))
         if len(ConvexHull(points).vertices) == 12:
             return points
 
@@ -81,6 +70,8 @@ def _rounded_disc(radius: float, edge: float, rim: int = 120, around: int = 25) 
     return np.column_stack([r * np.cos(a), r * np.sin(a), edge * np.sin(b)])
 
 
+SOLIMP = [0.98, 0.9999, 0.0001, 0.5, 2]
+"""MuJoCo's impedance of contact: near rigid."""
 ELLIPSOID = np.array([0.06, 0.045, 0.035])
 """Half axes of the ellipsoid [m]."""
 
@@ -88,7 +79,9 @@ ELLIPSOID = np.array([0.06, 0.045, 0.035])
 def _shapes() -> Mapping[str, tuple[Array, str | None]]:
     """Points of each shape's hull about its frame [m], and the MJCF geom of one that is no mesh."""
     ring = np.linspace(0, 2 * np.pi, 6, endpoint=False)
-    prism = np.concatenate([np.column_stack([0.045 * np.cos(ring), 0.045 * np.sin(ring), np.full(6, z)]) for z in (-0.03, 0.03)])
+    prism = np.concatenate(
+        [np.column_stack([0.045 * np.cos(ring), 0.045 * np.sin(ring), np.full(6, z)]) for z in (-0.03, 0.03)]
+    )
     wedge = np.array([[x, y, z] for y in (-0.04, 0.04) for x, z in ((-0.05, -0.02), (0.05, -0.02), (-0.05, 0.04))])
     tetrahedron = 0.065 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
     return {
@@ -96,7 +89,7 @@ def _shapes() -> Mapping[str, tuple[Array, str | None]]:
         "wedge": (wedge, None),
         "hexagonal prism": (prism, None),
         "irregular polytope": (_irregular(), None),
-        "ellipsoid": (ELLIPSOID * sphere_points(2000), f'type="ellipsoid" size="{_row(ELLIPSOID)}"'),
+        "ellipsoid": (ELLIPSOID * directions(2000), f'type="ellipsoid" size="{_row(ELLIPSOID)}"'),
         "rounded disc": (_rounded_disc(0.045, 0.01), None),
     }
 
@@ -134,13 +127,21 @@ def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedSh
     spec.option.timestep = settings.step
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10
-    law = {"friction": [settings.friction, 0, 0], "condim": 3, "solref": [0.002, 1.0], "solimp": [0.98, 0.9999, 0.0001, 0.5, 2]}
+    law = {
+        "friction": [settings.friction, 0, 0],
+        "condim": 3,
+        "solref": [0.002, 1.0],
+        "solimp": SOLIMP,
+    }
     for key, value in law.items():
         setattr(spec.geoms[0], key, value)
     spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **law)
     model = spec.compile()
     if mesh:  # MuJoCo turns a mesh into its principal axes: undo it for the truth
-        R, at = quat_to_matrix(model.geom_quat[0 if model.geom_bodyid[0] else 1]), model.geom_pos[0 if model.geom_bodyid[0] else 1]
+        R, at = (
+            quat_to_matrix(model.geom_quat[0 if model.geom_bodyid[0] else 1]),
+            model.geom_pos[0 if model.geom_bodyid[0] else 1],
+        )
         first, count = model.mesh_vertadr[0], model.mesh_vertnum[0]
         hull = np.asarray(model.mesh_vert[first : first + count], dtype=float) @ R.T + at
         hull = hull[ConvexHull(hull).vertices]
@@ -155,7 +156,9 @@ def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedSh
     return TossedShape(name, tracks, truth, hull, com, inertia, settings.mass, settings.friction, body)
 
 
-def _toss(model: mujoco.MjModel, hull: Array, name: str, rng: np.random.Generator, settings: ShapeTossSettings) -> PoseTrack:
+def _toss(
+    model: mujoco.MjModel, hull: Array, name: str, rng: np.random.Generator, settings: ShapeTossSettings
+) -> PoseTrack:
     """A toss from the air to rest, or to the longest time."""
     data = mujoco.MjData(model)
     quat = rng.normal(size=4)

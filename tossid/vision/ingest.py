@@ -174,7 +174,8 @@ def with_object(opened: Opened, object: Named | None, *, default: str | None = N
         return opened
     if not model.is_stated:
         raise ConfigError(
-            "object", "unknown is for tracked poses (source=tum, contactnets, pll); tracking images needs the object's tags"
+            "object",
+            "unknown is for tracked poses (source=tum, contactnets, pll); tracking images needs the object's tags",
         )
     return replace(opened, model=replace(model, tags=object_tags(opened.layout, model.body_names)))
 
