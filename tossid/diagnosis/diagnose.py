@@ -151,9 +151,9 @@ def prepare(
         InputError: Too few tosses can be used, or the simulator is of another object, or diverges.
         ConfigError: `without` names no effect.
     """
-    recorded = dataset.object
+    judged = read_simulator(simulator, dataset.object)
+    recorded = dataset.object if dataset.object.is_stated else judged.world.object
     library = _library(recorded, settings.without)
-    judged = read_simulator(simulator, recorded)
     tosses_of = _in_words(name or f"dataset of '{recorded.name}'", settings)
     chosen = tuple(dataset.tosses) if settings.split is None else dataset.of_split(settings.split)
     last = None if settings.tosses is None else settings.skip + settings.tosses

@@ -180,9 +180,9 @@ def stated_object(model: TrainedModel, dataset: Dataset) -> ObjectModel:
         dataset: What it is compared with.
 
     Returns:
-        The dataset's, or the learned one where the model was trained from nothing.
+        The dataset's, or the learned one where the model was trained from nothing or the dataset states none.
     """
-    return dataset.object if model.settings.object is None else model.object
+    return dataset.object if model.settings.object is None and dataset.object.is_stated else model.object
 
 
 def predicted_motions(

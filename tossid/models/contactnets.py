@@ -23,6 +23,7 @@ from tossid.models.transitions import Transitions
 from tossid.motion import MeasurementModel
 from tossid.objects import ObjectModel
 from tossid.physics import ExactCone, PolyhedralCone
+from tossid.physics.rounds import shape_of
 from tossid.settings.limits import VALUES
 from tossid.settings.training import ModelSettings
 
@@ -55,7 +56,10 @@ class ContactNets(nn.Module):
             settings.complementarity, settings.dissipation, settings.penetration, settings.gap_scale
         )
         self.corner_body = torch.as_tensor(model.corner_body)
-        self.geometry = Geometry(model, learn=settings.learn_geometry)
+        self.shape = shape_of(model.roundness)
+        # corners of a round shape belong together (points of one rim, ends of one axis): they stay as they are
+        self.learns_corners = settings.learn_geometry and model.roundness is None
+        self.geometry = Geometry(model, learn=self.learns_corners)
         self.friction = Friction(model, learn=settings.learn_friction)
         self.contact_law = ContactLaw(model, learn=settings.learn_contact_law)
         self.inertia = make_inertia(model, kind=settings.inertia, learn=settings.learn_inertia)
@@ -103,6 +107,7 @@ class ContactNets(nn.Module):
             corner_body=self.corner_body,
             metric=self._metric,
             weights=self.weights,
+            shape=self.shape,
         )
 
     def loss(self, transitions: Transitions) -> tuple[Tensor, dict[str, float]]:
@@ -157,8 +162,8 @@ class ContactNets(nn.Module):
             plans.append(StagePlan("continuous", Objective.FLIGHT_LOSS, _learned(self.k_res, self.inertia)))
         if settings.implicit and not settings.together:
             contact = _learned(self.geometry, self.friction, self.inertia)
-            held = tuple(_learned(self.inertia)) if settings.learn_geometry else ()
-            corners = self.geometry if settings.learn_geometry else None
+            held = tuple(_learned(self.inertia)) if self.learns_corners else ()
+            corners = self.geometry if self.learns_corners else None
             plans.append(StagePlan("contact", Objective.LOSS, contact, corners=corners, held=held))
         horizons = settings.horizons
         if self.object.n_joints and horizons:
@@ -205,7 +210,7 @@ class ContactNets(nn.Module):
             report["stiffness_npm"] = 1 / learned.compliance
             report["relaxation_s"] = learned.relaxation
             report["cohesion_n"] = learned.cohesion
-        if self.settings.learn_geometry:
+        if self.learns_corners:
             report["corners_m"] = learned.corner_pos.round(6).tolist()
             report["corner_shift_mm"] = float(1e3 * np.linalg.norm(learned.corner_pos - given.corner_pos, axis=1).max())
         if self.settings.learn_inertia:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tossid.objects import GRAVITY, JointType, ObjectModel, body_poses, corner_positions
 from tossid.rotations import quat_boxminus, quat_rotate
 from tossid.settings.motion import DefectSettings
-from tossid.types import Phase, Toss
+from tossid.types import Toss
 
 Array = NDArray[np.float64]
 
@@ -61,8 +61,8 @@ def find_defects(
         dt = np.diff(toss.t)
         if model.is_stated:
             air = corner_positions(model, toss.q)[..., 2].min(axis=1) > settings.air_height * model.width
-        else:
-            air = toss.phase == Phase.FLIGHT
+        else:  # flight was found in the motion itself, and cannot contradict it
+            air = np.zeros(len(toss), dtype=bool)
         turning = [3, 4, 5, *(6 + j for j in range(model.n_joints) if model.joint_type[1 + j] == JointType.HINGE)]
         rates = toss.v[:, turning]
         turn = np.concatenate(

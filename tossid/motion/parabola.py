@@ -2,8 +2,8 @@
 
 With the body's recorded position p and rotation R and its centre of mass c in the body's frame, a flight has
 p + R c = a + b t - g t²/2 e_z. Over a short window, a and b are projected out, so that c is what is left: the same for
-all windows. A redescending loss, whose scale shrinks (graduated non-convexity), finds the windows that agree. What rests,
-slides or rolls does not fall, and what is hit leaves its parabola.
+all windows. A redescending loss, whose scale shrinks (graduated non-convexity), finds the windows that agree. What
+rests, slides or rolls does not fall, and what is hit leaves its parabola.
 """
 
 from __future__ import annotations
@@ -105,8 +105,8 @@ def find_parabola(
         flying = rms < settings.most_carried * carried
         if flying.sum() < settings.fewest_windows:
             raise InputError(
-                f"the tosses show no flight: in {int(flying.sum())} of {len(rms)} stretches of {seconds:.2g} s some point "
-                f"of the body falls at {gravity:g} m/s²; expected tosses that fly, z up, in metres and seconds"
+                f"the tosses show no flight: in {int(flying.sum())} of {len(rms)} stretches of {seconds:.2g} s some "
+                f"point of the body falls at {gravity:g} m/s²; expected tosses that fly, z up, in metres and seconds"
             )
         misfit = min(settings.deviations * float(np.quantile(rms[flying], 0.3)), settings.most_carried * carried)
         com = _solve(y, J, (rms < misfit).astype(float))

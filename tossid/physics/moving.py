@@ -108,8 +108,8 @@ def common_velocity(model, work, xi, first):  # type: ignore[no-untyped-def]
 
 
 @by_type
-def corner_place(model, work, c):  # type: ignore[no-untyped-def]
-    """Place of corner c from the base's origin, base's axes."""
+def corner_place(model, work, s, c):  # type: ignore[no-untyped-def]
+    """Place of corner c from the base's origin, base's axes; of a round one, its lowest point's."""
     raise NotImplementedError
 
 
@@ -145,5 +145,8 @@ def spin_row(model, work, body, a0, a1, a2, row):  # type: ignore[no-untyped-def
 
 @by_type
 def falling(model, work, s, corners, c):  # type: ignore[no-untyped-def]
-    """Vertical acceleration of corner c without contact [m/s²]: J_n dv/dt + dJ_n/dt v. After `accelerate`."""
+    """Vertical acceleration of corner c without contact [m/s²]: J_n dv/dt + dJ_n/dt v. After `accelerate`.
+
+    Of a round corner, that of its lowest point, which is not always the same one.
+    """
     raise NotImplementedError

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from tossid.errors import ObjectError
 from tossid.objects import GRAVITY, JointLaw, ObjectModel
 from tossid.physics.registered_forces import NoForce, RegisteredForce
+from tossid.physics.rounds import Points, Shape, shape_of
 from tossid.settings.limits import VALUES
 
 Array = NDArray[np.float64]
@@ -70,6 +71,7 @@ class System(NamedTuple):
         law: (9,) the fields of `forces.Law` in their order, (0,) for a constant friction.
         joints: what acts in the joints; empty arrays for nothing.
         registered: the user's own force (`registered_forces`).
+        shape: what stands at the corners (`rounds`).
     """
 
     parent: NDArray[np.int64]
@@ -94,6 +96,7 @@ class System(NamedTuple):
     law: Array = np.zeros(0)
     joints: JointLaw = JointLaw(*np.zeros((5, 0)))
     registered: RegisteredForce = NoForce()
+    shape: Shape = Points()
 
     @property
     def nv(self) -> int:
@@ -190,4 +193,5 @@ def make_system(
         relaxation=float(model.relaxation),
         cohesion=float(model.cohesion),
         joints=JointLaw(*map(contiguous, model.joints)),
+        shape=shape_of(model.roundness),
     )

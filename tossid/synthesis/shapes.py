@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from tossid.objects.roundness import directions
 from tossid.physics.mujoco_engine import quiet
 from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
 from tossid.settings.synthesis import ShapeTossSettings
@@ -52,23 +53,11 @@ def _row(values: Array) -> str:
     return " ".join(f"{value:.9g}" for value in values)
 
 
-def sphere_points(count: int) -> Array:
-    """Directions spread evenly over the sphere (Fibonacci's lattice).
-
-    Args:
-        count: How many.
-    """
-    k = np.arange(count) + 0.5
-    z, angle = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
-    r = np.sqrt(1 - z**2)
-    return np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
-
-
 def _irregular() -> Array:
     """Twelve points, each a vertex that stands out from the hull of the others."""
     rng = np.random.default_rng(12)
     while True:
-        points = np.array([0.055, 0.045, 0.04]) * sphere_points(12) * rng.uniform(0.92, 1.12, (12, 1))
+        points = np.array([0.055, 0.045, 0.04]) * directions(12) * rng.uniform(0.92, 1.12, (12, 1))
         if len(ConvexHull(points).vertices) == 12:
             return points
 
@@ -81,6 +70,8 @@ def _rounded_disc(radius: float, edge: float, rim: int = 120, around: int = 25) 
     return np.column_stack([r * np.cos(a), r * np.sin(a), edge * np.sin(b)])
 
 
+SOLIMP = [0.98, 0.9999, 0.0001, 0.5, 2]
+"""MuJoCo's impedance of contact: near rigid."""
 ELLIPSOID = np.array([0.06, 0.045, 0.035])
 """Half axes of the ellipsoid [m]."""
 
@@ -98,7 +89,7 @@ def _shapes() -> Mapping[str, tuple[Array, str | None]]:
         "wedge": (wedge, None),
         "hexagonal prism": (prism, None),
         "irregular polytope": (_irregular(), None),
-        "ellipsoid": (ELLIPSOID * sphere_points(2000), f'type="ellipsoid" size="{_row(ELLIPSOID)}"'),
+        "ellipsoid": (ELLIPSOID * directions(2000), f'type="ellipsoid" size="{_row(ELLIPSOID)}"'),
         "rounded disc": (_rounded_disc(0.045, 0.01), None),
     }
 
@@ -140,7 +131,7 @@ def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedSh
         "friction": [settings.friction, 0, 0],
         "condim": 3,
         "solref": [0.002, 1.0],
-        "solimp": [0.98, 0.9999, 0.0001, 0.5, 2],
+        "solimp": SOLIMP,
     }
     for key, value in law.items():
         setattr(spec.geoms[0], key, value)
