@@ -15,6 +15,7 @@ from tossid.diagnosis.learned import learned_forces
 from tossid.diagnosis.next_toss import next_toss
 from tossid.diagnosis.patch.make import make_patch
 from tossid.diagnosis.patch.rerun import rerun
+from tossid.diagnosis.release import bound_frames
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.simulators import Simulator, check_runs, check_same_object, moves, read_simulator
 from tossid.errors import ConfigError, InputError, TossidError
@@ -159,6 +160,11 @@ def prepare(
     last = None if settings.tosses is None else settings.skip + settings.tosses
     tosses, remarks = _usable(chosen[settings.skip : last], tosses_of, settings)
     unseen = () if settings.split in (None, "test") else _moving(dataset.of_split("test"), settings)[1]
+    held = bound_frames(tosses, recorded, settings.release)
+    if held:
+        tosses, unseen = (tuple(toss.frames(slice(held, None)) for toss in each) for each in (tosses, unseen))
+        frames = "frame is" if held == 1 else f"{held} frames are"
+        remarks += (f"The first {frames} left out of each toss: there the object was not in free flight yet.",)
     check_same_object(judged.world, recorded, where=name or "the dataset", settings=settings.checks)
     apart = None if dataset.order is None else recordings_apart(dataset.order)
     if apart is not None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.effect_findings import closed_by_each, effect_findings
-from tossid.diagnosis.findings import Gap, Interval, Share
+from tossid.diagnosis.effect_findings import NOTHING, closed_by_each, effect_findings
+from tossid.diagnosis.findings import Finding, Gap, Interval, Share
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.consequence import consequences
@@ -25,6 +26,7 @@ from tossid.diagnosis.result import Contact, Diagnosis, Verdict
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.flight_search import power_law_of
 from tossid.diagnosis.selection.nested import judged, judging_folds
+from tossid.diagnosis.selection.plane import Plane, in_plane
 from tossid.diagnosis.selection.plausibility import Implausible, plausible_names
 from tossid.diagnosis.selection.refinement import (
     intervals,
@@ -75,8 +77,9 @@ def explain(
         tosses, world.object, seed=seed, n_threads=n_threads, engine=engine, settings=settings
     )
     report("the gap", 0.02)
+    shown, plane = in_plane(tosses, world, library, settings=settings, n_threads=n_threads)
     validator, world = validator.with_contact_law(world)
-    found = search(validator, library, Hypothesis(world), report)
+    found = search(validator, shown, Hypothesis(world), report)
     report("line search", 0.9)
     found = line_searched(validator, found)
     report("shifted windows", 0.92)
@@ -84,9 +87,10 @@ def explain(
     found, spread = pruned_by_wald_test(validator, found, spread)
     found, why = plausible_names(validator, found, spread)
     report("repeated searches", 0.93)
-    stability = repeated(tosses, world.object, validator, found, library, seed=seed)
+    stability = repeated(tosses, world.object, validator, found, shown, seed=seed)
     report("what is left", 0.97)
-    return _concluded(tosses, unseen, library, validator, found, spread, why, stability, started, seed)
+    made = _concluded(tosses, unseen, shown, validator, found, spread, why, stability, started, seed)
+    return made if plane is None else _with_plane(made, plane, library)
 
 
 def _silent(text: str, share: float) -> None:
@@ -180,6 +184,26 @@ def _is_sure(stability: Stability, found: SearchResult, name: str, settings: Dia
     """Whether repeated searches name an effect, or one of its class, often enough; yes if there were none."""
     frequency = stability.frequency([name, *(each.name for each in found.classes[name])])
     return frequency is None or frequency >= settings.stability.least_frequency
+
+
+def _with_plane(made: Diagnosis, plane: Plane, library: Sequence[Effect]) -> Diagnosis:
+    """With the effects that the plane of the motion cannot show, which were not fitted."""
+    evidence = {"gain": 0.0, "p_value": 1.0, "n_tosses": float(made.n_tosses)}
+    hidden = tuple(
+        Finding(
+            effect.name,
+            "not_identifiable",
+            effect.says,
+            tuple(Phase(phase).name.lower() for phase in effect.phases),
+            {},
+            evidence,
+            NOTHING,
+            frequency=made.stability.frequency([effect.name]),
+        )
+        for effect in library
+        if effect.name in plane.effects
+    )
+    return replace(made, plane=plane, findings=(*made.findings, *hidden))
 
 
 def _needed(library: Sequence[Effect], validator: CrossValidator) -> TossesNeeded:

@@ -14,6 +14,7 @@ from tossid.diagnosis.localisation.disagreement import SolverDisagreement
 from tossid.diagnosis.localisation.misspecification import Misspecification
 from tossid.diagnosis.localisation.noise import MeasuredNoise
 from tossid.diagnosis.localisation.unseen import Unseen
+from tossid.diagnosis.selection.plane import Plane
 from tossid.diagnosis.selection.significance import TossesNeeded
 from tossid.diagnosis.selection.stability import Stability
 from tossid.settings.diagnosis_report import ReportSettings
@@ -66,6 +67,7 @@ class Diagnosis:
         candidates: Names of effects that are significant and matter, but that repeated searches name too rarely, or
             that leave most of the gap.
         stability: What repeated searches name.
+        plane: The plane in which all motion lies, and what it cannot show; None if there is none.
         implausible: Effects of the hypothesis that have no name, with why: "no_change" or "at_bound".
         disagreement: The gap that another exact solver of the same rigid body shows; None for a user's own contact.
         learned: What the simulator's learned acceleration stands for; None if it has none.
@@ -100,6 +102,7 @@ class Diagnosis:
     minor: tuple[str, ...] = ()
     candidates: tuple[str, ...] = ()
     stability: Stability = Stability()
+    plane: Plane | None = None
     implausible: tuple[tuple[str, str], ...] = ()
     disagreement: SolverDisagreement | None = None
     unseen: Unseen | None = None
@@ -166,6 +169,7 @@ class Diagnosis:
             "unseen": None if self.unseen is None else self.unseen.as_json(),
             "learned_acceleration": None if self.learned is None else self.learned.as_json(),
             "solver_disagreement": None if self.disagreement is None else self.disagreement.as_json(),
+            "plane": None if self.plane is None else self.plane.as_json(),
             "tosses_needed": None if self.needed is None else self.needed.as_json(),
         }
         whole |= {name: value for name, value in beside.items() if value is not None}

@@ -244,10 +244,26 @@ class PlaneSettings:
     """windows in which it is tried what a parameter changes"""
     steps: Positive = 2.0
     """by how many steps a parameter is moved to either side"""
-    least_change: Positive = 1e-7
-    """change of a pose [m, rad] from which a parameter does anything in a window"""
-    least_share: Fraction = 0.1
+    least_change: Positive = 1e-5
+    """change of a pose [m, rad] from which a parameter does anything in a window, ..."""
+    least_windows: Fraction = 0.05
+    """... which it must do in this share of the windows"""
+    least_share: Fraction = 0.5
     """share of what a parameter changes that must differ in the plane between both sides for it to be shown"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReleaseSettings:
+    """When the first frames of all tosses are not in free flight, and are left out."""
+
+    least_change: Positive = 0.3
+    """median acceleration over that soon after, from which a first frame is not free [gravity]"""
+    level: Fraction = 1e-3
+    """level at which it must differ (signed ranks over tosses)"""
+    fewest_tosses: Count = 6
+    """tosses that must have the frame in flight"""
+    most_frames: Count = 20
+    """most frames that are left out"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -308,6 +324,8 @@ class DiagnoseSettings:
     """how hypotheses are judged"""
     selection: SelectionSettings = advanced_part(SelectionSettings)
     """how effects are selected"""
+    release: ReleaseSettings = advanced_part(ReleaseSettings)
+    """which first frames are left out"""
     plane: PlaneSettings = advanced_part(PlaneSettings)
     """how planes of motion are recognised"""
     stability: StabilitySettings = advanced_part(StabilitySettings)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.evidence import student_deviance
-from tossid.diagnosis.likelihood.windows import Windows
+from tossid.diagnosis.likelihood.windows import Windows, difference
 from tossid.rotations import quat_boxminus
 from tossid.settings.likelihood import DensitySettings
 
@@ -38,10 +38,12 @@ class MeasuredNoise:
     Attributes:
         position: Of positions; None where flight is too short to show it.
         rotation: Of rotations, likewise.
+        still: (K,) channels in which no pose differs from another, as those out of a plane; none if empty.
     """
 
     position: float | None
     rotation: float | None
+    still: tuple[bool, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """gap.json's "noise"."""
@@ -50,11 +52,14 @@ class MeasuredNoise:
     def factors(self, channels: int) -> Array:
         """(K,) standard deviations of whitened residuals that noise alone leaves in each channel, at least 1.
 
+        Channels in which nothing was measured have none.
+
         Args:
             channels: K; joints' noise is taken as stated.
         """
         position, rotation = (1.0 if each is None else max(1.0, each) for each in (self.position, self.rotation))
-        return np.array([position] * 3 + [rotation] * 3 + [1.0] * (channels - 6))
+        sizes = np.array([position] * 3 + [rotation] * 3 + [1.0] * (channels - 6))
+        return np.where(self.still, 0.0, sizes) if self.still else sizes
 
 
 @dataclass(frozen=True)
@@ -78,15 +83,28 @@ def measure_noise(windows: Windows) -> MeasuredNoise:
     Args:
         windows: Of all tosses; those of free flight are used.
     """
-    position, rotation = [], []
+    position, rotation, still = [], [], still_channels(windows)
     for w in np.flatnonzero(windows.free):
         n = int(windows.steps[w])
         q, std = windows.y[w, :n], windows.y_noise[w, :n].mean(axis=0)
-        position.append((np.diff(q[:, :3], n=3, axis=0) / std[:3]).ravel())
+        position.append((np.diff(q[:, :3], n=3, axis=0) / std[:3])[:, ~still[:3]].ravel())
         if n > 1:
             turns = quat_boxminus(q[1:, 3:7], q[:-1, 3:7])
-            rotation.append((np.diff(turns, n=2, axis=0) / std[3:6]).ravel())
-    return MeasuredNoise(_size(position), _size(rotation))
+            rotation.append((np.diff(turns, n=2, axis=0) / std[3:6])[:, ~still[3:6]].ravel())
+    return MeasuredNoise(_size(position), _size(rotation), tuple(map(bool, still)) if still.any() else ())
+
+
+def still_channels(windows: Windows) -> NDArray[np.bool_]:
+    """(K,) channels in which all poses are the same: there nothing was measured, as out of a plane.
+
+    Args:
+        windows: Of all tosses.
+    """
+    cut = windows.settings.windows
+    least = np.array([cut.least_position_std] * 3 + [cut.least_rotation_std] * (windows.channels - 3))
+    moved = np.abs(difference(windows.y, windows.q[:, None])).max((0, 1))
+    moved[:3] = np.ptp(windows.y[..., :3], axis=(0, 1))
+    return np.asarray(moved < 1e-3 * least)
 
 
 def _size(values: list[Array]) -> float | None:

@@ -78,7 +78,13 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
         The paragraphs: how large the gap is and where, which effects explain it and with which values, how much of it
         they close, which effects cannot be distinguished, and what remains.
     """
-    text = [*_how_sure(diagnosis), _the_gap(diagnosis), *_too_few(diagnosis), *_not_repeated(diagnosis)]
+    text = [
+        *_how_sure(diagnosis),
+        _the_gap(diagnosis),
+        *_too_few(diagnosis),
+        *_not_repeated(diagnosis),
+        *_in_plane(diagnosis),
+    ]
     text += [_one_effect(diagnosis, name) for name in diagnosis.found]
     if diagnosis.found:
         text.append(_how_far(diagnosis))
@@ -137,6 +143,20 @@ def _not_repeated(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.stability.repeats or not diagnosis.found:
         return []
     return [f"How often {listed(diagnosis.found)} would be named again was not checked: no search was repeated."]
+
+
+def _in_plane(diagnosis: Diagnosis) -> list[str]:
+    """What a plane of motion cannot show."""
+    plane = diagnosis.plane
+    if plane is None:
+        return []
+    normal = ", ".join(short(x, 2) for x in plane.normal)
+    whole = f" Not sought at all: {listed(plane.effects)}." if plane.effects else ""
+    parts = [f"{parameter(name)} of {effect}" for effect, name in plane.hidden if effect not in plane.effects]
+    return [
+        f"All motion lies in one plane, with the normal ({normal}). What it cannot show is not fitted.{whole}"
+        + (f" Left as stated: {listed(parts)}." if parts else "")
+    ]
 
 
 def _the_gap(diagnosis: Diagnosis) -> str:

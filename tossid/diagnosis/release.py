@@ -1,0 +1,55 @@
+"""Releases that are not free: first frames in which something else than flight moves the object.
+
+A hand or a gripper lets go a little later than a recording begins, or a tracker's filter starts there. In one toss this
+is lost in noise, which second differences of positions amplify. Over all tosses it shows: a frame's acceleration is
+compared with that of the frames soon after it, which drag cannot change much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import wilcoxon
+
+from tossid.motion import flight_frames
+from tossid.objects import GRAVITY, ObjectModel
+from tossid.settings.diagnosis import ReleaseSettings
+from tossid.types import Toss
+
+_SOON, _AFTER = 3, 4
+"""Frames after which second differences share no pose, and how many of them are averaged."""
+
+
+def bound_frames(tosses: Sequence[Toss], model: ObjectModel, settings: ReleaseSettings = ReleaseSettings()) -> int:
+    """How many frames at the beginning of all tosses are not in free flight.
+
+    Args:
+        tosses: Of one object.
+        model: The object, which says where flight ends.
+        settings: What counts as another acceleration.
+    """
+    changes = []
+    for toss in tosses:
+        n = flight_frames(toss, model)
+        step = float(np.median(np.diff(toss.t)))
+        poses = toss.measured[0][:n, :3]
+        # to the last but one frame: the landing may be in the last
+        accelerations = np.diff(poses[:-1], n=2, axis=0) / step**2
+        count = len(accelerations) - _SOON - _AFTER + 1
+        changes.append(
+            [accelerations[k] - accelerations[k + _SOON : k + _SOON + _AFTER].mean(axis=0) for k in range(count)]
+        )
+    for k in range(settings.most_frames):
+        there = np.array([each[k] for each in changes if len(each) > k])
+        if len(there) < settings.fewest_tosses or not _is_other(there, settings):
+            return k
+    return settings.most_frames
+
+
+def _is_other(changes: np.ndarray, settings: ReleaseSettings) -> bool:
+    """Whether changes of acceleration (n, 3) are clearly not zero, in any direction; ranks, as a few have an impact."""
+    large = np.abs(np.median(changes, axis=0)) > settings.least_change * GRAVITY
+    moving = np.ptp(changes, axis=0) > 0
+    tested = np.flatnonzero(large & moving)
+    return any(float(wilcoxon(changes[:, axis]).pvalue) < settings.level for axis in tested)

@@ -1,0 +1,196 @@
+"""Motions that stay in a plane, and what they cannot show.
+
+An object between two plates, or one that a tracker projects, moves in a plane and spins about its normal. Reflection in
+that plane maps such a motion to itself. A parameter that the reflection turns into its negative, as a centre of mass
+out of the plane, then changes nothing in the plane to first order, and what it would change out of the plane is not
+free to happen. Other parameters change nothing at all there, as friction along the normal. Neither kind can be fitted.
+
+Which parameters these are is tried, not listed: each is moved to either side. It is shown if the motions in the plane
+differ between both sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.likelihood.windows import Windows, difference, make_windows
+from tossid.objects import ObjectModel
+from tossid.physics.effects import Effect, Strength, World
+from tossid.rotations import quat_conj, quat_rotate
+from tossid.settings.diagnosis import DiagnoseSettings, PlaneSettings
+from tossid.types import Toss
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The plane in which all motion lies, and what it cannot show.
+
+    Attributes:
+        normal: (3,) its unit normal in the world.
+        hidden: (effect, parameter) of all parameters that no motion in the plane can show.
+        effects: Names of the effects of which nothing can be shown, or nothing that a simpler effect is not.
+    """
+
+    normal: Array
+    hidden: tuple[tuple[str, str], ...] = ()
+    effects: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """gap.json's "plane"."""
+        return {
+            "normal": self.normal.tolist(),
+            "not_shown": [{"effect": effect, "parameter": name} for effect, name in self.hidden],
+            "effects_not_shown": list(self.effects),
+        }
+
+
+def plane_normal(tosses: Sequence[Toss], settings: PlaneSettings = PlaneSettings()) -> Array | None:
+    """(3,) the unit normal of the plane in which all tosses move; None if there is none.
+
+    It is the axis of all spins (the first right singular vector of the angular velocities in the world), if nearly all
+    of the spin is about it and nearly none of the velocity along it. Objects with joints have none.
+
+    Args:
+        tosses: Of one object.
+        settings: What counts as nearly.
+    """
+    if tosses[0].v.shape[1] > 6:
+        return None
+    velocity = np.concatenate([toss.v[:, :3] for toss in tosses])
+    spin = np.concatenate([quat_rotate(toss.q[:, 3:7], toss.v[:, 3:6]) for toss in tosses])
+    _, sizes, axes = np.linalg.svd(spin, full_matrices=False)
+    normal = axes[0] * np.sign(axes[0][np.argmax(np.abs(axes[0]))])
+    along = float(np.linalg.norm(velocity @ normal)) / max(float(np.linalg.norm(velocity)), 1e-12)
+    beside = float(np.linalg.norm(sizes[1:])) / max(float(sizes[0]), 1e-12)
+    return normal if along < settings.out_of_plane and beside < settings.out_of_plane and sizes[0] > 0 else None
+
+
+def in_plane(
+    tosses: Sequence[Toss],
+    world: World,
+    library: Sequence[Effect],
+    *,
+    settings: DiagnoseSettings = DiagnoseSettings(),
+    n_threads: int = 1,
+) -> tuple[tuple[Effect, ...], Plane | None]:
+    """The library as far as the tosses can show it: all of it, unless they move in a plane.
+
+    Args:
+        tosses: Of one object.
+        world: The simulator.
+        library: The effects to choose from.
+        settings: How planes are recognised, and windows in which parameters are tried.
+        n_threads: Of the simulator.
+
+    Returns:
+        The effects, each with the parameters that the plane shows, and the plane; None where there is none.
+    """
+    normal = plane_normal(tosses, settings.plane)
+    if normal is None:
+        return tuple(library), None
+    trial = _Trial.of(tosses, world.object, normal, settings, n_threads)
+    hidden = {effect.name: trial.hidden(effect, world) for effect in library}
+    shown: dict[str, Effect] = {}
+    for effect in library:
+        kept = tuple(p for p in effect.parameters if p.name not in hidden[effect.name])
+        if any(not p.form for p in kept):
+            shown[effect.name] = effect if len(kept) == len(effect.parameters) else _with_only(effect, kept)
+    kept_effects = tuple(each for each in shown.values() if not _is_special_case(each, shown))
+    names = {each.name for each in kept_effects}
+    missing = tuple(effect.name for effect in library if effect.name not in names)
+    pairs = tuple((name, each) for name, some in hidden.items() for each in some)
+    return kept_effects, Plane(normal, pairs, missing)
+
+
+def _with_only(effect: Effect, kept: tuple[Any, ...]) -> Effect:
+    """The effect with some of its parameters; the others stay at what changes nothing."""
+    names = {p.name for p in kept}
+    starts = tuple({name: x for name, x in start.items() if name in names} for start in effect.starts)
+    return replace(
+        effect,
+        parameters=kept,
+        apply=lambda world, values: effect.apply(world, {**effect.named(effect.nominal(world)), **values}),
+        starts=tuple(start for start in starts if start),
+    )
+
+
+def _is_special_case(effect: Effect, shown: dict[str, Effect]) -> bool:
+    """Whether an effect has no more parameters left than one that it contains, and so is the same."""
+    return any(len(effect.parameters) <= len(shown[name].parameters) for name in effect.contains if name in shown)
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Windows whose first states lie exactly in the plane, in which parameters are tried."""
+
+    windows: Windows
+    normal: Array
+    settings: PlaneSettings
+    n_threads: int
+
+    @staticmethod
+    def of(
+        tosses: Sequence[Toss],
+        model: ObjectModel,
+        normal: Array,
+        settings: DiagnoseSettings,
+        n_threads: int,
+    ) -> _Trial:
+        windows = make_windows(tosses, model, settings=settings.likelihood)
+        some = np.unique(np.linspace(0, len(windows.toss) - 1, settings.plane.windows).astype(int))
+        windows = windows.rows(some)
+        axis = quat_rotate(quat_conj(windows.q[:, 3:7]), np.broadcast_to(normal, (len(some), 3)))
+        v = windows.v.copy()
+        v[:, :3] -= np.outer(v[:, :3] @ normal, normal)
+        v[:, 3:6] = axis * (v[:, 3:6] * axis).sum(1, keepdims=True)
+        return _Trial(replace(windows, at_v=v), normal, settings.plane, n_threads)
+
+    def hidden(self, effect: Effect, world: World) -> tuple[str, ...]:
+        """Names of the parameters that no motion in the plane shows."""
+        nominal = effect.nominal(world)
+        left = [k for k in range(len(nominal)) if not self._is_shown(effect, world, nominal, k)]
+        if not left or not isinstance(effect.strength, Strength):
+            return tuple(effect.parameters[k].name for k in left) if left and len(nominal) == len(left) else ()
+        # what says how an effect acts, as a wind's velocity, shows only where there is something of it
+        strength = effect.strength
+        strong = strength.values(float(np.sqrt(strength.low * strength.high)), np.full(8, 0.5))
+        values = np.array([strong.get(p.name, x) for p, x in zip(effect.parameters, nominal, strict=True)])
+        values[left] = nominal[left]
+        return tuple(effect.parameters[k].name for k in left if not self._is_shown(effect, world, values, k))
+
+    def _is_shown(self, effect: Effect, world: World, values: Array, k: int) -> bool:
+        """Whether a parameter at either side of its value makes motions in the plane that differ."""
+        p = effect.parameters[k]
+        size = self.settings.steps * p.step
+
+        def predicted(x: float) -> Array:
+            moved = values.copy()
+            moved[k] = min(max(x, p.low), p.high)
+            return self.windows.predicted(effect.at(world, moved), n_threads=self.n_threads)
+
+        low, high = (predicted(values[k] + side * size) for side in (-1.0, 1.0))
+        whole = difference(high, predicted(values[k]))
+        across = difference(high, low)
+        inside = np.concatenate(
+            [
+                across[..., :3] - (across[..., :3] @ self.normal)[..., None] * self.normal,
+                (across[..., 3:6] * self._axis(low)).sum(-1, keepdims=True),
+            ],
+            axis=-1,
+        )
+        # the median over windows in which it does anything: contact amplifies a few beyond measure
+        changes, differs = (np.abs(each).max((1, 2)) for each in (whole, inside))
+        acts = changes > self.settings.least_change
+        enough = acts.mean() > self.settings.least_windows
+        return bool(enough and np.median(differs[acts] / changes[acts]) > self.settings.least_share)
+
+    def _axis(self, poses: Array) -> Array:
+        """The plane's normal in the body frame of poses (..., 7)."""
+        return np.asarray(quat_rotate(quat_conj(poses[..., 3:7]), np.broadcast_to(self.normal, (*poses.shape[:-1], 3))))
