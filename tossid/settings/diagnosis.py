@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+from tossid.settings.diagnosis_order import OrderSettings
 from tossid.settings.diagnosis_patch import PatchSettings
 from tossid.settings.diagnosis_report import ReportSettings
 from tossid.settings.kinds import Bounds, Count, Fraction, NonNegative, Positive, Seed, Span, advanced_part
@@ -265,6 +266,8 @@ class DiagnoseSettings:
     """how the residual wrench is estimated"""
     witnesses: WitnessSettings = advanced_part(WitnessSettings)
     """which impacts and slides are measured without a simulator"""
+    order: OrderSettings = advanced_part(OrderSettings)
+    """when an effect is not the same in all tosses"""
     next_toss: NextTossSettings = advanced_part(NextTossSettings)
     """how the next toss is sought"""
     verdict: VerdictSettings = advanced_part(VerdictSettings)

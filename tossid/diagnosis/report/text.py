@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from tossid.diagnosis.findings import Finding, Interval, Share
+from tossid.diagnosis.report.order_text import over_order_sentences
 from tossid.diagnosis.report.units import (
     closed_share,
     in_units,
@@ -57,7 +58,10 @@ def headline(diagnosis: Diagnosis) -> str:
     """
     line = _VERDICTS[diagnosis.verdict]
     if diagnosis.named:
-        return f"{line}: {listed(diagnosis.named)}"
+        changing = {f.name: "drifts" for f in diagnosis.findings if f.over_order and f.over_order.form == "drift"}
+        changing |= {f.name: "changes" for f in diagnosis.findings if f.over_order and f.over_order.form == "steps"}
+        names = [f"{name} ({changing[name]})" if name in changing else name for name in diagnosis.named]
+        return f"{line}: {listed(names)}"
     needed = diagnosis.needed
     if needed is not None and not needed.enough and diagnosis.verdict != "no_gap":
         return f"{line}: {needed.tosses} tosses are too few to name every effect, {needed.contact} are needed"
@@ -82,6 +86,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
     text += [_another_law(name, power) for name, power in diagnosis.other_laws]
     text += [_unsteady(diagnosis, name) for name in diagnosis.unsteady]
     text += [_IMPLAUSIBLE[why].format(name=name) for name, why in diagnosis.implausible]
+    text += over_order_sentences(diagnosis)
     text += _minor(diagnosis)
     text.append(_what_remains(diagnosis) + _misspecified(diagnosis))
     if diagnosis.gap.odd:
