@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+from tossid.settings.diagnosis_order import OrderSettings
 from tossid.settings.diagnosis_patch import PatchSettings
 from tossid.settings.diagnosis_report import ReportSettings
 from tossid.settings.kinds import Bounds, Count, Fraction, NonNegative, Positive, Seed, Span, advanced_part
@@ -340,6 +341,8 @@ class DiagnoseSettings:
     """which impacts and slides are measured without a simulator"""
     learned: LearnedSettings = advanced_part(LearnedSettings)
     """how a learned acceleration is compared with effects"""
+    order: OrderSettings = advanced_part(OrderSettings)
+    """when an effect is not the same in all tosses"""
     next_toss: NextTossSettings = advanced_part(NextTossSettings)
     """how the next toss is sought"""
     verdict: VerdictSettings = advanced_part(VerdictSettings)

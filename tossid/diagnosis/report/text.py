@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from tossid.diagnosis.findings import Finding, Interval, Share
+from tossid.diagnosis.report.order_text import over_order_sentences
 from tossid.diagnosis.report.units import (
     closed_share,
     in_units,
@@ -92,6 +93,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
     text += [_another_law(name, power) for name, power in diagnosis.other_laws]
     text += [_unsteady(diagnosis, name) for name in diagnosis.unsteady]
     text += [_IMPLAUSIBLE[why].format(name=name) for name, why in diagnosis.implausible]
+    text += over_order_sentences(diagnosis)
     text += _minor(diagnosis)
     text.append(_what_remains(diagnosis) + _misspecified(diagnosis))
     text += _learned(diagnosis)
@@ -109,7 +111,8 @@ def _with_frequency(diagnosis: Diagnosis, name: str) -> str:
     finding = next((each for each in diagnosis.findings if each.name == name), None)
     group = [name, *(finding.confusable_with if finding else ())]
     frequency, count = diagnosis.stability.frequency(group), len(diagnosis.stability.repeats)
-    text = listed(group, "or")
+    form = finding.over_order.form if finding and finding.over_order else None
+    text = listed(group, "or") + {"drift": ", which drifts", "steps": ", which changes"}.get(form or "", "")
     return text if frequency is None else f"{text} ({round(frequency * count)} of {count})"
 
 
