@@ -44,6 +44,7 @@ $(STAMP): pyproject.toml $(wildcard requirements/*.txt)
 	  $(BIN)/python -m pip install --quiet $(PIP_ARGS) --require-hashes -r requirements/$$lock.txt && \
 	  $(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .; \
 	fi
+	@$(RUN_ONE) $(BIN)/python -m pipelines.tools.compile_kernels
 	@touch $@
 
 lock: $(STAMP)  ## resolve requirements/*.txt anew: make UV_ARGS="--index URL" lock, where URL has torch's CPU builds

@@ -320,7 +320,7 @@ def _student_scale(r: Array, nu: float) -> float:
     """Maximum likelihood scale of Student's density (fixed-point iteration)."""
     s2 = max(float(np.median(r**2)) / 0.55, 1e-12)
     for _ in range(20):
-        s2 = float(np.mean((nu + 1) * r**2 / (nu + r**2 / s2)))
+        s2 = max(float(np.mean((nu + 1) * r**2 / (nu + r**2 / s2))), 1e-12)  # tosses without noise have no residuals
     return float(np.sqrt(s2))
 
 
