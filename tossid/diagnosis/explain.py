@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,10 +37,9 @@ from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.diagnosis.selection.significance import TossesNeeded
 from tossid.physics.effects import LIBRARY, OTHER_POWER, Effect, World
 from tossid.settings.diagnosis import DiagnoseSettings, VerdictSettings
-from tossid.types import Phase, Toss
+from tossid.types import Phase, Progress, Toss, silent
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
 
 
 def explain(
@@ -69,7 +68,7 @@ def explain(
         settings: Of everything else. Its `seed` and `threads` are not read here.
     """
     started = time.perf_counter()
-    report = progress or _silent
+    report = progress or silent
     validator = CrossValidator.of(
         tosses, world.object, seed=seed, n_threads=n_threads, engine=engine, settings=settings
     )
@@ -84,10 +83,6 @@ def explain(
     found, why = plausible_names(validator, found, spread)
     report("what is left", 0.97)
     return _concluded(tosses, unseen, library, validator, found, spread, why, started, seed)
-
-
-def _silent(text: str, share: float) -> None:
-    pass
 
 
 def _concluded(

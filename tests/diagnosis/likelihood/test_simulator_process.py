@@ -154,7 +154,9 @@ if __name__ == "__main__":
 
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("source", ["given", "file"])
-def test_nothing_is_left_of_a_simulator_whose_command_has_ended(source: str, end: signal.Signals, tmp_path: Path) -> None:
+def test_nothing_is_left_of_a_simulator_whose_command_has_ended(
+    source: str, end: signal.Signals, tmp_path: Path
+) -> None:
     (tmp_path / "left.py").write_text(LEFT)
     command = subprocess.Popen([sys.executable, "left.py", source], cwd=tmp_path, stderr=subprocess.DEVNULL)
     _until(lambda: len((tmp_path / "started").read_text().split()) == 2 if (tmp_path / "started").exists() else False)
