@@ -38,6 +38,8 @@ _DISK_ERRORS = {
     errno.EIO: "the disk reports an input/output error",
     errno.ENAMETOOLONG: "the name is too long",
     errno.ENOTDIR: "a file stands where a folder is needed",
+    errno.EEXIST: "a file stands where a folder is needed",
+    errno.ELOOP: "its links go in a circle",
 }
 
 

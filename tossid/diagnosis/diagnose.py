@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any
@@ -26,10 +26,7 @@ from tossid.physics.effects import Effect, effects_for
 from tossid.settings.changed import changed
 from tossid.settings.diagnosis import DiagnoseSettings
 from tossid.store import Dataset
-from tossid.types import RecordingOrder, Toss
-
-Progress = Callable[[str, float], None]
-"""Called with what is under way, and the share that is done."""
+from tossid.types import Progress, RecordingOrder, Toss, silent
 
 
 def diagnose(
@@ -97,7 +94,7 @@ class Task:
         Args:
             progress: Called with what is under way, and the share that is done.
         """
-        report = progress or _silent
+        report = progress or silent
         threads = _threads(self.settings)
         explained = explain_over_order(
             self.tosses,
@@ -187,10 +184,6 @@ def prepare(
 
 def _threads(settings: DiagnoseSettings) -> int:
     return settings.threads or os.cpu_count() or 1
-
-
-def _silent(text: str, share: float) -> None:
-    pass
 
 
 def _library(recorded: ObjectModel, without: Sequence[str]) -> tuple[Effect, ...]:
