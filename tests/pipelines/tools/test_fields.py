@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from pipelines.cli.console import Console
 from pipelines.tools import fields
@@ -45,6 +46,17 @@ def test_a_model_without_k_res_recovers_nothing() -> None:
         found, size = fields.recovered(TrainedModel(model, TrainSettings(), {}), thrown.world, thrown.between)
         assert found == pytest.approx(share, abs=1e-9)
         assert size == pytest.approx(1.81)
+
+
+def test_a_model_is_said_to_stand_for_what_it_has_learned() -> None:
+    thrown = fields.throw("vortex", SMALL, 0)
+    model = build_model(variant("cnrp_world"), thrown.learned.object)
+    trained = TrainedModel(model, TrainSettings(), {})
+    assert fields.stands_for(trained, thrown.learned) == "next to nothing"
+    with torch.no_grad():
+        model.k_res.linear_world[0, 2], model.k_res.linear_world[1, 1] = -0.3 / 0.37, 0.3 / 0.37
+    assert fields.stands_for(trained, thrown.learned) == "vortex (c_npm 3; 100 %)"
+    assert fields.recovered(trained, thrown.world, thrown.between)[0] == pytest.approx(1.0)
 
 
 @pytest.mark.slow
