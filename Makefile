@@ -25,7 +25,7 @@ DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock demo experiments unknown starts tagslam truth test test-slow fuzz check format dependencies bench bench-against scale docs figures clean distclean
+.PHONY: help setup lock demo experiments unknown starts fields paper tagslam truth test test-slow fuzz check format dependencies bench bench-against scale docs figures clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -64,6 +64,12 @@ unknown: $(STAMP)  ## the published cube learned from nothing, beside its stated
 
 starts: $(STAMP)  ## the published cube from 20 random starts: make DATA=FOLDER OPTIONS="--model cn --tosses 64" starts
 	$(RUN_ONE) $(BIN)/python -m pipelines.tools.starts $(DATA) $(OPTIONS)
+
+fields: $(STAMP)  ## fields of force in a learned acceleration; half an hour: make DATA=FOLDER OPTIONS="--seeds 1" fields
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.fields $(DATA) $(OPTIONS)
+
+paper: $(STAMP)  ## claims of the paper beside its presets and the default models, an hour: make DATA=FOLDER paper
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.paper $(DATA) $(OPTIONS)
 
 tagslam: $(STAMP)  ## TagSLAM's published recordings against its own poses: make DATA=FOLDER tagslam
 	$(RUN_ONE) $(BIN)/python -m pipelines.tools.against_tagslam $(DATA)

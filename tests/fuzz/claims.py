@@ -246,7 +246,7 @@ CLAIMS: dict[str, Claim] = {
     "texture": Claim(
         _object('<asset><texture name="t" type="2d" builtin="flat" width="40000" height="40000"/></asset>'),
         "a.h5",
-        "pixels of a texture",
+        "pixels of textures",
         "3 to 8 GB",
     ),
     "object.xml": Claim(_model_of_recording, "object.xml", "elements", "3 to 8 GB"),

@@ -11,7 +11,7 @@ import torch
 from tossid.models.parameters import ContactLaw, Friction, Geometry, LearnedAccelerationNet
 from tossid.models.protocol import Mechanics
 from tossid.objects import GRAVITY, ObjectModel
-from tossid.physics import n_features
+from tossid.physics import learned_accelerations, make_system, n_features, tree_batch
 
 
 def test_geometry_and_friction_start_at_the_object(cube: ObjectModel) -> None:
@@ -61,3 +61,37 @@ def test_mechanics_separate_the_uniform_vertical_part(elbow: ObjectModel) -> Non
     rest = net.without_vertical(torch.from_numpy(features)).detach().numpy()
     np.testing.assert_allclose(mechanics.k_res_without_vertical(features), rest, atol=1e-12)
     assert not Mechanics(elbow, 5.0).k_res_without_vertical(features).any()
+
+
+@pytest.mark.parametrize("joints", [0, 1])
+def test_k_res_of_the_world_is_the_same_in_torch_and_in_arrays(
+    cube: ObjectModel, elbow: ObjectModel, joints: int
+) -> None:
+    model, rng = (cube, elbow)[joints], np.random.default_rng(0)
+    net = LearnedAccelerationNet(
+        joints, hidden=5, generator=torch.Generator().manual_seed(0), world=True, gravity=False
+    )
+    with torch.no_grad():
+        for parameter in net.parameters():
+            if parameter.requires_grad:
+                parameter += 0.1 * torch.from_numpy(rng.normal(size=tuple(parameter.shape)))
+    q, v = rng.normal(size=(7, model.nq)), rng.normal(size=(7, model.nv))
+    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+    features = tree_batch(make_system(model), q, v).features
+    found = net(torch.from_numpy(features)).detach().numpy()
+    np.testing.assert_allclose(found, learned_accelerations(net.arrays(), features, model.nv), rtol=1e-9)
+
+
+def test_a_k_res_without_a_gravity_of_its_own_has_it_in_its_linear_part() -> None:
+    generator = torch.Generator().manual_seed(0)
+    body = LearnedAccelerationNet(0, hidden=4, generator=generator, gravity=False)
+    world = LearnedAccelerationNet(0, hidden=4, generator=generator, world=True, gravity=False)
+    with torch.no_grad():
+        body.linear[:3, :3] -= 0.5 * torch.eye(3)
+        world.linear_world[2, 0] -= 0.5
+    assert not body.vertical.requires_grad
+    assert body.uniform_vertical() == world.uniform_vertical() == pytest.approx(-5.0)
+    features = torch.zeros(1, n_features(0, world=True), dtype=torch.float64)
+    features[0, 2] = features[0, n_features(0)] = features[0, n_features(0) + 4] = features[0, n_features(0) + 6] = 1.0
+    for net in (body, world):
+        np.testing.assert_allclose(net(features).detach().numpy()[0, :3], [0.0, 0.0, -5.0], atol=1e-12)

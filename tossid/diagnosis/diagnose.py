@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from tossid.diagnosis.explain import explain
+from tossid.diagnosis.learned import learned_forces
 from tossid.diagnosis.next_toss import next_toss
 from tossid.diagnosis.patch.make import make_patch
 from tossid.diagnosis.patch.rerun import rerun
 from tossid.diagnosis.release import bound_frames
 from tossid.diagnosis.result import Diagnosis
+from tossid.diagnosis.sessions.correction import corrections
+from tossid.diagnosis.sessions.explained import explain_over_order
 from tossid.diagnosis.simulators import Simulator, check_runs, check_same_object, moves, read_simulator
 from tossid.errors import ConfigError, InputError, TossidError
 from tossid.motion.sessions.levelling import recordings_apart
@@ -75,6 +77,7 @@ class Task:
         tosses_of: The tosses in words.
         remarks: What was left out, and why.
         order: The dataset's order of recording, None where it was not looked at.
+        names: Of all tosses of the dataset, in the order of their recording.
     """
 
     tosses: tuple[Toss, ...]
@@ -86,6 +89,7 @@ class Task:
     tosses_of: str
     remarks: tuple[str, ...]
     order: RecordingOrder | None = None
+    names: tuple[str, ...] = ()
 
     def run(self, progress: Progress | None = None) -> Diagnosis:
         """The diagnosis.
@@ -95,7 +99,7 @@ class Task:
         """
         report = progress or _silent
         threads = _threads(self.settings)
-        found = explain(
+        explained = explain_over_order(
             self.tosses,
             self.simulator.world,
             library=self.library,
@@ -103,20 +107,23 @@ class Task:
             n_threads=threads,
             seed=self.settings.seed,
             unseen=self.unseen,
+            names=self.names,
+            sessions=() if self.order is None else [session.first for session in self.order.sessions[1:]],
             progress=progress,
             settings=self.settings,
         )
+        found, tosses = explained.diagnosis, explained.tosses
         report("next toss and patch", 0.95)
         following = next_toss(
             found.hypothesis,
             found.alternatives,
-            self.tosses,
+            tosses,
             self.recorded,
             rng=np.random.default_rng(self.settings.seed),
             n_threads=threads,
             settings=self.settings,
         )
-        patch = _patch(found, self, threads)
+        patch = _patch(found, replace(self, tosses=tosses), threads)
         report("done", 1.0)
         return replace(
             found,
@@ -127,6 +134,7 @@ class Task:
             patch=patch,
             remarks=(*self.remarks, *_of_contact(found, self.simulator)),
             order=self.order,
+            learned=learned_forces(self.simulator.world, self.tosses, self.library, self.settings.learned),
             report=self.settings.report,
         )
 
@@ -150,9 +158,9 @@ def prepare(
         InputError: Too few tosses can be used, or the simulator is of another object, or diverges.
         ConfigError: `without` names no effect.
     """
-    recorded = dataset.object
+    judged = read_simulator(simulator, dataset.object)
+    recorded = dataset.object if dataset.object.is_stated else judged.world.object
     library = _library(recorded, settings.without)
-    judged = read_simulator(simulator, recorded)
     tosses_of = _in_words(name or f"dataset of '{recorded.name}'", settings)
     chosen = tuple(dataset.tosses) if settings.split is None else dataset.of_split(settings.split)
     last = None if settings.tosses is None else settings.skip + settings.tosses
@@ -170,7 +178,11 @@ def prepare(
     lost = check_runs(judged.world, tosses, where=judged.about, n_threads=_threads(settings), settings=settings)
     if lost:
         remarks += (f"The simulator diverges on {len(lost)} of {len(tosses)} tosses: {', '.join(lost)}.",)
-    return Task(tosses, unseen, recorded, judged, library, settings, tosses_of, remarks, dataset.order)
+    # (the dataset's own order is that of its recording where none was looked for)
+    names = tuple(toss.name for toss in dataset.tosses)
+    if dataset.order is not None and set(names) <= set(dataset.order.names):
+        names = dataset.order.names
+    return Task(tosses, unseen, recorded, judged, library, settings, tosses_of, remarks, dataset.order, names)
 
 
 def _threads(settings: DiagnoseSettings) -> int:
@@ -238,6 +250,7 @@ def _patch(found: Diagnosis, task: Task, threads: int) -> dict[str, Any]:
     rigid = mjcf is not None and found.contact != "own"
     patch = make_patch(found.hypothesis, mjcf=mjcf, rigid=rigid, settings=settings)
     report: dict[str, Any] = {**patch.as_json(), "rerun": None}
+    report["recording"] = {**report["recording"], **corrections(found)}
     if patch.changes or patch.recording or mjcf is not None:
         try:
             report["rerun"] = rerun(

@@ -134,7 +134,9 @@ def _concluded(
     )
     # a user's simulator is its own solver
     disagreement = None if validator.engine.of_user else solver_disagreement(present, validator, seed=seed)
-    if verdict == "unexplained" and not mattering and disagreement is not None and left.total.value <= disagreement.gap:
+    small = disagreement is not None and left.total.value <= disagreement.gap
+    # solvers agree in flight, so they do not explain an effect that was found there without a name
+    if verdict == "unexplained" and small and not (mattering or nameless):
         verdict = "within_solver_disagreement"
     candidates = [name for name in inside if verdict == "unexplained" or not _is_sure(stability, found, name, settings)]
     named = tuple(name for name in mattering if name not in candidates)

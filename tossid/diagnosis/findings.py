@@ -198,6 +198,60 @@ class Consequence:
 
 
 @dataclass(frozen=True)
+class Stretch:
+    """Tosses that follow each other, and what an effect is in them.
+
+    Attributes:
+        first: Name of the first toss.
+        last: Name of the last one.
+        n_tosses: How many.
+        parameters: Of the effect.
+    """
+
+    first: str
+    last: str
+    n_tosses: int
+    parameters: dict[str, Interval]
+
+    def as_json(self) -> dict[str, Any]:
+        """One of an effect's "sessions" in gap.json."""
+        return {
+            "first": self.first,
+            "last": self.last,
+            "n_tosses": self.n_tosses,
+            "parameters": {name: value.as_json() for name, value in self.parameters.items()},
+        }
+
+
+@dataclass(frozen=True)
+class OverOrder:
+    """How an effect goes over the order of recording.
+
+    Attributes:
+        form: It takes steps between sessions, or drifts.
+        stretches: The sessions, or equal parts of a drift.
+        rate: Of a drift, the change of each parameter from toss to toss.
+        p_value: Probability of such a change in an order that means nothing, corrected for all that was looked at.
+        undone: Whether the tosses were corrected for it before other effects were sought.
+    """
+
+    form: Literal["steps", "drift"]
+    stretches: tuple[Stretch, ...]
+    rate: dict[str, Interval]
+    p_value: float
+    undone: bool
+
+    def as_json(self) -> dict[str, Any]:
+        """An effect's "sessions" or "drift" in gap.json, and "over_order"."""
+        about = {"p_value": self.p_value, "undone": self.undone}
+        stretches = [stretch.as_json() for stretch in self.stretches]
+        if self.form == "steps":
+            return {"sessions": stretches, "over_order": about}
+        rate = {name: value.as_json() for name, value in self.rate.items()}
+        return {"drift": {"per_toss": rate, "parts": stretches}, "over_order": about}
+
+
+@dataclass(frozen=True)
 class Finding:
     """What the tosses say of one effect.
 
@@ -213,6 +267,7 @@ class Finding:
         detectable: The smallest size of each parameter that these tosses would reveal.
         consequence: What it does to whole tosses, if it is named or confusable.
         frequency: Share of the repeated searches that name it; None if none were made.
+        over_order: How it goes over the order of recording; None if it is the same in all tosses.
     """
 
     name: str
@@ -226,6 +281,7 @@ class Finding:
     detectable: dict[str, float] = field(default_factory=dict)
     consequence: Consequence | None = None
     frequency: float | None = None
+    over_order: OverOrder | None = None
 
     @property
     def headline(self) -> bool:
@@ -249,7 +305,26 @@ class Finding:
             "detectable": self.detectable,
             "matters": self.consequence is not None and self.consequence.matters,
             "whole_tosses": None if self.consequence is None else self.consequence.as_json(),
+            **({} if self.over_order is None else self.over_order.as_json()),
         }
+
+
+@dataclass(frozen=True)
+class ChangeLeft:
+    """A change over the order of recording that no found effect explains.
+
+    Attributes:
+        before: Name of the first toss after it.
+        p_values: By effect, or "residual" for the size of the gap, the probability of such a change in an order that
+            means nothing, corrected for all that was looked at.
+    """
+
+    before: str
+    p_values: dict[str, float]
+
+    def as_json(self) -> dict[str, Any]:
+        """One of gap.json's "changes_left"."""
+        return {"before": self.before, "p_values": self.p_values}
 
 
 @dataclass(frozen=True)

@@ -146,7 +146,7 @@ def draw_releases(
         return rng.uniform(low, high, n)
 
     q0, v0 = np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses])
-    reach = float(np.linalg.norm(stated.corner_pos, axis=1).max())
+    reach = float(np.linalg.norm(stated.drawn.corner_pos, axis=1).max())
     x, y = between(q0[:, 0]), between(q0[:, 1])
     low = between(lowest_corner(stated, q0), settings.clearance)
     quat = rng.normal(size=(n, 4))

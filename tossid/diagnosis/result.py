@@ -7,7 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from tossid.diagnosis.findings import Finding, Gap, Interval, Place, Share, Step, Witness
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.findings import ChangeLeft, Finding, Gap, Interval, Place, Share, Step, Witness
+from tossid.diagnosis.learned import LearnedForces
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.disagreement import SolverDisagreement
 from tossid.diagnosis.localisation.misspecification import Misspecification
@@ -22,6 +26,7 @@ from tossid.types import RecordingOrder
 if TYPE_CHECKING:
     from tossid.diagnosis.simulators import Simulator
 
+Array = NDArray[np.float64]
 SCHEMA = "tossid.gap/1"
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained", "within_solver_disagreement"]
 Contact = Literal["coulomb", "relaxed", "own"]
@@ -69,7 +74,11 @@ class Diagnosis:
         plane: The plane in which all motion lies, and what it cannot show; None if there is none.
         implausible: Effects of the hypothesis that have no name, with why: "no_change" or "at_bound".
         disagreement: The gap that another exact solver of the same rigid body shows; None for a user's own contact.
+        learned: What the simulator's learned acceleration stands for; None if it has none.
         report: What the figures of the report draw.
+        tosses: Names of the tosses in the order in which they were diagnosed, that of their recording.
+        places: Where each ends, x and y as recorded [m], (n, 2).
+        changes_left: Where something still changes over the order with everything in; None where it was not looked at.
     """
 
     verdict: Verdict
@@ -106,7 +115,11 @@ class Diagnosis:
     unseen: Unseen | None = None
     noise: MeasuredNoise | None = None
     misspecification: Misspecification | None = None
+    learned: LearnedForces | None = None
     report: ReportSettings = ReportSettings()
+    tosses: tuple[str, ...] = ()
+    places: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    changes_left: tuple[ChangeLeft, ...] | None = None
 
     @property
     def found(self) -> tuple[str, ...]:
@@ -164,9 +177,11 @@ class Diagnosis:
             "noise": None if self.noise is None else self.noise.as_json(),
             "misspecification": None if self.misspecification is None else self.misspecification.as_json(),
             "unseen": None if self.unseen is None else self.unseen.as_json(),
+            "learned_acceleration": None if self.learned is None else self.learned.as_json(),
             "solver_disagreement": None if self.disagreement is None else self.disagreement.as_json(),
             "plane": None if self.plane is None else self.plane.as_json(),
             "tosses_needed": None if self.needed is None else self.needed.as_json(),
+            "changes_left": None if self.changes_left is None else [each.as_json() for each in self.changes_left],
         }
         whole |= {name: value for name, value in beside.items() if value is not None}
         return {**whole, "remarks": list(self.remarks)}

@@ -20,7 +20,7 @@ from tossid.diagnosis.likelihood.users_world import UsersWorld
 from tossid.diagnosis.likelihood.windows import steps_of
 from tossid.diagnosis.patch.make import read_spec
 from tossid.errors import InputError, brief
-from tossid.objects import ObjectModel, load_object
+from tossid.objects import ObjectModel, load_object, need_stated
 from tossid.physics.effects import RecordingErrors, World
 from tossid.physics.forces import Forces
 from tossid.rotations import geodesic_angle, quat_rotate
@@ -117,7 +117,7 @@ def _trained(given: Any, recorded: ObjectModel) -> Simulator:
 @reader("mjcf", lambda given: isinstance(given, (str, Path)))
 def _mjcf(given: Any, recorded: ObjectModel) -> Simulator:
     path = Path(given)
-    world, engine = world_of_mjcf(path, width=recorded.width)
+    world, engine = world_of_mjcf(path, width=recorded.width if recorded.is_stated else None)
     return Simulator("mjcf", f"the MuJoCo model {path}", world, mjcf=path, engine=engine)
 
 
@@ -139,7 +139,11 @@ def users_simulator(
         recorded: The dataset's object.
         about: The simulator in words.
         settings: How long a call may take.
+
+    Raises:
+        InputError: Nothing is stated of the object.
     """
+    need_stated(recorded, "a simulator in Python (sim=python)")
     process = SimulatorProcess(source, about=about, seconds=settings.simulator_seconds)
     return Simulator("python", about, UsersWorld.of(World(recorded), process), engine=Engine(none=True))
 
@@ -155,7 +159,11 @@ def nominal(recorded: ObjectModel, **changes: Any) -> Simulator:
     Args:
         recorded: The dataset's object.
         changes: Of the world, such as `gravity`.
+
+    Raises:
+        InputError: Nothing is stated of the object.
     """
+    need_stated(recorded, "the nominal simulator (sim=nominal)")
     return Simulator("nominal", f"the stated '{recorded.name}', rigid", World(recorded, **changes))
 
 
@@ -179,12 +187,12 @@ def world_of_model(model: DynamicsModel) -> World:
     )
 
 
-def world_of_mjcf(path: Path, *, width: float) -> tuple[World, Engine]:
+def world_of_mjcf(path: Path, *, width: float | None) -> tuple[World, Engine]:
     """The world of a user's MuJoCo model with contact as if it were rigid, and the model itself as the other engine.
 
     Args:
         path: The MJCF file: one free body, and the ground as a plane.
-        width: Of the dataset's object [m], to which errors refer.
+        width: Of the dataset's object [m], to which errors refer; None for the file's own.
 
     Raises:
         FileError, ObjectError: The file cannot be read, or holds no single free body.
@@ -253,9 +261,9 @@ def check_same_object(
             f"{where}: tosses of '{recorded.name}' with {recorded.n_joints} joints, the simulator's '{given.name}' "
             f"has {given.n_joints}; both must be of the same object"
         )
-    ratio = np.ptp(given.corner_pos, axis=0) / np.ptp(recorded.corner_pos, axis=0)
+    ratio = np.ptp(given.drawn.corner_pos, axis=0) / np.ptp(recorded.drawn.corner_pos, axis=0)
     if (np.maximum(ratio, 1 / ratio) > settings.size_ratio).any():
-        sizes = [" x ".join(f"{1e3 * x:.0f}" for x in np.ptp(o.corner_pos, axis=0)) for o in (given, recorded)]
+        sizes = [" x ".join(f"{1e3 * x:.0f}" for x in np.ptp(o.drawn.corner_pos, axis=0)) for o in (given, recorded)]
         raise InputError(
             f"{where}: tosses of '{recorded.name}' ({sizes[1]} mm), the simulator's '{given.name}' measures "
             f"{sizes[0]} mm; both must be of the same object"

@@ -69,7 +69,7 @@ class Scores:
     def as_json(self) -> dict[str, Any]:
         """The metrics with the model's name and what it learned, as plain values."""
         result = {"model": self.model.name, "n_tosses": len(self.dataset.tosses), **self.metrics}
-        plain: dict[str, Any] = jsonable({**result, "parameters": self.model.model.parameters_report()})
+        plain: dict[str, Any] = jsonable({**result, "parameters": self.model.parameters})
         return plain
 
     def table(self) -> tuple[list[str], list[list[str]]]:
@@ -180,9 +180,9 @@ def stated_object(model: TrainedModel, dataset: Dataset) -> ObjectModel:
         dataset: What it is compared with.
 
     Returns:
-        The dataset's, or the learned one where the model was trained from nothing.
+        The dataset's, or the learned one where the model was trained from nothing or the dataset states none.
     """
-    return dataset.object if model.settings.object is None else model.object
+    return dataset.object if model.settings.object is None and dataset.object.is_stated else model.object
 
 
 def predicted_motions(

@@ -135,9 +135,14 @@ def export(
         raise InputError(f"'{model.name}' is a network of motion and holds no object to export")
     carried, softness = _carried(learned.object, settings)
     texts = _texts(carried, learned.carried_gravity, path, settings)
+    if settings.format == "mjcf":
+        texts[path] = _marked(texts[path], unseen_points(model), model.model.measurement.length_scale)
     for file, text in texts.items():
         write_whole(file, text.encode())
     left_out = _left_out(learned, carried, model.model.measurement, settings)
+    unseen = unseen_points(model)
+    if unseen and settings.format == "urdf":
+        left_out.append(f"that {sum(map(len, unseen.values()))} points of its surface never came down to the ground")
     if carried is not learned.object:
         left_out.append(
             f"how contact gives way (within {1e3 * softness:.2g} ms): stiffer than time steps of "
@@ -154,6 +159,37 @@ def export(
         settings.flights,
         settings.flight_s,
     )
+
+
+def unseen_points(model: TrainedModel) -> dict[str, Array]:
+    """Points of the learned shape that no toss brought down to the ground (n, 3), by body, in recorded lengths [m].
+
+    Args:
+        model: A trained model.
+    """
+    found = {}
+    for name, link in zip(model.object.body_names, model.parameters.get("geometry", ()), strict=False):
+        points = np.array(link["vertices_m"]).reshape(-1, 3)[~np.array(link["seen"], dtype=bool)]
+        if len(points):
+            found[name] = points
+    return found
+
+
+def _marked(text: str, unseen: dict[str, Array], length_scale: float) -> str:
+    """MJCF with a site `unseen_BODY_NUMBER` at each point that no toss has shown."""
+    if not unseen:
+        return text
+    spec = mujoco.MjSpec.from_string(text)
+    for name, points in unseen.items():
+        for number, point in enumerate(points / length_scale):
+            mark: dict[str, Any] = {"size": [UNSEEN_SITE] * 3, "rgba": [0.76, 0.25, 0.05, 1.0]}
+            spec.body(name).add_site(name=f"unseen_{name}_{number}", pos=point, **mark)
+    spec.compile()
+    return str(spec.to_xml())
+
+
+UNSEEN_SITE = 2e-3
+"""Radius of the site that marks a point that no toss has shown [m]."""
 
 
 def read_export(path: Path) -> mujoco.MjModel:

@@ -8,13 +8,14 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from tossid import budget
 from tossid.errors import FileError, InputError
 from tossid.models.registry import build_model, settings_from
 from tossid.models.trained import EpochRecord, TrainedModel
-from tossid.objects import ObjectModel, object_from_mjcf
+from tossid.objects import ObjectModel, Roundness, object_from_mjcf
 from tossid.objects.references import check_alone, stands_alone
 from tossid.settings.plain import from_plain, to_plain
 from tossid.settings.training import TrainSettings
@@ -43,6 +44,7 @@ def checkpoint_bytes(trained: TrainedModel) -> bytes:
         "data": None if trained.data is None else str(trained.data.resolve()),
         "sha256": trained.sha256,
         "object": {"mjcf": text, **{name: getattr(given, name) for name in _STATED}},
+        "corners": _corners(given),
         "model": trained.model.state_dict(),
         "parameters": trained.parameters,
         "history": [asdict(record) for record in trained.history],
@@ -92,7 +94,7 @@ def _trained(content: dict[str, Any]) -> TrainedModel:
     settings = _train_settings(content["settings"])
     about = dict(content["object"])
     check_alone(about["mjcf"])
-    given: ObjectModel = object_from_mjcf(about.pop("mjcf"), **about)
+    given: ObjectModel = _with_corners(object_from_mjcf(about.pop("mjcf"), **about), content.get("corners"))
     model = build_model(settings.model, given, seed=settings.seed)
     model.load_state_dict(content["model"])
     return TrainedModel(
@@ -105,6 +107,23 @@ def _trained(content: dict[str, Any]) -> TrainedModel:
         content["sha256"],
         dict(content.get("versions", {})),
     )
+
+
+def _corners(given: ObjectModel) -> dict[str, torch.Tensor] | None:
+    """Round corners, which not every MJCF gives back; None for points."""
+    if given.roundness is None:
+        return None
+    parts = {"corner_body": given.corner_body, "corner_pos": given.corner_pos, **given.roundness._asdict()}
+    return {name: torch.as_tensor(part) for name, part in parts.items()}
+
+
+def _with_corners(given: ObjectModel, corners: dict[str, torch.Tensor] | None) -> ObjectModel:
+    """The object with the round corners that `_corners` wrote."""
+    if corners is None:
+        return given
+    parts = {name: np.array(part.numpy()) for name, part in corners.items()}
+    body, pos = parts.pop("corner_body"), parts.pop("corner_pos")
+    return given.with_changes(corner_body=body, corner_pos=pos, roundness=Roundness(**parts))
 
 
 def _train_settings(values: dict[str, Any]) -> TrainSettings:

@@ -14,13 +14,16 @@ from torch import Tensor, nn
 
 from tossid.models.implicit import Dynamics, LossTerms, LossWeights, free_acceleration, implicit_loss
 from tossid.models.inertia import divergence, make_inertia
-from tossid.models.parameters import SCALE, ContactLaw, Friction, Geometry, LearnedAccelerationNet
+from tossid.models.parameters import ContactLaw, Friction, Geometry, LearnedAccelerationNet
 from tossid.models.predictor import Simulator
 from tossid.models.protocol import Mechanics, Objective, StagePlan
+from tossid.models.random_start import draw_start
 from tossid.models.registry import register_model
 from tossid.models.transitions import Transitions
 from tossid.motion import MeasurementModel
 from tossid.objects import ObjectModel
+from tossid.physics import ExactCone, PolyhedralCone
+from tossid.physics.rounds import shape_of
 from tossid.settings.limits import VALUES
 from tossid.settings.training import ModelSettings
 
@@ -53,14 +56,23 @@ class ContactNets(nn.Module):
             settings.complementarity, settings.dissipation, settings.penetration, settings.gap_scale
         )
         self.corner_body = torch.as_tensor(model.corner_body)
-        self.geometry = Geometry(model, learn=settings.learn_geometry)
+        self.shape = shape_of(model.roundness)
+        # corners of a round shape belong together (points of one rim, ends of one axis): they stay as they are
+        self.learns_corners = settings.learn_geometry and model.roundness is None
+        self.geometry = Geometry(model, learn=self.learns_corners)
         self.friction = Friction(model, learn=settings.learn_friction)
         self.contact_law = ContactLaw(model, learn=settings.learn_contact_law)
         self.inertia = make_inertia(model, kind=settings.inertia, learn=settings.learn_inertia)
         self.k_res: LearnedAccelerationNet | None = None
         if settings.learn_k_res:
             generator = torch.Generator().manual_seed(seed)
-            self.k_res = LearnedAccelerationNet(model.n_joints, hidden=settings.hidden, generator=generator)
+            self.k_res = LearnedAccelerationNet(
+                model.n_joints,
+                hidden=settings.hidden,
+                generator=generator,
+                world=settings.k_res_inputs == "world",
+                gravity=settings.k_res_gravity,
+            )
         with torch.no_grad():
             self._metric = tuple(part.clone() for part in make_inertia(model, learn=False)())
 
@@ -95,6 +107,7 @@ class ContactNets(nn.Module):
             corner_body=self.corner_body,
             metric=self._metric,
             weights=self.weights,
+            shape=self.shape,
         )
 
     def loss(self, transitions: Transitions) -> tuple[Tensor, dict[str, float]]:
@@ -139,15 +152,18 @@ class ContactNets(nn.Module):
 
         Rollouts determine few numbers; the corners are left to the implicit loss, unless the settings say otherwise.
         Objects with joints predict stretches of half the first horizon, and then of the first: a few impacts on, links
-        may be anywhere.
+        may be anywhere. On demand there is one stage of the implicit loss in place of the first two, over everything.
         """
         settings, plans = self.settings, []
-        if self.k_res is not None:
+        if settings.together:
+            everything = _learned(self.geometry, self.friction, self.inertia, self.k_res)
+            plans.append(StagePlan("together", Objective.LOSS, everything))
+        elif self.k_res is not None:
             plans.append(StagePlan("continuous", Objective.FLIGHT_LOSS, _learned(self.k_res, self.inertia)))
-        if settings.implicit:
+        if settings.implicit and not settings.together:
             contact = _learned(self.geometry, self.friction, self.inertia)
-            held = tuple(_learned(self.inertia)) if settings.learn_geometry else ()
-            corners = self.geometry if settings.learn_geometry else None
+            held = tuple(_learned(self.inertia)) if self.learns_corners else ()
+            corners = self.geometry if self.learns_corners else None
             plans.append(StagePlan("contact", Objective.LOSS, contact, corners=corners, held=held))
         horizons = settings.horizons
         if self.object.n_joints and horizons:
@@ -175,12 +191,12 @@ class ContactNets(nn.Module):
         net, gravity = self.k_res, self.settings.gravity
         if net is None:
             return Mechanics(self.learned_object(), gravity, weights=self.weights)
-        vertical = SCALE * float(net.vertical.detach())
-        return Mechanics(self.learned_object(), gravity, net.arrays(), vertical, self.weights)
+        return Mechanics(self.learned_object(), gravity, net.arrays(), net.uniform_vertical(), self.weights)
 
     def simulator(self) -> Simulator:
         """The learned simulator."""
-        return Simulator(self.mechanics().system(), substeps=self.settings.substeps)
+        cone = {"exact": ExactCone(), "polyhedral": PolyhedralCone()}[self.settings.cone]
+        return Simulator(self.mechanics().system(), substeps=self.settings.substeps, solver=cone)
 
     def parameters_report(self) -> dict[str, Any]:
         """What was learned and what was given, with units."""
@@ -194,7 +210,7 @@ class ContactNets(nn.Module):
             report["stiffness_npm"] = 1 / learned.compliance
             report["relaxation_s"] = learned.relaxation
             report["cohesion_n"] = learned.cohesion
-        if self.settings.learn_geometry:
+        if self.learns_corners:
             report["corners_m"] = learned.corner_pos.round(6).tolist()
             report["corner_shift_mm"] = float(1e3 * np.linalg.norm(learned.corner_pos - given.corner_pos, axis=1).max())
         if self.settings.learn_inertia:
@@ -217,7 +233,10 @@ def build(
     """
     com = given.com.copy()
     com[0] += settings.start_com
-    off = np.random.default_rng(seed).normal(size=given.corner_pos.shape) * settings.start_corners
+    rng = np.random.default_rng(seed)
+    off = rng.normal(size=given.corner_pos.shape) * settings.start_corners
+    if settings.random_start:
+        given = draw_start(given, rng, inertia=settings.learn_inertia).object
     start = given.with_changes(
         inertia=settings.start_inertia * given.inertia, com=com, corner_pos=given.corner_pos + off
     )

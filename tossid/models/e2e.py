@@ -48,7 +48,8 @@ class EndToEnd(nn.Module):
         super().__init__()
         self.object = model
         generator = torch.Generator().manual_seed(seed)
-        sizes = (1 + n_features(model.n_joints), hidden, hidden, model.nv)
+        self.n_features = n_features(model.n_joints)
+        sizes = (1 + self.n_features, hidden, hidden, model.nv)
         self.weights = nn.ParameterList(
             nn.Parameter(torch.randn(b, a, generator=generator, dtype=torch.float64) / a**0.5)
             for a, b in pairwise(sizes)
@@ -60,12 +61,12 @@ class EndToEnd(nn.Module):
 
         Args:
             height: (N,), of the base's origin [m].
-            features: (N, n_f), of `physics.tree_batch`.
+            features: (N, n_f), of `physics.tree_batch`; those of the world do not enter.
 
         Returns:
             (N, nv), the linear part in the base's frame [m/s², rad/s²].
         """
-        x = torch.cat([(height / self.object.width)[:, None], features], dim=1)
+        x = torch.cat([(height / self.object.width)[:, None], features[:, : self.n_features]], dim=1)
         last = len(self.weights) - 1
         for i, (W, b) in enumerate(zip(self.weights, self.biases, strict=True)):
             x = x @ W.T + b

@@ -38,6 +38,7 @@ from tossid.errors import InputError
 from tossid.models.implicit_kernel import Contact, Problem, Sums, inner_problem, loss_sums
 from tossid.models.implicit_motion import Array, Kinematics, Work, accelerations, make_work
 from tossid.models.transitions import Transitions
+from tossid.physics.rounds import Points, Shape
 from tossid.physics.solvers import SolverStatus, solve_cone_qp
 from tossid.physics.solvers.problem import DEFAULT_TOLERANCE
 
@@ -110,7 +111,13 @@ def free_acceleration(t: Transitions, d: Dynamics) -> Tensor:
 
 
 def implicit_loss(
-    t: Transitions, d: Dynamics, *, corner_body: Tensor, metric: tuple[Tensor, Tensor, Tensor], weights: LossWeights
+    t: Transitions,
+    d: Dynamics,
+    *,
+    corner_body: Tensor,
+    metric: tuple[Tensor, Tensor, Tensor],
+    weights: LossWeights,
+    shape: Shape = Points(),
 ) -> LossTerms:
     """The loss's terms; differentiable (once) in `d`.
 
@@ -120,6 +127,7 @@ def implicit_loss(
         corner_body: (n_c,) body of each corner.
         metric: Given mass, moment and inertia, for W.
         weights: Of the terms.
+        shape: What stands at the corners.
 
     Raises:
         InputError: The friction is negative.
@@ -140,6 +148,7 @@ def implicit_loss(
             dissipation=float(weights.dissipation),
             penetration=float(weights.penetration),
             gap_scale=float(weights.gap_scale),
+            shape=shape,
         ),
     )
     n, nc = len(t), len(d.corner_pos)

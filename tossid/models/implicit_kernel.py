@@ -67,6 +67,7 @@ from tossid.models.implicit_motion import (
     weigh,
     world_twists,
 )
+from tossid.physics.rounds import Points, Shape, is_round, lowest_offset
 from tossid.physics.solvers.cone_qp import qp_at_rest, qp_solve
 from tossid.physics.solvers.workspace import LAM, MAX_ITERATIONS, MU, NOT_FINITE, SOLVED, TOP, B, work_arrays
 
@@ -83,6 +84,7 @@ class Contact(NamedTuple):
         dissipation: Weight of friction that does not oppose sliding.
         penetration: Weight of corners below the ground.
         gap_scale: Distance below which a gap counts quadratically [m].
+        shape: What stands at the corners.
     """
 
     corner_body: NDArray[np.int64]
@@ -91,6 +93,7 @@ class Contact(NamedTuple):
     dissipation: float
     penetration: float
     gap_scale: float
+    shape: Shape = Points()
 
 
 class Problem(NamedTuple):
@@ -171,7 +174,13 @@ def prepare_contact(v_next, n, dt, contact, work, V):  # type: ignore[no-untyped
     for c in range(len(Q)):
         b, k = contact.corner_body[c], 3 * c
         pos = get(Q, c, POS)
-        put(Q, c, PLACE, product(P, b, TURN, pos))
+        if is_round(contact.shape):  # the point that is lowest before the step is hit, and that after it has the gap
+            before = lowest_offset(contact.shape, c, P[b, TURN + 6], P[b, TURN + 7], P[b, TURN + 8])
+            after = lowest_offset(contact.shape, c, P[b, UP], P[b, UP + 1], P[b, UP + 2])
+            put(Q, c, PLACE, product(P, b, TURN, (pos[0] + before[0], pos[1] + before[1], pos[2] + before[2])))
+            pos = (pos[0] + after[0], pos[1] + after[1], pos[2] + after[2])
+        else:
+            put(Q, c, PLACE, product(P, b, TURN, pos))
         phi = P[b, HEIGHT] + dot(get(P, b, UP), pos)
         gap = (math.sqrt(phi * phi + scale * scale) - scale) / dt
         s = corner_velocity(P, b, NEXT, Q, c)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tossid.objects import GRAVITY, ObjectModel
-from tossid.physics import LearnedAcceleration, n_features
+from tossid.physics import N_WORLD, LearnedAcceleration, n_features
+from tossid.physics.batch import to_base
 
 torch_double = torch.float64
 
@@ -138,50 +139,86 @@ class ContactLaw(nn.Module):
 
 
 class LearnedAccelerationNet(nn.Module):
-    """A learned acceleration a_res(q, v), in the base's frame: linear in the features plus a small network.
+    """A learned acceleration a_res(q, v): linear in the features plus a small network.
 
     `physics.LearnedAcceleration` has the formula; the force is k_res = M a_res. A uniform vertical acceleration, which
     is what a wrong gravity needs, is a parameter of its own: it may be large, while the linear part and the network,
-    which start at zero, are penalised.
+    which start at zero, are penalised. It can be left out.
+
+    With the features of the world there is an acceleration along the world's axes beside the one in the base's frame:
+    a field. Its linear part is in 1, position and velocity, so that a uniform force, a spring, a vortex whose force
+    grows with the distance, and a viscous drag are linear in it.
 
     Args:
         n_joints: Joints beside the free base.
         hidden: Width of the two hidden layers.
         generator: For the first weights.
+        world: Position, heading and velocity in the world are inputs, too.
+        gravity: There is a uniform vertical acceleration of its own.
     """
 
-    def __init__(self, n_joints: int, *, hidden: int, generator: torch.Generator) -> None:
+    def __init__(
+        self, n_joints: int, *, hidden: int, generator: torch.Generator, world: bool = False, gravity: bool = True
+    ) -> None:
         super().__init__()
         nf, nv = n_features(n_joints), 6 + n_joints
+        self.n_joints, self.world, self.gravity = n_joints, world, gravity
+        self.n_inputs = n_features(n_joints, world=world)
 
         def weights(rows: int, columns: int) -> nn.Parameter:
             values = torch.randn(rows, columns, generator=generator, dtype=torch_double)
             return nn.Parameter(values / columns**0.5)
 
-        self.vertical = nn.Parameter(torch.zeros((), dtype=torch_double))
+        self.vertical = nn.Parameter(torch.zeros((), dtype=torch_double), requires_grad=gravity)
         self.linear = nn.Parameter(torch.zeros(nv, nf, dtype=torch_double))
-        self.W0, self.b0 = weights(hidden, nf), nn.Parameter(torch.zeros(hidden, dtype=torch_double))
+        if world:
+            self.linear_world = nn.Parameter(torch.zeros(3, N_WORLD - HEADING, dtype=torch_double))
+        self.W0, self.b0 = weights(hidden, self.n_inputs), nn.Parameter(torch.zeros(hidden, dtype=torch_double))
         self.W1, self.b1 = weights(hidden, hidden), nn.Parameter(torch.zeros(hidden, dtype=torch_double))
-        self.W2 = nn.Parameter(torch.zeros(nv, hidden, dtype=torch_double))
+        self.W2 = nn.Parameter(torch.zeros(nv + 3 if world else nv, hidden, dtype=torch_double))
 
     def forward(self, features: Tensor) -> Tensor:
-        """(N, n_f) -> (N, nv) in the base's frame [m/s², rad/s²]."""
+        """(N, n_f) with the features of the world -> (N, nv) in the base's frame [m/s², rad/s²]."""
         vertical = SCALE * self.vertical * features[:, :3]
         rest = self.without_vertical(features)
         return torch.cat([rest[:, :3] + vertical, rest[:, 3:]], dim=-1)
 
     def without_vertical(self, features: Tensor) -> Tensor:
         """The same without its uniform vertical part."""
-        hidden = torch.tanh(torch.tanh(features @ self.W0.T + self.b0) @ self.W1.T + self.b1)
-        return SCALE * (features @ self.linear.T + hidden @ self.W2.T)
+        nv, nf = self.linear.shape
+        f = features[:, : self.n_inputs]
+        hidden = torch.tanh(torch.tanh(f @ self.W0.T + self.b0) @ self.W1.T + self.b1) @ self.W2.T
+        own = f[:, :nf] @ self.linear.T
+        if not self.world:
+            return SCALE * (own + hidden)
+        own = own + hidden[:, :nv]
+        field = to_base(features, f[:, nf + HEADING :] @ self.linear_world.T + hidden[:, nv:], self.n_joints)
+        return SCALE * torch.cat([own[:, :3] + field, own[:, 3:]], dim=-1)
+
+    def uniform_vertical(self) -> float:
+        """The uniform vertical acceleration, up positive [m/s²], that of the linear part included."""
+        with torch.no_grad():
+            value = self.vertical
+            if self.world:
+                value = value + self.linear_world[2, 0]
+            elif not self.gravity:
+                value = value + self.linear[:3, :3].trace() / 3
+            return SCALE * float(value)
 
     def arrays(self) -> LearnedAcceleration:
         """The same function for the simulator's kernels."""
         n = lambda p: np.ascontiguousarray(p.detach().numpy())  # noqa: E731
-        linear = SCALE * n(self.linear)
+        nv, nf = self.linear.shape
+        linear = np.zeros((len(self.W2), self.n_inputs))
+        linear[:nv, :nf] = SCALE * n(self.linear)
+        if self.world:
+            linear[nv:, nf + HEADING :] = SCALE * n(self.linear_world)
         linear[:3, :3] += SCALE * float(self.vertical.detach()) * np.eye(3)
         return LearnedAcceleration(linear, n(self.W0), n(self.b0), n(self.W1), n(self.b1), SCALE * n(self.W2))
 
+
+HEADING = 6
+"""Features of the world before those that its linear part takes."""
 
 COHESION = 0.03
 """Start of cohesion, in tenths of the object's weight."""

@@ -8,8 +8,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.physics import Simulation, System, simulate
+from tossid.physics import ExactCone, Simulation, System, simulate
 from tossid.physics.free import free_acceleration
+from tossid.physics.solvers.registry import ContactSolver
 from tossid.physics.tree import make_work
 from tossid.settings.training import ModelSettings
 
@@ -47,10 +48,12 @@ class Simulator:
     Attributes:
         system: The numbers.
         substeps: Steps a frame.
+        solver: Of contact.
     """
 
     system: System
     substeps: int = ModelSettings.substeps
+    solver: ContactSolver = ExactCone()
 
     @property
     def corner_pos(self) -> Array:
@@ -69,7 +72,16 @@ class Simulator:
             dt: Length of a frame [s].
             n_threads: For the batch.
         """
-        return simulate(self.system, q0, v0, n_steps=n_steps, dt=dt, substeps=self.substeps, n_threads=n_threads)
+        return simulate(
+            self.system,
+            q0,
+            v0,
+            n_steps=n_steps,
+            dt=dt,
+            substeps=self.substeps,
+            solver=self.solver,
+            n_threads=n_threads,
+        )
 
     def acceleration(self, q: Array, v: Array) -> Array:
         """M^-1 k of the given and the learned continuous dynamics (N, nv)."""

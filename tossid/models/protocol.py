@@ -16,7 +16,7 @@ from tossid.models.predictor import Predictor
 from tossid.models.transitions import Transitions
 from tossid.motion import MeasurementModel
 from tossid.objects import ObjectModel
-from tossid.physics import LearnedAcceleration, System, make_system
+from tossid.physics import LearnedAcceleration, System, learned_accelerations, make_system
 
 Array = NDArray[np.float64]
 
@@ -140,9 +140,7 @@ class Mechanics:
         """
         if self.k_res is None:
             return np.zeros((len(features), self.object.nv))
-        net = self.k_res
-        hidden = np.tanh(np.tanh(features @ net.W0.T + net.b0) @ net.W1.T + net.b1)
-        out: Array = features @ net.linear.T + hidden @ net.W2.T
+        out = learned_accelerations(self.k_res, features, self.object.nv)
         out[:, :3] -= self.vertical * features[:, :3]
         return out
 

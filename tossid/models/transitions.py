@@ -31,7 +31,7 @@ class Transitions:
         alpha: (N, n_b, 3) bodies' angular acceleration at zero dv/dt.
         xdd: (N, n_b, 3) acceleration of bodies' origins at zero dv/dt.
         R: (N, n_b, 3, 3) bodies' rotations.
-        features: (N, n_f) the input of k_res.
+        features: (N, n_f) the input of k_res, with the features of the world.
         z: (N,) height of the base's origin before the step [m].
         up_next: (N, n_b, 3) the world's vertical in each body's axes after the step.
         z_next: (N, n_b) height of each body's origin after the step [m].

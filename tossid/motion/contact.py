@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.objects import ObjectModel, corner_positions
 
 Array = NDArray[np.float64]
+Touch = Callable[[Array, Array], NDArray[np.bool_]]
+"""Whether an object may touch the ground between frames (n - 1,), given times (n,) and configurations (n, nq)."""
 
 CLEARANCE_REL = 0.05
 """How far a stated corner may be from the true one, and the ground from z = 0, in widths of the object."""

@@ -59,7 +59,10 @@ def find_defects(
     found = []
     for toss in tosses:
         dt = np.diff(toss.t)
-        air = corner_positions(model, toss.q)[..., 2].min(axis=1) > settings.air_height * model.width
+        if model.is_stated:
+            air = corner_positions(model, toss.q)[..., 2].min(axis=1) > settings.air_height * model.width
+        else:  # flight was found in the motion itself, and cannot contradict it
+            air = np.zeros(len(toss), dtype=bool)
         turning = [3, 4, 5, *(6 + j for j in range(model.n_joints) if model.joint_type[1 + j] == JointType.HINGE)]
         rates = toss.v[:, turning]
         turn = np.concatenate(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.objects import JointType, ObjectModel, body_poses
+from tossid.objects import JointType, ObjectModel, body_poses, lowest_points
 from tossid.rotations import quat_rotate
 
 Array = NDArray[np.float64]
@@ -52,7 +52,8 @@ def corner_velocities(model: ObjectModel, q: Array, v: Array) -> Array:
     """
     _, quat = body_poses(model, q)
     linear, angular = body_velocities(model, q, v)
-    lever = quat_rotate(quat[..., model.corner_body, :], model.corner_pos)
+    turn = quat[..., model.corner_body, :]
+    lever = quat_rotate(turn, lowest_points(model, turn))
     return linear[..., model.corner_body, :] + np.cross(angular[..., model.corner_body, :], lever)
 
 

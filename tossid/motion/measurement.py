@@ -142,7 +142,7 @@ def _mean(values: Array, settings: MeasurementSettings, *, exact: float) -> tupl
 def _scale_at_rest(toss: Toss, model: ObjectModel, settings: MeasurementSettings) -> float | None:
     """Recorded height over the height that the stated geometry needs to stand on its lowest face."""
     speed, spin = np.linalg.norm(toss.v[-1, :3]), np.linalg.norm(toss.v[-1, 3:])
-    if model.n_joints or speed > settings.rest_speed or spin > settings.rest_spin:
+    if model.n_joints or model.roundness is not None or speed > settings.rest_speed or spin > settings.rest_spin:
         return None
     above = np.sort(corner_positions(model, toss.q[-1:])[0, :, 2] - toss.q[-1, 2])
     lowest = above[above < above[0] + settings.flat * model.width]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from tossid.errors import InputError
-from tossid.motion.contact import may_touch
+from tossid.motion.contact import Touch, may_touch
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_boxminus
 from tossid.settings.motion import NoiseSettings
@@ -42,19 +42,22 @@ class PoseNoise:
     source: str
 
 
-def pose_noise(tracks: Sequence[PoseTrack], model: ObjectModel, *, settings: NoiseSettings = DEFAULT) -> PoseNoise:
+def pose_noise(
+    tracks: Sequence[PoseTrack], model: ObjectModel, *, touch: Touch | None = None, settings: NoiseSettings = DEFAULT
+) -> PoseNoise:
     """Covariance of the poses' noise, diagonal and the same for all frames.
 
     Args:
         tracks: Of one object.
         model: The object; its corners say where it flies.
+        touch: Says it instead, of an object without corners.
         settings: Of the windows.
 
     Raises:
         InputError: No track has a window of frames.
     """
     window = settings.window
-    flight = [r for track in tracks for r in _window_residuals(track, flight_runs(track, model), window)]
+    flight = [r for track in tracks for r in _window_residuals(track, flight_runs(track, model, touch), window)]
     source = "flight residuals"
     if len(flight) < settings.fewest_windows:
         whole = [r for track in tracks for r in _window_residuals(track, [slice(0, len(track.t))], window)]
@@ -71,14 +74,15 @@ def pose_noise(tracks: Sequence[PoseTrack], model: ObjectModel, *, settings: Noi
     return PoseNoise(np.diag(sigma**2), source)
 
 
-def flight_runs(track: PoseTrack, model: ObjectModel) -> list[slice]:
+def flight_runs(track: PoseTrack, model: ObjectModel, touch: Touch | None = None) -> list[slice]:
     """Stretches of frames between which the object cannot touch the ground.
 
     Args:
         track: Its poses.
         model: The object.
+        touch: Where it may touch, of an object without corners.
     """
-    clear = ~may_touch(model, track.t, track.q)
+    clear = ~(may_touch(model, track.t, track.q) if touch is None else touch(track.t, track.q))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], clear, [False]]).astype(int)))
     return [slice(int(a), int(b) + 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 

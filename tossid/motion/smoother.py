@@ -31,6 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.motion.contact import Touch
 from tossid.motion.rts import filter_forward, smooth
 from tossid.motion.system import Batch, differences, linearise, noise_moments, pad, retract, unpad
 from tossid.objects import GRAVITY, ObjectModel
@@ -79,6 +80,7 @@ def smooth_in_turn(
     q_cov: Sequence[Array],
     *,
     gravity: float = GRAVITY,
+    touch: Touch | None = None,
     settings: SmootherSettings = DEFAULT,
 ) -> Iterator[Smoothed]:
     """Smoothed tracks of one object, one by one.
@@ -88,6 +90,7 @@ def smooth_in_turn(
         model: Its corners say where contact can be, its inertia how it flies.
         q_cov: Measurement covariance of each track, (n, nv, nv).
         gravity: [m/s²].
+        touch: Says where contact can be instead, of an object without corners.
         settings: Of the noise model and the passes.
 
     Yields:
@@ -97,7 +100,7 @@ def smooth_in_turn(
     done: dict[int, Smoothed] = {}
     turn = 0
     for places in _batches([len(track.t) for track in tracks], settings):
-        batch = pad([tracks[i] for i in places], model, [q_cov[i] for i in places])
+        batch = pad([tracks[i] for i in places], model, [q_cov[i] for i in places], touch)
         state = _find_contact(model, batch, gravity, settings)
         if density is None:
             density = _flight_density(model, batch, state, settings)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.motion.contact import may_touch
+from tossid.motion.contact import Touch, may_touch
 from tossid.motion.rts import LinearSystem
 from tossid.objects import ObjectModel
 from tossid.rotations import (
@@ -59,13 +59,14 @@ class Batch:
     origin: Array
 
 
-def pad(tracks: Sequence[PoseTrack], model: ObjectModel, q_cov: Sequence[Array]) -> Batch:
+def pad(tracks: Sequence[PoseTrack], model: ObjectModel, q_cov: Sequence[Array], touch: Touch | None = None) -> Batch:
     """A batch of tracks; short ones are extended by frames without measurement.
 
     Args:
         tracks: Of one object.
         model: The object.
         q_cov: Measurement covariance of each, (n, nv, nv).
+        touch: Where it may touch the ground, of an object without corners.
     """
     c = model.com[0] if model.n_joints == 0 else np.zeros(3)
     n, b, nv = max(len(track.t) for track in tracks), len(tracks), model.nv
@@ -85,7 +86,7 @@ def pad(tracks: Sequence[PoseTrack], model: ObjectModel, q_cov: Sequence[Array])
         batch.q[:m, i], batch.R[:m, i] = _move_origin(track.q, q_cov[i], c)
         batch.q[m:, i] = batch.q[m - 1, i]
         batch.seen[:m, i] = True
-        batch.touch[: m - 1, i] = may_touch(model, track.t, track.q)
+        batch.touch[: m - 1, i] = may_touch(model, track.t, track.q) if touch is None else touch(track.t, track.q)
         batch.inside[: m - 1, i] = True
     return batch
 

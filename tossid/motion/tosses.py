@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
+from tossid.motion.contact import Touch
 from tossid.motion.noise import pose_noise, velocity_noise
+from tossid.motion.parabola import Parabola, find_parabola, phases_of_motion
 from tossid.motion.phases import label_phases
 from tossid.motion.smoother import Smoothed, gyration, smooth_in_turn
 from tossid.objects import GRAVITY, ObjectModel, corner_positions
-from tossid.settings.motion import MotionSettings, NoiseSettings, PhaseSettings
+from tossid.settings.motion import MotionSettings
 from tossid.types import OnDemand, Phase, PoseTrack, Toss
 
 Array = NDArray[np.float64]
@@ -59,7 +62,7 @@ def tosses_in_turn(
 
     Args:
         tracks: As there.
-        model: As there.
+        model: As there; one of which nothing is stated (`unstated_object`) has its flight found in its motion.
         gravity: As there.
         end_at_rest: As there.
         settings: As there.
@@ -71,12 +74,14 @@ def tosses_in_turn(
         InputError: As there; before the first toss.
     """
     _check(tracks, model, settings.deepest)
+    parabola = None if model.is_stated else find_parabola(tracks, gravity=gravity)
     recorded = [track.v is not None for track in tracks]
     if any(recorded) and not all(recorded):
         missing = tracks[recorded.index(False)].name
         raise InputError(f"track {missing} carries no velocities, others do; expected all or none")
-    q_cov = _measurement_covariances(tracks, model, settings.noise)
-    made = (_as_recorded if all(recorded) else _as_smoothed)(tracks, model, q_cov, gravity, settings)
+    how = _How(model, gravity, settings) if parabola is None else _How(parabola.body(), gravity, settings, parabola)
+    q_cov = _measurement_covariances(tracks, how)
+    made = (_as_recorded if all(recorded) else _as_smoothed)(tracks, q_cov, how)
     return (_until_rest(toss, settings.rest_kept) for toss in made) if end_at_rest else made
 
 
@@ -101,6 +106,30 @@ def median_rate(tracks: Sequence[PoseTrack | Toss]) -> float:
     return float(1.0 / np.median(np.concatenate([np.diff(track.t) for track in tracks])))
 
 
+@dataclass(frozen=True)
+class _How:
+    """How tosses of an object are made; parabola: how it flies, of an object without corners."""
+
+    model: ObjectModel
+    gravity: float
+    settings: MotionSettings
+    parabola: Parabola | None = None
+
+    @property
+    def touch(self) -> Touch | None:
+        return None if self.parabola is None else self.parabola.may_touch
+
+    def phases(self, t: Array, q: Array, v: Array, v_sigma: float = 0.0) -> NDArray[np.uint8]:
+        limits = self.settings.phases
+        if self.parabola is not None:
+            return phases_of_motion(self.parabola, t, q, v, v_sigma=v_sigma, limits=limits)
+        return label_phases(self.model, t, q, v, gravity=self.gravity, v_sigma=v_sigma, settings=limits)
+
+    def smoothed(self, tracks: Sequence[PoseTrack], q_cov: Sequence[Array]) -> Iterator[Smoothed]:
+        settings = self.settings.smoother
+        return smooth_in_turn(tracks, self.model, q_cov, gravity=self.gravity, touch=self.touch, settings=settings)
+
+
 def _check(tracks: Sequence[PoseTrack], model: ObjectModel, deepest: float) -> None:
     if not tracks:
         raise InputError("there are no tracks")
@@ -109,6 +138,8 @@ def _check(tracks: Sequence[PoseTrack], model: ObjectModel, deepest: float) -> N
             raise InputError(
                 f"track {track.name} has {track.q.shape[1] - 7} joints, object '{model.name}' has {model.n_joints}"
             )
+    if not model.is_stated:
+        return
     lowest = float(np.median([corner_positions(model, track.q)[..., 2].min() for track in tracks]))
     if lowest < -deepest * model.width:
         raise InputError(
@@ -117,12 +148,12 @@ def _check(tracks: Sequence[PoseTrack], model: ObjectModel, deepest: float) -> N
         )
 
 
-def _measurement_covariances(
-    tracks: Sequence[PoseTrack], model: ObjectModel, settings: NoiseSettings
-) -> Sequence[Array]:
+def _measurement_covariances(tracks: Sequence[PoseTrack], how: _How) -> Sequence[Array]:
     """(n, nv, nv) of each track: its own, or one for all, estimated from flight."""
-    given = all(track.q_cov is not None for track in tracks)
-    cov = np.zeros((model.nv, model.nv)) if given else pose_noise(tracks, model, settings=settings).q_cov
+    given, model = all(track.q_cov is not None for track in tracks), how.model
+    cov = np.zeros((model.nv, model.nv))
+    if not given:
+        cov = pose_noise(tracks, model, touch=how.touch, settings=how.settings.noise).q_cov
 
     def of(i: int) -> Array:
         own = tracks[i].q_cov
@@ -131,26 +162,24 @@ def _measurement_covariances(
     return OnDemand(of, len(tracks), kept=0)
 
 
-def _as_smoothed(
-    tracks: Sequence[PoseTrack], model: ObjectModel, q_cov: Sequence[Array], gravity: float, settings: MotionSettings
-) -> Iterator[Toss]:
-    smoothed = smooth_in_turn(tracks, model, q_cov, gravity=gravity, settings=settings.smoother)
-    for track, s, cov in zip(tracks, smoothed, q_cov, strict=True):
-        phase = _label(model, track.t, s, gravity, settings.phases)
-        yield Toss(track.name, track.t, s.q, s.v, s.q_cov, s.v_cov, phase, q_measured=track.q, q_measured_cov=cov)
+def _as_smoothed(tracks: Sequence[PoseTrack], q_cov: Sequence[Array], how: _How) -> Iterator[Toss]:
+    for track, s, cov in zip(tracks, how.smoothed(tracks, q_cov), q_cov, strict=True):
+        yield Toss(
+            track.name, track.t, s.q, s.v, s.q_cov, s.v_cov, _label(how, track.t, s), q_measured=track.q,
+            q_measured_cov=cov,
+        )  # fmt: skip
 
 
-def _as_recorded(
-    tracks: Sequence[PoseTrack], model: ObjectModel, q_cov: Sequence[Array], gravity: float, settings: MotionSettings
-) -> Iterator[Toss]:
+def _as_recorded(tracks: Sequence[PoseTrack], q_cov: Sequence[Array], how: _How) -> Iterator[Toss]:
+    settings = how.settings
+
     def labelled(track: PoseTrack) -> tuple[Array, NDArray[np.uint8]]:
         assert track.v is not None
-        return track.v, label_phases(model, track.t, track.q, track.v, gravity=gravity, settings=settings.phases)
+        return track.v, how.phases(track.t, track.q, track.v)
 
     chosen = np.unique(np.linspace(0, len(tracks) - 1, min(settings.judged_tracks, len(tracks))).astype(int))
     sample = [tracks[i] for i in chosen]
-    some = [q_cov[i] for i in chosen]
-    smoothed = list(smooth_in_turn(sample, model, some, gravity=gravity, settings=settings.smoother))
+    smoothed = list(how.smoothed(sample, [q_cov[i] for i in chosen]))
     v, phase = zip(*(labelled(track) for track in sample), strict=True)
     v_cov = velocity_noise(
         np.concatenate(v), np.concatenate([s.v for s in smoothed]), np.concatenate(phase), settings=settings.noise
@@ -160,10 +189,10 @@ def _as_recorded(
         yield Toss(track.name, track.t, track.q, own, cov, v_cov[phases], phases)
 
 
-def _label(model: ObjectModel, t: Array, s: Smoothed, gravity: float, settings: PhaseSettings) -> NDArray[np.uint8]:
+def _label(how: _How, t: Array, s: Smoothed) -> NDArray[np.uint8]:
     var = np.diagonal(s.v_cov, axis1=1, axis2=2)
-    size = np.sqrt(var[:, :3].sum(axis=1) + gyration(model) ** 2 * var[:, 3:6].sum(axis=1))
-    return label_phases(model, t, s.q, s.v, gravity=gravity, v_sigma=float(np.median(size)), settings=settings)
+    size = np.sqrt(var[:, :3].sum(axis=1) + gyration(how.model) ** 2 * var[:, 3:6].sum(axis=1))
+    return how.phases(t, s.q, s.v, float(np.median(size)))
 
 
 def _until_rest(toss: Toss, kept: float) -> Toss:

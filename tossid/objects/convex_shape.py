@@ -22,6 +22,9 @@ from scipy.optimize import linprog, nnls
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from tossid.errors import InputError
+from tossid.objects.model import HULL_POINTS
+from tossid.objects.round_shape import RoundShape, round_shapes, support, surface
+from tossid.objects.roundness import Roundness, directions
 from tossid.rotations import quat_to_matrix
 from tossid.settings.objects import ShapeSettings
 from tossid.types import Toss
@@ -63,6 +66,9 @@ class ConvexShape:
         ground: (3,) the ground as the shape needs it: its height at the origin [m] and its slopes along x and y. A
             height of a millimetre or two is also what rounded edges look like.
         misfit: Root mean square of the contacts' gaps [m].
+        kind: "polytope", or what a round shape is called. `vertices` are then many points of its surface.
+        corner_pos: (n_c, 3) corners of a round shape [m]; None for the vertices.
+        roundness: What stands at the corners of a round shape.
     """
 
     vertices: Array
@@ -71,12 +77,19 @@ class ConvexShape:
     unseen: Array
     ground: Array
     misfit: float
+    kind: str = "polytope"
+    corner_pos: Array | None = None
+    roundness: Roundness | None = None
+
+    @property
+    def corners(self) -> Array:
+        """(n_c, 3) corners of contact [m]."""
+        return self.vertices if self.corner_pos is None else self.corner_pos
 
     @property
     def mean_width(self) -> float:
         """Mean over all directions of the distance between the two planes that hold the shape [m]."""
-        heights = _DIRECTIONS @ self.vertices.T
-        return float((heights.max(axis=1) - heights.min(axis=1)).mean())
+        return float((self.reach(_DIRECTIONS) + self.reach(-_DIRECTIONS)).mean())
 
     def solid(self) -> tuple[float, Array, Array]:
         """Volume [m³], centre of mass [m] and inertia per mass about it [m²], if it were filled evenly.
@@ -95,6 +108,8 @@ class ConvexShape:
 
     def reach(self, down: Array) -> Array:
         """Support function h(d) = max_x d · x [m], (k,), for directions (k, 3)."""
+        if self.corner_pos is not None and self.roundness is not None:
+            return support(self.corner_pos, self.roundness, down)
         return np.asarray((down @ self.vertices.T).max(axis=1))
 
 
@@ -143,6 +158,9 @@ def find_shape(tosses: Sequence[Toss], settings: ShapeSettings = DEFAULT) -> Con
     chosen = _without_flat(drawn, _fewest(fits, settings), settings)
     chosen = _fit(seen, chosen.vertices, chosen.ground, settings, gap=2 * settings.gap)
     sharp = _fit(seen, chosen.vertices, np.zeros(3), settings, gap=2 * settings.gap, level=True)
+    rounder = _rounder(seen, sharp, corners, settings)
+    if rounder is not None:
+        return _round_shape(seen, rounder, corners, unseen=settings.unseen_rel * radius, settings=settings)
     touches = np.abs(sharp.gap) < settings.contact_gap
     if touches.sum() < settings.fewest_contacts:
         raise InputError(
@@ -247,6 +265,44 @@ def _fewest(fits: Sequence[_Fit], settings: ShapeSettings) -> _Fit:
     scale = max(1.0, (1.4826 * np.median(np.abs(first.gap[touches])) / settings.noise) ** 2)
     price = 3 * np.log(touches.sum())
     return min(fits, key=lambda fit: fit.loss / scale + price * len(fit.vertices))
+
+
+def _price(spaces: HalfSpaces, fit: _Fit, settings: ShapeSettings) -> tuple[float, float]:
+    """Scale of a fit's loss and price of a number of it, for the Bayesian information criterion."""
+    touches = np.abs(fit.gap) < settings.contact_gap
+    spread = 1.4826 * float(np.median(np.abs(fit.gap[touches]))) if touches.any() else settings.noise
+    return max(1.0, (spread / settings.noise) ** 2), float(np.log(max(2, touches.sum())))
+
+
+def _rounder(spaces: HalfSpaces, sharp: _Fit, hull: Array, settings: ShapeSettings) -> RoundShape | None:
+    """The round shape that explains the frames better than the polytope does; None where none does."""
+    scale, price = _price(spaces, sharp, settings)
+    best, least = None, sharp.loss / scale + 3 * len(sharp.vertices) * price
+    drawn = spaces.chosen(_evenly(len(spaces.height), settings.most_frames))
+    thinned = len(spaces.height) / len(drawn.height)
+    for shape in round_shapes(drawn.down, drawn.height, hull, settings, loss=_loss, weights=_weights):
+        criterion = thinned * shape.loss / scale + shape.count * price
+        if criterion < least:
+            best, least = shape, criterion
+    return best
+
+
+def _round_shape(
+    spaces: HalfSpaces, found: RoundShape, hull: Array, *, unseen: float, settings: ShapeSettings
+) -> ConvexShape:
+    """A round shape with many points of its surface, and which of them contacts show."""
+    ways = directions(HULL_POINTS)
+    gap = spaces.height - support(found.corner_pos, found.roundness, spaces.down)
+    touches = np.abs(gap) < settings.contact_gap
+    misfit = float(np.sqrt(np.mean(gap[touches] ** 2)))
+    slope = found.slope(ways)
+    deviation = misfit * np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slope, found.covariance, slope), 0))
+    frames = (ways @ spaces.down[touches].T > np.cos(settings.seen_angle)).sum(axis=1)
+    beyond = (hull @ _DIRECTIONS.T - support(found.corner_pos, found.roundness, _DIRECTIONS)).max(axis=1)
+    return ConvexShape(
+        surface(found.corner_pos, found.roundness, ways), deviation, frames, hull[beyond > unseen], np.zeros(3), misfit,
+        found.kind, found.corner_pos, found.roundness,
+    )  # fmt: skip
 
 
 def _without_flat(spaces: HalfSpaces, fit: _Fit, settings: ShapeSettings) -> _Fit:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.objects.model import JointType, ObjectModel
-from tossid.rotations import quat_exp, quat_mul, quat_rotate
+from tossid.rotations import quat_conj, quat_exp, quat_mul, quat_rotate
 
 Array = NDArray[np.float64]
 
@@ -41,9 +41,26 @@ def body_poses(model: ObjectModel, q: Array) -> tuple[Array, Array]:
 
 
 def corner_positions(model: ObjectModel, q: Array) -> Array:
-    """World positions [m] of the contact corners. (*b, nq) -> (*b, n_c, 3)."""
+    """World positions [m] of the contact corners; of round ones, of their lowest points. (*b, nq) -> (*b, n_c, 3)."""
     pos, quat = body_poses(model, q)
-    return pos[..., model.corner_body, :] + quat_rotate(quat[..., model.corner_body, :], model.corner_pos)
+    turn = quat[..., model.corner_body, :]
+    return pos[..., model.corner_body, :] + quat_rotate(turn, lowest_points(model, turn))
+
+
+def lowest_points(model: ObjectModel, turn: Array) -> Array:
+    """The corners or, of round ones, their lowest points, in their bodies' frames [m].
+
+    Args:
+        model: The object.
+        turn: (*b, n_c, 4) orientation of each corner's body.
+
+    Returns:
+        (*b, n_c, 3), or (n_c, 3) where no corner is round.
+    """
+    if model.roundness is None:
+        return model.corner_pos
+    down = quat_rotate(quat_conj(turn), np.array([0.0, 0.0, -1.0]))
+    return np.asarray(model.corner_pos + model.roundness.offset(down))
 
 
 def center_positions(model: ObjectModel, q: Array) -> Array:

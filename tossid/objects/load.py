@@ -10,7 +10,8 @@ from tossid.errors import ConfigError, nearest
 from tossid.objects.mjcf import Stated, object_from_file
 from tossid.objects.model import ObjectModel
 from tossid.objects.tags import read_tags
-from tossid.settings.objects import PRESETS, ObjectSettings
+from tossid.objects.unstated import UNKNOWN, unstated_object
+from tossid.settings.objects import PRESETS, ObjectSettings, UnknownObjectSettings
 
 OBJECT_FILES = Path(__file__).parent / "library"
 """The files of the objects that come with tossid."""
@@ -18,12 +19,14 @@ _BESIDE = Path(__file__).parents[2]
 """The folder in which the package `tossid` lies."""
 
 
-def load_object(what: str | Path | ObjectSettings | ObjectModel, **stated: Unpack[Stated]) -> ObjectModel:
+def load_object(
+    what: str | Path | ObjectSettings | UnknownObjectSettings | ObjectModel, **stated: Unpack[Stated]
+) -> ObjectModel:
     """The object that is meant, with its tags.
 
     Args:
         what: A name among `tossid.settings.objects.PRESETS` ("cube", "elbow"), the path of an MJCF or URDF file,
-            settings, or an object that is loaded already.
+            settings, or an object that is loaded already. "unknown" is an object of which nothing is stated.
         **stated: What the file cannot say, or what shall differ from the settings: see `Stated`.
 
     Returns:
@@ -36,6 +39,8 @@ def load_object(what: str | Path | ObjectSettings | ObjectModel, **stated: Unpac
     """
     if isinstance(what, ObjectModel):
         return _stating(what, stated)
+    if isinstance(what, UnknownObjectSettings) or what == UNKNOWN:
+        return unstated_object()
     if isinstance(what, str):
         what = PRESETS.get(what, Path(what))
     if isinstance(what, ObjectSettings):

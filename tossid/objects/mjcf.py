@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import FileError, ObjectError
+from tossid.objects.geoms import add_geoms
 from tossid.objects.model import GRAVITY, JointLaw, JointType, ObjectModel, Tag
 from tossid.objects.references import check_model_file
+from tossid.objects.roundness import RIM, Roundness, ball, disc, ellipsoid, joined, points
 from tossid.rotations import quat_to_matrix
 
 Array = NDArray[np.float64]
@@ -134,13 +136,10 @@ def _from_spec(
 
     R = quat_to_matrix(m.body_iquat[1:])
     inertia = R @ (m.body_inertia[1:, :, None] * np.swapaxes(R, -1, -2))
-    corner_body, corner_pos = _corners(m)
+    corner_body, corner_pos, roundness = _corners(m)
     if not len(corner_body):
-        raise ObjectError("the object has no box or convex mesh that could touch the ground")
-    if width is None:
-        base = corner_pos[corner_body == corner_body[0]]
-        width = float(np.ptp(base, axis=0).max())
-    return ObjectModel(
+        raise ObjectError("the object has no box, mesh or round geom that could touch the ground")
+    model = ObjectModel(
         name=name or spec.modelname,
         body_names=tuple(m.body(b + 1).name or f"body_{b}" for b in range(n)),
         parent=np.asarray(m.body_parentid[1:], dtype=np.int64) - 1,
@@ -156,14 +155,19 @@ def _from_spec(
         corner_pos=corner_pos,
         friction=float(friction),
         restitution=float(restitution),
-        width=float(width),
+        width=1.0 if width is None else float(width),
         tags=tuple(tags),
         mjcf=text,
         compliance=float(compliance),
         relaxation=float(relaxation),
         cohesion=float(cohesion),
         joint_law=_joint_law(m),
+        roundness=roundness,
     )
+    if width is not None:
+        return model
+    low, high = model.extent(int(corner_body[0]))
+    return model.with_changes(width=float((high - low).max()))
 
 
 def _joint_law(m: mujoco.MjModel) -> JointLaw:
@@ -243,25 +247,46 @@ def _hull(m: mujoco.MjModel, mesh: int) -> Array:
         ) from error
 
 
-def _corners(m: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
-    """Corners of boxes and hull vertices of meshes, in their bodies' frames."""
+def _corners(m: mujoco.MjModel) -> tuple[NDArray[np.int64], Array, Roundness | None]:
+    """Corners of boxes, hull vertices of meshes and round parts, in their bodies' frames."""
     bodies: list[int] = []
-    corners: list[Array] = []
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+    corners, rounds = [np.zeros((0, 3))], [points(0)]
     for geom in range(m.ngeom):
-        kind = mujoco.mjtGeom(m.geom_type[geom])
         if m.geom_bodyid[geom] == 0 or (m.geom_contype[geom] == 0 and m.geom_conaffinity[geom] == 0):
             continue
-        if kind == mujoco.mjtGeom.mjGEOM_BOX:
-            local = signs * m.geom_size[geom]
-        elif kind == mujoco.mjtGeom.mjGEOM_MESH:
-            local = _hull(m, int(m.geom_dataid[geom]))
-        else:
-            raise ObjectError(f"a geom of type {kind.name} has no corners; use boxes or convex meshes")
-        R = quat_to_matrix(m.geom_quat[geom])
-        corners.append(local @ R.T + m.geom_pos[geom])
+        local, roundness = _of_geom(m, geom)
+        corners.append(local @ quat_to_matrix(m.geom_quat[geom]).T + m.geom_pos[geom])
+        rounds.append(roundness)
         bodies += [int(m.geom_bodyid[geom]) - 1] * len(local)
-    return np.asarray(bodies, dtype=np.int64), np.concatenate(corners) if corners else np.zeros((0, 3))
+    found = joined(rounds)
+    is_round = bool(found.radius.any() or found.root.any())
+    return np.asarray(bodies, dtype=np.int64), np.concatenate(corners), found if is_round else None
+
+
+_SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+
+
+def _of_geom(m: mujoco.MjModel, geom: int) -> tuple[Array, Roundness]:
+    """Corners (n, 3) in the geom's frame [m], and what stands there, in the axes of its body."""
+    kind, size = mujoco.mjtGeom(m.geom_type[geom]), np.array(m.geom_size[geom])
+    R = quat_to_matrix(m.geom_quat[geom])
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return _SIGNS * size, points(8)
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        hull = _hull(m, int(m.geom_dataid[geom]))
+        return hull, points(len(hull))
+    ends = np.array([[0, 0, -size[1]], [0, 0, size[1]]])
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return np.zeros((1, 3)), ball(size[0])
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return ends, joined([ball(size[0])] * 2)
+    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+        return np.zeros((1, 3)), ellipsoid(size, R)
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return np.repeat(ends, RIM, axis=0), joined([disc(size[0], R[:, 2])] * 2)
+    raise ObjectError(
+        f"a geom of type {kind.name} has no convex hull; use boxes, spheres, ellipsoids, capsules, cylinders or meshes"
+    )
 
 
 def to_mjcf(
@@ -275,8 +300,9 @@ def to_mjcf(
 ) -> str:
     """A MuJoCo scene of the object over the ground plane z = 0, which runs as it is.
 
-    The corners become one convex mesh a body, so that learned geometry, which is no box any more, survives. Contact
-    between the object's own bodies is off.
+    The corners become one convex mesh a body, so that learned geometry, which is no box any more, survives. Round parts
+    become spheres, ellipsoids and thin cylinders, whose hull is the body's; where round edges leave none of these, a
+    mesh of many points. Contact between the object's own bodies is off.
 
     Args:
         model: The object.
@@ -330,17 +356,7 @@ def to_mjcf(
                 springref=model.joints.rest[b],
                 armature=model.joints.armature[b],
             )
-        own = model.corner_pos[model.corner_body == b]
-        if len(own):
-            spec.add_mesh(name=f"hull_{b}", uservert=own.ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
-            body.add_geom(
-                name=f"hull_{b}",
-                type=mujoco.mjtGeom.mjGEOM_MESH,
-                meshname=f"hull_{b}",
-                contype=2,
-                conaffinity=0,
-                **contact,
-            )
+        add_geoms(spec, body, model, b, contact)
         bodies.append(body)
     spec.compile()
     return spec.to_xml()

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import ObjectError
+from tossid.objects.roundness import Roundness
+from tossid.objects.roundness import directions as directions_over_sphere
 from tossid.settings.limits import VALUES
 
 Array = NDArray[np.float64]
 
 GRAVITY = 9.81
 """Standard gravity of every stated simulator here [m/s²] (CONTRACT: nominal)."""
+HULL_POINTS = 1000
+"""Directions in which points of a round body's surface are taken, where they are listed or made a mesh."""
+DRAWN_POINTS = 200
+"""The same where it is drawn."""
 
 
 class JointType(IntEnum):
@@ -97,6 +104,7 @@ class ObjectModel:
         relaxation: damping over stiffness of a corner [s].
         cohesion: friction of a loaded corner beyond `friction` times its load [N].
         joint_law: what acts in the joints; nothing if None.
+        roundness: what stands at each corner in place of a point; points if None.
 
     Raises:
         ObjectError: A value is not finite, of a sign that cannot be, or beyond `tossid.settings.limits.ValueLimits`.
@@ -124,6 +132,7 @@ class ObjectModel:
     relaxation: float = 0.0
     cohesion: float = 0.0
     joint_law: JointLaw | None = None
+    roundness: Roundness | None = None
 
     def __post_init__(self) -> None:
         scalars = (
@@ -154,6 +163,8 @@ class ObjectModel:
                 raise ObjectError(
                     f"object '{self.name}': {name} reaches {size} {unit}, expected at most {limit:g} {unit}"
                 )
+        if self.roundness is not None and len(self.roundness.radius) != self.n_corners:
+            raise ObjectError(f"object '{self.name}': {len(self.roundness.radius)} round corners of {self.n_corners}")
         if (self.mass <= 0).any():
             raise ObjectError(f"object '{self.name}': mass of a body is {self.mass.min():g} kg, expected more than 0")
         for name, values in self.joints._asdict().items():
@@ -193,10 +204,89 @@ class ObjectModel:
         return len(self.corner_body)
 
     @property
+    def is_stated(self) -> bool:
+        """Whether it has a shape; false of a recording with `object=unknown`."""
+        return self.n_corners > 0
+
+    @property
     def center(self) -> Array:
-        """Geometric centre of the base body's corners, in the base frame [m]. (3,)."""
-        own = self.corner_pos[self.corner_body == 0]
-        return 0.5 * (own.min(axis=0) + own.max(axis=0))
+        """Middle of the base body's extent along its axes, in its frame [m]; its origin without corners. (3,)."""
+        if not (self.corner_body == 0).any():
+            return np.zeros(3)
+        low, high = self.extent()
+        return 0.5 * (low + high)
+
+    def extent(self, body: int = 0) -> tuple[Array, Array]:
+        """How far a body reaches along the axes of its frame: lowest and highest coordinates (3,) [m].
+
+        Args:
+            body: With corners.
+        """
+        if self.roundness is None:
+            own = self.corner_pos[self.corner_body == body]
+            return own.min(axis=0), own.max(axis=0)
+        low, high = (self.support(sign * np.eye(3), body).max(axis=1) for sign in (-1.0, 1.0))
+        return -low, high
+
+    def support(self, directions: Array, body: int = 0) -> Array:
+        """How far each corner of a body reaches in some directions: (k, n) [m].
+
+        Args:
+            directions: (k, 3) in the body's axes, unit.
+            body: With corners.
+        """
+        out: Array = np.einsum("ki,kci->kc", directions, self.farthest(directions, body))
+        return out
+
+    def farthest(self, directions: Array, body: int = 0) -> Array:
+        """The farthest point of each corner of a body in some directions: (k, n, 3) in its frame [m].
+
+        Args:
+            directions: (k, 3) in the body's axes, unit.
+            body: With corners.
+        """
+        own = self.corner_body == body
+        at = np.broadcast_to(self.corner_pos[own], (len(directions), int(own.sum()), 3))
+        if self.roundness is None:
+            return at
+        return at + self.roundness.of(own).offset(np.broadcast_to(directions[:, None], at.shape))
+
+    def hull_points(self, body: int = 0) -> Array:
+        """Points whose hull a body is: its corners, or of a round one many points of its surface. (n, 3) [m].
+
+        Args:
+            body: With corners.
+        """
+        points = self.as_points()
+        own = points.corner_pos[points.corner_body == body]
+        return own if self.roundness is None else np.unique(own.round(9), axis=0)
+
+    @cached_property
+    def drawn(self) -> ObjectModel:
+        """The same with points of its surface as corners where it is round: what figures show."""
+        return self.as_points(DRAWN_POINTS)
+
+    def as_points(self, count: int = HULL_POINTS) -> ObjectModel:
+        """The same with points of its surface as corners where it is round.
+
+        Args:
+            count: Directions (`roundness.directions`), in whose order the farthest points of each body stand.
+        """
+        if self.roundness is None:
+            return self
+        ways, bodies = directions_over_sphere(count), sorted(set(self.corner_body.tolist()))
+        every = [self.farthest(ways, body) for body in bodies]
+        farthest = [np.einsum("ki,kci->kc", ways, points).argmax(axis=1) for points in every]
+        return self.with_changes(
+            corner_body=np.repeat(np.array(bodies, dtype=np.int64), count),
+            corner_pos=np.concatenate([p[np.arange(count), k] for p, k in zip(every, farthest, strict=True)]),
+            roundness=None,
+        )
+
+    def resized(self, size: float) -> ObjectModel:
+        """A copy whose shape is larger or smaller by a factor, about the bodies' origins."""
+        roundness = None if self.roundness is None else self.roundness.scaled(size)
+        return self.with_changes(corner_pos=size * self.corner_pos, roundness=roundness)
 
     def with_changes(self, **changes: Any) -> ObjectModel:
         """A copy with fields replaced (`mjcf` is then out of date: write it with `to_mjcf`)."""

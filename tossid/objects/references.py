@@ -30,6 +30,11 @@ _PACKAGE = "package://"
 _UNITS = {"k": 2**10, "m": 2**20, "g": 2**30, "t": 2**40, "p": 2**50, "e": 2**60}
 _MEMORY = 1 << 28
 """Bytes that `<size memory>` may ask for."""
+_ROWS = frozenset({"njmax", "nconmax", "nstack"})
+"""Older ways to ask for memory: in rows of it."""
+_ROW, _NUMBER, _HEIGHT = 128, 8, 16
+"""Bytes that MuJoCo takes for a row (of a contact, with its Jacobian), a number and a height, with its copies; a pixel
+takes one for each of its colours."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _DEPTH = 64
 """Elements inside one another."""
@@ -45,6 +50,8 @@ class _Asked:
     """folders of meshes and textures"""
     elements: float = 0
     """elements, with all copies"""
+    amounts: dict[str, float] = field(default_factory=dict)
+    """what elements claim beside themselves, by kind"""
 
 
 def check_alone(text: str) -> None:
@@ -191,7 +198,7 @@ def _asked(text: str, *, outside: bool) -> _Asked:
         if found.elements > budget.limits().elements or len(copies) > _DEPTH:
             claimed = f"{found.elements:.3g} elements, {len(copies) - 1} inside one another"
             raise ObjectError(f"it claims {claimed}; expected at most {budget.limits().elements}, {_DEPTH} deep")
-        _check_amounts(name, given)
+        _check_amounts(found, name, given)
         for key, value in given.items():
             if key in _FOLDERS:
                 found.folders.add(value)
@@ -221,27 +228,35 @@ def _copies(name: str, given: dict[str, str]) -> float:
     return math.prod(max(1.0, number) for number in _numbers(given.get("count", "1")))
 
 
-def _check_amounts(name: str, given: dict[str, str]) -> None:
-    """Refuse amounts that MuJoCo would make room for."""
-    claimed: float = 0.0
-    what, limit = "", float(budget.limits().pixels)
+def _check_amounts(asked: _Asked, name: str, given: dict[str, str]) -> None:
+    """Refuse amounts that MuJoCo would make room for, of all elements together."""
+
+    def largest(*keys: str) -> float:
+        return max([0.0, *(n for key in keys for n in _numbers(given.get(key, "0")))])
+
+    pixels = float(budget.limits().pixels)
+    claims: list[tuple[str, float, float]] = []
     if name == "texture":
-        width, height = (max([0.0, *_numbers(given.get(key, "0"))]) for key in ("width", "height"))
-        claimed, what = width * max(height, 6.0 * width), f"pixels of a texture ({width:.10g} wide)"
+        width, height = largest("width"), largest("height")
+        claims = [("pixels of textures", width * max(height, 6.0 * width), pixels)]
     elif name == "hfield":
-        claimed, what = math.prod([*_numbers(given.get("nrow", "0")), *_numbers(given.get("ncol", "0"))]), "heights"
+        claims = [("heights", largest("nrow") * largest("ncol"), pixels / _HEIGHT)]
     elif name == "numeric":
-        claimed, what = max([0.0, *_numbers(given.get("size", "0"))]), "numbers"
+        claims = [("numbers", largest("size"), pixels / _NUMBER)]
     elif name == "user":
-        claimed, what = max([0.0, *_numbers(given.get("dim", "0"))]), "numbers of a sensor"
+        claims = [("numbers of sensors", largest("dim"), pixels / _NUMBER)]
     elif name == "mesh" and "builtin" in given:
-        claimed, what = math.prod(max(1.0, n) for n in _numbers(given.get("params", "0"))), "parts of a built-in mesh"
-        limit = float(budget.limits().corners)
+        parts = math.prod(max(1.0, n) for n in _numbers(given.get("params", "0")))
+        claims = [("parts of built-in meshes", parts, float(budget.limits().corners))]
     elif name == "size":
-        claimed, what = max([0.0, *(n for value in given.values() for n in _numbers(value))]), "of MuJoCo's memory"
-        limit = float(_MEMORY)
-    if not claimed <= limit:
-        raise ObjectError(f"it claims {claimed:.4g} {what}, expected at most {limit:.4g}")
+        claims = [("bytes of MuJoCo's memory", largest("memory"), float(_MEMORY))]
+        claims += [("rows of MuJoCo's memory", largest(key), _MEMORY / _ROW) for key in _ROWS & given.keys()]
+        others = given.keys() - _ROWS - {"memory"}
+        claims += [(f"'{key}'", largest(key), float(budget.limits().elements)) for key in sorted(others)]
+    for what, claimed, limit in claims:
+        total = asked.amounts[what] = asked.amounts.get(what, 0.0) + claimed
+        if not total <= limit:
+            raise ObjectError(f"it claims {total:.10g} {what}, expected at most {limit:.10g}")
 
 
 def _numbers(text: str) -> Iterator[float]:

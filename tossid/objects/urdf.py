@@ -45,8 +45,8 @@ def to_urdf(model: ObjectModel, *, meshes: str) -> tuple[str, dict[str, str]]:
         I = model.inertia[b]
         places = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
         xml.SubElement(inertial, "inertia", {key: repr(float(I[at])) for key, at in places.items()})
-        own = model.corner_pos[model.corner_body == b]
-        if len(own):
+        if (model.corner_body == b).any():
+            own = model.hull_points(b)
             if not re.fullmatch(r"[\w .+-]+", name) or name.startswith("."):
                 raise ObjectError(
                     f"body {brief(name)} cannot be a part of a mesh file's name; expected letters and digits"

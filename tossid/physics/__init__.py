@@ -1,18 +1,27 @@
 """Physics: dynamics of a tree, contact problems and their solvers, time stepping."""
 
-from tossid.physics.batch import TreeBatch, tree_batch
+from tossid.physics.batch import TreeBatch, learned_accelerations, tree_batch
 from tossid.physics.registered_forces import register_force
 from tossid.physics.solvers import ExactCone, PolyhedralCone, register_solver
 from tossid.physics.stepping import Simulation, simulate
-from tossid.physics.system import LearnedAcceleration, System, make_system, n_features, no_learned_acceleration
+from tossid.physics.system import (
+    N_WORLD,
+    LearnedAcceleration,
+    System,
+    make_system,
+    n_features,
+    no_learned_acceleration,
+)
 
 __all__ = [
+    "N_WORLD",
     "ExactCone",
     "LearnedAcceleration",
     "PolyhedralCone",
     "Simulation",
     "System",
     "TreeBatch",
+    "learned_accelerations",
     "make_system",
     "n_features",
     "no_learned_acceleration",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tossid.kernels import kernel
 from tossid.physics.free import features
 from tossid.physics.registered_forces import NoForce
-from tossid.physics.system import System
+from tossid.physics.system import LearnedAcceleration, System, n_features
 from tossid.physics.tree import bias_force, kinematics, make_work, mass_matrix, point_jacobian
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ class TreeBatch(NamedTuple):
     alpha, xdd: (B, n_b, 3) angular acceleration and the origin's acceleration at
         dv/dt = 0, body axes.
     R: (B, n_b, 3, 3) world rotation of the bodies; x: (B, n_b, 3) world position.
-    features: (B, n_f) the learned acceleration's input.
+    features: (B, n_f) the learned acceleration's input, with the features of the world.
     """
 
     X: Array
@@ -67,6 +67,33 @@ def _fill(system, work, q, v, X, omega, alpha, xdd, R, x, feature):  # type: ign
                     Jw = work.Jw[b]
                     X[s, b, i, j] = Rb[0, i] * Jw[0, j] + Rb[1, i] * Jw[1, j] + Rb[2, i] * Jw[2, j]
                     X[s, b, 3 + i, j] = Rb[0, i] * Jp[0, j] + Rb[1, i] * Jp[1, j] + Rb[2, i] * Jp[2, j]
+
+
+def learned_accelerations(k_res: LearnedAcceleration, features: Array, nv: int) -> Array:
+    """The learned acceleration in the base's axes (N, nv) [m/s², rad/s²].
+
+    Args:
+        k_res: The function.
+        features: (N, n_f or more), of `tree_batch`.
+        nv: Length of a velocity.
+    """
+    f = features[:, : k_res.linear.shape[1]]
+    hidden = np.tanh(np.tanh(f @ k_res.W0.T + k_res.b0) @ k_res.W1.T + k_res.b1)
+    found = f @ k_res.linear.T + hidden @ k_res.W2.T
+    out: Array = found[:, :nv].copy()
+    if found.shape[1] > nv:
+        out[:, :3] += to_base(features, found[:, nv:], nv - 6)
+    return out
+
+
+def to_base(features, along_world, n_joints):  # type: ignore[no-untyped-def]
+    """Vectors (N, 3) along the world's axes in the base's, whose features (N, n_f) of `tree_batch` are known.
+
+    Arrays or tensors.
+    """
+    first = n_features(n_joints)
+    x, y, z = features[:, first : first + 3], features[:, first + 3 : first + 6], features[:, :3]
+    return along_world[:, :1] * x + along_world[:, 1:2] * y + along_world[:, 2:] * z
 
 
 def tree_batch(system: System, q: Array, v: Array) -> TreeBatch:

@@ -23,6 +23,7 @@ from tossid.physics.forces import (
     velocity_change,
 )
 from tossid.physics.registered_forces import RegisteredForce, acts, has_wrench, wrench_of
+from tossid.physics.rounds import Shape, bulge, is_round, lowest_offset
 from tossid.physics.system import System
 
 Array = NDArray[np.float64]
@@ -47,6 +48,7 @@ class Body(NamedTuple):
         rests: whether a toss may end early, where the object has come to rest.
         forces: of the state.
         registered: the user's own force.
+        shape: what stands at the corners.
     """
 
     mass: float
@@ -64,6 +66,7 @@ class Body(NamedTuple):
     rests: bool
     forces: Forces
     registered: RegisteredForce
+    shape: Shape
 
     def make_work(self) -> BodyWork:
         """Scratch of the time-stepping kernel for this body."""
@@ -121,6 +124,7 @@ def make_body(system: System) -> Body | None:
         rests=True,
         forces=forces,
         registered=system.registered,
+        shape=system.shape,
     )
 
 
@@ -216,8 +220,12 @@ def _common_velocity(model, work, xi, first):  # type: ignore[no-untyped-def]
 
 
 @implements(moving.corner_place, Body)
-def _corner_place(model, work, c):  # type: ignore[no-untyped-def]
-    return model.corner_pos[c, 0], model.corner_pos[c, 1], model.corner_pos[c, 2]
+def _corner_place(model, work, s, c):  # type: ignore[no-untyped-def]
+    pos = model.corner_pos
+    if is_round(model.shape):
+        o0, o1, o2 = lowest_offset(model.shape, c, s.R[2, 0], s.R[2, 1], s.R[2, 2])
+        return pos[c, 0] + o0, pos[c, 1] + o1, pos[c, 2] + o2
+    return pos[c, 0], pos[c, 1], pos[c, 2]
 
 
 @implements(moving.contact_row, Body)
@@ -252,6 +260,8 @@ def _add_impulse(model, work, g, xi, out):  # type: ignore[no-untyped-def]
 def _corner_speed(model, work, s, corners, c):  # type: ignore[no-untyped-def]
     R, w0, w1, w2 = s.R, s.xi_start[0], s.xi_start[1], s.xi_start[2]
     d0, d1, d2 = model.corner_pos[c, 0], model.corner_pos[c, 1], model.corner_pos[c, 2]
+    if is_round(model.shape):
+        d0, d1, d2 = corners.place[c, 0], corners.place[c, 1], corners.place[c, 2]
     return s.v[2] + R[2, 0] * (w1 * d2 - w2 * d1) + R[2, 1] * (w2 * d0 - w0 * d2) + R[2, 2] * (w0 * d1 - w1 * d0)
 
 
@@ -268,4 +278,7 @@ def _falling(model, work, s, corners, c):  # type: ignore[no-untyped-def]
                   model.corner_pos[c, 2] - model.com[2])  # fmt: skip
     along, squared = w[0] * d0 + w[1] * d1 + w[2] * d2, w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
     up = s.R[2, 0] * w[0] + s.R[2, 1] * w[1] + s.R[2, 2] * w[2]
-    return model.gravity[2] + along * up - squared * (s.R[2, 0] * d0 + s.R[2, 1] * d1 + s.R[2, 2] * d2)
+    fall = model.gravity[2] + along * up - squared * (s.R[2, 0] * d0 + s.R[2, 1] * d1 + s.R[2, 2] * d2)
+    if is_round(model.shape):
+        fall -= bulge(model.shape, c, s.R[2, 0], s.R[2, 1], s.R[2, 2], w[0], w[1], w[2])
+    return fall

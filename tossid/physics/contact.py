@@ -114,7 +114,7 @@ def find_corners(model, work, s, corners, radius, h):  # type: ignore[no-untyped
     reach = 0.02 + 3.0 * h * speed  # farther than a corner moves in a step, contact included
     up0, up1, up2, z0 = s.R[2, 0], s.R[2, 1], s.R[2, 2], s.q[2]
     for c in range(corners.state.shape[0]):
-        r0, r1, r2 = corner_place(model, work, c)
+        r0, r1, r2 = corner_place(model, work, s, c)
         r0, r1, r2 = r0 - radius * up0, r1 - radius * up1, r2 - radius * up2
         z = z0 + up0 * r0 + up1 * r1 + up2 * r2
         corners.height[c], corners.state[c] = z, FAR

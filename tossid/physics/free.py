@@ -18,6 +18,9 @@ def features(system, q, v, work):  # type: ignore[no-untyped-def]
 
     (vertical R^T e_z, |v| R^T v [m²/s²], spin [rad/s] / 10, then sin, cos and rate / 10 of each joint). Velocity
     enters as its square: drag at a toss's speeds grows so, and what flight taught must not push what slides slowly.
+
+    Then what the base sees of the world: its x and y axes (R^T e_x, R^T e_y), 1, position [m] and velocity [m/s] along
+    the world's axes.
     """
     R = work.xmat[0]
     f = work.feature
@@ -30,6 +33,11 @@ def features(system, q, v, work):  # type: ignore[no-untyped-def]
         f[6 + 3 * b] = np.sin(q[6 + b])
         f[7 + 3 * b] = np.cos(q[6 + b])
         f[8 + 3 * b] = 0.1 * v[5 + b]
+    n = 6 + 3 * len(system.parent)
+    f[n + 6] = 1.0
+    for i in range(3):
+        f[n + i], f[n + 3 + i] = R[0, i], R[1, i]
+        f[n + 7 + i], f[n + 10 + i] = q[i], v[i]
 
 
 @kernel
@@ -40,7 +48,8 @@ def learned_acceleration(system, q, v, work, out):  # type: ignore[no-untyped-de
         return
     features(system, q, v, work)
     f = work.feature
-    nf, h, nv = f.shape[0], net.b0.shape[0], out.shape[0]
+    nf, h, nv = net.linear.shape[1], net.b0.shape[0], out.shape[0]
+    n_out = net.linear.shape[0]
     h0, h1 = work.hidden[0], work.hidden[1]
     for i in range(h):
         s = net.b0[i]
@@ -53,7 +62,7 @@ def learned_acceleration(system, q, v, work, out):  # type: ignore[no-untyped-de
             s += net.W1[i, j] * h0[j]
         h1[i] = np.tanh(s)
     local = work.accel
-    for i in range(nv):
+    for i in range(n_out):
         s = 0.0
         for j in range(nf):
             s += net.linear[i, j] * f[j]
@@ -65,6 +74,8 @@ def learned_acceleration(system, q, v, work, out):  # type: ignore[no-untyped-de
         out[i] += R[i, 0] * local[0] + R[i, 1] * local[1] + R[i, 2] * local[2]
     for i in range(3, nv):
         out[i] += local[i]
+    for i in range(n_out - nv):
+        out[i] += local[nv + i]
 
 
 @kernel

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import implements
+from tossid.kernels import implements, inlined_kernel
 from tossid.objects import JointLaw, free_joints
 from tossid.physics import articulated, moving
 from tossid.physics.articulated import (
@@ -29,6 +29,7 @@ from tossid.physics.body import rounded_corner_centres
 from tossid.physics.forces import Forces, forces_of, law_of
 from tossid.physics.pulls import add_forces, joint_torques, resist_joints
 from tossid.physics.registered_forces import RegisteredForce, acts
+from tossid.physics.rounds import Shape, is_round, lowest_offset
 from tossid.physics.system import System
 
 Array = NDArray[np.float64]
@@ -52,6 +53,7 @@ class Links(NamedTuple):
         forced: whether `forces` acts.
         forces: of the state.
         registered: the user's own force.
+        shape: what stands at the corners.
     """
 
     tree: Articulated
@@ -68,6 +70,7 @@ class Links(NamedTuple):
     forced: bool
     forces: Forces
     registered: RegisteredForce
+    shape: Shape
 
     def make_work(self) -> LinksWork:
         """Scratch of the time-stepping kernel for this tree."""
@@ -129,6 +132,7 @@ def make_links(system: System) -> Links:
         forced=forces.acts or acts(system.registered),
         forces=forces,
         registered=system.registered,
+        shape=system.shape,
     )
 
 
@@ -174,10 +178,25 @@ def _common_velocity(model, work, xi, first):  # type: ignore[no-untyped-def]
 
 
 @implements(moving.corner_place, Links)
-def _corner_place(model, work, c):  # type: ignore[no-untyped-def]
+def _corner_place(model, work, s, c):  # type: ignore[no-untyped-def]
     b, pos, P = model.corner_body[c], model.corner_pos, work.P
-    r0, r1, r2 = articulated.rotated(work.E, b, pos[c, 0], pos[c, 1], pos[c, 2])
+    x0, x1, x2 = pos[c, 0], pos[c, 1], pos[c, 2]
+    if is_round(model.shape):
+        o0, o1, o2 = lowest_offset(model.shape, c, *_vertical(work.E, b, s.R))
+        x0, x1, x2 = x0 + o0, x1 + o1, x2 + o2
+    r0, r1, r2 = articulated.rotated(work.E, b, x0, x1, x2)
     return P[b, X] + r0, P[b, X + 1] + r1, P[b, X + 2] + r2
+
+
+@inlined_kernel
+def _vertical(E, b, R):  # type: ignore[no-untyped-def]
+    """The world's vertical in the axes of body b."""
+    u0, u1, u2 = R[2, 0], R[2, 1], R[2, 2]
+    return (
+        E[b, 0, 0] * u0 + E[b, 1, 0] * u1 + E[b, 2, 0] * u2,
+        E[b, 0, 1] * u0 + E[b, 1, 1] * u1 + E[b, 2, 1] * u2,
+        E[b, 0, 2] * u0 + E[b, 1, 2] * u1 + E[b, 2, 2] * u2,
+    )
 
 
 @implements(moving.contact_row, Links)

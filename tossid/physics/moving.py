@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.kernels import by_type, fused_kernel
+from tossid.physics.system import N_WORLD
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,7 @@ class State(NamedTuple):
         taken: (n_x,) what contact takes from xi in a strike, beside its impulses.
         feature: (n_f,) input of the learned acceleration.
         hidden: (2, h) its layers.
-        learned: (nv,) the learned acceleration.
+        learned: (nv + 3,) its output.
     """
 
     q: Array
@@ -65,8 +66,8 @@ def make_state(nq, nv, n_hidden):  # type: ignore[no-untyped-def]
     nx = nv - 3
     return State(
         np.zeros(nq), np.zeros(nv), np.zeros(nq), np.zeros(nv), np.zeros((3, 3)), np.zeros(3), np.zeros(nx),
-        np.zeros(3), np.zeros(nx), np.zeros(3), np.zeros(nx), np.zeros(nx), np.zeros(9 + 3 * (nv - 6)),
-        np.zeros((2, n_hidden)), np.zeros(nv),
+        np.zeros(3), np.zeros(nx), np.zeros(3), np.zeros(nx), np.zeros(nx),
+        np.zeros(9 + 3 * (nv - 6) + N_WORLD), np.zeros((2, n_hidden)), np.zeros(nv + 3),
     )  # fmt: skip
 
 
@@ -107,8 +108,8 @@ def common_velocity(model, work, xi, first):  # type: ignore[no-untyped-def]
 
 
 @by_type
-def corner_place(model, work, c):  # type: ignore[no-untyped-def]
-    """Place of corner c from the base's origin, base's axes."""
+def corner_place(model, work, s, c):  # type: ignore[no-untyped-def]
+    """Place of corner c from the base's origin, base's axes; of a round one, its lowest point's."""
     raise NotImplementedError
 
 
@@ -144,5 +145,8 @@ def spin_row(model, work, body, a0, a1, a2, row):  # type: ignore[no-untyped-def
 
 @by_type
 def falling(model, work, s, corners, c):  # type: ignore[no-untyped-def]
-    """Vertical acceleration of corner c without contact [m/s²]: J_n dv/dt + dJ_n/dt v. After `accelerate`."""
+    """Vertical acceleration of corner c without contact [m/s²]: J_n dv/dt + dJ_n/dt v. After `accelerate`.
+
+    Of a round corner, that of its lowest point, which is not always the same one.
+    """
     raise NotImplementedError

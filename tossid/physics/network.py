@@ -9,9 +9,9 @@ from tossid.kernels import lean_kernel
 
 @lean_kernel
 def network(k_res, f, hidden, out):  # type: ignore[no-untyped-def]
-    """out (nv,) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1); see `system.LearnedAcceleration`."""
+    """out (n_out,) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1); see `system.LearnedAcceleration`."""
     linear, W0, b0, W1, b1, W2 = k_res
-    nf, h, h0, h1 = f.shape[0], b0.shape[0], hidden[0], hidden[1]
+    nf, h, h0, h1 = linear.shape[1], b0.shape[0], hidden[0], hidden[1]
     for i in range(h):
         s = b0[i]
         for j in range(nf):

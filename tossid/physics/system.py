@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from tossid.errors import ObjectError
 from tossid.objects import GRAVITY, JointLaw, ObjectModel
 from tossid.physics.registered_forces import NoForce, RegisteredForce
+from tossid.physics.rounds import Points, Shape, shape_of
 from tossid.settings.limits import VALUES
 
 Array = NDArray[np.float64]
@@ -18,19 +19,21 @@ Array = NDArray[np.float64]
 class LearnedAcceleration(NamedTuple):
     """A learned acceleration a_res(q, v) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1).
 
-    f are the features of `free.features`, in the base's frame, where the world's
-    symmetries (translation, turning about the vertical) are exact; the output is
-    an acceleration in the same frame. Velocity enters f as |v| R^T v, so that a
-    linear drag matrix is quadratic drag. The force is k_res = M a_res. Empty arrays
-    (zero rows of `linear`) mean none.
+    f are the first features of `free.features`. Those of the body are in the base's
+    frame, where the world's symmetries (translation, turning about the vertical) are
+    exact; the first nv outputs are an acceleration in the same frame. Velocity enters
+    f as |v| R^T v, so that a linear drag matrix is quadratic drag. With the features of
+    the world, too, there may be three more outputs: an acceleration of the base's origin
+    along the world's axes. The force is k_res = M a_res. Empty arrays (zero rows of
+    `linear`) mean none.
 
     Attributes:
-        linear: (nv, n_f) W.
+        linear: (n_out, n_f) W; n_out is nv or nv + 3.
         W0: (h, n_f).
         b0: (h,).
         W1: (h, h).
         b1: (h,).
-        W2: (nv, h).
+        W2: (n_out, h).
     """
 
     linear: Array
@@ -68,6 +71,7 @@ class System(NamedTuple):
         law: (9,) the fields of `forces.Law` in their order, (0,) for a constant friction.
         joints: what acts in the joints; empty arrays for nothing.
         registered: the user's own force (`registered_forces`).
+        shape: what stands at the corners (`rounds`).
     """
 
     parent: NDArray[np.int64]
@@ -92,6 +96,7 @@ class System(NamedTuple):
     law: Array = np.zeros(0)
     joints: JointLaw = JointLaw(*np.zeros((5, 0)))
     registered: RegisteredForce = NoForce()
+    shape: Shape = Points()
 
     @property
     def nv(self) -> int:
@@ -109,13 +114,20 @@ class System(NamedTuple):
         return len(self.corner_body)
 
 
-def n_features(n_joints: int) -> int:
-    """Number of the learned acceleration's features: vertical (3), |v| v (3), spin (3); sin, cos, rate of each joint.
+N_WORLD = 13
+"""Features of the world: the world's x (3) and y (3) in the base's axes, one (1), position (3), velocity (3)."""
+
+
+def n_features(n_joints: int, *, world: bool = False) -> int:
+    """Number of the learned acceleration's features.
+
+    Those of the body: vertical (3), |v| v (3), spin (3); sin, cos, rate of each joint. Those of the world follow.
 
     Args:
         n_joints: of the object.
+        world: with those of the world.
     """
-    return 9 + 3 * n_joints
+    return 9 + 3 * n_joints + (N_WORLD if world else 0)
 
 
 def no_learned_acceleration(n_joints: int) -> LearnedAcceleration:
@@ -181,4 +193,5 @@ def make_system(
         relaxation=float(model.relaxation),
         cohesion=float(model.cohesion),
         joints=JointLaw(*map(contiguous, model.joints)),
+        shape=shape_of(model.roundness),
     )

@@ -134,11 +134,20 @@ def add_learned(k_res, s, nx):  # type: ignore[no-untyped-def]
         f[6 + i] = 0.1 * v[3 + i]
     for j in range(nx - 3):
         f[9 + 3 * j], f[10 + 3 * j], f[11 + 3 * j] = math.sin(q[7 + j]), math.cos(q[7 + j]), 0.1 * v[6 + j]
+    n = 3 * nx
+    if k_res.linear.shape[1] > n:
+        f[n + 6] = 1.0
+        for i in range(3):
+            f[n + i], f[n + 3 + i] = R[0, i], R[1, i]
+            f[n + 7 + i], f[n + 10 + i] = q[i], v[i]
     network(k_res, f, s.hidden, s.learned)
     for i in range(3):
         s.a[i] -= s.learned[i]
     for x in range(nx):
         s.rate[x] += s.learned[3 + x]
+    for k in range(k_res.linear.shape[0] - 3 - nx):  # along the world's axes
+        for i in range(3):
+            s.a[i] -= R[k, i] * s.learned[3 + nx + k]
 
 
 @inlined_kernel

@@ -39,7 +39,7 @@ class Work(NamedTuple):
     bias: Array  # (nv,)
     feature: Array  # (n_f,)
     hidden: Array  # (2, h)
-    accel: Array  # (nv,)
+    accel: Array  # (nv + 3,)
 
 
 def make_work(system: System) -> Work:
@@ -60,9 +60,9 @@ def make_work(system: System) -> Work:
         z((nv, nv)),
         z((nv, nv)),
         z(nv),
-        z(n_features(nb - 1)),
+        z(n_features(nb - 1, world=True)),
         z((2, h)),
-        z(nv),
+        z(nv + 3),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+from tossid.settings.diagnosis_order import OrderSettings
 from tossid.settings.diagnosis_patch import PatchSettings
 from tossid.settings.diagnosis_report import ReportSettings
 from tossid.settings.kinds import Bounds, Count, Fraction, NonNegative, Positive, Seed, Span, advanced_part
@@ -219,6 +220,21 @@ class VerdictSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LearnedSettings:
+    """What a simulator's learned acceleration stands for (`tossid.diagnosis.learned`)."""
+
+    states: Count = 2000
+    """most states in flight at which it is compared with effects"""
+    effects: Count = 3
+    """most effects that it is said to stand for"""
+    least_share: Fraction = 0.05
+    """share of its mean square that an effect must do beyond those before it"""
+    least_acceleration: Positive = 0.05
+    """root mean square below which it is said to do next to nothing [m/s²]; angular accelerations count over half a
+    width"""
+
+
+@dataclass(frozen=True, kw_only=True)
 class PlaneSettings:
     """How a motion that stays in a plane is recognised, and what it shows."""
 
@@ -323,6 +339,10 @@ class DiagnoseSettings:
     """how the residual wrench is estimated"""
     witnesses: WitnessSettings = advanced_part(WitnessSettings)
     """which impacts and slides are measured without a simulator"""
+    learned: LearnedSettings = advanced_part(LearnedSettings)
+    """how a learned acceleration is compared with effects"""
+    order: OrderSettings = advanced_part(OrderSettings)
+    """when an effect is not the same in all tosses"""
     next_toss: NextTossSettings = advanced_part(NextTossSettings)
     """how the next toss is sought"""
     verdict: VerdictSettings = advanced_part(VerdictSettings)

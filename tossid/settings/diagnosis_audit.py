@@ -50,6 +50,10 @@ class ScoreSettings:
     """wanted share of pairs of which both effects are named"""
     outside: Fraction = 0.75
     """wanted share of forces outside the library for which nothing is named"""
+    same_moment: Count = 3
+    """tosses by which a change over the order may be found off"""
+    moments: Fraction = 0.95
+    """wanted share of changes over the order that are found"""
     groups: Count = 4
     """groups of equally many cases whose share of right names is drawn over the displacement"""
     shaded: Span = (5.0, 500.0)
@@ -77,6 +81,8 @@ class AuditSettings:
     """standard deviation of recorded orientations [rad]"""
     displacement: Annotated[tuple[Positive, Positive], Ordered()] = (8.0, 300.0)
     """how far an effect moves the object (median over a toss), over the position noise: drawn between these"""
+    over_order: bool = False
+    """make cases in which an effect changes over the order of the tosses, or nothing does; false: effects are in all"""
     making: CaseSettings = advanced_part(CaseSettings)
     """how cases are made"""
     scoring: ScoreSettings = advanced_part(ScoreSettings)

@@ -175,3 +175,35 @@ class FreeFallSettings:
     """reweightings"""
     worst_condition: Positive = 1e10
     """condition number of the normal equations beyond which the centre of mass is undetermined"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParabolaSettings:
+    """When a body of unknown shape flies: its centre of mass is on a parabola (`tossid.motion.parabola`)."""
+
+    shortest: Positive = 0.06
+    """duration of a window that a parabola is fitted to [s]; more where noise asks for it"""
+    longest: Positive = 0.2
+    """most that it may last [s]"""
+    fewest_frames: Count = 6
+    """fewest frames of a window"""
+    noise_ratio: Positive = 15.0
+    """windows are so long that a body that is carried misses the parabola by so many times the noise"""
+    most_windows: Count = 6000
+    """windows, evenly drawn, from which the centre of mass is found"""
+    still: Positive = 2e-3
+    """windows in which the pose hardly changes show no centre of mass: largest distance [m] and angle [rad]"""
+    first_scale: Positive = 10.0
+    """scale of the redescending loss at first, over the misfit of a body that is carried; it is halved step by step"""
+    last_scale: Positive = 0.2
+    """the same at last"""
+    fewest_windows: Count = 6
+    """windows on a parabola below which there is no flight"""
+    iterations: Count = 6
+    """refits to the windows that fly"""
+    deviations: Positive = 1.7
+    """a window flies if its misfit is below so many of the typical one of flight"""
+    most_carried: Fraction = 0.35
+    """and below this share of the misfit of a body that is carried"""
+    rest_speed: Positive = 0.05
+    """speed of the centre of mass, and spin times gyration, below which a body is at rest [m/s]"""

@@ -50,6 +50,8 @@ class ShapeSettings(Checked):
     """frames, evenly drawn, from which the number of vertices is found; the last fit takes all"""
     unseen_rel: Positive = 0.15
     """share of that radius by which the outer hull may lie beyond the shape before it is reported as unseen"""
+    seen_angle: Positive = 0.15
+    """angle from the downward direction of a contact within which points of a round surface count as seen [rad]"""
     other_angle: Positive = 8.7e-3
     """turn from the last frame that counted after which a frame of a toss counts again [rad]"""
     other_height: Positive = 2e-4
@@ -90,6 +92,8 @@ class EvidenceSettings(Checked):
     seen_rel: Positive = 0.06
     """height below which a learned corner touches the ground, as a share of that radius, or of half the width where no
     radius is known"""
+    seen_angle: Positive = 0.2
+    """angle from the downward direction in a contact within which points of a round surface count as seen [rad]"""
     fewest_seen: Count = 3
     """frames in which a learned corner touches, from which on it counts as seen"""
 

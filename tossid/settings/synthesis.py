@@ -211,3 +211,37 @@ class SynthesizeSettings(Checked):
     """what is added to the states"""
     camera: CameraSettings = CameraSettings()
     """the cameras"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeTossSettings(Checked):
+    """Tosses of convex shapes in MuJoCo, from which they are learned anew (`tossid.synthesis.shapes`)."""
+
+    tosses: Count = 60
+    """how many"""
+    mass: Positive = 0.3
+    """of the object [kg]"""
+    friction: NonNegative = 0.25
+    """Coulomb's"""
+    frame_offset: tuple[float, float, float] = (0.012, -0.02, 0.007)
+    """where the shape's middle is in the recorded body frame [m]"""
+    height: Positive = 0.25
+    """of the lowest point at first [m]"""
+    speed: NonNegative = 1.0
+    """largest horizontal speed along each axis at first [m/s]"""
+    spin: NonNegative = 6.0
+    """standard deviation of the spin along each axis at first [rad/s]"""
+    noise: NonNegative = 1.5e-4
+    """standard deviation of recorded positions [m], as of the published cube's"""
+    noise_rad: NonNegative = 2e-3
+    """standard deviation of recorded rotations [rad]"""
+    rate_hz: Positive = 148.0
+    """frames a second"""
+    frames: Count = 180
+    """most frames of a toss"""
+    rest_frames: Count = 10
+    """frames at rest after which a toss ends"""
+    step: Positive = 2.5e-4
+    """MuJoCo's time step [s]"""
+    seed: Seed = 0
+    """of what is drawn"""

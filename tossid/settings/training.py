@@ -37,12 +37,19 @@ class ModelSettings(Checked):
     """learn Coulomb's friction"""
     learn_k_res: bool = False
     """learn an acceleration k_res beside the given continuous dynamics k_hat"""
+    k_res_inputs: Literal["body", "world"] = "body"
+    """what k_res sees. body: attitude, velocity and spin as the body feels them, so that it is the same everywhere;
+    world: and position, heading and velocity in the world, for a field"""
+    k_res_gravity: bool = True
+    """k_res has a uniform vertical acceleration of its own, which nothing penalises"""
     learn_inertia: bool = False
     """learn inertia, centre of mass, and the ratios of the links' masses"""
     learn_contact_law: bool = False
     """learn stiffness, relaxation and cohesion of contact; from rollouts alone"""
     implicit: bool = True
     """learn contact by the implicit loss first; false: by prediction error alone"""
+    together: bool = False
+    """learn everything at once by the implicit loss, on all transitions; corners are never started again"""
     refine_geometry: bool = False
     """rollouts refine the corners, too"""
     gravity: Gravity = 9.81
@@ -62,8 +69,12 @@ class ModelSettings(Checked):
     horizons: tuple[Count, ...] = (20, 90)
     """frames after first contact of the rollouts that refine friction, contact law and inertia; with joints, of
     stretches from everywhere in a toss, half the first and then the first long; []: no such stages"""
+    cone: Literal["exact", "polyhedral"] = "exact"
+    """friction cone of rollouts; polyhedral: of eight directions, solved as a linear complementarity problem"""
     inertia: Literal["log_cholesky", "triangular", "direct"] = "log_cholesky"
-    """parameterisation of a learned inertia"""
+    """parameterisation of a learned inertia; triangular: A^T A with A upper triangular"""
+    random_start: bool = False
+    """start from corners, friction and (if learned) inertia that the seed draws, as in StartSettings"""
     start_inertia: Positive = 1.0
     """inertia that training starts from, relative to the object's"""
     start_com: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -89,10 +100,27 @@ DIFFSIM = replace(CNRPI, name="diffsim", implicit=False, refine_geometry=True)
 E2E = ModelSettings(
     name="e2e", kind="e2e", learn_geometry=False, learn_friction=False, implicit=False, hidden=128, horizons=()
 )
-VARIANTS = {variant.name: variant for variant in (CN, CNRP, CNRPI, DIFFSIM, E2E)}
+CNRP_WORLD = replace(CNRP, name="cnrp_world", k_res_inputs="world", k_res_gravity=False, residual_weight=1e-7)
+PAPER_CN = replace(
+    CN,
+    name="paper_cn",
+    together=True,
+    random_start=True,
+    dissipation=1.0,
+    penetration=1.0,
+    horizons=(),
+    cone="polyhedral",
+)
+PAPER_CNRP = replace(PAPER_CN, name="paper_cnrp", learn_k_res=True, k_res_inputs="world", k_res_gravity=False)
+PAPER_CNRPI = replace(PAPER_CNRP, name="paper_cnrpi", learn_inertia=True, inertia="triangular")
+VARIANTS = {
+    variant.name: variant for variant in (CN, CNRP, CNRPI, DIFFSIM, E2E, CNRP_WORLD, PAPER_CN, PAPER_CNRP, PAPER_CNRPI)
+}
 """The variants by name. cn: geometry and friction (ContactNets); cnrp: and k_res; cnrpi: and inertia with the centre of
 mass, and the contact law; diffsim: what cnrpi learns, by prediction error alone; e2e: a network from state to next
-velocity. `conf/model/` shows the same."""
+velocity; cnrp_world: cnrp with a k_res that knows where the object is, and gravity in it like any other field;
+paper_cn, paper_cnrp, paper_cnrpi: the same three as Bianchini and Posa have them, everything at once. `conf/model/`
+shows the same."""
 
 
 @dataclass(frozen=True, kw_only=True)

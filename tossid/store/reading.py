@@ -14,7 +14,8 @@ import numpy as np
 
 from tossid import budget
 from tossid.errors import FileError, MotionError, ObjectError
-from tossid.objects import ObjectModel
+from tossid.objects import ObjectModel, unstated_object
+from tossid.objects.unstated import UNKNOWN
 from tossid.store.dataset import Dataset
 from tossid.store.hashing import file_sha256
 from tossid.store.heaps import check_heaps
@@ -227,6 +228,11 @@ def _checked_members(path: Path, group: h5py.Group, nq: int, nv: int) -> Iterato
 
 def _read_object(path: Path, group: h5py.Group) -> ObjectModel:
     refuse_strangers(path, group, {"mjcf", "tags"})
+    if not len(group) and attribute(path, group, "name", str) == UNKNOWN:
+        unstated = unstated_object()
+        if (attribute(path, group, "nq", int), attribute(path, group, "nv", int)) != (unstated.nq, unstated.nv):
+            raise FileError(path, f"/object is '{UNKNOWN}', one rigid body; the attributes nq and nv say otherwise")
+        return unstated
     stored = child(path, group, "mjcf", h5py.Dataset)
     check_stored(path, stored, np.dtype("|u1"), (None,))
     budget.check_claim(path, "bytes of /object/mjcf", stored.shape[0], budget.limits().model_text)

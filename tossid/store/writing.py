@@ -69,7 +69,7 @@ def dataset_writer(model: ObjectModel, path: Path) -> Iterator[DatasetWriter]:
     """
     if not isinstance(model, ObjectModel):
         raise InputError(f"the dataset's object is a {type(model).__name__}, expected an ObjectModel")
-    text = text_of_model(model)
+    text = text_of_model(model) if model.is_stated else None
     with output_stream(path) as stream:
         sink = _Sink(stream)
         try:
@@ -221,8 +221,12 @@ def _check_provenance(provenance: Mapping[str, Any]) -> None:
             raise InputError(f"provenance {key!r} is text that an attribute cannot hold ({len(value)} characters)")
 
 
-def _write_object(group: h5py.Group, model: ObjectModel, text: str) -> None:
+def _write_object(group: h5py.Group, model: ObjectModel, text: str | None) -> None:
+    """The object; text: its MJCF, None for one of which nothing is stated."""
     group.attrs["name"] = model.name
+    if text is None:
+        group.attrs["nq"], group.attrs["nv"] = model.nq, model.nv
+        return
     group.attrs["friction"], group.attrs["restitution"] = float(model.friction), float(model.restitution)
     for name in CONTACT_LAW:
         if getattr(model, name):

@@ -151,9 +151,11 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
         settings: How to train.
 
     Raises:
-        InputError: A split is empty, or has fewer tosses than asked for.
+        InputError: A split is empty, or has fewer tosses than asked for, or no object is stated.
     """
     torch.set_num_threads(1)
+    if settings.object is None and not dataset.object.is_stated:
+        raise InputError("the dataset states no object; object=unknown learns one (object.mass: its mass in kg)")
     train, validation = training_tosses(dataset, settings)
     shown = None if settings.object is None else unknown_object(train, settings.object)
     start = dataset.object if shown is None else shown.object

@@ -32,6 +32,7 @@ from tossid.models.trained import EpochRecord
 from tossid.models.transitions import Transitions, make_transitions
 from tossid.motion import FlightState
 from tossid.objects import ObjectModel
+from tossid.objects.shape_evidence import ShapeEvidence
 from tossid.settings.training import TrainSettings
 from tossid.training.losses import LossStage, Stage
 from tossid.training.restarts import Restart, evidence_of
@@ -91,9 +92,10 @@ class Fit:
         self.train_tosses = tuple(train)
         true = model.measurement.true_toss
         self._tosses = (tuple(true(toss) for toss in train), tuple(true(toss) for toss in validation))
-        self.evidence = evidence_of(
-            self._tosses[0], self.settings.restarts, shape=None if shown is None else shown.shape
-        )
+        self.evidence: ShapeEvidence | str = "a round shape is not held against the hull of its frames"
+        if model.object.roundness is None:
+            known = None if shown is None else shown.shape
+            self.evidence = evidence_of(self._tosses[0], self.settings.restarts, shape=known)
         self.restarts: list[Restart] = []
         self._before: tuple[float, dict[str, Any]] | None = None
         near = self._geometry_of_contact(model.object)

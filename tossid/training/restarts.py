@@ -17,9 +17,12 @@ from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.models.trained import EpochRecord
-from tossid.objects import ObjectModel, corner_positions
+from tossid.objects import ObjectModel, body_poses, corner_positions
 from tossid.objects.convex_shape import protrusion
+from tossid.objects.model import HULL_POINTS
+from tossid.objects.roundness import directions
 from tossid.objects.shape_evidence import ShapeEvidence
+from tossid.rotations import quat_to_matrix
 from tossid.settings.objects import EvidenceSettings
 from tossid.settings.training import RestartSettings, TrainSettings
 from tossid.types import Toss
@@ -69,8 +72,26 @@ def seen_corners(model: ObjectModel, tosses: Sequence[Toss], settings: EvidenceS
         settings: How near the ground, and how often.
     """
     reach = settings.seen_rel * 0.5 * model.width
+    if model.roundness is not None:
+        return _seen_directions(model, tosses, reach, settings)
     count = sum((corner_positions(model, toss.q)[..., 2] < reach).sum(axis=0) for toss in tosses)
     return np.asarray(count >= settings.fewest_seen)
+
+
+def _seen_directions(
+    model: ObjectModel, tosses: Sequence[Toss], reach: float, settings: EvidenceSettings
+) -> NDArray[np.bool_]:
+    """Marks points of a round object's surface (`ObjectModel.as_points`) whose normal pointed down in contacts."""
+    ways, found = directions(HULL_POINTS), []
+    for body in sorted(set(model.corner_body.tolist())):
+        own, down = model.corner_body == body, [np.zeros((0, 3))]
+        for toss in tosses:
+            touching = corner_positions(model, toss.q)[:, own, 2].min(axis=1) < reach
+            quat = body_poses(model, toss.q[touching])[1][:, body]
+            down.append(-quat_to_matrix(quat)[:, 2, :])
+        near = ways @ np.concatenate(down).T > np.cos(settings.seen_angle)
+        found.append(near.sum(axis=1) >= settings.fewest_seen)
+    return np.concatenate(found)
 
 
 def geometry_report(model: ObjectModel, seen: NDArray[np.bool_], *, length_scale: float) -> list[dict[str, Any]]:
@@ -78,12 +99,14 @@ def geometry_report(model: ObjectModel, seen: NDArray[np.bool_], *, length_scale
 
     Args:
         model: The object as it was learned.
-        seen: (n,), of `seen_corners`.
+        seen: (n,), of `seen_corners`; of a round object, of the points of its surface.
         length_scale: Recorded length per true length.
 
     Returns:
         An entry a body: `vertices_m` in the recorded body frame, and `seen`.
     """
+    if model.roundness is not None:
+        model = model.as_points()
     own = [model.corner_body == body for body in range(model.n_bodies)]
     corners = length_scale * model.corner_pos
     return [{"vertices_m": corners[which].round(6).tolist(), "seen": seen[which].tolist()} for which in own]
@@ -144,7 +167,8 @@ def _body(model: ObjectModel) -> list[str]:
     """Centres of mass and moments of inertia that no mass within the corners has."""
     found = []
     for body in range(model.n_bodies):
-        corners, name = model.corner_pos[model.corner_body == body], model.body_names[body]
+        drawn = model.drawn
+        corners, name = drawn.corner_pos[drawn.corner_body == body], model.body_names[body]
         if len(corners) < 4:
             continue
         if protrusion(model.com[body], corners) > OUTSIDE * model.width:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.models import TrainedModel
+from tossid.models.random_start import draw_start
 from tossid.objects import GRAVITY, ObjectModel, to_mjcf
 from tossid.settings.training import StartSettings
 
@@ -66,18 +67,9 @@ def random_starts(
     found = []
     for number in range(count):
         rng = np.random.default_rng([seed, number])
-        n, kind = stated.n_corners, ("ball", "offset")[number % 2]
-        direction = rng.normal(size=(n, 3))
-        if kind == "ball":
-            length = np.linalg.norm(direction, axis=1, keepdims=True)
-            corners = settings.ball * direction / length * rng.random((n, 1)) ** (1 / 3)
-        else:
-            corners = stated.corner_pos + settings.offset_rel * 0.5 * stated.width * direction
-        friction, scale = (float(np.exp(rng.uniform(*np.log(ends)))) for ends in (settings.friction, settings.inertia))
-        gravity = (0.0, GRAVITY)[(number // 2) % 2]
-        if not continuous:
-            scale, gravity = 1.0, GRAVITY
-        model = stated.with_changes(corner_pos=corners, friction=friction, inertia=scale * stated.inertia)
+        kind = ("ball", "offset")[number % 2]
+        model, scale = draw_start(stated, rng, settings, ball=kind == "ball", inertia=continuous)
+        gravity = (0.0, GRAVITY)[(number // 2) % 2] if continuous else GRAVITY
         found.append(Start(model.with_changes(mjcf=to_mjcf(model)), gravity, kind, scale))
     return found
 

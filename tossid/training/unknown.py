@@ -40,6 +40,7 @@ class UnknownObject(NamedTuple):
         """
         shape, fall = self.shape, self.fall
         return {
+            "shape": shape.kind,
             "corners_m": shape.vertices.round(6).tolist(),
             "corner_deviation_m": [None if np.isinf(sd) else round(float(sd), 6) for sd in shape.deviation],
             "contacts": shape.frames.tolist(),
@@ -83,8 +84,9 @@ def unknown_object(tosses: Sequence[Toss], settings: UnknownObjectSettings = Unk
         mass=np.array([settings.mass]),
         com=fall.com[None],
         inertia=settings.mass * inertia[None],
-        corner_body=np.zeros(len(shape.vertices), dtype=np.int64),
-        corner_pos=shape.vertices,
+        corner_body=np.zeros(len(shape.corners), dtype=np.int64),
+        corner_pos=shape.corners,
+        roundness=shape.roundness,
         friction=settings.friction,
         restitution=0.0,
         width=shape.mean_width,

@@ -8,16 +8,17 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from tossid.errors import FileError
+from tossid.errors import ConfigError, FileError
 from tossid.motion import Defect, covariance_source, find_defects, median_rate, tosses_in_turn
 from tossid.motion.defects import RULES
+from tossid.motion.parabola import find_parabola
 from tossid.motion.segmentation import Stretch
 from tossid.motion.sessions import as_recorded
 from tossid.motion.sessions.smoothing import WHITE, look_for_smoothing
 from tossid.objects import ObjectModel, load_object, recorded_object
 from tossid.settings.changed import changed
 from tossid.settings.ingestion import IngestSettings, TossSettings
-from tossid.settings.objects import ObjectSettings
+from tossid.settings.objects import ObjectSettings, UnknownObjectSettings
 from tossid.store import Dataset, drawn_splits, source_sha256
 from tossid.store.importers.registry import Contents, InputFormat
 from tossid.store.provenance import provenance_of
@@ -30,7 +31,7 @@ from tossid.vision.recordings.disk_buffer import pose_spool
 from tossid.vision.recordings.registry import Opened, format_named, input_formats, open_recording, recognized_format
 from tossid.vision.setup.layout import object_tags
 
-Named = str | Path | ObjectSettings | ObjectModel
+Named = str | Path | ObjectSettings | UnknownObjectSettings | ObjectModel
 """How an object is named: by a known name, a file, settings, or a model."""
 Scalars = Mapping[str, str | int | float | bool]
 
@@ -83,7 +84,8 @@ def ingest(
     Args:
         path: What was recorded: a folder of frames or videos, a bag, a folder of TUM files or of `.pt` tensors.
         object: What was tossed: a known name ("cube"), an MJCF or URDF file, or a model. None: what the recording
-            says, else the cube (the elbow for `source="pll"`).
+            says, else the cube (the elbow for `source="pll"`). "unknown": the dataset states none, and phases come
+            from motion alone; of tracked poses of one rigid body.
         source: Format of the input, a name of `tossid.vision.recordings.registry.input_formats()`. None: what the
             path looks like.
         settings: How it is done.
@@ -170,6 +172,11 @@ def with_object(opened: Opened, object: Named | None, *, default: str | None = N
     model = _model(object, opened.folder) or _model(default)
     if model is None:
         return opened
+    if not model.is_stated:
+        raise ConfigError(
+            "object",
+            "unknown is for tracked poses (source=tum, contactnets, pll); tracking images needs the object's tags",
+        )
     return replace(opened, model=replace(model, tags=object_tags(opened.layout, model.body_names)))
 
 
@@ -280,14 +287,17 @@ def _import_poses(
         report.message("import", f"{path}: reading tosses of '{model.name}'")
         tracks, rate_hz = entry.read(source, model)
         report.message("import", f"{path}: {len(tracks)} tosses, {sum(len(track.t) for track in tracks)} frames")
-        _check_measured(tracks, model, path, settings, report)
-        tracks, order = stages.sessions(tracks, model, settings=settings, report=report)
+        flying = model if model.is_stated else find_parabola(tracks, gravity=settings.gravity).body()
+        _check_measured(tracks, flying, path, settings, report)
+        order = None
+        if model.is_stated:
+            tracks, order = stages.sessions(tracks, model, settings=settings, report=report)
         advance = report.counter("velocities and phases", len(tracks), "tosses")
         for toss in tosses_in_turn(tracks, model, gravity=settings.gravity, end_at_rest=entry.cut_at_rest):
             sink.add(toss)
             names.append(toss.name)
             # of what was recorded: levelling changes neither defects nor, with them, the draw of splits
-            defects += find_defects([as_recorded(toss, order)], model, gravity=settings.gravity)
+            defects += find_defects([as_recorded(toss, order)], flying, gravity=settings.gravity)
             advance(1)
         set_aside = _set_aside(defects, len(tracks), settings, report)
         kept = [name for name in names if name not in set_aside]

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from pipelines.config.schemas.launching import Launcher
 from tossid.settings.ingestion import DetectSettings, IngestSettings, TossSettings
 from tossid.settings.kinds import Count, Registered
-from tossid.settings.objects import ObjectSettings
+from tossid.settings.objects import ObjectSettings, UnknownObjectSettings
 from tossid.settings.tracking import TrackSettings
 
 
@@ -30,8 +30,9 @@ class _IngestFiles:
 
     source: Source
     """what is read:"""
-    object: ObjectSettings | None
-    """what was tossed; none: what the recording says, else the elbow for pll and the cube for the rest:"""
+    object: ObjectSettings | UnknownObjectSettings | None
+    """what was tossed; none: what the recording says, else the elbow for pll and the cube for the rest; unknown: the
+    dataset states no object:"""
     out: Path | None
     """the dataset to write (.h5); null: data/datasets/NAME.h5"""
 

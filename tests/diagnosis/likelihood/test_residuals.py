@@ -28,6 +28,6 @@ def test_frames_after_a_windows_last_do_not_count() -> None:
     predicted = y.copy()
     predicted[0, :, 0] = [-0.2, -0.4, 5.0]
     mix = np.array([[[0.5, 0.5, 0.0], [0.0, 0.0, 0.0]]])
-    found = mean_residuals(y, predicted, mix, np.array([2]))
+    found = mean_residuals(y, predicted, mix, np.array([2]), np.array([0]))
     np.testing.assert_allclose(found[0, 0], [0.3, 0, 0, 0, 0, 0, 0], atol=1e-15)
     assert not found[0, 1].any()

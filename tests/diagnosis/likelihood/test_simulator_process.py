@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -54,15 +56,15 @@ def test_motions_come_back_as_the_function_has_them(made: Any) -> None:
 def test_it_runs_in_another_process_that_starts_again_after_it_was_closed(made: Any) -> None:
     def telling(q0: np.ndarray, v0: np.ndarray, n_steps: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
         q, v = falling(q0, v0, n_steps, dt)
-        q[:, 1:, 0] = os.getpid()
+        q[:, 1:, 0] = os.getpid() * 1e-6
         return q, v
 
     process = made(telling)
     first = process(Q0, V0, 1, 0.01)[0, 1, 0]
-    assert first != os.getpid()
+    assert first != os.getpid() * 1e-6
     assert process(Q0, V0, 1, 0.01)[0, 1, 0] == first
     process.close()
-    assert process(Q0, V0, 1, 0.01)[0, 1, 0] not in (first, os.getpid())
+    assert process(Q0, V0, 1, 0.01)[0, 1, 0] not in (first, os.getpid() * 1e-6)
 
 
 def _nan(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
@@ -87,6 +89,16 @@ def _stretched(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
     return q, v
 
 
+def _far(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
+    q, v = falling(q0, v0, n_steps, dt)
+    q[:, 1:, 2] = 1e300
+    return q, v
+
+
+def _huge(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
+    return np.broadcast_to(0.0, (10**6, 10**6)), v0
+
+
 def _raising(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
     raise ValueError("no such friction")
 
@@ -101,12 +113,14 @@ def _raising(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
         (lambda *_: os._exit(3), r"mine: its process ended \(exit status 3\)"),
         (_nan, r"returns q that is not finite in 1 of 2 motions, in row 1 from frame 3 of 5"),
         (_short, r"returns q of shape \(2, 5, 7\), expected \(2, 6, 7\)"),
+        (_huge, r"returns q of shape \(1000000, 1000000\), expected"),
+        (_far, r"returns q of 1e\+300, expected at most 10000"),
         (_shifted, r"begin 0.0\d+ from the first states"),
         (_stretched, r"quaternions of length 1.5"),
         (_raising, r"mine: raises ValueError: no such friction \(line \d+ of test_simulator_process.py\)"),
         (lambda *_: None, r"returns NoneType, expected a pair of arrays"),
     ],
-    ids=["crash", "exit", "nan", "shape", "first", "quaternion", "raises", "none"],
+    ids=["crash", "exit", "nan", "shape", "huge", "far", "first", "quaternion", "raises", "none"],
 )
 def test_each_failure_is_one_clear_error(made: Any, function: Any, says: str) -> None:
     with pytest.raises(InputError, match=says):
@@ -119,6 +133,52 @@ def test_a_hang_is_ended(made: Any) -> None:
     with pytest.raises(InputError, match="gave no answer within 1 s, and was ended"):
         process(Q0, V0, 5, 0.01)
     assert time.perf_counter() - began < 30
+
+
+LEFT = """
+import os, subprocess, sys, time
+from pathlib import Path
+from tossid.diagnosis.likelihood.simulator_process import FromFile, Given, SimulatorProcess
+import numpy as np
+
+def hangs(*_):
+    started = subprocess.Popen(["sleep", "600"])
+    Path("started").write_text(f"{os.getpid()} {started.pid}")
+    time.sleep(600)
+
+if __name__ == "__main__":
+    source = Given(hangs) if sys.argv[1] == "given" else FromFile(Path(__file__), "hangs")
+    SimulatorProcess(source, about="mine", seconds=600.0)(np.zeros((1, 7)), np.zeros((1, 6)), 1, 0.01)
+"""
+
+
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("source", ["given", "file"])
+def test_nothing_is_left_of_a_simulator_whose_command_has_ended(
+    source: str, end: signal.Signals, tmp_path: Path
+) -> None:
+    (tmp_path / "left.py").write_text(LEFT)
+    command = subprocess.Popen([sys.executable, "left.py", source], cwd=tmp_path, stderr=subprocess.DEVNULL)
+    _until(lambda: len((tmp_path / "started").read_text().split()) == 2 if (tmp_path / "started").exists() else False)
+    left = [int(pid) for pid in (tmp_path / "started").read_text().split()]
+    command.send_signal(end)
+    command.wait(30)
+    _until(lambda: not any(_running(pid) for pid in left))
+
+
+def _until(true: Callable[[], bool]) -> None:
+    began = time.monotonic()
+    while not true():
+        assert time.monotonic() - began < 60
+        time.sleep(0.05)
+
+
+def _running(pid: int) -> bool:
+    """Whether a process is there, and no zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 def test_a_function_of_a_file(made: Any, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.tossed import seen
+from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
 from tossid.diagnosis.likelihood.whitening import linearise
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.objects import ObjectModel
@@ -31,16 +32,38 @@ def test_refined_first_states_fit_the_frames_better(cube: ObjectModel, windows: 
 
 
 def test_factors_whiten_the_covariance_of_the_model(cube: ObjectModel, windows: Windows) -> None:
-    """In flight, without slow errors: W (R + S P S^T) W^T = 1."""
+    """In flight, with and without slow errors: W (R + S P S^T + c c^T) W^T = 1, and W is lower triangular in time."""
     windows = windows.rows(np.flatnonzero(windows.free))
-    windows = replace(windows, slow=0 * windows.slow)
-    kept, whitening = linearise(windows, World(cube), refine=0)
-    S = whitening.by_state * kept.prior[:, None]
-    noise = np.where(kept.inside[..., None], kept.noise**2, 1.0).reshape(len(S), -1)
-    cov = S @ S.mT + np.eye(noise.shape[1]) * noise[:, None]
-    white = whitening.root @ cov @ whitening.root.mT
-    np.testing.assert_allclose(white, np.broadcast_to(np.eye(white.shape[1]), white.shape), atol=1e-6)
-    np.testing.assert_allclose(whitening.log_det, -0.5 * np.linalg.slogdet(cov)[1], rtol=1e-9)
+    W, K, rows = windows.slow.shape[:3]
+    L = rows - 1
+    rng = np.random.default_rng(0)
+    alike = np.exp(-(((np.arange(rows)[:, None] - np.arange(rows)) / 8.0) ** 2))
+    exists = np.concatenate([np.ones((W, 1), bool), windows.inside], axis=1)
+    alike = alike * exists[:, None, :, None] * exists[:, None, None, :]
+    size = np.repeat([2e-4, 4e-3], 3)[:, None, None]
+    noise = np.concatenate([windows.prior[:, None, :K], windows.noise], axis=1).transpose(0, 2, 1)
+    for slow in (0 * windows.slow, size**2 * alike):
+        own = slow + noise[..., None] ** 2 * np.eye(rows)
+        known = replace(windows, slow=slow, root=np.linalg.inv(np.linalg.cholesky(own)))
+        other = 1e-3 * rng.normal(size=(W, L, K)) * known.inside[..., None]
+        engine = EngineDifference(other, 0.0, other)
+        kept, whitening = linearise(known, World(cube), refine=0, difference=engine)
+        basis = np.eye(K * L).reshape(K * L, 1, L, K) + whitening.mean.reshape(W, L, K)
+        factor = np.stack([whitening(each).reshape(W, K * L) for each in basis], axis=2)
+        # residuals are rows' own errors, less what the first pose's and velocity's errors move, and the other engine's
+        S = whitening.by_state
+        into = np.concatenate([-S[..., :K], S[..., K:] * kept.prior[:, None, K:], other.reshape(W, -1, 1)], axis=2)
+        cov = np.zeros((W, K * L, K * L))
+        for c in range(K):
+            cov[:, c::K, c::K] += own[:, c, 1:, 1:]
+            shared = np.zeros_like(cov)
+            shared[:, :, c::K] = into[:, :, None, c] * own[:, c, None, 0, 1:]
+            cov += shared + shared.mT + own[:, c, 0, 0, None, None] * into[:, :, None, c] * into[:, None, :, c]
+        cov += into[..., K:] @ into[..., K:].mT
+        white = factor @ cov @ factor.mT
+        np.testing.assert_allclose(white, np.broadcast_to(np.eye(white.shape[1]), white.shape), atol=1e-6)
+        np.testing.assert_allclose(whitening.log_det, -0.5 * np.linalg.slogdet(cov)[1], rtol=1e-9)
+        assert not np.triu(factor, 1).any()
 
 
 def test_what_has_not_changed_is_not_computed_again(cube: ObjectModel, windows: Windows) -> None:
@@ -49,7 +72,7 @@ def test_what_has_not_changed_is_not_computed_again(cube: ObjectModel, windows: 
     np.testing.assert_array_equal(again.at_v, kept.at_v)
     moved = (same.taken_at != whitening.taken_at).any(axis=1)
     assert moved.mean() < 0.2
-    np.testing.assert_array_equal(same.root[~moved], whitening.root[~moved])
+    np.testing.assert_array_equal(same.gain[~moved], whitening.gain[~moved])
 
 
 def test_poses_with_zero_covariance_are_whitened(cube: ObjectModel) -> None:

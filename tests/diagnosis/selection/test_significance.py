@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
+from scipy.stats import rankdata, wilcoxon
 
 from tossid.diagnosis.selection.significance import (
     PARTS,
@@ -36,6 +39,26 @@ def test_signed_ranks_ignore_one_outlier() -> None:
     assert signed_rank_p_value(np.append(np.arange(1.0, 13.0), -1e6)) < 0.1
     assert signed_rank_p_value(np.array([-1.0, 1.1, -0.9, 0.8])) > 0.4
     assert signed_rank_p_value(np.array([1.0, 2.0])) == 1.0
+
+
+@pytest.mark.parametrize("n", [4, 9, 12])
+def test_ranks_with_ties_and_zeros_are_tested_by_all_choices_of_signs(n: int) -> None:
+    rng = np.random.default_rng(n)
+    for _ in range(5):
+        values = rng.integers(-2, 5, n).astype(float)
+        signs = np.array(list(itertools.product([-1.0, 1.0], repeat=n)))
+        kept = values[values != 0]
+        ranks = np.where(values != 0, rankdata(np.where(values != 0, np.abs(values), np.inf)), 0.0)
+        sums = np.where(signs > 0, ranks, 0.0).sum(1)
+        expected = (sums >= ranks[values > 0].sum() - 1e-9).mean()
+        assert signed_rank_p_value(values) == pytest.approx(expected if len(kept) else 1.0)
+
+
+def test_ranks_without_ties_are_as_scipy_has_them() -> None:
+    for n in (5, 20, 50, 80):
+        values = np.random.default_rng(n).normal(0.3, 1, n)
+        expected = wilcoxon(values, alternative="greater").pvalue
+        assert signed_rank_p_value(values) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(("effects", "tests", "needed"), [(29, 3, 11), (35, 3, 12), (29, 1, 10), (1, 1, 5), (2, 3, 7)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from tests.physics.effects.toy import HEIGHT_PULL, registered
@@ -34,7 +35,11 @@ def test_names_are_unique_and_effects_refer_to_each_other_by_them() -> None:
 
 
 def test_objects_with_joints_have_more_effects(cube: ObjectModel, elbow: ObjectModel) -> None:
-    assert effects_for(cube) == LIBRARY
+    of_cube = effects_for(cube)
+    assert [effect.name for effect in of_cube] == [effect.name for effect in LIBRARY]
+    # no patch of contact is wider than the object
+    (radius,) = next(effect for effect in of_cube if effect.name == "torsional_friction").parameters
+    assert radius.high == pytest.approx(0.5 * np.sqrt(3) * 0.1048)
     of_links = effects_for(elbow)
     assert [effect.name for effect in of_links] == [effect.name for effect in (*LIBRARY, *JOINT_EFFECTS)]
     assert len(next(effect for effect in of_links if effect.name == "inertia").parameters) == 3

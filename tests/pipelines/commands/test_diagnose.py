@@ -189,7 +189,7 @@ def test_only_the_chosen_tosses_are_diagnosed(
         assert "seen enough" in refused([f"data={spoilt}", *keys], capfd)
     assert taken == [(whole, []), (whole[2:9], []), (train, test)]
     assert f"test split: has {len(test)} tosses; a diagnosis needs" in refused([f"data={spoilt}", "split=test"], capfd)
-    assert "has 3 tosses" in refused([f"data={spoilt}", "split=train", "tosses=3"], capfd)
+    assert "has 2 tosses" in refused([f"data={spoilt}", "split=train", "tosses=2"], capfd)
     assert "split" in refused([f"data={spoilt}", "split=trian"], capfd)
 
 

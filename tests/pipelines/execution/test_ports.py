@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.pipelines.commands.test_diagnose import FEW
 from tests.pipelines.commands.test_kills import FILM
 from tests.pipelines.execution.test_workers import slurm  # noqa: F401
 
@@ -40,7 +41,7 @@ COMMANDS = [
     ["view", "sheet=sheet.png"],
 ]
 SLOW = [
-    ["diagnose", "data=tosses", "without=[magnus,wind,vortex]"],
+    ["diagnose", "data=tosses", "tosses=6", FEW],
     ["audit", "cases=1", "tosses=6"],
 ]
 
@@ -56,7 +57,7 @@ def bound_by(folder: Path, *args: str) -> list[str]:
         [sys.executable, "-m", "pipelines.cli.app", *args],
         os.environ | {"PYTHONPATH": path, "BOUND": str(log)},
     )
-    done = subprocess.run([*command, "--quiet"], cwd=folder, env=env, capture_output=True, text=True, timeout=600)
+    done = subprocess.run([*command, "--quiet"], cwd=folder, env=env, capture_output=True, text=True, timeout=3600)
     assert done.returncode == 0, done.stderr
     return log.read_text().split() if log.exists() else []
 

@@ -12,11 +12,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from tossid.diagnosis.audit.over_order import FORMS, OrderOfCase, draw_order
 from tossid.diagnosis.audit.strengths import SPOILT
 from tossid.diagnosis.audit.unknown_forces import UNKNOWN_FORCES
 from tossid.physics.effects import all_effects, effect_named
 
-Kind = Literal["effect", "null", "pair", "outside", "without", "spoilt"]
+Kind = Literal["effect", "null", "pair", "outside", "without", "spoilt", "order"]
 
 KINDS: tuple[Kind, ...] = ("effect",) * 5 + ("null",) * 2 + ("pair", "outside", "without")
 """Every ten cases are these, in a drawn order."""
@@ -33,6 +34,7 @@ class Case:
         effects: Names of the effects or forces in it.
         targets: Displacement by each of them, over the position noise.
         seed: Seed of all that is drawn for it.
+        order: How its effects go over the order of its tosses; None: they are in all of them.
     """
 
     index: int
@@ -41,6 +43,7 @@ class Case:
     effects: tuple[str, ...]
     targets: tuple[float, ...]
     seed: int
+    order: OrderOfCase | None = None
 
     @property
     def without(self) -> tuple[str, ...]:
@@ -123,6 +126,31 @@ def draw_spoilt(n: int, *, seed: int) -> tuple[Case, ...]:
     rng = np.random.default_rng([seed, 2])
     names = _endless(list(SPOILT), rng)
     return tuple(Case(i, "spoilt", "real", (next(names),), (), int(rng.integers(2**32))) for i in range(n))
+
+
+def draw_over_order(
+    n: int, *, seed: int, engines: Sequence[str], displacement: tuple[float, float], tosses: int
+) -> tuple[Case, ...]:
+    """The first cases of effects that change over the order of their tosses.
+
+    Args:
+        n: How many.
+        seed: Seed of the draws.
+        engines: Engines that take turns.
+        displacement: As of `draw_cases`.
+        tosses: Tosses of a case.
+
+    Returns:
+        The cases.
+    """
+    rng, (low, high) = np.random.default_rng([seed, 6]), np.log(displacement)
+    cases = []
+    for i in range(n):
+        order, names = draw_order(i, tosses, rng)
+        targets = tuple(float(x) for x in np.exp(rng.uniform(low, high, len(names))))
+        engine = engines[(i + i // len(FORMS)) % len(engines)]
+        cases.append(Case(i, "order", engine, names, targets, int(rng.integers(2**32)), order))
+    return tuple(cases)
 
 
 def _endless(names: list[str], rng: np.random.Generator) -> Iterator[str]:

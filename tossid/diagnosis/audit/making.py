@@ -13,12 +13,14 @@ import numpy as np
 
 from tossid.diagnosis.audit.cases import Case
 from tossid.diagnosis.audit.displacement import motion, strength_reaching
+from tossid.diagnosis.audit.over_order import DRIFT, rates, tosses_over_order
 from tossid.diagnosis.audit.unknown_forces import UNKNOWN_FORCES, push_of
 from tossid.motion import label_phases
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 from tossid.physics.effects.strength import Values
 from tossid.settings.diagnosis_audit import AuditSettings
+from tossid.settings.ingestion import IngestSettings
 from tossid.settings.synthesis import Engine, LcpEngine, NoiseSettings, SynthesizeSettings
 from tossid.store import write_tum
 from tossid.store.importers import TumSource
@@ -42,12 +44,14 @@ def make_case(case: Case, model: ObjectModel, settings: AuditSettings, folder: P
 
     Returns:
         The truth: `case`, `effects` (values by effect and parameter) and `displacement` (what each reaches, over the
-        position noise).
+        position noise); of a drift `rates`, the change of each value from toss to toss.
     """
     synthesis = _synthesis(case, settings)
     effects, reached = _strengths(case, model, settings, synthesis)
     motions, noise = np.random.default_rng([case.seed, 5]).spawn(2)
-    if set(effects) & set(UNKNOWN_FORCES):
+    if case.order is not None:
+        tosses = tosses_over_order(effects, case.order, model, synthesis, motions)
+    elif set(effects) & set(UNKNOWN_FORCES):
         ((name, values),) = effects.items()
         tosses = _pushed_tosses(name, values, case, model, synthesis, settings, motions)
     else:
@@ -56,8 +60,14 @@ def make_case(case: Case, model: ObjectModel, settings: AuditSettings, folder: P
         position=settings.position_noise, rotation=settings.rotation_noise, joint=settings.rotation_noise
     )
     write_tum(folder / "tum", add_noise(tosses, model, stated, noise))
-    ingest_source(TumSource(path=folder / "tum"), object=model, out=folder / TOSSES, progress=lambda progress: None)
-    return {"case": case.as_json(), "effects": effects, "displacement": reached}
+    # (the diagnosis shall find what the ingest would level)
+    as_recorded = IngestSettings() if case.order is None else IngestSettings(level="never")
+    source = TumSource(path=folder / "tum")
+    ingest_source(source, object=model, settings=as_recorded, out=folder / TOSSES, progress=lambda progress: None)
+    truth = {"case": case.as_json(), "effects": effects, "displacement": reached}
+    if case.order is None or case.order.form != DRIFT:
+        return truth
+    return {**truth, "rates": rates(effects, World(model, gravity=synthesis.gravity), settings.tosses)}
 
 
 def _synthesis(case: Case, settings: AuditSettings) -> SynthesizeSettings:

@@ -13,6 +13,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from tossid.diagnosis.audit.figures import audit_figures
+from tossid.diagnosis.audit.over_order import NONE, STEP
 from tossid.diagnosis.audit.scores import summarise
 from tossid.outputs import write_whole
 from tossid.plain_json import jsonable
@@ -33,6 +34,11 @@ MEASURES = {
     "log_score_names": "logarithmic score of the probabilities of names",
     "brier_none": "Brier score of the probability of none of the library",
     "log_score_none": "logarithmic score of the probability of none of the library",
+    "changes_found": "a change over the order is found, within three tosses of where it is",
+    "changes_named": "the effect that changes is named as one that does",
+    "drifts_named": "an effect that drifts is named as one that does",
+    "drift_rate_off": "relative error of a drift's rate (median)",
+    "false_changes": "something is said to change where nothing does",
     "spoilt_named": "the spoilt parameter is named",
     "spoilt_restored": "the spoilt parameter is restored",
 }
@@ -177,7 +183,8 @@ def row_of(result: Mapping[str, Any]) -> dict[str, Any]:
         "kind": case["kind"],
         "engine": case["engine"],
         "effects": list(effects),
-        "truth": "; ".join(f"{name} {_values(values)}" for name, values in effects.items()) or "nothing",
+        "truth": "; ".join(f"{name} {_values(values)}" for name, values in effects.items()) + _when(case) or "nothing",
+        "changing": scored.get("changing", {}),
         "displacement": reached,
         "moves": ", ".join(f"{x:.0f}" for x in reached),
         "named": ", ".join("/".join(group) for group in scored["classes"].values()) or "nothing",
@@ -191,6 +198,13 @@ def row_of(result: Mapping[str, Any]) -> dict[str, Any]:
         "covered": [p["covered"] for p in scored["parameters"]],
         "seconds": result["seconds"],
     }
+
+
+def _when(case: Mapping[str, Any]) -> str:
+    order = case.get("order")
+    if order is None or order["form"] == NONE:
+        return ""
+    return f", from toss {order['at']} on" if order["form"] == STEP else ", reached by a drift"
 
 
 def _values(values: Mapping[str, float]) -> str:

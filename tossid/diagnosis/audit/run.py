@@ -21,7 +21,7 @@ import numpy as np
 
 from tossid.code_digest import code_digest
 from tossid.diagnosis.audit import steps
-from tossid.diagnosis.audit.cases import draw_cases, draw_spoilt
+from tossid.diagnosis.audit.cases import draw_cases, draw_over_order, draw_spoilt
 from tossid.diagnosis.audit.result import Audit
 from tossid.diagnosis.audit.sealing import seal, unseal
 from tossid.diagnosis.audit.spoilt import Reference, find_reference
@@ -156,8 +156,16 @@ def plan(
         A job for each case.
     """
     depends = _dependencies(model, settings, data, code)
-    if data is None:
-        only_lcp = _only_lcp(model, settings.engines)
+    only_lcp = _only_lcp(model, settings.engines)
+    if data is None and settings.over_order:
+        cases = draw_over_order(
+            settings.cases,
+            seed=settings.seed,
+            engines=settings.engines,
+            displacement=settings.displacement,
+            tosses=settings.tosses,
+        )
+    elif data is None:
         cases = draw_cases(
             settings.cases,
             seed=settings.seed,

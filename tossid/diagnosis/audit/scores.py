@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tossid.diagnosis.audit.cases import KINDS
+from tossid.diagnosis.audit.over_order import DRIFT, NONE, STEP
 from tossid.diagnosis.audit.strengths import world_with
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.gap import share_left
@@ -116,6 +117,9 @@ def score(
         "claims": claims(gap, kind, set(true)),
     }
     where = [share["phase"] for share in gap["explanation"]["unexplained_where"]]
+    if kind == "order":
+        # (`score_over_order` has the rest)
+        return {**out, "right": None}
     if kind in ("null", "outside"):
         # what is no effect of the library must get no name
         return {**out, "right": not named, "hedged": kind == "null" or verdict != "explained", "false": named}
@@ -237,7 +241,7 @@ def summarise(
     Returns:
         By measure, the `count` `of` how many, its `share` or `value`, and the share that is `wanted`, if any.
     """
-    of = {kind: [s for s in scores if s["kind"] == kind] for kind in (*dict.fromkeys(KINDS), "spoilt")}
+    of = {kind: [s for s in scores if s["kind"] == kind] for kind in (*dict.fromkeys(KINDS), "spoilt", "order")}
     covered = [p["covered"] for s in scores for p in s["parameters"]]
     closed = [s["closed"] for s in scores if s["closed"] is not None]
     phase = [s["phase_right"] for s in scores if s["phase_right"] is not None]
@@ -262,10 +266,25 @@ def summarise(
         of_kind = calibration([claim for claim in stated if (claim["of"] == "none") == some])
         out[f"brier_{measure}"] = {"value": of_kind["brier"], "of": of_kind["of"]}
         out[f"log_score_{measure}"] = {"value": of_kind["log"], "of": of_kind["of"]}
+    if of["order"]:
+        out |= _over_order(of["order"], settings)
     if of["spoilt"]:
         out["spoilt_named"] = _count([s["right"] for s in of["spoilt"]], 1.0)
         out["spoilt_restored"] = _count([p["restored"] for s in of["spoilt"] for p in s["parameters"]], 1.0)
     return out
+
+
+def _over_order(scores: Sequence[Mapping[str, Any]], settings: ScoreSettings) -> dict[str, dict[str, Any]]:
+    """The measures of cases in which an effect changes over the order."""
+    steps, drifts, none = ([s for s in scores if s["form"] == form] for form in (STEP, DRIFT, NONE))
+    off = [abs(s["rate"]["value"] / s["rate"]["true"] - 1) for s in drifts if s["rate"] is not None]
+    return {
+        "changes_found": _count([s["moment_right"] for s in steps], settings.moments),
+        "changes_named": _count([s["right"] for s in steps], None),
+        "drifts_named": _count([s["right"] and s["form_right"] for s in drifts], None),
+        "drift_rate_off": {"value": float(np.median(off)) if off else None, "of": len(off)},
+        "false_changes": {"count": sum(not s["right"] for s in none), "of": len(none)},
+    }
 
 
 def _count(values: Sequence[bool], wanted: float | None) -> dict[str, Any]:

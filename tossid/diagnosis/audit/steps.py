@@ -9,10 +9,12 @@ from typing import Any
 
 from tossid.diagnosis.audit.cases import Case
 from tossid.diagnosis.audit.making import TOSSES, make_case
+from tossid.diagnosis.audit.over_order import score_over_order
 from tossid.diagnosis.audit.scores import closable_share, score
 from tossid.diagnosis.audit.spoilt import Reference, read_case_tosses, real_tosses, spoil
 from tossid.diagnosis.explain import explain
 from tossid.diagnosis.findings import FOUND
+from tossid.diagnosis.sessions.explained import explain_over_order
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World, effects_for
 from tossid.settings.diagnosis import DiagnoseSettings
@@ -97,7 +99,7 @@ def diagnose_withheld(
     """
     tosses, world = read_case_tosses(data)
     library = tuple(effect for effect in effects_for(world.object) if effect.name not in without)
-    return explain(tosses, world, library=library, seed=seed, settings=settings).as_json()
+    return explain_over_order(tosses, world, library=library, seed=seed, settings=settings).diagnosis.as_json()
 
 
 def score_case(job: Job, folder: Path, truth: dict[str, Any], gap: dict[str, Any]) -> dict[str, Any]:
@@ -117,6 +119,8 @@ def score_case(job: Job, folder: Path, truth: dict[str, Any], gap: dict[str, Any
         tosses, world = read_case_tosses(folder / TOSSES)
         closable = closable_share(tosses, world, truth["effects"], seed=job.case.seed % 1000)
     scored = score(truth, gap, closable=closable, settings=job.settings.scoring)
+    if job.case.order is not None:
+        scored |= score_over_order(truth, gap, settings=job.settings.scoring)
     return {"truth": truth, "score": scored, "closable": closable, "gap": summary_of(gap)}
 
 
@@ -136,6 +140,7 @@ def summary_of(gap: dict[str, Any]) -> dict[str, Any]:
             "frequency": f["frequency"],
             **f["evidence"],
             "gap_closed": f["gap_closed"]["value"],
+            **{key: f[key] for key in ("sessions", "drift", "over_order") if key in f},
             "parameters": {k: v["value"] for k, v in f["parameters"].items()},
         }
         for f in gap["effects"]

@@ -7,13 +7,14 @@ must not outweigh what flight says.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
-from tossid.diagnosis.likelihood.whitening import Whitening, linearise
+from tossid.diagnosis.likelihood.whitening import Whitening, linearised
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.physics.effects import Effect, World
 from tossid.settings.likelihood import DensitySettings
@@ -24,6 +25,8 @@ N_PHASES = 6
 """Phases of motion (`types.Phase`)."""
 FREE = 0
 """Number of free flight's windows among the phases."""
+_MOST_KNOWN = 8
+"""Worlds of which predictions from the same first states are kept."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,11 @@ class Hypothesis:
     values: tuple[Array, ...] = ()
 
     def world(self) -> World:
-        """The world with all effects at their values."""
+        """The world with all effects at their values, the same object whenever it is asked for."""
+        return self._world
+
+    @cached_property
+    def _world(self) -> World:
         world = self.base
         for effect, values in zip(self.effects, self.values, strict=True):
             world = effect.at(world, values)
@@ -152,25 +159,46 @@ class Evidence:
         whitening: Of their residuals there.
         n_threads: Of the simulator.
         difference: To the other engine.
+        known: Worlds whose predictions from these first states were asked for last, with the residuals (W, L, K).
     """
 
     windows: Windows
     whitening: Whitening
     n_threads: int = 1
     difference: EngineDifference | None = None
+    known: dict[int, tuple[World, Array]] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def density(self) -> DensitySettings:
         """Of whitened residuals."""
         return self.windows.settings.density
 
-    def residuals(self, world: World) -> Array:
-        """(W, L, K) whitened residuals of a world.
+    def residuals(self, world: World, rows: NDArray[np.int64] | None = None) -> Array:
+        """(n, L, K) whitened residuals of a world.
 
         Args:
             world: The simulator.
+            rows: (n,) in which windows; in all W if None.
         """
-        return self.whitening(self.windows.residuals(self.windows.predicted(world, n_threads=self.n_threads)))
+        return self.whitening(self.predicted(world, rows), rows)
+
+    def predicted(self, world: World, rows: NDArray[np.int64] | None = None) -> Array:
+        """(n, L, K) residuals of a world that are not whitened. A world that was asked for before is not run again.
+
+        Args:
+            world: The simulator.
+            rows: (n,) in which windows; in all W if None.
+        """
+        kept = self.known.get(id(world))
+        if kept is not None:
+            return kept[1] if rows is None else kept[1][rows]
+        windows = self.windows
+        residuals = windows.residuals(windows.predicted(world, index=rows, n_threads=self.n_threads), rows)
+        if rows is None:
+            for old in list(self.known)[: 1 - _MOST_KNOWN]:
+                self.known.pop(old, None)
+            self.known[id(world)] = world, residuals
+        return residuals
 
     def of_tosses(self, chosen: NDArray[np.bool_]) -> Evidence:
         """The evidence of some tosses.
@@ -198,7 +226,8 @@ class Evidence:
             restarts: As of `linearise`.
             update: As of `linearise`.
         """
-        windows, whitening = linearise(
+        kept = self.known.get(id(world))
+        windows, whitening, residuals = linearised(
             self.windows,
             world,
             refine=refine,
@@ -206,53 +235,63 @@ class Evidence:
             near=self.whitening,
             update=update,
             difference=self.difference,
+            known=None if kept is None else kept[1],
             n_threads=self.n_threads,
         )
-        return Evidence(windows, whitening, self.n_threads, self.difference)
+        return Evidence(windows, whitening, self.n_threads, self.difference, {id(world): (world, residuals)})
 
-    def scales(self, residuals: Array) -> Array:
+    def scales(self, residuals: Array, among: NDArray[np.bool_] | None = None) -> Array:
         """(N_PHASES,) robust size of whitened residuals in each phase, at least 1; `FREE` is that of free flight.
 
         Args:
             residuals: (W, L, K) whitened.
+            among: (W,) which windows count; all if None.
         """
         out = np.ones(N_PHASES)
         w, nu = self.windows, self.density.degrees_of_freedom
         for phase in range(N_PHASES):
             chosen = w.inside & w.free[:, None] if phase == FREE else w.counted & (w.phase == phase)
+            if among is not None:
+                chosen = chosen & among[:, None]
             if chosen.any():
                 out[phase] = max(1.0, _student_scale(residuals[chosen].ravel(), nu))
         return out
 
-    def entry_scales(self, scales: Array) -> Array:
-        """(W, L, 1) the scale of each row.
+    def entry_scales(self, scales: Array, rows: NDArray[np.int64] | None = None) -> Array:
+        """(n, L, 1) the scale of each row.
 
         Args:
             scales: (N_PHASES,) of the phases.
+            rows: (n,) in which windows; in all W if None.
         """
-        s: Array = scales[np.where(self.windows.free[:, None], FREE, self.windows.phase)]
+        chosen = slice(None) if rows is None else rows
+        s: Array = scales[np.where(self.windows.free[chosen, None], FREE, self.windows.phase[chosen])]
         return s[..., None]
 
-    def log_likelihood(self, residuals: Array, scales: Array) -> Array:
-        """(W,) Student's log density, but for constants.
+    def log_likelihood(self, residuals: Array, scales: Array, rows: NDArray[np.int64] | None = None) -> Array:
+        """(n,) Student's log density, but for constants.
 
         Args:
-            residuals: (W, L, K) whitened.
+            residuals: (n, L, K) whitened.
             scales: (N_PHASES,) of the phases.
+            rows: (n,) in which windows; in all W if None.
         """
-        s, nu = self.entry_scales(scales), self.density.degrees_of_freedom
+        chosen = slice(None) if rows is None else rows
+        s, nu = self.entry_scales(scales, rows), self.density.degrees_of_freedom
         ll = -0.5 * (nu + 1) * np.log1p((residuals / s) ** 2 / nu) - np.log(s)
-        out: Array = np.where(self.windows.inside[..., None], ll, 0.0).sum((1, 2)) + self.whitening.log_det
+        inside, log_det = self.windows.inside[chosen, :, None], self.whitening.log_det[chosen]
+        out: Array = np.where(inside, ll, 0.0).sum((1, 2)) + log_det
         return out
 
-    def log_likelihood_of(self, world: World, scales: Array) -> Array:
-        """(W,) the log-likelihood of a world.
+    def log_likelihood_of(self, world: World, scales: Array, rows: NDArray[np.int64] | None = None) -> Array:
+        """(n,) the log-likelihood of a world.
 
         Args:
             world: The simulator.
             scales: (N_PHASES,) of the phases.
+            rows: (n,) in which windows; in all W if None.
         """
-        return self.log_likelihood(self.residuals(world), scales)
+        return self.log_likelihood(self.residuals(world, rows), scales, rows)
 
     def gains(self, after: Array, before: Array) -> Array:
         """(W,) growth of windows' log-likelihoods, linear up to `large_gain` and logarithmic beyond.

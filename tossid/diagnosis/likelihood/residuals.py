@@ -17,29 +17,30 @@ _SMALL = 1e-8
 """Sine of half an angle below which the angle is twice that."""
 
 
-def mean_residuals(y: Array, predicted: Array, mix: Array, steps: NDArray[np.int64]) -> Array:
-    """(n W, L, K) measured minus predicted, averaged over each row's frames; 0 in rows that do not exist.
+def mean_residuals(y: Array, predicted: Array, mix: Array, steps: NDArray[np.int64], index: NDArray[np.int64]) -> Array:
+    """(n, L, K) measured minus predicted, averaged over each row's frames; 0 in rows that do not exist.
 
     Args:
         y: (W, F, K + 1) measured poses: position [m], quaternion wxyz, joints [rad].
-        predicted: (n W, f, K + 1) poses, n times the windows, of at least as many frames as any window has.
+        predicted: (n, f, K + 1) poses, of at least as many frames as any of their windows has.
         mix: (W, L, F) weights with which a row is the mean of frames.
         steps: (W,) frames of each window.
+        index: (n,) the window of each prediction.
 
     Returns:
         Position [m, world], rotation vector [rad, predicted body frame], joints [rad].
     """
     out = np.zeros((len(predicted), mix.shape[1], y.shape[2] - 1))
-    _mean_residuals(y, np.ascontiguousarray(predicted), mix, steps, out)
+    _mean_residuals(y, np.ascontiguousarray(predicted), mix, steps, index, out)
     return out
 
 
 @kernel
-def _mean_residuals(y, predicted, mix, steps, out):  # type: ignore[no-untyped-def]
+def _mean_residuals(y, predicted, mix, steps, index, out):  # type: ignore[no-untyped-def]
     K = out.shape[2]
     one = np.empty(K)
     for b in range(predicted.shape[0]):
-        w = b % y.shape[0]
+        w = index[b]
         for f in range(steps[w]):
             _residual(y[w, f], predicted[b, f], one)
             for row in range(mix.shape[1]):

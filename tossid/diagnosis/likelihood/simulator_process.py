@@ -14,9 +14,11 @@ import os
 import signal
 import sys
 import threading
+import time
 import traceback
 import weakref
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -27,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
+from tossid.settings.limits import VALUES
 
 Array = NDArray[np.float64]
 BatchFunction = Callable[[Array, Array, int, float], tuple[Array, Array]]
@@ -35,6 +38,8 @@ BatchFunction = Callable[[Array, Array, int, float], tuple[Array, Array]]
 _FIRST_STATE = 1e-3
 """Difference of a first state that is returned to the one that was given, from which it is not the same."""
 _RESULT, _PROBLEM = b"R", b"P"
+_LOOK_S = 1.0
+"""Time after which a process looks again whether its parent is still there [s]."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +131,7 @@ class SimulatorProcess:
                 raise InputError(f"{self.about}: {self._death()}, called with {_size(q0, n_steps)}") from None
         with np.load(io.BytesIO(answer), allow_pickle=False) as arrays:
             q, v = arrays["q"], arrays["v"]
-        self._check(q, v, q0, v0, n_steps)
+        self._check(q, v, q0, n_steps)
         poses: Array = q
         return poses
 
@@ -142,7 +147,7 @@ class SimulatorProcess:
         self._stop()
         context = multiprocessing.get_context("fork" if isinstance(self.source, Given) else "spawn")
         ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs, self.source), daemon=True)  # type: ignore[attr-defined]
+        process = context.Process(target=_serve, args=(theirs, self.source, os.getpid()), daemon=True)  # type: ignore[attr-defined]
         process.start()
         theirs.close()
         self._process, self._pipe = process, ours
@@ -181,22 +186,19 @@ class SimulatorProcess:
             self._pipe.close()
         self._process = self._pipe = None
 
-    def _check(self, q: Array, v: Array, q0: Array, v0: Array, n_steps: int) -> None:
-        for name, got, first in (("q", q, q0), ("v", v, v0)):
-            wanted = (len(first), n_steps + 1, first.shape[1])
-            if got.shape != wanted:
-                raise InputError(
-                    f"{self.about}: returns {name} of shape {got.shape}, expected {wanted}: (batch, n_steps + 1, "
-                    f"{'nq' if name == 'q' else 'nv'}), the first state included"
-                )
+    def _check(self, q: Array, v: Array, q0: Array, n_steps: int) -> None:
+        for name, got in (("q", q), ("v", v)):
             bad = np.flatnonzero(~np.isfinite(got).all(axis=(1, 2)))
             if len(bad):
                 frame = int(np.argmin(np.isfinite(got[bad[0]]).all(axis=1)))
                 raise InputError(
-                    f"{self.about}: returns {name} that is not finite in {len(bad)} of {len(first)} motions, in row "
+                    f"{self.about}: returns {name} that is not finite in {len(bad)} of {len(q0)} motions, in row "
                     f"{bad[0]} from frame {frame} of {n_steps} on; its first state is q0 = "
                     f"{np.array2string(q0[bad[0]], precision=4)}"
                 )
+            largest, limit = np.abs(got).max(), VALUES.position if name == "q" else VALUES.velocity
+            if largest > limit:
+                raise InputError(f"{self.about}: returns {name} of {largest:.3g}, expected at most {limit:g}")
         length = np.linalg.norm(q[..., 3:7], axis=-1)
         if np.abs(length - 1.0).max() > _FIRST_STATE:
             raise InputError(f"{self.about}: returns quaternions of length {length.min():.3g} to {length.max():.3g}")
@@ -212,14 +214,27 @@ def _size(q0: Array, n_steps: int) -> str:
 
 
 def _end(process: BaseProcess) -> None:
+    """End a process with all that it has started."""
     if process.is_alive():
+        assert process.pid is not None
+        with suppress(ProcessLookupError):  # it leads no group yet
+            os.killpg(process.pid, signal.SIGKILL)
         process.kill()
     process.join(5.0)
 
 
-def _serve(pipe: Connection, source: FromFile | Given) -> None:
+def _end_with_parent(parent: int) -> None:
+    """Wait for the end of the parent, which may have been killed, and end this process's group."""
+    while os.getppid() == parent:
+        time.sleep(_LOOK_S)
+    os.killpg(0, signal.SIGKILL)
+
+
+def _serve(pipe: Connection, source: FromFile | Given, parent: int) -> None:
     """Answer calls until the pipe ends. What the simulator prints goes to standard error."""
+    os.setpgid(0, 0)  # Ctrl-C is for the command, and what the simulator starts can be ended with it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
     os.dup2(2, 1)
     try:
         function = source.load()
@@ -250,6 +265,11 @@ def _called(function: BatchFunction, q0: Array, v0: Array, n_steps: int, dt: flo
         q, v = (np.asarray(each, dtype=float) for each in answer)
     except (TypeError, ValueError):
         return _PROBLEM + f"returns {type(answer).__name__}, expected a pair of arrays (q, v)".encode()
+    for name, got, first in (("q", q, q0), ("v", v, v0)):
+        wanted = (len(first), n_steps + 1, first.shape[1])
+        if got.shape != wanted:
+            axes = f"(batch, n_steps + 1, n{name}), the first state included"
+            return _PROBLEM + f"returns {name} of shape {got.shape}, expected {wanted}: {axes}".encode()
     buffer = io.BytesIO()
     np.savez(buffer, q=q, v=v)
     return _RESULT + buffer.getvalue()

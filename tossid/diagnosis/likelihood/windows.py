@@ -132,26 +132,39 @@ class Windows:
         """(W,) weights of windows in fits: what flight determines, contact shall hardly change."""
         return np.where(self.free, self.settings.windows.flight_weight, 1.0)
 
-    def predicted(self, world: World, q: Array | None = None, v: Array | None = None, *, n_threads: int = 1) -> Array:
-        """(n W, F, K + 1) recorded poses as the world predicts them.
+    def predicted(
+        self,
+        world: World,
+        q: Array | None = None,
+        v: Array | None = None,
+        index: NDArray[np.int64] | None = None,
+        *,
+        n_threads: int = 1,
+    ) -> Array:
+        """(n, F, K + 1) recorded poses as the world predicts them.
 
         Args:
             world: The simulator.
-            q: (n W, K + 1) first poses; those of linearisation if None.
-            v: (n W, K) first velocities, likewise.
+            q: (n, K + 1) first poses; those of linearisation if None.
+            v: (n, K) first velocities, likewise.
+            index: (n,) of which windows; of all, once or several times in turn, if None.
             n_threads: Of the simulator.
         """
-        q, v = (self.at_q if q is None else q), (self.at_v if v is None else v)
-        n_steps, how = np.tile(self.steps, len(q) // len(self.steps)), steps_of(world, self.settings.simulation)
+        if q is None or v is None:
+            q, v = (self.at_q, self.at_v) if index is None else (self.at_q[index], self.at_v[index])
+        n_steps = np.tile(self.steps, len(q) // len(self.steps)) if index is None else self.steps[index]
+        how = steps_of(world, self.settings.simulation)
         return world.roll_out(q, v, n_steps=n_steps, dt=self.dt, **how, n_threads=n_threads)[:, 1:]
 
-    def residuals(self, predicted: Array) -> Array:
-        """(n W, L, K) measured minus predicted: position [m], rotation vector in the body frame [rad], joints [rad].
+    def residuals(self, predicted: Array, index: NDArray[np.int64] | None = None) -> Array:
+        """(n, L, K) measured minus predicted: position [m], rotation vector in the body frame [rad], joints [rad].
 
         Args:
-            predicted: (n W, f, K + 1) poses of at least as many frames as any window has.
+            predicted: (n, f, K + 1) poses of at least as many frames as any of these windows has.
+            index: As of `predicted`.
         """
-        return mean_residuals(self.y, predicted, self.mix, self.steps)
+        index = np.arange(len(predicted)) % len(self.steps) if index is None else index
+        return mean_residuals(self.y, predicted, self.mix, self.steps, index)
 
     def rows(self, index: NDArray[np.int64]) -> Windows:
         """Some of the windows.

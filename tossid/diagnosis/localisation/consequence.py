@@ -36,18 +36,26 @@ def consequences(
         return {}
     world = hypothesis.world()
     q, v = first_states(tosses, world, validator.windows, n_threads=validator.n_threads)
-    whole = _motions(world, tosses, q, v, validator)
+    whole = whole_motions(world, tosses, q, v, validator)
     out = {}
     for name in hypothesis.names:
-        without = _motions(hypothesis.minus(name).world(), tosses, q, v, validator)
+        without = whole_motions(hypothesis.minus(name).world(), tosses, q, v, validator)
         position, rotation = changed(whole, without, tosses, world.object.width)
         out[name] = Consequence(
-            position, rotation, closes[name].value, _matters(position, rotation, closes[name], settings)
+            position, rotation, closes[name].value, matters(position, rotation, closes[name], settings)
         )
     return out
 
 
-def _matters(position: float, rotation: float, closed: Interval, settings: VerdictSettings) -> bool:
+def matters(position: float, rotation: float, closed: Interval, settings: VerdictSettings) -> bool:
+    """Whether an effect changes whole tosses, or closes the gap, beyond its tolerance.
+
+    Args:
+        position: Change of whole tosses [% of the width].
+        rotation: The same [deg].
+        closed: Share of the gap that it closes.
+        settings: The tolerances.
+    """
     return (
         position > settings.matters_position_pct
         or rotation > settings.matters_rotation_deg
@@ -55,8 +63,16 @@ def _matters(position: float, rotation: float, closed: Interval, settings: Verdi
     )
 
 
-def _motions(world: World, tosses: Sequence[Toss], q: Array, v: Array, validator: CrossValidator) -> Array:
-    """(B, T + 1, nq) whole tosses as a world has them; NaN where it diverges."""
+def whole_motions(world: World, tosses: Sequence[Toss], q: Array, v: Array, validator: CrossValidator) -> Array:
+    """(B, T + 1, nq) whole tosses as a world has them; NaN where it diverges.
+
+    Args:
+        world: The simulator.
+        tosses: B, whose lengths count.
+        q: (B, nq) first poses.
+        v: (B, nv) first velocities.
+        validator: Of their windows.
+    """
     steps = np.array([len(toss) - 1 for toss in tosses])
     how = steps_of(world, validator.settings.likelihood.simulation)
     return world.roll_out(q, v, n_steps=steps, dt=validator.windows.dt, **how, n_threads=validator.n_threads)

@@ -174,7 +174,8 @@ def cross_fitted(state: Candidate, validator: CrossValidator) -> Array:
         return judged_residuals(state)
     out = fitted.residuals.copy()
     for held in validator.folds:
-        out[held[e.windows.toss]] = e.of_tosses(held).residuals(fitted.of_part(~held).world())
+        rows = np.flatnonzero(held[e.windows.toss])
+        out[rows] = e.residuals(fitted.of_part(~held).world(), rows)
     return out
 
 

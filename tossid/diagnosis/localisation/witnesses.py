@@ -68,9 +68,10 @@ def witnesses(
         settings: Which impacts and slides are measured.
 
     Returns:
-        None of an object with joints, whose impacts move its links in more complicated ways.
+        None of an object with joints, whose impacts move its links in more complicated ways, and of a round one, which
+        has no corner that is hit alone.
     """
-    if found.object.n_joints:
+    if found.object.n_joints or found.object.roundness is not None:
         return ()
     hit, slides = lone_impacts(tosses, found, settings), sliding(tosses, found, settings)
     model, other = found.object, stated.object

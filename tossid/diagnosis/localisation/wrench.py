@@ -85,15 +85,15 @@ def with_wrench(world: World, wrench: Array) -> World:
     if not wrench[3:6].any():
         return replace(world, forces=forces)
     spin = np.linalg.solve(world.object.inertia[0], wrench[3:6])
-    # acceleration of the body frame's origin, which circles the centre of mass
-    out = np.concatenate([np.cross(world.object.com[0], spin), spin])
     old = world.k_res
     f = n_features(0)
     if old is None or not len(old.linear):
         old = LearnedAcceleration(
             np.zeros((6, f)), np.zeros((0, f)), np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros((6, 0))
         )
-    h = len(old.b0)
+    h, (rows, f) = len(old.b0), old.linear.shape
+    # acceleration of the body frame's origin, which circles the centre of mass
+    out = np.concatenate([np.cross(world.object.com[0], spin), spin, np.zeros(rows - 6)])
     W1 = np.zeros((h + 1, h + 1))
     W1[:h, :h] = old.W1
     made = LearnedAcceleration(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from tossid.diagnosis.findings import Finding, Interval, Share
+from tossid.diagnosis.report.order_text import over_order_sentences
 from tossid.diagnosis.report.units import (
     closed_share,
     in_units,
@@ -92,8 +93,10 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
     text += [_another_law(name, power) for name, power in diagnosis.other_laws]
     text += [_unsteady(diagnosis, name) for name in diagnosis.unsteady]
     text += [_IMPLAUSIBLE[why].format(name=name) for name, why in diagnosis.implausible]
+    text += over_order_sentences(diagnosis)
     text += _minor(diagnosis)
     text.append(_what_remains(diagnosis) + _misspecified(diagnosis))
+    text += _learned(diagnosis)
     if diagnosis.gap.odd:
         tosses, their = ("toss", "its") if len(diagnosis.gap.odd) == 1 else ("tosses", "their")
         text.append(
@@ -108,7 +111,8 @@ def _with_frequency(diagnosis: Diagnosis, name: str) -> str:
     finding = next((each for each in diagnosis.findings if each.name == name), None)
     group = [name, *(finding.confusable_with if finding else ())]
     frequency, count = diagnosis.stability.frequency(group), len(diagnosis.stability.repeats)
-    text = listed(group, "or")
+    form = finding.over_order.form if finding and finding.over_order else None
+    text = listed(group, "or") + {"drift": ", which drifts", "steps": ", which changes"}.get(form or "", "")
     return text if frequency is None else f"{text} ({round(frequency * count)} of {count})"
 
 
@@ -176,6 +180,34 @@ def _the_gap(diagnosis: Diagnosis) -> str:
     main = diagnosis.report.main_share
     by_phase = _largest("Most of the gap arises", gap.by_phase, _PHASES, main)
     return text + by_phase + _largest("It is largest in", gap.by_channel, CHANNELS, main)
+
+
+def _learned(diagnosis: Diagnosis) -> list[str]:
+    found = diagnosis.learned
+    if found is None:
+        return []
+    size = f"The simulator has a learned acceleration k_res: {short(found.linear)} m/s²"
+    size += (
+        f" and {short(found.angular)} rad/s² in flight (root mean square)." if found.angular else " in flight (rms)."
+    )
+    if found.small:
+        return [f"{size} That is next to nothing."]
+    if not found.effects:
+        return [f"{size} It does what no effect of the library does."]
+    named = [f"{e.name} ({_values(e.parameters)}; {percent(e.share)} of its mean square)" for e in found.effects]
+    rest = f" The rest, {percent(found.unexplained)}, has no name." if found.unexplained > _REST else ""
+    return [
+        f"{size} It stands for {listed(named)}. These forces are in the simulator already, as k_res, so the gap does "
+        f"not show them.{rest}"
+    ]
+
+
+_REST = 0.005
+"""Share of a learned acceleration that is worth a sentence."""
+
+
+def _values(parameters: Mapping[str, float]) -> str:
+    return ", ".join(f"{parameter(key)} {quantity(key, value)}" for key, value in parameters.items())
 
 
 def _too_few(diagnosis: Diagnosis) -> list[str]:

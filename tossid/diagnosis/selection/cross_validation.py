@@ -297,9 +297,9 @@ class CrossValidator:
         for held in self.folds:
             own = held[evidence.windows.toss]
             if own.any():
-                part = evidence.of_tosses(held)
-                scales = evidence.of_tosses(~held).scales(fitted.residuals[~own])
-                out[own] = part.log_likelihood_of(fitted.of_part(~held).world(), scales)
+                scales = evidence.scales(fitted.residuals, among=~own)
+                rows = np.flatnonzero(own)
+                out[own] = evidence.log_likelihood_of(fitted.of_part(~held).world(), scales, rows)
         return out
 
     def gain_over(self, one: Candidate, other: Candidate) -> Array:

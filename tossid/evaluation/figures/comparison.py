@@ -187,7 +187,8 @@ def _film_strip(
 ) -> None:
     """One window a pose: the measured object filled, predictions as outlines, the ground as a line."""
     view = view_from(np.arctan2(way[1], way[0]) - 0.5 * np.pi, 0.0)  # the throw goes to the right
-    frames_of = [wireframe(model.corner_pos[model.corner_body == b]) for b in range(model.n_bodies)]
+    drawn = model.drawn
+    frames_of = [wireframe(drawn.corner_pos[drawn.corner_body == b]) for b in range(model.n_bodies)]
     width, height = axes_inches(axes[0])
     points = {
         k: [

@@ -61,7 +61,8 @@ def toss_film(
 
     ground = np.full((height, width, 3), 255, dtype=np.uint8)
     _draw_ground(ground, place, both)
-    edges = [wireframe(model.corner_pos[model.corner_body == b]) for b in range(model.n_bodies)]
+    drawn = model.drawn
+    edges = [wireframe(drawn.corner_pos[drawn.corner_body == b]) for b in range(model.n_bodies)]
     frames = []
     for k in range(0, len(toss), settings.film_stride):
         image = ground.copy()

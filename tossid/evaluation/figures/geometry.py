@@ -67,6 +67,10 @@ def exaggeration(
     return float(max(fitting)) if fitting and largest > 1e-9 else 1.0
 
 
+UNSEEN = "#c2410c"
+"""Colour of what no toss has shown."""
+
+
 @styled
 def learned_geometry(
     given: ObjectModel,
@@ -74,6 +78,7 @@ def learned_geometry(
     truth: ObjectModel | None = None,
     *,
     factor: float | None = None,
+    seen: NDArray[np.bool_] | None = None,
     title: str = "Learned geometry",
     settings: FigureSettings = FigureSettings(),
 ) -> Figure:
@@ -87,6 +92,8 @@ def learned_geometry(
         learned: The object as it was learned.
         truth: The object as it is, if that is known.
         factor: The exaggeration; a round number that fits the shifts if None.
+        seen: Which learned corners tosses have shown (of a round object, which points of its surface), (n_c,); the
+            others are crossed out. None for all.
         title: The figure's title.
         settings: How large the largest shift may be drawn.
 
@@ -96,6 +103,7 @@ def learned_geometry(
     Raises:
         InputError: The objects have different corners or bodies.
     """
+    given, learned, truth = given.drawn, learned.drawn, None if truth is None else truth.drawn
     objects = {"given": given, "truth": truth, "learned": learned}
     shown = {name: model for name, model in objects.items() if model is not None}
     for name, model in shown.items():
@@ -124,6 +132,8 @@ def learned_geometry(
         for n in shown
     ]
     entries += [(Line2D([], [], color=INK, ls="none", marker="+", ms=9, mew=1.8), "centre of mass")]
+    if seen is not None and not seen.all():
+        entries += [(Line2D([], [], color=UNSEEN, ls="none", marker="x", ms=7, mew=1.6), "never on the ground")]
     key_row(figure, entries, y=top - 0.6)
 
     for b in range(given.n_bodies):
@@ -137,6 +147,8 @@ def learned_geometry(
                 corners = view(1e3 * (base + scale * (model.corner_pos[own] - base)))
                 com = view(1e3 * (given.com[b] + scale * (model.com[b] - given.com[b])))
                 _draw_body(ax, corners, com, edges, source)
+                if source == "learned" and seen is not None:
+                    ax.plot(*corners[~seen[own]].T, "x", ms=7, mew=1.6, color=UNSEEN, zorder=6, label="never seen")
             middle = view(1e3 * 0.5 * (base.min(axis=0) + base.max(axis=0)))
             room = reach * (1.0 if letters else 1.45)
             _frame(ax, middle, room, letters)

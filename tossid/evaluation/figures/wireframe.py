@@ -119,6 +119,7 @@ def posed(model: ObjectModel, q: Array) -> list[tuple[Array, Array]]:
         For each body, its corners in the world (n, 3) [m] and its orientation (4,), wxyz.
     """
     position, quat = body_poses(model, q)
+    model = model.drawn
     return [
         (position[b] + quat_rotate(quat[b], model.corner_pos[model.corner_body == b]), quat[b])
         for b in range(model.n_bodies)

@@ -55,13 +55,15 @@ def turned_track(track: PoseTrack, turn: Array, shift: float) -> PoseTrack:
     return PoseTrack(track.name, track.t, q, None if cov is None else _turned_cov(cov, turn), v)
 
 
-def as_recorded(toss: Toss, found: RecordingOrder) -> Toss:
+def as_recorded(toss: Toss, found: RecordingOrder | None) -> Toss:
     """A toss as it was recorded, before its session was levelled.
 
     Args:
         toss: Of a dataset.
-        found: The dataset's order of recording.
+        found: The dataset's order of recording; None where it was not looked at, and nothing was levelled.
     """
+    if found is None:
+        return toss
     k = found.names.index(toss.name)
     if not found.shift[k] and (found.turn[k] == IDENTITY).all():
         return toss

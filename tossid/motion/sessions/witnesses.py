@@ -259,7 +259,7 @@ def link_faces(model: ObjectModel) -> list[Face]:
     faces: list[Face] = []
     for link in range(model.n_bodies):
         own = np.flatnonzero(model.corner_body == link)
-        if len(own) < 4:
+        if len(own) < 4 or model.roundness is not None:
             continue
         try:
             hull = ConvexHull(model.corner_pos[own])

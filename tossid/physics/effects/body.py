@@ -67,7 +67,9 @@ def _write_inertia(edit: Edit, before: World, after: World) -> None:
 
 
 def _write_size(edit: Edit, before: World, after: World) -> None:
-    was, now = before.object.corner_pos, after.object.corner_pos
+    was, now = (np.stack(world.object.extent()) for world in (before, after))
+    if before.object.roundness is None:
+        was, now = before.object.corner_pos, after.object.corner_pos
     scale = float((was * now).sum() / (was * was).sum())
     if np.abs(now - scale * was).max() > 1e-9:
         _ANEW.write(edit, before, after)
@@ -133,7 +135,7 @@ GEOMETRY = Effect(
     says="the object is larger or smaller than stated",
     parameters=(Parameter("size_rel", 1.0, 0.8, 1.25, 2e-3),),
     phases=CONTACT_PHASES,
-    apply=lambda world, p: with_object(world, corner_pos=p["size_rel"] * world.object.corner_pos),
+    apply=lambda world, p: replace(world, object=world.object.resized(p["size_rel"])),
     mujoco=InMujoco(),
     mjcf=MjcfEdit(_write_size, of_links=_ANEW),
     strength=Strength(3e-3, 0.1, scaled("size_rel")),
@@ -151,6 +153,7 @@ ROUNDED_CORNERS = Effect(
     mjcf=NotExpressible("it takes other geoms: spheres of this radius in the corners of smaller boxes"),
     strength=Strength(1e-3, 0.02, plain("radius_m")),
     starts=({"radius_m": 0.002}, {"radius_m": 0.008}),
+    sharp_only=True,
 )
 
 EFFECTS = (COM_OFFSET, INERTIA, GEOMETRY, ROUNDED_CORNERS)

@@ -33,7 +33,7 @@ def half_size(model: ObjectModel) -> float:
     Args:
         model: The object.
     """
-    corners = model.corner_pos
+    corners = model.drawn.corner_pos
     return 0.5 * float(np.linalg.norm(corners[:, None] - corners[None], axis=-1).max())
 
 
@@ -43,7 +43,7 @@ def half_thickness(model: ObjectModel) -> float:
     Args:
         model: The object.
     """
-    return 0.5 * float(np.ptp(model.corner_pos, axis=0).min())
+    return 0.5 * float(np.ptp(model.drawn.corner_pos, axis=0).min())
 
 
 def sets_forces(**names: str) -> Apply:

@@ -180,17 +180,7 @@ def pusher(world: World, hold: float) -> Callable[[Array, Array], Array]:
         ground's first.
     """
     model, gravity = world.object, world.gravity_on_ground()
-    on_ground = world.with_changes(forces=world.forces_on_ground())
-    wrenches = [form.wrench for form in _forms() if form.wrench is not None]
-    registered, total = combined(world.registered), float(model.mass.sum())
-
-    def wrench(p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
-        """Force [N] at the centre of mass and torque [N m] on a single body, world axes, (B, 3) each."""
-        force, torque = wrenches_of(registered, p, u, omega)
-        for one in wrenches:
-            more, turning = one(on_ground, p, u, omega)
-            force, torque = force + more, torque + turning
-        return force, torque
+    wrench, total = wrench_of_world(world), float(model.mass.sum())
 
     def push(q: Array, v: Array) -> Array:
         out = np.zeros((len(q), 1 + model.n_bodies, 6))
@@ -203,6 +193,30 @@ def pusher(world: World, hold: float) -> Callable[[Array, Array], Array]:
         return out
 
     return push
+
+
+def wrench_of_world(world: World) -> Callable[[Array, Array, Array], tuple[Array, Array]]:
+    """The forces of a world's state on a single body of the object's whole mass, gravity not among them.
+
+    Args:
+        world: the simulator.
+
+    Returns:
+        A function from the place and velocity of the body's centre of mass and its spin, (B, 3) each, to the force [N]
+        there and the torque [N m], (B, 3) each; all in the ground's axes.
+    """
+    on_ground = world.with_changes(forces=world.forces_on_ground())
+    wrenches = [form.wrench for form in _forms() if form.wrench is not None]
+    registered = combined(world.registered)
+
+    def wrench(p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
+        force, torque = wrenches_of(registered, p, u, omega) if world.registered else np.zeros((2, *p.shape))
+        for one in wrenches:
+            more, turning = one(on_ground, p, u, omega)
+            force, torque = force + more, torque + turning
+        return force, torque
+
+    return wrench
 
 
 def body_motions(model: ObjectModel, q: Array, v: Array) -> tuple[Array, Array, Array]:

@@ -61,14 +61,16 @@ def effects_for(model: ObjectModel) -> tuple[Effect, ...]:
     """The effects that an object can have.
 
     Args:
-        model: The object. Effects of joints are only for objects with joints.
+        model: The object. Effects of joints are only for objects with joints, those of sharp corners for objects whose
+            shape has no round part.
 
     Returns:
         The effects, in the form and with the bounds that they have for this object.
     """
+    every = [effect for effect in all_effects() if model.roundness is None or not effect.sharp_only]
     if not model.n_joints:
-        return tuple(effect.bounded(model) for effect in all_effects() if not effect.needs_joints)
-    return tuple((effect.of_links or effect).bounded(model) for effect in all_effects())
+        return tuple(effect.bounded(model) for effect in every if not effect.needs_joints)
+    return tuple((effect.of_links or effect).bounded(model) for effect in every)
 
 
 def effect_named(name: str) -> Effect:

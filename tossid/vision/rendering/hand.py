@@ -49,7 +49,7 @@ def hand_faces(model: ObjectModel, *, body: int, settings: HandSettings = DEFAUL
     Returns:
         Its faces (f), and their grey levels (f,) at full light.
     """
-    corners = model.corner_pos[model.corner_body == 0]
+    corners = model.drawn.corner_pos[model.drawn.corner_body == 0]
     half = 0.5 * np.ptp(corners, axis=0)
     r = 0.5 * float(half.min() + np.linalg.norm(half))
     tilt = np.array([0.0, -0.5, 0.0])  # the forearm leans away from the fingers

@@ -124,7 +124,7 @@ class MujocoRenderer:
         )
         for b in range(self.model.n_bodies):
             body = spec.worldbody.add_body(name=f"body_{b}", mocap=True)
-            own = self.model.corner_pos[self.model.corner_body == b]
+            own = self.model.drawn.corner_pos[self.model.drawn.corner_body == b]
             if len(own):
                 hull = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
                 spec.add_mesh(name=f"hull_{b}", uservert=own.ravel(), inertia=hull)

@@ -44,7 +44,7 @@ def object_faces(model: ObjectModel) -> tuple[Face, ...]:
     """The faces of each body's convex hull, ordered by body, then +x, -x, +y, -y, +z, -z."""
     faces: list[Face] = []
     for body in range(model.n_bodies):
-        corners = model.corner_pos[model.corner_body == body]
+        corners = model.drawn.corner_pos[model.drawn.corner_body == body]
         if len(corners):
             faces += sorted(_hull_faces(body, corners), key=_direction)
     return tuple(faces)

@@ -1,0 +1,51 @@
+"""Settings of a diagnosis over the order of recording (`tossid.diagnosis.sessions`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tossid.settings.kinds import Count, Fraction, Positive
+from tossid.settings.sessions import SessionSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrderSettings:
+    """When an effect is not the same in all tosses, and which effect that is."""
+
+    significance: Fraction = 0.005
+    """probability of finding any change of any effect in tosses whose order means nothing"""
+    permutations: Count = 19999
+    """orders of the tosses that are drawn to test a change; so many that one of thirty effects can be significant"""
+    first_permutations: Count = 199
+    """of these first; the others only where a change may be significant"""
+    fewest_tosses: Count = 5
+    """tosses that a session has at least"""
+    outlier: Positive = 3.0
+    """standard deviations beyond which a toss counts no more than one at this distance"""
+    seed: Count = 1
+    """of the orders that are drawn"""
+    rounds: Count = 3
+    """most effects that change one beside the other"""
+    likely: Fraction = 0.6
+    """share of the largest score statistic that an effect must have to be fitted, stretch by stretch"""
+    candidates: Count = 5
+    """most effects that are"""
+    indistinguishable: Fraction = 0.1
+    """share of the best gain of log-likelihood by which another effect's may be less and count as the same; of such
+    effects, one of the recording is preferred"""
+    drift_parts: Count = 5
+    """most stretches to which a drift is fitted"""
+    same_change: Count = 3
+    """tosses between a change and one between sessions of the dataset within which both are one"""
+
+    @property
+    def changes(self) -> SessionSettings:
+        """How changes over an order are found and tested."""
+        return SessionSettings(
+            significance=self.significance,
+            permutations=self.permutations,
+            first_permutations=self.first_permutations,
+            fewest_tosses=self.fewest_tosses,
+            outlier=self.outlier,
+            seed=self.seed,
+        )

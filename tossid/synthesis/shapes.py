@@ -1,0 +1,185 @@
+"""Convex objects of several kinds, tossed in MuJoCo, as tracked poses: data for learning objects from nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from tossid.objects.roundness import directions
+from tossid.physics.mujoco_engine import quiet
+from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
+from tossid.settings.synthesis import ShapeTossSettings
+from tossid.types import PoseTrack
+
+Array = NDArray[np.float64]
+
+
+class TossedShape(NamedTuple):
+    """An object that was tossed, with its truth in the recorded body frame.
+
+    Attributes:
+        name: Of the shape.
+        tracks: Tracked poses, with noise.
+        truth: The same without noise.
+        hull: (n, 3) points of the shape's hull; vertices of a polytope, many points of a round one [m].
+        com: (3,) centre of mass [m].
+        inertia: (3, 3) about it [kg m²].
+        mass: [kg].
+        friction: Coulomb's.
+        mjcf: Its MJCF, without the ground.
+    """
+
+    name: str
+    tracks: tuple[PoseTrack, ...]
+    truth: tuple[PoseTrack, ...]
+    hull: Array
+    com: Array
+    inertia: Array
+    mass: float
+    friction: float
+    mjcf: str
+
+
+def _polytope(points: Array) -> str:
+    return f'<mesh name="m" vertex="{_row(points.ravel())}"/>'
+
+
+def _row(values: Array) -> str:
+    return " ".join(f"{value:.9g}" for value in values)
+
+
+def _irregular() -> Array:
+    """Twelve points, each a vertex that stands out from the hull of the others."""
+    rng = np.random.default_rng(12)
+    while True:
+        points = np.array([0.055, 0.045, 0.04]) * directions(12) * rng.uniform(0.92, 1.12, (12, 1))
+        if len(ConvexHull(points).vertices) == 12:
+            return points
+
+
+def _rounded_disc(radius: float, edge: float, rim: int = 120, around: int = 25) -> Array:
+    """Points of a disc of some radius [m], every point of which is a ball of radius `edge` [m]."""
+    angle, lean = np.linspace(0, 2 * np.pi, rim, endpoint=False), np.linspace(-np.pi / 2, np.pi / 2, around)
+    a, b = (x.ravel() for x in np.meshgrid(angle, lean))
+    r = radius + edge * np.cos(b)
+    return np.column_stack([r * np.cos(a), r * np.sin(a), edge * np.sin(b)])
+
+
+SOLIMP = [0.98, 0.9999, 0.0001, 0.5, 2]
+"""MuJoCo's impedance of contact: near rigid."""
+ELLIPSOID = np.array([0.06, 0.045, 0.035])
+"""Half axes of the ellipsoid [m]."""
+
+
+def _shapes() -> Mapping[str, tuple[Array, str | None]]:
+    """Points of each shape's hull about its frame [m], and the MJCF geom of one that is no mesh."""
+    ring = np.linspace(0, 2 * np.pi, 6, endpoint=False)
+    prism = np.concatenate(
+        [np.column_stack([0.045 * np.cos(ring), 0.045 * np.sin(ring), np.full(6, z)]) for z in (-0.03, 0.03)]
+    )
+    wedge = np.array([[x, y, z] for y in (-0.04, 0.04) for x, z in ((-0.05, -0.02), (0.05, -0.02), (-0.05, 0.04))])
+    tetrahedron = 0.065 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+    return {
+        "tetrahedron": (tetrahedron, None),
+        "wedge": (wedge, None),
+        "hexagonal prism": (prism, None),
+        "irregular polytope": (_irregular(), None),
+        "ellipsoid": (ELLIPSOID * directions(2000), f'type="ellipsoid" size="{_row(ELLIPSOID)}"'),
+        "rounded disc": (_rounded_disc(0.045, 0.01), None),
+    }
+
+
+SHAPES = tuple(_shapes())
+"""The shapes by name."""
+
+
+def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedShape:
+    """Tosses of a shape in MuJoCo.
+
+    The body's frame lies off the shape's middle and off its centre of mass, as a tracker's does.
+
+    Args:
+        name: Of `SHAPES`.
+        settings: How many, how noisy.
+    """
+    settings = settings or ShapeTossSettings()
+    points, geom = _shapes()[name]
+    off = np.array(settings.frame_offset)
+    mesh = "" if geom is not None else _polytope(points)
+    geom = geom or 'type="mesh" mesh="m"'
+    body = f"""<mujoco model="{name}">
+  <asset>{mesh}</asset>
+  <worldbody>
+    <body name="{name}">
+      <freejoint/>
+      <geom name="hull" {geom} pos="{_row(off)}" mass="{settings.mass}"/>
+    </body>
+  </worldbody>
+</mujoco>"""
+    spec = mujoco.MjSpec.from_string(body)
+    for each in spec.meshes:
+        each.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
+    spec.option.timestep = settings.step
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10
+    law = {
+        "friction": [settings.friction, 0, 0],
+        "condim": 3,
+        "solref": [0.002, 1.0],
+        "solimp": SOLIMP,
+    }
+    for key, value in law.items():
+        setattr(spec.geoms[0], key, value)
+    spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **law)
+    model = spec.compile()
+    if mesh:  # MuJoCo turns a mesh into its principal axes: undo it for the truth
+        R, at = (
+            quat_to_matrix(model.geom_quat[0 if model.geom_bodyid[0] else 1]),
+            model.geom_pos[0 if model.geom_bodyid[0] else 1],
+        )
+        first, count = model.mesh_vertadr[0], model.mesh_vertnum[0]
+        hull = np.asarray(model.mesh_vert[first : first + count], dtype=float) @ R.T + at
+        hull = hull[ConvexHull(hull).vertices]
+    else:
+        hull = points + off
+    R = quat_to_matrix(model.body_iquat[1])
+    inertia = R @ np.diag(model.body_inertia[1]) @ R.T
+    rng = np.random.default_rng([settings.seed, SHAPES.index(name)])
+    truth = tuple(_toss(model, hull, f"{i:03d}", rng, settings) for i in range(settings.tosses))
+    tracks = tuple(_noisy(track, rng, settings) for track in truth)
+    com = np.array(model.body_ipos[1])
+    return TossedShape(name, tracks, truth, hull, com, inertia, settings.mass, settings.friction, body)
+
+
+def _toss(
+    model: mujoco.MjModel, hull: Array, name: str, rng: np.random.Generator, settings: ShapeTossSettings
+) -> PoseTrack:
+    """A toss from the air to rest, or to the longest time."""
+    data = mujoco.MjData(model)
+    quat = rng.normal(size=4)
+    quat /= np.linalg.norm(quat)
+    lowest = float((quat_to_matrix(quat)[2] @ hull.T).min())
+    data.qpos[:3] = *rng.uniform(-0.2, 0.2, 2), settings.height - lowest
+    data.qpos[3:7] = quat
+    data.qvel[:3] = *rng.uniform(-settings.speed, settings.speed, 2), rng.uniform(0, 1)
+    data.qvel[3:6] = rng.normal(size=3) * settings.spin
+    per_frame, q, still = 1 / settings.rate_hz, [data.qpos.copy()], 0
+    steps = round(per_frame / model.opt.timestep)
+    with quiet():
+        while len(q) < settings.frames and still < settings.rest_frames:
+            mujoco.mj_step(model, data, steps)
+            q.append(data.qpos.copy())
+            still = still + 1 if np.abs(data.qvel).max() < 0.02 else 0
+    return PoseTrack(name, np.arange(len(q)) * steps * model.opt.timestep, np.array(q))
+
+
+def _noisy(track: PoseTrack, rng: np.random.Generator, settings: ShapeTossSettings) -> PoseTrack:
+    q = track.q.copy()
+    q[:, :3] += settings.noise * rng.normal(size=(len(q), 3))
+    q[:, 3:7] = quat_mul(q[:, 3:7], quat_exp(settings.noise_rad * rng.normal(size=(len(q), 3))))
+    return PoseTrack(track.name, track.t, q)
