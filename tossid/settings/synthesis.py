@@ -54,15 +54,15 @@ class DrakeEngine:
 
     name: Literal["drake"] = "drake"
     """Drake"""
-    substeps: Count = 8
-    """time steps a frame"""
+    substeps: Count = 32
+    """time steps a frame: with eight, motions are 20 mm off soon after an impact"""
     radius: Positive = 1e-3
     """radius of the spheres at the corners [m]"""
 
 
 @dataclass(frozen=True)
 class BulletEngine:
-    """Bullet: sequential impulses, its own restitution and friction. `pip install 'tossid[engines]'`."""
+    """Bullet, by sequential impulses. `pip install 'tossid[engines]'`."""
 
     name: Literal["bullet"] = "bullet"
     """Bullet"""

@@ -1,10 +1,9 @@
 """Engines that tossid did not write, beside MuJoCo: Drake and Bullet (`pip install 'tossid[engines]'`).
 
-What a world has and an engine has too is the engine's own: gravity, mass, inertia, friction, and of Bullet also
-restitution, torsional and rolling friction. Forces of the state are applied from outside, each held for a step:
-Bullet's own damping is neither linear nor quadratic drag. Contact is as these engines have it, which is what an audit
-wants of them: Drake's is slightly soft and regularised, with spheres at the corners; Bullet's is a box on a plane, by
-sequential impulses.
+What a world has and an engine has too is the engine's own: gravity, mass, inertia, friction. Forces of the state are
+applied from outside, each held for a step: Bullet's own damping is neither linear nor quadratic drag. Contact is as
+these engines have it, which is what an audit wants of them: Drake's is slightly soft and regularised, with spheres at
+the corners; Bullet's is a box on a plane, by sequential impulses.
 """
 
 from __future__ import annotations
@@ -58,10 +57,13 @@ def lacks_in_drake(world: World) -> tuple[str, ...]:
 def lacks_in_bullet(world: World) -> tuple[str, ...]:
     """Names of what a world has and Bullet has not.
 
+    Its restitution is none of Newton's: contact that it foresees brakes a body first, and a cube that falls flat at
+    1.7 m/s with a coefficient of 0.5 rises with 0.24 of its speed. Its rolling and spinning friction are as unlike.
+
     Args:
         world: The world.
     """
-    return _lacking(world, "restitution", "torsional_friction", "rolling_resistance")
+    return _lacking(world)
 
 
 def _lacking(world: World, *own: str) -> tuple[str, ...]:
@@ -189,16 +191,13 @@ def toss_in_bullet(
         box = bullet.createMultiBody(
             float(model.mass[0]), shape, baseInertialFramePosition=com.tolist(), physicsClientId=client
         )
-        # of friction and restitution both bodies' are multiplied; of rolling each is times the other's friction
-        ground_has = {"lateralFriction": 1.0, "restitution": 1.0, "rollingFriction": 0.0, "spinningFriction": 0.0}
-        bullet.changeDynamics(ground, -1, **ground_has, physicsClientId=client)
+        # coefficients of both bodies are multiplied
+        bullet.changeDynamics(ground, -1, lateralFriction=1.0, restitution=0.0, physicsClientId=client)
         bullet.changeDynamics(
             box,
             -1,
             lateralFriction=model.friction,
-            restitution=model.restitution,
-            rollingFriction=world.law.rolling,
-            spinningFriction=world.law.torsional,
+            restitution=0.0,
             localInertiaDiagonal=moments.tolist(),
             linearDamping=0.0,
             angularDamping=0.0,
