@@ -70,8 +70,11 @@ class AuditSettings:
     """seed of the cases"""
     tosses: Annotated[int, Bounds(low=6)] = 40
     """tosses a case; of real ones so many are drawn"""
-    engines: tuple[Literal["lcp", "mujoco"], ...] = ("lcp", "mujoco")
-    """what simulates, in turns; lcp alone where MuJoCo cannot express the effect"""
+    engines: tuple[Literal["lcp", "mujoco", "drake", "bullet"], ...] = ("lcp", "mujoco")
+    """what simulates, in turns; where one cannot express the effect, the next that can. drake and bullet need
+    `pip install 'tossid[engines]'`"""
+    repeats: Annotated[int, Bounds(low=0)] = 10
+    """how often a diagnosis repeats its search (as of `diagnose`)"""
     position_noise: Positive = 1.5e-4
     """standard deviation of recorded positions [m]"""
     rotation_noise: Positive = 1.5e-3

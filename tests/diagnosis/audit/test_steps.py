@@ -11,12 +11,20 @@ from tossid.diagnosis.audit.cases import Case
 from tossid.diagnosis.audit.making import make_case
 from tossid.diagnosis.audit.steps import Job, diagnose_withheld, summary_of
 from tossid.objects import ObjectModel
+from tossid.settings.diagnosis import DiagnoseSettings
 from tossid.settings.diagnosis_audit import AuditSettings
 
 
 def finding(name: str, verdict: str, gain: float) -> dict[str, Any]:
     evidence = {"gain": gain, "p_value": 0.5, "n_tosses": 8.0}
-    return {"name": name, "verdict": verdict, "evidence": evidence, "gap_closed": {"value": 0.1}, "parameters": {}}
+    return {
+        "name": name,
+        "verdict": verdict,
+        "evidence": evidence,
+        "gap_closed": {"value": 0.1},
+        "parameters": {},
+        "frequency": 1.0,
+    }
 
 
 def test_a_summary_keeps_what_was_named_or_gained() -> None:
@@ -42,6 +50,6 @@ def test_a_job_is_named_by_its_number_and_digest(cube: ObjectModel) -> None:
 @pytest.mark.slow
 def test_the_diagnosis_gets_a_dataset_and_no_more(cube: ObjectModel, tmp_path: Path) -> None:
     make_case(Case(3, "effect", "lcp", ("linear_drag",), (40.0,), 11), cube, AuditSettings(tosses=8), tmp_path)
-    found = diagnose_withheld(tmp_path / "tosses.h5", ("linear_drag",), 0)
+    found = diagnose_withheld(tmp_path / "tosses.h5", ("linear_drag",), 0, DiagnoseSettings(repeats=0))
     assert "linear_drag" not in {finding["name"] for finding in found["effects"]}
     assert summary_of(found)["noise_floor"] > 0

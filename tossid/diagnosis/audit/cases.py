@@ -105,7 +105,7 @@ def draw_cases(
             names = (next(outside),)
         engine = engines[turn[kind] % len(engines)]
         turn[kind] += 1
-        if "lcp" in engines and (kind == "outside" or set(names) & set(only_lcp)):
+        if kind == "outside" or ("lcp" in engines and set(names) & set(only_lcp)):
             engine = "lcp"
         low, high = np.log(displacement)
         targets = tuple(float(x) for x in np.exp(rng.uniform(low, high, len(names))))

@@ -10,12 +10,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from tossid.diagnosis.audit.scores import calibration
 from tossid.evaluation.figures.style import INK, MUTED, footnote, key_row, new_figure, panel_grid, styled
 from tossid.settings.diagnosis_audit import ScoreSettings
 
 RIGHT, WRONG, SHADE = "#0072B2", "#D55E00", "#8b9098"
 NOTHING = "nothing"
-MARKERS = {"lcp": "o", "mujoco": "s", "real": "D"}
+MARKERS = {"lcp": "o", "mujoco": "s", "drake": "^", "bullet": "v", "real": "D"}
 
 Row = Mapping[str, Any]
 
@@ -33,7 +34,47 @@ def audit_figures(rows: Sequence[Row], *, settings: ScoreSettings = ScoreSetting
     figures = {"confusion": confusion(rows)}
     if any(row["displacement"] for row in rows):
         figures["detection"] = detection(rows, settings=settings)
+    if any(row["claims"] for row in rows):
+        figures["reliability"] = reliability(rows)
     return figures
+
+
+@styled
+def reliability(rows: Sequence[Row]) -> Figure:
+    """How often what was stated with a probability was so, over that probability.
+
+    Args:
+        rows: The cases.
+
+    Returns:
+        The figure.
+    """
+    stated = [claim for row in rows for claim in row["claims"]]
+    figure = new_figure(
+        "Audit: are the probabilities right?",
+        f"{len(stated)} probabilities of names and of none of the library, in fifths; numbers are how many",
+        height=4.4,
+    )
+    ax = panel_grid(figure, 1, 1, left=0.9, right=3.0, top=0.9, bottom=1.1)[0, 0]
+    ax.plot([0, 1], [0, 1], color=MUTED, lw=1, ls=":")
+    keys = []
+    for name, some, color in (("a name", False, RIGHT), ("none of the library", True, WRONG)):
+        found = calibration([claim for claim in stated if (claim["of"] == "none") == some])
+        points = [(part["probability"], part["true"], part["of"]) for part in found["reliability"]]
+        if not points:
+            continue
+        x, y, count = zip(*points, strict=True)
+        ax.plot(x, y, color=color, marker="o", ms=6, lw=1.2)
+        for at in zip(x, y, count, strict=True):
+            ax.annotate(str(at[2]), at[:2], textcoords="offset points", xytext=(6, -10), fontsize=8, color=color)
+        keys.append((Line2D([], [], color=color, marker="o", ms=6, lw=1.2), f"{name} (Brier {found['brier']:.3f})"))
+    ax.set_xlim(-0.03, 1.03)
+    ax.set_ylim(-0.03, 1.03)
+    ax.set_xlabel("stated probability")
+    ax.set_ylabel("share that was so")
+    ax.legend(*zip(*keys, strict=True), loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, fontsize=8.5)
+    footnote(figure, "On the dotted line probabilities are right.")
+    return figure
 
 
 @styled

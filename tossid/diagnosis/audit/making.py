@@ -21,9 +21,10 @@ from tossid.physics.effects import World
 from tossid.physics.effects.strength import Values
 from tossid.settings.diagnosis_audit import AuditSettings
 from tossid.settings.ingestion import IngestSettings
-from tossid.settings.synthesis import Engine, LcpEngine, MujocoEngine, NoiseSettings, SynthesizeSettings
+from tossid.settings.synthesis import Engine, LcpEngine, NoiseSettings, SynthesizeSettings
 from tossid.store import write_tum
 from tossid.store.importers import TumSource
+from tossid.synthesis.engines import ENGINES
 from tossid.synthesis.tosses import add_noise, draw_releases, frames_until_rest, make_tosses
 from tossid.types import Toss
 from tossid.vision.ingest import ingest_source
@@ -71,8 +72,10 @@ def make_case(case: Case, model: ObjectModel, settings: AuditSettings, folder: P
 
 def _synthesis(case: Case, settings: AuditSettings) -> SynthesizeSettings:
     """How a case is simulated: in far shorter steps than a diagnosis takes, whose errors it must not share."""
-    engines: dict[str, Engine] = {"lcp": LcpEngine(substeps=settings.making.lcp_substeps), "mujoco": MujocoEngine()}
-    return SynthesizeSettings(engine=engines[case.engine], tosses=settings.tosses)
+    engine: Engine = ENGINES[case.engine].settings()
+    if isinstance(engine, LcpEngine):
+        engine = replace(engine, substeps=settings.making.lcp_substeps)
+    return SynthesizeSettings(engine=engine, tosses=settings.tosses)
 
 
 def _strengths(

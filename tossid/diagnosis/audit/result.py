@@ -30,6 +30,10 @@ MEASURES = {
     "outside_not_explained": "such a gap is not called explained",
     "without_unexplained": "without its effect in the library, a gap stays unexplained",
     "phases_right": "the effect acts in the phase with the largest gap",
+    "brier_names": "Brier score of the probabilities of names",
+    "log_score_names": "logarithmic score of the probabilities of names",
+    "brier_none": "Brier score of the probability of none of the library",
+    "log_score_none": "logarithmic score of the probability of none of the library",
     "changes_found": "a change over the order is found, within three tosses of where it is",
     "changes_named": "the effect that changes is named as one that does",
     "drifts_named": "an effect that drifts is named as one that does",
@@ -79,7 +83,7 @@ class Audit:
         """The figures, by name.
 
         Returns:
-            The confusion matrix, and the share of right names by displacement.
+            The confusion matrix, the share of right names by displacement, and the reliability of probabilities.
         """
         return audit_figures(self.rows, settings=self.settings)
 
@@ -187,6 +191,7 @@ def row_of(result: Mapping[str, Any]) -> dict[str, Any]:
         "verdict": scored["verdict"],
         "right": scored["right"],
         "phase_right": scored["phase_right"],
+        "claims": scored["claims"],
         "closed": scored["closed"],
         "covered": [p["covered"] for p in scored["parameters"]],
         "seconds": result["seconds"],

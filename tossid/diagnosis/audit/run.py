@@ -32,13 +32,14 @@ from tossid.objects import ObjectModel, load_object
 from tossid.outputs import only_writer, output_folder, write_whole
 from tossid.parallel import as_done
 from tossid.physics.effects import World
-from tossid.physics.effects.in_mujoco import inexpressible
 from tossid.plain_json import jsonable
 from tossid.settings.changed import changed
 from tossid.settings.diagnosis_audit import AuditSettings
 from tossid.settings.objects import ObjectSettings
 from tossid.store import file_sha256
 from tossid.types import Progress, silent
+from tossid.synthesis.engines import ENGINES
+from tossid.synthesis.foreign_engines import check_installed
 
 RESULT, GAP, REFERENCE = "result.json", "gap.json", "reference.json"
 """Names of files: a case's score and diagnosis, and what real tosses say of the unspoilt simulator."""
@@ -99,13 +100,16 @@ def audit(
         The audit: a row for each case, and how many were right. `save()` writes its tables and figures.
 
     Raises:
-        ConfigError: A key is no setting, no engine is named, or the simulator of an object with joints is to be spoilt.
+        ConfigError: A key is no setting, no engine is named, one is not installed, or the simulator of an object with
+            joints is to be spoilt.
         InputError: All cases failed.
     """
     model, settings, out = load_object(object), changed(settings, keys), Path(out)
     data = None if data is None else Path(data).resolve()
     if not settings.engines:
         raise ConfigError("engines", "is empty; an audit needs at least one.")
+    for engine in settings.engines:
+        check_installed(engine, "engines")
     if data is not None and model.n_joints:
         raise ConfigError("data", "only simulators of single bodies are spoilt; omit it to make cases of the object.")
     report, code = progress or silent, code_digest(steps.__name__)
@@ -150,6 +154,7 @@ def plan(
         A job for each case.
     """
     depends = _dependencies(model, settings, data, code)
+    only_lcp = _only_lcp(model, settings.engines)
     if data is None and settings.over_order:
         cases = draw_over_order(
             settings.cases,
@@ -164,8 +169,8 @@ def plan(
             seed=settings.seed,
             engines=settings.engines,
             displacement=settings.displacement,
-            effects=list(strengths_for(model)),
-            only_lcp=_only_lcp(model),
+            effects=[name for name in strengths_for(model) if "lcp" in settings.engines or name not in only_lcp],
+            only_lcp=only_lcp,
         )
     else:
         cases = draw_spoilt(settings.cases, seed=settings.seed)
@@ -235,20 +240,18 @@ def _reference(
 def _dependencies(model: ObjectModel, settings: AuditSettings, data: Path | None, code: str) -> dict[str, Any]:
     """What every case depends on, beside the case itself."""
     depends = {"object": model, "code": code, "tosses": settings.tosses, "scoring": settings.scoring}
+    depends["repeats"] = settings.repeats
     if data is not None:
         return {**depends, "data": file_sha256(data), "seed": settings.seed}
     noise = {"position_noise": settings.position_noise, "rotation_noise": settings.rotation_noise}
     return {**depends, **noise, "making": settings.making}
 
 
-def _only_lcp(model: ObjectModel) -> list[str]:
-    """Effects that MuJoCo cannot express."""
+def _only_lcp(model: ObjectModel, engines: Sequence[str]) -> list[str]:
+    """Effects that one of the engines cannot express; lcp can express all."""
     plain, u = World(model), np.full(8, 0.5)
-    return [
-        name
-        for name, strength in strengths_for(model).items()
-        if inexpressible(world_with(plain, {name: strength.values(strength.high, u)}))
-    ]
+    worlds = {name: world_with(plain, {name: one.values(one.high, u)}) for name, one in strengths_for(model).items()}
+    return [name for name, world in worlds.items() if any(ENGINES[engine].lacks(world) for engine in engines)]
 
 
 def _digest(value: Any) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +20,9 @@ from tossid.physics.effects import World, effect_named
 from tossid.physics.effects.strength import Values
 from tossid.settings.diagnosis_audit import ScoreSettings
 from tossid.types import Phase, Toss
+
+_LEAST_PROBABILITY = 0.02
+"""Distance from 0 and 1 at which probabilities enter the logarithmic score."""
 
 
 def closable_share(
@@ -91,7 +94,8 @@ def score(
     Returns:
         `right`: by the measure of the case's kind. `named`: in order. `false`: names that neither are true nor share a
         class with a true one. `missed`: true ones that were not found. `parameters`: true values and estimates.
-        `closed`: closed share of the closable gap. `phase_right`: whether the effect acts in the phase in which the gap
+        `claims`: probabilities that were stated, and whether what they speak of is true (`claims`). `closed`: closed
+        share of the closable gap. `phase_right`: whether the effect acts in the phase in which the gap
         is largest (for a gap that must stay unexplained: in a phase in which something remains). What does not apply is
         None.
     """
@@ -110,6 +114,7 @@ def score(
         "parameters": [],
         "closed": None,
         "phase_right": None,
+        "claims": claims(gap, kind, set(true)),
     }
     where = [share["phase"] for share in gap["explanation"]["unexplained_where"]]
     if kind == "order":
@@ -151,6 +156,62 @@ def score(
         "parameters": [p for p in parameters if p is not None],
         "closed": closed,
         "phase_right": largest in phases,
+    }
+
+
+def claims(gap: Mapping[str, Any], kind: str, true: Collection[str]) -> list[dict[str, Any]]:
+    """The probabilities that a diagnosis states: of each effect or class that it found, and of "none of the library".
+
+    Args:
+        gap: The content of gap.json.
+        kind: Of the case.
+        true: Names of the effects that are there.
+
+    Returns:
+        For each, `of` (a name or "none"), the `probability` and whether it is `true`; none without repeated searches,
+        and none of "none" for a spoilt simulator, as nobody knows what else real tosses hold.
+    """
+    explanation, found = gap["explanation"], {finding["name"]: finding for finding in gap["effects"]}
+    none = explanation.get("probability_none")
+    if none is None:
+        return []
+    out = []
+    for name in (*explanation["effects"], *explanation.get("candidates", ())):
+        group = {name, *found[name]["confusable_with"]}
+        probability = min(1.0, sum(found[each]["frequency"] or 0.0 for each in group))
+        out.append({"of": name, "probability": probability, "true": not group.isdisjoint(true)})
+    if kind != "spoilt":
+        out.append({"of": "none", "probability": none, "true": kind in ("null", "outside", "without")})
+    return out
+
+
+def calibration(stated: Sequence[Mapping[str, Any]], bins: int = 5) -> dict[str, Any]:
+    """How far stated probabilities are right.
+
+    Args:
+        stated: `claims` of all cases.
+        bins: Equal parts of the range from 0 to 1.
+
+    Returns:
+        `of` how many; `brier`, the mean square of probability minus outcome; `log`, the mean of -log of the
+        probability of what was so, with probabilities kept 0.02 away from 0 and 1, which few repeats cannot tell; and
+        `reliability`, for each part of the range that has any, the mean `probability`, the share `true` and `of` how
+        many. Brier, Monthly Weather Review 78 (1950); Gneiting and Raftery, JASA 102 (2007).
+    """
+    p, y = (np.array([float(each[key]) for each in stated]) for key in ("probability", "true"))
+    if not len(p):
+        return {"of": 0, "brier": None, "log": None, "reliability": []}
+    near = np.clip(p, _LEAST_PROBABILITY, 1 - _LEAST_PROBABILITY)
+    place = np.minimum((p * bins).astype(int), bins - 1)
+    parts = [place == k for k in range(bins) if (place == k).any()]
+    return {
+        "of": len(p),
+        "brier": float(np.mean((p - y) ** 2)),
+        "log": float(-np.mean(np.log(np.where(y == 1, near, 1 - near)))),
+        "reliability": [
+            {"probability": float(p[each].mean()), "true": float(y[each].mean()), "of": int(each.sum())}
+            for each in parts
+        ],
     }
 
 
@@ -200,6 +261,11 @@ def summarise(
         "without_unexplained": _count([s["right"] for s in of["without"]], None),
         "phases_right": _count(phase, None),
     }
+    stated = [claim for s in scores for claim in s.get("claims", ())]
+    for measure, some in (("names", False), ("none", True)):
+        of_kind = calibration([claim for claim in stated if (claim["of"] == "none") == some])
+        out[f"brier_{measure}"] = {"value": of_kind["brier"], "of": of_kind["of"]}
+        out[f"log_score_{measure}"] = {"value": of_kind["log"], "of": of_kind["of"]}
     if of["order"]:
         out |= _over_order(of["order"], settings)
     if of["spoilt"]:

@@ -13,9 +13,11 @@ from tossid.diagnosis.audit.over_order import score_over_order
 from tossid.diagnosis.audit.scores import closable_share, score
 from tossid.diagnosis.audit.spoilt import Reference, read_case_tosses, real_tosses, spoil
 from tossid.diagnosis.explain import explain
+from tossid.diagnosis.findings import FOUND
 from tossid.diagnosis.sessions.explained import explain_over_order
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World, effects_for
+from tossid.settings.diagnosis import DiagnoseSettings
 from tossid.settings.diagnosis_audit import AuditSettings
 
 
@@ -74,27 +76,30 @@ def diagnose(job: Job, folder: Path) -> dict[str, Any]:
     Returns:
         The content of gap.json.
     """
-    seed = job.case.seed % 1000
+    seed, settings = job.case.seed % 1000, DiagnoseSettings(repeats=job.settings.repeats)
     if job.reference is not None:
         tosses, world = _real(job)
-        return explain(tosses, spoil(job.case, world, job.reference)[0], seed=seed).as_json()
-    return diagnose_withheld(folder / TOSSES, job.case.without, seed)
+        return explain(tosses, spoil(job.case, world, job.reference)[0], seed=seed, settings=settings).as_json()
+    return diagnose_withheld(folder / TOSSES, job.case.without, seed, settings)
 
 
-def diagnose_withheld(data: Path, without: Sequence[str], seed: int) -> dict[str, Any]:
+def diagnose_withheld(
+    data: Path, without: Sequence[str], seed: int, settings: DiagnoseSettings = DiagnoseSettings()
+) -> dict[str, Any]:
     """gap.json of the stated simulator on a dataset, which is all that the diagnosis gets.
 
     Args:
         data: The dataset's file.
         without: Effects that are taken out of the library.
         seed: Seed of the diagnosis.
+        settings: Of the diagnosis.
 
     Returns:
         The content of gap.json.
     """
     tosses, world = read_case_tosses(data)
     library = tuple(effect for effect in effects_for(world.object) if effect.name not in without)
-    return explain_over_order(tosses, world, library=library, seed=seed).diagnosis.as_json()
+    return explain_over_order(tosses, world, library=library, seed=seed, settings=settings).diagnosis.as_json()
 
 
 def score_case(job: Job, folder: Path, truth: dict[str, Any], gap: dict[str, Any]) -> dict[str, Any]:
@@ -132,13 +137,14 @@ def summary_of(gap: dict[str, Any]) -> dict[str, Any]:
         {
             "name": f["name"],
             "verdict": f["verdict"],
+            "frequency": f["frequency"],
             **f["evidence"],
             "gap_closed": f["gap_closed"]["value"],
             **{key: f[key] for key in ("sessions", "drift", "over_order") if key in f},
             "parameters": {k: v["value"] for k, v in f["parameters"].items()},
         }
         for f in gap["effects"]
-        if f["verdict"] in ("identified", "confusable") or f["evidence"]["gain"] > 0
+        if f["verdict"] in FOUND or f["evidence"]["gain"] > 0
     ]
     return {
         "total": gap["gap"]["total"]["value"],
