@@ -27,7 +27,7 @@ from tossid.objects.round_shape import RoundShape, round_shapes, support, surfac
 from tossid.objects.roundness import Roundness, directions
 from tossid.rotations import quat_to_matrix
 from tossid.settings.objects import ShapeSettings
-from tossid.types import Toss
+from tossid.types import PoseTrack, Toss
 
 Array = NDArray[np.float64]
 
@@ -121,7 +121,7 @@ class _Fit(NamedTuple):
     loss: float
 
 
-def half_spaces(tosses: Sequence[Toss]) -> HalfSpaces:
+def half_spaces(tosses: Sequence[Toss | PoseTrack]) -> HalfSpaces:
     """The half-spaces of all frames of tosses of one rigid body.
 
     Args:
@@ -129,7 +129,7 @@ def half_spaces(tosses: Sequence[Toss]) -> HalfSpaces:
     """
     q = np.concatenate([toss.q for toss in tosses])
     down = -quat_to_matrix(q[:, 3:7])[:, 2, :]
-    return HalfSpaces(down, q[:, 2], q[:, :2], np.repeat(np.arange(len(tosses)), [len(toss) for toss in tosses]))
+    return HalfSpaces(down, q[:, 2], q[:, :2], np.repeat(np.arange(len(tosses)), [len(toss.t) for toss in tosses]))
 
 
 def find_shape(tosses: Sequence[Toss], settings: ShapeSettings = DEFAULT) -> ConvexShape:
@@ -146,17 +146,7 @@ def find_shape(tosses: Sequence[Toss], settings: ShapeSettings = DEFAULT) -> Con
     Raises:
         InputError: The poses bound no shape, or there is no contact in them.
     """
-    every = half_spaces(tosses)
-    _, radius, corners = outer_hull(every, settings)
-    seen = every.chosen(different(every, settings))
-    seen = seen.chosen(seen.height - (seen.down @ corners.T).max(axis=1) < settings.near_rel * radius)
-    drawn = seen.chosen(_evenly(len(seen.height), settings.most_frames))
-    start = _merged(corners, settings.merge_rel * radius)
-    fits = [_fit(drawn, start, np.zeros(3), settings, gap=settings.first_gap)]
-    while len(fits[-1].vertices) > 4:
-        fits.append(_with_fewer(drawn, fits[-1], settings))
-    chosen = _without_flat(drawn, _fewest(fits, settings), settings)
-    chosen = _fit(seen, chosen.vertices, chosen.ground, settings, gap=2 * settings.gap)
+    seen, chosen, corners, radius = _polytope(half_spaces(tosses), settings)
     sharp = _fit(seen, chosen.vertices, np.zeros(3), settings, gap=2 * settings.gap, level=True)
     rounder = _rounder(seen, sharp, corners, settings)
     if rounder is not None:
@@ -172,6 +162,66 @@ def find_shape(tosses: Sequence[Toss], settings: ShapeSettings = DEFAULT) -> Con
     beyond = np.array([protrusion(corner, sharp.vertices) for corner in corners])
     unseen = corners[beyond > settings.unseen_rel * radius]
     return ConvexShape(sharp.vertices, deviation, frames, unseen, chosen.ground, misfit)
+
+
+def find_ground(
+    tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings = DEFAULT, *, slack: float = 0.0
+) -> Array:
+    """The ground's height at the origin [m] and its slopes along x and y, (3,), with which a polytope fits best.
+
+    Args:
+        tosses: Of one rigid body, z roughly up.
+        settings: As of `find_shape`.
+        slack: Slope that the ground may have: each half-space is first moved out by it times the distance from the
+            middle of all places.
+
+    Raises:
+        InputError: The poses bound no shape.
+    """
+    every = half_spaces(tosses)
+    if not slack:
+        return _polytope(every, settings)[1].ground
+    far = slack * np.linalg.norm(every.place - np.median(every.place, axis=0), axis=1)
+    _, radius, corners = outer_hull(every._replace(height=every.height + far), settings)
+    seen = every.chosen(different(every, settings))
+    seen = seen.chosen(seen.height - (seen.down @ corners.T).max(axis=1) < settings.near_rel * radius)
+    drawn = seen.chosen(_evenly(len(seen.height), settings.most_frames))
+    start = _merged(corners, settings.merge_rel * radius)
+    return _fit(drawn, start, np.zeros(3), settings, gap=float(np.quantile(far, 0.9))).ground
+
+
+def height_is_wrong(tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings = DEFAULT) -> bool:
+    """Whether a polytope over a ground of another height explains frames better than any shape over z = 0 does.
+
+    To a round shape, height and radius look alike: then z = 0 is believed.
+
+    Args:
+        tosses: Of one rigid body, over level ground.
+        settings: As of `find_shape`.
+
+    Raises:
+        InputError: The poses bound no shape.
+    """
+    seen, chosen, corners, _ = _polytope(half_spaces(tosses), settings)
+    sharp = _fit(seen, chosen.vertices, np.zeros(3), settings, gap=settings.first_gap, level=True)
+    scale, price = _price(seen, chosen, settings)
+    lifted = chosen.loss / scale + (3 * len(chosen.vertices) + 1) * price
+    level = sharp.loss / scale + 3 * len(sharp.vertices) * price
+    return lifted < level and _rounder(seen, chosen, corners, settings) is None
+
+
+def _polytope(every: HalfSpaces, settings: ShapeSettings) -> tuple[HalfSpaces, _Fit, Array, float]:
+    """Frames near the ground, the polytope and the ground that fit them, the outer hull's vertices and its radius."""
+    _, radius, corners = outer_hull(every, settings)
+    seen = every.chosen(different(every, settings))
+    seen = seen.chosen(seen.height - (seen.down @ corners.T).max(axis=1) < settings.near_rel * radius)
+    drawn = seen.chosen(_evenly(len(seen.height), settings.most_frames))
+    start = _merged(corners, settings.merge_rel * radius)
+    fits = [_fit(drawn, start, np.zeros(3), settings, gap=settings.first_gap)]
+    while len(fits[-1].vertices) > 4:
+        fits.append(_with_fewer(drawn, fits[-1], settings))
+    chosen = _without_flat(drawn, _fewest(fits, settings), settings)
+    return seen, _fit(seen, chosen.vertices, chosen.ground, settings, gap=2 * settings.gap), corners, radius
 
 
 def outer_hull(spaces: HalfSpaces, settings: ShapeSettings = DEFAULT) -> tuple[Array, float, Array]:
@@ -278,7 +328,7 @@ def _rounder(spaces: HalfSpaces, sharp: _Fit, hull: Array, settings: ShapeSettin
     """The round shape that explains the frames better than the polytope does; None where none does."""
     scale, price = _price(spaces, sharp, settings)
     best, least = None, sharp.loss / scale + 3 * len(sharp.vertices) * price
-    drawn = spaces.chosen(_evenly(len(spaces.height), settings.most_frames))
+    drawn = spaces.chosen(_evenly(len(spaces.height), settings.round_frames))
     thinned = len(spaces.height) / len(drawn.height)
     for shape in round_shapes(drawn.down, drawn.height, hull, settings, loss=_loss, weights=_weights):
         criterion = thinned * shape.loss / scale + shape.count * price
