@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tossid.diagnosis.enough import searched
 from tossid.diagnosis.explain import explain
 from tossid.diagnosis.next_toss import next_toss
 from tossid.diagnosis.patch.make import make_patch
@@ -94,28 +95,34 @@ class Task:
         """
         report = progress or _silent
         threads = _threads(self.settings)
-        found = explain(
-            self.tosses,
-            self.simulator.world,
-            library=self.library,
-            engine=self.simulator.engine,
-            n_threads=threads,
-            seed=self.settings.seed,
-            unseen=self.unseen,
-            progress=progress,
-            settings=self.settings,
+
+        def search(tosses: Sequence[Toss], others: Sequence[Toss]) -> Diagnosis:
+            return explain(
+                tosses,
+                self.simulator.world,
+                library=self.library,
+                engine=self.simulator.engine,
+                n_threads=threads,
+                seed=self.settings.seed,
+                unseen=self.unseen or others,
+                progress=progress,
+                settings=self.settings,
+            )
+
+        found, tosses, of_number = searched(
+            self.tosses, search, engine=self.simulator.engine, n_threads=threads, settings=self.settings
         )
         report("next toss and patch", 0.95)
         following = next_toss(
             found.hypothesis,
             found.alternatives,
-            self.tosses,
+            tosses,
             self.recorded,
             rng=np.random.default_rng(self.settings.seed),
             n_threads=threads,
             settings=self.settings,
         )
-        patch = _patch(found, self, threads)
+        patch = _patch(found, self, tosses, threads)
         report("done", 1.0)
         return replace(
             found,
@@ -124,7 +131,7 @@ class Task:
             data={"object": self.recorded.name},
             next_toss=following,
             patch=patch,
-            remarks=(*self.remarks, *_of_contact(found, self.simulator)),
+            remarks=(*of_number, *self.remarks, *_of_contact(found, self.simulator)),
             order=self.order,
             report=self.settings.report,
         )
@@ -225,7 +232,7 @@ def _usable(
     return kept, (f"Tosses left out: {', '.join(why)}.",) if why else ()
 
 
-def _patch(found: Diagnosis, task: Task, threads: int) -> dict[str, Any]:
+def _patch(found: Diagnosis, task: Task, tosses: Sequence[Toss], threads: int) -> dict[str, Any]:
     """gap.json's "patch", with its rerun in MuJoCo where there is anything to rerun."""
     mjcf = task.simulator.mjcf
     settings = task.settings.patch
@@ -235,7 +242,7 @@ def _patch(found: Diagnosis, task: Task, threads: int) -> dict[str, Any]:
     if patch.changes or patch.recording or mjcf is not None:
         try:
             report["rerun"] = rerun(
-                patch, found.hypothesis, task.tosses, task.recorded, n_threads=threads, settings=settings
+                patch, found.hypothesis, tosses, task.recorded, n_threads=threads, settings=settings
             )
         except TossidError as error:
             report["rerun"] = {"problem": str(error)}
