@@ -180,7 +180,7 @@ def _impact(name: str, before: Array, after: Array, half: float, drag: float) ->
 
 def robust_line(columns: Array, y: Array) -> Array:
     """(P,) least squares with Cauchy's weights."""
-    w = np.ones(len(y))
+    w: Array = np.ones(len(y))
     for _ in range(30):
         b: Array = np.linalg.lstsq(columns * w[:, None], y * w, rcond=None)[0]
         r = y - columns @ b

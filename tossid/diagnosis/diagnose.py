@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tossid.diagnosis.enough import searched
 from tossid.diagnosis.learned import learned_forces
 from tossid.diagnosis.next_toss import next_toss
 from tossid.diagnosis.patch.make import make_patch
@@ -17,7 +18,7 @@ from tossid.diagnosis.patch.rerun import rerun
 from tossid.diagnosis.release import bound_frames
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.sessions.correction import corrections
-from tossid.diagnosis.sessions.explained import explain_over_order
+from tossid.diagnosis.sessions.explained import Explained, explain_over_order
 from tossid.diagnosis.simulators import Simulator, check_runs, check_same_object, moves, read_simulator
 from tossid.errors import ConfigError, InputError, TossidError
 from tossid.motion.sessions.levelling import recordings_apart
@@ -96,18 +97,25 @@ class Task:
         """
         report = progress or silent
         threads = _threads(self.settings)
-        explained = explain_over_order(
-            self.tosses,
-            self.simulator.world,
-            library=self.library,
-            engine=self.simulator.engine,
-            n_threads=threads,
-            seed=self.settings.seed,
-            unseen=self.unseen,
-            names=self.names,
-            sessions=() if self.order is None else [session.first for session in self.order.sessions[1:]],
-            progress=progress,
-            settings=self.settings,
+
+        def search(tosses: Sequence[Toss], others: Sequence[Toss]) -> Explained:
+            judges = self.unseen if len(self.unseen) >= len(tosses) else (*self.unseen, *others)
+            return explain_over_order(
+                tosses,
+                self.simulator.world,
+                library=self.library,
+                engine=self.simulator.engine,
+                n_threads=threads,
+                seed=self.settings.seed,
+                unseen=judges,
+                names=self.names,
+                sessions=() if self.order is None else [session.first for session in self.order.sessions[1:]],
+                progress=progress,
+                settings=self.settings,
+            )
+
+        explained, of_number = searched(
+            self.tosses, search, engine=self.simulator.engine, n_threads=threads, settings=self.settings
         )
         found, tosses = explained.diagnosis, explained.tosses
         report("next toss and patch", 0.95)
@@ -120,7 +128,7 @@ class Task:
             n_threads=threads,
             settings=self.settings,
         )
-        patch = _patch(found, replace(self, tosses=tosses), threads)
+        patch = _patch(found, self, tosses, threads)
         report("done", 1.0)
         return replace(
             found,
@@ -129,7 +137,7 @@ class Task:
             data={"object": self.recorded.name},
             next_toss=following,
             patch=patch,
-            remarks=(*self.remarks, *_of_contact(found, self.simulator)),
+            remarks=(*of_number, *self.remarks, *_of_contact(found, self.simulator)),
             order=self.order,
             learned=learned_forces(self.simulator.world, self.tosses, self.library, self.settings.learned),
             report=self.settings.report,
@@ -236,7 +244,7 @@ def _usable(
     return kept, (f"Tosses left out: {', '.join(why)}.",) if why else ()
 
 
-def _patch(found: Diagnosis, task: Task, threads: int) -> dict[str, Any]:
+def _patch(found: Diagnosis, task: Task, tosses: Sequence[Toss], threads: int) -> dict[str, Any]:
     """gap.json's "patch", with its rerun in MuJoCo where there is anything to rerun."""
     mjcf = task.simulator.mjcf
     settings = task.settings.patch
@@ -247,7 +255,7 @@ def _patch(found: Diagnosis, task: Task, threads: int) -> dict[str, Any]:
     if patch.changes or patch.recording or mjcf is not None:
         try:
             report["rerun"] = rerun(
-                patch, found.hypothesis, task.tosses, task.recorded, n_threads=threads, settings=settings
+                patch, found.hypothesis, tosses, task.recorded, n_threads=threads, settings=settings
             )
         except TossidError as error:
             report["rerun"] = {"problem": str(error)}

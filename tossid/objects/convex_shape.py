@@ -164,9 +164,7 @@ def find_shape(tosses: Sequence[Toss], settings: ShapeSettings = DEFAULT) -> Con
     return ConvexShape(sharp.vertices, deviation, frames, unseen, chosen.ground, misfit)
 
 
-def find_ground(
-    tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings = DEFAULT, *, slack: float = 0.0
-) -> Array:
+def find_ground(tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings = DEFAULT, *, slack: float = 0.0) -> Array:
     """The ground's height at the origin [m] and its slopes along x and y, (3,), with which a polytope fits best.
 
     Args:
@@ -331,7 +329,7 @@ def _rounder(spaces: HalfSpaces, sharp: _Fit, hull: Array, settings: ShapeSettin
     drawn = spaces.chosen(_evenly(len(spaces.height), settings.round_frames))
     thinned = len(spaces.height) / len(drawn.height)
     for shape in round_shapes(drawn.down, drawn.height, hull, settings, loss=_loss, weights=_weights):
-        criterion = thinned * shape.loss / scale + shape.count * price
+        criterion = thinned * shape.loss / scale + shape.size * price
         if criterion < least:
             best, least = shape, criterion
     return best

@@ -34,17 +34,17 @@ class RoundShape(NamedTuple):
         kind: What it is called.
         corner_pos: (n_c, 3) its corners [m].
         roundness: What stands there.
-        count: How many numbers it has.
+        size: How many numbers it has.
         gap: (n,) distance of the lowest point from the ground in each frame [m].
         loss: Sum of the loss over frames.
         covariance: Of the numbers, for a misfit of 1 m.
-        slope: Derivative of the support function with respect to the numbers (k, count), given directions (k, 3).
+        slope: Derivative of the support function with respect to the numbers (k, size), given directions (k, 3).
     """
 
     kind: str
     corner_pos: Array
     roundness: Roundness
-    count: int
+    size: int
     gap: Array
     loss: float
     covariance: Array
@@ -93,7 +93,7 @@ def round_shapes(
         if len(J) < 3 * len(p):
             continue
         corners, roundness = family.corners(p)
-        covariance = np.linalg.pinv(J.T @ J)
+        covariance: Array = np.linalg.pinv(J.T @ J)
 
         def slope(ways: Array, family: _Family = family, p: Array = p) -> Array:
             return _slope(family, p, ways)

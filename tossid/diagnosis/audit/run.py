@@ -37,9 +37,9 @@ from tossid.settings.changed import changed
 from tossid.settings.diagnosis_audit import AuditSettings
 from tossid.settings.objects import ObjectSettings
 from tossid.store import file_sha256
-from tossid.types import Progress, silent
 from tossid.synthesis.engines import ENGINES
 from tossid.synthesis.foreign_engines import check_installed
+from tossid.types import Progress, silent
 
 RESULT, GAP, REFERENCE = "result.json", "gap.json", "reference.json"
 """Names of files: a case's score and diagnosis, and what real tosses say of the unspoilt simulator."""

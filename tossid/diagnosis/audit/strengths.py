@@ -33,7 +33,7 @@ def strengths_for(model: ObjectModel) -> dict[str, Strength]:
     return {effect.name: effect.strength for effect in effects_for(model) if isinstance(effect.strength, Strength)}
 
 
-def world_with(world: World, effects: Mapping[str, Values]) -> World:
+def world_with(world: World, effects: Mapping[str, Mapping[str, float]]) -> World:
     """A world with effects.
 
     Args:
