@@ -93,7 +93,7 @@ def round_shapes(
         if len(J) < 3 * len(p):
             continue
         corners, roundness = family.corners(p)
-        covariance: Array = np.linalg.pinv(J.T @ J)
+        covariance = np.asarray(np.linalg.pinv(J.T @ J), dtype=np.float64)
 
         def slope(ways: Array, family: _Family = family, p: Array = p) -> Array:
             return _slope(family, p, ways)
