@@ -145,7 +145,7 @@ def _sightings(scene: Scene, A: Array, B: Array, group: Ints, seen: Array | None
 
 
 def _moved_tag(scene: Scene, state: State, T_rig_body: Array, tag: int, settings: TrackSettings) -> Suspect | None:
-    """A tag that is elsewhere by the poses that the others give; None if it is where it should be."""
+    """A tag whose place differs from the stated one by the poses that the other tags give; None if it does not."""
     A, group = transform_inv(state.camera[scene.camera]) @ T_rig_body, np.zeros(len(T_rig_body), dtype=np.int64)
     s = _sightings(scene, A, np.broadcast_to(np.eye(4), A.shape), group)
     T = resect(s, 1, settings=settings.resection).T[0]
@@ -163,7 +163,7 @@ def _wrong_camera(scene: Scene, state: State, T_rig_body: Array, c: int, setting
     B, group = T_rig_body @ state.tag[scene.tag], np.zeros(len(T_rig_body), dtype=np.int64)
     eye, name, model = np.broadcast_to(np.eye(4), B.shape), scene.cameras[c].name, scene.cameras[c]
     T_cam_rig = transform_inv(state.camera[c])
-    elsewhere = resect(_sightings(scene, eye, B, group), 1, settings=settings.resection)
+    refitted = resect(_sightings(scene, eye, B, group), 1, settings=settings.resection)
 
     def cost(lens: Camera) -> float:
         s = _sightings(scene, eye, B, group, lens.undistort(scene.pixels))
@@ -180,10 +180,10 @@ def _wrong_camera(scene: Scene, state: State, T_rig_body: Array, c: int, setting
         amounts = step * np.arange(-20, 21)
         costs = [cost(_changed(model, what, amount)) for amount in amounts]
         best = min(best, (min(costs), what, float(amounts[int(np.argmin(costs))])))
-    if best[0] < elsewhere.cost[0]:
+    if best[0] < refitted.cost[0]:
         size = f"{best[2] * 100:+.1f} %" if best[1] == "focal length" else f"{best[2]:+.0f} px"
         return Suspect("intrinsics", name, f"camera {name}'s images fit another {best[1]} ({size})")
-    far, turn = _apart(transform_inv(elsewhere.T[0]), state.camera[c])
+    far, turn = _apart(transform_inv(refitted.T[0]), state.camera[c])
     message = f"camera {name} is {far * 1e3:.0f} mm and {np.rad2deg(turn):.1f}° from where it is said to be"
     return (
         Suspect("camera", name, message, far, turn) if far > check.least_distance or turn > check.least_angle else None
