@@ -182,7 +182,7 @@ def robust_line(columns: Array, y: Array) -> Array:
     """(P,) least squares with Cauchy's weights."""
     w = np.ones(len(y))
     for _ in range(30):
-        b: Array = np.linalg.lstsq(columns * w[:, None], y * w, rcond=None)[0]
+        b = np.asarray(np.linalg.lstsq(columns * w[:, None], y * w, rcond=None)[0], dtype=np.float64)
         r = y - columns @ b
         size = 2 * 1.4826 * np.median(np.abs(r)) + 1e-12
         w = (1 + (r / size) ** 2) ** -0.5

@@ -296,11 +296,11 @@ def check_runs(
     how = steps_of(world, settings.likelihood.simulation)
     run = world.roll_out(q, v, n_steps=steps, dt=dt, **how, n_threads=n_threads)
     far = np.nanmax(np.abs(np.where(np.isfinite(run[..., :3]), run[..., :3], np.inf)), axis=(1, 2))
-    lost = [toss.name for toss, size in zip(tosses, far, strict=True) if not size < 1e3]
+    lost = [toss.name for toss, size in zip(tosses, far, strict=True) if not size < settings.checks.far]
     if len(lost) > settings.checks.most_diverged * len(tosses):
         raise InputError(
-            f"{where}: the simulator diverges (NaN, or farther than 1 km) on {len(lost)} of {len(tosses)} tosses, "
-            f"the first of them '{lost[0]}'"
+            f"{where}: the simulator diverges (NaN, or farther than {settings.checks.far:g} m) on {len(lost)} of "
+            f"{len(tosses)} tosses, the first of them '{lost[0]}'"
         )
     return lost
 

@@ -315,6 +315,8 @@ class CheckSettings:
     """ratio of the sizes of two objects beyond which one is not a wrong statement of the other"""
     most_diverged: Fraction = 0.1
     """share of tosses on which a simulator may diverge"""
+    far: Positive = 1e3
+    """distance from the origin beyond which a simulated toss has diverged [m]"""
 
 
 @dataclass(frozen=True, kw_only=True)
