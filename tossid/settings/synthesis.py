@@ -241,7 +241,7 @@ class ShapeTossSettings(Checked):
     """most frames of a toss"""
     rest_frames: Count = 10
     """frames at rest after which a toss ends"""
-    step: Positive = 2.5e-4
-    """MuJoCo's time step [s]"""
+    step: Positive = 5e-5
+    """MuJoCo's time step [s], with which contact is near rigid"""
     seed: Seed = 0
     """of what is drawn"""
