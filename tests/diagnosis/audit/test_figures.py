@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from tossid.diagnosis.audit.figures import audit_figures, wilson
+from tossid.diagnosis.audit.figures import audit_figures, reliability, wilson
 
 
 def test_the_figures_draw_every_kind() -> None:
     rows = [
         {"kind": kind, "engine": "lcp", "effects": effects, "class": group, "first": group[0] if group else None,
-         "displacement": [20.0] * len(effects), "right": right}
+         "displacement": [20.0] * len(effects), "right": right, "claims": []}
         for kind, effects, group, right in [
             ("effect", ["friction"], ["friction", "cohesion"], True),
             ("effect", ["magnus"], ["wind"], False),
@@ -25,6 +25,15 @@ def test_the_figures_draw_every_kind() -> None:
     texts = {text.get_text() for text in figures["confusion"].axes[0].get_yticklabels()}
     assert {"nothing", "friction + gravity"} <= texts
     assert {"cubic_drag (not in the library)", "inertia (removed from the library)"} <= texts
+    assert "reliability" not in figures
+
+
+def test_reliability_is_drawn_of_stated_probabilities() -> None:
+    stated = [{"of": "friction", "probability": p, "true": p > 0.5} for p in (0.1, 0.15, 0.9, 1.0)]
+    stated.append({"of": "none", "probability": 0.0, "true": False})
+    axes = reliability([{"claims": stated}]).axes[0]
+    drawn = [line.get_xydata().tolist() for line in axes.get_lines()[1:]]
+    assert drawn == [[[0.125, 0.0], [0.95, 1.0]], [[0.0, 0.0]]]
 
 
 def test_wilsons_interval_is_the_published_one() -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
-from tossid.diagnosis.audit.scores import score, summarise
+from tossid.diagnosis.audit.scores import calibration, claims, score, summarise
 
 
 def truth(kind: str, **effects: dict[str, float]) -> dict[str, Any]:
@@ -111,3 +112,48 @@ def test_the_summary_counts() -> None:
     assert found["closed_median"]["value"] == pytest.approx(0.95)
     assert found["outside_not_named"]["count"] == 1
     assert found["pairs_both_named"]["share"] is None
+
+
+def stated(*named: str, none: float | None, **found: Any) -> dict[str, Any]:
+    """An answer whose effects have frequencies: NAME={"classes": (...), "frequency": ...}."""
+    gap = answer(*named, **found)
+    for finding in gap["effects"]:
+        finding["frequency"] = found.get(finding["name"], {}).get("frequency", 0.0)
+    gap["explanation"] |= {"probability_none": none, "candidates": []}
+    return gap
+
+
+def test_a_class_is_claimed_with_the_sum_of_its_frequencies() -> None:
+    gap = stated(
+        "gravity",
+        none=0.1,
+        gravity={"classes": ("time_base",), "frequency": 0.6},
+        time_base={"classes": ("gravity",), "frequency": 0.3},
+    )
+    assert claims(gap, "effect", {"time_base"}) == [
+        {"of": "gravity", "probability": pytest.approx(0.9), "true": True},
+        {"of": "none", "probability": 0.1, "true": False},
+    ]
+    assert [claim["true"] for claim in claims(gap, "null", set())] == [False, True]
+    assert [claim["of"] for claim in claims(gap, "spoilt", {"gravity"})] == ["gravity"]
+
+
+def test_without_repeats_nothing_is_claimed() -> None:
+    assert claims(stated("friction", none=None), "effect", {"friction"}) == []
+    assert score(truth("effect", friction={"mu": 0.3}), answer("friction"))["claims"] == []
+
+
+def test_proper_scores_are_best_for_the_truth() -> None:
+    def of(p: float, *outcomes: bool) -> dict[str, Any]:
+        return calibration([{"probability": p, "true": each} for each in outcomes])
+
+    found = of(0.75, True, True, True, False)
+    assert found["brier"] == pytest.approx((3 * 0.25**2 + 0.75**2) / 4)
+    assert found["log"] == pytest.approx(-(3 * np.log(0.75) + np.log(0.25)) / 4)
+    assert found["reliability"] == [{"probability": 0.75, "true": 0.75, "of": 4}]
+    for other in (0.5, 0.9):
+        assert of(other, True, True, True, False)["brier"] > found["brier"]
+        assert of(other, True, True, True, False)["log"] > found["log"]
+    # a certain answer that is wrong costs much, not everything
+    assert of(1.0, False)["log"] == pytest.approx(-np.log(0.02))
+    assert calibration([])["brier"] is None
