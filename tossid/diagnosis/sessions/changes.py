@@ -85,6 +85,8 @@ def effect_over_order(
     witnesses: Mapping[str, Witness],
     changes: Sequence[Change],
     settings: OrderSettings,
+    *,
+    boundaries: Sequence[int] = (),
 ) -> EffectOverOrder | None:
     """The effect whose change over the order explains most; None if no effect changes.
 
@@ -95,6 +97,7 @@ def effect_over_order(
         witnesses: Of `witnesses_of`.
         changes: Of `changes_over_order`.
         settings: How candidates are compared.
+        boundaries: Numbers of tosses with which sessions of the dataset begin.
     """
     p = {name: min(c.p[name] for c in changes if name in c.p) for c in changes for name in c.p}
     by_name, outlier = {effect.name: effect for effect in library}, settings.changes.outlier
@@ -102,8 +105,9 @@ def effect_over_order(
     for name in p:
         if name != RESIDUAL:
             at = tuple(change.at for change in changes if name in change.p)
-            form, criterion = form_over_order(witnesses[name], at, outlier=outlier)
             at = moments_of_steps(witnesses[name], at, settings)
+            form, criterion = form_over_order(witnesses[name], at, outlier=outlier)
+            at = _at_sessions(at, boundaries, settings.same_change)
             judged.append((criterion, name, _edges(validator.n, at, form, settings), form))
     if not judged:
         return None
@@ -123,6 +127,11 @@ def effect_over_order(
 
     found = validator.map(tried, judged[: settings.candidates])
     best = max(gain for gain, _ in found)
+    # the object and gravity stay the same
+    changeable = [each for each in found if each[1].effect.family != "body" and each[1].effect.name != "gravity"]
+    if changeable and max(gain for gain, _ in changeable) > settings.unchanging * best:
+        found = changeable
+        best = max(gain for gain, _ in found)
     close = [each for each in found if each[0] > best - settings.indistinguishable * abs(best)]
     # of what fits alike, a recording that changes is the simpler story, and so is a special case
     recording = [each for each in close if each[1].effect.family == "measurement" or each[1].correctable]
@@ -187,6 +196,14 @@ def moments_of_steps(witness: Witness, at: Sequence[int], settings: OrderSetting
         near = np.arange(max(low + 1, now - settings.largest_move), min(high - 1, now + settings.largest_move) + 1)
         edges[k] = int(near[np.argmin(saved[near - 1])])
     return tuple(edges[1:-1])
+
+
+def _at_sessions(at: Sequence[int], boundaries: Sequence[int], near: int) -> tuple[int, ...]:
+    """Steps where the dataset has sessions, if it has them nearby; no two at one toss."""
+    moved = {
+        min((b for b in boundaries if abs(b - each) <= near), key=lambda b: abs(b - each), default=each) for each in at
+    }
+    return tuple(sorted(moved - {0}))
 
 
 def _edges(n: int, at: Sequence[int], form: Form, settings: OrderSettings) -> tuple[int, ...]:

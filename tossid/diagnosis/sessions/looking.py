@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -174,17 +174,10 @@ def look(
     excess = by_toss(present.evidence, above, validator.n) / np.maximum(rows, 1.0)
     places = np.array([toss.q[-1, :2] for toss in tosses])
     witnesses = witnesses_of(present, library, validator, places, excess)
-    changes = _at_sessions(changes_over_order(witnesses, settings.order), order, settings)
-    effect = effect_over_order(present, validator, library, witnesses, changes, settings.order) if changes else None
+    changes = changes_over_order(witnesses, settings.order)
+    effect = None
+    if changes:
+        effect = effect_over_order(
+            present, validator, library, witnesses, changes, settings.order, boundaries=order.boundaries
+        )
     return Looked(validator, present, floor, changes, effect)
-
-
-def _at_sessions(changes: Sequence[Change], order: TossOrder, settings: DiagnoseSettings) -> tuple[Change, ...]:
-    """Changes where the dataset has them, if it has them nearby; no stretch is empty."""
-    moved: list[Change] = []
-    for change in changes:
-        near = [at for at in order.boundaries if abs(at - change.at) <= settings.order.same_change]
-        at = min(near, key=lambda at: abs(at - change.at)) if near else change.at
-        if 0 < at < len(order.ranks) and all(at != other.at for other in moved):
-            moved.append(replace(change, at=at))
-    return tuple(moved)

@@ -33,7 +33,9 @@ def toss_values(present: Candidate, effect: Effect, n_tosses: int) -> tuple[Arra
         hypothesis = hypothesis.plus(effect)
     place = hypothesis.place_of(effect.name)
     own, residuals = list(range(place.start, place.stop)), present.fitted.residuals
-    J = derivatives(present.evidence, hypothesis, residuals, own)[..., own]
+    # as wide as those that a fit begins with: contact that opens or closes is far from linear
+    widest = present.evidence.windows.settings.fit.widest_difference
+    J = derivatives(present.evidence, hypothesis, residuals, own, np.full(len(hypothesis.flat()), widest))[..., own]
     H, g = toss_sums(present.evidence, residuals, J, present.fitted.scales, n_tosses)
     w, Q = np.linalg.eigh(H)
     kept = w > _LEAST_INFORMATION * max(float(w.max(initial=0.0)), 1e-300)
@@ -60,7 +62,7 @@ def witnesses_of(
 
     found = dict(validator.map(one, library))
     found = {name: witness for name, witness in found.items() if witness[1].any()}
-    size = np.log1p(np.maximum(excess, 0.0))[:, None]
+    size = np.arcsinh(excess)[:, None]
     return {**found, RESIDUAL: (size, np.ones((validator.n, 1, 1)), places)}
 
 
