@@ -175,9 +175,7 @@ def find_shape(
     return ConvexShape(sharp.vertices, deviation, frames, unseen, chosen.ground, misfit)
 
 
-def find_ground(
-    tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings = DEFAULT, *, slack: float = 0.0
-) -> Array:
+def find_ground(tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings = DEFAULT, *, slack: float = 0.0) -> Array:
     """The ground's height at the origin [m] and its slopes along x and y, (3,), with which a polytope fits best.
 
     Args:

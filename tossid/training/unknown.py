@@ -33,6 +33,19 @@ class UnknownObject(NamedTuple):
     shape: ConvexShape
     fall: FreeFall
 
+    def kept(self, sure: float) -> dict[str, bool]:
+        """Settings of a model that keep what the tosses have shown surely: corners, and the centre of mass.
+
+        Args:
+            sure: Largest standard error of what is kept [m].
+        """
+        found = {}
+        if self.shape.roundness is not None or self.shape.deviation.max() < sure:
+            found["learn_geometry"] = False
+        if self.fall.com_deviation.max() < sure:
+            found["learn_com"] = False
+        return found
+
     def as_json(self) -> dict[str, Any]:
         """What was shown before training, with units in the names.
 
