@@ -20,6 +20,11 @@ from tossid.settings.objects import UnknownObjectSettings
 from tossid.types import PoseTrack, Toss
 
 
+DISAGREEMENT = 1e-3
+"""Height of the ground that the contacts of a polytope ask for, though it is z = 0, from which on its corners are not
+sure, whatever their standard error [m]: edges are round, or the recording has errors that do not average out."""
+
+
 class UnknownObject(NamedTuple):
     """What tracked poses show of an object.
 
@@ -40,7 +45,8 @@ class UnknownObject(NamedTuple):
             sure: Largest standard error of what is kept [m].
         """
         found = {}
-        if self.shape.roundness is not None or self.shape.deviation.max() < sure:
+        agrees = abs(self.shape.ground[0]) < DISAGREEMENT
+        if self.shape.roundness is not None or (self.shape.deviation.max() < sure and agrees):
             found["learn_geometry"] = False
         if self.fall.com_deviation.max() < sure:
             found["learn_com"] = False
