@@ -122,6 +122,8 @@ def test_too_few_sides_bound_no_shape(wedge: list[Toss]) -> None:
 
 def test_a_ground_far_above_fits_nothing() -> None:
     down = np.array([[0, 0, -1.0], [0, 0, 1.0]])
-    spaces = HalfSpaces(down, np.array([-0.1, -0.1]), np.zeros((2, 2)), np.zeros(2, dtype=np.int64))
+    spaces = HalfSpaces(
+        down, np.array([-0.1, -0.1]), np.zeros((2, 2)), np.zeros(2, dtype=np.int64), np.zeros(2, dtype=bool)
+    )
     with pytest.raises(InputError, match="no shape fits"):
         outer_hull(spaces)

@@ -63,6 +63,7 @@ class ContactNets(nn.Module):
         self.friction = Friction(model, learn=settings.learn_friction)
         self.contact_law = ContactLaw(model, learn=settings.learn_contact_law)
         self.inertia = make_inertia(model, kind=settings.inertia, learn=settings.learn_inertia)
+        self.inertia.get_parameter("com").requires_grad_(settings.learn_inertia and settings.learn_com)
         self.k_res: LearnedAccelerationNet | None = None
         if settings.learn_k_res:
             generator = torch.Generator().manual_seed(seed)

@@ -21,7 +21,8 @@ SLACKS = (0.08, 0.02)
 TIMES = 6
 """A tilt is found to first order, so that it is found again in the levelled world, at most so many times."""
 RAISED = 0.03
-"""How far tracks are raised that go below z = 0 by more than their object is thick [m]; its hull then shows the ground."""
+"""How far tracks are raised that lie deeper below z = 0 than their object is thick [m]; the hull then shows the
+ground."""
 
 
 def level_by_hull(

@@ -71,7 +71,6 @@ class Parabola:
             touching[first : first + w - 1] = False
         return touching
 
-
     def flying(self, t: Array, q: Array) -> Bools:
         """Frames in free flight, (n,): those with an interval beside them in which nothing else acts.
 
@@ -121,7 +120,8 @@ def find_parabola(
                 f"the tosses show no flight: in {int(flying.sum())} of {len(rms)} stretches of {seconds:.2g} s some "
                 f"point of the body falls at {gravity:g} m/s²; expected tosses that fly, z up, in metres and seconds"
             )
-        misfit = min(settings.deviations * float(np.quantile(rms[flying], 0.3)), settings.most_carried * carried)
+        typical = max(settings.least_misfit, settings.deviations * float(np.quantile(rms[flying], 0.3)))
+        misfit = min(typical, settings.most_carried * carried)
         com = _solve(y, J, (rms < misfit).astype(float))
     low = min(float(np.quantile(_heights(track, com), 0.02)) for track in tracks)
     gyration = float(np.clip(0.6 * low, 5e-3, 0.5))

@@ -115,7 +115,14 @@ def round_shapes(
             return _slope(family, p, ways)
 
         yield RoundShape(
-            family.kind, corners, roundness, len(p), r, float(loss(r, free, settings.gap, settings).sum()), covariance, slope
+            family.kind,
+            corners,
+            roundness,
+            len(p),
+            r,
+            float(loss(r, free, settings.gap, settings).sum()),
+            covariance,
+            slope,
         )
 
 

@@ -201,6 +201,8 @@ class ParabolaSettings:
     """windows on a parabola below which there is no flight"""
     iterations: Count = 6
     """refits to the windows that fly"""
+    least_misfit: Positive = 2e-5
+    """misfit with which a window flies in any case; exact data have none [m]"""
     deviations: Positive = 1.7
     """a window flies if its misfit is below so many of the typical one of flight"""
     most_carried: Fraction = 0.35

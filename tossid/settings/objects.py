@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tossid.settings.kinds import Checked, Count, Except, Fraction, Positive, advanced_part
+from tossid.settings.kinds import Checked, Count, Except, Fraction, NonNegative, Positive, advanced, advanced_part
 from tossid.settings.limits import Friction, Length, Mass, Restitution
 
 
@@ -115,6 +115,9 @@ class UnknownObjectSettings(Checked):
     """its mass [kg]; tosses show ratios of masses only"""
     friction: Friction = 0.3
     """Coulomb friction that training starts from"""
+    sure: NonNegative = advanced(3e-4)
+    """standard error up to which corners, and the centre of mass, stay as the tosses showed them [m]: training would
+    move them to explain what its model lacks. 0 refines them in any case"""
     shape: ShapeSettings = advanced_part(ShapeSettings)
     """how its shape is found"""
 

@@ -44,6 +44,8 @@ class ModelSettings(Checked):
     """k_res has a uniform vertical acceleration of its own, which nothing penalises"""
     learn_inertia: bool = False
     """learn inertia, centre of mass, and the ratios of the links' masses"""
+    learn_com: bool = advanced(True)
+    """learn the centre of mass where inertia is learned; false: it stays as it is given"""
     learn_contact_law: bool = False
     """learn stiffness, relaxation and cohesion of contact; from rollouts alone"""
     implicit: bool = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import hashlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -161,11 +161,23 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
     looked_at = (*train, *validation) if settings.tosses is None else train
     shown = None if settings.object is None else unknown_object(looked_at, settings.object)
     start = dataset.object if shown is None else shown.object
+    if shown is not None and settings.object is not None:
+        settings = replace(settings, model=keeping(settings.model, shown.kept(settings.object.sure)))
     measured = estimate_measurement(train, start)
     measurement = measurement_of(settings.model, measured, stated=shown is None)
     model = build_model(settings.model, start, seed=settings.seed, measurement=measurement)
     size = size_contradiction(measured, measurement) if shown is None else None
     return Fit(model, train, validation, settings, shown=shown, size=size)
+
+
+def keeping(model: ModelSettings, kept: Mapping[str, bool]) -> ModelSettings:
+    """The settings of a model that keeps what is known, as far as it has such settings.
+
+    Args:
+        model: Of any kind.
+        kept: Of `UnknownObject.kept`.
+    """
+    return replace(model, **{name: value for name, value in kept.items() if hasattr(model, name)})
 
 
 def measurement_of(settings: ModelSettings, found: MeasurementEstimate, *, stated: bool = True) -> MeasurementModel:

@@ -20,6 +20,11 @@ from tossid.settings.objects import UnknownObjectSettings
 from tossid.types import PoseTrack, Toss
 
 
+DISAGREEMENT = 1e-3
+"""Height of the ground that the contacts of a polytope ask for, though it is z = 0, from which on its corners are not
+sure, whatever their standard error [m]: edges are round, or the recording has errors that do not average out."""
+
+
 class UnknownObject(NamedTuple):
     """What tracked poses show of an object.
 
@@ -32,6 +37,20 @@ class UnknownObject(NamedTuple):
     object: ObjectModel
     shape: ConvexShape
     fall: FreeFall
+
+    def kept(self, sure: float) -> dict[str, bool]:
+        """Settings of a model that keep what the tosses have shown surely: corners, and the centre of mass.
+
+        Args:
+            sure: Largest standard error of what is kept [m].
+        """
+        found = {}
+        agrees = abs(self.shape.ground[0]) < DISAGREEMENT
+        if self.shape.roundness is not None or (self.shape.deviation.max() < sure and agrees):
+            found["learn_geometry"] = False
+        if self.fall.com_deviation.max() < sure:
+            found["learn_com"] = False
+        return found
 
     def as_json(self) -> dict[str, Any]:
         """What was shown before training, with units in the names.

@@ -1,0 +1,23 @@
+"""Shapes tossed in MuJoCo."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tossid.rotations import quat_to_matrix
+from tossid.settings.synthesis import ShapeTossSettings
+from tossid.synthesis.shapes import SHAPES, toss_shape
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_shape_lands_on_its_hull(name: str) -> None:
+    made = toss_shape(name, ShapeTossSettings(tosses=2, step=2e-4))
+    for track in made.truth:
+        R = quat_to_matrix(track.q[:, 3:7])
+        lowest = track.q[:, 2] + (R[:, 2] @ made.hull.T).min(axis=1)
+        assert -2e-3 < lowest.min() < 1e-3
+        assert lowest[0] == pytest.approx(0.25, abs=1e-4)
+    noise = np.concatenate([a.q[:, :3] - b.q[:, :3] for a, b in zip(made.tracks, made.truth, strict=True)])
+    assert noise.std() == pytest.approx(1.5e-4, rel=0.2)
+    assert (np.linalg.eigvalsh(made.inertia) > 0).all()
