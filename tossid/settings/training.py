@@ -113,7 +113,9 @@ PAPER_CN = replace(
     horizons=(),
     cone="polyhedral",
 )
-PAPER_CNRP = replace(PAPER_CN, name="paper_cnrp", learn_k_res=True, k_res_inputs="world", k_res_gravity=False)
+PAPER_CNRP = replace(
+    PAPER_CN, name="paper_cnrp", learn_k_res=True, k_res_inputs="world", k_res_gravity=False, residual_weight=5e-6
+)
 PAPER_CNRPI = replace(PAPER_CNRP, name="paper_cnrpi", learn_inertia=True, inertia="triangular")
 VARIANTS = {
     variant.name: variant for variant in (CN, CNRP, CNRPI, DIFFSIM, E2E, CNRP_WORLD, PAPER_CN, PAPER_CNRP, PAPER_CNRPI)

@@ -8,6 +8,7 @@ import pytest
 
 from tests.diagnosis.by_hand import diagnosis, hypothesis, without_effects
 from tossid.diagnosis.findings import Interval, Share
+from tossid.diagnosis.learned import LearnedForces, StandsFor
 from tossid.diagnosis.localisation.disagreement import SolverDisagreement
 from tossid.diagnosis.localisation.misspecification import Misspecification
 from tossid.diagnosis.report.text import (
@@ -107,3 +108,21 @@ def test_what_the_diagnosis_itself_adds_is_said(cube: ObjectModel) -> None:
     assert "leaves 1.31 standard deviations of motions that it made itself" in " ".join(sentences(found))
     quiet = replace(found, misspecification=Misspecification(1.01, 0.01))
     assert "made itself" not in " ".join(sentences(quiet))
+
+
+def test_a_learned_acceleration_is_said_to_stand_for_its_forces(cube: ObjectModel) -> None:
+    vortex = StandsFor("vortex", {"c_npm": 3.0}, 0.97)
+    learned = LearnedForces(3.1, 0.2, small=False, effects=(vortex,), unexplained=0.03)
+    found = replace(without_effects(cube, "no_gap"), learned=learned)
+    said = " ".join(sentences(found))
+    assert "a learned acceleration k_res: 3.10 m/s² and 0.200 rad/s² in flight" in said
+    assert "It stands for vortex (c 3.00 N/m; 97 % of its mean square)." in said
+    assert "The rest, 3 %, has no name." in said
+    assert found.as_json()["learned_acceleration"]["stands_for"] == [
+        {"name": "vortex", "parameters": {"c_npm": 3.0}, "share": 0.97}
+    ]
+    small = replace(found, learned=LearnedForces(0.01, 0.0, small=True))
+    assert "That is next to nothing." in " ".join(sentences(small))
+    unknown = replace(found, learned=LearnedForces(2.0, 0.0, small=False))
+    assert "It does what no effect of the library does." in " ".join(sentences(unknown))
+    assert "learned" not in " ".join(sentences(without_effects(cube, "no_gap")))
