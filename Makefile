@@ -25,7 +25,7 @@ DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock demo experiments unknown starts fields paper tagslam truth test test-slow fuzz check format dependencies bench bench-against scale docs figures clean distclean
+.PHONY: help setup lock demo experiments unknown shapes starts fields paper tagslam truth test test-slow fuzz check format dependencies bench bench-against profile scale docs figures clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -44,6 +44,7 @@ $(STAMP): pyproject.toml $(wildcard requirements/*.txt)
 	  $(BIN)/python -m pip install --quiet $(PIP_ARGS) --require-hashes -r requirements/$$lock.txt && \
 	  $(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .; \
 	fi
+	@$(RUN_ONE) $(BIN)/python -m pipelines.tools.compile_kernels
 	@touch $@
 
 lock: $(STAMP)  ## resolve requirements/*.txt anew: make UV_ARGS="--index URL" lock, where URL has torch's CPU builds
@@ -61,6 +62,9 @@ experiments: $(STAMP)  ## the studies on published recordings, hours: make DATA=
 
 unknown: $(STAMP)  ## the published cube learned from nothing, beside its stated object: make DATA=FOLDER unknown
 	$(RUN_ONE) $(BIN)/python -m pipelines.tools.unknown $(DATA)
+
+shapes: $(STAMP)  ## shapes tossed in MuJoCo, learned from nothing: make OPTIONS="ellipsoid --model cnrpi" shapes
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.shapes $(OPTIONS)
 
 starts: $(STAMP)  ## the published cube from 20 random starts: make DATA=FOLDER OPTIONS="--model cn --tosses 64" starts
 	$(RUN_ONE) $(BIN)/python -m pipelines.tools.starts $(DATA) $(OPTIONS)
@@ -102,6 +106,9 @@ dependencies: $(STAMP)  ## what is installed fits together, and has no known vul
 
 bench: $(STAMP)  ## speed of the simulators, the training and the command line
 	$(BIN)/python -m pipelines.tools.bench
+
+profile: $(STAMP)  ## where a diagnosis's time goes, by stage: make DATASET=FILE.h5 OPTIONS="tosses=40" profile
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.profile $(DATASET) $(OPTIONS)
 
 bench-against: $(STAMP)  ## the simulator's speed beside an earlier commit's, in turns: make COMMIT=NAME bench-against
 	$(BIN)/python -m pipelines.tools.bench_against $(COMMIT)

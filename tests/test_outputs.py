@@ -14,7 +14,7 @@ import pytest
 
 from tossid import outputs
 from tossid.errors import InputError, OutputError
-from tossid.outputs import output_file, output_folder, output_stream
+from tossid.outputs import move_files, output_file, output_folder, output_stream
 
 
 def entries(folder: Path) -> list[str]:
@@ -81,6 +81,15 @@ def test_a_strangers_folder_is_never_replaced(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="did not write"), output_folder(out, made_by="test"):
         pass
     assert (out / "chapter.tex").read_text() == "years of work"
+
+
+def test_files_take_the_places_of_others(tmp_path: Path) -> None:
+    for name, content in {"new/a": "2", "new/in/b": "2", "old/a": "1", "old/c": "1"}.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(content)
+    move_files(tmp_path / "new", tmp_path / "old")
+    found = {path.relative_to(tmp_path / "old"): path.read_text() for path in (tmp_path / "old").rglob("?")}
+    assert found == {Path("a"): "2", Path("in/b"): "2", Path("c"): "1"}
 
 
 def test_an_empty_folder_is_taken(tmp_path: Path) -> None:

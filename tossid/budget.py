@@ -104,17 +104,19 @@ def check_archive(path: Path) -> None:
         path: The file; what is no archive passes.
 
     Raises:
-        FileError: It is no regular file, or unpacks to more than `unpacked_allowance` allows.
+        FileError: It is no regular file, or unpacks to more than `unpacked_allowance` or `ReadLimits.pickled` allow.
     """
     regular_size(path)
     try:
         with zipfile.ZipFile(path) as archive:
-            claimed = sum(member.file_size for member in archive.infolist())
+            members = archive.infolist()
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror}") from error
     except Exception:  # no archive, or a damaged one: whoever reads it says so
         return
-    check_unpacked(path, claimed)
+    check_unpacked(path, sum(member.file_size for member in members))
+    pickled = sum(member.file_size for member in members if member.filename.endswith(".pkl"))
+    check_claim(path, "bytes of values beside its tensors", pickled, limits().pickled)
 
 
 def check_pixels(path: Path, width: int, height: int) -> None:

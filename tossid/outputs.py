@@ -38,6 +38,8 @@ _DISK_ERRORS = {
     errno.EIO: "the disk reports an input/output error",
     errno.ENAMETOOLONG: "the name is too long",
     errno.ENOTDIR: "a file stands where a folder is needed",
+    errno.EEXIST: "a file stands where a folder is needed",
+    errno.ELOOP: "its links go in a circle",
 }
 
 
@@ -145,6 +147,21 @@ def output_folder(path: Path, *, made_by: str) -> Iterator[Path]:
             _sync(path.parent)
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+def move_files(made: Path, folder: Path) -> None:
+    """Put the files of one folder in the places of those of another, where a full disk cannot come between.
+
+    Args:
+        made: The new files, on the same disk; what is hidden stays.
+        folder: Where they go. Its other files stay.
+    """
+    new = [path for path in sorted(made.rglob("*")) if path.is_file() and not path.name.startswith(".")]
+    places = [folder / path.relative_to(made) for path in new]
+    for place in places:
+        place.parent.mkdir(parents=True, exist_ok=True)
+    for path, place in zip(new, places, strict=True):
+        os.replace(path, place)
 
 
 @contextmanager

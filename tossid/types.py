@@ -24,6 +24,9 @@ from tossid.settings.limits import VALUES
 Array = NDArray[np.float64]
 T = TypeVar("T")
 
+Progress = Callable[[str, float], None]
+"""Called by long work, with what is done now and the share that is done."""
+
 QUAT_NORM_TOLERANCE = 1e-3
 SPLITS = ("train", "validation", "test")
 
@@ -354,3 +357,16 @@ def _check_cov(name: str, cov: Array, n: int, nv: int) -> None:
     bad = (np.abs(cov) > VALUES.covariance).any(axis=(1, 2))
     if bad.any():
         raise MotionError(f"{name} is larger than {VALUES.covariance:g}", row=int(np.argmax(bad)))
+
+
+def frame_time(tosses: Sequence[Toss]) -> float:
+    """The median time between frames of all tosses [s].
+
+    Args:
+        tosses: At least one.
+    """
+    return float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
+
+
+def silent(what: str, share: float) -> None:
+    """A `Progress` that nobody hears."""

@@ -44,6 +44,9 @@ def read_yaml(path: Path) -> dict[str, Any]:
         mark = getattr(error, "problem_mark", None)
         where = f" (line {mark.line + 1})" if mark is not None else ""
         raise FileError(path, f"is not valid YAML{where}") from error
+    except _TooManyValues as error:
+        many = budget.limits().yaml_values
+        raise FileError(path, f"claims more than {many:,} values and names, expected at most that") from error
     except RecursionError as error:
         raise FileError(path, "is nested too deeply") from error
     except Exception as error:  # of dates and numbers that are none, PyYAML raises whatever it comes across
@@ -107,7 +110,22 @@ def read_pose(path: Path, where: str, value: Any) -> Array:
     return transform_from_rotvec(position, read_xyz(path, f"{where}.rotation", value["rotation"]))
 
 
+class _TooManyValues(Exception):
+    """More than `ReadLimits.yaml_values`."""
+
+
 class _Loader(yaml.SafeLoader):
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self.left = budget.limits().yaml_values
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        self.left -= 1
+        if self.left < 0:
+            raise _TooManyValues
+        node: yaml.Node | None = super().compose_node(parent, index)
+        return node
+
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
         for key, _ in node.value:
             if key.tag == "tag:yaml.org,2002:merge":

@@ -8,6 +8,7 @@ command runs.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,6 +26,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+_QUIET = {"OPENCV_LOG_LEVEL": "OFF", "OPENCV_FFMPEG_LOGLEVEL": "-8"}
+"""So that OpenCV says nothing on standard error about a damaged image or video, of which the command says it."""
 
 
 def _complete(ctx: typer.Context, incomplete: str) -> Iterator[tuple[str, str]]:
@@ -147,6 +152,8 @@ def run(args: list[str]) -> int:
     """Run a command line; returns the exit code."""
     from pipelines.cli.failures import interruptible, report
 
+    for name, value in _QUIET.items():
+        os.environ.setdefault(name, value)
     try:
         with interruptible():
             code = app(args=args, prog_name="tossid", standalone_mode=False)

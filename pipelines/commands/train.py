@@ -59,6 +59,7 @@ def _train(
     """The training with its run; `unfinished` keeps what an interrupted one needs."""
     from pipelines.drawing.figures import training_figures, write_figures
     from pipelines.tracking.run import tracked_run
+    from tossid.outputs import move_files
 
     assert config.data is not None
     name, left, state = config.model.name, unfinished.run(), unfinished.state()
@@ -74,8 +75,9 @@ def _train(
         unfinished.begin(tracked.id)
         trained = _fit(config, console, fit, unfinished, state, logger(tracked))
         trained = replace(trained, data=config.data, sha256=sha256)
-        checkpoint = write_outputs(folder, config, trained, run=tracked.id)
-        figures = write_figures(training_figures(trained, name=name), folder / "figures")
+        made = unfinished.folder / "made"
+        checkpoint = write_outputs(made, config, trained, run=tracked.id)
+        figures = write_figures(training_figures(trained, name=name), made / "figures")
         numbers = {key: value for key, value in trained.parameters.items() if isinstance(value, float)}
         tracked.metrics({**numbers, "seconds": trained.seconds}, step=len(trained.history))
         tracked.text(json.dumps(trained.parameters, indent=1), "parameters.json")
@@ -83,6 +85,7 @@ def _train(
         for path in figures:
             tracked.artifact(path, folder="figures")
         tracked.flush()
+        move_files(made, folder)  # only now, so that all of an earlier training stays if something fails
         unfinished.clear()
     facts = {**numbers, "seconds": round(trained.seconds, 1), "run": tracked.id, "figures": str(folder / "figures")}
     console.facts(facts, title=f"{name} on {config.data}")
@@ -90,13 +93,13 @@ def _train(
     _show_convergence(trained, console)
     return {
         "run": tracked.id,
-        "checkpoint": str(checkpoint),
+        "checkpoint": str(folder / checkpoint.name),
         "model": name,
         "parameters": trained.parameters,
         "geometry": trained.parameters.get("geometry", []),
         "converged": trained.converged,
         "seconds": trained.seconds,
-        "figures": [str(path) for path in figures],
+        "figures": [str(folder / path.relative_to(made)) for path in figures],
     }
 
 

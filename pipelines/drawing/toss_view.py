@@ -19,7 +19,7 @@ from pipelines.files.project import dataset_path
 from tossid.errors import FileError, InputError
 from tossid.objects import ObjectModel
 from tossid.store import Dataset, read_dataset
-from tossid.types import PoseTrack, Toss
+from tossid.types import PoseTrack, Toss, frame_time
 
 Array = NDArray[np.float64]
 
@@ -130,7 +130,7 @@ def gap_rollouts(
     from tossid.diagnosis.simulators import world_of_mjcf
     from tossid.physics.effects import World
 
-    dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
+    dt = frame_time(tosses)
     steps = np.array([len(toss) - 1 for toss in tosses])
     runs: dict[str, Array] = {}
     if report.get("simulator", {}).get("sim") == "nominal":

@@ -20,7 +20,7 @@ from pipelines.cli.console import Console
 from pipelines.cli.failures import guarded
 
 if TYPE_CHECKING:
-    from tossid.evaluation.evaluate import Scores
+    from tossid.evaluation.metrics import TossScores
     from tossid.models import TrainedModel
     from tossid.physics.effects import Effect, World
     from tossid.store import Dataset
@@ -37,11 +37,22 @@ FIELDS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
 }
 """Fields by name: effects and their parameters. The steady vortex is not linear in the place."""
 MODELS = ("cnrp", "cnrp_world")
+ERRORS = ("position_error_pct", "rotation_error_deg")
 STRIPE_M = 0.2
 """Width of stripes and of what is between them, along x [m]."""
 NOISE = {"position": 5e-5, "rotation": 5e-4, "velocity": 5e-3, "spin": 5e-2}
 """Of the real cube, as its flights show it, and somewhat more."""
-HEAD = ("field", "force [m/s²]", "model", "seed", "held out [%]", "between [%]", "position [%]", "rotation [deg]")
+HEAD = (
+    "field",
+    "model",
+    "seed",
+    "force [m/s²]",
+    "held out [%]",
+    "between [%]",
+    "stands for",
+    "position [%]",
+    "rotation [deg]",
+)
 
 
 @dataclass(frozen=True)
@@ -57,7 +68,7 @@ class Study:
 
     fields: tuple[str, ...] = (*FIELDS, NONE, REAL)
     tosses: int = 100
-    held_out: int = 30
+    held_out: int = 20
     seeds: tuple[int, ...] = (0, 1, 2)
 
 
@@ -128,7 +139,8 @@ def throw(field: str, study: Study, seed: int) -> Thrown:
     from tossid.synthesis.tosses import world_of
 
     settings = SynthesizeSettings(
-        tosses=6 * (study.tosses + 3 * study.held_out),
+        tosses=4 * (study.tosses + 3 * study.held_out),
+        seconds=0.5,  # a flight and its first impacts
         seed=seed,
         effects={name: dict(values) for name, values in FIELDS.get(field, {}).items()},
         release=ReleaseSettings(landing=0.6, speed=(0.0, 0.8)),
@@ -138,7 +150,8 @@ def throw(field: str, study: Study, seed: int) -> Thrown:
         dataset = tossid.synthesize("cube", settings=settings)
         world = world_of(settings, dataset.object)
     assert dataset.truth is not None
-    inside, between = [], []
+    inside: list[tuple[Toss, Toss]] = []
+    between: list[tuple[Toss, Toss]] = []
     for toss, true in zip(dataset.tosses, dataset.truth.tosses, strict=True):
         stripe = np.floor(true.q[airborne(dataset.object, true.q), 0] / STRIPE_M)
         if len(stripe) and (stripe == stripe[0]).all():
@@ -181,6 +194,22 @@ def recovered(trained: TrainedModel, world: World, tosses: tuple[Toss, ...]) -> 
     return share_recovered(found, true), size
 
 
+def stands_for(trained: TrainedModel, data: Dataset) -> str:
+    """What a diagnosis of held-out tosses says of a model's learned acceleration."""
+    from tossid.diagnosis.learned import learned_forces
+    from tossid.diagnosis.simulators import world_of_model
+    from tossid.physics.effects import effects_for
+
+    found = learned_forces(world_of_model(trained.model), data.of_split("test"), effects_for(data.object))
+    if found is None:
+        return ""
+    named = [
+        f"{e.name} ({', '.join(f'{key} {value:.2g}' for key, value in e.parameters.items())}; {100 * e.share:.0f} %)"
+        for e in found.effects
+    ]
+    return ", ".join(named) or ("next to nothing" if found.small else "no name")
+
+
 def main(folder: Path, study: Study, console: Console) -> None:
     """Print a Markdown row for each field, model and seed as it is done, then what no field costs.
 
@@ -193,50 +222,61 @@ def main(folder: Path, study: Study, console: Console) -> None:
 
     import tossid
     from tossid.evaluation.metrics import summarize
-    from tossid.models import variant
 
     console.say("| " + " | ".join(HEAD) + " |")
     console.say("|" + "---|" * len(HEAD))
-    costs: dict[str, list[np.ndarray]] = {}
     for field in study.fields:
+        costs = []
         for seed in study.seeds:
-            thrown = None if field == REAL else throw(field, study, seed)
-            data = (
-                tossid.ingest(folder / "contactnets_cube", source="contactnets") if thrown is None else thrown.learned
-            )
-            scores = {}
-            for model in MODELS:
-                count = study.tosses if thrown is None else None
-                settings = variant(model) if field in (NONE, REAL) else replace(variant(model), horizons=())
-                trained = tossid.train(data, model=settings, seed=seed, tosses=count)
-                scores[model] = tossid.evaluate(trained, data.split("test"))
-                shares = ("", "", "")
-                if thrown is not None and field != NONE:
-                    held, size = recovered(trained, thrown.world, thrown.inside)
-                    between, _ = recovered(trained, thrown.world, thrown.between)
-                    shares = (f"{size:.2f}", f"{100 * held:.1f}", f"{100 * between:.1f}")
-                console.say(row(field, model, seed, shares, scores[model]))
-            if field in (NONE, REAL):
-                one, other = (scores[model].per_toss for model in MODELS)
-                apart = [
-                    other.position_error_pct - one.position_error_pct,
-                    other.rotation_error_deg - one.rotation_error_deg,
-                ]
-                costs.setdefault(field, []).append(np.stack(apart))
-    for field, found in costs.items():
-        parts = []
-        for name, values in zip(("position [%]", "rotation [deg]"), np.mean(found, axis=0), strict=True):
-            summary = summarize(values)
-            low, high = summary["ci95"]
-            parts.append(f"{name} {summary['mean']:+.2f} ({low:+.2f} to {high:+.2f})")
-        console.say(f"{field}: {MODELS[1]} less {MODELS[0]}, {len(found)} seeds: {', '.join(parts)}")
+            if field == REAL:
+                data = tossid.ingest(folder / "contactnets_cube", source="contactnets")
+                scores = [without_field(field, model, seed, data, console, tosses=study.tosses) for model in MODELS]
+            elif field == NONE:
+                data = throw(field, study, seed).learned
+                scores = [without_field(field, model, seed, data, console) for model in MODELS]
+            else:
+                thrown = throw(field, study, seed)
+                for model in MODELS:
+                    with_field(field, model, seed, thrown, console)
+                continue
+            costs.append(np.stack([getattr(scores[1], name) - getattr(scores[0], name) for name in ERRORS]))
+        if costs:  # seeds of the real cube have the same held-out tosses
+            apart = np.mean(costs, axis=0) if field == REAL else np.concatenate(costs, axis=1)
+            parts = []
+            for name, values in zip(ERRORS, apart, strict=True):
+                summary = summarize(values)
+                low, high = summary["ci95"]
+                parts.append(f"{name} {summary['mean']:+.2f} ({low:+.2f} to {high:+.2f})")
+            console.say(f"{field}: {MODELS[1]} less {MODELS[0]}, {len(costs)} seeds: {', '.join(parts)}")
 
 
-def row(field: str, model: str, seed: int, shares: tuple[str, str, str], scores: Scores) -> str:
-    """A Markdown row."""
-    size, held, between = shares
-    means = [f"{scores.metrics[name]['mean']:.1f}" for name in ("position_error_pct", "rotation_error_deg")]
-    return "| " + " | ".join([field, size, f"`{model}`", f"{seed}", held, between, *means]) + " |"
+def with_field(field: str, model: str, seed: int, thrown: Thrown, console: Console) -> None:
+    """Learn a field without rollout stages, and print what was recovered of it."""
+    import tossid
+    from tossid.models import variant
+
+    trained = tossid.train(thrown.learned, model=replace(variant(model), horizons=()), seed=seed)
+    held, size = recovered(trained, thrown.world, thrown.inside)
+    between, _ = recovered(trained, thrown.world, thrown.between)
+    shares = [f"{size:.2f}", f"{100 * held:.1f}", f"{100 * between:.1f}"]
+    _say(console, [field, f"`{model}`", f"{seed}", *shares, stands_for(trained, thrown.learned), "", ""])
+
+
+def without_field(
+    field: str, model: str, seed: int, data: Dataset, console: Console, *, tosses: int | None = None
+) -> TossScores:
+    """Train a model where there is no field, print its rollout errors, and return them toss by toss."""
+    import tossid
+
+    trained = tossid.train(data, model=model, seed=seed, tosses=tosses)
+    scores = tossid.evaluate(trained, data.split("test"))
+    means = [f"{scores.metrics[name]['mean']:.1f}" for name in ERRORS]
+    _say(console, [field, f"`{model}`", f"{seed}", "", "", "", stands_for(trained, data), *means])
+    return scores.per_toss
+
+
+def _say(console: Console, cells: list[str]) -> None:
+    console.say("| " + " | ".join(cells) + " |")
 
 
 def parsed(arguments: list[str]) -> tuple[Path, Study]:

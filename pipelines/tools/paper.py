@@ -39,12 +39,14 @@ class Study:
 
     Attributes:
         tosses: To learn from.
+        held_out: Of the test split.
         seeds: Of starts and of which tosses.
         gravities: Given to the models beside the right one [m/s²].
         inertias: Starts of inertia.
     """
 
     tosses: int = 64
+    held_out: int = 100
     seeds: tuple[int, ...] = (0, 1, 2)
     gravities: tuple[float, ...] = WRONG
     inertias: tuple[float, ...] = INERTIAS
@@ -60,7 +62,6 @@ class Measured:
         penetration: Of rollouts [mm].
         recorded: Penetration of the recorded tosses [mm].
         gravity: Downward acceleration in flight [m/s²].
-        height: Of the object at the end of rollouts, mean [m].
         at_rest: Learned acceleration of tosses at rest, root mean square [m/s²].
     """
 
@@ -69,7 +70,6 @@ class Measured:
     penetration: float
     recorded: float
     gravity: float
-    height: float
     at_rest: float
 
 
@@ -77,29 +77,34 @@ def measure(trained: TrainedModel, held_out: Dataset) -> Measured:
     """A run's figures on held-out tosses."""
     import numpy as np
 
-    import tossid
+    from tossid.evaluation.metrics import score_tosses
     from tossid.physics.effects.fields import learned_field
     from tossid.types import Phase
 
-    scores = tossid.evaluate(trained, held_out)
-    mean = {
-        name: value["mean"] for name, value in scores.metrics.items() if isinstance(value, dict) and "mean" in value
-    }
-    ends = [rollout.q[-1, 2] for rollout in scores.rollouts()]
-    true = [trained.model.measurement.true_toss(toss) for toss in held_out.tosses]
+    model, measurement = trained.model, trained.model.measurement
+    scores = score_tosses(model.simulator(), held_out.object, held_out.tosses, measurement=measurement)
+    true = [measurement.true_toss(toss) for toss in held_out.tosses]
     q, v = (np.concatenate([getattr(toss, name)[toss.phase == Phase.REST] for toss in true]) for name in ("q", "v"))
-    mechanics = trained.model.mechanics()
+    mechanics = model.mechanics()
     assert mechanics is not None
     field = learned_field(mechanics.object, mechanics.k_res, q, v)[:, :3]
     return Measured(
-        mean["position_error_pct"],
-        mean["rotation_error_deg"],
-        mean["penetration_mm"],
-        mean["recorded_penetration_mm"],
-        mean["gravity_ms2"],
-        float(np.mean(ends)),
-        float(np.sqrt(np.square(field).sum(axis=1).mean())) if len(q) else float("nan"),
+        position=float(scores.position_error_pct.mean()),
+        rotation=float(scores.rotation_error_deg.mean()),
+        penetration=float(scores.penetration_mm.mean()),
+        recorded=float(scores.recorded_penetration_mm.mean()),
+        gravity=float(np.nanmean(scores.gravity_ms2)),
+        at_rest=float(np.sqrt(np.square(field).sum(axis=1).mean())) if len(q) else float("nan"),
     )
+
+
+def final_height(trained: TrainedModel, held_out: Dataset) -> float:
+    """Mean height at which rollouts end [m]."""
+    from tossid.evaluation.metrics import roll_out
+
+    model = trained.model
+    runs = roll_out(model.simulator(), held_out.object, held_out.tosses, measurement=model.measurement)
+    return float(sum(run.q[-1, 2] for run in runs) / len(runs))
 
 
 class Runs:
@@ -110,12 +115,17 @@ class Runs:
         study: How many tosses and seeds.
         names: Of the models, by the paper's.
         console: Says what is trained.
+
+    Attributes:
+        heights: At which rollouts of `cn` end that is given no gravity, by seed [m].
     """
 
     def __init__(self, dataset: Dataset, study: Study, names: dict[str, str], console: Console) -> None:
         self.dataset, self.study, self.names, self.console = dataset, study, names, console
-        self.held_out = dataset.split("test")
+        test = dataset.split("test")
+        self.held_out = replace(test, tosses=test.tosses[: study.held_out])
         self._done: dict[tuple[str, float], list[Measured]] = {}
+        self.heights: list[float] = []
 
     def of(self, model: str, gravity: float) -> list[Measured]:
         """What each seed gave."""
@@ -130,6 +140,8 @@ class Runs:
                 trained = tossid.train(self.dataset, model=settings, tosses=self.study.tosses, seed=seed)
                 found = measure(trained, self.held_out)
                 self._done[key].append(found)
+                if key == ("cn", 0.0):
+                    self.heights.append(final_height(trained, self.held_out))
                 self.console.say(
                     f"{self.names[model]}, gravity {gravity:g}, seed {seed}: {trained.seconds:.0f} s, {found}"
                 )
@@ -159,12 +171,13 @@ def claims(runs: Runs, inertias: np.ndarray, inner: tuple[float, bool]) -> list[
     deep = [f"{runs.mean(model, GRAVITY, 'penetration'):.2f}" for model in OURS]
     basin = [f"{start:g}" for start, end in zip(study.inertias, inertias, strict=True) if abs(end - 1) < NEAR]
     seen = "seen" if inner[1] else "not seen"
+    drifting = runs.mean("cn", 0.0, "position")
     return [
         f"{100 * min(shares):.0f} to {100 * max(shares):.0f} %",
         f"{position['cnrp'] - position['cn']:+.1f} %, {rotation['cnrp'] - rotation['cn']:+.1f} deg",
         f"{position['cnrpi'] - position['cnrp']:+.1f} %, {rotation['cnrpi'] - rotation['cnrp']:+.1f} deg",
         f"{', '.join(deep)} mm; recorded {runs.mean('cn', GRAVITY, 'recorded'):.2f} mm",
-        f"ends at {runs.mean('cn', 0.0, 'height'):.2f} m, {runs.mean('cn', 0.0, 'position'):.0f} %",
+        f"ends at {sum(runs.heights) / len(runs.heights):.2f} m, {drifting:.0f} % off",
         f"{runs.mean('cnrp', GRAVITY, 'at_rest'):.2f} m/s²; given no gravity {runs.mean('cnrp', 0.0, 'at_rest'):.2f}",
         f"moved by {inner[0]:.2f} mm, {seen}",
         f"starts {', '.join(basin) or 'none'} of {', '.join(f'{start:g}' for start in study.inertias)}",
@@ -252,11 +265,14 @@ def parsed(arguments: list[str]) -> tuple[Path, Study]:
     parser = ArgumentParser(prog="python -m pipelines.tools.paper", description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--tosses", type=int, default=Study.tosses)
+    parser.add_argument("--held-out", type=int, default=Study.held_out)
     parser.add_argument("--seeds", type=int, default=len(Study.seeds))
     parser.add_argument("--gravities", type=float, nargs="+", default=list(WRONG))
     parser.add_argument("--inertias", type=float, nargs="+", default=list(INERTIAS))
     found = parser.parse_args(arguments)
-    return found.folder, Study(found.tosses, tuple(range(found.seeds)), tuple(found.gravities), tuple(found.inertias))
+    return found.folder, Study(
+        found.tosses, found.held_out, tuple(range(found.seeds)), tuple(found.gravities), tuple(found.inertias)
+    )
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ STAGES: tuple[tuple[str, str], ...] = (
 WORK: tuple[tuple[str, str], ...] = (
     ("tossid's simulator", "tossid.physics.stepping:simulate"),
     ("MuJoCo", "tossid.diagnosis.likelihood.engine_discrepancy:MujocoWorld.roll_out"),
-    ("first states and whitening", "tossid.diagnosis.likelihood.whitening:linearise"),
+    ("first states and whitening", "tossid.diagnosis.likelihood.whitening:linearised"),
     ("residuals", "tossid.diagnosis.likelihood.residuals:mean_residuals"),
 )
 """What is done in a stage, and its function."""
@@ -76,6 +76,11 @@ class Ledger:
         finally:
             self._charge()
             self.names.pop()
+
+    def switch(self, name: str) -> None:
+        """Time goes to this name from now on."""
+        self._charge()
+        self.names[-1] = name
 
     def simulated(self, motions: int, frames: int) -> None:
         """Count motions for what is under way."""
@@ -125,11 +130,9 @@ def main() -> None:
     observe(STAGES, stages)
     observe(WORK, work, count=stages)
     began, wall = time.process_time(), time.perf_counter()
-    phases.under("")
 
     def progress(text: str, share: float) -> None:
-        phases._charge()
-        phases.names[:] = [text]
+        phases.switch(text)
 
     found = prepare(dataset, settings=settings).run(progress)
     seconds, wall = time.process_time() - began, time.perf_counter() - wall
@@ -142,10 +145,11 @@ def main() -> None:
 
 
 def made(folder: Path) -> Path:
-    """Twelve tosses of a cube whose friction is 0.3, where 0.18 is stated, as MuJoCo has them."""
+    """Twelve tosses of a cube as MuJoCo has them, with noise; friction is 0.3, where 0.18 is stated."""
     from pipelines.cli.call import call_with_keys
 
     keys = ["object=cube", "object.friction=0.3", "engine=mujoco", "tosses=12", "seed=0", f"out={folder}/made"]
+    keys += ["frames=false", "noise.position=0.00015", "noise.rotation=0.0015"]
     call_with_keys("synthesize", keys, json=False, quiet=True)
     return folder / "made" / "tosses.h5"
 

@@ -23,10 +23,11 @@ def main(data: Path, models: list[str]) -> None:
     from tossid import TrainedModel, read_dataset
     from tossid.evaluation.evaluate import stated_object
     from tossid.evaluation.groups import compare_groups, toss_groups
-    from tossid.evaluation.metrics import frame_time, score_windows
+    from tossid.evaluation.metrics import score_windows
     from tossid.models.predictor import Predictor, Simulator
     from tossid.motion import MeasurementModel
     from tossid.physics import make_system
+    from tossid.types import frame_time
 
     if not models:
         raise InputError("name a dataset, and the checkpoints of models that were trained on it, or 'nominal'")

@@ -32,8 +32,10 @@ def flights(cube: ObjectModel) -> list[Toss]:
     return made
 
 
-def found_in(cube: ObjectModel, flights: list[Toss], k_res: LearnedAcceleration, **world: float) -> LearnedForces:
-    found = learned_forces(World(cube, k_res=k_res, **world), flights, effects_for(cube))
+def found_in(
+    cube: ObjectModel, flights: list[Toss], k_res: LearnedAcceleration, gravity: float = 9.81
+) -> LearnedForces:
+    found = learned_forces(World(cube, gravity=gravity, k_res=k_res), flights, effects_for(cube))
     assert found is not None
     return found
 

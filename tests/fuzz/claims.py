@@ -6,7 +6,10 @@ Each maker writes its files into an empty folder and gives the words of the comm
 from __future__ import annotations
 
 import bz2
+import io
+import sqlite3
 import struct
+import zipfile
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,6 +21,7 @@ import h5py
 import numpy as np
 import torch
 from rosbags.rosbag1 import Writer
+from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tests.store.makers import make_dataset
@@ -28,6 +32,7 @@ from tossid.objects import load_object
 from tossid.settings.training import TrainSettings
 from tossid.store import write_dataset
 from tossid.store.schema import MEMBERS
+from tossid.vision.recordings.npz import write_detections
 from tossid.vision.setup.faces import default_tags
 from tossid.vision.setup.layout import layout_of
 
@@ -43,7 +48,7 @@ class Claim:
         make: Writes it into a folder, and gives the words of a command that reads it.
         names: The file that the error has to name.
         says: A part of what the error has to say.
-        before: What the review measured before there was a budget.
+        before: What the review measured before there was a budget; of a star, what was measured at commit 0e2c289.
     """
 
     make: Callable[[Path], list[str]]
@@ -114,6 +119,29 @@ def _large_arrays(folder: Path) -> list[str]:
     return ["train", "data=a.h5"]
 
 
+def _linked_arrays(folder: Path) -> list[str]:
+    """A hundred tosses whose arrays are links to those of one, each of 20 MB."""
+    write_dataset(make_dataset(load_object("cube"), tosses=1), folder / "a.h5")
+    n, count = 50_000, 100
+    with h5py.File(folder / "a.h5", "a") as file:
+        toss = file["tosses/toss_0000"]
+        for member in MEMBERS:
+            if member.name in toss:
+                rest = toss[member.name].shape[1:]
+                del toss[member.name]
+                toss.create_dataset(member.name, (n, *rest), member.dtype, compression="gzip", shuffle=True)
+                toss[member.name][...] = np.zeros((n, *rest), member.dtype)
+        for k in range(1, count):
+            other = file["tosses"].create_group(f"toss_{k:04d}")
+            for name, value in toss.attrs.items():
+                other.attrs[name] = value
+            other.attrs["index"] = k
+            for name in toss:
+                other[name] = toss[name]
+        file.attrs["n_tosses"] = count
+    return ["info", "a.h5"]
+
+
 def _inflating_chunk(folder: Path) -> list[str]:
     """A chunk of 576 bytes whose stream inflates to 512 MB."""
     write_dataset(make_dataset(load_object("cube"), tosses=1), folder / "a.h5")
@@ -143,6 +171,28 @@ def _stride(folder: Path) -> list[str]:
     (folder / "pt").mkdir()
     torch.save(torch.zeros(1, 19, dtype=torch.float64).expand(10**9, 19), folder / "pt" / "0.pt")
     return ["ingest", "source=contactnets", "source.path=pt"]
+
+
+def _pickled(folder: Path) -> list[str]:
+    """A list of sixty million lists, for which a tensor is expected."""
+    (folder / "pt").mkdir()
+    with zipfile.ZipFile(folder / "pt" / "0.pt", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("archive/data.pkl", b"\x80\x02](" + b"]" * (60 << 20) + b"e.")
+        archive.writestr("archive/version", "3\n")
+    return ["ingest", "source=contactnets", "source.path=pt"]
+
+
+def _names(folder: Path) -> list[str]:
+    """Detections whose list of cameras has a thousand million names of no length."""
+    write_detections((), recording(folder) / "empty.npz")
+    with zipfile.ZipFile(folder / "rec" / "empty.npz") as whole, zipfile.ZipFile(folder / "a.npz", "w") as archive:
+        for name in whole.namelist():
+            content = io.BytesIO(whole.read(name))
+            if name == "cameras.npy":
+                head = {"descr": "<U0", "fortran_order": False, "shape": (10**9,)}
+                np.lib.format.write_array_header_2_0(content, head)
+            archive.writestr(name, content.getvalue())
+    return ["track", "recording=rec", "detections=a.npz"]
 
 
 def checkpoint(folder: Path) -> None:
@@ -193,6 +243,41 @@ def _chunk(folder: Path) -> list[str]:
     return ["ingest", "source=rosbag", "source.path=a.bag", "source.set_up=rec", "object=cube"]
 
 
+def _chunks(folder: Path) -> list[str]:
+    """A thousand chunks of 30 MB, packed to 49 bytes each."""
+    recording(folder)
+    head = {"op": b"\x05", "compression": b"bz2", "size": struct.pack("<I", 30 << 20)}
+    chunk = _record(head, bz2.compress(bytes(30 << 20)))
+    (folder / "a.bag").write_bytes(b"#ROSBAG V2.0\n" + chunk * 1000)
+    return ["ingest", "source=rosbag", "source.path=a.bag", "source.set_up=rec", "object=cube"]
+
+
+ENDLESS = """DROP TABLE message_definitions;
+CREATE VIEW message_definitions AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c)
+SELECT '' AS topic_type, 'ros2msg' AS encoding, '' AS encoded_message_definition, '' AS type_description_hash, x AS id
+FROM c;"""
+COMPUTED = """DROP TABLE messages;
+CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data AS (zeroblob(900000000)));
+INSERT INTO messages(topic_id, timestamp) SELECT id, 1 FROM topics;"""
+
+
+def _database(script: str) -> Callable[[Path], list[str]]:
+    """A ROS 2 bag whose database computes what it holds."""
+
+    def make(folder: Path) -> list[str]:
+        recording(folder)
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        with Writer2(folder / "bag", version=9) as writer:
+            image = writer.add_connection(CAMERAS[0].image_topic, "sensor_msgs/msg/Image", typestore=store)
+            writer.write(image, 10**9, bytes(16))
+        with sqlite3.connect(folder / "bag" / "bag.db3") as database:
+            database.executescript(script)
+        database.close()
+        return ["ingest", "source=rosbag", "source.path=bag", "source.set_up=rec", "object=cube"]
+
+    return make
+
+
 def _avi(folder: Path) -> list[str]:
     rec = recording(folder)
     (rec / "frames" / "left" / "1.png").unlink()
@@ -223,6 +308,22 @@ def _png(folder: Path) -> list[str]:
     return ["detect", "recording=rec"]
 
 
+def _scans(folder: Path) -> list[str]:
+    """A progressive JPEG of 49 million pixels that is scanned 2,000 times."""
+
+    def part(marker: int, data: bytes) -> bytes:
+        return bytes([0xFF, marker]) + struct.pack(">H", len(data) + 2) + data
+
+    head = part(0xDB, bytes([0, *[1] * 64])) + part(0xC2, struct.pack(">BHHB", 8, 7000, 7000, 1) + bytes([1, 0x11, 0]))
+    head += part(0xC4, bytes([0x00, 1, *[0] * 15, 0x00])) + part(0xC4, bytes([0x10, 1, *[0] * 15, 0xE0]))
+    blocks = 875 * 875
+    scans = [part(0xDA, bytes([1, 1, 0, 0, 0, 0])) + bytes(blocks // 8 + 1)]
+    scans += [part(0xDA, bytes([1, 1, 0, 1 + k % 60, 1 + k % 60, 0])) + bytes(90) for k in range(2000)]
+    content = b"\xff\xd8" + head + b"".join(scans) + b"\xff\xd9"
+    (recording(folder) / "frames" / "left" / "1.png").write_bytes(content)
+    return ["detect", "recording=rec"]
+
+
 def _model_of_recording(folder: Path) -> list[str]:
     rec = recording(folder)
     (rec / "object.yaml").write_text("name: a\npath: object.xml\nfriction: 0.2\nrestitution: 0.0\n")
@@ -234,6 +335,9 @@ def _model_of_recording(folder: Path) -> list[str]:
 CLAIMS: dict[str, Claim] = {
     "board": Claim(_layout(BOARD), "tagslam.yaml", "claims 10,000,000,000 tags", "3 to 8 GB, or no end"),
     "aliases": Claim(_layout(ALIASES), "tagslam.yaml", "with all that its aliases repeat", "no end (quadratic)"),
+    "values": Claim(
+        _layout("bodies: [" + "1," * 131_000 + "]"), "tagslam.yaml", "claims more than 60,000 values", "3.6 s*"
+    ),
     "replicate": Claim(
         _object(inside='<replicate count="100000000"><geom size="1"/></replicate>'), "a.h5", "elements", "3 to 8 GB"
     ),
@@ -249,17 +353,31 @@ CLAIMS: dict[str, Claim] = {
         "pixels of textures",
         "3 to 8 GB",
     ),
+    "textures": Claim(
+        _object("<asset>" + '<texture type="2d" builtin="flat" width="2800" height="2800"/>' * 9 + "</asset>"),
+        "a.h5",
+        "claims 94080000 pixels of textures",
+        "not measured",
+    ),
+    "keys": Claim(_object('<size nkey="200000000"/>'), "a.h5", "claims 200000000 'nkey'", "no end*"),
     "object.xml": Claim(_model_of_recording, "object.xml", "elements", "3 to 8 GB"),
     "hdf5 arrays": Claim(_large_arrays, "a.h5", "bytes of", "1 GB and more"),
     "hdf5 chunk": Claim(_inflating_chunk, "a.h5", "inflates to more than", "1 GB and more"),
+    "hdf5 links": Claim(_linked_arrays, "a.h5", "bytes of tosses", "not measured"),
     "hdf5 heaps": Claim(_heaps, "a.h5", "overlap", "10 s (quadratic)"),
     "stride 0": Claim(_stride, "0.pt", "claims a tensor of shape (1000000000, 19)", "3 to 8 GB"),
+    "pickle": Claim(_pickled, "0.pt", "bytes of values beside its tensors", "no end, 635 MB*"),
+    "names": Claim(_names, "a.npz", "claims 1,000,000,000 cameras", "no end, 533 MB*"),
     "hidden": Claim(_hidden, "checkpoint.pt", "hidden: 20000 is out of range", "3 to 8 GB"),
     "bag.bz2": Claim(_packed_bag, "a.bag.bz2", "bytes when unpacked", "2.1 GB of temporary files"),
     "bag strings": Claim(_strings, "a.bag", "claims 1,000,00", "3 to 8 GB, or no end"),
     "bag chunk": Claim(_chunk, "a.bag", "when unpacked", "2 GB"),
+    "bag chunks": Claim(_chunks, "a.bag", "its chunks claim", "no end*"),
+    "bag view": Claim(_database(ENDLESS), "bag", "its view 'message_definitions' is computed", "no end*"),
+    "bag column": Claim(_database(COMPUTED), "bag", "its table 'messages' is computed", "not measured"),
     "avi": Claim(_avi, "left.avi", "claims 2,000,000,000 frames", "3 to 8 GB"),
     "png": Claim(_png, "1.png", "claims 1,024,000,000 pixels (32000 by 32000)", "1 GB and more"),
+    "jpeg": Claim(_scans, "1.png", "pixels in its 2001 scans", "7.9 s*"),
 }
 
 

@@ -90,6 +90,17 @@ def test_friction_without_a_gradient_is_started_again(cube: ObjectModel, made: l
     assert model.learned_object().friction == pytest.approx(cube.friction, rel=0.05)
 
 
+@pytest.mark.parametrize("friction", [7e-5, 30.0])
+def test_friction_of_a_tree_is_started_again(elbow: ObjectModel, friction: float) -> None:
+    thrown = tosses(elbow, 10, seed=4)
+    settings = ModelSettings(learn_geometry=False, implicit=False, horizons=(20,))
+    model = ContactNets(elbow.with_changes(friction=friction), settings)
+    fit = Fit(model, thrown[:8], thrown[8:])
+    list(fit.epochs())
+    assert [restart.what for restart in fit.restarts] == ["friction"]
+    assert model.learned_object().friction == pytest.approx(elbow.friction, rel=0.05)
+
+
 def test_a_friction_that_stays_at_its_end_is_reported(cube: ObjectModel) -> None:
     lost = convergence(cube.with_changes(friction=7e-5), "not checked", (), (), TrainSettings())
     assert not lost["converged"]

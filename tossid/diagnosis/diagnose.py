@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
 
+from tossid.diagnosis.enough import searched
 from tossid.diagnosis.learned import learned_forces
 from tossid.diagnosis.next_toss import next_toss
 from tossid.diagnosis.patch.make import make_patch
@@ -17,7 +18,7 @@ from tossid.diagnosis.patch.rerun import rerun
 from tossid.diagnosis.release import bound_frames
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.sessions.correction import corrections
-from tossid.diagnosis.sessions.explained import explain_over_order
+from tossid.diagnosis.sessions.explained import Explained, explain_over_order
 from tossid.diagnosis.simulators import Simulator, check_runs, check_same_object, moves, read_simulator
 from tossid.errors import ConfigError, InputError, TossidError
 from tossid.motion.sessions.levelling import recordings_apart
@@ -26,10 +27,7 @@ from tossid.physics.effects import Effect, effects_for
 from tossid.settings.changed import changed
 from tossid.settings.diagnosis import DiagnoseSettings
 from tossid.store import Dataset
-from tossid.types import RecordingOrder, Toss
-
-Progress = Callable[[str, float], None]
-"""Called with what is under way, and the share that is done."""
+from tossid.types import Progress, RecordingOrder, Toss, silent
 
 
 def diagnose(
@@ -97,20 +95,27 @@ class Task:
         Args:
             progress: Called with what is under way, and the share that is done.
         """
-        report = progress or _silent
+        report = progress or silent
         threads = _threads(self.settings)
-        explained = explain_over_order(
-            self.tosses,
-            self.simulator.world,
-            library=self.library,
-            engine=self.simulator.engine,
-            n_threads=threads,
-            seed=self.settings.seed,
-            unseen=self.unseen,
-            names=self.names,
-            sessions=() if self.order is None else [session.first for session in self.order.sessions[1:]],
-            progress=progress,
-            settings=self.settings,
+
+        def search(tosses: Sequence[Toss], others: Sequence[Toss]) -> Explained:
+            judges = self.unseen if len(self.unseen) >= len(tosses) else (*self.unseen, *others)
+            return explain_over_order(
+                tosses,
+                self.simulator.world,
+                library=self.library,
+                engine=self.simulator.engine,
+                n_threads=threads,
+                seed=self.settings.seed,
+                unseen=judges,
+                names=self.names,
+                sessions=() if self.order is None else [session.first for session in self.order.sessions[1:]],
+                progress=progress,
+                settings=self.settings,
+            )
+
+        explained, of_number = searched(
+            self.tosses, search, engine=self.simulator.engine, n_threads=threads, settings=self.settings
         )
         found, tosses = explained.diagnosis, explained.tosses
         report("next toss and patch", 0.95)
@@ -123,7 +128,7 @@ class Task:
             n_threads=threads,
             settings=self.settings,
         )
-        patch = _patch(found, replace(self, tosses=tosses), threads)
+        patch = _patch(found, self, tosses, threads)
         report("done", 1.0)
         return replace(
             found,
@@ -132,7 +137,7 @@ class Task:
             data={"object": self.recorded.name},
             next_toss=following,
             patch=patch,
-            remarks=(*self.remarks, *_of_contact(found, self.simulator)),
+            remarks=(*of_number, *self.remarks, *_of_contact(found, self.simulator)),
             order=self.order,
             learned=learned_forces(self.simulator.world, self.tosses, self.library, self.settings.learned),
             report=self.settings.report,
@@ -189,10 +194,6 @@ def _threads(settings: DiagnoseSettings) -> int:
     return settings.threads or os.cpu_count() or 1
 
 
-def _silent(text: str, share: float) -> None:
-    pass
-
-
 def _library(recorded: ObjectModel, without: Sequence[str]) -> tuple[Effect, ...]:
     """The effects of an object's library but for some."""
     library = effects_for(recorded)
@@ -243,7 +244,7 @@ def _usable(
     return kept, (f"Tosses left out: {', '.join(why)}.",) if why else ()
 
 
-def _patch(found: Diagnosis, task: Task, threads: int) -> dict[str, Any]:
+def _patch(found: Diagnosis, task: Task, tosses: Sequence[Toss], threads: int) -> dict[str, Any]:
     """gap.json's "patch", with its rerun in MuJoCo where there is anything to rerun."""
     mjcf = task.simulator.mjcf
     settings = task.settings.patch
@@ -254,7 +255,7 @@ def _patch(found: Diagnosis, task: Task, threads: int) -> dict[str, Any]:
     if patch.changes or patch.recording or mjcf is not None:
         try:
             report["rerun"] = rerun(
-                patch, found.hypothesis, task.tosses, task.recorded, n_threads=threads, settings=settings
+                patch, found.hypothesis, tosses, task.recorded, n_threads=threads, settings=settings
             )
         except TossidError as error:
             report["rerun"] = {"problem": str(error)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -40,10 +40,9 @@ from tossid.diagnosis.selection.significance import TossesNeeded
 from tossid.diagnosis.selection.stability import Stability, repeated
 from tossid.physics.effects import LIBRARY, OTHER_POWER, Effect, World
 from tossid.settings.diagnosis import DiagnoseSettings, VerdictSettings
-from tossid.types import Phase, Toss
+from tossid.types import Phase, Progress, Toss, silent
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
 
 
 def explain(
@@ -72,7 +71,7 @@ def explain(
         settings: Of everything else. Its `seed` and `threads` are not read here.
     """
     started = time.perf_counter()
-    report = progress or _silent
+    report = progress or silent
     validator = CrossValidator.of(
         tosses, world.object, seed=seed, n_threads=n_threads, engine=engine, settings=settings
     )
@@ -91,10 +90,6 @@ def explain(
     report("what is left", 0.97)
     made = _concluded(tosses, unseen, shown, validator, found, spread, why, stability, started, seed)
     return made if plane is None else _with_plane(made, plane, library)
-
-
-def _silent(text: str, share: float) -> None:
-    pass
 
 
 def _concluded(

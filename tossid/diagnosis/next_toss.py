@@ -24,7 +24,7 @@ from tossid.motion import lowest_corner
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_rotate
 from tossid.settings.diagnosis import DiagnoseSettings, NextTossSettings
-from tossid.types import Phase, Toss
+from tossid.types import Phase, Toss, frame_time
 
 Array = NDArray[np.float64]
 
@@ -189,7 +189,7 @@ def separations(
         settings: Of the diagnosis.
     """
     likelihood = settings.likelihood
-    dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
+    dt = frame_time(tosses)
     cov = np.median(np.concatenate([toss.measured[1] for toss in tosses]), axis=0)
     first, *others = [rival.world() for rival in rivals]
     steps = np.full(len(releases), min(frames, settings.next_toss.frames))

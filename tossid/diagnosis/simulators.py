@@ -25,7 +25,7 @@ from tossid.physics.effects import RecordingErrors, World
 from tossid.physics.forces import Forces
 from tossid.rotations import geodesic_angle, quat_rotate
 from tossid.settings.diagnosis import CheckSettings, DiagnoseSettings
-from tossid.types import Toss
+from tossid.types import Toss, frame_time
 
 if TYPE_CHECKING:
     from tossid.models.protocol import DynamicsModel
@@ -292,15 +292,15 @@ def check_runs(
     """
     q, v = np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses])
     steps = np.array([len(toss) - 1 for toss in tosses])
-    dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
+    dt = frame_time(tosses)
     how = steps_of(world, settings.likelihood.simulation)
     run = world.roll_out(q, v, n_steps=steps, dt=dt, **how, n_threads=n_threads)
     far = np.nanmax(np.abs(np.where(np.isfinite(run[..., :3]), run[..., :3], np.inf)), axis=(1, 2))
-    lost = [toss.name for toss, size in zip(tosses, far, strict=True) if not size < 1e3]
+    lost = [toss.name for toss, size in zip(tosses, far, strict=True) if not size < settings.checks.far]
     if len(lost) > settings.checks.most_diverged * len(tosses):
         raise InputError(
-            f"{where}: the simulator diverges (NaN, or farther than 1 km) on {len(lost)} of {len(tosses)} tosses, "
-            f"the first of them '{lost[0]}'"
+            f"{where}: the simulator diverges (NaN, or farther than {settings.checks.far:g} m) on {len(lost)} of "
+            f"{len(tosses)} tosses, the first of them '{lost[0]}'"
         )
     return lost
 

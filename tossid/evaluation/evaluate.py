@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from html import escape
@@ -13,13 +13,13 @@ from typing import Any
 from tossid.errors import InputError
 from tossid.evaluation.metrics import (
     TossScores,
-    frame_time,
     joined,
     roll_out,
     score_tosses,
     score_windows,
     summarize_scores,
 )
+from tossid.html import html_table
 from tossid.models import TrainedModel
 from tossid.models.protocol import DynamicsModel
 from tossid.objects import ObjectModel
@@ -27,10 +27,7 @@ from tossid.plain_json import jsonable
 from tossid.settings.changed import changed
 from tossid.settings.evaluation import EvaluateSettings
 from tossid.store import Dataset
-from tossid.types import OnDemand, Rollout, Toss
-
-Progress = Callable[[str, float], None]
-"""Called with what is done now, and the share of the tosses that is done."""
+from tossid.types import OnDemand, Progress, Rollout, Toss, frame_time
 
 PARTS = ("from_flight", "sixteen_steps")
 """Keys of the metrics of other starts: the first state as the flight gives it, and short rollouts."""
@@ -113,10 +110,8 @@ class Scores:
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        head, rows = self.table()
-        lines = [f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows]
         title = f"<p><b>{escape(self.model.name)}</b> on {len(self.dataset.tosses)} tosses</p>"
-        return f"{title}<table><tr>{''.join(f'<th>{cell}</th>' for cell in head)}</tr>{''.join(lines)}</table>"
+        return title + html_table(*self.table())
 
 
 def evaluate(

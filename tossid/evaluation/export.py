@@ -13,6 +13,7 @@ from mujoco import rollout
 from numpy.typing import NDArray
 
 from tossid.errors import ConfigError, FileError, InputError
+from tossid.html import html_table
 from tossid.models import Mechanics, TrainedModel
 from tossid.models.predictor import Predictor, Simulator
 from tossid.motion import MeasurementModel
@@ -100,11 +101,8 @@ class Exported:
         return [starts, "median mm", "worst", "median deg", "worst "], rows
 
     def _repr_html_(self) -> str:
-        head, rows = self.table()
-        lines = [f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows]
         missing = "".join(f"<li>not in the file: {escape(text)}</li>" for text in self.left_out)
-        table = f"<table><tr>{''.join(f'<th>{cell}</th>' for cell in head)}</tr>{''.join(lines)}</table>"
-        return f"<p><b>{escape(str(self.path))}</b></p>{table}<ul>{missing}</ul>"
+        return f"<p><b>{escape(str(self.path))}</b></p>{html_table(*self.table())}<ul>{missing}</ul>"
 
 
 def export(

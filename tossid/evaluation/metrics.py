@@ -18,7 +18,7 @@ from tossid.physics import make_system
 from tossid.physics.tree import kinematics, make_work, mass_matrix
 from tossid.rotations import geodesic_angle
 from tossid.settings.evaluation import EvaluateSettings
-from tossid.types import Rollout, Toss
+from tossid.types import Rollout, Toss, frame_time
 
 Array = NDArray[np.float64]
 
@@ -94,15 +94,6 @@ def roll_out(
         Rollout(toss.t, q[i, :n], run.v[i, :n], lam_n[i, :n], int(run.unsolved[i]), not run.finite[i])
         for i, (toss, n) in enumerate(zip(tosses, length, strict=True))
     )
-
-
-def frame_time(tosses: Sequence[Toss]) -> float:
-    """The median time between frames of all tosses [s].
-
-    Args:
-        tosses: At least one.
-    """
-    return float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
 
 
 def score_tosses(

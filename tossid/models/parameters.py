@@ -198,7 +198,7 @@ class LearnedAccelerationNet(nn.Module):
     def uniform_vertical(self) -> float:
         """The uniform vertical acceleration, up positive [m/s²], that of the linear part included."""
         with torch.no_grad():
-            value = self.vertical
+            value: Tensor = self.vertical
             if self.world:
                 value = value + self.linear_world[2, 0]
             elif not self.gravity:

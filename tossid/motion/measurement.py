@@ -20,7 +20,7 @@ from scipy.stats import t as student
 from tossid.motion.flight import flight_frames
 from tossid.objects import ObjectModel, corner_positions
 from tossid.settings.motion import MeasurementSettings
-from tossid.types import Toss
+from tossid.types import Toss, frame_time
 
 Array = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ def estimate_measurement(
     """
     scales = np.array([s for s in (_scale_at_rest(toss, model, settings) for toss in tosses) if s is not None])
     lags = np.array([lag for lag in (_lag_in_flight(toss, model) for toss in tosses) if lag is not None])
-    dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
+    dt = frame_time(tosses)
     scale, scale_ci, scale_sure = _mean(scales, settings, exact=1.0)
     lag, lag_ci, lag_sure = _mean(lags, settings, exact=0.0)
     significant = MeasurementModel(

@@ -72,6 +72,19 @@ class Parabola:
         return touching
 
 
+    def flying(self, t: Array, q: Array) -> Bools:
+        """Frames in free flight, (n,): those with an interval beside them in which nothing else acts.
+
+        Args:
+            t: Times [s], (n,).
+            q: Poses, (n, 7).
+        """
+        free, out = ~self.may_touch(t, q), np.zeros(len(t), dtype=bool)
+        out[1:] |= free
+        out[:-1] |= free
+        return out
+
+
 def find_parabola(
     tracks: Sequence[PoseTrack], *, gravity: float = GRAVITY, settings: ParabolaSettings = DEFAULT
 ) -> Parabola:
@@ -143,9 +156,7 @@ def phases_of_motion(
     u = com_velocities(body, q, v)[..., 0, :]
     spin = parabola.gyration * np.linalg.norm(v[:, 3:6], axis=1)
     phase = np.full(len(t), int(Phase.UNKNOWN), dtype=np.uint8)
-    flying = np.zeros(len(t), dtype=bool)
-    flying[1:] |= ~touching
-    flying[:-1] |= ~touching
+    flying = parabola.flying(t, q)
     change = np.diff(u, axis=0)
     change[:, 2] += parabola.gravity * h
     jump = np.sqrt((change**2).sum(1) + parabola.gyration**2 * (np.diff(v[:, 3:6], axis=0) ** 2).sum(1))

@@ -27,7 +27,7 @@ from tossid.objects.round_shape import RoundShape, round_shapes, support, surfac
 from tossid.objects.roundness import Roundness, directions
 from tossid.rotations import quat_to_matrix
 from tossid.settings.objects import ShapeSettings
-from tossid.types import Toss
+from tossid.types import PoseTrack, Toss
 
 Array = NDArray[np.float64]
 
@@ -42,16 +42,18 @@ class HalfSpaces(NamedTuple):
         height: (n,) of the body's origin above the ground [m].
         place: (n, 2) where over the ground the body's origin is [m].
         toss: (n,) index of the toss.
+        free: (n,) whether the frame is known to be in free flight: it bounds the shape, and shows no contact.
     """
 
     down: Array
     height: Array
     place: Array
     toss: NDArray[np.int64]
+    free: NDArray[np.bool_]
 
     def chosen(self, which: NDArray[np.bool_]) -> HalfSpaces:
         """Some of them."""
-        return HalfSpaces(self.down[which], self.height[which], self.place[which], self.toss[which])
+        return HalfSpaces(*(part[which] for part in self))
 
 
 @dataclass(frozen=True)
@@ -121,23 +123,32 @@ class _Fit(NamedTuple):
     loss: float
 
 
-def half_spaces(tosses: Sequence[Toss]) -> HalfSpaces:
+def half_spaces(tosses: Sequence[Toss | PoseTrack], flying: Sequence[NDArray[np.bool_]] | None = None) -> HalfSpaces:
     """The half-spaces of all frames of tosses of one rigid body.
 
     Args:
         tosses: Their configurations, in a world whose z points up and whose ground is z = 0.
+        flying: Which frames of each toss are known to be in free flight, (n,); None where it is not known.
     """
     q = np.concatenate([toss.q for toss in tosses])
     down = -quat_to_matrix(q[:, 3:7])[:, 2, :]
-    return HalfSpaces(down, q[:, 2], q[:, :2], np.repeat(np.arange(len(tosses)), [len(toss) for toss in tosses]))
+    free = np.zeros(len(q), dtype=bool) if flying is None else np.concatenate(list(flying))
+    of = np.repeat(np.arange(len(tosses)), [len(toss.t) for toss in tosses])
+    return HalfSpaces(down, q[:, 2], q[:, :2], of, free)
 
 
-def find_shape(tosses: Sequence[Toss], settings: ShapeSettings = DEFAULT) -> ConvexShape:
+def find_shape(
+    tosses: Sequence[Toss],
+    settings: ShapeSettings = DEFAULT,
+    *,
+    flying: Sequence[NDArray[np.bool_]] | None = None,
+) -> ConvexShape:
     """The convex shape of a rigid body, from its poses alone.
 
     Args:
         tosses: Of one rigid body, in any body frame, over the ground z = 0.
         settings: What counts as contact, and which vertices count.
+        flying: Frames of each toss that are known to be in free flight (`half_spaces`): they are no contacts.
 
     Returns:
         As few vertices as the contacts need. Vertices that no contact shows are not made up; `unseen` says where the
@@ -146,22 +157,12 @@ def find_shape(tosses: Sequence[Toss], settings: ShapeSettings = DEFAULT) -> Con
     Raises:
         InputError: The poses bound no shape, or there is no contact in them.
     """
-    every = half_spaces(tosses)
-    _, radius, corners = outer_hull(every, settings)
-    seen = every.chosen(different(every, settings))
-    seen = seen.chosen(seen.height - (seen.down @ corners.T).max(axis=1) < settings.near_rel * radius)
-    drawn = seen.chosen(_evenly(len(seen.height), settings.most_frames))
-    start = _merged(corners, settings.merge_rel * radius)
-    fits = [_fit(drawn, start, np.zeros(3), settings, gap=settings.first_gap)]
-    while len(fits[-1].vertices) > 4:
-        fits.append(_with_fewer(drawn, fits[-1], settings))
-    chosen = _without_flat(drawn, _fewest(fits, settings), settings)
-    chosen = _fit(seen, chosen.vertices, chosen.ground, settings, gap=2 * settings.gap)
+    seen, chosen, corners, radius = _polytope(half_spaces(tosses, flying), settings)
     sharp = _fit(seen, chosen.vertices, np.zeros(3), settings, gap=2 * settings.gap, level=True)
     rounder = _rounder(seen, sharp, corners, settings)
     if rounder is not None:
         return _round_shape(seen, rounder, corners, unseen=settings.unseen_rel * radius, settings=settings)
-    touches = np.abs(sharp.gap) < settings.contact_gap
+    touches = (np.abs(sharp.gap) < settings.contact_gap) & ~seen.free
     if touches.sum() < settings.fewest_contacts:
         raise InputError(
             f"{int(touches.sum())} contacts with the ground in {len(tosses)} tosses; "
@@ -172,6 +173,64 @@ def find_shape(tosses: Sequence[Toss], settings: ShapeSettings = DEFAULT) -> Con
     beyond = np.array([protrusion(corner, sharp.vertices) for corner in corners])
     unseen = corners[beyond > settings.unseen_rel * radius]
     return ConvexShape(sharp.vertices, deviation, frames, unseen, chosen.ground, misfit)
+
+
+def find_ground(tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings = DEFAULT, *, slack: float = 0.0) -> Array:
+    """The ground's height at the origin [m] and its slopes along x and y, (3,), with which a polytope fits best.
+
+    Args:
+        tosses: Of one rigid body, z roughly up.
+        settings: As of `find_shape`.
+        slack: Slope that the ground may have: each half-space is first moved out by it times the distance from the
+            middle of all places.
+
+    Raises:
+        InputError: The poses bound no shape.
+    """
+    every = half_spaces(tosses)
+    if not slack:
+        return _polytope(every, settings)[1].ground
+    far = slack * np.linalg.norm(every.place - np.median(every.place, axis=0), axis=1)
+    _, radius, corners = outer_hull(every._replace(height=every.height + far), settings)
+    seen = every.chosen(different(every, settings))
+    seen = seen.chosen(seen.height - (seen.down @ corners.T).max(axis=1) < settings.near_rel * radius)
+    drawn = seen.chosen(_evenly(len(seen.height), settings.most_frames))
+    start = _merged(corners, settings.merge_rel * radius)
+    return _fit(drawn, start, np.zeros(3), settings, gap=float(np.quantile(far, 0.9))).ground
+
+
+def height_is_wrong(tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings = DEFAULT) -> bool:
+    """Whether a polytope over a ground of another height explains frames better than any shape over z = 0 does.
+
+    To a round shape, height and radius look alike: then z = 0 is believed.
+
+    Args:
+        tosses: Of one rigid body, over level ground.
+        settings: As of `find_shape`.
+
+    Raises:
+        InputError: The poses bound no shape.
+    """
+    seen, chosen, corners, _ = _polytope(half_spaces(tosses), settings)
+    sharp = _fit(seen, chosen.vertices, np.zeros(3), settings, gap=settings.first_gap, level=True)
+    scale, price = _price(seen, chosen, settings)
+    lifted = chosen.loss / scale + (3 * len(chosen.vertices) + 1) * price
+    level = sharp.loss / scale + 3 * len(sharp.vertices) * price
+    return lifted < level and _rounder(seen, chosen, corners, settings) is None
+
+
+def _polytope(every: HalfSpaces, settings: ShapeSettings) -> tuple[HalfSpaces, _Fit, Array, float]:
+    """Frames near the ground, the polytope and the ground that fit them, the outer hull's vertices and its radius."""
+    _, radius, corners = outer_hull(every, settings)
+    seen = every.chosen(different(every, settings))
+    seen = seen.chosen(seen.height - (seen.down @ corners.T).max(axis=1) < settings.near_rel * radius)
+    drawn = seen.chosen(_evenly(len(seen.height), settings.most_frames))
+    start = _merged(corners, settings.merge_rel * radius)
+    fits = [_fit(drawn, start, np.zeros(3), settings, gap=settings.first_gap)]
+    while len(fits[-1].vertices) > 4:
+        fits.append(_with_fewer(drawn, fits[-1], settings))
+    chosen = _without_flat(drawn, _fewest(drawn, fits, settings), settings)
+    return seen, _fit(seen, chosen.vertices, chosen.ground, settings, gap=2 * settings.gap), corners, radius
 
 
 def outer_hull(spaces: HalfSpaces, settings: ShapeSettings = DEFAULT) -> tuple[Array, float, Array]:
@@ -244,7 +303,8 @@ def _with_fewer(spaces: HalfSpaces, fit: _Fit, settings: ShapeSettings) -> _Fit:
     """The fit without the vertices that cost least to leave out: a share of many, the best choice of one of few."""
     reach = np.sort(spaces.down @ fit.vertices.T, axis=1)[:, -2:]
     base = spaces.height - _ground(spaces) @ fit.ground
-    costs = _loss(base - reach[:, 0], settings.gap, settings) - _loss(base - reach[:, 1], settings.gap, settings)
+    one, two = (_loss(base - reach[:, k], spaces.free, settings.gap, settings) for k in (0, 1))
+    costs = one - two
     cost = np.bincount(fit.lowest, costs, minlength=len(fit.vertices))
     cheapest, n = np.argsort(cost), len(cost)
     left_out = [cheapest[j : j + 1] for j in range(3)]
@@ -256,10 +316,10 @@ def _with_fewer(spaces: HalfSpaces, fit: _Fit, settings: ShapeSettings) -> _Fit:
     return min(others, key=lambda other: other.loss)
 
 
-def _fewest(fits: Sequence[_Fit], settings: ShapeSettings) -> _Fit:
+def _fewest(spaces: HalfSpaces, fits: Sequence[_Fit], settings: ShapeSettings) -> _Fit:
     """The fit of least Bayesian information criterion, with the contacts' own scatter for the noise."""
     first = fits[0]
-    touches = np.abs(first.gap) < settings.contact_gap
+    touches = (np.abs(first.gap) < settings.contact_gap) & ~spaces.free
     if not touches.any():
         return fits[-1]
     scale = max(1.0, (1.4826 * np.median(np.abs(first.gap[touches])) / settings.noise) ** 2)
@@ -269,7 +329,7 @@ def _fewest(fits: Sequence[_Fit], settings: ShapeSettings) -> _Fit:
 
 def _price(spaces: HalfSpaces, fit: _Fit, settings: ShapeSettings) -> tuple[float, float]:
     """Scale of a fit's loss and price of a number of it, for the Bayesian information criterion."""
-    touches = np.abs(fit.gap) < settings.contact_gap
+    touches = (np.abs(fit.gap) < settings.contact_gap) & ~spaces.free
     spread = 1.4826 * float(np.median(np.abs(fit.gap[touches]))) if touches.any() else settings.noise
     return max(1.0, (spread / settings.noise) ** 2), float(np.log(max(2, touches.sum())))
 
@@ -278,10 +338,10 @@ def _rounder(spaces: HalfSpaces, sharp: _Fit, hull: Array, settings: ShapeSettin
     """The round shape that explains the frames better than the polytope does; None where none does."""
     scale, price = _price(spaces, sharp, settings)
     best, least = None, sharp.loss / scale + 3 * len(sharp.vertices) * price
-    drawn = spaces.chosen(_evenly(len(spaces.height), settings.most_frames))
+    drawn = spaces.chosen(_evenly(len(spaces.height), settings.round_frames))
     thinned = len(spaces.height) / len(drawn.height)
-    for shape in round_shapes(drawn.down, drawn.height, hull, settings, loss=_loss, weights=_weights):
-        criterion = thinned * shape.loss / scale + shape.count * price
+    for shape in round_shapes(drawn, hull, settings, loss=_loss, weights=_weights):
+        criterion = thinned * shape.loss / scale + shape.size * price
         if criterion < least:
             best, least = shape, criterion
     return best
@@ -293,7 +353,7 @@ def _round_shape(
     """A round shape with many points of its surface, and which of them contacts show."""
     ways = directions(HULL_POINTS)
     gap = spaces.height - support(found.corner_pos, found.roundness, spaces.down)
-    touches = np.abs(gap) < settings.contact_gap
+    touches = (np.abs(gap) < settings.contact_gap) & ~spaces.free
     misfit = float(np.sqrt(np.mean(gap[touches] ** 2)))
     slope = found.slope(ways)
     deviation = misfit * np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slope, found.covariance, slope), 0))
@@ -343,16 +403,18 @@ def _ground(spaces: HalfSpaces) -> Array:
     return np.column_stack([np.ones(len(spaces.height)), spaces.place])
 
 
-def _loss(gap: Array, scale: float, settings: ShapeSettings) -> Array:
-    """Loss of each gap: Huber's below the ground, Geman and McClure's above; in variances of the noise."""
+def _loss(gap: Array, free: NDArray[np.bool_], scale: float, settings: ShapeSettings) -> Array:
+    """Loss of each gap: Huber's below the ground, Geman and McClure's above, none in free flight; in variances."""
     knee = 2 * settings.noise
     below = np.where(gap > -knee, gap**2, -2 * knee * gap - knee**2)
-    return np.where(gap < 0, below, scale**2 * gap**2 / (scale**2 + gap**2)) / settings.noise**2
+    above = np.where(free, 0.0, scale**2 * gap**2 / (scale**2 + gap**2))
+    return np.where(gap < 0, below, above) / settings.noise**2
 
 
-def _weights(gap: Array, scale: float, settings: ShapeSettings) -> Array:
+def _weights(gap: Array, free: NDArray[np.bool_], scale: float, settings: ShapeSettings) -> Array:
     """Weights of the least squares that have the loss's gradient."""
-    return np.where(gap < 0, 1 / np.maximum(1, -gap / (2 * settings.noise)), 1 / (1 + (gap / scale) ** 2) ** 2)
+    above = np.where(free, 0.0, 1 / (1 + (gap / scale) ** 2) ** 2)
+    return np.where(gap < 0, 1 / np.maximum(1, -gap / (2 * settings.noise)), above)
 
 
 def _fit(
@@ -373,7 +435,7 @@ def _fit(
     for _ in range(settings.iterations):
         gap = max(settings.gap, 0.8 * gap)
         lowest, r = _residuals(spaces, G, X, g)
-        w = _weights(r, gap, settings)
+        w = _weights(r, spaces.free, gap, settings)
         H, b = _normal_equations(spaces.down, G, w, r, lowest, n)
         H[np.arange(3 * n), np.arange(3 * n)] += settings.inertia
         H[3 * n :, 3 * n :] += 1e-9 * np.eye(3)
@@ -383,7 +445,7 @@ def _fit(
         if gap == settings.gap and np.abs(step).max() < settings.converged:
             break
     lowest, r = _residuals(spaces, G, X, g)
-    return _Fit(X, g, lowest, r, float(_loss(r, settings.gap, settings).sum()))
+    return _Fit(X, g, lowest, r, float(_loss(r, spaces.free, settings.gap, settings).sum()))
 
 
 def _residuals(spaces: HalfSpaces, G: Array, X: Array, g: Array) -> tuple[NDArray[np.int64], Array]:

@@ -67,5 +67,5 @@ def found(path: Path) -> Path:
 
 def absolute_paths(settings: ObjectSettings) -> ObjectSettings:
     """The same settings with absolute paths, for processes in other folders."""
-    tags = None if settings.tags is None else found(settings.tags).resolve()
-    return replace(settings, path=found(settings.path).resolve(), tags=tags)
+    tags = None if settings.tags is None else found(settings.tags).absolute()
+    return replace(settings, path=found(settings.path).absolute(), tags=tags)

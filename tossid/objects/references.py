@@ -9,6 +9,7 @@ own folder and no others. A user's own model may name any regular file. Each mod
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -123,9 +124,10 @@ def check_model_file(path: Path, *, own_folder: Path | None = None) -> None:
     data: list[tuple[Path, str]] = []
     while waiting:
         file = waiting.pop()
-        if file.resolve() in seen:
+        real = Path(os.path.realpath(file))
+        if real in seen:
             continue
-        seen.add(file.resolve())
+        seen.add(real)
         budget.check_claim(file, "bytes of a model", budget.regular_size(file), budget.limits().model_text)
         try:
             asked = _asked(file.read_text(encoding="utf-8"), outside=own_folder is not None)

@@ -14,7 +14,7 @@ Each is fitted to the frames by the loss of the polytope, and the Bayesian infor
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,24 @@ from tossid.objects.roundness import RIM, Roundness, ball, directions, disc, ell
 from tossid.settings.objects import ShapeSettings
 
 Array = NDArray[np.float64]
-Loss = Callable[[Array, float, ShapeSettings], Array]
-"""Loss, or weight, of each gap (n,), given its scale above the ground [m]."""
+Loss = Callable[[Array, NDArray[np.bool_], float, ShapeSettings], Array]
+"""Loss, or weight, of each gap (n,), given which frames fly freely and its scale above the ground [m]."""
+
+
+class Frames(Protocol):
+    """Frames near the ground, see `convex_shape.HalfSpaces`."""
+
+    @property
+    def down(self) -> Array:
+        """(n, 3) the downward direction in the body's frame."""
+
+    @property
+    def height(self) -> Array:
+        """(n,) of the body's origin [m]."""
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """(n,) whether the frame is in free flight."""
 
 
 class RoundShape(NamedTuple):
@@ -34,17 +50,17 @@ class RoundShape(NamedTuple):
         kind: What it is called.
         corner_pos: (n_c, 3) its corners [m].
         roundness: What stands there.
-        count: How many numbers it has.
+        size: How many numbers it has.
         gap: (n,) distance of the lowest point from the ground in each frame [m].
         loss: Sum of the loss over frames.
         covariance: Of the numbers, for a misfit of 1 m.
-        slope: Derivative of the support function with respect to the numbers (k, count), given directions (k, 3).
+        slope: Derivative of the support function with respect to the numbers (k, size), given directions (k, 3).
     """
 
     kind: str
     corner_pos: Array
     roundness: Roundness
-    count: int
+    size: int
     gap: Array
     loss: float
     covariance: Array
@@ -60,13 +76,12 @@ class _Family(NamedTuple):
 
 
 def round_shapes(
-    down: Array, height: Array, hull: Array, settings: ShapeSettings, *, loss: Loss, weights: Loss
+    spaces: Frames, hull: Array, settings: ShapeSettings, *, loss: Loss, weights: Loss
 ) -> Iterator[RoundShape]:
     """Round shapes that were fitted to frames.
 
     Args:
-        down: (n, 3) the downward direction in the body's frame, in frames near the ground.
-        height: (n,) of the body's origin [m].
+        spaces: Frames near the ground.
         hull: (m, 3) vertices of the outer hull [m].
         settings: Noise, scales and iterations.
         loss: Of gaps.
@@ -75,12 +90,13 @@ def round_shapes(
     Yields:
         One of each family and each start that leads somewhere.
     """
+    down, height, free = spaces.down, spaces.height, spaces.free
     for family in _families(hull):
         p, scale = family.start.copy(), settings.first_gap
         for _ in range(2 * settings.iterations):
             scale = max(settings.gap, 0.85 * scale)
             r, J = height - family.support(p, down), _slope(family, p, down)
-            w = weights(r, scale, settings)
+            w = weights(r, free, scale, settings)
             H = J.T @ (w[:, None] * J)
             step = np.linalg.solve(H + 1e-6 * np.diag(np.diag(H)) + 1e-9 * np.eye(len(p)), J.T @ (w * r))
             p += step * min(1.0, settings.first_gap * 3 / max(float(np.abs(J @ step).max()), 1e-12))
@@ -89,17 +105,17 @@ def round_shapes(
         r, J = height - family.support(p, down), _slope(family, p, down)
         if not np.isfinite(r).all():
             continue
-        J = J[np.abs(r) < settings.contact_gap]
+        J = J[(np.abs(r) < settings.contact_gap) & ~free]
         if len(J) < 3 * len(p):
             continue
         corners, roundness = family.corners(p)
-        covariance = np.linalg.pinv(J.T @ J)
+        covariance = np.asarray(np.linalg.pinv(J.T @ J), dtype=np.float64)
 
         def slope(ways: Array, family: _Family = family, p: Array = p) -> Array:
             return _slope(family, p, ways)
 
         yield RoundShape(
-            family.kind, corners, roundness, len(p), r, float(loss(r, settings.gap, settings).sum()), covariance, slope
+            family.kind, corners, roundness, len(p), r, float(loss(r, free, settings.gap, settings).sum()), covariance, slope
         )
 
 

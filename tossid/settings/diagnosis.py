@@ -42,6 +42,8 @@ class SelectionSettings:
     """most rounds of forward selection"""
     most_joint_refits: Count = 3
     """most refits of all effects together, each of which rounds may follow"""
+    clearly_needed: Positive = 150.0
+    """Wald's statistic of an effect from which it is not tried without it after every round, only at the end"""
     candidates: Count = 6
     """effects that are fitted in full in a round"""
     least_screening_gain: Positive = 3.0
@@ -85,6 +87,8 @@ class RefinementSettings:
     """share at which the line search ends"""
     least_gain: Positive = 3.0
     """gain of log-likelihood that a move must bring"""
+    hopeless: Positive = 30.0
+    """loss of log-likelihood at first states near the present ones from which a move is given up"""
     shifts: tuple[Fraction, ...] = (0.25, 0.5, 0.75)
     """parts of a window's length by which windows are shifted for further fits"""
     perturbation: NonNegative = 0.1
@@ -284,6 +288,19 @@ class StabilitySettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class EnoughSettings:
+    """How many tosses take part where `tosses` is null and there are many."""
+
+    first: Count = 40
+    """tosses that are searched first; where there are not twice as many, all take part"""
+    judges: Count = 80
+    """tosses that judge the answer at most, or as many as were searched"""
+    tolerance: Positive = 1.5
+    """difference of two fits, over the half widths of their 95 % intervals, up to which they agree: some three
+    standard errors, as several values are compared"""
+
+
+@dataclass(frozen=True, kw_only=True)
 class CheckSettings:
     """Which tosses and simulators are refused."""
 
@@ -298,6 +315,8 @@ class CheckSettings:
     """ratio of the sizes of two objects beyond which one is not a wrong statement of the other"""
     most_diverged: Fraction = 0.1
     """share of tosses on which a simulator may diverge"""
+    far: Positive = 1e3
+    """distance from the origin beyond which a simulated toss has diverged [m]"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -309,7 +328,7 @@ class DiagnoseSettings:
     skip: Annotated[int, Bounds(low=0)] = 0
     """how many tosses are left out before the first"""
     tosses: Count | None = None
-    """how many tosses; null: all that follow"""
+    """how many tosses; null: as many of those that follow as the answer needs"""
     seed: Seed = 0
     """seed of the draws: which tosses fit and which judge, resampling"""
     without: tuple[str, ...] = ()
@@ -351,5 +370,7 @@ class DiagnoseSettings:
     """how a patch is written and run"""
     report: ReportSettings = advanced_part(ReportSettings)
     """what the figures of the report draw"""
+    enough: EnoughSettings = advanced_part(EnoughSettings)
+    """how many tosses take part where there are many"""
     checks: CheckSettings = advanced_part(CheckSettings)
     """what is refused"""

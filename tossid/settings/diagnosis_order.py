@@ -33,6 +33,8 @@ class OrderSettings:
     indistinguishable: Fraction = 0.1
     """share of the best gain of log-likelihood by which another effect's may be less and count as the same; of such
     effects, one of the recording is preferred"""
+    largest_move: Count = 6
+    """tosses by which the moment of a step is moved at most to where it is likeliest"""
     drift_parts: Count = 5
     """most stretches to which a drift is fitted"""
     same_change: Count = 3

@@ -26,6 +26,8 @@ class WindowSettings:
     flight decides (cut feedback; Plummer, Stat. Comput. 2015)"""
     frames_before_landing: Annotated[int, Bounds(low=0)] = 10
     """frames of flight that stay in the window with the landing, to determine its first velocity"""
+    clearance: Positive = 3e-3
+    """height over the ground [m] above which a window's recorded corners stay where contact is not felt in it"""
     velocity_std: Positive = 0.5
     """standard deviation of recorded velocities [m/s], which lag and are smeared over impacts"""
     spin_std: Positive = 5.0
@@ -65,6 +67,8 @@ class WhiteningSettings:
 
     poor_fit: Positive = 3.0
     """standard deviations of chi-squared by which a window's cost exceeds its mean before it is restarted"""
+    as_poor: Fraction = 0.1
+    """relative difference of a window's cost to that at which a restart has failed, within which none is tried again"""
     restart_steps: Count = 4
     """Gauss-Newton steps of a restart from a perturbed first state"""
     recorded_restart_steps: Count = 6

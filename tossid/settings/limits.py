@@ -31,10 +31,16 @@ class ReadLimits:
     """bytes that any packed file may unpack to (64 MiB)"""
     ratio: Count = 100
     """bytes that a packed file may unpack to, for each byte of it, where that is more"""
+    pickled: Count = 1 << 22
+    """bytes of a `.pt` file that are no tensors (4 MiB): each may make sixty when it is read"""
     chunk: Count = 1 << 25
     """bytes that one chunk of a bag may unpack to (32 MiB), or `ratio` times its size, where that is more"""
     pixels: Count = 50_000_000
     """pixels of an image or texture"""
+    scanned: Count = 500_000_000
+    """pixels in all scans of a JPEG together: a progressive one repeats its pixels, mostly ten times"""
+    cameras: Count = 1_000
+    """cameras of a file of detections"""
     model_text: Count = 1 << 21
     """bytes of an MJCF or URDF text"""
     model_file: Count = 1 << 26
@@ -45,6 +51,8 @@ class ReadLimits:
     """contact corners of an object"""
     tags: Count = 5_000
     """tags of a layout"""
+    yaml_values: Count = 60_000
+    """values and names that are written in a YAML file: a thousand take PyYAML some 25 ms"""
     yaml_nodes: Count = 200_000
     """values of a YAML file, with all that its aliases repeat"""
     bytes_a_frame: Count = 8

@@ -48,10 +48,17 @@ class ShapeSettings(Checked):
     """share of the largest extent by which a vertex must stand out from the hull of the others"""
     most_frames: Count = 4000
     """frames, evenly drawn, from which the number of vertices is found; the last fit takes all"""
+    round_frames: Count = 1500
+    """frames, evenly drawn, from which round shapes are found"""
     unseen_rel: Positive = 0.15
     """share of that radius by which the outer hull may lie beyond the shape before it is reported as unseen"""
     seen_angle: Positive = 0.15
     """angle from the downward direction of a contact within which points of a round surface count as seen [rad]"""
+    level_height: Positive = 4e-3
+    """height of the ground found with the hull from which on the world is levelled [m]; less is also what rounded edges
+    look like"""
+    level_slope: Positive = 5e-3
+    """the same for its slope"""
     other_angle: Positive = 8.7e-3
     """turn from the last frame that counted after which a frame of a toss counts again [rad]"""
     other_height: Positive = 2e-4

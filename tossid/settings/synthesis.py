@@ -187,17 +187,17 @@ class SynthesizeSettings(Checked):
 
     engine: Engine = MujocoEngine()
     """what simulates:"""
-    tosses: Count = 12
+    tosses: Annotated[int, Bounds(low=1, high=10_000_000)] = 12
     """how many"""
     seed: Seed = 0
     """seed of everything random"""
-    rate_hz: Positive = 148.0
+    rate_hz: Annotated[float, Bounds(above=0, high=1e5)] = 148.0
     """frames a second"""
     gravity: Gravity = 9.81
     """downward [m/s²]"""
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
     """what differs from the nominal world: {NAME: {PARAM: VALUE}}, of the library of effects, SI; others' nominal"""
-    seconds: Positive = 1.5
+    seconds: Annotated[float, Bounds(above=0, high=3600)] = 1.5
     """the longest that a toss may take [s]"""
     rest_s: NonNegative = 0.1
     """time at rest that ends a toss [s]"""
@@ -241,7 +241,7 @@ class ShapeTossSettings(Checked):
     """most frames of a toss"""
     rest_frames: Count = 10
     """frames at rest after which a toss ends"""
-    step: Positive = 2.5e-4
-    """MuJoCo's time step [s]"""
+    step: Positive = 5e-5
+    """MuJoCo's time step [s], with which contact is near rigid"""
     seed: Seed = 0
     """of what is drawn"""

@@ -101,6 +101,10 @@ class ClockSearchSettings:
     """stretches of the recording that are used"""
     stretch_steps: Count = 120
     """time steps of each"""
+    fewest_steps: Count = 20
+    """time steps in which one camera alone has to place a body, for the others to be compared with it"""
+    fewest_sightings: Count = 40
+    """sightings of a tag of that body from which another camera's clock is looked for"""
     soft_pixels: Positive = 5.0
     """reprojection at which a corner's weight is halved (Geman and McClure) [px]"""
     misfit_share: Fraction = 0.6
@@ -141,6 +145,10 @@ class SetupCheckSettings:
     """share of sightings that contradict the others from which it is checked"""
     steps: Count = 200
     """time steps that are used"""
+    fewest_steps: Count = 20
+    """time steps below which nothing is tried"""
+    fewest_sightings: Count = 5
+    """sightings by or of a suspect below which nothing is said of it"""
     least_distance: Positive = 0.001
     """something that is off by less than this [m] and by less than `least_angle` is not reported"""
     least_angle: Positive = math.radians(0.3)

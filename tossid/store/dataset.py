@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tossid.errors import InputError, nearest
+from tossid.html import html_table
 from tossid.objects import ObjectModel
 from tossid.types import SPLITS, OnDemand, RecordingOrder, Toss
 
@@ -100,8 +100,7 @@ class Dataset:
             "frames": f"{frames} at {self.rate_hz:g} Hz",
             "source": self.source + (", with truth" if self.truth is not None else ""),
         }
-        rows = "".join(f"<tr><th>{name}</th><td>{escape(value)}</td></tr>" for name, value in facts.items())
-        return f"<table>{rows}</table>{_heights(self.tosses[:_DRAWN])}"
+        return html_table([], list(facts.items())) + _heights(self.tosses[:_DRAWN])
 
 
 def _heights(tosses: Sequence[Toss]) -> str:

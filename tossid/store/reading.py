@@ -100,9 +100,8 @@ def _read_toss(path: Path, group: h5py.Group, model: ObjectModel, others: int) -
     """A toss and its bytes; others: bytes of the tosses that were read of the file."""
     refuse_strangers(path, group, {member.name for member in MEMBERS})
     arrays, claimed = {}, 0
-    for member, data in _checked_members(path, group, model.nq, model.nv):
+    for member, data in _checked_members(path, group, model.nq, model.nv, others):
         claimed += data.nbytes
-        budget.check_unpacked(path, others + claimed, what="bytes of tosses")
         arrays[member] = data[()]
     try:
         toss = Toss(name=group.name.rsplit("/", 1)[1], split=attribute(path, group, "split", str), **arrays)
@@ -135,11 +134,12 @@ def dataset_info(path: Path) -> dict[str, Any]:
         nq, nv = attribute(path, model, "nq", int), attribute(path, model, "nv", int)
         splits: Counter[str] = Counter()
         phases = np.zeros(max(Phase) + 1, dtype=int)
-        n_tosses, n_frames, duration = 0, 0, 0.0
+        n_tosses, n_frames, duration, claimed = 0, 0, 0.0, 0
         names = _toss_names(path, file)
         for name in names:
             group = child(path, file["tosses"], name, h5py.Group)
-            data = dict(_checked_members(path, group, nq, nv))
+            data = dict(_checked_members(path, group, nq, nv, claimed))
+            claimed += sum(array.nbytes for array in data.values())
             phase = data["phase"][()]
             if phase.max() > max(Phase):
                 raise FileError(path, f"{group.name}/phase holds {phase.max()}, expected at most {max(Phase)}")
@@ -212,13 +212,18 @@ def _toss_names(path: Path, file: h5py.File) -> list[str]:
     return [name for _, name in sorted(zip(places, names, strict=True))]
 
 
-def _checked_members(path: Path, group: h5py.Group, nq: int, nv: int) -> Iterator[tuple[str, h5py.Dataset]]:
+def _checked_members(
+    path: Path, group: h5py.Group, nq: int, nv: int, others: int
+) -> Iterator[tuple[str, h5py.Dataset]]:
+    """The arrays of a toss, each checked; others: bytes of tosses before it, which may be links to the same arrays."""
     sizes: dict[str, int | None] = {"n": None, "nq": nq, "nv": nv}
     for member in MEMBERS:
         if member.optional and member.name not in group:
             continue
         data = child(path, group, member.name, h5py.Dataset)
-        check_stored(path, data, np.dtype(member.dtype), tuple(sizes[name] for name in member.shape))
+        shape = tuple(sizes[name] for name in member.shape)
+        check_stored(path, data, np.dtype(member.dtype), shape, others=others)
+        others += data.nbytes
         if sizes["n"] is None:
             sizes["n"] = data.shape[0]
             if data.shape[0] < 2:

@@ -116,7 +116,9 @@ def refuse_strangers(path: Path, group: h5py.Group, known: set[str]) -> None:
         raise FileError(path, f"{group.name} holds {strange[0]!r}, which {SCHEMA} does not know")
 
 
-def check_stored(path: Path, data: h5py.Dataset, dtype: np.dtype[Any], shape: tuple[int | None, ...]) -> None:
+def check_stored(
+    path: Path, data: h5py.Dataset, dtype: np.dtype[Any], shape: tuple[int | None, ...], *, others: int = 0
+) -> None:
     """Raise `FileError` unless a data set has the type and shape, and its bytes are in the file.
 
     Checked before anything is read: a damaged or hostile file may declare shapes that fill the memory, or filters and
@@ -127,6 +129,7 @@ def check_stored(path: Path, data: h5py.Dataset, dtype: np.dtype[Any], shape: tu
         data: The data set.
         dtype: Its expected type.
         shape: Its expected shape; None where any length will do.
+        others: Bytes of the arrays that are read with it, which may be links to the same one.
     """
     where = data.name
     if data.dtype != dtype:
@@ -148,7 +151,8 @@ def check_stored(path: Path, data: h5py.Dataset, dtype: np.dtype[Any], shape: tu
     stored = data.id.get_storage_size()
     if declared > stored * MAX_COMPRESSION:
         raise FileError(path, f"{where} declares {declared} bytes, more than its {stored} stored bytes can hold")
-    budget.check_unpacked(path, declared, what=f"bytes of {where}")
+    what = f"bytes of tosses, up to {where}" if others else f"bytes of {where}"
+    budget.check_unpacked(path, others + declared, what=what)
     if data.chunks is not None:
         chunk = math.prod(data.chunks) * data.dtype.itemsize
         budget.check_unpacked(path, chunk, what=f"bytes of a chunk of {where}")

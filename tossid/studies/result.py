@@ -9,6 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tossid.html import html_table
 from tossid.models import TrainedModel
 from tossid.outputs import output_file
 from tossid.plain_json import jsonable
@@ -115,7 +116,5 @@ class Study:
         return "\n".join([f"Study over {self.swept}: {len(self.held_out.tosses)} held-out tosses", *lines, *self.notes])
 
     def _repr_html_(self) -> str:
-        head, rows = self.table()
-        lines = [f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows]
         title = f"<p>Study over <b>{escape(self.swept)}</b>: {len(self.held_out.tosses)} held-out tosses</p>"
-        return f"{title}<table><tr>{''.join(f'<th>{escape(cell)}</th>' for cell in head)}</tr>{''.join(lines)}</table>"
+        return title + html_table(*self.table())

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from tossid.objects.roundness import directions
-from tossid.physics.mujoco_engine import quiet
+from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, quiet
 from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
 from tossid.settings.synthesis import ShapeTossSettings
 from tossid.types import PoseTrack
@@ -70,8 +70,6 @@ def _rounded_disc(radius: float, edge: float, rim: int = 120, around: int = 25) 
     return np.column_stack([r * np.cos(a), r * np.sin(a), edge * np.sin(b)])
 
 
-SOLIMP = [0.98, 0.9999, 0.0001, 0.5, 2]
-"""MuJoCo's impedance of contact: near rigid."""
 ELLIPSOID = np.array([0.06, 0.045, 0.035])
 """Half axes of the ellipsoid [m]."""
 
@@ -130,8 +128,8 @@ def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedSh
     law = {
         "friction": [settings.friction, 0, 0],
         "condim": 3,
-        "solref": [0.002, 1.0],
-        "solimp": SOLIMP,
+        "solref": [2 * settings.step, RIGID_DAMPING],
+        "solimp": list(RIGID_SOLIMP),
     }
     for key, value in law.items():
         setattr(spec.geoms[0], key, value)

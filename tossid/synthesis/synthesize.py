@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +23,7 @@ from tossid.store.provenance import provenance_of
 from tossid.synthesis.engines import ENGINES
 from tossid.synthesis.film import film
 from tossid.synthesis.tosses import add_noise, make_tosses, with_apparent_phases, world_of
-from tossid.types import Toss
+from tossid.types import Progress, Toss, silent
 
 TRUTH = "truth.h5"
 """The true tosses, in a folder that `synthesize` writes."""
@@ -31,9 +31,6 @@ TOSSES = "tosses.h5"
 """The measured tosses there, without camera frames."""
 
 DEFAULT = SynthesizeSettings()
-
-Progress = Callable[[str, float], None]
-"""Called with what is under way, and the share that is done."""
 
 
 def synthesize(
@@ -69,7 +66,7 @@ def synthesize(
         OutputError: The folder cannot be written.
     """
     model, settings = load_object(object), _with_keys(settings, keys)
-    report = progress or _silent
+    report = progress or silent
     if frames and out is None:
         raise InputError("frames are written to a folder: give out=FOLDER")
     if frames and not model.tags:
@@ -126,7 +123,3 @@ def _dataset(
 ) -> Dataset:
     origin = provenance_of("tossid.synthesize", settings, object=model.name)
     return Dataset(model, tosses, settings.rate_hz, f"synthetic ({settings.engine.name})", {**origin, **lineage})
-
-
-def _silent(what: str, share: float) -> None:
-    """Report to nobody."""

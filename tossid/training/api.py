@@ -157,7 +157,9 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
     if settings.object is None and not dataset.object.is_stated:
         raise InputError("the dataset states no object; object=unknown learns one (object.mass: its mass in kg)")
     train, validation = training_tosses(dataset, settings)
-    shown = None if settings.object is None else unknown_object(train, settings.object)
+    # no held-out toss takes part; where tosses are rationed, only those that are learned from do
+    looked_at = (*train, *validation) if settings.tosses is None else train
+    shown = None if settings.object is None else unknown_object(looked_at, settings.object)
     start = dataset.object if shown is None else shown.object
     measured = estimate_measurement(train, start)
     measurement = measurement_of(settings.model, measured, stated=shown is None)

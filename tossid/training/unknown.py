@@ -13,10 +13,11 @@ import numpy as np
 
 from tossid.errors import InputError
 from tossid.motion.free_fall import FreeFall, free_fall
-from tossid.objects import JointType, ObjectModel, to_mjcf
+from tossid.motion.parabola import find_parabola
+from tossid.objects import GRAVITY, JointType, ObjectModel, to_mjcf
 from tossid.objects.convex_shape import ConvexShape, find_shape, half_spaces
 from tossid.settings.objects import UnknownObjectSettings
-from tossid.types import Toss
+from tossid.types import PoseTrack, Toss
 
 
 class UnknownObject(NamedTuple):
@@ -56,12 +57,15 @@ class UnknownObject(NamedTuple):
         }
 
 
-def unknown_object(tosses: Sequence[Toss], settings: UnknownObjectSettings = UnknownObjectSettings()) -> UnknownObject:
+def unknown_object(
+    tosses: Sequence[Toss], settings: UnknownObjectSettings = UnknownObjectSettings(), *, gravity: float = GRAVITY
+) -> UnknownObject:
     """The object that tosses show, with nothing stated but its mass.
 
     Args:
         tosses: Of one rigid body, in any body frame, over the ground z = 0.
         settings: The mass, and the friction to start from.
+        gravity: By which flight is told from contact [m/s²].
 
     Raises:
         InputError: The tosses show no shape (too few sides, no contact) or no centre of mass (no flight), or the body
@@ -69,7 +73,8 @@ def unknown_object(tosses: Sequence[Toss], settings: UnknownObjectSettings = Unk
     """
     if tosses[0].q.shape[1] != 7:
         raise InputError("object=unknown is for one rigid body; these tosses have joints")
-    shape = find_shape(tosses, settings.shape)
+    flying = find_parabola([PoseTrack(toss.name, toss.t, toss.q) for toss in tosses], gravity=gravity)
+    shape = find_shape(tosses, settings.shape, flying=[flying.flying(toss.t, toss.q) for toss in tosses])
     fall = free_fall(tosses, lambda toss: _clearance(toss, shape))
     _, _, inertia = shape.solid()
     model = ObjectModel(

@@ -8,9 +8,12 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tossid.errors import ConfigError, FileError
 from tossid.motion import Defect, covariance_source, find_defects, median_rate, tosses_in_turn
 from tossid.motion.defects import RULES
+from tossid.motion.hull_ground import level_by_hull
 from tossid.motion.parabola import find_parabola
 from tossid.motion.segmentation import Stretch
 from tossid.motion.sessions import as_recorded
@@ -287,6 +290,8 @@ def _import_poses(
         report.message("import", f"{path}: reading tosses of '{model.name}'")
         tracks, rate_hz = entry.read(source, model)
         report.message("import", f"{path}: {len(tracks)} tosses, {sum(len(track.t) for track in tracks)} frames")
+        if not model.is_stated:
+            tracks = _levelled(tracks, path, settings, report)
         flying = model if model.is_stated else find_parabola(tracks, gravity=settings.gravity).body()
         _check_measured(tracks, flying, path, settings, report)
         order = None
@@ -315,6 +320,22 @@ def _import_poses(
             order=order,
         )
     return IngestReport(defects=tuple(defects), problems=tuple(report.problems))
+
+
+def _levelled(
+    tracks: Sequence[PoseTrack], path: Path, settings: IngestSettings, report: Reporter
+) -> Sequence[PoseTrack]:
+    """Tracks of an unknown object over the ground z = 0; `level=never` leaves them as they are."""
+    levelled, ground = level_by_hull(tracks)
+    if ground is None:
+        return tracks
+    slope = np.rad2deg(np.arctan(np.linalg.norm(ground[1:])))
+    found = f"{path}: with the object's hull, the ground is {1e3 * ground[0]:.1f} mm high and slopes by {slope:.2f}°"
+    if settings.level == "never":
+        report.problem("level", f"{found}; left as it is, as level=never asks")
+        return tracks
+    report.problem("level", f"{found}; the world is turned and shifted so that it is z = 0 (level=never leaves it)")
+    return levelled
 
 
 def _check_measured(

@@ -1,4 +1,4 @@
-"""What every command can be told: the type and the meaning of each key.
+"""The keys of every command, with their types and meanings.
 
 Values live in `conf/`: none has a default here. The text under a field is its
 documentation; `tossid COMMAND --help` prints it. A field whose type is a

@@ -48,3 +48,31 @@ def test_forces_stay_in_the_true_world_whatever_the_ground(cube: ObjectModel) ->
         for tilt, height in (((0.0, 0.0), 0.0), ((0.1, -0.15), 0.04))
     ]
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)
+
+
+def test_worlds_that_differ_in_contact_alone_fly_alike(cube: ObjectModel) -> None:
+    world = World(cube)
+    bouncy = cube.with_changes(restitution=0.5, friction=2 * cube.friction)
+    alike = [World(bouncy), World(cube, ground_height=0.02), World(cube.with_changes(inertia=1.3 * cube.inertia))]
+    for other in alike:
+        assert world.flies_like(other)
+        assert other.flies_like(world)
+    different = [
+        World(cube, gravity=9.0),
+        World(cube, forces=Forces(linear=0.01)),
+        World(cube, ground_tilt=(0.01, 0.0)),
+        World(cube.with_changes(com=cube.com + 1e-3)),
+        World(cube.with_changes(inertia=cube.inertia + 1e-4 * np.diag([1.0, 0.0, 0.0]))),
+    ]
+    for other in different:
+        assert not world.flies_like(other)
+        assert not other.flies_like(world)
+    # the air turns a body the slower, the larger its inertia
+    drag = Forces(spin=1e-5)
+    assert not World(cube, forces=drag).flies_like(World(cube.with_changes(inertia=1.3 * cube.inertia), forces=drag))
+
+
+def test_how_far_apart_contact_begins(cube: ObjectModel) -> None:
+    larger = cube.with_changes(corner_pos=1.1 * cube.corner_pos)
+    far = 0.1 * np.linalg.norm(cube.corner_pos, axis=1).max()
+    np.testing.assert_allclose(World(cube).contact_apart(World(larger, ground_height=0.02)), far + 0.02)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from pipelines.cli.console import Console
 from pipelines.tools import fields
@@ -21,7 +22,7 @@ SMALL = fields.Study(("vortex",), tosses=6, held_out=3, seeds=(0,))
 def test_arguments(tmp_path: Path) -> None:
     assert fields.parsed([str(tmp_path)]) == (tmp_path, fields.Study())
     asked = [str(tmp_path), "--fields", "vortex", "none", "--tosses", "9", "--seeds", "1"]
-    assert fields.parsed(asked)[1] == fields.Study(("vortex", "none"), 9, 30, (0,))
+    assert fields.parsed(asked)[1] == fields.Study(("vortex", "none"), 9, 20, (0,))
 
 
 def test_held_out_tosses_are_in_the_stripes_and_between_them() -> None:
@@ -47,9 +48,20 @@ def test_a_model_without_k_res_recovers_nothing() -> None:
         assert size == pytest.approx(1.81)
 
 
+def test_a_model_is_said_to_stand_for_what_it_has_learned() -> None:
+    thrown = fields.throw("vortex", SMALL, 0)
+    model = build_model(variant("cnrp_world"), thrown.learned.object)
+    trained = TrainedModel(model, TrainSettings(), {})
+    assert fields.stands_for(trained, thrown.learned) == "next to nothing"
+    with torch.no_grad():
+        model.k_res.linear_world[0, 2], model.k_res.linear_world[1, 1] = -0.3 / 0.37, 0.3 / 0.37
+    assert fields.stands_for(trained, thrown.learned) == "vortex (c_npm 3; 100 %)"
+    assert fields.recovered(trained, thrown.world, thrown.between)[0] == pytest.approx(1.0)
+
+
 @pytest.mark.slow
 def test_a_vortex_is_recovered_between_the_stripes(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     fields.main(tmp_path, replace(SMALL, tosses=60, held_out=15), Console())
     rows = [line.split("|") for line in capsys.readouterr().err.splitlines() if line.startswith("| vortex")]
-    between = {row[3].strip(" `"): float(row[6]) for row in rows}
+    between = {row[2].strip(" `"): float(row[6]) for row in rows}
     assert between["cnrp_world"] > 90 > between["cnrp"]

@@ -6,7 +6,6 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from matplotlib.figure import Figure
 from tossid.diagnosis.audit.figures import audit_figures
 from tossid.diagnosis.audit.over_order import NONE, STEP
 from tossid.diagnosis.audit.scores import summarise
+from tossid.html import html_table
 from tossid.outputs import write_whole
 from tossid.plain_json import jsonable
 from tossid.settings.diagnosis_audit import ScoreSettings
@@ -157,9 +157,7 @@ class Audit:
         return "\n".join([f"audit of {len(self.rows)} cases, {len(self.failed)} failed", *lines])
 
     def _repr_html_(self) -> str:
-        head = "".join(f"<th>{name}</th>" for name in MEASURE_HEADINGS)
-        body = "".join("<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in self._found())
-        return f"<table><tr>{head}</tr>{body}</table>"
+        return html_table(MEASURE_HEADINGS, self._found())
 
     def _found(self) -> list[list[str]]:
         """The measures that any case has."""

@@ -39,15 +39,13 @@ from tossid.settings.objects import ObjectSettings
 from tossid.store import file_sha256
 from tossid.synthesis.engines import ENGINES
 from tossid.synthesis.foreign_engines import check_installed
+from tossid.types import Progress, silent
 
 RESULT, GAP, REFERENCE = "result.json", "gap.json", "reference.json"
 """Names of files: a case's score and diagnosis, and what real tosses say of the unspoilt simulator."""
 
 Submit = Callable[..., Future[Any]]
 """Gives a call to a worker: from a function and its arguments to the future result."""
-Progress = Callable[[str, float], None]
-"""Called with what is under way, and the share that is done."""
-
 
 Finished = Iterator[tuple[Job, dict[str, Any] | TossidError]]
 """Jobs with their results, or with the error that they ended in."""
@@ -114,7 +112,7 @@ def audit(
         check_installed(engine, "engines")
     if data is not None and model.n_joints:
         raise ConfigError("data", "only simulators of single bodies are spoilt; omit it to make cases of the object.")
-    report, code = progress or _silent, code_digest(steps.__name__)
+    report, code = progress or silent, code_digest(steps.__name__)
     with only_writer(out / "audit"):
         reference = None
         if data is not None:
@@ -270,7 +268,3 @@ def _read_json(path: Path) -> dict[str, Any] | None:
 
 def _write_json(path: Path, value: Any) -> None:
     write_whole(path, (json.dumps(jsonable(value), indent=1, allow_nan=False) + "\n").encode())
-
-
-def _silent(text: str, share: float) -> None:
-    pass

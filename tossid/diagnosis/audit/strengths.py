@@ -8,7 +8,7 @@ import numpy as np
 
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Strength, World, effect_named, effects_for
-from tossid.physics.effects.strength import Values, directed, scaled, signed
+from tossid.physics.effects.strength import directed, scaled, signed
 
 SPOILT: dict[str, Strength] = {
     "gravity": Strength(0.3, 1.5, signed("g_ms2")),
@@ -33,7 +33,7 @@ def strengths_for(model: ObjectModel) -> dict[str, Strength]:
     return {effect.name: effect.strength for effect in effects_for(model) if isinstance(effect.strength, Strength)}
 
 
-def world_with(world: World, effects: Mapping[str, Values]) -> World:
+def world_with(world: World, effects: Mapping[str, Mapping[str, float]]) -> World:
     """A world with effects.
 
     Args:

@@ -159,6 +159,7 @@ class Evidence:
         whitening: Of their residuals there.
         n_threads: Of the simulator.
         difference: To the other engine.
+        at: The world under which first states were estimated last, None if it is not known.
         known: Worlds whose predictions from these first states were asked for last, with the residuals (W, L, K).
     """
 
@@ -166,6 +167,7 @@ class Evidence:
     whitening: Whitening
     n_threads: int = 1
     difference: EngineDifference | None = None
+    at: World | None = None
     known: dict[int, tuple[World, Array]] = field(default_factory=dict, compare=False, repr=False)
 
     @property
@@ -193,12 +195,25 @@ class Evidence:
         if kept is not None:
             return kept[1] if rows is None else kept[1][rows]
         windows = self.windows
-        residuals = windows.residuals(windows.predicted(world, index=rows, n_threads=self.n_threads), rows)
-        if rows is None:
-            for old in list(self.known)[: 1 - _MOST_KNOWN]:
-                self.known.pop(old, None)
-            self.known[id(world)] = world, residuals
+        if rows is not None:
+            return windows.residuals(windows.predicted(world, index=rows, n_threads=self.n_threads), rows)
+        residuals, rows = self._felt_by_none(world)
+        if len(rows):
+            predicted = windows.predicted(world, index=rows, n_threads=self.n_threads)
+            residuals[rows] = windows.residuals(predicted, rows)
+        for old in list(self.known)[: 1 - _MOST_KNOWN]:
+            self.known.pop(old, None)
+        self.known[id(world)] = world, residuals
         return residuals
+
+    def _felt_by_none(self, world: World) -> tuple[Array, NDArray[np.int64]]:
+        """(W, L, K) residuals as those of a known world with the same free motion, and windows where they differ."""
+        windows = self.windows
+        for other, residuals in list(self.known.values()):
+            feels = windows.feels(world, other)
+            if not feels.all():
+                return residuals.copy(), np.flatnonzero(feels)
+        return np.zeros((*windows.inside.shape, windows.channels)), np.arange(len(windows.steps))
 
     def of_tosses(self, chosen: NDArray[np.bool_]) -> Evidence:
         """The evidence of some tosses.
@@ -215,7 +230,7 @@ class Evidence:
             rows: (m,) their numbers.
         """
         difference = None if self.difference is None else self.difference.rows(rows)
-        return Evidence(self.windows.rows(rows), self.whitening.rows(rows), self.n_threads, difference)
+        return Evidence(self.windows.rows(rows), self.whitening.rows(rows), self.n_threads, difference, self.at)
 
     def relinearised(self, world: World, *, refine: int = 1, restarts: int = 0, update: bool = True) -> Evidence:
         """With first states and whitening as they are under another world near by.
@@ -226,7 +241,7 @@ class Evidence:
             restarts: As of `linearise`.
             update: As of `linearise`.
         """
-        kept = self.known.get(id(world))
+        moving = None if self.at is None else self.windows.feels(world, self.at)
         windows, whitening, residuals = linearised(
             self.windows,
             world,
@@ -235,10 +250,12 @@ class Evidence:
             near=self.whitening,
             update=update,
             difference=self.difference,
-            known=None if kept is None else kept[1],
+            known=self.predicted(world),
+            moving=moving,
             n_threads=self.n_threads,
         )
-        return Evidence(windows, whitening, self.n_threads, self.difference, {id(world): (world, residuals)})
+        known = {id(world): (world, residuals)}
+        return Evidence(windows, whitening, self.n_threads, self.difference, world, known)
 
     def scales(self, residuals: Array, among: NDArray[np.bool_] | None = None) -> Array:
         """(N_PHASES,) robust size of whitened residuals in each phase, at least 1; `FREE` is that of free flight.
@@ -320,7 +337,7 @@ def _student_scale(r: Array, nu: float) -> float:
     """Maximum likelihood scale of Student's density (fixed-point iteration)."""
     s2 = max(float(np.median(r**2)) / 0.55, 1e-12)
     for _ in range(20):
-        s2 = float(np.mean((nu + 1) * r**2 / (nu + r**2 / s2)))
+        s2 = max(float(np.mean((nu + 1) * r**2 / (nu + r**2 / s2))), 1e-12)  # tosses without noise have no residuals
     return float(np.sqrt(s2))
 
 

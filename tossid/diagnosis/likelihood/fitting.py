@@ -20,6 +20,7 @@ from scipy.stats import chi2
 
 from tossid.diagnosis.likelihood.evidence import FREE, Evidence, Hypothesis
 from tossid.least_squares import Damping, damped_step, search_damping
+from tossid.physics.effects import World
 from tossid.settings.likelihood import EffectFitSettings
 
 Array = NDArray[np.float64]
@@ -111,14 +112,59 @@ class Fitted:
         return cov * np.outer(steps, steps)
 
 
+@dataclass(frozen=True)
+class Derivatives:
+    """Derivatives of whitened residuals, and where they were taken.
+
+    Attributes:
+        values: (W, L, K, P) by the parameters, in units of their steps.
+        taken_at: (W, L, K) residuals that are not whitened, where they were taken.
+        sizes: (P,) of the differences, in steps.
+    """
+
+    values: Array
+    taken_at: Array
+    sizes: Array
+
+    def renewed(
+        self, evidence: Evidence, hypothesis: Hypothesis, residuals: Array, which: Sequence[int], sizes: Array
+    ) -> Derivatives:
+        """Taken anew in windows whose predictions have moved since, and by parameters whose differences have changed.
+
+        Args:
+            evidence: As of `derivatives`, like the others.
+            hypothesis: Where they are needed.
+            residuals: (W, L, K) whitened, there.
+            which: Numbers of the parameters.
+            sizes: (P,) of central differences, in steps.
+        """
+        here, w = evidence.predicted(hypothesis.world()), evidence.windows
+        moved = (np.abs(here - self.taken_at) / w.noise).max((1, 2)) > w.settings.whitening.reuse_tolerance
+        resized = np.abs(np.log2(sizes / self.sizes)) > 1.0
+        values = self.values.copy()
+        for columns, rows in (
+            ([j for j in which if resized[j]], np.arange(len(moved))),
+            ([j for j in which if not resized[j]], np.flatnonzero(moved)),
+        ):
+            if columns and len(rows):
+                new = derivatives(evidence, hypothesis, residuals, columns, sizes, rows)
+                for j in columns:
+                    values[rows, ..., j] = new[rows, ..., j]
+        taken_at = np.where(moved[:, None, None], here, self.taken_at)
+        return Derivatives(values, taken_at, np.where(resized, sizes, self.sizes))
+
+
 def derivatives(
     evidence: Evidence,
     hypothesis: Hypothesis,
     residuals: Array,
     which: Sequence[int] | None = None,
     sizes: Array | None = None,
+    rows: NDArray[np.int64] | None = None,
 ) -> Array:
     """(W, L, K, P) derivatives of whitened residuals by the parameters, in units of their steps.
+
+    Windows that do not feel a parameter are not simulated for it.
 
     Args:
         evidence: At first states that suit the hypothesis.
@@ -126,23 +172,32 @@ def derivatives(
         residuals: (W, L, K) whitened, there.
         which: Numbers of the parameters by which they are taken, all if None; the others' are 0.
         sizes: (P,) of central differences, in steps; None for one-sided differences of one step.
+        rows: (n,) in which windows they are taken, all if None; in the others they are 0.
     """
-    flat, steps = hypothesis.flat(), hypothesis.steps
+    flat, steps, base = hypothesis.flat(), hypothesis.steps, hypothesis.world()
     low, high = hypothesis.bounds
+    J = np.zeros((*residuals.shape, len(flat)))
+    asked = np.ones(len(residuals), dtype=bool) if rows is None else np.isin(np.arange(len(residuals)), rows)
 
-    def at(j: int, value: float) -> Array:
+    def at(j: int, value: float) -> World:
         moved = flat.copy()
         moved[j] = value
-        return evidence.residuals(hypothesis.at(moved).world())
+        return hypothesis.at(moved).world()
 
-    J = np.zeros((*residuals.shape, len(flat)))
     for j in range(len(flat)) if which is None else which:
         if sizes is None:
             up = flat[j] + steps[j] if flat[j] + steps[j] <= high[j] else flat[j] - steps[j]
-            J[..., j] = (at(j, up) - residuals) * (steps[j] / (up - flat[j]))
+            there = at(j, up)
+            felt = np.flatnonzero(asked & evidence.windows.feels(there, base))
+            if len(felt):
+                J[felt, ..., j] = (evidence.residuals(there, felt) - residuals[felt]) * (steps[j] / (up - flat[j]))
         else:
             ends = np.clip(flat[j] + np.array([-0.5, 0.5]) * sizes[j] * steps[j], low[j], high[j])
-            J[..., j] = (at(j, ends[1]) - at(j, ends[0])) * (steps[j] / (ends[1] - ends[0]))
+            below, above = (at(j, end) for end in ends)
+            felt = np.flatnonzero(asked & (evidence.windows.feels(above, base) | evidence.windows.feels(below, base)))
+            if len(felt):
+                change = evidence.residuals(above, felt) - evidence.residuals(below, felt)
+                J[felt, ..., j] = change * (steps[j] / (ends[1] - ends[0]))
     return J
 
 
@@ -208,11 +263,12 @@ def fit(
     residuals = evidence.residuals(start.world())
     scales = evidence.scales(residuals)
     damping, moved, sizes = 1e-3, True, np.full(len(steps), settings.widest_difference)
+    taken: Derivatives | None = None
     most = settings.iterations if iterations is None else iterations
     for _ in range(most if free else 0):
         if moved:
-            J = derivatives(evidence, hypothesis, residuals, free, sizes)
-            H, g = toss_sums(evidence, residuals, J, scales, n_tosses)
+            taken = _taken(taken, evidence, hypothesis, residuals, free, sizes)
+            H, g = toss_sums(evidence, residuals, taken.values, scales, n_tosses)
             sizes = _difference_sizes(H, settings)
         before = evidence.log_likelihood(residuals, scales)
         step = _step(evidence, hypothesis, (H.sum(0), g.sum(0)), scales, before, damping)
@@ -235,9 +291,24 @@ def fit(
         damping = SCHEDULE.accepted(damping)
         if gain < settings.least_gain or change.max() < settings.converged:
             break
-    J = derivatives(evidence, hypothesis, residuals, free, sizes)
-    H, g = toss_sums(evidence, residuals, J, scales, n_tosses)
+    taken = _taken(taken, evidence, hypothesis, residuals, free, sizes)
+    H, g = toss_sums(evidence, residuals, taken.values, scales, n_tosses)
     return Fitted(hypothesis, evidence, residuals, evidence.scales(residuals), H, g)
+
+
+def _taken(
+    before: Derivatives | None,
+    evidence: Evidence,
+    hypothesis: Hypothesis,
+    residuals: Array,
+    which: Sequence[int],
+    sizes: Array,
+) -> Derivatives:
+    """Derivatives at a hypothesis, those of before where they still hold."""
+    if before is not None:
+        return before.renewed(evidence, hypothesis, residuals, which, sizes)
+    values = derivatives(evidence, hypothesis, residuals, which, sizes)
+    return Derivatives(values, evidence.predicted(hypothesis.world()), sizes)
 
 
 def _step(

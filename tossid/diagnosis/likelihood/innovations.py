@@ -1,11 +1,12 @@
 """Innovations of windows: kernels that whiten residuals row by row, as a Kalman filter of the first state does.
 
-The covariance of a window's residuals is that of the poses' own errors, plus S P S^T of its first state and of the other
-engine's multiple: of 2 K + 1 numbers only. So its Cholesky factor need not be made. After each channel's own errors are
-whitened (`Windows.root`), the covariance is 1 + U U^T, with U of 2 K + 1 columns, and the entries are taken one by one in
-the order of time: each is predicted from those before it, and divided by its standard deviation. That is the Cholesky
-factor applied to the residuals, for a tenth of the work and a fifth of the memory. The covariance of the 2 K + 1 numbers
-is held as a square root (Potter 1963; Bierman, "Factorization Methods for Discrete Sequential Estimation", 1977).
+The covariance of a window's residuals is that of the poses' own errors, plus S P S^T of its first state and of the
+other engine's multiple: of 2 K + 1 numbers only. So its Cholesky factor need not be made. After each channel's own
+errors are whitened (`Windows.root`), the covariance is 1 + U U^T, with U of 2 K + 1 columns. The entries are taken
+one by one in the order of time. Each is predicted from those before it, and divided by its standard deviation. That
+is the Cholesky factor applied to the residuals, for a tenth of the work and a third of the memory. The covariance of
+the 2 K + 1 numbers is held as a square root (Potter 1963; Bierman, "Factorization Methods for Discrete Sequential
+Estimation", 1977).
 
 All arrays are of W windows, of which `index` (n,) has the numbers of those that are asked for.
 """
@@ -28,7 +29,7 @@ def factorise(index, root, by_state, prior, other, columns, gain, scale, log_det
 
     Args:
         index: (n,) windows.
-        root: (W, K, L + 1, L + 1) inverse Cholesky factors of each channel's own errors, the first pose before the rows.
+        root: (W, K, L + 1, L + 1) inverse Cholesky factors of each channel's own errors, first pose and rows.
         by_state: (W, K L, 2 K) derivatives of predictions by first states.
         prior: (W, 2 K) standard deviations of first states.
         other: (W, K L) the difference to the other engine.

@@ -93,6 +93,14 @@ class UsersWorld(World):
         """No: nothing is known of a user's simulator."""
         return False
 
+    def flies_like(self, other: World) -> bool:
+        """Whether free motion is the same in both: that of the same user's simulator, with the same changes.
+
+        Args:
+            other: Another world.
+        """
+        return isinstance(other, UsersWorld) and self.motions is other.motions and super().flies_like(other)
+
     def plain(self) -> World:
         """The same world in tossid's own simulator."""
         names = (name for name in World.__dataclass_fields__)

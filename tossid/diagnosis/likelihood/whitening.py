@@ -39,6 +39,7 @@ class Whitening:
         by_state: (W, K L, 2 K) derivatives of the predictions by the first states.
         taken_at: (W, K L) residuals where these derivatives were taken.
         other: (W, K L) the difference to the other engine.
+        given_up: (W,) cost of a window's first state at which a restart has found none better; infinite without one.
     """
 
     own: Array
@@ -50,6 +51,7 @@ class Whitening:
     by_state: Array
     taken_at: Array
     other: Array
+    given_up: Array
 
     def __call__(self, residuals: Array, index: Index | None = None) -> Array:
         """(n, L, K) whitened residuals.
@@ -147,6 +149,7 @@ def linearised(
     update: bool = True,
     difference: EngineDifference | None = None,
     known: Array | None = None,
+    moving: NDArray[np.bool_] | None = None,
     n_threads: int = 1,
 ) -> tuple[Windows, Whitening, Array]:
     """As `linearise`, with the residuals (W, L, K) that the world has at these first states.
@@ -160,19 +163,22 @@ def linearised(
         update: Whether derivatives are computed anew.
         difference: To another engine's predictions.
         known: (W, L, K) residuals of the world at the windows' first states, if they are known.
+        moving: (W,) windows whose first states are refined; all if None.
         n_threads: Of the simulator.
     """
     (W, L), K = windows.inside.shape, windows.channels
     settings = windows.settings.whitening
     other, center = (np.zeros((W, L, K)), 0.0) if difference is None else (difference.values, difference.expected)
     other = other.reshape(W, K * L)
-    best = _estimate(windows, world, (other, center), refine, near, n_threads, known)
+    best = _estimate(windows, world, (other, center), refine, near, n_threads, known, moving)
     n = K * windows.inside.sum(1)
     rng = np.random.default_rng(0)
     fresh = np.full(W, near is None)
     moved_before = not np.array_equal(windows.at_v, windows.v)
+    given_up = np.full(W, np.inf) if near is None else near.given_up.copy()
     for turn in range(restarts):
-        poor = np.flatnonzero(best.cost > n + settings.poor_fit * np.sqrt(2 * n))
+        as_before = np.abs(best.cost - given_up) < settings.as_poor * best.cost
+        poor = np.flatnonzero((best.cost > n + settings.poor_fit * np.sqrt(2 * n)) & (~as_before | (turn > 0)))
         if not len(poor):
             break
         some = best.windows.rows(poor)
@@ -186,12 +192,14 @@ def linearised(
         begun = replace(some, at_q=at_q, at_v=at_v)
         tried = _estimate(begun, world, (other[poor], center), steps, None, n_threads)
         better = tried.cost < best.cost[poor]
+        given_up[poor] = np.where(better, np.inf, best.cost[poor])
         best = best.with_rows(poor[better], tried, better)
         fresh[poor[better]] = True
     if near is not None and update:
         best, stale = _with_derivatives(best, world, np.arange(W), n_threads)
         fresh[stale] = True
-    return best.windows, _whitening(best, other, center, near, fresh), best.residuals.reshape(W, L, K)
+    whitening = _whitening(best, other, center, near, fresh)
+    return best.windows, replace(whitening, given_up=given_up), best.residuals.reshape(W, L, K)
 
 
 def _with_derivatives(there: _Estimate, world: World, among: Index, n_threads: int) -> tuple[_Estimate, Index]:
@@ -234,7 +242,7 @@ def _perturbations(at: Windows, by_state: Array, rng: np.random.Generator) -> Ar
     H[:, speeds, speeds] += at.prior[:, K:] ** -2.0
     # H = L L^T, so that L^-T z has covariance H^-1
     draw = rng.normal(size=(W, 2 * K, 1))
-    return 2 * np.linalg.solve(np.linalg.cholesky(H).mT, draw)[..., 0]
+    return np.asarray(2 * np.linalg.solve(np.linalg.cholesky(H).mT, draw)[..., 0], dtype=np.float64)
 
 
 def _variances(windows: Windows, index: Index) -> Array:
@@ -252,11 +260,12 @@ def _estimate(
     near: Whitening | None,
     n_threads: int,
     known: Array | None = None,
+    moving: NDArray[np.bool_] | None = None,
 ) -> _Estimate:
     """Windows at refined first states. A window whose cost falls no more is left as it is.
 
     engine: the difference to the other engine (W, K L), and how many times it is expected in the residuals.
-    known: (W, L, K) residuals at the windows' own first states.
+    known: (W, L, K) residuals at the windows' own first states. moving: (W,) windows that are refined, all if None.
     """
     (W, L), K = windows.inside.shape, windows.channels
     settings, (other, center) = windows.settings.whitening, engine
@@ -281,7 +290,8 @@ def _estimate(
     taken_at = residuals if near is None else near.taken_at
     by_state = _derivatives(windows, world, residuals, rows, n_threads=n_threads) if near is None else near.by_state
     best = _Estimate(windows, cost, residuals, taken_at, by_state)
-    for _ in range(refine):
+    rows = rows if moving is None else np.flatnonzero(moving)
+    for _ in range(refine if len(rows) else 0):
         here, step = best.windows, np.empty((len(rows), 2 * K))
         q, v = here.at_q[rows], here.at_v[rows]
         gauss_newton(
@@ -335,7 +345,8 @@ def _whitening(
         factorise(new, windows.root, S, windows.prior, other, columns, gain, scale, log_det)
         if not np.isfinite(log_det[new]).all():
             raise SolverError("a window's covariance is singular", total=1)
-    return Whitening(windows.root, columns, gain, scale, mean, log_det, S, best.taken_at, other)
+    none = np.full(W, np.inf)
+    return Whitening(windows.root, columns, gain, scale, mean, log_det, S, best.taken_at, other, none)
 
 
 def _derivatives(windows: Windows, world: World, residuals: Array, rows: Index, *, n_threads: int) -> Array:

@@ -23,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.residuals import mean_residuals
+from tossid.diagnosis.likelihood.slow_errors import inverse_factors, slow_covariance
 from tossid.motion.flight import flight_frames
 from tossid.motion.resting import rest_scatter
-from tossid.objects import GRAVITY, ObjectModel
+from tossid.objects import GRAVITY, ObjectModel, corner_positions
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize
 from tossid.settings.contact import ContactSettings
@@ -87,6 +88,7 @@ class Windows:
         slow: (W, K, L + 1, L + 1) each channel's covariances, between the first pose and all rows, of errors that
             change slowly with the object's attitude: a tracker's calibration. Zeros where there are none.
         root: (W, K, L + 1, L + 1) inverse Cholesky factors of each channel's whole covariance: slow errors and noise.
+        clearance: (W,) least height of the stated object's corners over z = 0 [m]; minus infinity without an object.
         free: (W,) windows of first flights, which end before the landing. Their frames are in other windows too: what
             flight alone shows needs no model of contact.
         settings: Of the likelihood that is made of these windows.
@@ -109,6 +111,7 @@ class Windows:
     prior: Array
     slow: Array
     root: Array
+    clearance: Array
     free: NDArray[np.bool_]
     settings: LikelihoodSettings
 
@@ -126,6 +129,21 @@ class Windows:
     def steady(self) -> NDArray[np.bool_]:
         """(W,) whether a window is a long one, all flight or all rest."""
         return np.asarray(self.inside.sum(1) < self.steps)
+
+    def feels(self, world: World, other: World) -> NDArray[np.bool_]:
+        """(W,) whether a window's motion can differ between two worlds: not where it stays above the ground of both.
+
+        Args:
+            world: One.
+            other: Another, whose free motion may be the same.
+        """
+        if not world.flies_like(other):
+            return np.ones(len(self.steps), dtype=bool)
+        height = max(world.ground_height, other.ground_height, 0.0) + world.contact_apart(other)
+        if world.ground_tilt != (0.0, 0.0):
+            far = np.linalg.norm(self.y[..., :2], axis=-1).max(axis=1)
+            height = height + float(np.hypot(*world.ground_tilt)) * far
+        return np.asarray(self.clearance < self.settings.windows.clearance + height)
 
     @property
     def weights(self) -> Array:
@@ -265,7 +283,7 @@ def make_windows(
             frame[w, row], phase[w, row] = first + 1 + some[0], toss.phase[first + 1 + some[0]]
     inside = np.asarray(mix.any(axis=2))
     slow_std = np.array([scatter[0]] * 3 + [scatter[1]] * (K - 3))
-    slow = _slow_covariance(q[:, 3:7], y[..., 3:7], mix, slow_std, cut.attitude_scale)
+    slow = slow_covariance(q[:, 3:7], y[..., 3:7], mix, slow_std, cut.attitude_scale)
     noise = np.where(inside[..., None], np.sqrt(mix**2 @ y_noise**2), 1.0)
     speeds = np.tile([cut.velocity_std] * 3 + [cut.spin_std] * (K - 3), (W, 1))
     return Windows(
@@ -285,48 +303,25 @@ def make_windows(
         dt=dt,
         prior=np.concatenate([first_noise, speeds], axis=1),
         slow=slow,
-        root=_inverse_factors(slow, np.concatenate([first_noise[:, None], noise], axis=1)),
+        root=inverse_factors(slow, np.concatenate([first_noise[:, None], noise], axis=1)),
+        clearance=_clearance(model, q, y),
         free=np.arange(W) >= consecutive,
         settings=settings,
     )
 
 
+def _clearance(model: ObjectModel | None, q: Array, y: Array) -> Array:
+    """(W,) least height of an object's corners [m] at first poses (W, K + 1) and in frames (W, F, K + 1)."""
+    if model is None:
+        return np.full(len(q), -np.inf)
+    poses = np.concatenate([q[:, None], y], axis=1)
+    low: Array = corner_positions(model, poses)[..., 2].min(axis=(1, 2))
+    return low
+
+
 def _std(cov: Array) -> Array:
     """(n, K) standard deviations of covariances (n, K, K)."""
     out: Array = np.sqrt(np.maximum(np.einsum("nii->ni", cov), 0.0))
-    return out
-
-
-def _slow_covariance(first: Array, then: Array, mix: Array, std: Array, scale: float) -> Array:
-    """(W, K, L + 1, L + 1) covariances of errors that are a smooth Gaussian process over attitude.
-
-    Args:
-        first: (W, 4) first attitudes.
-        then: (W, F, 4) attitudes, of which a row has that of the frame in its middle (mix (W, L, F)).
-        mix: As of `Windows`.
-        std: (K,) standard deviations.
-        scale: Length scale of the process [rad].
-    """
-    W, L, _ = mix.shape
-    out = np.zeros((W, len(std), L + 1, L + 1))
-    if not std.any():
-        return out
-    middle = np.rint((mix * np.arange(mix.shape[2])).sum(2)).astype(int)
-    attitude = np.concatenate([first[:, None], np.take_along_axis(then, middle[..., None], axis=1)], axis=1)
-    # squared chord between rotation matrices, 1 - cos(angle): over the angle itself the kernel is not positive definite
-    chord = 2 * (1 - (attitude @ attitude.mT) ** 2)
-    exists = np.concatenate([np.ones((W, 1), bool), mix.any(axis=2)], axis=1)
-    correlation = np.exp(-chord / scale**2) * exists[:, :, None] * exists[:, None, :]
-    out[:] = std[:, None, None] ** 2 * correlation[:, None]
-    return out
-
-
-def _inverse_factors(slow: Array, noise: Array) -> Array:
-    """(W, K, L + 1, L + 1) inverse Cholesky factors of slow errors and noise (W, L + 1, K)."""
-    cov = slow.copy()
-    index = np.arange(cov.shape[-1])
-    cov[..., index, index] += noise.transpose(0, 2, 1) ** 2
-    out: Array = np.linalg.inv(np.linalg.cholesky(cov))
     return out
 
 

@@ -100,6 +100,20 @@ def measure_gap(tosses: Sequence[Toss], state: Candidate, validator: CrossValida
     return Gap(total, floor.rms, phases, channels, lengths, rows, odd)
 
 
+def in_short(state: Candidate) -> str:
+    """The size of a hypothesis's gap, and the phase and channel that have most of it, in a few words.
+
+    Args:
+        state: The hypothesis.
+    """
+    e = state.evidence
+    squares, entries = _counted_squares(e, judged_residuals(state))
+    rms, above = float(np.sqrt(squares.sum() / max(entries.sum(), 1.0))), squares - entries
+    phase = max(PHASES, key=lambda each: float(above[e.windows.phase == each].sum()))
+    channel = channels_of(above.shape[-1])[int(above.sum((0, 1)).argmax())]
+    return f"the gap is {rms:.1f} standard deviations, most in {phase.name.lower()} and {channel}"
+
+
 def channels_of(count: int) -> tuple[str, ...]:
     """Names of channels.
 

@@ -16,7 +16,7 @@ from tossid.diagnosis.selection.nested import JudgingFold
 from tossid.motion import flight_states
 from tossid.physics.effects import World
 from tossid.rotations import geodesic_angle
-from tossid.types import Toss
+from tossid.types import Toss, frame_time
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ def rollout_errors(
 
 def _errors(tosses: Sequence[Toss], world: World, windows: Windows | None = None, *, n_threads: int) -> Array:
     """(B, 2) mean distance [% of the object's width] and angle [deg] of rollouts from the recorded poses."""
-    dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
+    dt = frame_time(tosses)
     q0, v0 = first_states(tosses, world, windows, n_threads=n_threads)
     steps = np.array([len(toss) - 1 for toss in tosses])
     how = steps_of(world) if windows is None else steps_of(world, windows.settings.simulation)

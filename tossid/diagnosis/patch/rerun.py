@@ -24,7 +24,7 @@ from tossid.objects import ObjectModel, center_positions, corner_positions
 from tossid.physics.effects import World
 from tossid.rotations import geodesic_angle
 from tossid.settings.diagnosis_patch import PatchSettings
-from tossid.types import Toss
+from tossid.types import Toss, frame_time
 
 Array = NDArray[np.float64]
 
@@ -127,7 +127,7 @@ def _rollouts(
     simulated: MujocoWorld, tosses: Sequence[Toss], stated: ObjectModel, q0: Array, v0: Array, *, n_threads: int
 ) -> tuple[Array, Array]:
     """Mean position error [% of width] and rotation error [deg] of each toss (B,); NaN where MuJoCo gave up."""
-    dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
+    dt = frame_time(tosses)
     steps = np.array([len(toss) - 1 for toss in tosses])
     run = simulated.roll_out(q0, v0, n_steps=steps, dt=dt, n_threads=n_threads)
     position, rotation = np.empty(len(tosses)), np.empty(len(tosses))

@@ -48,8 +48,8 @@ def _sentence(finding: Finding) -> str:
 def _in_words(finding: Finding, stretch: Stretch) -> str:
     values = stretch.parameters
     if finding.name == "world_tilt":
-        tilt = float(np.degrees(np.hypot(*(value.value for value in values.values()))))
-        return f"stand in a world tilted by {short(tilt)} degrees"
+        tilt = float(np.degrees(np.linalg.norm([value.value for value in values.values()])))
+        return f"stand in a world tilted by {tilt:.2f} degrees"
     if finding.name == "ground_height":
         return f"stand on a ground at {quantity('z_m', values['z_m'].value)}"
     return f"have {listed([f'{parameter(key)} = {in_units(key, value)}' for key, value in values.items()])}"

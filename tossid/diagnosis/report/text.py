@@ -240,6 +240,8 @@ def _one_effect(diagnosis: Diagnosis, name: str) -> str:
     stated = stated_values(diagnosis, name)
     values = [_estimate(key, value, stated.get(key)) for key, value in finding.parameters.items()]
     text = f"{name}: {finding.says}."
+    if finding.over_order is not None:
+        return f"{text} It is not the same in all tosses."
     return f"{text} Estimate with 95 % interval: {'; '.join(values)}." if values else text
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
 from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
 from tossid.diagnosis.likelihood.fitting import Fitted, fit, perturbed
-from tossid.diagnosis.likelihood.whitening import linearise
+from tossid.diagnosis.likelihood.whitening import linearised
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.diagnosis.selection.significance import part_p_value
 from tossid.objects import ObjectModel
@@ -171,8 +171,8 @@ class CrossValidator:
 
         def log_likelihood(one: tuple[CrossValidator, World]) -> float:
             validator, each = one
-            kept, whitening = linearise(validator.windows, each, refine=4, n_threads=validator.n_threads)
-            evidence = Evidence(kept, whitening, validator.n_threads)
+            kept, whitening, residuals = linearised(validator.windows, each, refine=4, n_threads=validator.n_threads)
+            evidence = Evidence(kept, whitening, validator.n_threads, None, each, {id(each): (each, residuals)})
             evidence = validator.with_engine_difference(evidence, Hypothesis(each), restarts=0)
             residuals = evidence.residuals(each)
             return float(evidence.log_likelihood(residuals, evidence.scales(residuals)).sum())
@@ -189,8 +189,10 @@ class CrossValidator:
         world = hypothesis.world()
         if near is None:
             restarts = self.settings.cross_validation.restarts
-            kept, whitening = linearise(self.windows, world, refine=6, restarts=restarts, n_threads=self.n_threads)
-            evidence = Evidence(kept, whitening, self.n_threads)
+            kept, whitening, residuals = linearised(
+                self.windows, world, refine=6, restarts=restarts, n_threads=self.n_threads
+            )
+            evidence = Evidence(kept, whitening, self.n_threads, None, world, {id(world): (world, residuals)})
             evidence = self.with_engine_difference(evidence, hypothesis, restarts=0)
         else:
             evidence = near.evidence.relinearised(world, refine=4)

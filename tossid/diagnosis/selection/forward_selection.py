@@ -106,8 +106,9 @@ class ForwardSelection:
         for turn in range(self.settings.most_rounds if self.can_name else 0):
             if len(present.hypothesis.effects) == self.settings.most_effects:
                 break
-            self.progress(f"round {turn + 1}", min(done + 0.08 * turn, max(done, 0.75)))
-            fitted = self.round(first, present)
+            share = min(done + 0.08 * turn, max(done, 0.75))
+            self.progress(f"round {turn + 1}", share)
+            fitted = self.round(first, present, share=share)
             if turn == 0:
                 first_round = {each.name: each for each in fitted}
             significant = [each for each in fitted if self.is_significant(first, present, each)]
@@ -118,7 +119,7 @@ class ForwardSelection:
             runners_up = [each for each in fitted if each is not best and each.total > least]
             classes[best.name] = tuple(each.effect for each in runners_up if each.effect is not None)
             known = {best.name: replace(present, gain=-best.gain)}
-            present, without = self.pruned(first, self.refitted(best), known)
+            present, without = self.pruned(first, self.refitted(best), known, thorough=False)
             history.append(present)
         return SelectionPath(tuple(history), first_round, classes, tuple(runners_up), without)
 
@@ -153,7 +154,9 @@ class ForwardSelection:
             path = further
         return path
 
-    def round(self, first: Candidate, present: Candidate, least_gain: float = 0.0) -> list[Candidate]:
+    def round(
+        self, first: Candidate, present: Candidate, least_gain: float = 0.0, share: float = 0.0
+    ) -> list[Candidate]:
         """The promising effects, fitted and cross-validated.
 
         Those that gain far less by one step than the best are fitted only if none of the others is significant.
@@ -162,6 +165,7 @@ class ForwardSelection:
             first: The hypothesis without effects.
             present: To which an effect is added.
             least_gain: By one step, from which an effect is promising; the settings' if that is more.
+            share: Of the whole work that is done.
         """
         inside = present.hypothesis.names
         missing = [effect for effect in self.library if effect.name not in inside]
@@ -169,6 +173,8 @@ class ForwardSelection:
         least = max(least_gain, self.settings.least_screening_gain)
         promising = sorted((each for each in screened if each.gain > least), key=lambda each: -each.gain)
         promising = promising[: self.settings.candidates]
+        if promising:
+            self.progress(f"fitting, with {promising[0].effect.name} as the first suspect", share)
         likely = sum(each.gain > self.settings.second_choice * promising[0].gain for each in promising)
         fitted = self.validator.map(partial(self._fitted, present), promising[:likely])
         if not any(self.is_significant(first, present, each) for each in fitted):
@@ -208,7 +214,12 @@ class ForwardSelection:
         return replace(present, fitted=fitted, log_likelihood=log_likelihood)
 
     def pruned(
-        self, first: Candidate, present: Candidate, known: Mapping[str, Candidate] | None = None
+        self,
+        first: Candidate,
+        present: Candidate,
+        known: Mapping[str, Candidate] | None = None,
+        *,
+        thorough: bool = True,
     ) -> tuple[Candidate, dict[str, Candidate]]:
         """The hypothesis without effects that the others have made superfluous, but for those that are held.
 
@@ -216,13 +227,16 @@ class ForwardSelection:
             first: The hypothesis without effects.
             present: The hypothesis.
             known: The hypothesis without an effect that has just been found significant, by name.
+            thorough: Whether it is tried without those too that are clearly other than nominal.
 
         Returns:
-            The hypothesis, and what it is without each effect that stays.
+            The hypothesis, and what it is without each effect that stays and that it was tried without.
         """
         validator, known = self.validator, dict(known or {})
         while True:
             asked = [name for name in present.hypothesis.names if name not in validator.held | known.keys()]
+            if not thorough:
+                asked = [name for name in asked if not self._is_clearly_needed(present, name)]
             without = dict(zip(asked, validator.map(partial(_without, validator, present), asked), strict=True))
             gains = {name: validator.by_part(-each.gain) for name, each in without.items()}
             superfluous = [
@@ -235,6 +249,20 @@ class ForwardSelection:
             if not superfluous:
                 return present, {**known, **without}
             present, known = without[min(superfluous, key=lambda name: gains[name][0].sum())], {}
+
+    def _is_clearly_needed(self, present: Candidate, name: str) -> bool:
+        """Whether an effect's parameters are far from their nominal values (Wald's test, by its own fit)."""
+        hypothesis, fitted = present.hypothesis, present.fitted
+        own = hypothesis.place_of(name)
+        if not np.diagonal(fitted.H.sum(0))[own].all():
+            return False
+        effect = hypothesis.effects[hypothesis.names.index(name)]
+        away = hypothesis.values_of(name) - effect.nominal(hypothesis.base)
+        cov = fitted.covariance()[own, own]
+        size = np.sqrt(np.maximum(np.diag(cov), 1e-300))
+        correlation = cov / np.outer(size, size)
+        wald = float(away / size @ np.linalg.pinv(correlation, hermitian=True) @ (away / size))
+        return not effect.near_nothing and wald > self.settings.clearly_needed
 
     def _simplest(self, significant: Sequence[Candidate]) -> Candidate:
         """The best, or a special case of it where the best is not significantly better."""
@@ -266,6 +294,10 @@ class ForwardSelection:
             Both by name of the effects that are not held.
         """
         needed, classes = {}, {}
+        asked = [name for name in present.hypothesis.names if name not in self.validator.held]
+        missing = [name for name in asked if name not in without]
+        made = self.validator.map(partial(_without, self.validator, present), missing)
+        without = {**without, **dict(zip(missing, made, strict=True))}
         for effect in present.hypothesis.effects:
             if effect.name in self.validator.held:
                 continue

@@ -44,7 +44,11 @@ def line_searched(validator: CrossValidator, found: SearchResult) -> SearchResul
             for share in (1.0 + move, 1.0 - move):
                 nominal, values = effect.nominal(present.hypothesis.base), present.hypothesis.values_of(effect.name)
                 moved = present.hypothesis.with_instead(effect.name, effect, nominal + share * (values - nominal))
-                there = validator.evaluate(moved.clipped(moved.flat()))
+                moved = moved.clipped(moved.flat())
+                near = validator.evaluate(moved, present)
+                if validator.gain_over(near, present).sum() < -settings.hopeless:
+                    continue  # first states that are sought anew make up for less
+                there = validator.evaluate(moved)
                 if validator.gain_over(there, present).sum() > settings.least_gain:
                     present = there
                     break

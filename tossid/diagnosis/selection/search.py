@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.localisation.gap import in_short
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.flight_search import search_flight
 from tossid.diagnosis.selection.forward_selection import ForwardSelection
@@ -97,6 +98,7 @@ class _Search:
     ) -> tuple[Candidate, list[Candidate], Needed, Classes]:
         """The hypothesis on all windows without effects, and a history to it with the effects that flight reveals."""
         first = self.validator.evaluate(hypothesis)
+        self.progress(in_short(first), 0.15)
         history = [first]
         if flight is None or not flight.present.hypothesis.effects:
             return first, history, {}, {}

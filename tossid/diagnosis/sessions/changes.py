@@ -103,6 +103,7 @@ def effect_over_order(
         if name != RESIDUAL:
             at = tuple(change.at for change in changes if name in change.p)
             form, criterion = form_over_order(witnesses[name], at, outlier=outlier)
+            at = moments_of_steps(witnesses[name], at, settings)
             judged.append((criterion, name, _edges(validator.n, at, form, settings), form))
     if not judged:
         return None
@@ -154,6 +155,38 @@ def form_over_order(witness: Witness, at: Sequence[int], *, outlier: float) -> t
         criterion[form] = float(np.einsum("ni,ij,nj->", projected, inverse, projected)) - cost[form] * np.log(n)
     best: Form = "steps" if criterion["steps"] >= criterion["drift"] else "drift"
     return best, criterion[best]
+
+
+def moments_of_steps(witness: Witness, at: Sequence[int], settings: OrderSettings) -> tuple[int, ...]:
+    """The likeliest first tosses of steps near where they were found.
+
+    The score statistic compares both sides of a step with one mean. Here each toss has the mean of the side that it
+    would be on.
+
+    Args:
+        witness: Values, information and covariates of tosses in their order.
+        at: First tosses after the changes.
+        settings: How far a moment may move.
+    """
+    recorded, info, covariates = witness
+    outlier, n = settings.changes.outlier, len(recorded)
+    values = without_covariates(recorded, info, covariates, outlier=outlier)
+    edges = [0, *at, n]
+    for k in range(1, len(edges) - 1):
+        low, now, high = edges[k - 1 : k + 2]
+        sides = [robust_mean(values[part], info[part], outlier=outlier) for part in (slice(low, now), slice(now, high))]
+        if not all(side.n for side in sides):
+            continue
+        W = info @ np.linalg.inv(np.eye(values.shape[1]) + max(side.scatter for side in sides) ** 2 * info)
+        cost = []
+        for side in sides:
+            off = np.where(np.trace(info, axis1=1, axis2=2)[:, None] > 0, values - side.value, 0.0)
+            size = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", off, W, off), 0.0))
+            cost.append(np.where(size < outlier, 0.5 * size**2, outlier * (size - 0.5 * outlier)))
+        saved = np.cumsum(cost[0] - cost[1])
+        near = np.arange(max(low + 1, now - settings.largest_move), min(high - 1, now + settings.largest_move) + 1)
+        edges[k] = int(near[np.argmin(saved[near - 1])])
+    return tuple(edges[1:-1])
 
 
 def _edges(n: int, at: Sequence[int], form: Form, settings: OrderSettings) -> tuple[int, ...]:

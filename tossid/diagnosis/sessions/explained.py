@@ -162,7 +162,10 @@ def _with(
 ) -> Diagnosis:
     """A diagnosis of corrected tosses as one of the recorded ones, with the effects that change over their order."""
     n = len(recorded)
-    gap = measure_gap(recorded, first.present, first.validator, first.floor) if undone else found.gap
+    gap = found.gap
+    if undone:
+        # (tosses of a session are no odd ones)
+        gap = replace(measure_gap(recorded, first.present, first.validator, first.floor), odd=found.gap.odd)
     whole = excess_of_tosses(gap, n)
     sums = [excess_of_tosses_of(each.present, each.floor, n) for _, each in undone]
     sums.append(excess_of_tosses(found.gap, n))

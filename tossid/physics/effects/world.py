@@ -109,6 +109,28 @@ class World:
         """Whether forces of the state act, beside gravity."""
         return self.forces.acts or bool(self.registered)
 
+    def flies_like(self, other: World) -> bool:
+        """Whether free motion is the same in both: they differ in contact at most, or in where contact begins.
+
+        Args:
+            other: Another world.
+        """
+        if self is other:
+            return True
+        alike = self.gravity == other.gravity and self.forces == other.forces and self.recording == other.recording
+        alike = alike and self.ground_tilt == other.ground_tilt and self.k_res is other.k_res
+        alike = alike and not (self.registered or other.registered) and type(self) is type(other)
+        return alike and _moves_freely_like(self.object, other.object, forced=self.has_forces)
+
+    def contact_apart(self, other: World) -> float:
+        """How far apart the heights are at which corners of this world and of another touch the ground, at most [m].
+
+        Args:
+            other: Another world, with an object of as many corners.
+        """
+        corners = np.linalg.norm(self.object.corner_pos - other.object.corner_pos, axis=-1)
+        return float(corners.max(initial=0.0)) + abs(self.ground_height - other.ground_height)
+
     @property
     def same_everywhere(self) -> bool:
         """Whether motion is the same wherever it begins along the recorded x and y.
@@ -212,6 +234,20 @@ class World:
         """From the object's origin to the recorded frame's, and its velocity over the origin's: (*b, 3) each."""
         offset = np.array(self.recording.frame_offset)
         return quat_rotate(q[..., 3:7], offset), quat_rotate(q[..., 3:7], np.cross(v[..., 3:6], offset))
+
+
+def _moves_freely_like(one: ObjectModel, other: ObjectModel, *, forced: bool) -> bool:
+    """Whether two objects move alike without contact; without forces inertia counts by its ratios only."""
+    if one is other:
+        return True
+    if (
+        one.n_joints
+        or other.n_joints
+        or not (np.array_equal(one.mass, other.mass) and np.array_equal(one.com, other.com))
+    ):
+        return False
+    size = 1.0 if forced else np.trace(other.inertia[0]) / np.trace(one.inertia[0])
+    return np.allclose(size * one.inertia, other.inertia, rtol=1e-12, atol=0.0)
 
 
 def _turn(angles: tuple[float, float]) -> Array:

@@ -44,9 +44,9 @@ def clock_offsets(scene: Scene, state: State, *, settings: TrackSettings) -> dic
         counts = np.bincount(scene.camera[rows], minlength=len(scene.cameras))
         reference = int(np.argmax(counts))
         t, T = _alone(scene, state, rows[scene.camera[rows] == reference], T_world_rig, settings)
-        if len(t) < 20:
+        if len(t) < search.fewest_steps:
             continue
-        for c in np.flatnonzero(counts >= 40):
+        for c in np.flatnonzero(counts >= search.fewest_sightings):
             if c != reference and int(c) not in found:
                 offset = _offset(scene, state, rows[scene.camera[rows] == c], T_world_rig, t, T, settings)
                 if offset is not None:

@@ -355,9 +355,9 @@ def _choose(s: Sightings, T: Array, n: int, settings: ResectionSettings) -> tupl
     usable = np.isfinite(flat[:, 0, 0])
     safe = np.where(usable[:, None, None], flat, np.eye(4))
     apart = usable & (_angle(safe, safe[first][group]) > settings.distinct_angle)
-    elsewhere = np.where(apart & np.isfinite(cost.reshape(-1)), cost.reshape(-1), np.inf)
-    second = _least(elsewhere, group, n)
-    return flat[first], flat[second], np.isfinite(elsewhere[second])
+    others = np.where(apart & np.isfinite(cost.reshape(-1)), cost.reshape(-1), np.inf)
+    second = _least(others, group, n)
+    return flat[first], flat[second], np.isfinite(others[second])
 
 
 def _least(cost: Array, group: Ints, n: int) -> Ints:

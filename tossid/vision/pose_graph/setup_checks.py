@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.rotations import geodesic_angle, matrix_to_quat, transform_inv
-from tossid.settings.tracking import ResectionSettings, TrackSettings
+from tossid.settings.tracking import TrackSettings
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.pose_graph.initial import State, is_known
 from tossid.vision.pose_graph.resect import Sightings, huber_loss, resect, residuals
@@ -87,19 +87,17 @@ def _sample(scene: Scene, rows: Ints, most: int) -> Ints:
 
 def _worst(scene: Scene, state: State, settings: TrackSettings) -> tuple[Suspect | None, Scene]:
     """The worst suspect, and the scene without it."""
-    base = _trial(scene, state, settings.resection)
+    base = _trial(scene, state, settings)
     if base is None:
         return None, scene
     tags, cameras = (np.unique(index).tolist() for index in (scene.tag, scene.camera))
     trials: list[tuple[str, tuple[int, ...], _Trial | None]] = []
     for i in tags if len(tags) > 2 else ():
-        trials.append(("tag", (i,), _trial(scene.take(np.flatnonzero(scene.tag != i)), state, settings.resection)))
+        trials.append(("tag", (i,), _trial(scene.take(np.flatnonzero(scene.tag != i)), state, settings)))
     for c in cameras if len(cameras) > 1 else ():
-        trials.append(
-            ("camera", (c,), _trial(scene.take(np.flatnonzero(scene.camera != c)), state, settings.resection))
-        )
+        trials.append(("camera", (c,), _trial(scene.take(np.flatnonzero(scene.camera != c)), state, settings)))
     for a, c in itertools.combinations(cameras, 2):
-        trials.append(("swapped", (a, c), _trial(swapped(scene, a, c), state, settings.resection)))
+        trials.append(("swapped", (a, c), _trial(swapped(scene, a, c), state, settings)))
     made = [(kind, what, trial) for kind, what, trial in trials if trial is not None]
     if not made:
         return None, scene
@@ -113,7 +111,7 @@ def _worst(scene: Scene, state: State, settings: TrackSettings) -> tuple[Suspect
         return Suspect(kind, names, f"cameras {names} are swapped"), trial.scene
     out = scene.take(np.flatnonzero((scene.tag if kind == "tag" else scene.camera) == what[0]))
     out = out.take(np.flatnonzero(np.isin(out.step, trial.steps)))
-    if len(out.step) < 5:
+    if len(out.step) < settings.setup_check.fewest_sightings:
         return None, scene
     T_rig_body = trial.T_rig_body[np.searchsorted(trial.steps, out.step)]
     if kind == "tag":
@@ -123,15 +121,15 @@ def _worst(scene: Scene, state: State, settings: TrackSettings) -> tuple[Suspect
     return _wrong_camera(out, state, T_rig_body, what[0], settings), trial.scene
 
 
-def _trial(scene: Scene, state: State, settings: ResectionSettings) -> _Trial | None:
-    """A fit of a body's poses; None where fewer than 20 steps are left."""
+def _trial(scene: Scene, state: State, settings: TrackSettings) -> _Trial | None:
+    """A fit of a body's poses; None where too few steps are left."""
     counts = np.bincount(scene.step, minlength=len(scene.t))
     scene = scene.take(np.flatnonzero(counts[scene.step] >= 2))
     steps, group = np.unique(scene.step, return_inverse=True)
-    if len(steps) < 20:
+    if len(steps) < settings.setup_check.fewest_steps:
         return None
     s = _sightings(scene, transform_inv(state.camera[scene.camera]), state.tag[scene.tag], group)
-    poses = resect(s, len(steps), settings=settings)
+    poses = resect(s, len(steps), settings=settings.resection)
     # the mean without the worst twentieth, since single frames may be wrong in any set-up
     each = np.sort((poses.cost / (8.0 * poses.count - 6))[poses.known])
     misfit = float(np.mean(each[: max(int(0.95 * len(each)), 1)])) if len(each) else float("inf")
@@ -147,7 +145,7 @@ def _sightings(scene: Scene, A: Array, B: Array, group: Ints, seen: Array | None
 
 
 def _moved_tag(scene: Scene, state: State, T_rig_body: Array, tag: int, settings: TrackSettings) -> Suspect | None:
-    """A tag that is elsewhere by the poses that the others give; None if it is where it should be."""
+    """A tag whose place differs from the stated one by the poses that the other tags give; None if it does not."""
     A, group = transform_inv(state.camera[scene.camera]) @ T_rig_body, np.zeros(len(T_rig_body), dtype=np.int64)
     s = _sightings(scene, A, np.broadcast_to(np.eye(4), A.shape), group)
     T = resect(s, 1, settings=settings.resection).T[0]
@@ -165,7 +163,7 @@ def _wrong_camera(scene: Scene, state: State, T_rig_body: Array, c: int, setting
     B, group = T_rig_body @ state.tag[scene.tag], np.zeros(len(T_rig_body), dtype=np.int64)
     eye, name, model = np.broadcast_to(np.eye(4), B.shape), scene.cameras[c].name, scene.cameras[c]
     T_cam_rig = transform_inv(state.camera[c])
-    elsewhere = resect(_sightings(scene, eye, B, group), 1, settings=settings.resection)
+    refitted = resect(_sightings(scene, eye, B, group), 1, settings=settings.resection)
 
     def cost(lens: Camera) -> float:
         s = _sightings(scene, eye, B, group, lens.undistort(scene.pixels))
@@ -182,10 +180,10 @@ def _wrong_camera(scene: Scene, state: State, T_rig_body: Array, c: int, setting
         amounts = step * np.arange(-20, 21)
         costs = [cost(_changed(model, what, amount)) for amount in amounts]
         best = min(best, (min(costs), what, float(amounts[int(np.argmin(costs))])))
-    if best[0] < elsewhere.cost[0]:
+    if best[0] < refitted.cost[0]:
         size = f"{best[2] * 100:+.1f} %" if best[1] == "focal length" else f"{best[2]:+.0f} px"
         return Suspect("intrinsics", name, f"camera {name}'s images fit another {best[1]} ({size})")
-    far, turn = _apart(transform_inv(elsewhere.T[0]), state.camera[c])
+    far, turn = _apart(transform_inv(refitted.T[0]), state.camera[c])
     message = f"camera {name} is {far * 1e3:.0f} mm and {np.rad2deg(turn):.1f}° from where it is said to be"
     return (
         Suspect("camera", name, message, far, turn) if far > check.least_distance or turn > check.least_angle else None

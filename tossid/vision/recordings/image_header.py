@@ -33,12 +33,16 @@ def grey_pixels(path: Path, content: bytes) -> NDArray[np.uint8] | None:
         (height, width) grey levels; None where it cannot be decoded.
 
     Raises:
-        FileError: Its header claims more pixels than `ReadLimits.pixels`.
+        FileError: It claims more pixels than `ReadLimits.pixels`, or repeats them beyond `ReadLimits.scanned`.
     """
     size = image_size(content)
     if size is None:
         return None
     budget.check_pixels(path, *size)
+    if content.startswith(b"\xff\xd8"):
+        scans = content.count(bytes([0xFF, _START_OF_SCAN]))
+        claimed = scans * size[0] * size[1]
+        budget.check_claim(path, f"pixels in its {scans} scans", claimed, budget.limits().scanned)
     try:
         image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
     except cv2.error:

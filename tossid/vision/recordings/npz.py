@@ -70,6 +70,7 @@ def read_detections(path: str | Path) -> tuple[Detection, ...]:
     for key, shape in shapes.items():
         if data[key].shape != shape:
             raise FileError(path, f"{key} has shape {data[key].shape}, expected {shape}")
+    budget.check_claim(path, "cameras", len(data["cameras"]), budget.limits().cameras)
     names = [str(name) for name in data["cameras"]]
     if n and not (data["camera"].min() >= 0 and data["camera"].max() < len(names)):
         raise FileError(path, "camera indices do not fit the list of cameras")
@@ -138,6 +139,7 @@ def _read(path: Path, kinds: Mapping[str, tuple[str, int | None]], *schemas: str
         budget.check_archive(path)
         with np.load(path, allow_pickle=False) as archive:
             data = {key: archive[key] for key in archive.files}
+            stored = {key: archive.zip.getinfo(f"{key}.npy").file_size for key in kinds if key in data}
     except FileError:
         raise
     except Exception as error:  # of a damaged archive, zipfile, zlib and numpy raise whatever they come across
@@ -152,6 +154,8 @@ def _read(path: Path, kinds: Mapping[str, tuple[str, int | None]], *schemas: str
         array = data[key]  # numpy gives the bytes of what is no array
         if not isinstance(array, np.ndarray) or array.dtype.kind not in kind:
             raise FileError(path, f"{key} holds {getattr(array, 'dtype', 'bytes')}, expected {_KINDS[kind]}")
+        if array.nbytes > stored[key]:  # of text of no length, NumPy makes text of one letter
+            raise FileError(path, f"{key} claims {array.size:,} values, more than its {stored[key]} bytes can hold")
         if dimensions not in (None, array.ndim):
             raise FileError(path, f"{key} has shape {array.shape}, expected {dimensions} dimensions")
     return data

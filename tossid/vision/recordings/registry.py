@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -79,7 +80,7 @@ class Opened:
 
 def recording_name(path: Path) -> str:
     """The name of what lies at a path: the last part, up to its first dot."""
-    return path.resolve().name.split(".")[0]
+    return Path(os.path.realpath(path)).name.split(".")[0]
 
 
 def register_recording(

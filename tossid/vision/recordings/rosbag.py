@@ -27,7 +27,7 @@ from rosbags.typesys.store import Typestore
 from tossid import budget
 from tossid.errors import FileError, InputError
 from tossid.vision.recordings.image_header import grey_pixels
-from tossid.vision.recordings.rosbag_budget import TooLarge, check_definitions, check_parts, copy_within
+from tossid.vision.recordings.rosbag_budget import TooLarge, check_definitions, check_parts, copy_within, forget_excess
 from tossid.vision.recordings.rosbag_rescue import Rescue
 
 SUFFIXES = (".bag", ".mcap", ".db3", ".bag.bz2", ".bag.gz")
@@ -108,6 +108,7 @@ class Bag:
         Raises:
             FileError: It is no bag, or so damaged that nothing can be read.
         """
+        forget_excess()
         try:
             check_parts(self.path)
             plain = self._unpacked()

@@ -1,16 +1,20 @@
 """What a bag may cost: its parts, chunks and message definitions, held to the budget of `tossid.budget`.
 
-The library `rosbags` unpacks chunks without a limit, and it has no setting for one. So its tables of decompressors are
-given ones that have.
+The library `rosbags` unpacks chunks without a limit, reads what a database computes, and has no setting for either. So
+its tables of decompressors and of readers are given ones that refuse.
 """
 
 from __future__ import annotations
 
 import bz2
+import re
+import sqlite3
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, BinaryIO, Protocol
+from urllib.parse import quote
 
 import lz4.frame
 from rosbags.interfaces import Nodetype
@@ -26,8 +30,14 @@ from tossid.yaml_files import read_yaml
 _ZSTD: Any = rosbag2.zstd
 _AT_ONCE = 1 << 20
 """Bytes."""
+_COMPUTED = re.compile(r"\b(AS|VIRTUAL)\b", re.IGNORECASE)
+"""Words in the definition of a table, index or column whose content is computed."""
 _NESTED = 50
 """Messages inside one another."""
+
+
+_excess = 0
+"""Bytes by which chunks have exceeded `ReadLimits.ratio` since `forget_excess`; at most `ReadLimits.unpacked`."""
 
 
 class TooLarge(Exception):
@@ -46,11 +56,22 @@ def _unpack(make: Callable[[], _Decompressor], data: bytes) -> bytes:
     Raises:
         TooLarge: It is larger than the budget allows.
     """
+    global _excess
     limit = budget.unpacked_allowance(len(data), least=budget.limits().chunk)
     content = make().decompress(data, max_length=limit + 1)
     if len(content) > limit:
         raise TooLarge(f"a chunk of {len(data)} bytes claims more than {limit} bytes when unpacked")
+    ratio = budget.limits().ratio
+    _excess += max(0, len(content) - ratio * len(data))
+    if _excess > budget.limits().unpacked:
+        raise TooLarge(f"its chunks claim {_excess} bytes beyond {ratio} times their size when unpacked")
     return bytes(content)
+
+
+def forget_excess() -> None:
+    """Begin to count anew what chunks claim: another bag is opened."""
+    global _excess
+    _excess = 0
 
 
 def unpack_bz2(data: bytes) -> bytes:
@@ -110,6 +131,20 @@ class _Limited:
         return content
 
 
+class _StoredDatabase(rosbag2.Sqlite3Reader):
+    """A part in SQLite's format, opened where it stores what it holds: computed content can be without end."""
+
+    def open(self) -> None:
+        """Open it; `TooLarge` where it computes something, and an error of SQLite's where it is no database."""
+        with closing(sqlite3.connect(f"file:{quote(str(self.path))}?immutable=1", uri=True)) as database:
+            for kind, name, definition in database.execute("SELECT type, name, sql FROM sqlite_master"):
+                if kind not in ("table", "index") or _COMPUTED.search(definition or ""):
+                    raise TooLarge(f"its {kind} {brief(name)} is computed, expected a table that is stored")
+        super().open()
+
+
+for _reader, _key in ((rosbag2.DirectoryReader, "sqlite3"), (rosbag2.Reader, ".db3")):
+    _reader.STORAGE_PLUGINS[_key] = _StoredDatabase  # type: ignore[index]
 rosbag1.decompressors.update({"bz2": unpack_bz2, "lz4": unpack_lz4})
 storage_mcap.DECOMPRESSORS.update({"lz4": lambda data, _: unpack_lz4(data), "zstd": lambda data, _: unpack_zstd(data)})
 setattr(rosbag2, "zstd", SimpleNamespace(open=_Limited, decompress=unpack_zstd))  # noqa: B010 (mypy knows no such name)

@@ -61,7 +61,12 @@ class Rescue:
             head, data, whole = _record(stream, end)
             if head is None:
                 return
-            op = head.get("op", b"\0")[0]
+            op = int.from_bytes(head.get("op", b""))
+            if inside and op not in (
+                2,
+                7,
+            ):  # a chunk holds messages and connections; zeros would be millions of records
+                return
             if op == 5 and not inside:
                 try:
                     chunk = _unchunked(head.get("compression", b"none"), data)

@@ -64,14 +64,14 @@ def paint_ground(
     grey: Levels,
     things: Items,
 ) -> None:
-    """The empty scene, each pixel the mean of rays over its area and the lens's opening.
+    """The empty scene, each pixel the mean of rays over its area and the lens's aperture.
 
     Args:
         canvas: (H, W) written.
         rays: (H + 1, W + 1, 2) normalised coordinates at pixel corners (`Camera.rays`).
         samples: (s, 5) lattice, as `_raster.cast` has it.
         T_world_cam: (4, 4) pose of the camera.
-        lens: Radius of the opening and distance in focus [m].
+        lens: Radius of the aperture and distance in focus [m].
         grey: Grey levels.
         things: What lies on the ground.
     """

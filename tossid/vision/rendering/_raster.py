@@ -54,7 +54,7 @@ class Optics(NamedTuple):
 
     Attributes:
         shutter: Sub-exposures from one row of the image to the next, and those that one row's exposure lasts.
-        lens: Radius of the opening and distance in focus [m]; radius 0 for a pinhole.
+        lens: Radius of the aperture and distance in focus [m]; radius 0 for a pinhole.
         gloss: Strength of the highlight [grey levels] and its exponent (Phong 1975), on faces that carry tags.
         lamp: (3,) where the light is, camera frame [m].
     """
@@ -82,7 +82,7 @@ def cast(
     (x, y, time), shifted for each pixel by a hash so that no edge direction is
     favoured (Cook, Porter, Carpenter 1984: distributed ray tracing).
 
-    A ray through the point o of the lens's opening and through what (x, y) shows in focus has the points
+    A ray through the point o of the lens's aperture and through what (x, y) shows in focus has the points
     (o, 0) + z (x - o_x / z_f, y - o_y / z_f, 1). Faces are met there exactly.
 
     Args:

@@ -104,7 +104,7 @@ def backdrop(
         cam: The camera.
         levels: Grey levels of ground, wall, white and black prints at full light.
         light: Light on the ground, as a share of full light.
-        lens: Radius of its opening and distance in focus [m].
+        lens: Radius of its aperture and distance in focus [m].
         samples: (s, 5) lattice, as `_raster.cast` has it.
         texture: Contrast of the ground's pattern [grey levels].
         litter: Prints that lie on the ground.

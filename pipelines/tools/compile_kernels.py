@@ -1,0 +1,55 @@
+"""`make setup` ends with this: the kernels are compiled now, so that no first command has to wait for them.
+
+Each task calls the library's verbs on a few short tosses, which compiles what they need for the types that they have.
+Compiled kernels lie beside the sources, or where NUMBA_CACHE_DIR says, and stay valid until a source changes.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import tossid
+from pipelines.cli.console import Console
+
+
+def of_a_cube() -> None:
+    """What tosses of a rigid body need: simulation, training, rollouts, diagnosis."""
+    dataset = tossid.synthesize("cube", engine="lcp", tosses=4, seconds=0.4)
+    model = tossid.train(dataset, model="cnrpi", epochs=1, patience=1)
+    tossid.evaluate(model, dataset)
+    tossid.diagnose(dataset, repeats=0)
+
+
+def of_an_elbow() -> None:
+    """What tosses of a tree need: simulation, training, rollouts."""
+    dataset = tossid.synthesize("elbow", engine="mujoco", tosses=8)
+    model = tossid.train(dataset, model="cnrp", epochs=1, patience=1)
+    tossid.evaluate(model, dataset)
+
+
+def of_films() -> None:
+    """What films need: rendering, detection, tracking."""
+    with tempfile.TemporaryDirectory() as folder:
+        tossid.synthesize("cube", frames=True, tosses=1, seconds=0.4, out=f"{folder}/film")
+        tossid.ingest(f"{folder}/film")
+
+
+TASKS: tuple[Callable[[], None], ...] = (of_a_cube, of_an_elbow, of_films)
+"""Each in a process of its own."""
+
+
+def main() -> None:
+    """Compile all kernels, by as many processes as there are tasks."""
+    started = time.perf_counter()
+    with ProcessPoolExecutor(len(TASKS), mp_context=get_context("spawn")) as workers:
+        for task in [workers.submit(task) for task in TASKS]:
+            task.result()
+    Console().say(f"kernels compiled in {time.perf_counter() - started:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,156 @@
+"""`make shapes`: objects of several shapes, tossed in MuJoCo with a tracker's noise, learned from nothing."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipelines.cli.console import Console
+from pipelines.cli.failures import guarded
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from tossid.objects import ObjectModel
+    from tossid.settings.synthesis import ShapeTossSettings
+    from tossid.types import PoseTrack
+
+HEAD = (
+    "shape",
+    "found as",
+    "corners",
+    "Hausdorff [mm]",
+    "seen [%]",
+    "friction",
+    "centre of mass [mm]",
+    "inertia [%]",
+    "position [%]",
+    "over the true model's",
+    "rotation [deg]",
+    "over the true model's",
+    "seconds",
+)
+CLOSE = 1e-3
+"""What came so near the ground counts in the Hausdorff distance [m]."""
+
+
+def main(shapes: list[str], model: str, tosses: int) -> None:
+    """Learn each shape from the TUM files of its tosses; print a Markdown row for each.
+
+    Args:
+        shapes: Names of `tossid.synthesis.shapes.SHAPES`; none for all.
+        model: The variant that learns.
+        tosses: Of each shape.
+    """
+    from tossid.settings.synthesis import ShapeTossSettings
+    from tossid.synthesis.shapes import SHAPES
+
+    console, settings = Console(), ShapeTossSettings(tosses=tosses)
+    console.say("| " + " | ".join(HEAD) + " |")
+    console.say("|" + "---|" * len(HEAD))
+    for name in shapes or SHAPES:
+        console.say("| " + " | ".join(row(name, model, settings)) + " |")
+
+
+def row(name: str, model: str, settings: ShapeTossSettings) -> list[str]:
+    """A shape's row.
+
+    Args:
+        name: Of the shape.
+        model: The variant that learns.
+        settings: How it is tossed.
+    """
+    import numpy as np
+
+    import tossid
+    from tossid.evaluation.metrics import score_tosses
+    from tossid.models.predictor import Simulator
+    from tossid.objects import object_from_mjcf
+    from tossid.physics import make_system
+    from tossid.settings.objects import UnknownObjectSettings
+    from tossid.store.importers.tum import write_tum
+    from tossid.synthesis.shapes import toss_shape
+
+    made = toss_shape(name, settings)
+    began = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        write_tum(Path(folder), made.tracks)
+        dataset = tossid.ingest(folder, source="tum", object="unknown")
+    trained = tossid.train(dataset, model=model, object=UnknownObjectSettings(mass=made.mass))
+    seconds = time.perf_counter() - began
+    held_out = dataset.split("test")
+    scores = tossid.evaluate(trained, held_out)
+    learned = trained.object
+    true = object_from_mjcf(made.mjcf, friction=made.friction)
+    true = replace(true, com=made.com[None], inertia=made.inertia[None], width=learned.width)
+    best = score_tosses(Simulator(make_system(true), substeps=4), learned, held_out.tosses)
+    ours = scores.per_toss
+    off, share = apart(learned, made.hull, made.truth)
+    com = 1e3 * np.linalg.norm(learned.com[0] - made.com)
+    inertia = 100 * np.linalg.norm(learned.inertia[0] - made.inertia) / np.linalg.norm(made.inertia)
+    position, rotation = ours.position_error_pct.mean(), ours.rotation_error_deg.mean()
+    return [
+        name,
+        trained.parameters["from_nothing"]["shape"],
+        f"{learned.n_corners}",
+        f"{1e3 * off:.2f}",
+        f"{100 * share:.0f}",
+        f"{learned.friction:.3f} for {made.friction:g}",
+        f"{com:.2f}",
+        f"{inertia:.1f}",
+        f"{position:.1f}",
+        f"{position / best.position_error_pct.mean():.2f}",
+        f"{rotation:.1f}",
+        f"{rotation / best.rotation_error_deg.mean():.2f}",
+        f"{seconds:.0f}",
+    ]
+
+
+def apart(learned: ObjectModel, hull: NDArray[np.float64], truth: Sequence[PoseTrack]) -> tuple[float, float]:
+    """Hausdorff distance of two hulls, both ways, over directions in which the true one came near the ground.
+
+    Of convex bodies it is the largest difference of their support functions.
+
+    Args:
+        learned: The learned object.
+        hull: (n, 3) points of the true hull [m].
+        truth: Tracks without noise.
+
+    Returns:
+        The distance [m], and the share of all directions that is compared.
+    """
+    import numpy as np
+
+    from tossid.objects.roundness import directions
+    from tossid.rotations import quat_to_matrix
+
+    ways = directions(2000)
+    down = np.concatenate([-quat_to_matrix(track.q[:, 3:7])[:, 2, :] for track in truth])
+    height = np.concatenate([track.q[:, 2] for track in truth])
+    reach = down @ hull.T
+    near = height - reach.max(axis=1) < CLOSE
+    seen = np.zeros(len(ways), dtype=bool)
+    for part in np.array_split(down[near], max(1, int(near.sum()) // 500)):
+        seen |= (ways @ part.T).max(axis=1) > np.cos(np.deg2rad(5))
+    # what came near: the true points that touched, in all directions in which they are the farthest
+    touched = np.unique(reach[near].argmax(axis=1))
+    farthest = (ways @ hull.T).argmax(axis=1)
+    seen |= np.isin(farthest, touched)
+    difference = learned.support(ways).max(axis=1) - (ways @ hull.T).max(axis=1)
+    return float(np.abs(difference[seen]).max()), float(seen.mean())
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(prog="make shapes", description=__doc__)
+    parser.add_argument("shapes", nargs="*", metavar="SHAPE", help="names, such as 'hexagonal prism'; all by default")
+    parser.add_argument("--model", default="cnrpi")
+    parser.add_argument("--tosses", type=int, default=60)
+    given = parser.parse_args()
+    sys.exit(guarded(lambda: main(given.shapes, given.model, given.tosses), "shapes"))

@@ -1,0 +1,62 @@
+"""The ground under an object of unknown shape: found with its hull, and made z = 0."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.errors import InputError
+from tossid.motion.sessions.levelling import turned_track
+from tossid.objects.convex_shape import find_ground, height_is_wrong
+from tossid.rotations import quat_conj, quat_exp, quat_mul, quat_rotate
+from tossid.settings.objects import ShapeSettings
+from tossid.types import PoseTrack
+
+Array = NDArray[np.float64]
+
+SLACKS = (0.08, 0.02)
+"""Slopes that the ground may have at first: with the level ground, the half-spaces of a tilted world hold no shape."""
+TIMES = 6
+"""A tilt is found to first order, so that it is found again in the levelled world, at most so many times."""
+RAISED = 0.03
+"""How far tracks are raised that go below z = 0 by more than their object is thick [m]; its hull then shows the ground."""
+
+
+def level_by_hull(
+    tracks: Sequence[PoseTrack], settings: ShapeSettings | None = None
+) -> tuple[Sequence[PoseTrack], Array | None]:
+    """Tracks in a world whose ground is z = 0, where the tracks show that it was not.
+
+    Args:
+        tracks: Of one rigid body, z roughly up.
+        settings: How a shape is found, and from which height and slope on the ground is off.
+
+    Returns:
+        The tracks as they are and None, where they show no shape or the ground is z = 0. Else the levelled tracks, and
+        the ground's height at the origin [m] and its slopes along x and y, (3,).
+    """
+    settings = settings or ShapeSettings()
+    now, turned, lift = tracks, np.array([1.0, 0.0, 0.0, 0.0]), 0.0
+    for slack in (*SLACKS, *(0.0,) * TIMES):
+        try:
+            ground = find_ground(now, settings, slack=slack)
+        except InputError:  # no shape over a ground so far above the object
+            ground = np.array([0.0 if slack else -RAISED, 0.0, 0.0])
+        slope = ground[1:] if np.linalg.norm(ground[1:]) > settings.level_slope else np.zeros(2)
+        high = float(ground[0]) if abs(ground[0]) > settings.level_height and not slack else 0.0
+        if high and ground[0] != -RAISED and not slope.any() and not height_is_wrong(now, settings):
+            high = 0.0
+        if not high and not slope.any():
+            if slack:
+                continue
+            break
+        up = np.array([-slope[0], -slope[1], 1.0]) / np.sqrt(1 + slope @ slope)
+        turn = quat_exp(np.cross(up, [0.0, 0.0, 1.0]))
+        now = [turned_track(track, turn, -high) for track in now]
+        turned, lift = quat_mul(turn, turned), lift - high
+    if now is tracks or ground[0] == -RAISED:
+        return tracks, None
+    normal = quat_rotate(quat_conj(turned), np.array([0.0, 0.0, 1.0]))
+    return now, np.array([-lift, -normal[0] / normal[2], -normal[1] / normal[2]])
