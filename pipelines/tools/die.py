@@ -180,12 +180,12 @@ def _impact(name: str, before: Array, after: Array, half: float, drag: float) ->
 
 def robust_line(columns: Array, y: Array) -> Array:
     """(P,) least squares with Cauchy's weights."""
-    w = np.ones(len(y))
+    w, b = np.ones(len(y)), np.zeros(columns.shape[1])
     for _ in range(30):
         b = np.asarray(np.linalg.lstsq(columns * w[:, None], y * w, rcond=None)[0], dtype=np.float64)
         r = y - columns @ b
         size = 2 * 1.4826 * np.median(np.abs(r)) + 1e-12
-        w = (1 + (r / size) ** 2) ** -0.5
+        w = np.asarray(1 / np.sqrt(1 + (r / size) ** 2), dtype=np.float64)
     return b
 
 
