@@ -36,8 +36,8 @@ class OrderSettings:
     largest_move: Count = 6
     """tosses by which the moment of a step is moved at most to where it is likeliest"""
     unchanging: Fraction = 0.5
-    """share of the best gain of log-likelihood from which on another effect is preferred to a change of the object or of
-    gravity, which stay the same from toss to toss"""
+    """share of the best gain of log-likelihood from which on another effect is preferred to a change of the object or
+    of gravity, which stay the same from toss to toss"""
     drift_parts: Count = 5
     """most stretches to which a drift is fitted"""
     same_change: Count = 3

@@ -68,8 +68,8 @@ def test_figures_over_order_and_place_show_every_toss(cube: ObjectModel) -> None
     figures = report_figures(two_recordings(cube))
     (axes,) = figures["gap_over_order"].axes
     before, after, divider = axes.lines
-    assert len(before.get_xdata()) == len(after.get_xdata()) == 20
-    assert list(divider.get_xdata()) == [11.5, 11.5]
+    assert [np.asarray(line.get_xdata()).shape for line in (before, after)] == [(20,), (20,)]
+    np.testing.assert_array_equal(np.asarray(divider.get_xdata()), [11.5, 11.5])
     left = figures["gap_over_place"].axes[0].collections[0]
-    np.testing.assert_allclose(left.get_offsets(), two_recordings(cube).places)
+    np.testing.assert_allclose(np.asarray(left.get_offsets(), dtype=float), two_recordings(cube).places)
     assert "gap_over_order" not in report_figures(diagnosis(cube))

@@ -34,7 +34,7 @@ def as_recorded(world: World) -> list[Toss]:
     run = world.roll_out(*start, n_steps=frames, dt=DT, substeps=4)
     cov = np.tile(np.diag(np.arange(1.0, model.nv + 1)) * 1e-8, (frames + 1, 1, 1))
     speeds = np.tile(start[1][:, None], (1, frames + 1, 1))
-    t, phase = np.arange(frames + 1) * DT, np.zeros(frames + 1, np.uint8)
+    t, phase = np.arange(frames + 1, dtype=np.float64) * DT, np.zeros(frames + 1, np.uint8)
     return [Toss(str(i), t, run[i], speeds[i], cov, cov, phase, "", run[i], cov) for i in range(3)]
 
 

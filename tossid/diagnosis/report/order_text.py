@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
 from tossid.diagnosis.findings import Finding, Interval, Stretch
 from tossid.diagnosis.report.units import in_units, listed, parameter, quantity, short, unit
@@ -48,7 +48,7 @@ def _sentence(finding: Finding) -> str:
 def _in_words(finding: Finding, stretch: Stretch) -> str:
     values = stretch.parameters
     if finding.name == "world_tilt":
-        tilt = float(np.degrees(np.linalg.norm([value.value for value in values.values()])))
+        tilt = math.degrees(math.hypot(*(value.value for value in values.values())))
         return f"stand in a world tilted by {tilt:.2f} degrees"
     if finding.name == "ground_height":
         return f"stand on a ground at {quantity('z_m', values['z_m'].value)}"

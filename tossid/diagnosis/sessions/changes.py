@@ -26,7 +26,6 @@ from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.fitting import Fitted, fit
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.sessions.correction import CORRECTABLE
-from tossid.diagnosis.sessions.values import RESIDUAL
 from tossid.motion.sessions.change_points import Change, Witness, find_changes, robust_mean, without_covariates
 from tossid.physics.effects import Effect
 from tossid.settings.diagnosis_order import OrderSettings
@@ -93,7 +92,7 @@ def effect_over_order(
     Args:
         present: The hypothesis beside which it changes.
         validator: Of all windows.
-        library: The effects.
+        library: The effects among which it is.
         witnesses: Of `witnesses_of`.
         changes: Of `changes_over_order`.
         settings: How candidates are compared.
@@ -103,7 +102,7 @@ def effect_over_order(
     by_name, outlier = {effect.name: effect for effect in library}, settings.changes.outlier
     judged = []
     for name in p:
-        if name != RESIDUAL:
+        if name in by_name:
             at = tuple(change.at for change in changes if name in change.p)
             at = moments_of_steps(witnesses[name], at, settings)
             form, criterion = form_over_order(witnesses[name], at, outlier=outlier)

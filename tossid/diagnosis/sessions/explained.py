@@ -135,7 +135,15 @@ def _beside(
     validator = make(corrections.tosses, found.hypothesis.base.object)
     if found.contact != "own":
         validator = replace(validator, engine=Engine())
-    return look(validator, found.hypothesis, library, corrections.tosses, order, settings)
+    return look(
+        validator,
+        found.hypothesis,
+        library,
+        corrections.tosses,
+        order,
+        settings,
+        undone=corrections.effects_undone,
+    )
 
 
 def _of_tosses(found: Diagnosis, tosses: Sequence[Toss]) -> Diagnosis:

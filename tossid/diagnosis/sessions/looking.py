@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -104,6 +104,11 @@ class Corrections:
     unseen: tuple[Toss, ...] = ()
     undone: tuple[tuple[EffectOverOrder, Looked], ...] = ()
 
+    @property
+    def effects_undone(self) -> tuple[Effect, ...]:
+        """The effects that were undone."""
+        return tuple(each.effect for each, _ in self.undone)
+
     def further(self, looked: Looked, order: TossOrder) -> Corrections:
         """With what was seen undone too.
 
@@ -142,7 +147,9 @@ def undo_changes(
     first: Looked | None = None
     while True:
         validator, base = make(tosses.tosses, world.object).with_contact_law(world)
-        looked = look(validator, Hypothesis(base), library, tosses.tosses, order, settings)
+        looked = look(
+            validator, Hypothesis(base), library, tosses.tosses, order, settings, undone=tosses.effects_undone
+        )
         first = first or looked
         if not looked.correctable or len(tosses.undone) >= settings.order.rounds:
             return first, looked, tosses
@@ -156,6 +163,8 @@ def look(
     tosses: Sequence[Toss],
     order: TossOrder,
     settings: DiagnoseSettings,
+    *,
+    undone: Collection[Effect] = (),
 ) -> Looked:
     """What changes over the order of tosses beside a hypothesis.
 
@@ -166,6 +175,7 @@ def look(
         tosses: In their order.
         order: Where the dataset has sessions.
         settings: What is a change.
+        undone: Effects for which the tosses are corrected. What is left of them is no other effect of their group.
     """
     present = validator.evaluate(hypothesis)
     floor = noise_floor(validator.windows)
@@ -177,7 +187,9 @@ def look(
     changes = changes_over_order(witnesses, settings.order)
     effect = None
     if changes:
+        known = frozenset[str]().union(*({each.name} | each.one_of_group for each in undone))
+        others = [each for each in library if each.name not in known]
         effect = effect_over_order(
-            present, validator, library, witnesses, changes, settings.order, boundaries=order.boundaries
+            present, validator, others, witnesses, changes, settings.order, boundaries=order.boundaries
         )
     return Looked(validator, present, floor, changes, effect)
