@@ -19,7 +19,6 @@ from tossid.objects.convex_shape import ConvexShape, find_shape, half_spaces
 from tossid.settings.objects import UnknownObjectSettings
 from tossid.types import PoseTrack, Toss
 
-
 DISAGREEMENT = 1e-3
 """Height of the ground that the contacts of a polytope ask for, though it is z = 0, from which on its corners are not
 sure, whatever their standard error [m]: edges are round, or the recording has errors that do not average out."""
