@@ -15,7 +15,8 @@ from tossid.errors import InputError
 from tossid.motion.free_fall import FreeFall, free_fall
 from tossid.motion.parabola import find_parabola
 from tossid.objects import GRAVITY, JointType, ObjectModel, to_mjcf
-from tossid.objects.convex_shape import ConvexShape, find_shape, half_spaces
+from tossid.objects.convex_shape import ConvexShape, find_shape
+from tossid.objects.half_spaces import half_spaces
 from tossid.settings.objects import UnknownObjectSettings
 from tossid.types import PoseTrack, Toss
 
