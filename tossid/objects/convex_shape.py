@@ -241,7 +241,7 @@ def _rounder(spaces: HalfSpaces, sharp: Fit, hull: Array, settings: ShapeSetting
     drawn = spaces.chosen(evenly(len(spaces.height), settings.round_frames))
     thinned = len(spaces.height) / len(drawn.height)
     for shape in round_shapes(drawn, hull, settings, loss=loss_of, weights=weights_of):
-        criterion = thinned * shape.loss / scale + shape.count * price
+        criterion = thinned * shape.loss / scale + shape.size * price
         if criterion < least:
             best, least = shape, criterion
     return best

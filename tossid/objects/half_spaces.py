@@ -43,7 +43,7 @@ class HalfSpaces(NamedTuple):
 
     def chosen(self, which: NDArray[np.bool_]) -> HalfSpaces:
         """Some of them."""
-        return HalfSpaces(*(part[which] for part in self))
+        return HalfSpaces(self.down[which], self.height[which], self.place[which], self.toss[which], self.free[which])
 
 
 def half_spaces(tosses: Sequence[Toss | PoseTrack], flying: Sequence[NDArray[np.bool_]] | None = None) -> HalfSpaces:

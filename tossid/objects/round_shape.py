@@ -50,7 +50,7 @@ class RoundShape(NamedTuple):
         kind: What it is called.
         corner_pos: (n_c, 3) its corners [m].
         roundness: What stands there.
-        count: How many numbers it has.
+        size: How many numbers it has.
         gap: (n,) distance of the lowest point from the ground in each frame [m].
         loss: Sum of the loss over frames.
         covariance: Of the numbers, for a misfit of 1 m.
@@ -60,7 +60,7 @@ class RoundShape(NamedTuple):
     kind: str
     corner_pos: Array
     roundness: Roundness
-    count: int
+    size: int
     gap: Array
     loss: float
     covariance: Array
@@ -109,7 +109,7 @@ def round_shapes(
         if len(J) < 3 * len(p):
             continue
         corners, roundness = family.corners(p)
-        covariance = np.linalg.pinv(J.T @ J)
+        covariance: Array = np.asarray(np.linalg.pinv(J.T @ J), dtype=float)
 
         def slope(ways: Array, family: _Family = family, p: Array = p) -> Array:
             return _slope(family, p, ways)
