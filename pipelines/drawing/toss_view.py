@@ -53,6 +53,8 @@ def toss_content(config: ViewConfig, console: Console) -> ViewContent:
     if not tosses:
         raise InputError(f"{path}: no {'held-out ' * held_out}toss to show from start_s={config.start_s:g} on")
     model: ObjectModel = dataset.object
+    if trained is not None and not model.is_stated:
+        model = trained.object
     rollouts: dict[str, Sequence[Array]] = {}
     if trained is not None:
         from tossid.evaluation.evaluate import predicted_motions

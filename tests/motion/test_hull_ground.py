@@ -24,7 +24,8 @@ def test_a_tilted_and_shifted_ground_is_levelled(tilt: tuple[float, float], lift
     found, ground = level_by_hull(moved)
     assert ground is not None
     off = np.concatenate([a.q[:, 2] - b.q[:, 2] for a, b in zip(found, level, strict=True)])
-    assert np.abs(off).max() < 1.5e-3
+    assert np.abs(off).max() < 4e-3  # lower heights are left, as they are also what rounded edges look like
+    assert np.ptp(off) < 1.5e-3
 
 
 def test_a_level_ground_is_left_alone() -> None:

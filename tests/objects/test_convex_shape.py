@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tossid.errors import InputError
-from tossid.objects.convex_shape import HalfSpaces, find_shape, half_spaces, outer_hull
+from tossid.objects.convex_shape import find_shape
 from tossid.rotations import matrix_to_quat, quat_to_matrix
 from tossid.settings.objects import ShapeSettings
 from tossid.types import Toss
@@ -49,22 +49,6 @@ def test_every_vertex_is_found_and_no_other(wedge: list[Toss]) -> None:
     assert (shape.deviation < 1e-3).all()
     assert shape.frames.sum() > 150
     assert shape.misfit < 6e-4
-
-
-def test_a_half_space_holds_the_object(wedge: list[Toss]) -> None:
-    spaces = half_spaces(wedge)
-    reach = (spaces.down @ (WEDGE + OFFSET).T).max(axis=1)
-    assert (spaces.height - reach > -1.5e-3).all()
-    assert np.abs(np.linalg.norm(spaces.down, axis=1) - 1).max() < 1e-12
-
-
-def test_the_outer_hull_holds_the_object_where_nothing_is_noisy() -> None:
-    spaces = half_spaces(rolled(WEDGE, np.random.default_rng(1), noise=0.0))
-    center, radius, vertices = outer_hull(spaces)
-    inward = np.linalg.norm(vertices - center, axis=1)
-    assert 0.01 < radius < inward.min()
-    for corner in WEDGE:
-        assert (spaces.down @ corner <= spaces.height + 1e-9).all()
 
 
 def test_a_ground_that_is_higher_and_tilted_is_told(wedge: list[Toss]) -> None:
@@ -118,12 +102,3 @@ def test_too_few_sides_bound_no_shape(wedge: list[Toss]) -> None:
     still = Toss("still", one.t, np.repeat(one.q[1:2], len(one), axis=0), one.v, one.q_cov, one.v_cov, one.phase)
     with pytest.raises(InputError, match="too few sides"):
         find_shape([still])
-
-
-def test_a_ground_far_above_fits_nothing() -> None:
-    down = np.array([[0, 0, -1.0], [0, 0, 1.0]])
-    spaces = HalfSpaces(
-        down, np.array([-0.1, -0.1]), np.zeros((2, 2)), np.zeros(2, dtype=np.int64), np.zeros(2, dtype=bool)
-    )
-    with pytest.raises(InputError, match="no shape fits"):
-        outer_hull(spaces)

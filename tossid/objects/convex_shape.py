@@ -13,47 +13,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.cluster.hierarchy import fcluster, linkage
-from scipy.optimize import linprog, nnls
-from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
+from scipy.spatial import ConvexHull
 
 from tossid.errors import InputError
+from tossid.objects.half_spaces import HalfSpaces, different, evenly, half_spaces, outer_hull, protrusion
+from tossid.objects.max_affine import Fit, fit_vertices, ground_slope, loss_of, weights_of
 from tossid.objects.model import HULL_POINTS
 from tossid.objects.round_shape import RoundShape, round_shapes, support, surface
 from tossid.objects.roundness import Roundness, directions
-from tossid.rotations import quat_to_matrix
 from tossid.settings.objects import ShapeSettings
 from tossid.types import PoseTrack, Toss
 
 Array = NDArray[np.float64]
 
 DEFAULT = ShapeSettings()
-
-
-class HalfSpaces(NamedTuple):
-    """What frames say of the shape: down · x ≤ height for every point x of the object.
-
-    Attributes:
-        down: (n, 3) the world's downward direction in the body's frame, unit.
-        height: (n,) of the body's origin above the ground [m].
-        place: (n, 2) where over the ground the body's origin is [m].
-        toss: (n,) index of the toss.
-        free: (n,) whether the frame is known to be in free flight: it bounds the shape, and shows no contact.
-    """
-
-    down: Array
-    height: Array
-    place: Array
-    toss: NDArray[np.int64]
-    free: NDArray[np.bool_]
-
-    def chosen(self, which: NDArray[np.bool_]) -> HalfSpaces:
-        """Some of them."""
-        return HalfSpaces(*(part[which] for part in self))
 
 
 @dataclass(frozen=True)
@@ -115,28 +92,6 @@ class ConvexShape:
         return np.asarray((down @ self.vertices.T).max(axis=1))
 
 
-class _Fit(NamedTuple):
-    vertices: Array
-    ground: Array
-    lowest: NDArray[np.int64]
-    gap: Array
-    loss: float
-
-
-def half_spaces(tosses: Sequence[Toss | PoseTrack], flying: Sequence[NDArray[np.bool_]] | None = None) -> HalfSpaces:
-    """The half-spaces of all frames of tosses of one rigid body.
-
-    Args:
-        tosses: Their configurations, in a world whose z points up and whose ground is z = 0.
-        flying: Which frames of each toss are known to be in free flight, (n,); None where it is not known.
-    """
-    q = np.concatenate([toss.q for toss in tosses])
-    down = -quat_to_matrix(q[:, 3:7])[:, 2, :]
-    free = np.zeros(len(q), dtype=bool) if flying is None else np.concatenate(list(flying))
-    of = np.repeat(np.arange(len(tosses)), [len(toss.t) for toss in tosses])
-    return HalfSpaces(down, q[:, 2], q[:, :2], of, free)
-
-
 def find_shape(
     tosses: Sequence[Toss],
     settings: ShapeSettings = DEFAULT,
@@ -158,7 +113,7 @@ def find_shape(
         InputError: The poses bound no shape, or there is no contact in them.
     """
     seen, chosen, corners, radius = _polytope(half_spaces(tosses, flying), settings)
-    sharp = _fit(seen, chosen.vertices, np.zeros(3), settings, gap=2 * settings.gap, level=True)
+    sharp = fit_vertices(seen, chosen.vertices, np.zeros(3), settings, gap=2 * settings.gap, level=True)
     rounder = _rounder(seen, sharp, corners, settings)
     if rounder is not None:
         return _round_shape(seen, rounder, corners, unseen=settings.unseen_rel * radius, settings=settings)
@@ -194,9 +149,9 @@ def find_ground(tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings = DE
     _, radius, corners = outer_hull(every._replace(height=every.height + far), settings)
     seen = every.chosen(different(every, settings))
     seen = seen.chosen(seen.height - (seen.down @ corners.T).max(axis=1) < settings.near_rel * radius)
-    drawn = seen.chosen(_evenly(len(seen.height), settings.most_frames))
+    drawn = seen.chosen(evenly(len(seen.height), settings.most_frames))
     start = _merged(corners, settings.merge_rel * radius)
-    return _fit(drawn, start, np.zeros(3), settings, gap=float(np.quantile(far, 0.9))).ground
+    return fit_vertices(drawn, start, np.zeros(3), settings, gap=float(np.quantile(far, 0.9))).ground
 
 
 def height_is_wrong(tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings = DEFAULT) -> bool:
@@ -212,84 +167,28 @@ def height_is_wrong(tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings 
         InputError: The poses bound no shape.
     """
     seen, chosen, corners, _ = _polytope(half_spaces(tosses), settings)
-    sharp = _fit(seen, chosen.vertices, np.zeros(3), settings, gap=settings.first_gap, level=True)
+    sharp = fit_vertices(seen, chosen.vertices, np.zeros(3), settings, gap=settings.first_gap, level=True)
     scale, price = _price(seen, chosen, settings)
     lifted = chosen.loss / scale + (3 * len(chosen.vertices) + 1) * price
     level = sharp.loss / scale + 3 * len(sharp.vertices) * price
     return lifted < level and _rounder(seen, chosen, corners, settings) is None
 
 
-def _polytope(every: HalfSpaces, settings: ShapeSettings) -> tuple[HalfSpaces, _Fit, Array, float]:
+def _polytope(every: HalfSpaces, settings: ShapeSettings) -> tuple[HalfSpaces, Fit, Array, float]:
     """Frames near the ground, the polytope and the ground that fit them, the outer hull's vertices and its radius."""
     _, radius, corners = outer_hull(every, settings)
     seen = every.chosen(different(every, settings))
     seen = seen.chosen(seen.height - (seen.down @ corners.T).max(axis=1) < settings.near_rel * radius)
-    drawn = seen.chosen(_evenly(len(seen.height), settings.most_frames))
+    drawn = seen.chosen(evenly(len(seen.height), settings.most_frames))
     start = _merged(corners, settings.merge_rel * radius)
-    fits = [_fit(drawn, start, np.zeros(3), settings, gap=settings.first_gap)]
+    fits = [fit_vertices(drawn, start, np.zeros(3), settings, gap=settings.first_gap)]
     while len(fits[-1].vertices) > 4:
         fits.append(_with_fewer(drawn, fits[-1], settings))
     chosen = _without_flat(drawn, _fewest(drawn, fits, settings), settings)
-    return seen, _fit(seen, chosen.vertices, chosen.ground, settings, gap=2 * settings.gap), corners, radius
-
-
-def outer_hull(spaces: HalfSpaces, settings: ShapeSettings = DEFAULT) -> tuple[Array, float, Array]:
-    """The intersection of half-spaces: everything where the object may be.
-
-    Args:
-        spaces: At least four.
-        settings: `largest` bounds it where no frame does.
-
-    Returns:
-        Centre (3,) and radius [m] of the largest ball inside, and the vertices (m, 3), in the body's frame.
-
-    Raises:
-        InputError: The half-spaces have no common inside: the ground is not z = 0, or the poses contradict each other.
-    """
-    box = np.concatenate([np.eye(3), -np.eye(3)])
-    normals = np.concatenate([spaces.down, box])
-    bounds = np.concatenate([spaces.height, np.full(6, settings.largest)])
-    cost, columns = np.array([0.0, 0.0, 0.0, -1.0]), np.column_stack([normals, np.ones(len(normals))])
-    found = linprog(cost, A_ub=columns, b_ub=bounds, bounds=[(None, None)] * 3 + [(0, None)])
-    if found.status != 0 or found.x[3] < settings.smallest:
-        raise InputError(
-            "no shape fits above the ground in all frames; expected poses over the level ground z = 0, of a body whose "
-            "frame does not move in it"
-        )
-    try:
-        vertices = HalfspaceIntersection(np.column_stack([normals, -bounds]), found.x[:3]).intersections
-    except QhullError as error:
-        raise InputError(f"the frames' half-spaces have no hull: {str(error).splitlines()[0]}") from error
-    vertices = vertices[np.isfinite(vertices).all(axis=1)]
-    if np.abs(vertices).max() >= settings.largest - 1e-9:
-        raise InputError(
-            f"the frames show the object from too few sides to bound it within {settings.largest:g} m; "
-            "expected tosses that come down on all sides"
-        )
-    return found.x[:3], float(found.x[3]), np.unique(vertices.round(7), axis=0)
+    return seen, fit_vertices(seen, chosen.vertices, chosen.ground, settings, gap=2 * settings.gap), corners, radius
 
 
 # ---------------------------------------------------------------- frames and vertices that count
-
-
-def different(spaces: HalfSpaces, settings: ShapeSettings) -> NDArray[np.bool_]:
-    """Marks frames (n,) that differ from the last one marked of their toss: a body at rest is one observation.
-
-    Args:
-        spaces: Of all frames, toss after toss.
-        settings: How much a frame has to differ.
-    """
-    keep = np.zeros(len(spaces.height), dtype=bool)
-    least, last = np.cos(settings.other_angle), -1
-    for k in range(len(keep)):
-        keep[k] = (
-            last < 0
-            or spaces.toss[k] != spaces.toss[last]
-            or spaces.down[k] @ spaces.down[last] < least
-            or abs(spaces.height[k] - spaces.height[last]) > settings.other_height
-        )
-        last = k if keep[k] else last
-    return keep
 
 
 def _merged(points: Array, distance: float) -> Array:
@@ -299,11 +198,11 @@ def _merged(points: Array, distance: float) -> Array:
     return np.column_stack([np.bincount(label, points[:, i]) / count for i in range(3)])
 
 
-def _with_fewer(spaces: HalfSpaces, fit: _Fit, settings: ShapeSettings) -> _Fit:
+def _with_fewer(spaces: HalfSpaces, fit: Fit, settings: ShapeSettings) -> Fit:
     """The fit without the vertices that cost least to leave out: a share of many, the best choice of one of few."""
     reach = np.sort(spaces.down @ fit.vertices.T, axis=1)[:, -2:]
-    base = spaces.height - _ground(spaces) @ fit.ground
-    one, two = (_loss(base - reach[:, k], spaces.free, settings.gap, settings) for k in (0, 1))
+    base = spaces.height - ground_slope(spaces) @ fit.ground
+    one, two = (loss_of(base - reach[:, k], spaces.free, settings.gap, settings) for k in (0, 1))
     costs = one - two
     cost = np.bincount(fit.lowest, costs, minlength=len(fit.vertices))
     cheapest, n = np.argsort(cost), len(cost)
@@ -311,12 +210,13 @@ def _with_fewer(spaces: HalfSpaces, fit: _Fit, settings: ShapeSettings) -> _Fit:
     if n > settings.careful_below:
         left_out = [cheapest[: min(max(1, int(settings.dropped_share * n)), n - settings.careful_below)]]
     others = [
-        _fit(spaces, np.delete(fit.vertices, j, axis=0), fit.ground, settings, gap=2 * settings.gap) for j in left_out
+        fit_vertices(spaces, np.delete(fit.vertices, j, axis=0), fit.ground, settings, gap=2 * settings.gap)
+        for j in left_out
     ]
     return min(others, key=lambda other: other.loss)
 
 
-def _fewest(spaces: HalfSpaces, fits: Sequence[_Fit], settings: ShapeSettings) -> _Fit:
+def _fewest(spaces: HalfSpaces, fits: Sequence[Fit], settings: ShapeSettings) -> Fit:
     """The fit of least Bayesian information criterion, with the contacts' own scatter for the noise."""
     first = fits[0]
     touches = (np.abs(first.gap) < settings.contact_gap) & ~spaces.free
@@ -327,20 +227,20 @@ def _fewest(spaces: HalfSpaces, fits: Sequence[_Fit], settings: ShapeSettings) -
     return min(fits, key=lambda fit: fit.loss / scale + price * len(fit.vertices))
 
 
-def _price(spaces: HalfSpaces, fit: _Fit, settings: ShapeSettings) -> tuple[float, float]:
+def _price(spaces: HalfSpaces, fit: Fit, settings: ShapeSettings) -> tuple[float, float]:
     """Scale of a fit's loss and price of a number of it, for the Bayesian information criterion."""
     touches = (np.abs(fit.gap) < settings.contact_gap) & ~spaces.free
     spread = 1.4826 * float(np.median(np.abs(fit.gap[touches]))) if touches.any() else settings.noise
     return max(1.0, (spread / settings.noise) ** 2), float(np.log(max(2, touches.sum())))
 
 
-def _rounder(spaces: HalfSpaces, sharp: _Fit, hull: Array, settings: ShapeSettings) -> RoundShape | None:
+def _rounder(spaces: HalfSpaces, sharp: Fit, hull: Array, settings: ShapeSettings) -> RoundShape | None:
     """The round shape that explains the frames better than the polytope does; None where none does."""
     scale, price = _price(spaces, sharp, settings)
     best, least = None, sharp.loss / scale + 3 * len(sharp.vertices) * price
-    drawn = spaces.chosen(_evenly(len(spaces.height), settings.round_frames))
+    drawn = spaces.chosen(evenly(len(spaces.height), settings.round_frames))
     thinned = len(spaces.height) / len(drawn.height)
-    for shape in round_shapes(drawn, hull, settings, loss=_loss, weights=_weights):
+    for shape in round_shapes(drawn, hull, settings, loss=loss_of, weights=weights_of):
         criterion = thinned * shape.loss / scale + shape.size * price
         if criterion < least:
             best, least = shape, criterion
@@ -365,124 +265,19 @@ def _round_shape(
     )  # fmt: skip
 
 
-def _without_flat(spaces: HalfSpaces, fit: _Fit, settings: ShapeSettings) -> _Fit:
+def _without_flat(spaces: HalfSpaces, fit: Fit, settings: ShapeSettings) -> Fit:
     """The fit without vertices that hardly stand out from the others' hull: noise and roundness split corners."""
     while len(fit.vertices) > 4:
         out = np.array([protrusion(x, np.delete(fit.vertices, i, axis=0)) for i, x in enumerate(fit.vertices)])
         if out.min() > settings.feature_rel * 2 * np.abs(fit.vertices - fit.vertices.mean(axis=0)).max():
             break
         fewer = np.delete(fit.vertices, out.argmin(), axis=0)
-        fit = _fit(spaces, fewer, fit.ground, settings, gap=2 * settings.gap)
+        fit = fit_vertices(spaces, fewer, fit.ground, settings, gap=2 * settings.gap)
     return fit
 
 
-def _evenly(n: int, most: int) -> NDArray[np.bool_]:
-    """Marks at most so many of n, evenly spaced."""
-    keep = np.zeros(n, dtype=bool)
-    keep[np.unique(np.linspace(0, n - 1, min(n, most)).astype(int))] = True
-    return keep
-
-
-def protrusion(point: Array, vertices: Array) -> float:
-    """Distance [m] of a point from the convex hull of vertices.
-
-    Args:
-        point: (3,) [m].
-        vertices: (n, 3) [m].
-    """
-    heavy = 1e3 * np.abs(vertices).max()
-    weights, _ = nnls(np.vstack([vertices.T, np.full(len(vertices), heavy)]), np.append(point, heavy))
-    return float(np.linalg.norm(vertices.T @ weights - point))
-
-
-# ---------------------------------------------------------------- the max-affine regression
-
-
-def _ground(spaces: HalfSpaces) -> Array:
-    """Derivative of the ground's height under the body with respect to its height at the origin and its slopes."""
-    return np.column_stack([np.ones(len(spaces.height)), spaces.place])
-
-
-def _loss(gap: Array, free: NDArray[np.bool_], scale: float, settings: ShapeSettings) -> Array:
-    """Loss of each gap: Huber's below the ground, Geman and McClure's above, none in free flight; in variances."""
-    knee = 2 * settings.noise
-    below = np.where(gap > -knee, gap**2, -2 * knee * gap - knee**2)
-    above = np.where(free, 0.0, scale**2 * gap**2 / (scale**2 + gap**2))
-    return np.where(gap < 0, below, above) / settings.noise**2
-
-
-def _weights(gap: Array, free: NDArray[np.bool_], scale: float, settings: ShapeSettings) -> Array:
-    """Weights of the least squares that have the loss's gradient."""
-    above = np.where(free, 0.0, 1 / (1 + (gap / scale) ** 2) ** 2)
-    return np.where(gap < 0, 1 / np.maximum(1, -gap / (2 * settings.noise)), above)
-
-
-def _fit(
-    spaces: HalfSpaces, start: Array, ground: Array, settings: ShapeSettings, *, gap: float, level: bool = False
-) -> _Fit:
-    """Fit vertices, and the ground unless it is level, by reweighted least squares.
-
-    Args:
-        spaces: Frames near the ground.
-        start: Vertices to begin with, (n, 3).
-        ground: The ground to begin with, (3,).
-        settings: Noise, scales and iterations.
-        gap: Scale of the loss above the ground to begin with [m]; it falls to `settings.gap`.
-        level: The ground is z = 0.
-    """
-    X, g, G, n = start.copy(), ground.copy(), _ground(spaces), len(start)
-    free = n * 3 + (0 if level else 3)
-    for _ in range(settings.iterations):
-        gap = max(settings.gap, 0.8 * gap)
-        lowest, r = _residuals(spaces, G, X, g)
-        w = _weights(r, spaces.free, gap, settings)
-        H, b = _normal_equations(spaces.down, G, w, r, lowest, n)
-        H[np.arange(3 * n), np.arange(3 * n)] += settings.inertia
-        H[3 * n :, 3 * n :] += 1e-9 * np.eye(3)
-        step = np.linalg.solve(H[:free, :free], b[:free])
-        X += step[: 3 * n].reshape(n, 3)
-        g[: (free - 3 * n)] += step[3 * n :]
-        if gap == settings.gap and np.abs(step).max() < settings.converged:
-            break
-    lowest, r = _residuals(spaces, G, X, g)
-    return _Fit(X, g, lowest, r, float(_loss(r, spaces.free, settings.gap, settings).sum()))
-
-
-def _residuals(spaces: HalfSpaces, G: Array, X: Array, g: Array) -> tuple[NDArray[np.int64], Array]:
-    """The lowest vertex of each frame, and its gap [m]."""
-    reach = spaces.down @ X.T
-    lowest = reach.argmax(axis=1)
-    return lowest, spaces.height - G @ g - reach[np.arange(len(lowest)), lowest]
-
-
-def _normal_equations(
-    down: Array, G: Array, w: Array, r: Array, lowest: NDArray[np.int64], n: int
-) -> tuple[Array, Array]:
-    """Jᵀ W J and Jᵀ W r of the gaps' derivatives, vertices before ground: ((3n + 3)², 3n + 3)."""
-    rows = np.concatenate([down, G], axis=1)
-    H, b = np.zeros((3 * n + 3, 3 * n + 3)), np.zeros(3 * n + 3)
-    for i in range(6):
-        by_vertex = np.bincount(lowest, w * rows[:, i] * r, minlength=n)
-        if i < 3:
-            b[i : 3 * n : 3] = by_vertex
-        else:
-            b[3 * n + i - 3] = by_vertex.sum()
-        for j in range(6):
-            block = np.bincount(lowest, w * rows[:, i] * rows[:, j], minlength=n)
-            at, to = 3 * np.arange(n) + i, 3 * np.arange(n) + j
-            if i < 3 and j < 3:
-                H[at, to] = block
-            elif i < 3:
-                H[at, 3 * n + j - 3] = block
-            elif j < 3:
-                H[3 * n + i - 3, to] = block
-            else:
-                H[3 * n + i - 3, 3 * n + j - 3] = block.sum()
-    return H, b
-
-
 def _certainty(
-    spaces: HalfSpaces, fit: _Fit, touches: NDArray[np.bool_], misfit: float
+    spaces: HalfSpaces, fit: Fit, touches: NDArray[np.bool_], misfit: float
 ) -> tuple[Array, NDArray[np.int64]]:
     """Standard error of each vertex in its least certain direction [m], and the contacts that show it."""
     n = len(fit.vertices)

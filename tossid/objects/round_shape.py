@@ -54,7 +54,7 @@ class RoundShape(NamedTuple):
         gap: (n,) distance of the lowest point from the ground in each frame [m].
         loss: Sum of the loss over frames.
         covariance: Of the numbers, for a misfit of 1 m.
-        slope: Derivative of the support function with respect to the numbers (k, size), given directions (k, 3).
+        slope: Derivative of the support function with respect to the numbers (k, count), given directions (k, 3).
     """
 
     kind: str
@@ -109,7 +109,7 @@ def round_shapes(
         if len(J) < 3 * len(p):
             continue
         corners, roundness = family.corners(p)
-        covariance = np.asarray(np.linalg.pinv(J.T @ J), dtype=np.float64)
+        covariance: Array = np.asarray(np.linalg.pinv(J.T @ J), dtype=float)
 
         def slope(ways: Array, family: _Family = family, p: Array = p) -> Array:
             return _slope(family, p, ways)

@@ -1,6 +1,6 @@
 """What frames say for and against the corners of a rigid body.
 
-Every frame bounds the object by a half-space (`convex_shape`). Their intersection, the outer hull, holds the object, so
+Every frame bounds the object by a half-space (`half_spaces`). Their intersection, the outer hull, holds the object, so
 a corner far outside it is wrong. A frame whose half-space touches the outer hull is *tight*: the object was then on the
 ground, or nothing else shows how far it reaches. Corners that stay well above the ground in tight frames do not explain
 them: one of the object's corners is missing. At the right corners of the published cube no frame is unexplained, with
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from tossid.errors import InputError
-from tossid.objects.convex_shape import ConvexShape, different, find_shape, half_spaces, outer_hull, protrusion
+from tossid.objects.convex_shape import ConvexShape, find_shape
+from tossid.objects.half_spaces import different, half_spaces, outer_hull, protrusion
 from tossid.settings.objects import EvidenceSettings, ShapeSettings
 from tossid.types import Toss
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tossid.errors import InputError
 from tossid.models.trained import EpochRecord
 from tossid.objects import ObjectModel, body_poses, corner_positions
-from tossid.objects.convex_shape import protrusion
+from tossid.objects.half_spaces import protrusion
 from tossid.objects.model import HULL_POINTS
 from tossid.objects.roundness import directions
 from tossid.objects.shape_evidence import ShapeEvidence

@@ -15,10 +15,10 @@ from tossid.errors import InputError
 from tossid.motion.free_fall import FreeFall, free_fall
 from tossid.motion.parabola import find_parabola
 from tossid.objects import GRAVITY, JointType, ObjectModel, to_mjcf
-from tossid.objects.convex_shape import ConvexShape, find_shape, half_spaces
+from tossid.objects.convex_shape import ConvexShape, find_shape
+from tossid.objects.half_spaces import half_spaces
 from tossid.settings.objects import UnknownObjectSettings
 from tossid.types import PoseTrack, Toss
-
 
 DISAGREEMENT = 1e-3
 """Height of the ground that the contacts of a polytope ask for, though it is z = 0, from which on its corners are not

@@ -1,0 +1,140 @@
+"""Half-spaces that hold an object, from poses over the ground, and their intersection.
+
+No point x of an object is ever below the ground: p_z + e_z · R x ≥ 0 in every frame. With the downward direction in the
+body's frame, d = -Rᵀ e_z, this reads d · x ≤ p_z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog, nnls
+from scipy.spatial import HalfspaceIntersection, QhullError
+
+from tossid.errors import InputError
+from tossid.rotations import quat_to_matrix
+from tossid.settings.objects import ShapeSettings
+from tossid.types import PoseTrack, Toss
+
+Array = NDArray[np.float64]
+
+DEFAULT = ShapeSettings()
+
+
+class HalfSpaces(NamedTuple):
+    """What frames say of the shape: down · x ≤ height for every point x of the object.
+
+    Attributes:
+        down: (n, 3) the world's downward direction in the body's frame, unit.
+        height: (n,) of the body's origin above the ground [m].
+        place: (n, 2) where over the ground the body's origin is [m].
+        toss: (n,) index of the toss.
+        free: (n,) whether the frame is known to be in free flight: it bounds the shape, and shows no contact.
+    """
+
+    down: Array
+    height: Array
+    place: Array
+    toss: NDArray[np.int64]
+    free: NDArray[np.bool_]
+
+    def chosen(self, which: NDArray[np.bool_]) -> HalfSpaces:
+        """Some of them."""
+        return HalfSpaces(self.down[which], self.height[which], self.place[which], self.toss[which], self.free[which])
+
+
+def half_spaces(tosses: Sequence[Toss | PoseTrack], flying: Sequence[NDArray[np.bool_]] | None = None) -> HalfSpaces:
+    """The half-spaces of all frames of tosses of one rigid body.
+
+    Args:
+        tosses: Their configurations, in a world whose z points up and whose ground is z = 0.
+        flying: Which frames of each toss are known to be in free flight, (n,); None where it is not known.
+    """
+    q = np.concatenate([toss.q for toss in tosses])
+    down = -quat_to_matrix(q[:, 3:7])[:, 2, :]
+    free = np.zeros(len(q), dtype=bool) if flying is None else np.concatenate(list(flying))
+    of = np.repeat(np.arange(len(tosses)), [len(toss.t) for toss in tosses])
+    return HalfSpaces(down, q[:, 2], q[:, :2], of, free)
+
+
+def outer_hull(spaces: HalfSpaces, settings: ShapeSettings = DEFAULT) -> tuple[Array, float, Array]:
+    """The intersection of half-spaces: everything where the object may be.
+
+    Args:
+        spaces: At least four.
+        settings: `largest` bounds it where no frame does.
+
+    Returns:
+        Centre (3,) and radius [m] of the largest ball inside, and the vertices (m, 3), in the body's frame.
+
+    Raises:
+        InputError: The half-spaces have no common inside: the ground is not z = 0, or the poses contradict each other.
+    """
+    box = np.concatenate([np.eye(3), -np.eye(3)])
+    normals = np.concatenate([spaces.down, box])
+    bounds = np.concatenate([spaces.height, np.full(6, settings.largest)])
+    cost, columns = np.array([0.0, 0.0, 0.0, -1.0]), np.column_stack([normals, np.ones(len(normals))])
+    found = linprog(cost, A_ub=columns, b_ub=bounds, bounds=[(None, None)] * 3 + [(0, None)])
+    if found.status != 0 or found.x[3] < settings.smallest:
+        raise InputError(
+            "no shape fits above the ground in all frames; expected poses over the level ground z = 0, of a body whose "
+            "frame does not move in it"
+        )
+    try:
+        vertices = HalfspaceIntersection(np.column_stack([normals, -bounds]), found.x[:3]).intersections
+    except QhullError as error:
+        raise InputError(f"the frames' half-spaces have no hull: {str(error).splitlines()[0]}") from error
+    vertices = vertices[np.isfinite(vertices).all(axis=1)]
+    if np.abs(vertices).max() >= settings.largest - 1e-9:
+        raise InputError(
+            f"the frames show the object from too few sides to bound it within {settings.largest:g} m; "
+            "expected tosses that come down on all sides"
+        )
+    return found.x[:3], float(found.x[3]), np.unique(vertices.round(7), axis=0)
+
+
+def different(spaces: HalfSpaces, settings: ShapeSettings) -> NDArray[np.bool_]:
+    """Marks frames (n,) that differ from the last one marked of their toss: a body at rest is one observation.
+
+    Args:
+        spaces: Of all frames, toss after toss.
+        settings: How much a frame has to differ.
+    """
+    keep = np.zeros(len(spaces.height), dtype=bool)
+    least, last = np.cos(settings.other_angle), -1
+    for k in range(len(keep)):
+        keep[k] = (
+            last < 0
+            or spaces.toss[k] != spaces.toss[last]
+            or spaces.down[k] @ spaces.down[last] < least
+            or abs(spaces.height[k] - spaces.height[last]) > settings.other_height
+        )
+        last = k if keep[k] else last
+    return keep
+
+
+def evenly(n: int, most: int) -> NDArray[np.bool_]:
+    """Marks at most so many of n, evenly spaced.
+
+    Args:
+        n: How many there are.
+        most: How many are marked at most.
+    """
+    keep = np.zeros(n, dtype=bool)
+    keep[np.unique(np.linspace(0, n - 1, min(n, most)).astype(int))] = True
+    return keep
+
+
+def protrusion(point: Array, vertices: Array) -> float:
+    """Distance [m] of a point from the convex hull of vertices.
+
+    Args:
+        point: (3,) [m].
+        vertices: (n, 3) [m].
+    """
+    heavy = 1e3 * np.abs(vertices).max()
+    weights, _ = nnls(np.vstack([vertices.T, np.full(len(vertices), heavy)]), np.append(point, heavy))
+    return float(np.linalg.norm(vertices.T @ weights - point))
