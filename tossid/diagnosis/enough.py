@@ -26,14 +26,14 @@ Search = Callable[[Sequence[Toss], Sequence[Toss]], Diagnosis]
 
 
 def searched(
-    tosses: Sequence[Toss], search: Search, *, engine: Engine, n_threads: int, settings: DiagnoseSettings
+    tosses: Sequence[Toss], search: Search, *, engine: Engine | None, n_threads: int, settings: DiagnoseSettings
 ) -> tuple[Diagnosis, tuple[Toss, ...], tuple[str, ...]]:
     """The diagnosis of as many tosses as the answer needs.
 
     Args:
         tosses: All that may take part.
         search: Diagnoses some tosses, and judges the answer by others.
-        engine: The other engine.
+        engine: The other engine; near-rigid MuJoCo if None.
         n_threads: Of simulators.
         settings: Of the diagnosis. Where they name a number of tosses, all take part.
 
@@ -60,14 +60,14 @@ def searched(
 
 
 def disagreement(
-    found: Diagnosis, others: Sequence[Toss], *, engine: Engine, n_threads: int, settings: DiagnoseSettings
+    found: Diagnosis, others: Sequence[Toss], *, engine: Engine | None, n_threads: int, settings: DiagnoseSettings
 ) -> str:
     """What other tosses contradict of a diagnosis, in words; empty if nothing.
 
     Args:
         found: The diagnosis, judged by them.
         others: Tosses that took no part.
-        engine: The other engine.
+        engine: The other engine; near-rigid MuJoCo if None.
         n_threads: Of simulators.
         settings: Of the diagnosis.
     """
@@ -77,7 +77,7 @@ def disagreement(
         return f"the share of the gap that is closed was {shares}"
     if not found.hypothesis.effects:
         return ""
-    engine = engine if found.contact == "own" else Engine()
+    engine = engine if found.contact == "own" else None
     validator = CrossValidator.of(
         others, found.hypothesis.base.object, seed=settings.seed, n_threads=n_threads, engine=engine, settings=settings
     )
