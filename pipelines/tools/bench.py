@@ -6,13 +6,11 @@ one run of the command on all cores, whose elapsed time and memory count.
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import resource
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
@@ -24,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.cli.console import Console
+from pipelines.tools.bench_diagnosis import diagnoses
 from pipelines.tools.bench_vision import vision
 from tossid.objects import ObjectModel, load_object, to_mjcf
 from tossid.physics import PolyhedralCone, make_system, simulate
@@ -87,7 +86,7 @@ def main() -> None:
         title="A training epoch, one thread as in training",
     )
     vision(console)
-    console.facts(diagnosis(), title="A diagnosis with the whole library, all cores")
+    diagnoses(console)
     console.facts({"tossid --help": f"{help_seconds():.2f} s of CPU time"}, title="Command line")
 
 
@@ -177,28 +176,6 @@ def training(name: str, tosses: list[Any]) -> list[list[str]]:
         each = f"{1e6 * seconds / len(transitions):.1f}"
         rows.append([name, kind, each, f"{len(transitions):,}", f"{len(chosen)} real tosses"])
     return rows
-
-
-def diagnosis() -> dict[str, str]:
-    """`tossid diagnose` of 60 tosses of 150 frames with two effects in them: what it took and found."""
-    keys = ["frames=false", "engine=lcp", "engine.substeps=32", "tosses=60", "seconds=1.01", "rest_s=2", "seed=1"]
-    keys += ["noise.position=0.00015", "noise.rotation=0.0015", "noise.velocity=0.03", "noise.spin=0.3"]
-    keys += ["effects={com_offset: {x_m: 0.004, y_m: 0, z_m: 0}, friction: {mu: 0.26}}"]
-    with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "pipelines.cli.app"]
-        subprocess.run([*command, "synthesize", *keys, f"out={folder}/made", "--quiet"], check=True)
-        started = time.perf_counter()
-        call = [*command, "diagnose", f"data={folder}/made/tosses.h5", f"out={folder}/gap", "--json", "--quiet"]
-        made = subprocess.run(call, check=True, capture_output=True, text=True)
-        seconds = time.perf_counter() - started
-    found = json.loads(made.stdout)
-    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20
-    return {
-        "tosses": "60 of 150 frames, simulated: centre of mass 4 mm off, friction 0.26 where 0.18 is stated",
-        "named": ", ".join(found["explanation"]["effects"]) + f" ({found['explanation']['verdict']})",
-        "elapsed": f"{seconds:.0f} s, of which {found['seconds']:.0f} s the search and the gap",
-        "memory": f"{peak:.2f} GiB at most",
-    }
 
 
 def in_turns(work: dict[str, Callable[[], object]]) -> dict[str, float]:

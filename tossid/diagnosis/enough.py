@@ -34,7 +34,7 @@ def searched(
     Args:
         tosses: All that may take part.
         search: Diagnoses some tosses, and judges the answer by others.
-        engine: The other engine; as of `explain`.
+        engine: The other engine; near-rigid MuJoCo if None.
         n_threads: Of simulators.
         settings: Of the diagnosis. Where they name a number of tosses, all take part.
 
@@ -68,7 +68,7 @@ def disagreement(
     Args:
         found: The diagnosis, judged by them.
         others: Tosses that took no part.
-        engine: The other engine; as of `explain`.
+        engine: The other engine; near-rigid MuJoCo if None.
         n_threads: Of simulators.
         settings: Of the diagnosis.
     """
@@ -78,7 +78,7 @@ def disagreement(
         return f"the share of the gap that is closed was {shares}"
     if not found.hypothesis.effects:
         return ""
-    engine = engine if found.contact == "own" else Engine()
+    engine = engine if found.contact == "own" else None
     validator = CrossValidator.of(
         others, found.hypothesis.base.object, seed=settings.seed, n_threads=n_threads, engine=engine, settings=settings
     )

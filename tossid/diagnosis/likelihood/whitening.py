@@ -242,7 +242,7 @@ def _perturbations(at: Windows, by_state: Array, rng: np.random.Generator) -> Ar
     H[:, speeds, speeds] += at.prior[:, K:] ** -2.0
     # H = L L^T, so that L^-T z has covariance H^-1
     draw = rng.normal(size=(W, 2 * K, 1))
-    return np.asarray(2 * np.linalg.solve(np.linalg.cholesky(H).mT, draw)[..., 0], dtype=np.float64)
+    return np.asarray(2 * np.linalg.solve(np.linalg.cholesky(H).mT, draw)[..., 0], dtype=float)
 
 
 def _variances(windows: Windows, index: Index) -> Array:
