@@ -177,7 +177,8 @@ def keeping(model: ModelSettings, kept: Mapping[str, bool]) -> ModelSettings:
         model: Of any kind.
         kept: Of `UnknownObject.kept`.
     """
-    return replace(model, **{name: value for name, value in kept.items() if hasattr(model, name)})
+    known: dict[str, Any] = {name: value for name, value in kept.items() if hasattr(model, name)}
+    return replace(model, **known)
 
 
 def measurement_of(settings: ModelSettings, found: MeasurementEstimate, *, stated: bool = True) -> MeasurementModel:
