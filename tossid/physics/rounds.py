@@ -53,7 +53,8 @@ def shape_of(roundness: Roundness | None) -> Shape:
     if roundness is None:
         return Points()
     least = FLAT * np.abs(roundness.root).max(axis=(1, 2))
-    return Rounds(*(np.ascontiguousarray(part) for part in roundness), least)
+    radius, root, turned, flat = (np.ascontiguousarray(part) for part in roundness)
+    return Rounds(radius, root, turned, flat, least)
 
 
 @by_type
