@@ -44,7 +44,7 @@ def test_a_cylinder_comes_to_rest_on_its_face_and_rolls_on_its_side() -> None:
     assert np.abs(run.v[0, -1]).max() < 1e-6
     assert run.q[0, -1, 2] == pytest.approx(0.03, abs=1e-6)
     assert run.q[1, -1, 0] == pytest.approx(1.0, abs=1e-6)
-    assert energy(cylinder, run.q[1], run.v[1]) == pytest.approx(energy(cylinder, side, v[1]), rel=1e-6)
+    assert energy(cylinder, run.q[1], run.v[1]) == pytest.approx(float(energy(cylinder, side, v[1])), rel=1e-6)
 
 
 @pytest.mark.parametrize("text", ['type="ellipsoid" size="0.06 0.045 0.035"', 'type="capsule" size="0.02 0.04"'])

@@ -170,7 +170,7 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
     return Fit(model, train, validation, settings, shown=shown, size=size)
 
 
-def keeping(model: ModelSettings, kept: Mapping[str, bool]) -> ModelSettings:
+def keeping(model: ModelSettings, kept: Mapping[str, Any]) -> ModelSettings:
     """The settings of a model that keeps what is known, as far as it has such settings.
 
     Args:
