@@ -186,7 +186,7 @@ class LearnedAccelerationNet(nn.Module):
     def without_vertical(self, features: Tensor) -> Tensor:
         """The same without its uniform vertical part."""
         nv, nf = self.linear.shape
-        f = features[:, : self.n_inputs]
+        f = features[:, : self.n_inputs].contiguous()  # products of strided rows round otherwise
         hidden = torch.tanh(torch.tanh(f @ self.W0.T + self.b0) @ self.W1.T + self.b1) @ self.W2.T
         own = f[:, :nf] @ self.linear.T
         if not self.world:
