@@ -44,12 +44,12 @@ def compare(
         judging = [toss for toss, out in zip(tosses, held, strict=True) if out]
         found = explain(training, world, library=library, seed=seed, unseen=judging, settings=settings)
         assert found.unseen is not None
-        exact.append({"named": list(found.named), "seconds": found.seconds, **found.unseen.as_json()})
+        exact.append({"named": list(found.found), "seconds": found.seconds, **found.unseen.as_json()})
     closed = [each["gap_closed"]["value"] for each in exact]
     weight = [each["n_tosses"] * (each["gap"]["value"] ** 2 - 1.0) for each in exact]
     return {
         "tosses": len(tosses),
-        "named": list(whole.named),
+        "named": list(whole.found),
         "closed": whole.gap_closed.as_json(),
         "seconds": whole.seconds,
         "exact_closed": float(np.average(closed, weights=np.maximum(weight, 1e-9))),

@@ -34,7 +34,7 @@ def test_frames_that_are_held_are_counted(cube: ObjectModel, frames: int) -> Non
 
 
 def test_drag_holds_no_frame(cube: ObjectModel) -> None:
-    world = NAMES["quadratic_drag"].at(World(cube), np.array([0.4]))
+    world = NAMES["quadratic_drag"].at(World(cube), np.array([0.1]))
     assert bound_frames(seen(world, cube, 40, seed=2, frames=60), cube) == 0
 
 

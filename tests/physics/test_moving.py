@@ -36,7 +36,7 @@ def rows(model, work, s, corners):  # type: ignore[no-untyped-def]
     kinematics(model, work, s)
     accelerate(model, work, s, 1e-3)
     for c in range(corners.state.shape[0]):
-        corners.place[c, 0], corners.place[c, 1], corners.place[c, 2] = corner_place(model, work, c)
+        corners.place[c, 0], corners.place[c, 1], corners.place[c, 2] = corner_place(model, work, s, c)
         for k in range(3):
             contact_row(model, work, s, corners, c, k)
             whiten(model, work, corners, c, k, 3 * c + k)

@@ -41,7 +41,7 @@ def test_two_recordings_in_words(cube: ObjectModel) -> None:
         "Two recordings: tosses 0 to 11 stand in a world tilted by 2.35 degrees; "
         "tosses 12 to 19 stand in a world tilted by 0.10 degrees (p < 0.0015)."
     )
-    assert headline(found) == "The gap is explained: world_tilt (changes)"
+    assert headline(found) == "The gap is explained: world_tilt, which changes"
 
 
 def test_a_drift_has_a_rate(cube: ObjectModel) -> None:

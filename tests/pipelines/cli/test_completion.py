@@ -27,7 +27,7 @@ def offered(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], 
         (["tossid", "tra"], ["track", "train"]),
         (["tossid", "train", "optim"], ["optimizer=lbfgs", "optimizer=adam"]),
         (["tossid", "train", "pat"], ["patience=", "patience=<a whole number of at least 1>"]),
-        (["tossid", "train", "model", "=", "cnrp"], ["cnrp", "cnrpi"]),
+        (["tossid", "train", "model", "=", "cnrp"], ["cnrp", "cnrp_world", "cnrpi"]),
         (["tossid", "train", "restart", "="], ["true", "false"]),
         (["tossid", "train", "--q"], ["--quiet"]),
         (
@@ -48,7 +48,7 @@ def test_zsh(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str])
     monkeypatch.setenv("_TOSSID_COMPLETE", "complete_zsh")
     with pytest.raises(SystemExit):
         app.run([])
-    assert '"model=cnrp"\n"model=cnrpi"' in capfd.readouterr().out
+    assert '"model=cnrp"\n"model=cnrp_world"\n"model=cnrpi"' in capfd.readouterr().out
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")

@@ -180,7 +180,7 @@ def test_only_the_chosen_tosses_are_diagnosed(
         taken.append(([toss.name for toss in tosses], [toss.name for toss in unseen]))
         raise InputError("seen enough")
 
-    monkeypatch.setattr("tossid.diagnosis.diagnose.explain", explained)
+    monkeypatch.setattr("tossid.diagnosis.diagnose.explain_over_order", explained)
     dataset = read_dataset(spoilt)
     whole, train, test = ([toss.name for toss in each] for each in (
         dataset.tosses, dataset.of_split("train"), dataset.of_split("test")

@@ -114,6 +114,8 @@ def repeated(
     if not settings.repeats:
         return Stability(least_closed=least)
     some = shortlist(validator, found, library, settings.stability.shortlist)
+    if not some:  # no effect gains by a step, so that no repeat has anything to choose from
+        return Stability((Repeat((), 0.0),) * settings.repeats, least)
     one = partial(_repeat, tosses, model, validator, found.first.hypothesis, some, len(library))
     draws = np.random.default_rng([seed, 7]).spawn(settings.repeats)
     return Stability(tuple(validator.map(one, draws)), least)
