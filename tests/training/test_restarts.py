@@ -98,7 +98,8 @@ def test_friction_of_a_tree_is_started_again(elbow: ObjectModel, friction: float
     fit = Fit(model, thrown[:8], thrown[8:])
     list(fit.epochs())
     assert [restart.what for restart in fit.restarts] == ["friction"]
-    assert model.learned_object().friction == pytest.approx(elbow.friction, rel=0.05)
+    # (the tosses are made with one step a frame, the model takes four)
+    assert model.learned_object().friction == pytest.approx(elbow.friction, rel=0.1)
 
 
 def test_a_friction_that_stays_at_its_end_is_reported(cube: ObjectModel) -> None:

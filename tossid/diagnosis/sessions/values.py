@@ -33,9 +33,7 @@ def toss_values(present: Candidate, effect: Effect, n_tosses: int) -> tuple[Arra
         hypothesis = hypothesis.plus(effect)
     place = hypothesis.place_of(effect.name)
     own, residuals = list(range(place.start, place.stop)), present.fitted.residuals
-    # as wide as those that a fit begins with: contact that opens or closes is far from linear
-    widest = present.evidence.windows.settings.fit.widest_difference
-    J = derivatives(present.evidence, hypothesis, residuals, own, np.full(len(hypothesis.flat()), widest))[..., own]
+    J = derivatives(present.evidence, hypothesis, residuals, own)[..., own]
     H, g = toss_sums(present.evidence, residuals, J, present.fitted.scales, n_tosses)
     w, Q = np.linalg.eigh(H)
     kept = w > _LEAST_INFORMATION * max(float(w.max(initial=0.0)), 1e-300)
