@@ -12,7 +12,7 @@ from argparse import ArgumentParser
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from pipelines.cli.console import Console
 from pipelines.cli.failures import guarded
@@ -51,7 +51,7 @@ class Study:
     seeds: tuple[int, ...] = (0, 1, 2)
     gravities: tuple[float, ...] = WRONG
     inertias: tuple[float, ...] = INERTIAS
-    cone: str = "polyhedral"
+    cone: Literal["exact", "polyhedral"] = "polyhedral"
 
     def variant(self, name: str, **changes: Any) -> ModelSettings:
         """A model's settings with some changed, and with the cone of this study if it is a preset."""
