@@ -65,7 +65,7 @@ def gap_by_part(diagnosis: Diagnosis, settings: ReportSettings) -> Figure:
         The figure.
     """
     before, after = diagnosis.gap, diagnosis.left
-    scale = _remaining_share(before, after) if diagnosis.named else None
+    scale = _remaining_share(before, after) if diagnosis.found else None
     figure = new_figure(
         "Where the gap is",
         "Shares of the gap above the noise, for the simulator as it is and with the named effects.",
@@ -80,8 +80,8 @@ def gap_by_part(diagnosis: Diagnosis, settings: ReportSettings) -> Figure:
         ax.set_title(name)
         _bars(ax, one, other, scale, words, settings.least_share)
     handles = [(Swatch(color=BEFORE), "before")]
-    if diagnosis.named:
-        handles.append((Swatch(color=AFTER), "with " + ", ".join(diagnosis.named)))
+    if diagnosis.found:
+        handles.append((Swatch(color=AFTER), "with " + ", ".join(diagnosis.found)))
     key_row(figure, handles, y=0.78)
     footnote(
         figure,
@@ -180,7 +180,7 @@ def gap_over_time(diagnosis: Diagnosis, settings: ReportSettings) -> Figure:
     Returns:
         The figure.
     """
-    after = diagnosis.named != ()
+    after = diagnosis.found != ()
     n = diagnosis.n_tosses
     tall = float(np.clip(0.055 * n, 1.3, 3.6))
     what = "" if not after else ", before (left) and with the named effects (right)"
@@ -201,7 +201,7 @@ def gap_over_time(diagnosis: Diagnosis, settings: ReportSettings) -> Figure:
     highest = 1.0
     for j, gap in enumerate(gaps):
         ax = axes[0, j]
-        ax.set_title("with " + ", ".join(diagnosis.named) if j else "before", fontsize=9.5)
+        ax.set_title("with " + ", ".join(diagnosis.found) if j else "before", fontsize=9.5)
         table = _cells(gap.frames, n, end, settings.time_bin)[order]
         image = ax.imshow(
             np.maximum(table, settings.palest_excess),

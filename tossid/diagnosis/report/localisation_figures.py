@@ -53,7 +53,7 @@ def wrench_over_state(diagnosis: Diagnosis, settings: ReportSettings) -> Figure:
     """
     place = diagnosis.place
     columns = [("before", place.wrench)]
-    if diagnosis.named:
+    if diagnosis.found:
         columns.append((_with(diagnosis, settings), place.wrench_left))
     phases = [phase for phase in COLORS if any(r.phase == phase for _, found in columns for r in found)]
     figure = new_figure(
@@ -72,8 +72,8 @@ def wrench_over_state(diagnosis: Diagnosis, settings: ReportSettings) -> Figure:
 
 
 def _with(diagnosis: Diagnosis, settings: ReportSettings) -> str:
-    text = "with " + ", ".join(diagnosis.named)
-    return text if len(text) <= settings.label_letters else f"with the {len(diagnosis.named)} named effects"
+    text = "with " + ", ".join(diagnosis.found)
+    return text if len(text) <= settings.label_letters else f"with the {len(diagnosis.found)} effects that were found"
 
 
 def _relation(ax: Axes, title: str, relation: Relation | None, color: str, settings: ReportSettings) -> None:
@@ -183,7 +183,7 @@ def gap_by_corner(diagnosis: Diagnosis, settings: ReportSettings) -> Figure:
     Returns:
         The figure.
     """
-    found, left = diagnosis.place.corners, diagnosis.place.corners_left if diagnosis.named else ()
+    found, left = diagnosis.place.corners, diagnosis.place.corners_left if diagnosis.found else ()
     order = _named_corners(found, settings.named_corners)
     letters = {c: chr(ord("A") + i) for i, c in enumerate(order)}
     figure = new_figure(

@@ -111,8 +111,8 @@ def wrench_paragraphs(diagnosis: Diagnosis) -> list[str]:
         A paragraph for each simulator.
     """
     parts = [("Before:", diagnosis.place.wrench)]
-    if diagnosis.named:
-        parts.append((f"With {listed(diagnosis.named)}:", diagnosis.place.wrench_left))
+    if diagnosis.found:
+        parts.append((f"With {listed(diagnosis.found)}:", diagnosis.place.wrench_left))
     return [" ".join([when, *wrench_sentences(found)]) for when, found in parts if found]
 
 
