@@ -140,7 +140,7 @@ def apart(learned: ObjectModel, hull: NDArray[np.float64], truth: Sequence[PoseT
     for part in np.array_split(down[near], max(1, int(near.sum()) // 500)):
         seen |= (ways @ part.T).max(axis=1) > np.cos(np.deg2rad(5))
     # what came near: the true points that touched, in all directions in which they are the farthest
-    touched = np.unique(reach[near].argmax(axis=1))
+    touched = np.flatnonzero((height[near, None] - reach[near] < CLOSE).any(axis=0))
     farthest = (ways @ hull.T).argmax(axis=1)
     seen |= np.isin(farthest, touched)
     difference = learned.support(ways).max(axis=1) - (ways @ hull.T).max(axis=1)

@@ -89,6 +89,7 @@ def test_first_contact_goes_as_in_mujoco(text: str) -> None:
     assert np.abs(run.q[0, -1, 3:] @ data.qpos[3:]) > np.cos(0.5 * np.deg2rad(4))
 
 
+@pytest.mark.slow
 def test_links_have_round_parts_too() -> None:
     text = (
         '<mujoco><worldbody><body name="a"><freejoint/><geom type="capsule" size="0.02 0.04" mass="0.3"/>'

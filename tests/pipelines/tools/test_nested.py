@@ -11,6 +11,7 @@ from tossid.physics.effects import World, effect_named
 from tossid.store import Dataset
 
 
+@pytest.mark.slow
 def test_both_close_what_friction_makes(cube: ObjectModel) -> None:
     tosses = seen(World(cube.with_changes(friction=0.3)), cube, 16, seed=4, frames=60)
     found = compare(Dataset(cube, tuple(tosses), 148.0, "made", {}), [effect_named("friction")], folds=2)
