@@ -51,6 +51,9 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
         for name in written:
             tracked.artifact(temporary / name)
         figures = sorted(path.name for path in (temporary / "figures").iterdir())
+    for remark in found.remarks:
+        if remark not in task.remarks:
+            console.say(remark)
     _say(found, folder, console)
     where = {_FILES.get(name, "patched_mjcf"): str(folder / name) for name in written if name != "figures"}
     where |= {"out": str(folder), "run": tracked.id}
