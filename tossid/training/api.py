@@ -23,11 +23,8 @@ from tossid.training.restarts import convergence, geometry_report, seen_corners
 from tossid.training.stated_size import size_contradiction
 from tossid.training.uncertainty import parameter_intervals
 from tossid.training.unknown import unknown_object
-from tossid.types import Toss
+from tossid.types import Progress, Toss
 from tossid.versions import computing_versions
-
-Progress = Callable[[str, float], None]
-"""Called with what is done now, and the share of the most epochs that is done."""
 
 
 @dataclass(frozen=True)

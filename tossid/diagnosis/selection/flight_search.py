@@ -17,7 +17,7 @@ from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidato
 from tossid.diagnosis.selection.forward_selection import ForwardSelection
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.physics.effects import Effect
-from tossid.types import Phase
+from tossid.types import Phase, silent
 
 
 def search_flight(validator: CrossValidator, library: Sequence[Effect], hypothesis: Hypothesis) -> SearchResult | None:
@@ -32,7 +32,7 @@ def search_flight(validator: CrossValidator, library: Sequence[Effect], hypothes
     if not len(free):
         return None
     flying = [effect for effect in library if Phase.FLIGHT in effect.phases]
-    rounds = ForwardSelection(replace(validator, windows=validator.windows.rows(free)), flying, _silent)
+    rounds = ForwardSelection(replace(validator, windows=validator.windows.rows(free)), flying, silent)
     first = rounds.validator.evaluate(hypothesis)
     path = rounds.run(first, [first])
     last = path.history[-1]
@@ -111,7 +111,3 @@ def _is_unsteady(rounds: ForwardSelection, present: Candidate, name: str) -> boo
     over_noise, over_effect = present.fitted.scatter(name)
     settings = rounds.settings
     return over_noise > settings.scatter_over_noise and over_effect > settings.scatter_over_effect
-
-
-def _silent(text: str, share: float) -> None:
-    pass

@@ -10,7 +10,7 @@ worse there is in its confusable class.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -22,9 +22,9 @@ from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidato
 from tossid.diagnosis.selection.screening import Screened, screen
 from tossid.diagnosis.selection.significance import PARTS, fewest_tosses, part_p_value
 from tossid.physics.effects import Effect
+from tossid.types import Progress
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)

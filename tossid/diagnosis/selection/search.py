@@ -7,7 +7,7 @@ of all whenever an effect has joined.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -18,9 +18,8 @@ from tossid.diagnosis.selection.flight_search import search_flight
 from tossid.diagnosis.selection.forward_selection import ForwardSelection
 from tossid.diagnosis.selection.search_result import SearchResult, replaced
 from tossid.physics.effects import Effect
-from tossid.types import Phase
+from tossid.types import Phase, Progress
 
-Progress = Callable[[str, float], None]
 Needed = dict[str, Candidate]
 Classes = dict[str, tuple[Candidate, ...]]
 

@@ -35,7 +35,7 @@ from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect
 from tossid.settings.diagnosis import DiagnoseSettings, StabilitySettings
-from tossid.types import Toss
+from tossid.types import Toss, silent
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def _repeat(
     drawn = [tosses[i] for i in draw]
     windows = make_windows(drawn, model, settings=settings.likelihood, shift=int(rng.integers(length)))
     own = replace(validator, windows=windows, folds=folds, n_threads=1, settings=settings)
-    found = search(own, library, nothing, _silent)
+    found = search(own, library, nothing, silent)
     found, spread = pruned_by_wald_test(own, found, np.zeros(len(found.present.hypothesis.flat())))
     found, _ = plausible_names(own, found, spread)
     names = tuple(name for name in found.present.hypothesis.names if name not in found.unnamed)
@@ -222,7 +222,3 @@ def resampled(n: int, folds: int, rng: np.random.Generator) -> tuple[NDArray[np.
     draw = np.sort(rng.integers(0, n, n))
     kinds, number = np.unique(draw, return_inverse=True)
     return draw, tuple(held[number] for held in draw_folds(len(kinds), rng, folds))
-
-
-def _silent(text: str, share: float) -> None:
-    pass

@@ -7,7 +7,7 @@ cannot be undone is looked for once more beside what the search has found.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -38,10 +38,9 @@ from tossid.diagnosis.sessions.looking import Corrections, Looked, Make, TossOrd
 from tossid.motion.sessions.change_points import fewest_items
 from tossid.physics.effects import LIBRARY, Effect, World
 from tossid.settings.diagnosis import DiagnoseSettings
-from tossid.types import Phase, Toss
+from tossid.types import Phase, Progress, Toss
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
