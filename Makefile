@@ -58,28 +58,28 @@ demo: $(STAMP)  ## the main job, end to end, on embedded defaults
 	$(BIN)/python -m pipelines.tools.demo
 
 experiments: $(STAMP)  ## the studies on published recordings, hours: make DATA=FOLDER experiments
-	$(BIN)/python -m pipelines.tools.experiments $(DATA)
+	$(BIN)/python -m pipelines.tools.experiments.run_all $(DATA)
 
 unknown: $(STAMP)  ## the published cube learned from nothing, beside its stated object: make DATA=FOLDER unknown
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.unknown $(DATA)
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.unknown $(DATA)
 
 shapes: $(STAMP)  ## shapes tossed in MuJoCo, learned from nothing: make OPTIONS="ellipsoid --model cnrpi" shapes
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.shapes $(OPTIONS)
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.shapes $(OPTIONS)
 
 starts: $(STAMP)  ## the published cube from 20 random starts: make DATA=FOLDER OPTIONS="--model cn --tosses 64" starts
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.starts $(DATA) $(OPTIONS)
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.starts $(DATA) $(OPTIONS)
 
 fields: $(STAMP)  ## fields of force in a learned acceleration; half an hour: make DATA=FOLDER OPTIONS="--seeds 1" fields
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.fields $(DATA) $(OPTIONS)
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.fields $(DATA) $(OPTIONS)
 
 paper: $(STAMP)  ## claims of the paper beside its presets and the default models, an hour: make DATA=FOLDER paper
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.paper $(DATA) $(OPTIONS)
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.paper $(DATA) $(OPTIONS)
 
 tagslam: $(STAMP)  ## TagSLAM's published recordings against its own poses: make DATA=FOLDER tagslam
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.against_tagslam $(DATA)
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.against_tagslam $(DATA)
 
 truth: $(STAMP)  ## filmed tosses from images to velocities, against the truth; half an hour
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.against_truth
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.against_truth
 
 test: $(STAMP)  ## the tests
 	$(RUN_ONE) $(BIN)/python -m pytest -q -n $(TEST_JOBS)
@@ -105,16 +105,16 @@ dependencies: $(STAMP)  ## what is installed fits together, and has no known vul
 	$(BIN)/python -m pipelines.tools.dependencies $(OSV)
 
 bench: $(STAMP)  ## speed of the simulators, the training and the command line
-	$(BIN)/python -m pipelines.tools.bench
+	$(BIN)/python -m pipelines.tools.benchmarks.bench
 
 profile: $(STAMP)  ## where a diagnosis's time goes, by stage: make DATASET=FILE.h5 OPTIONS="tosses=40" profile
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.profile $(DATASET) $(OPTIONS)
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.benchmarks.profile $(DATASET) $(OPTIONS)
 
 bench-against: $(STAMP)  ## the simulator's speed beside an earlier commit's, in turns: make COMMIT=NAME bench-against
-	$(BIN)/python -m pipelines.tools.bench_against $(COMMIT)
+	$(BIN)/python -m pipelines.tools.benchmarks.bench_against $(COMMIT)
 
 scale: $(STAMP)  ## time and memory of the commands against tosses, minutes of film and workers, hours
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.scale
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.benchmarks.scale
 
 docs: $(STAMP)  ## the documentation as a site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from tossid.evaluation.export import export as export
     from tossid.models.trained import TrainedModel as TrainedModel
     from tossid.objects import ObjectModel as ObjectModel
-    from tossid.settings.diagnosis import DiagnoseSettings as DiagnoseSettings
+    from tossid.settings.diagnosis.diagnose import DiagnoseSettings as DiagnoseSettings
     from tossid.settings.evaluation import EvaluateSettings as EvaluateSettings
     from tossid.settings.ingestion import IngestSettings as IngestSettings
     from tossid.settings.synthesis import SynthesizeSettings as SynthesizeSettings
@@ -65,7 +65,7 @@ _HOMES = {
     "SynthesizeSettings": "tossid.settings.synthesis",
     "TrainSettings": "tossid.settings.training",
     "EvaluateSettings": "tossid.settings.evaluation",
-    "DiagnoseSettings": "tossid.settings.diagnosis",
+    "DiagnoseSettings": "tossid.settings.diagnosis.diagnose",
     "TossidError": "tossid.errors",
 }
 """The public names, and the module that defines each."""

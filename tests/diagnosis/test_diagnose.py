@@ -15,7 +15,7 @@ from tossid.diagnosis.diagnose import diagnose, prepare
 from tossid.errors import ConfigError, InputError
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, World
-from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.store import Dataset
 from tossid.types import RecordingOrder, Session
 

@@ -17,7 +17,7 @@ from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.sessions.explained import Explained
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
-from tossid.settings.diagnosis import DiagnoseSettings, EnoughSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings, EnoughSettings
 from tossid.types import Toss
 
 FEW = DiagnoseSettings(enough=EnoughSettings(first=6, judges=8))

@@ -13,7 +13,7 @@ from tossid.diagnosis.report.text import sentences
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, Effect, RecordingErrors, World, effects_for
 from tossid.settings.changed import changed
-from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 
 NAMES = {effect.name: effect for effect in LIBRARY}
 FEW = [NAMES[name] for name in ("com_offset", "gravity", "friction", "restitution", "length_scale", "linear_drag")]

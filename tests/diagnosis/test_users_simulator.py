@@ -17,7 +17,7 @@ from tossid.diagnosis.diagnose import diagnose, prepare
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY
-from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.store import Dataset
 
 KEPT = ("friction", "gravity", "restitution")

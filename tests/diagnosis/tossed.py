@@ -10,7 +10,7 @@ from tossid.motion import label_phases
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World, effects_for
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul
-from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Toss
 
 POSITION, ROTATION = 1.5e-4, 1.5e-3

@@ -10,7 +10,7 @@ from tossid.kernels import kernel
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import make_system, tree
 from tossid.physics.body import make_body
-from tossid.physics.contact import make_corners
+from tossid.physics.contact.problem import make_corners
 from tossid.physics.links import make_links
 from tossid.physics.moving import (
     accelerate,

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from tests.physics.trees import random_state, random_tree
-from tossid.physics import LearnedAcceleration, System, contact, free, simulate, tree
+from tossid.physics import LearnedAcceleration, System, free, simulate, tree
+from tossid.physics.contact import problem as contact
 from tossid.physics.solvers import solve_contacts
 from tossid.physics.system import make_system
 

@@ -25,7 +25,7 @@ from tossid.motion.sessions.levelling import recordings_apart
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, effects_for
 from tossid.settings.changed import changed
-from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.store import Dataset
 from tossid.types import Progress, RecordingOrder, Toss, silent
 

@@ -19,7 +19,7 @@ from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.refinement import intervals
 from tossid.diagnosis.sessions.explained import Explained
-from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Toss
 
 Search = Callable[[Sequence[Toss], Sequence[Toss]], Explained]

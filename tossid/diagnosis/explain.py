@@ -39,7 +39,7 @@ from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.diagnosis.selection.significance import TossesNeeded
 from tossid.diagnosis.selection.stability import Stability, repeated
 from tossid.physics.effects import LIBRARY, OTHER_POWER, Effect, World
-from tossid.settings.diagnosis import DiagnoseSettings, VerdictSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings, VerdictSettings
 from tossid.types import Phase, Progress, Toss, silent
 
 Array = NDArray[np.float64]

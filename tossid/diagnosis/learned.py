@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 from tossid.physics.effects import Effect, World
 from tossid.physics.effects.fields import acceleration_of_forces, airborne, learned_field
-from tossid.settings.diagnosis import LearnedSettings
+from tossid.settings.diagnosis.diagnose import LearnedSettings
 from tossid.types import Toss
 
 Array = NDArray[np.float64]

@@ -23,7 +23,7 @@ from tossid.diagnosis.likelihood.windows import difference, make_windows, steps_
 from tossid.motion import lowest_corner
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_rotate
-from tossid.settings.diagnosis import DiagnoseSettings, NextTossSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings, NextTossSettings
 from tossid.types import Phase, Toss, frame_time
 
 Array = NDArray[np.float64]

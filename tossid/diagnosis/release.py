@@ -14,7 +14,7 @@ from scipy.stats import wilcoxon
 
 from tossid.motion import flight_frames
 from tossid.objects import GRAVITY, ObjectModel
-from tossid.settings.diagnosis import ReleaseSettings
+from tossid.settings.diagnosis.diagnose import ReleaseSettings
 from tossid.types import Toss
 
 _SOON, _AFTER = 3, 4

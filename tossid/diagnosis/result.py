@@ -20,7 +20,7 @@ from tossid.diagnosis.localisation.unseen import Unseen
 from tossid.diagnosis.selection.plane import Plane
 from tossid.diagnosis.selection.significance import TossesNeeded
 from tossid.diagnosis.selection.stability import Stability
-from tossid.settings.diagnosis_report import ReportSettings
+from tossid.settings.diagnosis.report import ReportSettings
 from tossid.types import RecordingOrder
 
 if TYPE_CHECKING:

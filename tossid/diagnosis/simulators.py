@@ -24,7 +24,7 @@ from tossid.objects import ObjectModel, load_object, need_stated
 from tossid.physics.effects import RecordingErrors, World
 from tossid.physics.forces import Forces
 from tossid.rotations import geodesic_angle, quat_rotate
-from tossid.settings.diagnosis import CheckSettings, DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import CheckSettings, DiagnoseSettings
 from tossid.types import Toss, frame_time
 
 if TYPE_CHECKING:

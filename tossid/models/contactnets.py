@@ -23,7 +23,7 @@ from tossid.models.transitions import Transitions
 from tossid.motion import MeasurementModel
 from tossid.objects import ObjectModel
 from tossid.physics import ExactCone, PolyhedralCone
-from tossid.physics.rounds import shape_of
+from tossid.physics.contact.rounds import shape_of
 from tossid.settings.limits import VALUES
 from tossid.settings.training import ModelSettings
 

@@ -38,7 +38,7 @@ from tossid.errors import InputError
 from tossid.models.implicit_kernel import Contact, Problem, Sums, inner_problem, loss_sums
 from tossid.models.implicit_motion import Array, Kinematics, Work, accelerations, make_work
 from tossid.models.transitions import Transitions
-from tossid.physics.rounds import Points, Shape
+from tossid.physics.contact.rounds import Points, Shape
 from tossid.physics.solvers import SolverStatus, solve_cone_qp
 from tossid.physics.solvers.problem import DEFAULT_TOLERANCE
 

@@ -67,7 +67,7 @@ from tossid.models.implicit_motion import (
     weigh,
     world_twists,
 )
-from tossid.physics.rounds import Points, Shape, is_round, lowest_offset
+from tossid.physics.contact.rounds import Points, Shape, is_round, lowest_offset
 from tossid.physics.solvers.cone_qp import qp_at_rest, qp_solve
 from tossid.physics.solvers.workspace import LAM, MAX_ITERATIONS, MU, NOT_FINITE, SOLVED, TOP, B, work_arrays
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from tossid.motion.measurement import MeasurementEstimate, MeasurementModel, estimate_measurement
     from tossid.motion.noise import PoseNoise, pose_noise, velocity_noise
     from tossid.motion.phases import label_phases
-    from tossid.motion.smoother import Smoothed, smooth_in_turn
+    from tossid.motion.smoothing.smoother import Smoothed, smooth_in_turn
     from tossid.motion.tosses import covariance_source, median_rate, tosses_from_tracks, tosses_in_turn
 
 _MODULES = {
@@ -27,7 +27,7 @@ _MODULES = {
     "measurement": ("MeasurementEstimate", "MeasurementModel", "estimate_measurement"),
     "noise": ("PoseNoise", "pose_noise", "velocity_noise"),
     "phases": ("label_phases",),
-    "smoother": ("Smoothed", "smooth_in_turn"),
+    "smoothing.smoother": ("Smoothed", "smooth_in_turn"),
     "tosses": ("covariance_source", "median_rate", "tosses_from_tracks", "tosses_in_turn"),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}

@@ -13,7 +13,7 @@ from tossid.motion.contact import Touch
 from tossid.motion.noise import pose_noise, velocity_noise
 from tossid.motion.parabola import Parabola, find_parabola, phases_of_motion
 from tossid.motion.phases import label_phases
-from tossid.motion.smoother import Smoothed, gyration, smooth_in_turn
+from tossid.motion.smoothing.smoother import Smoothed, gyration, smooth_in_turn
 from tossid.objects import GRAVITY, ObjectModel, corner_positions
 from tossid.settings.motion import MotionSettings
 from tossid.types import OnDemand, Phase, PoseTrack, Toss

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tossid.kernels import implements, inlined_kernel
 from tossid.physics import moving
+from tossid.physics.contact.rounds import Shape, bulge, is_round, lowest_offset
 from tossid.physics.forces import (
     SPIN,
     Forces,
@@ -23,7 +24,6 @@ from tossid.physics.forces import (
     velocity_change,
 )
 from tossid.physics.registered_forces import RegisteredForce, acts, has_wrench, wrench_of
-from tossid.physics.rounds import Shape, bulge, is_round, lowest_offset
 from tossid.physics.system import System
 
 Array = NDArray[np.float64]

@@ -26,10 +26,10 @@ from tossid.physics.articulated import (
     turning_acceleration,
 )
 from tossid.physics.body import rounded_corner_centres
+from tossid.physics.contact.rounds import Shape, is_round, lowest_offset
 from tossid.physics.forces import Forces, forces_of, law_of
 from tossid.physics.pulls import add_forces, joint_torques, resist_joints
 from tossid.physics.registered_forces import RegisteredForce, acts
-from tossid.physics.rounds import Shape, is_round, lowest_offset
 from tossid.physics.system import System
 
 Array = NDArray[np.float64]

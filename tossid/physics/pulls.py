@@ -28,9 +28,9 @@ from tossid.physics.articulated import (
     cross,
     rotated,
 )
+from tossid.physics.contact.holding import solve_rates
 from tossid.physics.forces import SPIN as SPIN_POWER
 from tossid.physics.forces import power_factor, to_world, velocity_change
-from tossid.physics.holding import solve_rates
 from tossid.physics.registered_forces import has_wrench, wrench_of
 from tossid.physics.tree import HINGE
 

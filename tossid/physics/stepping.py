@@ -50,8 +50,8 @@ from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.physics.body import make_body
-from tossid.physics.contact import make_corners
-from tossid.physics.law import make_contact_law
+from tossid.physics.contact.law import make_contact_law
+from tossid.physics.contact.problem import make_corners
 from tossid.physics.links import make_links
 from tossid.physics.moving import make_state
 from tossid.physics.solvers.batches import over_threads

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from tossid.errors import ObjectError
 from tossid.objects import GRAVITY, JointLaw, ObjectModel
+from tossid.physics.contact.rounds import Points, Shape, shape_of
 from tossid.physics.registered_forces import NoForce, RegisteredForce
-from tossid.physics.rounds import Points, Shape, shape_of
 from tossid.settings.limits import VALUES
 
 Array = NDArray[np.float64]

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.kernels import inlined_kernel, kernel
-from tossid.physics.contact import (
+from tossid.physics.contact.holding import hold_bodies, resist_spins
+from tossid.physics.contact.impacts import carry_over, first_impact
+from tossid.physics.contact.law import UNKNOWN
+from tossid.physics.contact.problem import (
     find_corners,
     find_gaps,
     keep_warm,
     resolve_contact,
     velocity,
 )
-from tossid.physics.holding import hold_bodies, resist_spins
-from tossid.physics.impacts import carry_over, first_impact
-from tossid.physics.law import UNKNOWN
 from tossid.physics.moving import (
     accelerate,
     act_on_free,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipelines.config.schemas.launching import Launcher
-from tossid.settings.diagnosis_audit import AuditSettings
+from tossid.settings.diagnosis.audit import AuditSettings
 from tossid.settings.kinds import Count
 from tossid.settings.objects import ObjectSettings
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.settings.limits import Gravity
 
 

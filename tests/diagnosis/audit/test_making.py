@@ -9,7 +9,7 @@ import numpy as np
 from tossid.diagnosis.audit.cases import Case
 from tossid.diagnosis.audit.making import make_case
 from tossid.objects import load_object
-from tossid.settings.diagnosis_audit import AuditSettings
+from tossid.settings.diagnosis.audit import AuditSettings
 from tossid.store import read_dataset
 
 SETTINGS = AuditSettings(tosses=6)

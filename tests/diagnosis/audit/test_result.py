@@ -8,7 +8,7 @@ from typing import Any
 
 from tossid.diagnosis.audit.result import MEASURES, Audit, row_of
 from tossid.diagnosis.audit.scores import score, summarise
-from tossid.settings.diagnosis_audit import ScoreSettings
+from tossid.settings.diagnosis.audit import ScoreSettings
 
 
 def result(kind: str, named: str | None) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from tossid.diagnosis.audit.steps import Job
 from tossid.errors import ConfigError, InputError, SolverError
 from tossid.objects import ObjectModel
 from tossid.parallel import as_done
-from tossid.settings.diagnosis_audit import AuditSettings, ScoreSettings
+from tossid.settings.diagnosis.audit import AuditSettings, ScoreSettings
 
 SETTINGS = AuditSettings(cases=3, tosses=6, engines=("lcp",))
 

@@ -13,7 +13,7 @@ from tossid.diagnosis.audit.spoilt import Reference, real_tosses, spoil
 from tossid.diagnosis.audit.strengths import SPOILT, world_with
 from tossid.objects import ObjectModel, load_object
 from tossid.physics.effects import World
-from tossid.settings.diagnosis_audit import AuditSettings
+from tossid.settings.diagnosis.audit import AuditSettings
 from tossid.store import Dataset, write_dataset
 
 

@@ -11,8 +11,8 @@ from tossid.diagnosis.audit.cases import Case
 from tossid.diagnosis.audit.making import make_case
 from tossid.diagnosis.audit.steps import Job, diagnose_withheld, summary_of
 from tossid.objects import ObjectModel
-from tossid.settings.diagnosis import DiagnoseSettings
-from tossid.settings.diagnosis_audit import AuditSettings
+from tossid.settings.diagnosis.audit import AuditSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 
 
 def finding(name: str, verdict: str, gain: float) -> dict[str, Any]:

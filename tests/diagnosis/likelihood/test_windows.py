@@ -13,7 +13,7 @@ from tossid.diagnosis.likelihood.windows import difference, make_windows, moved_
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics.effects import World
 from tossid.rotations import quat_exp, quat_mul
-from tossid.settings.likelihood import WindowSettings
+from tossid.settings.diagnosis.likelihood import WindowSettings
 from tossid.types import Phase, Toss
 
 

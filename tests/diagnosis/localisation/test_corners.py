@@ -19,7 +19,7 @@ from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics.effects import World
 from tossid.settings.changed import changed
-from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Phase
 
 

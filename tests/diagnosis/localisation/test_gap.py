@@ -20,7 +20,7 @@ from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, World
 from tossid.settings.changed import changed
-from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Toss
 
 FRICTION = next(effect for effect in LIBRARY if effect.name == "friction")

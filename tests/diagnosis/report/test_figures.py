@@ -13,7 +13,7 @@ from tossid.diagnosis.findings import Interval, Share
 from tossid.diagnosis.report import report_figures
 from tossid.diagnosis.report.figures import evidence, gain_per_toss, gap_by_part, gap_over_time
 from tossid.objects import ObjectModel
-from tossid.settings.diagnosis_report import ReportSettings
+from tossid.settings.diagnosis.report import ReportSettings
 
 SETTINGS = ReportSettings()
 

@@ -14,7 +14,7 @@ from tossid.diagnosis.report.localisation_figures import gap_by_corner, wrench_o
 from tossid.diagnosis.report.units import place_of
 from tossid.diagnosis.result import Diagnosis
 from tossid.objects import OBJECT_FILES, ObjectModel, load_object
-from tossid.settings.diagnosis_report import ReportSettings
+from tossid.settings.diagnosis.report import ReportSettings
 
 SETTINGS = ReportSettings()
 

@@ -12,7 +12,7 @@ from tossid.diagnosis.report import REPORT_FIGURES, report_figure, report_figure
 from tossid.diagnosis.result import Diagnosis
 from tossid.evaluation.figures.style import new_figure
 from tossid.objects import ObjectModel
-from tossid.settings.diagnosis_report import ReportSettings
+from tossid.settings.diagnosis.report import ReportSettings
 
 
 @pytest.fixture(autouse=True)

@@ -18,7 +18,7 @@ from tossid.diagnosis.report.text import (
     verdict_of,
 )
 from tossid.objects import ObjectModel
-from tossid.settings.diagnosis_report import ReportSettings
+from tossid.settings.diagnosis.report import ReportSettings
 
 
 @pytest.mark.parametrize(

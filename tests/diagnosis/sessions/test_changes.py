@@ -8,7 +8,7 @@ import pytest
 from tossid.diagnosis.sessions.changes import changes_over_order, form_over_order, moments_of_steps
 from tossid.diagnosis.sessions.values import RESIDUAL
 from tossid.motion.sessions.change_points import Witness
-from tossid.settings.diagnosis_order import OrderSettings
+from tossid.settings.diagnosis.order import OrderSettings
 
 N = 40
 SETTINGS = OrderSettings(permutations=1999)

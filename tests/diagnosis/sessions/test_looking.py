@@ -13,7 +13,7 @@ from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.sessions.looking import Corrections, TossOrder, undo_changes
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
-from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Toss
 
 FEW = [EFFECTS[name] for name in ("world_tilt", "friction")]

@@ -10,7 +10,7 @@ from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.sessions.values import RESIDUAL, toss_values, witnesses_of
 from tossid.motion.sessions.change_points import robust_mean
 from tossid.objects import ObjectModel
-from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 
 
 def test_tosses_say_an_effect_beside_a_hypothesis_and_within_it(cube: ObjectModel) -> None:

@@ -13,7 +13,7 @@ from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import simulate
 from tossid.physics.effects import World
 from tossid.physics.effects.strength import Values
-from tossid.settings.diagnosis_audit import CaseSettings
+from tossid.settings.diagnosis.audit import CaseSettings
 
 Array = NDArray[np.float64]
 

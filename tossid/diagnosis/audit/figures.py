@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from tossid.diagnosis.audit.scores import calibration
 from tossid.evaluation.figures.style import INK, MUTED, footnote, key_row, new_figure, panel_grid, styled
-from tossid.settings.diagnosis_audit import ScoreSettings
+from tossid.settings.diagnosis.audit import ScoreSettings
 
 RIGHT, WRONG, SHADE = "#0072B2", "#D55E00", "#8b9098"
 NOTHING = "nothing"

@@ -19,7 +19,7 @@ from tossid.motion import label_phases
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 from tossid.physics.effects.strength import Values
-from tossid.settings.diagnosis_audit import AuditSettings
+from tossid.settings.diagnosis.audit import AuditSettings
 from tossid.settings.ingestion import IngestSettings
 from tossid.settings.synthesis import Engine, LcpEngine, NoiseSettings, SynthesizeSettings
 from tossid.store import write_tum

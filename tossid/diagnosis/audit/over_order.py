@@ -15,7 +15,7 @@ import numpy as np
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World, effect_named
 from tossid.physics.effects.strength import Values
-from tossid.settings.diagnosis_audit import ScoreSettings
+from tossid.settings.diagnosis.audit import ScoreSettings
 from tossid.settings.synthesis import SynthesizeSettings
 from tossid.synthesis.tosses import make_tosses
 from tossid.types import Toss

@@ -17,7 +17,7 @@ from tossid.diagnosis.audit.scores import summarise
 from tossid.html import html_table
 from tossid.outputs import write_whole
 from tossid.plain_json import jsonable
-from tossid.settings.diagnosis_audit import ScoreSettings
+from tossid.settings.diagnosis.audit import ScoreSettings
 
 MEASURES = {
     "right_name": "the right effect is named first, or in its class",

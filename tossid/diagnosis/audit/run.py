@@ -34,7 +34,7 @@ from tossid.parallel import as_done
 from tossid.physics.effects import World
 from tossid.plain_json import jsonable
 from tossid.settings.changed import changed
-from tossid.settings.diagnosis_audit import AuditSettings
+from tossid.settings.diagnosis.audit import AuditSettings
 from tossid.settings.objects import ObjectSettings
 from tossid.store import file_sha256
 from tossid.synthesis.engines import ENGINES

@@ -18,7 +18,7 @@ from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.screening import screen
 from tossid.physics.effects import World, effect_named
 from tossid.physics.effects.strength import Values
-from tossid.settings.diagnosis_audit import ScoreSettings
+from tossid.settings.diagnosis.audit import ScoreSettings
 from tossid.types import Phase, Toss
 
 _LEAST_PROBABILITY = 0.02

@@ -15,8 +15,8 @@ from tossid.diagnosis.audit.strengths import SPOILT, world_with
 from tossid.diagnosis.explain import explain
 from tossid.physics.effects import World
 from tossid.physics.effects.strength import Values
-from tossid.settings.diagnosis_audit import AuditSettings
-from tossid.settings.likelihood import WindowSettings
+from tossid.settings.diagnosis.audit import AuditSettings
+from tossid.settings.diagnosis.likelihood import WindowSettings
 from tossid.store import read_dataset
 from tossid.types import Toss
 

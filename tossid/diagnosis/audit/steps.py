@@ -17,8 +17,8 @@ from tossid.diagnosis.findings import FOUND
 from tossid.diagnosis.sessions.explained import explain_over_order
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World, effects_for
-from tossid.settings.diagnosis import DiagnoseSettings
-from tossid.settings.diagnosis_audit import AuditSettings
+from tossid.settings.diagnosis.audit import AuditSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
 from tossid.diagnosis.likelihood.whitening import Whitening, linearised
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.physics.effects import Effect, World
-from tossid.settings.likelihood import DensitySettings
+from tossid.settings.diagnosis.likelihood import DensitySettings
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from scipy.stats import chi2
 from tossid.diagnosis.likelihood.evidence import FREE, Evidence, Hypothesis
 from tossid.least_squares import Damping, damped_step, search_damping
 from tossid.physics.effects import World
-from tossid.settings.likelihood import EffectFitSettings
+from tossid.settings.diagnosis.likelihood import EffectFitSettings
 
 Array = NDArray[np.float64]
 SCHEDULE = Damping(grow=8.0, fall=0.2, least=1e-2)

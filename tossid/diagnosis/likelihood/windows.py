@@ -30,7 +30,7 @@ from tossid.objects import GRAVITY, ObjectModel, corner_positions
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize
 from tossid.settings.contact import ContactSettings
-from tossid.settings.likelihood import LikelihoodSettings, SimulationSettings, WindowSettings
+from tossid.settings.diagnosis.likelihood import LikelihoodSettings, SimulationSettings, WindowSettings
 from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.physics.effects import World
 from tossid.rotations import geodesic_angle
-from tossid.settings.diagnosis import VerdictSettings
+from tossid.settings.diagnosis.diagnose import VerdictSettings
 from tossid.types import Toss
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from tossid.diagnosis.findings import Corner, Gap, Interval, Place, Relation
 from tossid.diagnosis.localisation.wrench import residual_wrench
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics.effects import World
-from tossid.settings.diagnosis import DiagnoseSettings, LocalisationSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings, LocalisationSettings
 from tossid.types import Phase, Toss
 
 if TYPE_CHECKING:

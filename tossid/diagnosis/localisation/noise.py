@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tossid.diagnosis.likelihood.evidence import student_deviance
 from tossid.diagnosis.likelihood.windows import Windows, difference
 from tossid.rotations import quat_boxminus
-from tossid.settings.likelihood import DensitySettings
+from tossid.settings.diagnosis.likelihood import DensitySettings
 
 Array = NDArray[np.float64]
 

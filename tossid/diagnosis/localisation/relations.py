@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import median_abs_deviation
 
 from tossid.diagnosis.findings import Interval, Relation
-from tossid.settings.diagnosis import WrenchSettings
+from tossid.settings.diagnosis.diagnose import WrenchSettings
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

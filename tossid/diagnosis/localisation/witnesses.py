@@ -24,7 +24,7 @@ from tossid.diagnosis.findings import Interval, Witness
 from tossid.physics.body import rounded_corner_centres
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_rotate, quat_to_matrix
-from tossid.settings.diagnosis import WitnessSettings
+from tossid.settings.diagnosis.diagnose import WitnessSettings
 from tossid.types import Toss
 
 Array = NDArray[np.float64]

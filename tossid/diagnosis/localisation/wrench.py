@@ -25,7 +25,7 @@ from tossid.objects import GRAVITY, ObjectModel, corner_positions
 from tossid.physics import LearnedAcceleration, n_features
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_conj, quat_rotate
-from tossid.settings.diagnosis import WrenchSettings
+from tossid.settings.diagnosis.diagnose import WrenchSettings
 from tossid.types import Phase
 
 Array = NDArray[np.float64]

@@ -20,7 +20,7 @@ from tossid.physics.effects import World
 from tossid.physics.effects.contact_in_mjcf import write_compliance, write_rigid_contact
 from tossid.physics.effects.mjcf_edit import Change, Edit
 from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, RIGID_STEP
-from tossid.settings.diagnosis_patch import PatchSettings
+from tossid.settings.diagnosis.patch import PatchSettings
 
 
 @dataclass(frozen=True)

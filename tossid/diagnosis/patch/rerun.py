@@ -23,7 +23,7 @@ from tossid.evaluation.metrics import summarize
 from tossid.objects import ObjectModel, center_positions, corner_positions
 from tossid.physics.effects import World
 from tossid.rotations import geodesic_angle
-from tossid.settings.diagnosis_patch import PatchSettings
+from tossid.settings.diagnosis.patch import PatchSettings
 from tossid.types import Toss, frame_time
 
 Array = NDArray[np.float64]

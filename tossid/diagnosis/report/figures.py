@@ -26,7 +26,7 @@ from tossid.evaluation.figures.style import (
     panel_grid,
     styled,
 )
-from tossid.settings.diagnosis_report import ReportSettings
+from tossid.settings.diagnosis.report import ReportSettings
 from tossid.types import Phase
 
 Array = NDArray[np.float64]

@@ -20,8 +20,8 @@ from tossid.diagnosis.report.units import percent, place_of, short
 from tossid.diagnosis.result import Diagnosis
 from tossid.evaluation.figures.style import INK, MUTED, SMALL, footnote, key_row, new_figure, panel_grid, styled
 from tossid.evaluation.figures.wireframe import view_from, wireframe
-from tossid.settings.diagnosis import WrenchSettings
-from tossid.settings.diagnosis_report import ReportSettings
+from tossid.settings.diagnosis.diagnose import WrenchSettings
+from tossid.settings.diagnosis.report import ReportSettings
 
 Array = NDArray[np.float64]
 

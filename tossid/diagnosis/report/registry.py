@@ -16,7 +16,7 @@ from typing import TypeVar
 from matplotlib.figure import Figure
 
 from tossid.diagnosis.result import Diagnosis
-from tossid.settings.diagnosis_report import ReportSettings
+from tossid.settings.diagnosis.report import ReportSettings
 
 Draw = Callable[[Diagnosis, ReportSettings], Figure]
 D = TypeVar("D", bound=Draw)

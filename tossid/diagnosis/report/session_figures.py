@@ -17,7 +17,7 @@ from tossid.diagnosis.result import Diagnosis
 from tossid.evaluation.figures.sessions import recording_over_order
 from tossid.evaluation.figures.style import MUTED, key_row, new_figure, panel_grid, styled
 from tossid.motion.sessions import session_words
-from tossid.settings.diagnosis_report import ReportSettings
+from tossid.settings.diagnosis.report import ReportSettings
 
 
 def session_paragraphs(diagnosis: Diagnosis) -> Sequence[str]:

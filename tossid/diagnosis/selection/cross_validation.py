@@ -19,7 +19,7 @@ from tossid.diagnosis.selection.significance import part_p_value
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, World
 from tossid.physics.solvers.batches import whole_batches
-from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]

@@ -4,7 +4,8 @@ The search sees all tosses. So what it reports of itself is measured once more. 
 effects that the other tosses alone support are kept, their values are fitted to these, and the fold is predicted.
 
 This approximates a search that is repeated without each fold, which costs as many searches as there are folds
-(`pipelines.tools.nested` compares both). What it leaves out is an effect that only the other tosses would have found.
+(`pipelines.tools.experiments.nested` compares both). What it leaves out is an effect that only the other tosses would
+have found.
 """
 
 from __future__ import annotations

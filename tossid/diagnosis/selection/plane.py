@@ -22,7 +22,7 @@ from tossid.diagnosis.likelihood.windows import Windows, difference, make_window
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, Strength, World
 from tossid.rotations import quat_conj, quat_rotate
-from tossid.settings.diagnosis import DiagnoseSettings, PlaneSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings, PlaneSettings
 from tossid.types import Toss
 
 Array = NDArray[np.float64]

@@ -34,7 +34,7 @@ from tossid.diagnosis.selection.search import search
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect
-from tossid.settings.diagnosis import DiagnoseSettings, StabilitySettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings, StabilitySettings
 from tossid.types import Toss, silent
 
 

@@ -28,7 +28,7 @@ from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidato
 from tossid.diagnosis.sessions.correction import CORRECTABLE
 from tossid.motion.sessions.change_points import Change, Witness, find_changes, robust_mean, without_covariates
 from tossid.physics.effects import Effect
-from tossid.settings.diagnosis_order import OrderSettings
+from tossid.settings.diagnosis.order import OrderSettings
 
 Array = NDArray[np.float64]
 Form = Literal["steps", "drift"]

@@ -37,7 +37,7 @@ from tossid.diagnosis.sessions.changes import EffectOverOrder
 from tossid.diagnosis.sessions.looking import Corrections, Looked, Make, TossOrder, look, undo_changes
 from tossid.motion.sessions.change_points import fewest_items
 from tossid.physics.effects import LIBRARY, Effect, World
-from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Phase, Progress, Toss
 
 Array = NDArray[np.float64]

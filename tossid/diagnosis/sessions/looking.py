@@ -18,7 +18,7 @@ from tossid.diagnosis.sessions.values import witnesses_of
 from tossid.motion.sessions.change_points import Change
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, World
-from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Toss
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tossid.errors import ObjectError
 from tossid.physics.effects.world import World
 from tossid.rotations import quat_to_matrix
-from tossid.settings.diagnosis_patch import PatchSettings
+from tossid.settings.diagnosis.patch import PatchSettings
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,90 @@
+"""Unseen tosses predicted until their second impact.
+
+    python -m pipelines.tools.experiments.until_impact FILE.h5 --gap gap.json
+
+Two simulators are rolled out from first states that the first window determines under each: the stated object, and
+the same with what a diagnosis found (`--gap`) or with given effects (`--effects '{"friction": {"mu": 0.1}}'`). Later
+impacts are left out, as contact amplifies any error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.audit.strengths import world_with
+from tossid.diagnosis.likelihood.windows import make_windows, steps_of
+from tossid.diagnosis.localisation.rollouts import first_states
+from tossid.errors import InputError
+from tossid.physics.effects import World
+from tossid.rotations import geodesic_angle
+from tossid.store import read_dataset
+from tossid.types import Phase, Toss
+
+Array = NDArray[np.float64]
+Values = Mapping[str, Mapping[str, float]]
+
+
+def frames_until_second_impact(toss: Toss) -> int:
+    """Frames before contact begins for the second time; all of them if it does not."""
+    touching = toss.phase != Phase.FLIGHT
+    begins = np.flatnonzero(touching[1:] & ~touching[:-1]) + 1
+    return int(begins[1]) if len(begins) > 1 else len(toss)
+
+
+def found_effects(gap: Mapping[str, object]) -> Values:
+    """Values of the effects that a gap.json has found, whether sure or not, large or small."""
+    explanation, effects = gap["explanation"], gap["effects"]
+    assert isinstance(explanation, dict)
+    assert isinstance(effects, list)
+    names = [*explanation["effects"], *explanation["candidates"], *explanation["minor"]]
+    by_name = {effect["name"]: effect["parameters"] for effect in effects}
+    return {name: {key: value["value"] for key, value in by_name[name].items()} for name in names}
+
+
+def errors(tosses: Sequence[Toss], world: World) -> Array:
+    """(n, 2) mean distance [% of the width] and mean angle [deg] of each toss until its second impact."""
+    windows = make_windows(tosses, world.object)
+    q, v = first_states(tosses, world, windows)
+    steps = np.array([frames_until_second_impact(toss) - 1 for toss in tosses])
+    run = world.roll_out(q, v, n_steps=steps, dt=windows.dt, **steps_of(world))
+    out = []
+    for row, toss, n in zip(run, tosses, steps + 1, strict=True):
+        poses = toss.measured[0][:n]
+        distance = np.linalg.norm(row[:n, :3] - poses[:, :3], axis=1).mean() / world.object.width
+        out.append([100 * distance, np.rad2deg(geodesic_angle(row[:n, 3:7], poses[:, 3:7])).mean()])
+    return np.array(out)
+
+
+def main() -> None:
+    """Print both simulators' errors, with intervals over tosses."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--gap", type=Path, help="gap.json of a diagnosis")
+    parser.add_argument("--effects", help="values by effect and parameter, as JSON")
+    parser.add_argument("--split", default="test")
+    given = parser.parse_args()
+    if (given.gap is None) == (given.effects is None):
+        raise InputError("expected either --gap or --effects")
+    effects = json.loads(given.effects) if given.gap is None else found_effects(json.loads(given.gap.read_text()))
+    dataset = read_dataset(given.data)
+    tosses, stated = dataset.of_split(given.split), World(dataset.object)
+    print(f"effects: {json.dumps(effects)}")  # noqa: T201
+    rng = np.random.default_rng(0)
+    for name, world in (("stated", stated), ("found", world_with(stated, effects))):
+        each = errors(tosses, world)
+        draws = np.median(each[rng.integers(0, len(each), (1000, len(each)))], axis=1)
+        low, high = np.percentile(draws, [2.5, 97.5], axis=0)
+        position, angle = (
+            f"{m:.1f} ({a:.1f} to {b:.1f})" for m, a, b in zip(np.median(each, 0), low, high, strict=True)
+        )
+        print(f"{name}: {len(each)} tosses, median {position} % of the width, {angle} deg")  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()

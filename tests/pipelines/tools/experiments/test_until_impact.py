@@ -1,0 +1,37 @@
+"""Tosses until their second impact: how long that is, which effects a report has, and what a right world predicts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pipelines.tools.experiments.until_impact import errors, found_effects, frames_until_second_impact
+from tests.diagnosis.tossed import seen
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World
+from tossid.types import Phase
+
+
+def test_the_second_impact_ends_a_prediction(cube: ObjectModel) -> None:
+    (toss,) = seen(World(cube), cube, 1, seed=1, frames=40)
+    phase = np.full(41, Phase.FLIGHT, np.uint8)
+    phase[10:13] = phase[20:] = Phase.IMPACT
+    assert frames_until_second_impact(replace(toss, phase=phase)) == 20
+    phase[20:] = Phase.FLIGHT
+    assert frames_until_second_impact(replace(toss, phase=phase)) == 41
+
+
+def test_found_effects_are_the_sure_the_unsure_and_the_small() -> None:
+    names = {"effects": ["friction"], "candidates": ["inertia"], "minor": []}
+    effects = [
+        {"name": name, "parameters": {"x": {"value": k}}} for k, name in enumerate(("friction", "inertia", "wind"))
+    ]
+    assert found_effects({"explanation": names, "effects": effects}) == {"friction": {"x": 0}, "inertia": {"x": 1}}
+
+
+def test_the_right_friction_predicts_better(cube: ObjectModel) -> None:
+    right = World(cube.with_changes(friction=0.4))
+    tosses = seen(right, cube, 6, seed=3, frames=60)
+    stated, found = (np.median(errors(tosses, world), axis=0) for world in (World(cube), right))
+    assert (found < 0.5 * stated).all()

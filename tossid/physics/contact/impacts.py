@@ -1,0 +1,59 @@
+"""Where a step ends that has an impact in it (docs/adr/0010)."""
+
+from __future__ import annotations
+
+import math
+
+from tossid.kernels import inlined_kernel
+from tossid.physics.contact.problem import FAR
+from tossid.physics.moving import corner_speed, falling
+
+MOST_STRIKES = 64
+"""In a frame; what comes after is as in whole steps. A bound on the work of a body that rattles, and no setting."""
+
+
+@inlined_kernel
+def first_impact(model, law, work, s, corners, rigid, strikes, impact_parts, h):  # type: ignore[no-untyped-def]
+    """What becomes of a step of length h that is to begin: (parts, strike, length of each part [s]).
+
+    Rigid contact: the step ends where the first corner touches, z + v t + a t²/2 = 0; if one that comes down at more
+    than `impact_speed` touches already, a strike is due, of no length. Contact that gives way: `impact_parts` parts,
+    if a corner crosses the ground. After `find_corners`.
+    """
+    length, parts, strike = h, 1, False
+    touching, fast = law.thresholds.touching_height, law.thresholds.impact_speed
+    for c in range(corners.state.shape[0]):
+        if corners.state[c] == FAR:
+            continue
+        vn = corner_speed(model, work, s, corners, c)
+        z = corners.height[c] - min(corners.sunk[c], 0.0)
+        if not rigid:
+            if abs(vn) > fast and z + h * min(vn, 0.0) < 0.0:
+                parts = impact_parts
+            continue
+        if z < touching:
+            strike = strike or (vn < -fast and strikes < MOST_STRIKES)
+            continue
+        speed = vn * vn - 4.0 * falling(model, work, s, corners, c) * z  # with the last velocity, as in its problem
+        if speed > fast * fast and math.sqrt(speed) - vn > 0.0:
+            length = min(length, 2.0 * z / (math.sqrt(speed) - vn))
+    return parts, strike, length / parts
+
+
+@inlined_kernel
+def carry_over(corners, length, loaded, rigid):  # type: ignore[no-untyped-def]
+    """Scale the last step's impulses to a step of another length; returns the length they are of.
+
+    The same forces over a longer or shorter time. Of parts in which a corner was loaded only at times, a longer step
+    takes what all of them carried.
+    """
+    if length == loaded:
+        return loaded
+    ratio, warm = length / loaded, corners.warm
+    for c in range(warm.shape[0]):
+        scale = ratio
+        if ratio > 1.0 and warm[c, 0] > 0.0 and not rigid:
+            scale = min(ratio, corners.carried[c] / warm[c, 0])
+        for k in range(3):
+            warm[c, k] *= scale
+    return length

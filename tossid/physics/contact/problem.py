@@ -1,0 +1,318 @@
+"""The contact problem of one step: which corners, their rows, the solution, its effect.
+
+One code for a single body and a tree (`moving` says what differs). With u the velocity of the common centre of mass
+and xi the rates, every corner has three rows (directions: the world's z, the normal, then x and y)
+
+    velocity_k = u_k + tau_k . xi,      A_ij = [same direction] / m + G_i . G_j,      G = W^T tau,  S^-1 = W W^T
+
+and the problem is w = A lam + b, with the law that `stepping` writes out.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.kernels import fused_kernel, inlined_kernel
+from tossid.physics.contact.law import above_ground, kept_speed, recovery_time
+from tossid.physics.forces import friction_of
+from tossid.physics.moving import add_impulse, contact_row, corner_place, inverse_mass, n_rates, whiten
+from tossid.physics.solvers.cone_qp import qp_solve
+from tossid.physics.solvers.registry import solve_contact
+from tossid.physics.solvers.workspace import LAM, MU, B, work_arrays
+
+Array = NDArray[np.float64]
+
+MAX_ITERATIONS = 40
+"""Of the convex programme that relaxed friction is solved by."""
+CLOSING_SPEED = 1.0
+"""A corner joins the contact problem at once if it would touch within this speed [m/s]; others when they are hit.
+
+Not a setting: those left out are looked at again once impulses are known, so that it decides how soon a problem is
+solved, and not what the motion is.
+"""
+TANGENTIAL = 1e-3
+"""Slack of a compliant corner's tangential rows over that of its normal row: sigma of Castro et al., their value."""
+FAR, LOW, CANDIDATE = 0, 1, 2
+"""State of a corner: out of reach; within reach; in the contact problem."""
+ROUNDS = 4
+"""A contact problem is solved at most so many times, each with the corners that the last one left to be hit."""
+
+
+class Corners(NamedTuple):
+    """Corners of a step and the contact problem of the candidates among them.
+
+    Attributes:
+        height: (n_c,) over z = 0 [m].
+        gap: (n_c,) phi of the contact problem [m]: the height over the ground as it is below the corner.
+        sunk: (n_c,) how far the ground gives way below each: 0, or less where the toss began in it [m].
+        state: (n_c,) FAR, LOW or CANDIDATE.
+        chosen: (n_c,) corner of each candidate.
+        place: (n_c, 3) from the base's origin, its axes [m].
+        tau: (n_c, 3, n_x) rows of every corner that is not far: normal, t1, t2.
+        G: (n_x, 3 n_c) columns W^T tau of the candidates.
+        A: (3 n_c, 3 n_c) Delassus matrix.
+        warm: (n_c, 3) impulses of the last step [N s].
+        carried: (n_c,) normal impulses over the parts of a step [N s].
+        struck: (n_c, 3) impulses of a strike [N s].
+        g: (n_x,) sum of G lam; scratch.
+        xi: (n_x,) rates after the impulses.
+        V: problem, answer and scratch of the solver, see `solvers.workspace`.
+        solver_index: integers of the same.
+    """
+
+    height: Array
+    gap: Array
+    sunk: Array
+    state: NDArray[np.int64]
+    chosen: NDArray[np.int64]
+    place: Array
+    tau: Array
+    G: Array
+    A: Array
+    warm: Array
+    carried: Array
+    struck: Array
+    g: Array
+    xi: Array
+    V: Array
+    solver_index: NDArray[np.int64]
+
+
+@fused_kernel
+def make_corners(nc, nx):  # type: ignore[no-untyped-def]
+    """Scratch for n_c corners and n_x rates."""
+    V, index = work_arrays(nc)
+    return Corners(
+        np.zeros(nc), np.zeros(nc), np.zeros(nc), np.zeros(nc, np.int64), np.zeros(nc, np.int64), np.zeros((nc, 3)),
+        np.zeros((nc, 3, nx)), np.zeros((nx, 3 * nc)), np.zeros((3 * nc, 3 * nc)), np.zeros((nc, 3)), np.zeros(nc),
+        np.zeros((nc, 3)), np.zeros(nx), np.zeros(nx), V, index,
+    )  # fmt: skip
+
+
+@inlined_kernel
+def velocity(tau, c, k, u, xi, nx):  # type: ignore[no-untyped-def]
+    """u_k + tau_k . xi: velocity of corner c along its direction k [m/s]."""
+    v = u[k]
+    for x in range(nx):
+        v += tau[c, k, x] * xi[x]
+    return v
+
+
+@inlined_kernel
+def find_corners(model, work, s, corners, radius, h):  # type: ignore[no-untyped-def]
+    """Places and heights of all corners, and the rows of those within reach; whether any is.
+
+    radius: of corners that are spheres [m]; they touch at their lowest point.
+    """
+    nx, low = n_rates(model), False
+    speed = abs(s.v[2] + h * model.gravity[2])
+    for x in range(nx):
+        speed += 0.2 * abs(s.xi_start[x] + h * s.rate[x])
+    reach = 0.02 + 3.0 * h * speed  # farther than a corner moves in a step, contact included
+    up0, up1, up2, z0 = s.R[2, 0], s.R[2, 1], s.R[2, 2], s.q[2]
+    for c in range(corners.state.shape[0]):
+        r0, r1, r2 = corner_place(model, work, s, c)
+        r0, r1, r2 = r0 - radius * up0, r1 - radius * up1, r2 - radius * up2
+        z = z0 + up0 * r0 + up1 * r1 + up2 * r2
+        corners.height[c], corners.state[c] = z, FAR
+        if z < reach:
+            low = True
+            corners.state[c] = LOW
+            corners.place[c, 0], corners.place[c, 1], corners.place[c, 2] = r0, r1, r2
+            for k in range(3):
+                contact_row(model, work, s, corners, c, k)
+    return low
+
+
+@inlined_kernel
+def find_gaps(law, corners, rigid, strike, whole, h, step):  # type: ignore[no-untyped-def]
+    """The gaps of a step of length h, or of a strike.
+
+    whole: steps do not end at impacts. step: length of a whole one [s].
+
+    Returns:
+        Whether the ground gives way below a corner.
+    """
+    uneven, touching = False, law.thresholds.touching_height
+    for c in range(corners.state.shape[0]):
+        z = above_ground(law, corners.height[c], c, corners.sunk, rigid, h)
+        uneven = uneven or corners.sunk[c] < 0.0
+        if strike and z < touching:
+            z = 0.0
+        elif rigid and z < 0.0:
+            z *= h / max(h, step)  # comes out within a whole step
+        elif z < touching and not whole:
+            z = min(z, law.thresholds.recovery_speed * h)  # is on the ground, and recovers there
+        corners.gap[c] = z
+    return uneven
+
+
+@inlined_kernel
+def set_target(law, s, corners, c, n, nx, h, cold, bounces):  # type: ignore[no-untyped-def]
+    """V[B] and V[MU] of candidate n, corner c, from its free velocity in V[B]; whether it would touch.
+
+    b_n = phi / h + J_n v_free, or by the law of restitution or compliance; b_t = J_t v_free.
+    """
+    r, tau, V = 3 * n, corners.tau, corners.V
+    free, kept_across = V[B, r], 0.0
+    target = corners.gap[c] / h + free
+    if law.restitution > 0.0 and target < 0.0:
+        before = velocity(tau, c, 0, s.u_start, s.xi_start, nx)
+        if before < -law.thresholds.bounce_speed and (bounces or before > -law.thresholds.impact_speed):
+            target = min(target, free + law.restitution * before)  # Newton: J_n v' >= -e J_n v
+    elif target < 0.0 or corners.gap[c] < 0.0:
+        target = corners.gap[c] / recovery_time(law, h) + free  # phi / s + J_n v'
+        kept, across = kept_speed(law, h)
+        if kept > 0.0:
+            target -= kept * velocity(tau, c, 0, s.u_start, s.xi_start, nx)
+            kept_across = across
+    V[B, r] = target
+    mu = law.mu[c]
+    if law.varied:
+        slip1 = velocity(tau, c, 1, s.u_start, s.xi_start, nx)
+        slip2 = velocity(tau, c, 2, s.u_start, s.xi_start, nx)
+        mu = friction_of(law.beyond, mu, slip1, slip2, V[B, r + 1], V[B, r + 2])
+        V[B, r + 1] -= kept_across * slip1
+        V[B, r + 2] -= kept_across * slip2
+    if law.cohesion > 0.0 and not cold and corners.warm[c, 0] > 0.0:
+        mu = min(2.0 * mu, mu + law.cohesion * h / corners.warm[c, 0])  # |lam_t| <= mu lam_n + c h
+    V[MU, n] = mu
+    return target < 0.0
+
+
+@inlined_kernel
+def delassus(corners, n, nx, over_m, slack):  # type: ignore[no-untyped-def]
+    """A_ij = [same direction] / m + G_i . G_j (3 n, 3 n), with the compliant corners' slack on its diagonal."""
+    A, G = corners.A, corners.G
+    for i in range(3 * n):
+        for j in range(i + 1):
+            A[i, j] = G[0, i] * G[0, j] + G[1, i] * G[1, j] + G[2, i] * G[2, j]
+        for x in range(3, nx):
+            for j in range(i + 1):
+                A[i, j] += G[x, i] * G[x, j]
+        for j in range(i % 3, i + 1, 3):
+            A[i, j] += over_m
+        for j in range(i):
+            A[j, i] = A[i, j]
+    for i in range(0, 3 * n, 3):
+        A[i, i] += slack
+        A[i + 1, i + 1] += TANGENTIAL * slack
+        A[i + 2, i + 2] += TANGENTIAL * slack
+
+
+@inlined_kernel
+def assemble(model, law, work, s, corners, h, cold, afresh, bounces):  # type: ignore[no-untyped-def]
+    """The candidates' contact problem (G, A, V[B], V[MU], warm start V[LAM]); their number, 0 if all stay open.
+
+    cold: no corner carried load in the last step. afresh: no warm start. bounces: restitution acts at any approach.
+    """
+    nx, V, tau = n_rates(model), corners.V, corners.tau
+    n, touches = np.int64(0), False  # a literal zero would have Numba compile what it is handed to twice
+    for c in range(corners.state.shape[0]):
+        if corners.state[c] != CANDIDATE:
+            continue
+        r = 3 * n
+        for k in range(3):
+            whiten(model, work, corners, c, k, r + k)
+            free = 0.0
+            for x in range(nx):
+                free += tau[c, k, x] * s.xi[x]
+            V[B, r + k] = free + s.u[k]
+            V[LAM, r + k] = 0.0 if afresh else corners.warm[c, k]
+        touches = set_target(law, s, corners, c, n, nx, h, cold, bounces) or touches
+        corners.chosen[n] = c
+        n += 1
+    if not touches:
+        return np.int64(0)
+    slack = law.compliance / (h * recovery_time(law, h))
+    delassus(corners, n, nx, inverse_mass(model, work), slack)
+    return n
+
+
+@inlined_kernel
+def is_relaxed(law, corners, n):  # type: ignore[no-untyped-def]
+    """Whether a candidate is so near the ground that the problem is the convex relaxation of Coulomb's law."""
+    relaxed = False
+    for i in range(n):
+        relaxed = relaxed or corners.gap[corners.chosen[i]] < law.beyond.lifting
+    return relaxed
+
+
+@inlined_kernel
+def apply_impulses(model, work, s, corners, n, h):  # type: ignore[no-untyped-def]
+    """u + sum lam / m and xi + W sum G lam, and corners that this would drive into the ground become candidates.
+
+    Returns:
+        (whether there are such corners, whether any impulse is not zero, the sums over m along z, x and y).
+    """
+    nx, V, G, g, xi, tau = n_rates(model), corners.V, corners.G, corners.g, corners.xi, corners.tau
+    touched, f0, f1, f2 = False, 0.0, 0.0, 0.0
+    for r in range(0, 3 * n, 3):
+        f0, f1, f2 = f0 + V[LAM, r], f1 + V[LAM, r + 1], f2 + V[LAM, r + 2]
+        touched = touched or V[LAM, r] != 0.0 or V[LAM, r + 1] != 0.0 or V[LAM, r + 2] != 0.0
+    for x in range(nx):
+        total = 0.0
+        for r in range(0, 3 * n, 3):
+            total += G[x, r] * V[LAM, r] + G[x, r + 1] * V[LAM, r + 1] + G[x, r + 2] * V[LAM, r + 2]
+        g[x] = total
+    add_impulse(model, work, g, s.xi, xi)
+    over_m = inverse_mass(model, work)
+    f0, f1, f2 = over_m * f0, over_m * f1, over_m * f2
+    hit = False
+    for c in range(corners.state.shape[0]):
+        if corners.state[c] == LOW:
+            vn = s.u[0] + f0
+            for x in range(nx):
+                vn += tau[c, 0, x] * xi[x]
+            if corners.gap[c] / h + vn < 0.0:
+                corners.state[c] = CANDIDATE
+                hit = True
+    return hit, touched, f0, f1, f2
+
+
+@inlined_kernel
+def resolve_contact(model, law, solver, work, s, corners, h, tolerance, cold, strike, bounces):  # type: ignore[no-untyped-def]
+    """Contact in one step: s.u and s.xi become those after it. After `find_corners` and `find_gaps`.
+
+    cold: there is no last step's load. strike: the step has no length. bounces: restitution acts at any approach, not
+    only below `impact_speed`.
+
+    Returns:
+        (candidates, 0 if none is hit; touched; status; KKT error); the candidates' impulses are V[LAM].
+    """
+    nx, n, touched, status, kkt_error = n_rates(model), np.int64(0), False, 0, 0.0
+    for c in range(corners.state.shape[0]):
+        if corners.state[c] != FAR:
+            vn = velocity(corners.tau, c, 0, s.u, s.xi, nx)
+            corners.state[c] = CANDIDATE if corners.gap[c] / h + vn < CLOSING_SPEED else LOW
+    f0, f1, f2 = 0.0, 0.0, 0.0
+    for _ in range(ROUNDS):
+        n = assemble(model, law, work, s, corners, h, cold, cold or strike, bounces)
+        if n == 0:
+            return n, False, 0, 0.0
+        if law.beyond.lifting > 0.0 and is_relaxed(law, corners, n):
+            status, kkt_error, _ = qp_solve(
+                corners.A, corners.V, corners.solver_index, n, tolerance, np.int64(MAX_ITERATIONS)
+            )
+        else:
+            status, kkt_error = solve_contact(solver, corners.A, corners.V, corners.solver_index, n, tolerance)
+        hit, touched, f0, f1, f2 = apply_impulses(model, work, s, corners, n, h)
+        if not hit:
+            break
+    s.u[0], s.u[1], s.u[2] = s.u[0] + f0, s.u[1] + f1, s.u[2] + f2
+    for x in range(nx):
+        s.xi[x] = corners.xi[x]
+    return n, touched, status, kkt_error
+
+
+@inlined_kernel
+def keep_warm(corners, n):  # type: ignore[no-untyped-def]
+    """The impulses of this step's n candidates become the next one's warm start."""
+    for c in range(corners.warm.shape[0]):
+        corners.warm[c, 0], corners.warm[c, 1], corners.warm[c, 2] = 0.0, 0.0, 0.0
+    for i in range(n):
+        for k in range(3):
+            corners.warm[corners.chosen[i], k] = corners.V[LAM, 3 * i + k]
