@@ -1,14 +1,18 @@
-"""Every module with logic has a test file of its own, in a folder of the same name."""
+"""Every module with logic has a test file of its own, in a folder of the same name, and none is too large."""
 
 from __future__ import annotations
 
 import ast
+from collections import Counter
 from pathlib import Path
 
 from tests.conftest import ROOT
 
 FEWEST_STATEMENTS = 5
 """A module whose functions have so many statements together has logic to test."""
+
+MOST_LINES, MOST_FILES = 400, 20
+"""Of a module, and in a folder (CONTRIBUTING.md, rule 12)."""
 
 WITHOUT = {
     "pipelines/config/schemas/launching.py": "fields only",
@@ -39,6 +43,14 @@ def test_the_exceptions_are_still_needed() -> None:
     for module in WITHOUT:
         assert (ROOT / module).is_file(), module
         assert not (ROOT / place_of_test(module)).is_file(), module
+
+
+def test_no_module_and_no_folder_is_too_large_to_read() -> None:
+    every = [*modules("tossid"), *modules("pipelines")]
+    lines = {module: len((ROOT / module).read_text(encoding="utf-8").splitlines()) for module in every}
+    assert {module: count for module, count in lines.items() if count > MOST_LINES} == {}
+    files = Counter(str(Path(module).parent) for module in every)
+    assert {folder: count for folder, count in files.items() if count > MOST_FILES} == {}
 
 
 def modules(package: str) -> list[str]:
