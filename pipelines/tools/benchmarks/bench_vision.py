@@ -23,7 +23,7 @@ from pipelines.config.schemas import IngestConfig
 from pipelines.files.open_source import open_stage
 from tossid.motion import tosses_from_tracks
 from tossid.objects import ObjectModel, Tag
-from tossid.rotations import quat_normalize, transform, transform_points
+from tossid.rotations import quat_normalize, transform, transform_from_rotvec, transform_inv, transform_points
 from tossid.settings.ingestion import DetectSettings
 from tossid.settings.rendering import RenderSettings
 from tossid.types import Detection, Frame
@@ -31,10 +31,12 @@ from tossid.vision import stages
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.detection.detect import TagFinder
+from tossid.vision.pose_graph.track import track_scene
 from tossid.vision.recordings.npz import read_tracks
 from tossid.vision.recordings.registry import Opened
 from tossid.vision.rendering.render import Renderer
 from tossid.vision.setup.faces import tag_corners
+from tossid.vision.setup.layout import SQUARE, Body, BodyTag, TagLayout
 
 Array = NDArray[np.float64]
 
@@ -44,6 +46,10 @@ IMAGES = 64
 LEVELS = ((1.5, 0.3), (1.5, 0.5), (1.5, 1.0), (1.5, 1.6), (4.0, 0.5), (4.0, 1.0), (8.0, 0.5), (8.0, 1.0))
 """Noise [grey levels] and blur [px] at which corners are compared with the truth, in `POSES` poses each."""
 POSES = 15
+STEPS = (300, 1500)
+"""Of the recordings by a moving rig."""
+PIXEL_NOISE = 0.2
+"""Of their corners [px]."""
 FACING = 0.25
 """A tag counts as visible where its normal is within acos of this of the way to the camera."""
 
@@ -84,6 +90,56 @@ def vision(console: Console) -> None:
         heads = ["noise grey levels", "blur px", "tags", "median error px", "95 % px", "NEES / expected"]
         console.table(heads, _corners(model), title="Corners, random poses of 640 by 512 px images")
         console.facts(_ingest(film, opened), title="ingest, three cameras of 1280 by 1024 px at 148 Hz")
+    heads = ["time steps", "detections", "s of CPU time", "reprojection px"]
+    console.table(heads, map(_tracked, STEPS), title="Tracker, a moving rig of four cameras before 35 tags, one known")
+
+
+def _tracked(n: int) -> list[str]:
+    """A row: the CPU time of tracking n time steps."""
+    detections, cameras, layout = moving_rig(n, np.random.default_rng(0))
+    track_scene(*moving_rig(20, np.random.default_rng(1)))  # compiling
+    started = time.process_time()
+    tracked = track_scene(detections, cameras, layout)
+    seconds = time.process_time() - started
+    return [f"{n}", f"{len(detections)}", f"{seconds:.1f}", f"{tracked.report.rms:.3f}"]
+
+
+def moving_rig(n: int, rng: np.random.Generator) -> tuple[list[Detection], list[Camera], TagLayout]:
+    """What four cameras on a moving rig see of 35 tags, of which one is known: some ten tags an image.
+
+    Args:
+        n: Time steps.
+        rng: Of noise, and of which tags are missed.
+    """
+    x, y = (axis.reshape(-1) for axis in np.meshgrid(np.linspace(-1.5, 1.5, 7), np.linspace(-1.0, 1.0, 5)))
+    T_lab_tag = transform(np.stack([x, y, 3.0 + 0.3 * np.sin(3 * x + y)], axis=1), np.tile([0.0, 1, 0, 0], (35, 1)))
+    tags = tuple(BodyTag(i, 0.16, T if i == 17 else None) for i, T in enumerate(T_lab_tag))
+    layout = TagLayout((Body("lab", True, np.eye(4), 0.16, tags), Body("rig", False)))
+    cameras = [
+        Camera(
+            f"cam{k}",
+            (1280, 1024),
+            np.array([700.0, 700, 640, 512]),
+            rig_body="rig",
+            T_world_rig=None,
+            T_rig_cam=transform_from_rotvec(np.array([0.2 * (k % 2), 0.2 * (k // 2), 0.0]), np.array([0, 0.1 * k, 0])),
+        )
+        for k in range(4)
+    ]
+    corners = transform_points(T_lab_tag, 0.08 * SQUARE)
+    cov, detections = np.tile(PIXEL_NOISE**2 * np.eye(2), (4, 1, 1)), []
+    for t in np.arange(n) / 20:
+        shift = [0.8, 0.5, 0.6] * np.sin(t * np.array([0.7, 0.9, 0.5]) + np.arange(3))
+        T_lab_rig = transform_from_rotvec(shift, 0.25 * np.sin(0.6 * t + 1) * np.array([0.6, 0.8, 0.0]))
+        for camera in cameras:
+            assert camera.T_rig_cam is not None
+            here = transform_points(transform_inv(T_lab_rig @ camera.T_rig_cam), corners.reshape(-1, 3))
+            pixels = camera.distort(here)[0].reshape(-1, 4, 2) + PIXEL_NOISE * rng.normal(size=(len(tags), 4, 2))
+            seen = (here.reshape(-1, 4, 3)[..., 2] > 0.3).all(axis=1) & (rng.uniform(size=len(tags)) > 0.66)
+            for i in np.flatnonzero(seen):
+                if camera.contains(pixels[i], margin=5).all():
+                    detections.append(Detection(camera.name, float(t), int(i), pixels[i], cov))
+    return detections, cameras, layout
 
 
 def _corners(model: ObjectModel) -> Iterator[list[str]]:

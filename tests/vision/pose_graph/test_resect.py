@@ -13,7 +13,7 @@ from tossid.vision.pose_graph.resect import Sightings, resect, residuals, retrac
 from tossid.vision.setup.layout import SQUARE
 
 
-def _sightings(rng: np.random.Generator, n: int, m: int, sigma: float) -> tuple[Sightings, np.ndarray]:
+def sightings(rng: np.random.Generator, n: int, m: int, sigma: float) -> tuple[Sightings, np.ndarray]:
     """m tags on each of n targets before cameras 1.5 m away; the true T_parent_target."""
     T = transform(rng.uniform(-0.1, 0.1, (n, 3)), quat_normalize(rng.normal(size=(n, 4))))
     T_parent_cam = np.eye(4)
@@ -32,7 +32,7 @@ def _sightings(rng: np.random.Generator, n: int, m: int, sigma: float) -> tuple[
 
 
 def test_the_jacobian_is_the_derivative():
-    s, T = _sightings(np.random.default_rng(0), 3, 2, 1e-4)
+    s, T = sightings(np.random.default_rng(0), 3, 2, 1e-4)
     _, J = residuals(s, T[s.group], jacobian=True)
     h = 1e-6
     for k, e in enumerate(np.eye(6)):
@@ -41,7 +41,7 @@ def test_the_jacobian_is_the_derivative():
 
 
 def test_poses_are_found_with_honest_information():
-    s, T = _sightings(np.random.default_rng(1), 200, 3, 1e-4)
+    s, T = sightings(np.random.default_rng(1), 200, 3, 1e-4)
     found = resect(s, 200, settings=ResectionSettings())
     assert found.known.all()
     turn = geodesic_angle(matrix_to_quat(found.T[:, :3, :3]), matrix_to_quat(T[:, :3, :3]))
@@ -55,7 +55,7 @@ def test_poses_are_found_with_honest_information():
 
 
 def test_one_small_tag_leaves_two_poses():
-    s, T = _sightings(np.random.default_rng(2), 300, 1, 5e-4)
+    s, T = sightings(np.random.default_rng(2), 300, 1, 5e-4)
     found = resect(s, 300, settings=ResectionSettings())
     angle = geodesic_angle(matrix_to_quat(T[:, :3, :3]), matrix_to_quat(found.T[:, :3, :3]))
     other = geodesic_angle(matrix_to_quat(T[:, :3, :3]), matrix_to_quat(found.other[:, :3, :3]))
@@ -66,7 +66,7 @@ def test_one_small_tag_leaves_two_poses():
 
 
 def test_a_false_tag_among_five_hardly_matters():
-    s, T = _sightings(np.random.default_rng(3), 20, 5, 1e-4)
+    s, T = sightings(np.random.default_rng(3), 20, 5, 1e-4)
     s.seen[::5] += 0.02  # a tag of each target is elsewhere
     found = resect(replace(s, T_cam_tag=tag_poses(s.seen, s.half)), 20, settings=ResectionSettings())
     assert np.quantile(np.linalg.norm(found.T[:, :3, 3] - T[:, :3, 3], axis=1), 0.9) < 0.004
@@ -77,7 +77,7 @@ def test_what_is_not_seen_has_no_pose():
 
 
 def test_fits_by_parts_are_the_fits_of_all():
-    s, _ = _sightings(np.random.default_rng(2), 25, 3, 1e-3)
+    s, _ = sightings(np.random.default_rng(2), 25, 3, 1e-3)
     whole = resect(s, 25, settings=ResectionSettings())
     parts = resect(s, 25, settings=ResectionSettings(fits_at_once=4))
     for item in fields(whole):

@@ -17,7 +17,6 @@ from tossid.vision.pose_graph.factors import IDEAL_TAGS, TagModel
 from tossid.vision.pose_graph.graph_builder import Problem, build
 from tossid.vision.pose_graph.initial import State
 from tossid.vision.pose_graph.kinematic_chains import update_descendants
-from tossid.vision.pose_graph.optimise import marginals_of, optimise
 from tossid.vision.pose_graph.priors import (
     Prior,
     body_key,
@@ -30,6 +29,7 @@ from tossid.vision.pose_graph.priors import (
 )
 from tossid.vision.pose_graph.scene import Scene
 from tossid.vision.pose_graph.solution import Solution, TimingModel, unsolved
+from tossid.vision.pose_graph.solver.optimise import marginals_of, optimise
 from tossid.vision.setup.layout import descendants
 
 Array = NDArray[np.float64]
@@ -142,10 +142,11 @@ def _batch(problem: Problem, solution: Solution, steps: Ints, *, statics: bool) 
     graph_settings = problem.settings.graph
     values = built.values if problem.solved else optimise(built.graph, built.values, settings=graph_settings)
     built.noise.scale = problem.scale
-    marginals = None
+    slots, marginals = _statics(scene, solution), None
     if problem.covariances and values.size():
-        marginals = marginals_of(built.graph, values, settings=graph_settings)
-    slots = _statics(scene, solution)
+        shared = {slot[0] for slot in slots} | {print_key(i) for i in range(len(scene.tags))}
+        shared |= {clock_key(c) for c in range(len(scene.cameras))}
+        marginals = marginals_of(built.graph, values, shared, settings=graph_settings)
     for b, body in enumerate(scene.bodies):
         for step in () if body.is_static or body.hinge is not None else steps:
             slots.append((body_key(b, int(step)), state.world[b], solution.world_cov[b], int(step)))
@@ -155,7 +156,7 @@ def _batch(problem: Problem, solution: Solution, steps: Ints, *, statics: bool) 
         elif values.exists(key):
             poses[at] = values.atPose3(key).matrix()
             if marginals is not None:
-                covs[at] = marginals.marginalCovariance(key)
+                covs[at] = marginals.joint([key])
     for root in range(len(scene.bodies)):
         if descendants(scene.bodies, root):
             update_descendants(scene, solution, root, steps, values, marginals)
@@ -166,4 +167,4 @@ def _batch(problem: Problem, solution: Solution, steps: Ints, *, statics: bool) 
         if values.exists(clock_key(c)):
             solution.clock[c] = values.atDouble(clock_key(c))
             if marginals is not None:
-                solution.clock_sigma[c] = float(np.sqrt(marginals.marginalCovariance(clock_key(c))[0, 0]))
+                solution.clock_sigma[c] = float(np.sqrt(marginals.joint([clock_key(c)])[0, 0]))

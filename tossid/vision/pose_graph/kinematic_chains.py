@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from tossid.vision.pose_graph.priors import body_key, joint_key
 from tossid.vision.pose_graph.scene import Scene
 from tossid.vision.pose_graph.solution import Solution
+from tossid.vision.pose_graph.solver.optimise import Marginals
 from tossid.vision.setup.hinge import Hinge, Hinges
 from tossid.vision.setup.layout import chain, descendants
 
@@ -17,7 +18,7 @@ Ints = NDArray[np.int64]
 
 
 def update_descendants(
-    scene: Scene, solution: Solution, root: int, steps: Ints, values: gtsam.Values, marginals: gtsam.Marginals | None
+    scene: Scene, solution: Solution, root: int, steps: Ints, values: gtsam.Values, marginals: Marginals | None
 ) -> None:
     """Put into the solution the poses and covariances of all bodies that hang on one.
 
@@ -49,14 +50,11 @@ def update_descendants(
             solution.world_cov[b][step] = J @ tree[step][np.ix_(index, index)] @ J.T
 
 
-def _tree_cov(marginals: gtsam.Marginals, root: int, joints: dict[int, int], m: int) -> Array:
+def _tree_cov(marginals: Marginals, root: int, joints: dict[int, int], m: int) -> Array:
     """(6 + m, 6 + m) of a root's tangent and m angles, NaN of angles that the graph does not have."""
-    joint = marginals.jointMarginalCovariance([root, *joints])
-    parts = {root: slice(0, 6)} | {key: slice(6 + i, 7 + i) for key, i in joints.items()}
+    at = [*range(6), *(6 + i for i in joints.values())]
     cov = np.full((6 + m, 6 + m), np.nan)
-    for one, a in parts.items():
-        for other, b in parts.items():
-            cov[a, b] = joint.at(one, other)
+    cov[np.ix_(at, at)] = marginals.joint([root, *joints])
     return cov
 
 

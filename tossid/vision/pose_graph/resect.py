@@ -31,6 +31,7 @@ from tossid.rotations import (
     transform_points,
 )
 from tossid.settings.tracking import ResectionSettings
+from tossid.vision.pose_graph.solver.corner_sums import contradictions, normal_equations, residual_sizes
 from tossid.vision.setup.layout import SQUARE
 
 Array = NDArray[np.float64]
@@ -216,26 +217,17 @@ def fit(s: Sightings, T: Array, *, settings: ResectionSettings) -> Fit:
     ok = np.isfinite(T).all(axis=(1, 2))
     T[~ok] = np.eye(4)
     information = np.zeros((n, 6, 6))
+    seen = (s.points, np.ascontiguousarray(s.seen), np.ascontiguousarray(s.whiten))
+    T_cam_parent = np.ascontiguousarray(s.T_cam_parent)
     for iteration in range(iterations + 1):
-        r, J = residuals(s, T[s.group], jacobian=True)
-        assert J is not None
-        bad = ~np.isfinite(r).all(axis=(1, 2))
-        r[bad], J[bad] = 0.0, 0.0
-        r = np.squeeze(s.whiten @ r[..., None], -1)
-        J = s.whiten @ J
-        size = np.linalg.norm(r, axis=-1)
-        size[bad] = 1e6
+        size = residual_sizes(s.group, T_cam_parent, T, *seen)
         last = iteration >= iterations // 2
-        limit = np.full(len(size), huber) if last else np.maximum(huber, 2 * _median(size, start))[s.group]
-        weight = np.minimum(1.0, limit[:, None] / np.maximum(size, 1e-12))
-        weight[bad] = 0.0
-        rows = J.reshape(len(J), 8, 6)
-        weighted = np.swapaxes(rows * np.repeat(weight, 2, axis=1)[..., None], -1, -2)
-        information = np.add.reduceat(weighted @ rows, start, axis=0)
-        gradient = np.add.reduceat(np.squeeze(weighted @ r.reshape(-1, 8, 1), -1), start, axis=0)
+        limit = np.full(n, huber) if last else np.maximum(huber, 2 * _median(size, start))
+        information, gradient = normal_equations(s.group, T_cam_parent, T, *seen, size, limit)
         if iteration == iterations:
             break
-        ok &= np.linalg.cond(information) < 1e14
+        spread = np.linalg.eigvalsh(information)
+        ok &= spread[:, 0] > 1e-14 * spread[:, -1]
         damped = information + 1e-9 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(6)
         damped[~ok] = np.eye(6)
         move = np.where(ok[:, None], -np.linalg.solve(damped, gradient[..., None])[..., 0], 0.0)
@@ -336,19 +328,11 @@ def _choose(s: Sightings, T: Array, n: int, settings: ResectionSettings) -> tupl
     source = np.repeat(np.arange(len(sources)), repeat)
     offset = np.arange(len(source)) - np.repeat(np.cumsum(repeat) - repeat, repeat)
     judge = judges[first_judge[s.group[sources[source]]] + offset]
-    cost = np.full((len(sources), 2), np.inf)
-    block = 50_000
+    T_cam_parent, corners = np.ascontiguousarray(s.T_cam_parent), np.ascontiguousarray(s.seen)
+    cost = np.empty((len(sources), 2))
     for k in range(2):
-        total = np.zeros(len(sources))
-        for a in range(0, len(source), block):
-            own, by = source[a : a + block], judge[a : a + block]
-            candidate = T[sources[own], k]
-            usable = np.isfinite(candidate[:, 0, 0])
-            r, _ = residuals(s.take(by), np.where(usable[:, None, None], candidate, np.eye(4)))
-            square = np.sum(r**2, axis=-1) / (0.2 * edge[by, None]) ** 2
-            share = np.where(np.isfinite(square), square / (1 + square), 1.0)  # Geman and McClure
-            total += np.bincount(own, np.where(usable, share.sum(axis=1), np.inf), minlength=len(sources))
-        cost[:, k] = total
+        candidates = np.ascontiguousarray(T[sources, k])
+        cost[:, k] = contradictions(candidates, source, judge, T_cam_parent, s.points, corners, 0.2 * edge)
     cost[~np.isfinite(T[sources, :, 0, 0])] = np.inf
     flat, group = T[sources].reshape(-1, 4, 4), np.repeat(s.group[sources], 2)
     first = _least(cost.reshape(-1), group, n)

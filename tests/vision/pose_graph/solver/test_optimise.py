@@ -8,8 +8,8 @@ import pytest
 
 from tossid.errors import SolverError
 from tossid.settings.tracking import GraphSettings
-from tossid.vision.pose_graph.optimise import marginals_of, optimise
 from tossid.vision.pose_graph.priors import clock_key
+from tossid.vision.pose_graph.solver.optimise import marginals_of, optimise
 
 SETTINGS, KEY = GraphSettings(), clock_key(0)
 
@@ -40,7 +40,7 @@ def test_two_priors_meet_at_their_weighted_mean() -> None:
         graph.add(gtsam.PriorFactorDouble(KEY, mean, gtsam.noiseModel.Isotropic.Sigma(1, sigma)))
     values = optimise(graph, _at(10.0), settings=SETTINGS)
     assert values.atDouble(KEY) == pytest.approx((1.0 + 4 * 4.0) / 5)
-    assert marginals_of(graph, values, settings=SETTINGS).marginalCovariance(KEY)[0, 0] == pytest.approx(1 / 5)
+    assert marginals_of(graph, values, {KEY}, settings=SETTINGS).joint([KEY])[0, 0] == pytest.approx(1 / 5)
 
 
 def test_damping_holds_a_step_that_would_diverge() -> None:
@@ -56,5 +56,5 @@ def test_an_error_that_is_never_finite_is_refused() -> None:
 
 def test_what_nothing_determines_has_the_weak_priors_covariance() -> None:
     graph = _graph(lambda x: (0.0, 0.0))
-    marginals = marginals_of(graph, _at(0.0), settings=SETTINGS)
-    assert marginals.marginalCovariance(KEY)[0, 0] == pytest.approx(SETTINGS.weak_prior**2)
+    marginals = marginals_of(graph, _at(0.0), {KEY}, settings=SETTINGS)
+    assert marginals.joint([KEY])[0, 0] == pytest.approx(SETTINGS.weak_prior**2)
