@@ -308,6 +308,14 @@ def _png(folder: Path) -> list[str]:
     return ["detect", "recording=rec"]
 
 
+def _png_chunk(folder: Path) -> list[str]:
+    image = cv2.imencode(".png", np.zeros((24, 32), np.uint8))[1].tobytes()
+    at = image.index(b"IDAT") - 4
+    content = image[:at] + struct.pack(">I", 954_000_000) + image[at + 4 :]
+    (recording(folder) / "frames" / "left" / "1.png").write_bytes(content)
+    return ["detect", "recording=rec"]
+
+
 def _scans(folder: Path) -> list[str]:
     """A progressive JPEG of 49 million pixels that is scanned 2,000 times."""
 
@@ -377,6 +385,7 @@ CLAIMS: dict[str, Claim] = {
     "bag column": Claim(_database(COMPUTED), "bag", "its table 'messages' is computed", "not measured"),
     "avi": Claim(_avi, "left.avi", "claims 2,000,000,000 frames", "3 to 8 GB"),
     "png": Claim(_png, "1.png", "claims 1,024,000,000 pixels (32000 by 32000)", "1 GB and more"),
+    "png chunk": Claim(_png_chunk, "1.png", "claims 954,000,000 bytes", "0.6 s, 1 GB*"),
     "jpeg": Claim(_scans, "1.png", "pixels in its 2001 scans", "7.9 s*"),
 }
 

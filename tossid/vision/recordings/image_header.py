@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid import budget
+from tossid.errors import FileError
 
+_PNG = b"\x89PNG\r\n\x1a\n"
+"""The first bytes of a PNG."""
 _START_OF_FRAME = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """JPEG's markers that an image's size follows."""
 _ALONE = frozenset({0x01, *range(0xD0, 0xD9)})
@@ -33,12 +36,15 @@ def grey_pixels(path: Path, content: bytes) -> NDArray[np.uint8] | None:
         (height, width) grey levels; None where it cannot be decoded.
 
     Raises:
-        FileError: It claims more pixels than `ReadLimits.pixels`, or repeats them beyond `ReadLimits.scanned`.
+        FileError: It claims more pixels than `ReadLimits.pixels`, repeats them beyond `ReadLimits.scanned`, or has a
+            chunk that claims more bytes than there are.
     """
     size = image_size(content)
     if size is None:
         return None
     budget.check_pixels(path, *size)
+    if content.startswith(_PNG):
+        _check_png_chunks(path, content)
     if content.startswith(b"\xff\xd8"):
         scans = content.count(bytes([0xFF, _START_OF_SCAN]))
         claimed = scans * size[0] * size[1]
@@ -53,7 +59,7 @@ def grey_pixels(path: Path, content: bytes) -> NDArray[np.uint8] | None:
 def image_size(content: bytes) -> tuple[int, int] | None:
     """Width and height [px] that an image's header claims; None for what is no image of a known format."""
     try:
-        if content.startswith(b"\x89PNG\r\n\x1a\n") and content[12:16] == b"IHDR":
+        if content.startswith(_PNG) and content[12:16] == b"IHDR":
             width, height = struct.unpack(">II", content[16:24])
             return width, height
         if content.startswith(b"\xff\xd8"):
@@ -65,6 +71,19 @@ def image_size(content: bytes) -> tuple[int, int] | None:
     except (struct.error, IndexError):
         return None
     return _pnm_size(content)
+
+
+def _check_png_chunks(path: Path, content: bytes) -> None:
+    """Refuse chunks that are longer than the file: OpenCV takes their memory before it reads them."""
+    at = len(_PNG)
+    while at + 8 <= len(content):
+        length, name = struct.unpack_from(">I4s", content, at)
+        left = len(content) - at - 8
+        if length > left:
+            raise FileError(
+                path, f"its chunk {name.decode('latin-1')!r} claims {length:,} bytes, of which it has {left:,}"
+            )
+        at += 12 + length
 
 
 def _jpeg_size(content: bytes) -> tuple[int, int] | None:
