@@ -25,6 +25,7 @@ from tossid.motion.sessions.turns import InThrow, Turns, find_turns
 from tossid.motion.sessions.witnesses import link_faces, resting_faces
 from tossid.objects import ObjectModel, corner_positions, load_object
 from tossid.rotations import quat_to_matrix
+from tossid.store import drawn_splits
 from tossid.store.importers import read_contactnets
 from tossid.types import PoseTrack
 
@@ -203,7 +204,15 @@ def main(data: Path) -> None:
     console, model = Console(), load_object("cube")
     tracks = read_contactnets(data / "contactnets_cube")
     turns, copies = find_turns(tracks, model), find_copies(tracks)
-    console.say(f"{len(tracks)} tosses in {turns.recording_of.max() + 1} recordings, {len(copies)} copies")
+    split = drawn_splits([track.name for track in tracks], seed=0)
+    apart = sum(split[copy.name] != split[copy.of] for copy in copies)
+    tested = sum("test" in (split[copy.name], split[copy.of]) and split[copy.name] != split[copy.of] for copy in copies)
+    console.say(
+        f"{len(tracks)} tosses in {turns.recording_of.max() + 1} recordings, {len(copies)} copies; by default {apart} "
+        f"lie in another split than their original, {tested} of these pairs with one in the test split"
+    )
+    within = np.rad2deg(np.angle(np.exp(1j * (turns.throws - turns.yaw))))
+    console.say(f"throws of a recording differ in direction by {np.std(within):.1f} degrees (standard deviation)")
     console.table(
         ("toss", "copy of", "turned by, degrees"), [[c.name, c.of, f"{np.rad2deg(c.yaw):.2f}"] for c in copies]
     )

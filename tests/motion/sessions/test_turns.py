@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.motion.bouncing import bounce, tracked
+from tests.motion.turned import IN_A_ROW, TILT, TILTED, as_published, thrown_along_x, turns_of, yawed
 from tossid.motion.sessions.levelling import as_recorded, levelled_tracks, turned_track
 from tossid.motion.sessions.search import find_sessions
 from tossid.motion.sessions.turns import Turns, find_turns, in_throw, throw_direction, turn_words
@@ -17,43 +17,20 @@ from tossid.rotations import quat_exp
 from tossid.store.importers import read_contactnets, read_pll
 from tossid.types import PoseTrack
 
-TILT = np.deg2rad([0.3, -0.8])
-"""Of the table's normal in the tracker's world, along the throw and to its left."""
-TILTED = quat_exp(np.array([-TILT[1], TILT[0], 0.0]))
-IN_A_ROW = 3
-
-
-def yawed(track: PoseTrack, angle: float) -> PoseTrack:
-    return turned_track(track, quat_exp(np.array([0.0, 0.0, angle])), 0.0)
-
 
 @pytest.fixture(scope="module")
 def thrown(cube: ObjectModel) -> list[PoseTrack]:
-    """Tosses onto level ground, all thrown along x to within a few degrees."""
-    rng = np.random.default_rng(12)
-    made = [
-        tracked(truth, rng, name=str(i))
-        for i, truth in enumerate(bounce(cube, rng, tosses=60, frames=220, gravity=9.81))
-    ]
-    directions = [throw_direction(track, cube) for track in made]
-    return [
-        yawed(track, np.deg2rad(rng.normal(0, 3)) - angle)
-        for track, angle in zip(made, directions, strict=True)
-        if np.isfinite(angle)
-    ]
+    return thrown_along_x(cube, 60)
 
 
 @pytest.fixture(scope="module")
 def yaws(thrown: list[PoseTrack]) -> np.ndarray:
-    """By how much each recording of a few tosses is turned; neighbours differ."""
-    turned = np.cumsum(np.random.default_rng(3).uniform(0.6, 2 * np.pi - 0.6, -(-len(thrown) // IN_A_ROW)))
-    return np.repeat(turned, IN_A_ROW)[: len(thrown)]
+    return turns_of(len(thrown))
 
 
 @pytest.fixture(scope="module")
-def published(thrown: list[PoseTrack], yaws: np.ndarray) -> list[PoseTrack]:
-    """Tracked in a tilted world, and then turned."""
-    return [yawed(turned_track(track, TILTED, 0.0), yaw) for track, yaw in zip(thrown, yaws, strict=True)]
+def published(thrown: list[PoseTrack]) -> list[PoseTrack]:
+    return as_published(thrown)
 
 
 @pytest.fixture(scope="module")
