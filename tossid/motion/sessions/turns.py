@@ -36,6 +36,8 @@ DEFAULT = TurnSettings()
 WITNESS = WitnessSettings()
 _UP = np.array([0.0, 0.0, 1.0])
 _TINY = 1e-12
+_KEPT = 256
+"""Tracks that were turned back and stay in memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +93,7 @@ class Turns:
             tracks: As recorded.
         """
         back = self._back()
-        return OnDemand(lambda i: turned_track(tracks[i], back[tracks[i].name], 0.0), len(tracks), kept=len(tracks))
+        return OnDemand(lambda i: turned_track(tracks[i], back[tracks[i].name], 0.0), len(tracks), kept=_KEPT)
 
     def with_order(self, found: RecordingOrder) -> RecordingOrder:
         """What was found of the tracks of `undone`, with turns from the recorded ones.
