@@ -1,11 +1,11 @@
 """Where the real cube's law of flight comes from: the tables of docs/experiments/tracker.md.
 
-python -m pipelines.tools.tracker_law FOLDER
+python -m pipelines.tools.tracker_law FOLDER [search]
 
 FOLDER holds the published `contactnets_cube`. What is fitted to first flights is linear: each term is a force per mass,
 integrated twice along the recorded motion, or a displacement of the recorded frame. Every toss has a free position and
 velocity. Intervals are 95 % by bootstrap over recordings, that is over tosses in a row that were thrown in one
-direction.
+direction. With `search`, the library's effects of flight are selected, too, for tosses as published and turned back.
 """
 
 from __future__ import annotations
@@ -18,16 +18,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+import tossid
 from pipelines.cli.console import Console
 from pipelines.cli.failures import guarded
+from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.selection.flight_search import search_flight
 from tossid.motion.sessions.copies import find_copies
 from tossid.motion.sessions.turns import InThrow, Turns, find_turns
 from tossid.motion.sessions.witnesses import link_faces, resting_faces
 from tossid.objects import ObjectModel, corner_positions, load_object
+from tossid.physics.effects import World, effects_for
 from tossid.rotations import quat_to_matrix
+from tossid.settings.diagnosis import DiagnoseSettings
 from tossid.store import drawn_splits
 from tossid.store.importers import read_contactnets
-from tossid.types import PoseTrack
+from tossid.types import PoseTrack, Toss
 
 Array = NDArray[np.float64]
 
@@ -49,6 +55,8 @@ MODELS: dict[str, tuple[str, ...]] = {
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 FLAT = np.diag([1.0, 1.0, 0.0])
 OUTLIER, STEPS, DRAWS = 2.5, 10, 400
+SETS, TOSSES = 3, 40
+"""Sets that effects are searched in, and tosses of each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +207,7 @@ def _angles(fit: InThrow, unit: float) -> list[str]:
     return [*cells, ", ".join(f"{a:.2f}" for a in unit * fit.slope)]
 
 
-def main(data: Path) -> None:
+def main(data: Path, *, search: bool = False) -> None:
     """Say what is a copy, how resting faces lean, and what flights leave of each model."""
     console, model = Console(), load_object("cube")
     tracks = read_contactnets(data / "contactnets_cube")
@@ -244,6 +252,37 @@ def main(data: Path) -> None:
         rows.append([name, f"{1e3 * fit.rms:.4f}", f"{1e3 * fit.robust:.4f}", "; ".join(values)])
     console.table(("model", "rms, mm", "robust, mm", "values (95 %), SI"), rows)
     _say_speed(console, flights)
+    if search:
+        say_search(data, console)
+
+
+def flight_effects(tosses: Sequence[Toss], model: ObjectModel) -> dict[str, tuple[float, ...]]:
+    """The effects that a diagnosis selects in free flight alone, with their values [SI].
+
+    Args:
+        tosses: Of a dataset.
+        model: Its object, and the simulator.
+    """
+    world, settings = World(model), DiagnoseSettings(threads=1)
+    validator, world = CrossValidator.of(tosses, model, seed=0, settings=settings).with_contact_law(world)
+    found = search_flight(validator, effects_for(model), Hypothesis(world))
+    if found is None:
+        return {}
+    hypothesis = found.present.hypothesis
+    return {name: tuple(float(x) for x in hypothesis.values_of(name)) for name in hypothesis.names}
+
+
+def say_search(data: Path, console: Console) -> None:
+    """Say which effects of flight are selected on three disjoint sets of tosses, as published and turned back."""
+    rows, folder = [], data / "contactnets_cube"
+    for turned in ("keep", "undo"):
+        made = tossid.ingest(folder, object="cube", turned=turned, progress=lambda progress: None)
+        train = made.of_split("train")
+        for first in range(0, SETS * TOSSES, TOSSES):
+            found = flight_effects(train[first : first + TOSSES], made.object)
+            words = "; ".join(f"{name} {', '.join(f'{x:.4g}' for x in values)}" for name, values in found.items())
+            rows.append([turned, f"{first} to {first + TOSSES - 1}", words])
+    console.table(("turned", "training tosses", "effects in flight, SI"), rows)
 
 
 def _say_speed(console: Console, flights: Flights) -> None:
@@ -296,4 +335,4 @@ def _clustered(X: Array, y: Array, sigma: Array, flights: Flights) -> tuple[Arra
 
 
 if __name__ == "__main__":
-    sys.exit(guarded(lambda: main(Path(sys.argv[1])), "tracker_law"))
+    sys.exit(guarded(lambda: main(Path(sys.argv[1]), search="search" in sys.argv[2:]), "tracker_law"))

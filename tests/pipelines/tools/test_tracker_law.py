@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipelines.tools.tracker_law import MODELS, Flights, fit_flights
+from pipelines.tools.tracker_law import MODELS, Flights, fit_flights, flight_effects
+from tests.diagnosis.tossed import seen
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World
+from tossid.physics.forces import Forces
 from tossid.rotations import quat_exp, quat_to_matrix
 
 DT, FRAMES, NOISE = 1 / 148, 16, 2e-5
@@ -64,3 +68,11 @@ def test_a_turned_tilt_looks_like_a_turning_frame_and_a_turning_frame_is_none() 
     low, high = turning.interval("J")
     assert low < 0.12 < high
     assert low > 0.02
+
+
+def test_effects_of_flight_are_selected(cube: ObjectModel) -> None:
+    tosses = seen(World(cube, forces=Forces(turning=0.6)), cube, 16, seed=5)
+    found = flight_effects(tosses, cube)
+    assert set(found) == {"turning_frame"}
+    assert found["turning_frame"][0] == pytest.approx(0.6, abs=0.1)
+    assert flight_effects(seen(World(cube), cube, 16, seed=6), cube) == {}
