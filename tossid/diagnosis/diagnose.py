@@ -22,12 +22,13 @@ from tossid.diagnosis.sessions.explained import Explained, explain_over_order
 from tossid.diagnosis.simulators import Simulator, check_runs, check_same_object, moves, read_simulator
 from tossid.errors import ConfigError, InputError, TossidError
 from tossid.motion.sessions.levelling import recordings_apart
+from tossid.motion.sessions.turns import find_turns, turn_words
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, effects_for
 from tossid.settings.changed import changed
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.store import Dataset
-from tossid.types import Progress, RecordingOrder, Toss, silent
+from tossid.types import PoseTrack, Progress, RecordingOrder, Toss, silent
 
 
 def diagnose(
@@ -187,7 +188,21 @@ def prepare(
     names = tuple(toss.name for toss in dataset.tosses)
     if dataset.order is not None and set(names) <= set(dataset.order.names):
         names = dataset.order.names
+    remarks += _turned((*tosses, *unseen), names, recorded)
     return Task(tosses, unseen, recorded, judged, library, settings, tosses_of, remarks, dataset.order, names)
+
+
+def _turned(tosses: Sequence[Toss], names: Sequence[str], model: ObjectModel) -> tuple[str, ...]:
+    """A remark where recordings were turned about the vertical, and a tilt looks like a law of flight."""
+    place = {name: i for i, name in enumerate(names)}
+    inorder = sorted(tosses, key=lambda toss: place[toss.name])
+    said = turn_words(find_turns([PoseTrack(toss.name, toss.t, toss.q) for toss in inorder], model))
+    if said is None:
+        return ()
+    return (
+        f"{said}. A tilt of the tracker's world then looks like a force that follows the throw, such as that of a "
+        "turning frame; 'tossid ingest turned=undo' turns recordings back.",
+    )
 
 
 def _threads(settings: DiagnoseSettings) -> int:

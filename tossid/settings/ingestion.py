@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from tossid.settings.kinds import Bounds, Checked, Count, Fraction, NonNegative, Positive, Seed, advanced, advanced_part
 from tossid.settings.limits import LARGEST_GRAVITY
 from tossid.settings.segmentation import SegmentSettings
-from tossid.settings.sessions import SessionSettings, SmoothingSettings, WitnessSettings
+from tossid.settings.sessions import CopySettings, SessionSettings, SmoothingSettings, TurnSettings, WitnessSettings
 from tossid.settings.tracking import TrackSettings
 
 
@@ -141,6 +141,15 @@ class IngestSettings(TossSettings):
     says so. keep: they are ingested nevertheless"""
     smoothing: SmoothingSettings = advanced_part(SmoothingSettings)
     """when tosses are taken for such"""
+    turned: Literal["keep", "undo"] = "keep"
+    """imported recordings that were turned about the vertical after they were tracked, each by its own angle. undo:
+    they are turned back, so that all throws go along x"""
+    copies: Literal["keep", "set_aside"] = "keep"
+    """imported tosses that are earlier ones turned about the vertical: set_aside gives them no split"""
+    turns: TurnSettings = advanced_part(TurnSettings)
+    """when recordings are taken to have been turned"""
+    same: CopySettings = advanced_part(CopySettings)
+    """when tosses are taken to be copies"""
     threads: Count | None = None
     """images searched at the same time; null: one a core"""
     detect: DetectSettings = field(default_factory=DetectSettings)

@@ -85,3 +85,39 @@ class SmoothingSettings:
     """speed above which a frame counts for it [m/s]; filters rest where the object does"""
     uneven: Positive = 0.02
     """largest difference of a frame's time step from the median, relative; others do not count for it"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnSettings:
+    """When recordings are taken to have been turned about the vertical (`tossid.motion.sessions.turns`)."""
+
+    clear_height: Positive = 0.01
+    """height of the lowest corner above its lowest up to which a toss is taken to fly before its first contact [m]"""
+    fewest_flight: Count = 4
+    """frames of that flight from which on it shows the direction of the throw"""
+    least_speed: Positive = 0.2
+    """horizontal speed from which on it does [m/s]"""
+    same_throw: Positive = math.radians(15.0)
+    """a toss belongs to the recording of the one before if their directions differ by less [rad]"""
+    fewest_recordings: Count = 12
+    """recordings from which on turns can be seen"""
+    significance: Fraction = 0.001
+    """probability of taking recordings for turned that were not"""
+    least_lean: Positive = math.radians(0.1)
+    """least lean that turns with throws and matters [rad]"""
+    worst_condition: Positive = 1e3
+    """condition number from which on throws have too much one direction"""
+    outlier: Positive = 2.5
+    """standard deviations beyond which a toss counts no more than one at this distance"""
+    iterations: Count = 12
+    """steps of the robust fit"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CopySettings:
+    """When tosses are taken to be copies of others (`tossid.motion.sessions.copies`)."""
+
+    same_place: Positive = 1e-6
+    """greatest distance of a copy's positions [m]; noise is at least ten times as much"""
+    same_angle: Positive = 1e-5
+    """greatest difference of its attitudes, and of its joints [rad, m]"""

@@ -17,6 +17,7 @@ from tossid.motion.hull_ground import level_by_hull
 from tossid.motion.parabola import find_parabola
 from tossid.motion.segmentation import Stretch
 from tossid.motion.sessions import as_recorded
+from tossid.motion.sessions.copies import Copy, copy_words, find_copies
 from tossid.motion.sessions.smoothing import WHITE, look_for_smoothing
 from tossid.objects import ObjectModel, load_object, recorded_object
 from tossid.settings.changed import changed
@@ -294,9 +295,12 @@ def _import_poses(
             tracks = _levelled(tracks, path, settings, report)
         flying = model if model.is_stated else find_parabola(tracks, gravity=settings.gravity).body()
         _check_measured(tracks, flying, path, settings, report)
-        order = None
+        order, copies = None, find_copies(tracks, settings=settings.same)
         if model.is_stated:
+            turns = stages.turned_back(tracks, model, settings=settings, report=report)
+            tracks = tracks if turns is None else turns.undone(tracks)
             tracks, order = stages.sessions(tracks, model, settings=settings, report=report)
+            order = order if turns is None else turns.with_order(order)
         advance = report.counter("velocities and phases", len(tracks), "tosses")
         for toss in tosses_in_turn(tracks, model, gravity=settings.gravity, end_at_rest=entry.cut_at_rest):
             sink.add(toss)
@@ -304,7 +308,7 @@ def _import_poses(
             # of what was recorded: levelling changes neither defects nor, with them, the draw of splits
             defects += find_defects([as_recorded(toss, order)], flying, gravity=settings.gravity)
             advance(1)
-        set_aside = _set_aside(defects, len(tracks), settings, report)
+        set_aside = _set_aside(defects, len(tracks), settings, report) | _copies_set_aside(copies, settings, report)
         kept = [name for name in names if name not in set_aside]
         sink.finish(
             rate_hz=rate_hz or median_rate(tracks),
@@ -368,6 +372,17 @@ def _set_aside(defects: list[Defect], n_tosses: int, settings: IngestSettings, r
     done = "left out of the splits" if is_aside else "kept; defects=set_aside leaves them out"
     report.problem("import", f"{len(names)} of {n_tosses} tosses have defects ({by_rule}): {done}")
     return names if is_aside else set()
+
+
+def _copies_set_aside(copies: tuple[Copy, ...], settings: IngestSettings, report: Reporter) -> set[str]:
+    """The copies that get no split; reports them."""
+    said = copy_words(copies)
+    if said is None:
+        return set()
+    is_aside = settings.copies == "set_aside"
+    done = "left out of the splits" if is_aside else "kept, in whichever split; copies=set_aside leaves them out"
+    report.problem("import", f"{said}: {done}")
+    return {copy.name for copy in copies} if is_aside else set()
 
 
 def _model(object: Named | None, folder: Path | None = None) -> ObjectModel | None:

@@ -16,10 +16,12 @@ from tossid.errors import InputError, ObjectError
 from tossid.motion.ground_plane import Ground, find_ground
 from tossid.motion.segmentation import Stretch, segment
 from tossid.motion.sessions import find_sessions, levelled_tracks, session_words
+from tossid.motion.sessions.search import recording_order
+from tossid.motion.sessions.turns import Turns, find_turns, turn_words
 from tossid.objects import ObjectModel
-from tossid.settings.ingestion import DetectSettings, TossSettings
+from tossid.settings.ingestion import DetectSettings, IngestSettings, TossSettings
 from tossid.settings.tracking import TrackSettings
-from tossid.types import Detection, LongTrack, PoseTrack, RecordingOrder
+from tossid.types import Detection, LongTrack, OnDemand, PoseTrack, RecordingOrder
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.detection.detect import detect_frames
 from tossid.vision.pose_graph.stream import statics_known, track_stream
@@ -320,3 +322,35 @@ def sessions(
     for session in found.sessions:
         say("sessions", f"{'session' if len(found.sessions) > 1 else 'one session'} {session_words(session)}")
     return levelled_tracks(tracks, found), found
+
+
+def turned_back(
+    tracks: Sequence[PoseTrack], model: ObjectModel, *, settings: IngestSettings, report: Reporter | None = None
+) -> Turns | None:
+    """Recordings that were turned about the vertical after they were tracked, and are to be turned back.
+
+    Args:
+        tracks: One a toss, as recorded.
+        model: The object.
+        settings: `turned` says whether they are turned back.
+        report: Takes findings and problems.
+
+    Returns:
+        The turns that are to be undone; None where there are none, or they are kept.
+    """
+    report = report or Reporter()
+    order, _, _ = recording_order(tracks)
+    ordered = OnDemand(lambda i: tracks[order[i]], len(order), kept=0)
+    turns = find_turns(ordered, model, settings=settings.turns, witness=settings.witnesses)
+    said = turn_words(turns)
+    if said is None:
+        return None
+    if settings.turned == "keep":
+        report.problem("sessions", f"{said}; kept so (turned=undo turns them back)")
+        return None
+    report.message("sessions", f"{said}; turned back, so that all throws go along x, as turned=undo asks")
+    unknown = [name for name, throw in zip(turns.names, turns.throws, strict=True) if not np.isfinite(throw)]
+    if unknown:
+        said = "show no direction of throw, and were turned like the toss before them"
+        report.problem("sessions", f"{len(unknown)} tosses {said}: {', '.join(unknown)}")
+    return turns

@@ -28,6 +28,7 @@ from pipelines.config.compose import load
 from pipelines.config.schemas import SynthesizeConfig
 from pipelines.files.project import newest_dataset, newest_recording
 from tests.pipelines.conftest import one_line
+from tossid.motion.sessions import as_recorded
 from tossid.objects import load_object
 from tossid.rotations import geodesic_angle
 from tossid.settings.tracking import StreamSettings, TrackSettings
@@ -225,3 +226,34 @@ def test_ctrl_c_during_ingest(film: Path, tmp_path: Path, after: str) -> None:
     assert "Traceback" not in err
     assert out.read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_copies_and_turns_of_the_real_cube_are_reported_and_undone_where_asked(
+    project: Path, shared_data: Path, answer: Any, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = project / "some"
+    folder.mkdir()
+    for name in [*range(80), 140]:
+        path = shared_data / "contactnets_cube" / f"{name}.pt"
+        if path.exists():
+            (folder / path.name).symlink_to(path)
+    keys = ["source=contactnets", f"source.path={folder}", "object=cube", "out=cube.h5"]
+    assert app.run(["ingest", *keys, "--quiet"]) == 0
+    said = capfd.readouterr().err
+    assert "1 toss is a copy of an earlier one, turned about the vertical: 140 of 56 (-169.0°)" in said
+    assert "recordings were turned about the vertical after they were tracked" in said
+    assert "turned=undo" in said
+    kept = read_dataset(project / "cube.h5")
+    made = answer("ingest", *keys, "turned=undo", "copies=set_aside")
+    back = read_dataset(project / "cube.h5")
+    assert made["splits"].get("none") == 1
+    assert {toss.name: toss.split for toss in back.tosses}["140"] == ""
+    assert back.order is not None
+    for one, other in zip(kept.tosses, back.tosses, strict=True):
+        np.testing.assert_allclose(as_recorded(other, back.order).q[:, :3], one.q[:, :3], atol=1e-12)
+        np.testing.assert_allclose(other.q[:, 2], one.q[:, 2], atol=1e-12)
+    way = np.array([toss.q[5, :2] - toss.q[0, :2] for toss in back.tosses])
+    assert np.median(np.abs(np.arctan2(way[:, 1], way[:, 0]))) < np.deg2rad(10)
+    (session,) = back.order.sessions
+    assert session.level is not None
+    assert np.rad2deg(session.level[1]) == pytest.approx(-0.5, abs=0.15)

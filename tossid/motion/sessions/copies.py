@@ -1,0 +1,97 @@
+"""Tosses that are copies of earlier ones.
+
+Publishers enlarge a dataset by turning tosses about the vertical. A copy holds no news, and one in the test split of a
+toss in the train split is no test. Two tracks of one motion cannot agree to a micrometre, for their noise differs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.rotations import quat_exp, quat_to_matrix
+from tossid.settings.sessions import CopySettings
+from tossid.types import PoseTrack
+
+Array = NDArray[np.float64]
+
+DEFAULT = CopySettings()
+_UP = np.array([0.0, 0.0, 1.0])
+_SHOWN = 4
+"""Copies that a sentence names."""
+
+
+@dataclass(frozen=True)
+class Copy:
+    """Two tosses that are the same one.
+
+    Attributes:
+        of: Name of the earlier toss.
+        name: Name of the later one.
+        yaw: By which the later one is turned about the vertical against the earlier one [rad].
+    """
+
+    of: str
+    name: str
+    yaw: float
+
+
+def find_copies(tracks: Sequence[PoseTrack], *, settings: CopySettings = DEFAULT) -> tuple[Copy, ...]:
+    """Tosses that are earlier ones turned about the vertical, shifted, or with the body's axes named otherwise.
+
+    Args:
+        tracks: As recorded.
+        settings: What is the same.
+
+    Returns:
+        Each later toss with the first that it equals, in the order of the tosses.
+    """
+    shape = [(len(t.t), float(np.ptp(t.q[:, 2])), i) for i, t in enumerate(tracks)]
+    shape.sort()
+    of: dict[int, tuple[int, float]] = {}
+    for a, (frames, height, i) in enumerate(shape):
+        for other, higher, j in shape[a + 1 :]:
+            if other != frames or higher - height > settings.same_place:
+                break
+            first, second = min(i, j), max(i, j)
+            yaw = None if second in of else _yaw_between(tracks[first], tracks[second], settings)
+            if yaw is not None:
+                of[second] = (first, yaw)
+    out = []
+    for second in sorted(of):
+        first, yaw = of[second]
+        while first in of:  # a copy of a copy
+            first, more = of[first]
+            yaw += more
+        out.append(Copy(tracks[first].name, tracks[second].name, float(np.angle(np.exp(1j * yaw)))))
+    return tuple(out)
+
+
+def _yaw_between(first: PoseTrack, second: PoseTrack, settings: CopySettings) -> float | None:
+    """By how much the second is turned against the first [rad]; None where they are different tosses."""
+    a, b = (track.q[:, :3] - track.q[:, :3].mean(axis=0) for track in (first, second))
+    cross, dot = float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])), float(np.sum(a[:, :2] * b[:, :2]))
+    yaw = float(np.arctan2(cross, dot))
+    turn = quat_to_matrix(quat_exp(yaw * _UP))
+    if np.abs(a @ turn.T - b).max() > settings.same_place:
+        return None
+    between = np.swapaxes(turn @ quat_to_matrix(first.q[:, 3:7]), 1, 2) @ quat_to_matrix(second.q[:, 3:7])
+    same = np.abs(between - between[0]).max() < settings.same_angle
+    return yaw if same and np.allclose(first.q[:, 7:], second.q[:, 7:], atol=settings.same_angle) else None
+
+
+def copy_words(copies: Sequence[Copy]) -> str | None:
+    """What was found of copies, in a sentence; None where there are none.
+
+    Args:
+        copies: Of a recording.
+    """
+    if not copies:
+        return None
+    pairs = ", ".join(f"{copy.name} of {copy.of} ({np.rad2deg(copy.yaw):.1f}°)" for copy in copies[:_SHOWN])
+    more = f" and {len(copies) - _SHOWN} more" if len(copies) > _SHOWN else ""
+    noun = "toss is a copy of an earlier one" if len(copies) == 1 else "tosses are copies of earlier ones"
+    return f"{len(copies)} {noun}, turned about the vertical: {pairs}{more}"

@@ -1,0 +1,254 @@
+"""Recordings that were turned about the vertical after they were tracked.
+
+Publishers enlarge a dataset by turning recordings about the vertical, each by an angle of its own. What is constant in
+the tracker's world, such as a tilt, then turns with the tosses: it looks like a law between place, velocity and
+acceleration that is the same in all horizontal directions. If one side is thrown from, the direction of the throw shows
+by how much a recording was turned, up to an angle that all share.
+
+Whether recordings were turned is tested on the normals n of the faces that objects rest on, which know nothing of a
+throw. With p the place of rest and R(theta) the turn to the direction of the throw,
+
+    n = u + R(theta) c + (a + b J) p,    J a quarter turn:
+
+u is the tilt of a world that was not turned, c that of one that was, and a and b are what a bent world (a lens) does
+where tosses come from all sides. If all throws have one direction, u and c are the same and nothing is decided.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from tossid.motion.sessions.levelling import turned_track
+from tossid.motion.sessions.witnesses import link_faces, resting_faces
+from tossid.objects import ObjectModel, corner_positions
+from tossid.rotations import quat_exp, quat_mul
+from tossid.settings.sessions import TurnSettings, WitnessSettings
+from tossid.types import OnDemand, PoseTrack, RecordingOrder
+
+Array = NDArray[np.float64]
+
+DEFAULT = TurnSettings()
+WITNESS = WitnessSettings()
+_UP = np.array([0.0, 0.0, 1.0])
+_TINY = 1e-12
+_KEPT = 256
+"""Tracks that were turned back and stay in memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class InThrow:
+    """A quantity of tosses, horizontal components, as a part that is fixed in the world and one that turns with throws.
+
+    Attributes:
+        world: Fixed in the recorded world, (2,).
+        throw: Fixed in the axes of the throw: along it, and to its left, (2,).
+        throw_cov: Its covariance over recordings, (2, 2).
+        slope: a and b: in proportion to the covariate, and to its quarter turn, (2,).
+        n: Tosses.
+        n_recordings: Recordings.
+    """
+
+    world: Array
+    throw: Array
+    throw_cov: Array
+    slope: Array
+    n: int
+    n_recordings: int
+
+    @property
+    def p(self) -> float:
+        """Probability of so large a part that turns with throws where there is none."""
+        return float(chi2.sf(self.throw @ np.linalg.pinv(self.throw_cov) @ self.throw, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class Turns:
+    """The direction of each toss, and whether recordings were turned about the vertical.
+
+    Attributes:
+        names: Of the tosses, (n,).
+        throws: Direction in which each was thrown, from the x axis [rad], (n,); NaN where it has no such flight.
+        recording_of: Which recording each belongs to: tosses in a row that were thrown in one direction, (n,).
+        yaw: Mean direction of the throws of each one's recording [rad], (n,); 0 where none shows it.
+        lean: How the normals of resting faces lean [rad]; None where too few recordings show it.
+        were_turned: Whether recordings were turned.
+    """
+
+    names: tuple[str, ...]
+    throws: Array
+    recording_of: NDArray[np.int64]
+    yaw: Array
+    lean: InThrow | None
+    were_turned: bool
+
+    def undone(self, tracks: Sequence[PoseTrack]) -> Sequence[PoseTrack]:
+        """The tracks, each turned back so that all throws go along x.
+
+        Args:
+            tracks: As recorded.
+        """
+        back = self._back()
+        return OnDemand(lambda i: turned_track(tracks[i], back[tracks[i].name], 0.0), len(tracks), kept=_KEPT)
+
+    def with_order(self, found: RecordingOrder) -> RecordingOrder:
+        """What was found of the tracks of `undone`, with turns from the recorded ones.
+
+        Args:
+            found: Of the tracks that were turned back.
+        """
+        back = self._back()
+        return replace(found, turn=quat_mul(found.turn, np.array([back[name] for name in found.names])))
+
+    def _back(self) -> dict[str, Array]:
+        return dict(zip(self.names, quat_exp(-self.yaw[:, None] * _UP), strict=True))
+
+
+def find_turns(
+    tracks: Sequence[PoseTrack],
+    model: ObjectModel,
+    *,
+    settings: TurnSettings = DEFAULT,
+    witness: WitnessSettings = WITNESS,
+) -> Turns:
+    """The directions of throws, and whether recordings were turned about the vertical.
+
+    Args:
+        tracks: As recorded, z roughly up, in the order of recording.
+        model: The object.
+        settings: What a throw and a recording are, and when turns are significant.
+        witness: What counts as rest.
+
+    Returns:
+        The turns. Objects without faces, or tosses that do not come to rest, decide nothing.
+    """
+    throws = np.array([throw_direction(track, model, settings) for track in tracks])
+    recording = _recordings(throws, settings)
+    mean = np.array([_mean_direction(throws[recording == k]) for k in range(recording.max(initial=-1) + 1)])
+    yaw = mean[recording]
+    faces, normals = link_faces(model), np.full((len(tracks), 2), np.nan)
+    for i, track in enumerate(tracks):
+        resting = resting_faces(track, model, faces, settings=witness)
+        if len(resting):
+            normals[i] = resting[:, :2].mean(axis=0)
+    places = np.array([track.q[-1, :2] for track in tracks]).reshape(-1, 2)
+    lean = in_throw(normals, places, yaw, recording, settings=settings)
+    were_turned = (
+        lean is not None and lean.p < settings.significance and float(np.linalg.norm(lean.throw)) > settings.least_lean
+    )
+    names = tuple(track.name for track in tracks)
+    return Turns(names, throws, recording, np.nan_to_num(yaw), lean, were_turned)
+
+
+def throw_direction(track: PoseTrack, model: ObjectModel, settings: TurnSettings = DEFAULT) -> float:
+    """The direction in which an object moves before its first contact, from the x axis [rad]; NaN if too short or slow.
+
+    Args:
+        track: A toss as recorded.
+        model: The object.
+        settings: What counts.
+    """
+    low = corner_positions(model, track.q)[..., 2].min(axis=1)
+    clear = low - low.min() > settings.clear_height
+    n = len(clear) if clear.all() else int(np.argmin(clear))
+    if n < settings.fewest_flight:
+        return float("nan")
+    dx, dy = track.q[n - 1, :2] - track.q[0, :2]
+    speed = np.hypot(dx, dy) / (track.t[n - 1] - track.t[0])
+    return float(np.arctan2(dy, dx)) if speed > settings.least_speed else float("nan")
+
+
+def _recordings(throws: Array, settings: TurnSettings) -> NDArray[np.int64]:
+    """Numbers of recordings: a new one begins where the direction changes."""
+    out, current, last = np.zeros(len(throws), np.int64), 0, float("nan")
+    for i, angle in enumerate(throws):
+        if (
+            np.isfinite(angle)
+            and np.isfinite(last)
+            and abs(np.angle(np.exp(1j * (angle - last)))) > settings.same_throw
+        ):
+            current += 1
+        out[i], last = current, angle if np.isfinite(angle) else last
+    return out
+
+
+def _mean_direction(angles: Array) -> float:
+    known = angles[np.isfinite(angles)]
+    return float(np.angle(np.exp(1j * known).mean())) if len(known) else float("nan")
+
+
+def in_throw(
+    values: Array,
+    covariate: Array,
+    yaw: Array,
+    recording: NDArray[np.int64],
+    *,
+    sigma: Array | None = None,
+    settings: TurnSettings = DEFAULT,
+) -> InThrow | None:
+    """A quantity's part that is fixed in the world, and that which turns with throws: n = u + R c + (a + b J) p.
+
+    Args:
+        values: Of each toss, horizontal components, (n, 2); NaN where it has none.
+        covariate: p, (n, 2): a place, or a velocity.
+        yaw: Direction of the throws of each one's recording [rad], (n,); NaN where it is not known.
+        recording: Which each belongs to, (n,); errors may be correlated within one.
+        sigma: Standard deviations of the values, (n,); None: all alike.
+        settings: From how many recordings it is decided.
+
+    Returns:
+        The parts; None where fewer recordings show it, or where throws have one direction.
+    """
+    has = np.isfinite(values).all(axis=1) & np.isfinite(covariate).all(axis=1) & np.isfinite(yaw)
+    y, p, r = values[has], covariate[has], recording[has]
+    n, names = len(y), np.unique(r)
+    if len(names) < settings.fewest_recordings:
+        return None
+    c, s, zero, one = np.cos(yaw[has]), np.sin(yaw[has]), np.zeros(n), np.ones(n)
+    rows_x = np.stack([one, zero, c, -s, p[:, 0], -p[:, 1]], axis=1)
+    rows_y = np.stack([zero, one, s, c, p[:, 1], p[:, 0]], axis=1)
+    X = np.stack([rows_x, rows_y], axis=1)  # (n, 2, 6)
+    scale = np.linalg.norm(X, axis=(0, 1))
+    X = X / scale
+    if np.linalg.cond(X.reshape(-1, 6)) > settings.worst_condition:
+        return None
+    weight = np.ones((n, 1)) if sigma is None else 1 / sigma[has, None]
+    robust = np.ones((n, 2))
+    for _ in range(settings.iterations):
+        W = weight * robust
+        x, *_ = np.linalg.lstsq((X * W[..., None]).reshape(-1, 6), (y * W).ravel(), rcond=None)
+        off = (y - X @ x) * weight
+        scatter = 1.4826 * float(np.median(np.abs(off))) + _TINY
+        robust = np.sqrt(1 / np.maximum(1, np.abs(off) / (settings.outlier * scatter)))
+    W2 = (weight * robust) ** 2
+    bread = np.linalg.inv(np.einsum("nia,ni,nib->ab", X, W2, X))
+    score = np.einsum("nia,ni->na", X, W2 * (y - X @ x))
+    by_recording = np.array([score[r == k].sum(axis=0) for k in names])
+    k = len(names)
+    cov = bread @ (by_recording.T @ by_recording) @ bread * (k / (k - 1))
+    x, cov = x / scale, cov / np.outer(scale, scale)
+    return InThrow(x[:2], x[2:4], cov[2:4, 2:4], x[4:], n, k)
+
+
+def turn_words(turns: Turns) -> str | None:
+    """What was found of turns, in a sentence; None where recordings were not turned.
+
+    Args:
+        turns: Of a recording.
+    """
+    if not turns.were_turned or turns.lean is None:
+        return None
+    along, left = np.rad2deg(turns.lean.throw)
+    return (
+        f"{turns.recording_of.max() + 1} recordings were turned about the vertical after they were tracked: from "
+        f"whichever side objects are thrown, resting faces lean by {along:.2f}° along the throw and {left:.2f}° to its "
+        f"left (p < {max(turns.lean.p, _LEAST_P):.1g})"
+    )
+
+
+_LEAST_P = 1e-12
+"""Least probability that is stated."""
