@@ -1,6 +1,6 @@
 """Where the real cube's law of flight comes from: the tables of docs/experiments/tracker.md.
 
-python -m pipelines.tools.tracker_law FOLDER [search]
+python -m pipelines.tools.experiments.tracker_law FOLDER [search]
 
 FOLDER holds the published `contactnets_cube`. What is fitted to first flights is linear: each term is a force per mass,
 integrated twice along the recorded motion, or a displacement of the recorded frame. Every toss has a free position and
@@ -30,7 +30,7 @@ from tossid.motion.sessions.witnesses import link_faces, resting_faces
 from tossid.objects import ObjectModel, corner_positions, load_object
 from tossid.physics.effects import World, effects_for
 from tossid.rotations import quat_to_matrix
-from tossid.settings.diagnosis import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.store import drawn_splits
 from tossid.store.importers import read_contactnets
 from tossid.types import PoseTrack, Toss
