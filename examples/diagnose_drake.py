@@ -5,6 +5,7 @@ tossid diagnose data=FILE.h5 sim=python sim.path=examples/diagnose_drake.py sim.
 
 import itertools
 import sys
+from functools import lru_cache
 
 import numpy as np
 from pydrake.all import (
@@ -22,6 +23,7 @@ from pydrake.all import (
 HALF, MASS, INERTIA, GRAVITY, RADIUS = 0.0524, 0.37, 0.00081, 9.81, 1e-3
 
 
+@lru_cache  # built once: a diagnosis calls `simulate` for single frames
 def _diagram(mu, step):
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=step)

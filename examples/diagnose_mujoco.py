@@ -7,13 +7,15 @@ From Python, any function f(q0, v0, n_steps, dt) -> (q, v) over a batch serves, 
 
 import math
 import sys
+from functools import lru_cache
 
 import mujoco
 import numpy as np
 
+STEP = 1e-3
 MODEL = """
 <mujoco>
-  <option timestep="0.001" gravity="0 0 -{gravity}"/>
+  <option timestep="{step}" gravity="0 0 -{gravity}"/>
   <worldbody>
     <geom type="plane" size="5 5 1" friction="{mu} 0 0"/>
     <body>
@@ -26,14 +28,20 @@ MODEL = """
 """
 
 
+@lru_cache
+def compiled(mu, gravity):
+    """The model, compiled once: a diagnosis calls `simulate` for single frames."""
+    return mujoco.MjModel.from_xml_string(MODEL.format(mu=mu, gravity=gravity, step=STEP))
+
+
 def simulate(q0, v0, n_steps, dt, mu=0.18, gravity=9.81):
     """Motions of a batch of cubes, as MuJoCo has them.
 
     q0 (B, 7): position [m], quaternion wxyz. v0 (B, 6): linear in the world, angular in the body frame: MuJoCo's own.
     Returns q (B, n_steps + 1, 7) and v (B, n_steps + 1, 6), first states included.
     """
-    model = mujoco.MjModel.from_xml_string(MODEL.format(mu=mu, gravity=gravity))
-    substeps = math.ceil(dt / model.opt.timestep)
+    model = compiled(mu, gravity)
+    substeps = math.ceil(dt / STEP)
     model.opt.timestep = dt / substeps
     data = mujoco.MjData(model)
     q, v = np.empty((len(q0), n_steps + 1, 7)), np.empty((len(q0), n_steps + 1, 6))

@@ -19,7 +19,14 @@ from tossid.diagnosis.release import bound_frames
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.sessions.correction import corrections
 from tossid.diagnosis.sessions.explained import Explained, explain_over_order
-from tossid.diagnosis.simulators import Simulator, check_runs, check_same_object, moves, read_simulator
+from tossid.diagnosis.simulators import (
+    Simulator,
+    check_runs,
+    check_same_object,
+    moves,
+    read_simulator,
+    with_nearest_contact,
+)
 from tossid.errors import ConfigError, InputError, TossidError
 from tossid.motion.sessions.levelling import recordings_apart
 from tossid.motion.sessions.turns import find_turns, turn_words
@@ -184,6 +191,8 @@ def prepare(
     lost = check_runs(judged.world, tosses, where=judged.about, n_threads=_threads(settings), settings=settings)
     if lost:
         remarks += (f"The simulator diverges on {len(lost)} of {len(tosses)} tosses: {', '.join(lost)}.",)
+    judged, of_states = with_nearest_contact(judged, tosses, settings)
+    remarks += tuple(of_states)
     # (the dataset's own order is that of its recording where none was looked for)
     names = tuple(toss.name for toss in dataset.tosses)
     if dataset.order is not None and set(names) <= set(dataset.order.names):

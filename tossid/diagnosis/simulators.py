@@ -7,7 +7,7 @@ under `@reader(KIND, ACCEPTS)`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
 from tossid.diagnosis.likelihood.simulator_process import FromFile, Given, SimulatorProcess
+from tossid.diagnosis.likelihood.step_changes import State
 from tossid.diagnosis.likelihood.users_world import UsersWorld
 from tossid.diagnosis.likelihood.windows import steps_of
 from tossid.diagnosis.patch.make import read_spec
@@ -303,6 +304,32 @@ def check_runs(
             f"{len(tosses)} tosses, the first of them '{lost[0]}'"
         )
     return lost
+
+
+def with_nearest_contact(
+    simulator: Simulator, tosses: Sequence[Toss], settings: DiagnoseSettings = DiagnoseSettings()
+) -> tuple[Simulator, list[str]]:
+    """A user's simulator with the contact by which effects change it; another simulator as it is. And a remark.
+
+    Args:
+        simulator: What is diagnosed.
+        tosses: From whose first states it is run.
+        settings: How finely is simulated.
+    """
+    world = simulator.world
+    if not isinstance(world, UsersWorld):
+        return simulator, []
+    first = State(np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses]))
+    steps = np.array([len(toss) - 1 for toss in tosses])
+    how = steps_of(world, settings.likelihood.simulation)
+    ready = world.prepared(first, steps, frame_time(tosses), most_lost=settings.checks.most_lost, **how)
+    if ready.by_frame:
+        return replace(simulator, world=ready), []
+    return replace(simulator, world=ready), [
+        "The simulator does not go on from a state as it does without a stop, so it has a state beside positions and "
+        "velocities, or returns other velocities than its own. Effects are added to its whole motions, which is exact in "
+        "flight, and poor in contact."
+    ]
 
 
 def moves(toss: Toss, settings: CheckSettings = CheckSettings()) -> bool:

@@ -40,12 +40,14 @@ class LcpEngine:
 
 @dataclass(frozen=True)
 class MujocoEngine:
-    """MuJoCo, with contact as stiff as it bears."""
+    """MuJoCo, with contact as stiff as it bears, or as it is by default."""
 
     name: Literal["mujoco"] = "mujoco"
     """MuJoCo"""
     substeps: Count | None = None
-    """time steps a frame; null: as many as its contact needs to be near rigid"""
+    """time steps a frame; null: as many as its contact needs"""
+    soft: bool = False
+    """whether contact is as soft as MuJoCo has it by default, in place of near rigid"""
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,10 @@ def _lcp(engine: LcpEngine, world: World, q0: Array, v0: Array, *, n_steps: int,
 
 def _mujoco(engine: MujocoEngine, world: World, q0: Array, v0: Array, *, n_steps: int, dt: float) -> Motions:
     threads = os.cpu_count() or 1
-    return Motions(*toss_in_mujoco(world, q0, v0, n_steps, dt, substeps=engine.substeps, n_threads=threads), unsolved=0)
+    return Motions(
+        *toss_in_mujoco(world, q0, v0, n_steps, dt, substeps=engine.substeps, soft=engine.soft, n_threads=threads),
+        unsolved=0,
+    )
 
 
 def _drake(engine: DrakeEngine, world: World, q0: Array, v0: Array, *, n_steps: int, dt: float) -> Motions:

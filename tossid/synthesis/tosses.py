@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,8 +131,16 @@ def make_tosses(
     q0, v0 = draw_releases(world.object, settings.release, settings.tosses, gravity=world.gravity, rng=rng)
     n_steps = max(2, round(settings.seconds * settings.rate_hz))
     dt = 1.0 / (settings.rate_hz * world.recording.clock_rate)
-    true = engine_of(settings.engine).simulate(settings.engine, world, q0, v0, n_steps=n_steps, dt=dt)
-    q, v = world.recorded(true.q, true.v)
+    simulate = partial(engine_of(settings.engine).simulate, settings.engine, world)
+    true = simulate(q0, v0, n_steps=n_steps, dt=dt)
+    _, v = world.recorded(true.q, true.v)
+    q = world.recorded_motions(
+        true.q,
+        true.v,
+        n_steps=n_steps,
+        dt=dt,
+        onward=lambda q, v, n_steps, dt: simulate(q, v, n_steps=n_steps, dt=dt)[:2],
+    )
     width = len(str(settings.tosses - 1))
     tosses = []
     for i in range(settings.tosses):

@@ -221,6 +221,19 @@ def of_impacts(some: list[Impact]) -> dict[str, float]:
     return {name: float(np.median(each)) if len(each) else np.nan for name, each in values.items()}
 
 
+def scatter_of_impacts(some: list[Impact]) -> dict[str, Array]:
+    """(5,) quantiles (5, 25, 50, 75, 95 %) over impacts. Under one law with one set of numbers they would agree."""
+    turned = [i for i in some if abs(i.spin) > LEAST_SPIN_CHANGE]
+    gyration = 1e-6 * of_impacts(some)["radius of gyration² [mm²]"]
+    moment = np.array([i.arm[1] * i.impulse[0] - i.arm[0] * i.impulse[1] for i in turned])
+    values = {
+        "rebound": np.array([-i.after[1] / i.before[1] for i in some]),
+        "change of spin less that of its impulse [rad/s]": np.array([i.spin for i in turned]) - moment / gyration,
+        "angle leads height [ms]": np.array([1e3 * i.lag for i in turned]),
+    }
+    return {name: np.percentile(each, [5, 25, 50, 75, 95]) for name, each in values.items()}
+
+
 def with_interval(some: list[Piece] | list[Impact], statistic: object, resamples: int = 500) -> dict[str, Array]:
     """(3,) value and 95 % interval of each figure, over resampled drops."""
     assert callable(statistic)
@@ -263,6 +276,9 @@ def main() -> None:
             rows = {**fall, **{name: rows[name] for name in ("drag, x [1/s]", "drag, spin [1/s]")}}
         _print(where, rows, len({p.drop for p in some}))
     _print("impacts of a lone corner", with_interval(hits, of_impacts), len({h.drop for h in hits}))
+    print("\n| over impacts | 5 % | 25 % | 50 % | 75 % | 95 % |\n|---|---|---|---|---|---|")  # noqa: T201
+    for name, quantiles in scatter_of_impacts(hits).items():
+        print(f"| {name} | {' | '.join(f'{x:.3g}' for x in quantiles)} |")  # noqa: T201
 
 
 def _print(where: str, rows: dict[str, Array], count: int) -> None:

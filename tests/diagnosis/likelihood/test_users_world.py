@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from tests.models.made import DT, thrown
 from tossid.diagnosis.likelihood.simulator_process import Given, SimulatorProcess
 from tossid.diagnosis.likelihood.users_world import UsersWorld
 from tossid.objects import ObjectModel
+from tossid.physics import simulate as tossed
 from tossid.physics.effects import World, effect_named
 
 HOW = {"substeps": 4, "impact_parts": 8}
@@ -19,11 +21,11 @@ HOW = {"substeps": 4, "impact_parts": 8}
 @pytest.fixture
 def world(cube: ObjectModel) -> Iterator[UsersWorld]:
     """A simulator with another gravity than is stated."""
-    moon = World(cube, gravity=3.0)
+    moon = World(cube, gravity=3.0).system()
 
     def simulate(q0: np.ndarray, v0: np.ndarray, n_steps: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        q = moon.roll_out(q0, v0, n_steps=n_steps, dt=dt, substeps=4, impact_parts=8)
-        return q, np.repeat(v0[:, None], n_steps + 1, axis=1)
+        run = tossed(moon, q0, v0, n_steps=n_steps, dt=dt, **HOW)
+        return run.q, run.v
 
     process = SimulatorProcess(Given(simulate), about="moon", seconds=60.0)
     yield UsersWorld.of(World(cube), process)
@@ -57,7 +59,7 @@ def test_a_motion_is_asked_for_once(world: UsersWorld) -> None:
     asked: list[int] = []
     process = world.motions.process
 
-    def counting(q: np.ndarray, v: np.ndarray, n_steps: int, dt: float) -> np.ndarray:
+    def counting(q: np.ndarray, v: np.ndarray, n_steps: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
         asked.append(len(q))
         return process(q, v, n_steps, dt)
 
@@ -69,3 +71,46 @@ def test_a_motion_is_asked_for_once(world: UsersWorld) -> None:
     assert asked == [4]
     world.roll_out(q, v, n_steps=12, dt=DT, **HOW)
     assert asked == [4, 4]
+
+
+def test_a_change_is_composed_frame_by_frame_in_contact(cube: ObjectModel) -> None:
+    """Changes of friction and of inertia, on top of a rigid simulator with another gravity, hold through impacts."""
+    theirs = World(cube, gravity=9.6)
+
+    def simulate(q0: np.ndarray, v0: np.ndarray, n_steps: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        run = tossed(theirs.system(), q0, v0, n_steps=n_steps, dt=dt, **HOW)
+        return run.q, run.v
+
+    users = UsersWorld.of(World(cube), SimulatorProcess(Given(simulate), about="rigid", seconds=60.0))
+    q, v = thrown(np.random.default_rng(3), 12)
+    for name, value in (("friction", 0.35), ("inertia", 1.4)):
+        run, whole, before, there = (
+            each.roll_out(q, v, n_steps=70, dt=DT, **HOW)
+            for each in (
+                effect_named(name).at(users, np.array([value])),
+                effect_named(name).at(replace(users, by_frame=False), np.array([value])),
+                users,
+                effect_named(name).at(theirs, np.array([value])),
+            )
+        )
+        off, of_whole, gap = (
+            np.linalg.norm(each[..., :3] - there[..., :3], axis=-1).max(axis=1) for each in (run, whole, before)
+        )
+        assert np.median(gap) > 5e-3
+        assert np.median(off / gap) < 0.1
+        assert np.median(off) < 0.5 * np.median(of_whole)
+
+
+def test_ground_elsewhere_is_a_change_of_frame(world: UsersWorld, cube: ObjectModel) -> None:
+    q, v = thrown(np.random.default_rng(4), 4)
+    q[:, 2] += 0.03
+    raised = effect_named("ground_height").at(world, np.array([0.02])).roll_out(q, v, n_steps=60, dt=DT, **HOW)
+    wanted = World(cube, gravity=3.0, ground_height=0.02).roll_out(q, v, n_steps=60, dt=DT, **HOW)
+    np.testing.assert_allclose(raised, wanted, atol=1e-9)
+
+
+def test_derivatives_by_first_states_are_those_of_the_simulator(world: UsersWorld) -> None:
+    changed = effect_named("friction").at(world, np.array([0.5]))
+    q, v = thrown(np.random.default_rng(5), 3)
+    plain = changed.by_first_states.roll_out(q, v, n_steps=40, dt=DT, **HOW)
+    np.testing.assert_array_equal(plain, world.roll_out(q, v, n_steps=40, dt=DT, **HOW))

@@ -70,27 +70,36 @@ class MujocoWorld:
             raise InputError(
                 f"the MuJoCo model has more or other state than one object's {nq} coordinates and {nv} speeds"
             )
-        count = math.ceil(dt / rate / m.opt.timestep - 1e-9)
-        m.opt.timestep = dt / rate / count
-        q, v = self.recorded.to_ground(q0, v0)
-        start = np.concatenate([np.zeros((len(q), 1)), q, v], axis=1)
-        steps = int(np.max(n_steps))
-        out = np.full((len(q), steps + 1, nq), np.nan)
-        out[:, 0] = q
-        data = [mujoco.MjData(m) for _ in range(max(1, n_threads))]
-        at_once = max(n_threads, _ROWS_AT_ONCE // (steps * count), 1)
-        for first in range(0, len(q), at_once):
-            part = slice(first, first + at_once)
-            with quiet():
-                states, _ = rollout.rollout(m, data, start[part], nstep=steps * count)
-            frames = np.asarray(states)[:, count - 1 :: count]
-            # where MuJoCo gives up it resets the state, and its clock falls behind
-            clock = np.arange(1, steps + 1) * count * m.opt.timestep
-            good = np.isfinite(frames).all(-1) & (np.abs(frames[..., 0] - clock) < 1e-6 * clock[-1])
-            good &= np.abs(frames[..., 1:4]).max(-1) < FARTHEST
-            good = np.logical_and.accumulate(good, axis=1)
-            out[part, 1:] = np.where(good[..., None], frames[..., 1 : 1 + nq], np.nan)
-        return self.recorded.recorded_poses(out)
+        finest = m.opt.timestep
+
+        def onward(q: Array, v: Array, n_steps: int | NDArray[np.int64], dt: float) -> tuple[Array, Array]:
+            count = math.ceil(dt / finest - 1e-9)
+            m.opt.timestep = dt / count
+            return _frames(m, np.concatenate([q, v], axis=1), int(np.max(n_steps)), count, nq, n_threads)
+
+        run = onward(*self.recorded.to_ground(q0, v0), n_steps, dt / rate)
+        return self.recorded.recorded_motions(*run, n_steps=n_steps, dt=dt / rate, onward=onward)
+
+
+def _frames(m: mujoco.MjModel, first: Array, steps: int, count: int, nq: int, n_threads: int) -> tuple[Array, Array]:
+    """Frames of motions, each of so many time steps, from first states (B, nq + nv); NaN from where MuJoCo gave up."""
+    out = np.full((len(first), steps + 1, first.shape[1]), np.nan)
+    out[:, 0] = first
+    start = np.concatenate([np.zeros((len(first), 1)), first], axis=1)
+    data = [mujoco.MjData(m) for _ in range(max(1, n_threads))]
+    at_once = max(n_threads, _ROWS_AT_ONCE // (steps * count), 1)
+    for begin in range(0, len(first), at_once):
+        part = slice(begin, begin + at_once)
+        with quiet():
+            states, _ = rollout.rollout(m, data, start[part], nstep=steps * count)
+        frames = np.asarray(states)[:, count - 1 :: count]
+        # where MuJoCo gives up it resets the state, and its clock falls behind
+        clock = np.arange(1, steps + 1) * count * m.opt.timestep
+        good = np.isfinite(frames).all(-1) & (np.abs(frames[..., 0] - clock) < 1e-6 * clock[-1])
+        good &= np.abs(frames[..., 1:4]).max(-1) < FARTHEST
+        good = np.logical_and.accumulate(good, axis=1)
+        out[part, 1:] = np.where(good[..., None], frames[..., 1:], np.nan)
+    return out[..., :nq], out[..., nq:]
 
 
 @dataclass(frozen=True)

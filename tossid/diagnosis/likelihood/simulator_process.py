@@ -108,8 +108,8 @@ class SimulatorProcess:
         self._process: BaseProcess | None = None
         self._pipe: Connection | None = None
 
-    def __call__(self, q0: Array, v0: Array, n_steps: int, dt: float) -> Array:
-        """Poses (B, n_steps + 1, nq) from first states.
+    def __call__(self, q0: Array, v0: Array, n_steps: int, dt: float) -> tuple[Array, Array]:
+        """Poses (B, n_steps + 1, nq) and velocities (B, n_steps + 1, nv) from first states.
 
         Args:
             q0: (B, nq) first configurations: position [m], quaternion wxyz, joints [rad].
@@ -132,8 +132,7 @@ class SimulatorProcess:
         with np.load(io.BytesIO(answer), allow_pickle=False) as arrays:
             q, v = arrays["q"], arrays["v"]
         self._check(q, v, q0, n_steps)
-        poses: Array = q
-        return poses
+        return q, v
 
     def close(self) -> None:
         """End the process; another call would start it anew."""

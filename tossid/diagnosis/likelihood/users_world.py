@@ -1,24 +1,27 @@
 """A world whose motions are those of a user's own simulator, with effects as changes on top.
 
-With theirs for the user's simulator, and ours for tossid's own of the stated object without and with effects, a motion
-from first states x is
+Without effects it is the user's simulator and nothing else, whatever the first state is. So first states, their
+uncertainty and whole tosses are those of the simulator that is judged. With effects, its motion is changed frame by
+frame from where it touches the ground (`step_changes`), and before that as a whole,
 
     theirs(x) + (ours(x, effects) - ours(x, none)),
 
-poses as differences in the tangent space. Without effects it is the user's simulator and nothing else, whatever x is.
-So first states, their uncertainty and whole tosses are those of the simulator that is judged.
+poses as differences in the tangent space. In the air that is the same, for a small part of the work.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.diagnosis.likelihood.nearest_contact import frames_of, nearest_contact
 from tossid.diagnosis.likelihood.simulator_process import SimulatorProcess
-from tossid.diagnosis.likelihood.windows import difference, moved_pose
+from tossid.diagnosis.likelihood.step_changes import Contact, State, StepChanges
+from tossid.objects import corner_positions
 from tossid.physics.effects import World
 
 Array = NDArray[np.float64]
@@ -27,6 +30,12 @@ _MOST_KEPT = 20_000
 """Motions that are kept, by their first states: fits ask for the same ones with other values of effects."""
 _LONG = 24
 """Frames beyond which motions are asked for in a call of their own."""
+_NEAR_GROUND = 5e-3
+"""Height of the lowest corner [m] below which a motion is changed frame by frame, from two frames before on."""
+_AT_REST, _QUIET = 3e-4, 4
+"""Speed [m/s] below which a motion that is changed frame by frame is at rest after so many frames, and stays there."""
+_FARTHEST = 1e3
+"""[m], [m/s] or [rad/s] beyond which a motion has diverged."""
 
 
 @dataclass
@@ -38,10 +47,10 @@ class Motions:
     """
 
     process: SimulatorProcess
-    _kept: dict[bytes, Array] = field(default_factory=dict)
+    _kept: dict[bytes, tuple[Array, Array]] = field(default_factory=dict)
 
-    def __call__(self, q: Array, v: Array, steps: NDArray[np.int64], dt: float) -> Array:
-        """(B, T + 1, nq) poses; each is its last one beyond its own number of steps.
+    def __call__(self, q: Array, v: Array, steps: NDArray[np.int64], dt: float) -> State:
+        """(B, T + 1, nq) configurations, (B, T + 1, nv) velocities; each stays beyond its own number of steps.
 
         Args:
             q: (B, nq) first configurations.
@@ -49,21 +58,33 @@ class Motions:
             steps: (B,) frames after the first; T is the most of them.
             dt: Between frames [s].
         """
-        out = np.empty((len(q), int(steps.max()) + 1, q.shape[1]))
+        frames = int(steps.max()) + 1
+        out = State(np.empty((len(q), frames, q.shape[1])), np.empty((len(q), frames, v.shape[1])))
         keys = [np.append(np.concatenate([a, b]), dt).tobytes() for a, b in zip(q, v, strict=True)]
         for chosen in (steps <= _LONG, steps > _LONG):
             kept, rows = self._kept, np.flatnonzero(chosen).tolist()
-            missing = [row for row in rows if len(kept.get(keys[row], ())) <= steps[row]]
+            missing = [row for row in rows if keys[row] not in kept or len(kept[keys[row]][0]) <= steps[row]]
             if missing:
                 if len(kept) + len(missing) > _MOST_KEPT:
                     kept = self._kept = {}
                     missing = rows
                 made = self.process(q[missing], v[missing], int(steps[missing].max()), dt)
-                kept.update((keys[row], motion) for row, motion in zip(missing, made, strict=True))
+                kept.update((keys[row], (one, speed)) for row, one, speed in zip(missing, *made, strict=True))
             for row in rows:
-                motion = kept[keys[row]][: steps[row] + 1]
-                out[row, : len(motion)], out[row, len(motion) :] = motion, motion[-1]
+                last = steps[row]
+                for whole, part in zip((out.q, out.v), kept[keys[row]], strict=True):
+                    whole[row, : last + 1], whole[row, last + 1 :] = part[: last + 1], part[last]
         return out
+
+    def next(self, at: State, dt: float) -> State:
+        """States a frame later.
+
+        Args:
+            at: (B, nq) configurations and (B, nv) velocities.
+            dt: Of the frame [s].
+        """
+        q, v = self.process(at.q, at.v, 1, dt)
+        return State(q[:, 1], v[:, 1])
 
 
 @dataclass(frozen=True)
@@ -73,10 +94,15 @@ class UsersWorld(World):
     Attributes:
         motions: Of the simulator; its ground is z = 0.
         stated: The same world without effects, to which changes are relative.
+        by_frame: Whether changes are composed frame by frame in contact. It takes a simulator whose motion goes on from
+            a state as it would have without a stop.
+        contact: Of tossid's own that is nearest to the simulator's.
     """
 
     motions: Motions | None = None
     stated: World | None = None
+    by_frame: bool = True
+    contact: Contact = Contact()
 
     @staticmethod
     def of(stated: World, process: SimulatorProcess) -> UsersWorld:
@@ -87,6 +113,25 @@ class UsersWorld(World):
             process: The simulator.
         """
         return UsersWorld(stated.object, gravity=stated.gravity, motions=Motions(process), stated=stated)
+
+    def prepared(
+        self, first: State, steps: NDArray[np.int64], dt: float, *, most_lost: float, **how: Any
+    ) -> UsersWorld:
+        """The same with the nearest contact; with changes of whole motions only, where no motion goes on from a state.
+
+        Args:
+            first: States at which tosses begin.
+            steps: (B,) frames of each.
+            dt: Of a frame, in true time [s].
+            most_lost: Largest `Frames.lost` of a motion that goes on from any state.
+            **how: As of `World.roll_out`.
+        """
+        assert self.motions is not None
+        assert self.stated is not None
+        frames = frames_of(self.motions, self.motions.next, first, steps, dt, self.stated)
+        if not frames.lost <= most_lost:
+            return replace(self, by_frame=False)
+        return replace(self, contact=nearest_contact(frames, self.stated, dt, **how))
 
     @property
     def same_everywhere(self) -> bool:
@@ -101,13 +146,22 @@ class UsersWorld(World):
         """
         return isinstance(other, UsersWorld) and self.motions is other.motions and super().flies_like(other)
 
+    @property
+    def by_first_states(self) -> World:
+        """The user's simulator without changes, whose motions are known where it was asked before.
+
+        Changes are small beside motions, and so are theirs by the first state; that of rigid contact would be rough.
+        """
+        frames = {name: getattr(self, name) for name in ("recording", "ground_height", "ground_tilt")}
+        return replace(self, **{**vars(self.stated), **frames})
+
     def plain(self) -> World:
         """The same world in tossid's own simulator."""
         names = (name for name in World.__dataclass_fields__)
         return World(**{name: getattr(self, name) for name in names})
 
     def roll_out(self, q0: Array, v0: Array, *, n_steps: int | NDArray[np.int64], dt: float, **how: Any) -> Array:
-        """Recorded motions (B, T + 1, nq) from recorded first states (B, nq), (B, nv).
+        """Recorded motions (B, T + 1, nq) from recorded first states (B, nq), (B, nv); NaN where one diverges.
 
         Args:
             q0: First poses.
@@ -119,17 +173,83 @@ class UsersWorld(World):
         assert self.motions is not None
         assert self.stated is not None
         steps = np.array(np.broadcast_to(np.asarray(n_steps, dtype=np.int64), (len(q0),)))
-        with_effects, none = self.plain(), replace(self.stated, recording=self.recording)
-        q, v = none.to_ground(q0, v0)
-        theirs = none.recorded_poses(self.motions(q, v, steps, dt / self.recording.clock_rate))
-        if _same(with_effects, none):
+        world, none, true_dt = (
+            self.plain(),
+            replace(self.stated, recording=self.recording),
+            dt / self.recording.clock_rate,
+        )
+
+        def onward(q: Array, v: Array, n_steps: int | NDArray[np.int64], dt: float) -> tuple[Array, Array]:
+            # in the ground's frame, the ground is where the user's simulator has it
+            run = self._moved(
+                State(q, v), np.broadcast_to(n_steps, (len(q),)), StepChanges(world, none, dt, how, self.contact)
+            )
+            return run.q, run.v
+
+        run = onward(*world.to_ground(q0, v0), steps, true_dt)
+        return world.recorded_motions(*run, n_steps=steps, dt=true_dt, onward=onward)
+
+    def _moved(self, first: State, steps: NDArray[np.int64], changes: StepChanges) -> State:
+        """Motions in the ground's frame."""
+        assert self.motions is not None
+        theirs = self.motions(first.q, first.v, steps, changes.dt)
+        if _move_alike(changes.with_effects, changes.none):
             return theirs
-        here = with_effects.roll_out(q0, v0, n_steps=steps, dt=dt, **how)
-        there = none.roll_out(q0, v0, n_steps=steps, dt=dt, **how)
-        return moved_pose(theirs, difference(here, there))
+        changed, plain = changes.of_motions(first, steps)
+        run = theirs.plus(changed.minus(plain))
+        begins = self._first_contact((theirs, run, changed, plain), steps)
+        rows = np.flatnonzero(begins < steps)
+        if self.by_frame and len(rows):
+            self._compose(run, begins, steps, rows, changes)
+        return run
+
+    def _first_contact(self, motions: Sequence[State], steps: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(B,) frames from which motions are changed frame by frame; those that stay in the air have none."""
+        low = np.min([corner_positions(self.object, each.q)[..., 2].min(axis=-1) for each in motions], axis=0)
+        near = ~(low > _NEAR_GROUND)
+        return np.where(near.any(axis=1), np.maximum(near.argmax(axis=1) - 2, 0), steps)
+
+    def _compose(
+        self,
+        run: State,
+        begins: NDArray[np.int64],
+        steps: NDArray[np.int64],
+        rows: NDArray[np.int64],
+        changes: StepChanges,
+    ) -> None:
+        """Motions `run` from `begins` on, in place."""
+        assert self.motions is not None
+        quiet = np.zeros(len(steps), dtype=np.int64)
+        ends = steps.copy()
+        for frame in range(int(begins[rows].min()), int(steps[rows].max())):
+            some = rows[(begins[rows] <= frame) & (frame < ends[rows])]
+            if not len(some):
+                continue
+            sizes = np.maximum(np.abs(run.q[some, frame]).max(axis=1), np.abs(run.v[some, frame]).max(axis=1))
+            good = some[sizes < _FARTHEST]
+            run.q[some, frame + 1], run.v[some, frame + 1] = np.nan, np.nan
+            ends[some[~(sizes < _FARTHEST)]] = frame + 1
+            if len(good):
+                at = run.rows((good, frame))
+                on = self.motions.next(at, changes.dt)
+                then = on.plus(changes(at, on))
+                run.q[good, frame + 1], run.v[good, frame + 1] = then.q, then.v
+                quiet[good] = np.where(np.abs(then.v * _scale(then.v)).max(axis=1) < _AT_REST, quiet[good] + 1, 0)
+                ends[good] = np.where(quiet[good] >= _QUIET, np.minimum(frame + 1, steps[good]), ends[good])
+        for row in rows:
+            run.q[row, ends[row] + 1 :] = run.q[row, ends[row]]
 
 
-def _same(one: World, other: World) -> bool:
-    """Whether two worlds are one: the same object, and numbers that are equal."""
-    names = [name for name in World.__dataclass_fields__ if name != "object"]
-    return one.object is other.object and all(getattr(one, name) == getattr(other, name) for name in names)
+def _scale(v: Array) -> Array:
+    """(nv,) 1 of velocities, and 0.1 m of rates."""
+    return np.array([1.0] * 3 + [0.1] * (v.shape[-1] - 3))
+
+
+def _move_alike(one: World, other: World) -> bool:
+    """Whether two worlds differ in no more than frames: in how motion is recorded, and how high the ground is."""
+    alike = one.object is other.object and one.law == other.law and one.k_res is other.k_res
+    alike = alike and np.array_equal(one.gravity_on_ground(), other.gravity_on_ground())
+    forced = one.has_forces or other.has_forces
+    return alike and (
+        not forced or (one.forces_on_ground() == other.forces_on_ground() and one.registered == other.registered)
+    )

@@ -355,6 +355,10 @@ def _derivatives(windows: Windows, world: World, residuals: Array, rows: Index, 
     rows: (n,) of which windows.
     """
     n, L, K = len(rows), windows.inside.shape[1], windows.channels
+    near = world.by_first_states
+    if near is not world:
+        world, residuals = near, windows.residuals(windows.predicted(near, index=rows, n_threads=n_threads), rows)
+        residuals = residuals.reshape(n, K * L)
     steps = _of_state(windows.settings.whitening.difference, K)
     # where the world is the same everywhere, predictions move along x and y with the first position
     given = 2 if world.same_everywhere else 0

@@ -27,6 +27,8 @@ from tossid.physics.system import make_system
 
 Array = NDArray[np.float64]
 
+DEFAULT_STEP, DEFAULT_SOLREF, DEFAULT_SOLIMP = 1e-3, (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
+"""MuJoCo's contact as it is by default, and a time step [s] for it (half of its default one)."""
 PUSH_STEP = 2e-4
 """Longest time [s] for which a force of the state is held."""
 
@@ -53,6 +55,7 @@ def toss_in_mujoco(
     dt: float,
     *,
     substeps: int | None = None,
+    soft: bool = False,
     n_threads: int = 1,
 ) -> tuple[Array, Array]:
     """Toss a world's object in MuJoCo, from B true states in the ground's frame.
@@ -63,7 +66,8 @@ def toss_in_mujoco(
         v0: (B, nv) initial velocities.
         n_steps: frames after the first.
         dt: between frames, true time [s].
-        substeps: MuJoCo steps a frame; None for as many as keep contact near rigid.
+        substeps: MuJoCo steps a frame; None for as many as keep contact near rigid, or for steps of a millisecond.
+        soft: whether contact is MuJoCo's default.
         n_threads: tosses are split over this many threads.
 
     Returns:
@@ -79,15 +83,18 @@ def toss_in_mujoco(
     if n_steps < 1 or not dt > 0 or (substeps is not None and substeps < 1):
         raise InputError(f"{n_steps} steps of {dt} s in {substeps} substeps; expected positive numbers")
     bouncy, forced = world.object.restitution > 0, world.has_forces
+    if soft and (bouncy or world.object.compliance > 0):
+        raise InputError("MuJoCo's default contact neither bounces nor yields by stated numbers")
     if substeps is None:
-        substeps = math.ceil(dt / (0.5 * RIGID_STEP if bouncy else RIGID_STEP))
+        step = DEFAULT_STEP if soft else RIGID_STEP
+        substeps = math.ceil(dt / (0.5 * step if bouncy else step))
     hold = 1
     if forced:
         pushes = min(substeps, math.ceil(dt / PUSH_STEP))
         hold = math.ceil(substeps / pushes)
         substeps = hold * pushes
     return run_scene(
-        scene(world, dt / substeps),
+        scene(world, dt / substeps, soft=soft),
         world.object,
         q0,
         v0,
@@ -99,19 +106,21 @@ def toss_in_mujoco(
     )
 
 
-def scene(world: World, step: float) -> mujoco.MjModel:
+def scene(world: World, step: float, *, soft: bool = False) -> mujoco.MjModel:
     """The world in its ground's frame, without its forces, as MuJoCo's compiled model.
 
     Args:
         world: the simulator.
         step: MuJoCo's time step [s].
+        soft: whether contact is MuJoCo's default.
     """
     model, gravity = world.object, world.gravity_on_ground()
     if model.compliance > 0:
         compiled = _compliant(world, step).compile()
         compiled.opt.timestep, compiled.opt.gravity[:] = step, gravity
     else:
-        compiled = compile_scene(model, gravity, step, _solref(world, step), RIGID_SOLIMP)
+        solref, solimp = (DEFAULT_SOLREF, DEFAULT_SOLIMP) if soft else (_solref(world, step), RIGID_SOLIMP)
+        compiled = compile_scene(model, gravity, step, solref, solimp)
     for form in _forms():
         if form.scene is not None:
             form.scene(compiled, world)

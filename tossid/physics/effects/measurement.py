@@ -6,7 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from tossid.physics.effects.effect import Effect, InMujoco, Parameter, RecordingCorrection
+from tossid.physics.effects.effect import (
+    CONTACT_PHASES,
+    Effect,
+    InMujoco,
+    NotExpressible,
+    Parameter,
+    RecordingCorrection,
+)
 from tossid.physics.effects.environment import GROUP_OF_TILTS
 from tossid.physics.effects.strength import Strength, directed, scaled
 from tossid.physics.effects.world import World
@@ -77,5 +84,18 @@ WORLD_TILT = Effect(
     one_of_group=GROUP_OF_TILTS,
 )
 
-EFFECTS = (LENGTH_SCALE, TIME_BASE, BODY_FRAME_OFFSET, WORLD_TILT)
+ROTATION_DELAY = Effect(
+    name="rotation_delay",
+    family="measurement",
+    says="recorded rotations are of an earlier or later time than recorded positions",
+    parameters=(Parameter("delay_s", 0.0, -0.02, 0.02, 2e-4),),
+    phases=CONTACT_PHASES,  # a steady spin does not show it
+    apply=lambda world, p: _recorded(world, rotation_delay=p["delay_s"]),
+    mujoco=InMujoco(),
+    mjcf=RecordingCorrection(lambda world: f"record rotations {world.recording.rotation_delay:.6g} s earlier"),
+    strength=NotExpressible("it moves no position, by which an audit measures strengths"),
+    starts=({"delay_s": -3e-3}, {"delay_s": 3e-3}),
+)
+
+EFFECTS = (LENGTH_SCALE, TIME_BASE, BODY_FRAME_OFFSET, WORLD_TILT, ROTATION_DELAY)
 """The family, in the order in which its effects are fitted and drawn."""

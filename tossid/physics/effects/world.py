@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.objects import GRAVITY, JointType, ObjectModel
+from tossid.physics.effects.delay import Onward, turned_back, with_late_rotations
 from tossid.physics.forces import Forces, Law
 from tossid.physics.registered_forces import RegisteredForce, combined
 from tossid.physics.stepping import TOLERANCE, simulate
@@ -34,6 +35,7 @@ class RecordingErrors:
         frame_offset: (3,) the recorded frame's origin in the body's true frame [m].
         world_tilt: (2,) what turns true coordinates into recorded ones [rad about x, y].
         joint_offset: Recorded joint positions minus true ones [rad, m]; slides are lengths too.
+        rotation_delay: True time by which recorded rotations lag recorded positions [s].
     """
 
     length_scale: float = 1.0
@@ -41,6 +43,7 @@ class RecordingErrors:
     frame_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     world_tilt: tuple[float, float] = (0.0, 0.0)
     joint_offset: float = 0.0
+    rotation_delay: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -132,6 +135,11 @@ class World:
         return float(corners.max(initial=0.0)) + abs(self.ground_height - other.ground_height)
 
     @property
+    def by_first_states(self) -> World:
+        """A world whose derivatives by first states are nearly those of this one, where others cost less."""
+        return self
+
+    @property
     def same_everywhere(self) -> bool:
         """Whether motion is the same wherever it begins along the recorded x and y.
 
@@ -150,6 +158,7 @@ class World:
         turn = quat_mul(tilt, true)
         q, v, recorded = q.copy(), v * r.clock_rate, q
         q[..., 3:7] = quat_mul(turn, recorded[..., 3:7])
+        q = turned_back(q, v, -r.rotation_delay)
         arm, sweep = self._arm(q, v)
         place = quat_rotate(true, recorded[..., :3]) / r.length_scale - self._lift
         q[..., :3] = quat_rotate(tilt, place) - arm
@@ -159,7 +168,7 @@ class World:
         return q, v
 
     def recorded_poses(self, q: Array) -> Array:
-        """Recorded poses of true ones in the ground's frame: (*b, nq)."""
+        """Recorded poses of true ones in the ground's frame, without a delay of rotations: (*b, nq)."""
         if self._as_is:
             return q.copy()
         r = self.recording
@@ -179,7 +188,27 @@ class World:
         out = v / r.clock_rate
         out[..., :3] = quat_rotate(turn, v[..., :3] + sweep) * (r.length_scale / r.clock_rate)
         out[..., 6:] *= self._joint_scale
-        return self.recorded_poses(q), out
+        poses = self.recorded_poses(q)
+        poses[..., 3:7] = self.recorded_poses(turned_back(q, v, r.rotation_delay))[..., 3:7]
+        return poses, out
+
+    def recorded_motions(
+        self, q: Array, v: Array, *, n_steps: int | NDArray[np.int64], dt: float, onward: Onward
+    ) -> Array:
+        """(B, T + 1, nq) recorded poses of whole true motions in the ground's frame.
+
+        Args:
+            q: (B, T + 1, nq) configurations.
+            v: (B, T + 1, nv) velocities.
+            n_steps: Frames after the first, one number or one a motion (B,).
+            dt: Between frames, in true time [s].
+            onward: What moves them, for rotations of other times than those of frames.
+        """
+        delay, poses = self.recording.rotation_delay, self.recorded_poses(q)
+        if delay != 0.0:
+            late, _ = with_late_rotations(q, v, delay=delay, dt=dt, n_steps=n_steps, onward=onward)
+            poses[..., 3:7] = self.recorded_poses(late)[..., 3:7]
+        return poses
 
     def roll_out(
         self,
@@ -198,22 +227,25 @@ class World:
 
         dt: between recorded frames, on the recording's clock [s]. The rest is as in `simulate`.
         """
-        q, v = self.to_ground(q0, v0)
-        run = simulate(
-            self.system(),
-            q,
-            v,
-            n_steps=n_steps,
-            dt=dt / self.recording.clock_rate,
-            substeps=substeps,
-            impact_parts=impact_parts,
-            tolerance=tolerance,
-            contact=contact,
-            n_threads=n_threads,
-        )
-        out = self.recorded_poses(run.q)
-        out[~run.finite] = np.nan
-        return out
+        system, (q, v), true_dt = self.system(), self.to_ground(q0, v0), dt / self.recording.clock_rate
+
+        def onward(q: Array, v: Array, n_steps: int | NDArray[np.int64], dt: float) -> tuple[Array, Array]:
+            run = simulate(
+                system,
+                q,
+                v,
+                n_steps=n_steps,
+                dt=dt,
+                substeps=substeps,
+                impact_parts=impact_parts,
+                tolerance=tolerance,
+                contact=contact,
+                n_threads=n_threads,
+            )
+            run.q[~run.finite], run.v[~run.finite] = np.nan, np.nan
+            return run.q, run.v
+
+        return self.recorded_motions(*onward(q, v, n_steps, true_dt), n_steps=n_steps, dt=true_dt, onward=onward)
 
     @property
     def _as_is(self) -> bool:

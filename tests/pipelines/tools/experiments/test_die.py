@@ -7,7 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipelines.tools.experiments.die import corners, impacts, of_flight, of_impacts, pieces, read_drop, with_interval
+from pipelines.tools.experiments.die import (
+    corners,
+    impacts,
+    of_flight,
+    of_impacts,
+    pieces,
+    read_drop,
+    scatter_of_impacts,
+    with_interval,
+)
 
 HALF, DT, GRAVITY, DRAG = 0.03, 0.004, 9.7, 0.4
 REBOUND, FRICTION, GYRATION = 0.45, 0.1, 550e-6
@@ -58,3 +67,7 @@ def test_what_made_drops_is_found_in_them(tmp_path: Path) -> None:
     assert abs(found["angle leads height [ms]"][0]) < 0.5
     for value, low, high in found.values():
         assert low <= value <= high
+    scatter = scatter_of_impacts(hits)
+    assert np.ptp(scatter["rebound"][[1, 3]]) < 0.02
+    assert np.abs(scatter["change of spin less that of its impulse [rad/s]"]).max() < 1.0
+    assert np.ptp(scatter["angle leads height [ms]"][[1, 3]]) < 0.5

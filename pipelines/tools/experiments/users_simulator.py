@@ -1,0 +1,223 @@
+"""Does a diagnosis of a user's simulator name what was changed in it?
+
+    python -m pipelines.tools.experiments.users_simulator [engine=mujoco] [tosses=16] [seed=1] [repeats=0] [without=...] [CASE ...]
+    python -m pipelines.tools.experiments.users_simulator predict=true [engine=mujoco] [tosses=16] [seed=1] [CASE ...]
+
+Tosses are made by an engine that has one effect, with noise, and the user's simulator is that engine without it: MuJoCo
+with its default soft contact, Bullet or Drake. One JSON line a case: what was named, values with 95 % intervals, the
+gap, and the share of it that is closed on tosses that took no part. The last line sums up. Without the names of cases
+all run that the engine has. `null` is the engine itself. `without` names effects that are not sought.
+
+With `predict` nothing is sought. Windows of 20 frames are predicted from true first states, with the true effect, by
+each form of `UsersWorld`: changes of whole motions, changes of frames by rigid contact, and by the nearest one. A line
+has the median error over windows in standard deviations of noise, and the share of the mean square that is closed
+(errors beyond 30 count as 30).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import tossid
+from tossid.diagnosis.audit.strengths import world_with
+from tossid.diagnosis.likelihood.simulator_process import BatchFunction, Given, SimulatorProcess
+from tossid.diagnosis.likelihood.step_changes import State
+from tossid.diagnosis.likelihood.users_world import UsersWorld
+from tossid.diagnosis.likelihood.windows import difference, steps_of
+from tossid.diagnosis.result import Diagnosis
+from tossid.errors import ConfigError
+from tossid.objects import load_object
+from tossid.physics.effects import World
+from tossid.physics.effects.in_mujoco import DEFAULT_STEP, scene, toss_in_mujoco
+from tossid.physics.mujoco_engine import run_scene
+from tossid.settings.synthesis import (
+    BulletEngine,
+    DrakeEngine,
+    Engine,
+    MujocoEngine,
+    NoiseSettings,
+    ReleaseSettings,
+    SynthesizeSettings,
+)
+from tossid.synthesis.engines import engine_of
+from tossid.synthesis.tosses import draw_releases, world_of
+
+Array = NDArray[np.float64]
+
+ENGINES: dict[str, Engine] = {"mujoco": MujocoEngine(soft=True), "bullet": BulletEngine(), "drake": DrakeEngine()}
+DT, SECONDS, WINDOW = 1 / 148, 0.5, 20
+"""Of predictions: a frame [s], a toss [s], and frames of a window."""
+NOISE = NoiseSettings(position=1.5e-4, rotation=1.5e-3, velocity=0.03, spin=0.3)
+CASES: dict[str, dict[str, dict[str, float]]] = {
+    "null": {},
+    "gravity-": {"gravity": {"g_ms2": 9.2}},
+    "gravity+": {"gravity": {"g_ms2": 10.3}},
+    "friction+": {"friction": {"mu": 0.3}},
+    "friction-": {"friction": {"mu": 0.12}},
+    "friction++": {"friction": {"mu": 0.22}},
+    "com_x": {"com_offset": {"x_m": 0.004, "y_m": 0.0, "z_m": 0.0}},
+    "com": {"com_offset": {"x_m": 0.002, "y_m": -0.003, "z_m": 0.002}},
+    "inertia+": {"inertia": {"scale_rel": 1.3}},
+    "inertia-": {"inertia": {"scale_rel": 0.75}},
+    "drag": {"quadratic_drag": {"c_ns2pm2": 0.02}},
+    "force": {"uniform_force": {"x_n": 0.06, "y_n": 0.03}},
+    "tilt": {"ground_tilt": {"x_rad": 0.02, "y_rad": 0.01}},
+    "height": {"ground_height": {"z_m": 0.004}},
+    "size": {"geometry": {"size_rel": 1.02}},
+    "wind": {"wind": {"x_ms": 2.0, "y_ms": 0.0, "c_nspm": 0.02}},
+}
+"""By name, the engine's effects with their values."""
+
+
+def _found(case: Mapping[str, Mapping[str, float]], diagnosis: Diagnosis) -> dict[str, Any]:
+    """What a case's line says."""
+    right = [name for name in diagnosis.named if name in case]
+    values = {
+        f"{finding.name}.{name}": [value.value, value.low, value.high]
+        for finding in diagnosis.findings
+        for name, value in finding.parameters.items()
+    }
+    return {
+        "named": list(diagnosis.named),
+        "right": bool(case) and diagnosis.named[:1] == tuple(case),
+        "extra": len(diagnosis.named) - len(right),
+        "verdict": diagnosis.verdict,
+        "values": values,
+        "gap": diagnosis.gap.total.as_json(),
+        "closed": diagnosis.gap_closed.as_json(),
+    }
+
+
+def users_function(engine: Engine, stated: World) -> BatchFunction:
+    """An engine of the stated object, as a user would hand it over.
+
+    Args:
+        engine: Its settings.
+        stated: The object.
+    """
+    compiled = lru_cache(lambda step: scene(stated, step, soft=True))
+
+    def soft_mujoco(q0: Array, v0: Array, n_steps: int, dt: float) -> tuple[Array, Array]:
+        if stated.has_forces:
+            return toss_in_mujoco(stated, q0, v0, n_steps, dt, soft=True)
+        # MuJoCo's pool of threads, as engines use it, does not outlive the fork of this process
+        substeps = math.ceil(dt / DEFAULT_STEP)
+        return run_scene(compiled(dt / substeps), stated.object, q0, v0, n_steps, substeps)
+
+    def other(q0: Array, v0: Array, n_steps: int, dt: float) -> tuple[Array, Array]:
+        made = engine_of(engine).simulate(engine, stated, q0, v0, n_steps=n_steps, dt=dt)
+        return made.q, made.v
+
+    return soft_mujoco if isinstance(engine, MujocoEngine) else other
+
+
+def run(
+    engine: Engine, names: list[str], *, tosses: int, seed: int, repeats: int, without: tuple[str, ...] = ()
+) -> Iterator[dict[str, Any]]:
+    """One line a case."""
+    for number, name in enumerate(names):
+        effects = CASES[name]
+        try:
+            dataset = tossid.synthesize(
+                "cube", tosses=tosses, seed=seed + 100 * number, engine=engine, effects=effects, noise=NOISE
+            )
+        except ConfigError as error:
+            yield {"case": name, "left_out": str(error)}
+            continue
+        simulate = users_function(engine, World(dataset.object))
+        began = time.process_time()
+        found = tossid.diagnose(dataset, simulate, repeats=repeats, threads=1, without=without)
+        yield {
+            "case": name,
+            "effects": effects,
+            **_found(effects, found),
+            "cpu_s": round(time.process_time() - began, 1),
+        }
+
+
+def predict(engine: Engine, names: list[str], *, tosses: int, seed: int) -> Iterator[dict[str, Any]]:
+    """One line a case: how well the true effect is predicted on top of the engine without it."""
+    model = load_object("cube")
+    stated, how = World(model), steps_of(World(model))
+    users = UsersWorld.of(stated, SimulatorProcess(Given(users_function(engine, stated)), about="it", seconds=600.0))
+    frames = round(SECONDS / DT)
+    q0, v0 = draw_releases(model, ReleaseSettings(), tosses, gravity=9.81, rng=np.random.default_rng(seed))
+    near = users.prepared(State(q0, v0), np.full(tosses, frames), DT, most_lost=1.0, **how)
+    forms = {"whole": replace(users, by_frame=False), "rigid": users, "nearest": near}
+    yield {"contact": asdict(near.contact)}
+    for name in names:
+        try:
+            effects = world_of(SynthesizeSettings(engine=engine, effects=CASES[name]), model)
+        except ConfigError as error:
+            yield {"case": name, "left_out": str(error)}
+            continue
+        q, v = users_function(engine, effects)(*effects.to_ground(q0, v0), frames, DT)
+        starts = np.arange(0, frames - WINDOW, WINDOW // 2)
+        q, v = effects.recorded(q, v)
+        first_q, first_v = (x[:, starts].reshape(-1, x.shape[-1]) for x in (q, v))
+        true = np.concatenate([np.stack([each[s : s + WINDOW + 1] for s in starts]) for each in q])
+
+        before = _errors(replace(users, recording=effects.recording), first_q, first_v, true)
+        line: dict[str, Any] = {"case": name, "effects": CASES[name], "before": float(np.median(before))}
+        for form, world in forms.items():
+            began = time.process_time()
+            after = _errors(world_with(world, CASES[name]), first_q, first_v, true)
+            line[form] = float(np.median(after))
+            closed = 1 - (np.minimum(after, 30) ** 2).sum() / (np.minimum(before, 30) ** 2).sum()
+            line[form + "_closed"] = round(float(closed), 3)
+            line[form + "_cpu_s"] = round(time.process_time() - began, 2)
+        yield line
+
+
+def _errors(world: World, q: Array, v: Array, true: Array) -> Array:
+    """(W,) root mean squares of windows' errors, in standard deviations of noise."""
+    run = world.roll_out(q, v, n_steps=WINDOW, dt=DT, **steps_of(world))
+    std = np.array([NOISE.position] * 3 + [NOISE.rotation] * 3)
+    size: Array = np.sqrt(((difference(true, run) / std) ** 2)[:, 1:].mean((1, 2)))
+    return np.nan_to_num(size, nan=np.inf)
+
+
+def main(arguments: list[str]) -> None:
+    """One JSON line a case, and one over all."""
+    keys = dict(each.split("=", 1) for each in arguments if "=" in each)
+    names = [each for each in arguments if "=" not in each] or list(CASES)
+    engine = ENGINES[keys.get("engine", "mujoco")]
+    if keys.get("predict") == "true":
+        for line in predict(engine, names, tosses=int(keys.get("tosses", 16)), seed=int(keys.get("seed", 1))):
+            sys.stdout.write(json.dumps(line) + "\n")
+            sys.stdout.flush()
+        return
+    lines = []
+    for line in run(
+        engine,
+        names,
+        tosses=int(keys.get("tosses", 16)),
+        seed=int(keys.get("seed", 1)),
+        repeats=int(keys.get("repeats", 0)),
+        without=tuple(filter(None, keys.get("without", "").split(","))),
+    ):
+        lines.append(line)
+        sys.stdout.write(json.dumps(line) + "\n")
+        sys.stdout.flush()
+    made = [line for line in lines if line.get("effects")]
+    total = {
+        "cases": len(made),
+        "right": sum(line["right"] for line in made),
+        "with_extra_names": sum(line["extra"] > 0 for line in made),
+        "closed_95": sum(line["closed"]["value"] >= 0.95 for line in made),
+    }
+    sys.stdout.write(json.dumps(total) + "\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

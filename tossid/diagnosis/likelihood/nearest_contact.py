@@ -1,0 +1,135 @@
+"""The contact of tossid's own that is nearest to a user's simulator, and whether that goes on from any state.
+
+Changes of a frame by effects (`step_changes`) are those of the stated object in tossid's simulator. They are the better
+the more its contact is like that of the simulator that is judged. Motions of the latter from the tosses' first states
+show what one frame does to states near the ground. Candidates are rigid contact, contact that yields (a spring, a damper
+and an added mass, as MuJoCo has it), and each of them as the convex relaxation of Coulomb's law. The velocities after a
+frame decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from tossid.diagnosis.likelihood.step_changes import Contact, State, motions
+from tossid.objects import corner_positions
+from tossid.physics.effects import World
+
+Array = NDArray[np.float64]
+
+MOST_MOTIONS, MOST_STATES = 16, 300
+"""Motions, and states of them near the ground, that are looked at."""
+LIFTING = 1e-4
+"""Height of a corner below which contact is relaxed [m], where it is (`EngineSettings.lifting`)."""
+BEGINNINGS = ((2e3, 40.0, 0.9), (2e4, 60.0, 0.1))
+"""Stiffness [N/m] and damping [N s/m] of a corner and its impedance, from which contact that yields is fitted."""
+MOST_EVALUATIONS = 80
+"""Of each such fit (Nelder and Mead)."""
+SHORT = 0.9
+"""Share of the error of rigid contact below which contact that yields is taken: it costs more."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """What a user's simulator does in one frame to states near the ground.
+
+    Attributes:
+        before: States.
+        after: A frame later.
+        lost: Share of the changes of velocity, over all frames of whole motions, that one frame from the states on the
+            way does not repeat.
+    """
+
+    before: State
+    after: State
+    lost: float
+
+
+def frames_of(
+    motion: Callable[[Array, Array, NDArray[np.int64], float], State],
+    onward: Callable[[State, float], State],
+    first: State,
+    steps: NDArray[np.int64],
+    dt: float,
+    world: World,
+) -> Frames:
+    """Frames of a user's simulator.
+
+    Args:
+        motion: Whole motions of it, from first states.
+        onward: States of it a frame later.
+        first: States at which tosses begin.
+        steps: (B,) frames of each.
+        dt: Of a frame, in true time [s].
+        world: The stated object.
+    """
+    first, steps = first.rows(slice(MOST_MOTIONS)), steps[:MOST_MOTIONS]
+    whole = motion(first.q, first.v, steps, dt)
+    frames = np.flatnonzero((np.arange(whole.q.shape[1] - 1) < steps[:, None]).ravel())
+
+    def flat(some: slice) -> State:
+        return State(*(x[:, some].reshape(-1, x.shape[-1])[frames] for x in (whole.q, whole.v)))
+
+    before, then = flat(slice(-1)), flat(slice(1, None))
+    after = onward(before, dt)
+    fall = np.zeros(before.v.shape[1])
+    fall[2] = -world.gravity * dt
+    arm = 0.5 * world.object.width
+    scale = np.array([1.0] * 3 + [arm] * (before.v.shape[1] - 3))
+    moves = np.concatenate([scale / dt, scale])
+    lost = np.abs(moves * after.minus(then)).sum() / np.abs(scale * (then.v - before.v - fall)).sum()
+    low = corner_positions(world.object, before.q)[..., 2].min(axis=1)
+    near = np.flatnonzero(low < 1e-2 + dt * np.abs(before.v[:, 2]))
+    near = near[:: max(1, len(near) // MOST_STATES)]
+    return Frames(before.rows(near), after.rows(near), float(lost))
+
+
+def nearest_contact(frames: Frames, world: World, dt: float, **how: Any) -> Contact:
+    """The contact with which the stated object's velocities after a frame are nearest to theirs.
+
+    Args:
+        frames: Of the user's simulator.
+        world: The stated object.
+        dt: Of a frame, in true time [s].
+        **how: Further arguments of `simulate`.
+    """
+    scale = np.array([1.0] * 3 + [0.5 * world.object.width] * (frames.before.v.shape[1] - 3))
+
+    def error(contact: Contact) -> float:
+        run, _ = motions(contact.of(world).system(), frames.before, 1, dt, contact.steps(how))
+        # square roots: a frame in which the order of impacts differs is no reason to yield
+        return float(np.sqrt(np.abs(scale * np.nan_to_num(run.v[:, 1] - frames.after.v, nan=1e3))).mean())
+
+    rigid = [Contact(lifting=lifting) for lifting in (0.0, LIFTING)]
+    best = min(rigid, key=error)
+    soft = [_fitted(begin, contact.lifting, error, world) for contact in rigid for begin in BEGINNINGS]
+    softest = min(soft, key=error)
+    return softest if error(softest) < SHORT * error(best) else best
+
+
+def _fitted(begin: Sequence[float], lifting: float, error: Callable[[Contact], float], world: World) -> Contact:
+    """Contact that yields, fitted from given stiffness, damping and impedance."""
+    mass = float(world.object.mass.sum())
+
+    def contact(x: Array) -> Contact:
+        stiffness, damping = np.exp(np.clip(x[:2], 0.0, 13.0))
+        impedance = 1.0 / (1.0 + np.exp(-np.clip(x[2], -5.0, 5.0)))
+        return Contact(
+            compliance=float((1 - impedance) / stiffness),
+            relaxation=float(damping / stiffness),
+            added_mass=float(mass * impedance / (1 - impedance)),
+            lifting=lifting,
+        )
+
+    start = np.array([np.log(begin[0]), np.log(begin[1]), np.log(begin[2] / (1 - begin[2]))])
+    found = minimize(
+        lambda x: error(contact(x)), start, method="Nelder-Mead",
+        options={"maxfev": MOST_EVALUATIONS, "xatol": 0.02, "fatol": 1e-5},
+    )  # fmt: skip
+    return contact(found.x)
