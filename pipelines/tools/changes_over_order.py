@@ -1,11 +1,13 @@
 """How well changes over the order of recording are found, without the search for effects that are in all tosses.
 
-    python -m pipelines.tools.changes_over_order [cases=40] [nulls=40] [data=CUBE.h5] [seed=0] [tosses=40] [only=FORM]
+    python -m pipelines.tools.changes_over_order [cases=40] [nulls=40] [data=CUBE.h5] [seed=0] [first=0]
+        [tosses=40] [only=FORM]
 
 The cases are those of `tossid audit over_order=true` in which something changes, through TUM files as there. In nulls,
 nothing changes: in turns, there is no effect, or all tosses have one; of a dataset, real tosses are drawn in random
 order, one null in three. Each is looked at as a diagnosis does before its search: what changes, from which toss on, and
-by how much. A line of JSON a case goes to standard output, and the measures to standard error.
+by how much; `first` leaves out the changes before. A line of JSON a case goes to standard output, and the measures to
+standard error.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -80,7 +82,9 @@ def problems(given: Mapping[str, str], settings: AuditSettings) -> Iterator[tupl
     model, (changes, nulls) = load_object("cube"), (int(given.get(key, "40")) for key in ("cases", "nulls"))
     shared: dict[str, Any] = {key: getattr(settings, key) for key in ("seed", "engines", "displacement")}
     cases = draw_over_order(2 * changes + 1, tosses=settings.tosses, **shared)
-    cases = tuple(case for case in cases if case.order is not None and case.order.form not in NULLS)[:changes]
+    cases = tuple(case for case in cases if case.order is not None and case.order.form not in NULLS)[
+        int(given.get("first", "0")) : changes
+    ]
     real = nulls // 3 if "data" in given else 0
     only_lcp = only_in_lcp(model, settings.engines)
     of_all_engines = [name for name in strengths_for(model) if name not in only_lcp]
@@ -101,10 +105,28 @@ def main(arguments: list[str]) -> None:
         scores.append(looked_at(problem, truth, settings))
         sys.stdout.write(json.dumps(scores[-1], default=float) + "\n")
         sys.stdout.flush()
+    console = Console()
+    console.table(("what changes", "cases", "from the toss (within 3)", "named right", "form right"), by_kind(scores))
     named = [{**score, "kind": "order", "parameters": [], "closed": None, "phase_right": None} for score in scores]
     measures = {name: value for name, value in summarise(named).items() if "change" in name or "drift" in name}
     rows = [[name, str(found.get("count", found.get("value"))), str(found["of"])] for name, found in measures.items()]
-    Console().table(("measure", "found", "of"), rows)
+    console.table(("measure", "found", "of"), rows)
+
+
+def by_kind(scores: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Rows of how many cases of each kind were right."""
+    kinds: dict[str, list[Mapping[str, Any]]] = {}
+    for score in scores:
+        form = score["order"]["form"]
+        name = form if form in NULLS else f"{' and '.join(sorted(score['effects']))}: {form}"
+        kinds.setdefault(name, []).append(score)
+
+    def count(some: Sequence[Mapping[str, Any]], key: str) -> str:
+        known = [score[key] for score in some if score[key] is not None]
+        return f"{sum(known)} of {len(known)}" if known else ""
+
+    columns = ("moment_right", "right", "form_right")
+    return [[name, str(len(some)), *(count(some, key) for key in columns)] for name, some in kinds.items()]
 
 
 if __name__ == "__main__":

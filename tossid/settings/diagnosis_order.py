@@ -28,6 +28,10 @@ class OrderSettings:
     """most effects that change one beside the other"""
     candidates: Count = 5
     """effects that are fitted, stretch by stretch"""
+    from_starts: Count = 2
+    """effects that are fitted from declared starts where none of those gains anything"""
+    least_gain: Positive = 30.0
+    """gain of log-likelihood that a change of an effect must bring"""
     indistinguishable: Fraction = 0.1
     """share of the best gain of log-likelihood by which another effect's may be less and count as the same; of such
     effects, one of the recording is preferred"""

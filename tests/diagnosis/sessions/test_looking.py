@@ -64,6 +64,19 @@ def test_a_height_that_changes_is_no_slow_error_of_the_tracker(cube: ObjectModel
     assert last.changes == ()
 
 
+def test_noise_that_changes_is_no_effect(cube: ObjectModel) -> None:
+    tosses = seen(World(cube), cube, 24, seed=5, frames=60)
+    rng, noisy = np.random.default_rng(0), []
+    for i, toss in enumerate(tosses):
+        q = toss.q.copy()
+        q[:, :3] += 6e-4 * (i >= 12) * rng.normal(size=(len(q), 3))
+        noisy.append(replace(toss, q=q, name=str(i), q_measured=None, q_measured_cov=None))
+    first, _, found = undo_changes(Problem(noisy, World(cube), [*FEW, EFFECTS["ground_height"]]).in_order())
+    assert [change.at for change in first.changes] == pytest.approx([12], abs=3)
+    assert first.effect is None
+    assert found.undone == ()
+
+
 def test_unseen_tosses_have_the_values_of_their_neighbours(cube: ObjectModel) -> None:
     tosses = seen(World(cube), cube, 4, seed=1, frames=8)
     tosses = [replace(toss, name=name) for toss, name in zip(tosses, ("0", "2", "4", "3"), strict=True)]

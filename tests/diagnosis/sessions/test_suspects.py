@@ -7,8 +7,9 @@ import pytest
 
 from tests.diagnosis.by_hand import EFFECTS, hypothesis
 from tests.diagnosis.sessions.test_looking import tilted_from
+from tests.diagnosis.tossed import seen, with_effect
 from tossid.diagnosis.problem import Problem
-from tossid.diagnosis.sessions.suspects import gain_of_change, stepped, suspects_among
+from tossid.diagnosis.sessions.suspects import fits_from_starts, gain_of_change, stepped, suspects_among
 from tossid.diagnosis.sessions.values import toss_values
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World, effect_named
@@ -55,3 +56,15 @@ def test_an_effect_that_is_the_same_in_all_tosses_gains_nothing_by_a_change(cube
     )
     assert whole > 100
     assert parts == pytest.approx(0.0, abs=0.1 * whole)
+
+
+def test_a_ground_that_rises_out_of_reach_is_found_from_a_start(cube: ObjectModel) -> None:
+    """Objects that rest 28 mm above the stated ground do not feel it."""
+    level = seen(World(cube), cube, 11, seed=3, frames=110)
+    raised = seen(with_effect(cube, "ground_height", [0.028]), cube, 10, seed=4, frames=150)
+    library = [EFFECTS[name] for name in ("ground_height", "friction")]
+    validator = Problem((*level, *raised), World(cube)).validator(over_order=True)
+    present = validator.evaluate(hypothesis(cube))
+    ((effect, fits),) = fits_from_starts(present, library, (0, 11, 21), validator, count=1)
+    assert effect.name == "ground_height"
+    np.testing.assert_allclose([one.hypothesis.values[-1][0] for one in fits], [0.0, 0.028], atol=2e-4)

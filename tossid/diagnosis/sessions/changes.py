@@ -23,7 +23,7 @@ from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.fitting import Fitted, fit
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.sessions.correction import CORRECTABLE
-from tossid.diagnosis.sessions.suspects import gain_of_change, stepped, suspects_among
+from tossid.diagnosis.sessions.suspects import fits_from_starts, gain_of_change, stepped, suspects_among
 from tossid.motion.sessions.change_points import Change, Witness, find_changes, robust_mean, without_covariates
 from tossid.physics.effects import Effect
 from tossid.settings.diagnosis_order import OrderSettings
@@ -100,8 +100,6 @@ def effect_over_order(
     """
     p = {name: min(c.p[name] for c in changes if name in c.p) for c in changes for name in c.p}
     suspects = [each for each in suspects_among(library, p) if each.name in witnesses]
-    if not suspects:
-        return None
     outlier, n = settings.changes.outlier, validator.n
     at = _at_sessions(clearest_steps(witnesses, changes, settings), boundaries, settings.same_change)
     steps, shares = (0, *at, n), validator.settings.selection.step_shares
@@ -119,15 +117,28 @@ def effect_over_order(
         return described(effect, form, edges, fits, p.get(effect.name, max(p.values())))
 
     gains = dict(zip((each.name for each in suspects), validator.map(screened, suspects), strict=True))
-    first, *others = sorted(suspects, key=lambda each: -gains[each.name])[: settings.candidates]
-    drifting = fitted(first, "drift", parts_of_drift)
-    if follows_line(drifting, at):
-        found = [drifting, *validator.map(partial(fitted, form="drift", edges=parts_of_drift), others)]
-    else:
-        found = validator.map(partial(fitted, form="steps", edges=steps), [first, *others])
-    judged = [(_gain_over_mean(present, each) - _cost(each.effect, each.edges), each) for each in found]
-    judged = [each for each in judged if each[0] > 0]
+    suspects = sorted(suspects, key=lambda each: -gains[each.name])[: settings.candidates]
+    found: list[EffectOverOrder] = []
+    if suspects:
+        drifting = fitted(suspects[0], "drift", parts_of_drift)
+        if follows_line(drifting, at):
+            found = [drifting, *validator.map(partial(fitted, form="drift", edges=parts_of_drift), suspects[1:])]
+        else:
+            found = validator.map(partial(fitted, form="steps", edges=steps), suspects)
+    judged = _gaining(present, found, settings)
+    if not judged:
+        from_starts = fits_from_starts(present, library, steps, validator, count=settings.from_starts)
+        found = [described(effect, "steps", steps, fits, max(p.values())) for effect, fits in from_starts]
+        judged = _gaining(present, found, settings)
     return _simplest(judged, settings) if judged else None
+
+
+def _gaining(
+    present: Candidate, found: Sequence[EffectOverOrder], settings: OrderSettings
+) -> list[tuple[float, EffectOverOrder]]:
+    """The effects whose change gains enough, with what it gains."""
+    judged = [(_gain_over_mean(present, each) - _cost(each.effect, each.edges), each) for each in found]
+    return [each for each in judged if each[0] > settings.least_gain]
 
 
 def _cost(effect: Effect, edges: Sequence[int]) -> float:

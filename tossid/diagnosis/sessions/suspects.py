@@ -8,13 +8,16 @@ tosses has values of its own, and what these gain over one value for all tosses 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.evidence import Hypothesis
-from tossid.diagnosis.selection.cross_validation import Candidate
+from tossid.diagnosis.likelihood.fitting import Fitted, fit
+from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
+from tossid.diagnosis.selection.screening import Screened, screen
 from tossid.motion.sessions.change_points import Witness, robust_mean
 from tossid.physics.effects import Effect
 
@@ -49,7 +52,7 @@ def gain_of_change(
         effect: The effect.
         witness: What each toss says of it.
         edges: First tosses of the stretches, and the number of tosses.
-        shares: Parts of a step that are tried; the best counts.
+        shares: Parts of a step that are tried, largest first, until a smaller one gains less.
         outlier: As of `robust_mean`.
     """
     toss = present.evidence.windows.toss
@@ -61,7 +64,10 @@ def gain_of_change(
             moved = stepped(present.hypothesis, effect, witness, first, stop, share=share, outlier=outlier)
             after = present.evidence.log_likelihood_of(moved.world(), present.fitted.scales, rows)
             gains = present.evidence.gains(after, _log_likelihood(present, rows))
-            best = max(best, float(gains @ present.evidence.windows.weights[rows]))
+            found = float(gains @ present.evidence.windows.weights[rows])
+            if found <= best and best > 0:
+                break
+            best = max(best, found)
         return best
 
     return sum(gain(a, b) for a, b in pairwise(edges)) - gain(edges[0], edges[-1])
@@ -95,6 +101,46 @@ def stepped(
     flat = hypothesis.flat()
     flat[place] += share * step * hypothesis.steps[place]
     return hypothesis.clipped(flat)
+
+
+def fits_from_starts(
+    present: Candidate, effects: Sequence[Effect], edges: Sequence[int], validator: CrossValidator, *, count: int
+) -> list[tuple[Effect, tuple[Fitted, ...]]]:
+    """Effects of which tosses say nothing near their nominal values, fitted to each stretch from declared starts.
+
+    A raised ground under an object that floats above the stated one is such an effect: no small change is felt.
+
+    Args:
+        present: The hypothesis beside which they change.
+        effects: Some that have starts.
+        edges: First tosses of the stretches, and the number of tosses.
+        validator: Of all windows.
+        count: How many are fitted: those that gain most by one step.
+
+    Returns:
+        The effects with the fits of their stretches.
+    """
+    toss, parts = present.evidence.windows.toss, []
+    for a, b in pairwise(edges):
+        rows = np.flatnonzero((toss >= a) & (toss < b))
+        own = replace(present.fitted, evidence=present.evidence.rows(rows), residuals=present.fitted.residuals[rows])
+        parts.append(replace(present, fitted=own))
+    held = frozenset(present.hypothesis.names)
+
+    def screened(effect: Effect) -> list[Screened]:
+        return [screen(validator, part, effect) for part in parts]
+
+    found = validator.map(screened, [each for each in effects if each.starts and each.name not in held])
+    found = sorted(found, key=lambda each: -sum(one.gain for one in each))[:count]
+
+    def fitted(each: list[Screened]) -> tuple[Effect, tuple[Fitted, ...]]:
+        fits = (
+            fit(one.evidence(part), one.start, n_tosses=validator.n, held=held)
+            for one, part in zip(each, parts, strict=True)
+        )
+        return each[0].effect, tuple(fits)
+
+    return validator.map(fitted, found)
 
 
 def _log_likelihood(present: Candidate, rows: NDArray[np.int64]) -> NDArray[np.float64]:
