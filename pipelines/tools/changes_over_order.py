@@ -2,12 +2,13 @@
 
     python -m pipelines.tools.changes_over_order [cases=40] [nulls=40] [data=CUBE.h5] [seed=0] [first=0]
         [tosses=40] [only=FORM]
+    python -m pipelines.tools.changes_over_order recorded=FILE.h5 [split=train] [tosses=40] [seed=0]
 
 The cases are those of `tossid audit over_order=true` in which something changes, through TUM files as there. In nulls,
 nothing changes: in turns, there is no effect, or all tosses have one; of a dataset, real tosses are drawn in random
 order, one null in three. Each is looked at as a diagnosis does before its search: what changes, from which toss on, and
 by how much; `first` leaves out the changes before. A line of JSON a case goes to standard output, and the measures to
-standard error.
+standard error. The second form looks at tosses of a dataset, drawn as `diagnose` draws them, in their own order.
 """
 
 from __future__ import annotations
@@ -32,12 +33,13 @@ from tossid.diagnosis.audit.scores import summarise
 from tossid.diagnosis.audit.spoilt import read_case_tosses
 from tossid.diagnosis.audit.steps import withheld
 from tossid.diagnosis.audit.strengths import strengths_for
-from tossid.diagnosis.problem import Problem
+from tossid.diagnosis.problem import Problem, session_starts
 from tossid.diagnosis.sessions.explained import over_order
 from tossid.diagnosis.sessions.looking import undo_changes
 from tossid.objects import ObjectModel, load_object
-from tossid.physics.effects import effects_for
+from tossid.physics.effects import World, effects_for
 from tossid.settings.diagnosis_audit import AuditSettings
+from tossid.store import read_dataset
 
 
 def made(case: Case, model: ObjectModel, settings: AuditSettings) -> tuple[Problem, dict[str, Any]]:
@@ -56,24 +58,42 @@ def drawn(data: Path, count: int, settings: AuditSettings) -> Iterator[tuple[Pro
         yield problem, {"case": {"index": i, "order": {"form": SHUFFLED, "at": 0}}, "effects": {}, "engine": "real"}
 
 
-def looked_at(problem: Problem, truth: Mapping[str, Any], settings: AuditSettings) -> dict[str, Any]:
-    """Look for changes over the order of a case, and score what was found."""
+def recorded(data: Path, split: str | None, settings: AuditSettings) -> Problem:
+    """The problem of a dataset: some of its tosses in the order of recording, and the stated simulator."""
+    dataset = read_dataset(data)
+    tosses = dataset.tosses if split is None else dataset.of_split(split)
+    chosen = np.random.default_rng(settings.seed).permutation(len(tosses))[: settings.tosses]
+    return Problem(
+        tuple(tosses[i] for i in sorted(chosen.tolist())),
+        World(dataset.object),
+        effects_for(dataset.object),
+        names=tuple(toss.name for toss in dataset.tosses) if dataset.order is None else dataset.order.names,
+        sessions=session_starts(dataset.order),
+    )
+
+
+def changes_of(problem: Problem) -> dict[str, Any]:
+    """Look for changes over the order of tosses: the effects that change, and where anything else does."""
     problem, started = problem.in_order(), time.process_time()
     _, last, corrections = undo_changes(problem)
     changing = [each for each, _ in corrections.undone] + ([] if last.effect is None else [last.effect])
     found = [{"name": each.effect.name, **over_order(each, problem.tosses).as_json()} for each in changing]
-    left = [{"before": problem.tosses[change.at].name} for change in last.changes]
-    gap = {"effects": found, "changes_left": left}
+    left = [{"before": problem.tosses[change.at].name, "p": dict(change.p)} for change in last.changes]
+    return {"found": found, "left": left, "cpu_s": time.process_time() - started}
+
+
+def looked_at(problem: Problem, truth: Mapping[str, Any], settings: AuditSettings) -> dict[str, Any]:
+    """Look for changes over the order of a case, and score what was found."""
+    changes = changes_of(problem)
+    gap = {"effects": changes["found"], "changes_left": changes["left"]}
     return {
         "case": truth["case"]["index"],
         "engine": truth["engine"],
         "effects": truth["effects"],
         "order": truth["case"]["order"],
         "displacement": truth.get("displacement", {}),
-        "found": found,
-        "left": left,
+        **changes,
         **score_over_order(truth, gap, settings=settings.scoring),
-        "cpu_s": time.process_time() - started,
     }
 
 
@@ -100,13 +120,17 @@ def main(arguments: list[str]) -> None:
     """Look at cases and say how many changes were found."""
     given = dict(argument.split("=", 1) for argument in arguments)
     settings = replace(AuditSettings(), tosses=int(given.get("tosses", "40")), seed=int(given.get("seed", "0")))
+    if "recorded" in given:
+        found = changes_of(recorded(Path(given["recorded"]), given.get("split"), settings))
+        sys.stdout.write(json.dumps(found, default=float, indent=1) + "\n")
+        return
     scores = []
     for problem, truth in problems(given, settings):
         scores.append(looked_at(problem, truth, settings))
         sys.stdout.write(json.dumps(scores[-1], default=float) + "\n")
         sys.stdout.flush()
     console = Console()
-    console.table(("what changes", "cases", "from the toss (within 3)", "named right", "form right"), by_kind(scores))
+    console.table(("what changes", "cases", "when (within 3)", "named", "nothing else named", "form"), by_kind(scores))
     named = [{**score, "kind": "order", "parameters": [], "closed": None, "phase_right": None} for score in scores]
     measures = {name: value for name, value in summarise(named).items() if "change" in name or "drift" in name}
     rows = [[name, str(found.get("count", found.get("value"))), str(found["of"])] for name, found in measures.items()]
@@ -125,8 +149,12 @@ def by_kind(scores: Sequence[Mapping[str, Any]]) -> list[list[str]]:
         known = [score[key] for score in some if score[key] is not None]
         return f"{sum(known)} of {len(known)}" if known else ""
 
-    columns = ("moment_right", "right", "form_right")
-    return [[name, str(len(some)), *(count(some, key) for key in columns)] for name, some in kinds.items()]
+    rows = []
+    for name, some in kinds.items():
+        moments, named, forms = (count(some, key) for key in ("moment_right", "right", "form_right"))
+        alone = f"{sum(not score['further'] for score in some)} of {len(some)}"
+        rows.append([name, str(len(some)), moments, named, "" if name in NULLS else alone, forms])
+    return rows
 
 
 if __name__ == "__main__":

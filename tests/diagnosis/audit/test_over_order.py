@@ -98,7 +98,9 @@ def test_answers_are_scored_by_name_and_moment() -> None:
     late = score_over_order(truth(STEP, 20, **tilt), answer(steps("world_tilt", "00", "24")))
     assert (late["right"], late["moment_right"]) == (True, False)
     other = score_over_order(truth(STEP, 20, **tilt), answer(steps("friction", "00", "20")))
-    assert (other["right"], other["moment_right"]) == (False, True)
+    assert (other["right"], other["moment_right"], other["further"]) == (False, True, ["friction"])
+    more = score_over_order(truth(STEP, 20, **tilt), answer(steps("world_tilt", "00", "20"), steps("wind", "00", "9")))
+    assert (more["right"], more["further"]) == (True, ["wind"])
     nameless = score_over_order(truth(STEP, 20, **tilt), answer(left=("19",)))
     assert (nameless["right"], nameless["moment_right"]) == (False, True)
 

@@ -147,8 +147,9 @@ def score_over_order(
 
     Returns:
         `right`: all effects that change are named as such; of no change, that none is. `changing`: effects that are
-        said to change. `form_right`. `moment_right`: a change is within some tosses of the true one, whatever it is
-        called. `rate`: the true and found change per toss of a drift. What does not apply is None.
+        said to change; `further`: those of them that do not. `form_right`. `moment_right`: a change is within some
+        tosses of the true one, whatever it is called. `rate`: the true and found change per toss of a drift. What does
+        not apply is None.
     """
     form, at = truth["case"]["order"]["form"], truth["case"]["order"]["at"]
     true = dict(truth["effects"])
@@ -158,6 +159,7 @@ def score_over_order(
     out: dict[str, Any] = {
         "form": form,
         "changing": {name: STEP if "sessions" in f else DRIFT for name, f in changing.items()},
+        "further": sorted(set(changing) - set(true)),
         "form_right": None,
         "moment_right": None,
         "rate": None,
