@@ -30,6 +30,8 @@ class OrderSettings:
     """effects that are fitted, stretch by stretch"""
     from_starts: Count = 2
     """effects that are fitted from declared starts where none of those gains anything"""
+    comparable: Fraction = 0.5
+    """share of the best gain of a change over its mean from which on another effect may be what changes"""
     least_gain: Positive = 30.0
     """gain of log-likelihood that a change of an effect must bring"""
     indistinguishable: Fraction = 0.1

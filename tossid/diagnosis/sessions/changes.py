@@ -136,9 +136,18 @@ def effect_over_order(
 def _gaining(
     present: Candidate, found: Sequence[EffectOverOrder], settings: OrderSettings
 ) -> list[tuple[float, EffectOverOrder]]:
-    """The effects whose change gains enough, with what it gains."""
-    judged = [(_gain_over_mean(present, each) - _cost(each.effect, each.edges), each) for each in found]
-    return [each for each in judged if each[0] > settings.least_gain]
+    """The effects whose change gains enough, with what they gain by values of their own in each stretch.
+
+    What an effect gains over its mean says whether it changes, and not that it merely is there in all tosses. Of those
+    that change, what each gains on the whole is compared: the mean of one suits all tosses better than that of another.
+    """
+    gains = []
+    for each in found:
+        whole, over_mean = (gain - _cost(each.effect, each.edges) for gain in _gains(present, each))
+        if over_mean > settings.least_gain:
+            gains.append((whole, over_mean, each))
+    most = max((over_mean for _, over_mean, _ in gains), default=0.0)
+    return [(whole, each) for whole, over_mean, each in gains if over_mean > settings.comparable * most]
 
 
 def _cost(effect: Effect, edges: Sequence[int]) -> float:
@@ -166,8 +175,8 @@ def follows_line(each: EffectOverOrder, at: Sequence[int]) -> bool:
     return costs[0] < costs[1]
 
 
-def _gain_over_mean(present: Candidate, each: EffectOverOrder) -> float:
-    """What an effect gains that has values of its own in each stretch, over its mean in all tosses or none of it."""
+def _gains(present: Candidate, each: EffectOverOrder) -> tuple[float, float]:
+    """What an effect gains by values of its own in each stretch, over none of it, and over its mean in all tosses."""
     evidence, scales = present.evidence, present.fitted.scales
     before = evidence.log_likelihood(present.fitted.residuals, scales)
     after = np.zeros(len(before))
@@ -176,7 +185,8 @@ def _gain_over_mean(present: Candidate, each: EffectOverOrder) -> float:
     mean = present.hypothesis.minus(each.effect.name)
     mean = mean.plus(each.effect, np.array([each.parameters[p.name].value for p in each.effect.parameters]))
     same = evidence.relinearised(mean.world(), refine=4).log_likelihood_of(mean.world(), scales)
-    return evidence.weighted_gain(after, before) - max(evidence.weighted_gain(same, before), 0.0)
+    whole = evidence.weighted_gain(after, before)
+    return whole, whole - max(evidence.weighted_gain(same, before), 0.0)
 
 
 def _simplest(found: Sequence[tuple[float, EffectOverOrder]], settings: OrderSettings) -> EffectOverOrder:
