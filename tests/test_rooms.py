@@ -15,7 +15,6 @@ WITHOUT = {
     "pipelines/tools/bench_against.py": "times two trees of the simulator; its parts are those of tossid/physics",
     "pipelines/tools/bench_vision.py": "measures speed on rendered films; its parts are those of tossid/vision",
     "pipelines/tools/unknown.py": "trains on the published cube; its parts are those of tossid/training",
-    "pipelines/tools/changes_over_order.py": "measures cases of an audit; its parts are those of tossid/diagnosis",
     "pipelines/tools/sessions.py": "measures published recordings; its parts are those of tossid/motion",
     "pipelines/tools/scores_by_group.py": "prints scores of trained models; its parts are those of tossid/evaluation",
     "tossid/motion/sessions/witnesses.py": "held to known recordings by tests/motion/sessions/test_search.py",
