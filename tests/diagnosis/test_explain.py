@@ -9,6 +9,7 @@ from tests.diagnosis.by_hand import gap
 from tests.diagnosis.tossed import ONCE, seen, seen_with_joint, with_effect
 from tossid.diagnosis.explain import explain, gap_verdict
 from tossid.diagnosis.findings import Interval, Share
+from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.report.text import sentences
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, Effect, RecordingErrors, World, effects_for
@@ -20,7 +21,7 @@ FEW = [NAMES[name] for name in ("com_offset", "gravity", "friction", "restitutio
 
 
 def test_nothing_is_named_of_nothing(cube: ObjectModel) -> None:
-    found = explain(seen(World(cube), cube, 14, seed=3), World(cube), library=FEW, settings=ONCE)
+    found = explain(Problem(seen(World(cube), cube, 14, seed=3), World(cube), library=FEW, settings=ONCE))
     assert found.named == ()
     assert found.verdict == "no_gap"
 
@@ -28,7 +29,7 @@ def test_nothing_is_named_of_nothing(cube: ObjectModel) -> None:
 def test_two_effects_are_both_named(cube: ObjectModel) -> None:
     truth = NAMES["gravity"].at(NAMES["friction"].at(World(cube), np.array([0.25])), np.array([9.2]))
     settings = DiagnoseSettings(repeats=2)
-    found = explain(seen(truth, cube, 16, seed=4), World(cube), library=FEW, settings=settings)
+    found = explain(Problem(seen(truth, cube, 16, seed=4), World(cube), library=FEW, settings=settings))
     assert set(found.named) == {"friction", "gravity"}
     assert {each.name for each in found.findings if each.frequency == 1.0} >= {"friction", "gravity"}
     assert found.as_json()["explanation"]["probability_none"] == 0.0
@@ -42,7 +43,7 @@ def test_two_effects_are_both_named(cube: ObjectModel) -> None:
 def test_an_effect_out_of_the_library_does_not_explain(cube: ObjectModel) -> None:
     truth = NAMES["restitution"].at(World(cube), np.array([0.5]))
     library: list[Effect] = [effect for effect in FEW if effect.name != "restitution"]
-    found = explain(seen(truth, cube, 14, seed=5), World(cube), library=library, settings=ONCE)
+    found = explain(Problem(seen(truth, cube, 14, seed=5), World(cube), library=library, settings=ONCE))
     assert found.verdict != "explained"
     assert found.gap_closed.value < 0.6
 
@@ -50,7 +51,9 @@ def test_an_effect_out_of_the_library_does_not_explain(cube: ObjectModel) -> Non
 def test_recording_effects_move_what_is_recorded(cube: ObjectModel) -> None:
     tosses = seen(World(cube, recording=RecordingErrors(clock_rate=1.02)), cube, 14, seed=6)
     found = explain(
-        tosses, World(cube), library=[NAMES["time_base"], NAMES["friction"], NAMES["com_offset"]], settings=ONCE
+        Problem(
+            tosses, World(cube), library=[NAMES["time_base"], NAMES["friction"], NAMES["com_offset"]], settings=ONCE
+        )
     )
     assert found.named[0] == "time_base"
     assert found.findings[0].parameters["rate_rel"].value == pytest.approx(1.02, abs=2e-3)
@@ -64,7 +67,7 @@ def test_an_effect_of_the_joint_is_named_in_flight(elbow: ObjectModel, name: str
     tosses = seen_with_joint(with_effect(elbow, name, values), elbow, 14, seed=4, frames=36, height=1.0)
     few = ("joint_damping", "joint_friction", "joint_stiffness", "joint_offset", "gravity", "com_offset")
     found = explain(
-        tosses, World(elbow), library=[each for each in effects_for(elbow) if each.name in few], settings=ONCE
+        Problem(tosses, World(elbow), library=[each for each in effects_for(elbow) if each.name in few], settings=ONCE)
     )
     assert found.named == (name,)
     first = next(finding for finding in found.findings if finding.name == name)
@@ -81,7 +84,7 @@ def test_nothing_is_named_of_a_sound_joint(elbow: ObjectModel) -> None:
     tosses = seen_with_joint(World(elbow), elbow, 12, seed=5, frames=36, height=1.0)
     few = ("joint_damping", "joint_offset", "gravity")
     found = explain(
-        tosses, World(elbow), library=[each for each in effects_for(elbow) if each.name in few], settings=ONCE
+        Problem(tosses, World(elbow), library=[each for each in effects_for(elbow) if each.name in few], settings=ONCE)
     )
     assert found.verdict == "no_gap"
 
@@ -92,7 +95,7 @@ def test_an_effect_that_moves_no_toss_is_no_headline(cube: ObjectModel) -> None:
     tosses = seen(truth, cube, 12, seed=2, frames=70)
     some = [NAMES[name] for name in ("friction", "gravity")]
     settings = changed(ONCE, {"matters_position_pct": 1e3, "matters_rotation_deg": 1e3, "matters_closed": 1.0})
-    found = explain(tosses, World(cube), library=some, settings=settings)
+    found = explain(Problem(tosses, World(cube), library=some, settings=settings))
     assert found.named == ()
     assert found.minor == ("friction",)
     kept = found.as_json()

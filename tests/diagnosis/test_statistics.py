@@ -14,6 +14,7 @@ from scipy.stats import binom
 
 from tests.diagnosis.tossed import ONCE, seen
 from tossid.diagnosis.explain import explain
+from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.result import Diagnosis
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, World
@@ -31,7 +32,9 @@ def diagnoses(cube: ObjectModel, name: str, truth: list[float], count: int, *, f
     world = World(cube)
     there = EFFECTS[name].at(world, np.array(truth)) if name else world
     for seed in range(first, first + count):
-        yield explain(seen(there, cube, TOSSES, seed=seed), world, library=SOME, n_threads=2, seed=seed, settings=ONCE)
+        yield explain(
+            Problem(seen(there, cube, TOSSES, seed=seed), world, library=SOME, n_threads=2, seed=seed, settings=ONCE)
+        )
 
 
 def most(count: int, rate: float) -> int:

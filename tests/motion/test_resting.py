@@ -54,6 +54,20 @@ def test_scatter_comes_back(cube: ObjectModel, tosses: list[Toss]) -> None:
     assert tilt == pytest.approx(8e-3, rel=0.6)
 
 
+def test_over_the_order_scatter_comes_back_and_steps_and_drifts_do_not_count(
+    cube: ObjectModel, tosses: list[Toss]
+) -> None:
+    rng = np.random.default_rng(0)
+    moved = [shifted(toss, 5e-4 * rng.normal(), 8e-3 * rng.normal(size=3)) for toss in tosses]
+    height, tilt = rest_scatter(moved, cube, over_order=True)
+    assert height == pytest.approx(5e-4, rel=0.6)
+    assert tilt == pytest.approx(8e-3, rel=0.6)
+    for rise in ([3e-3 * (i >= 14) for i in range(24)], [1e-4 * i for i in range(24)]):
+        changing = [shifted(toss, up, np.zeros(3)) for toss, up in zip(tosses, rise, strict=True)]
+        assert rest_scatter(changing, cube)[0] > 3e-4
+        assert rest_scatter(changing, cube, over_order=True)[0] < 1.2e-4
+
+
 def test_few_resting_tosses_tell_nothing(cube: ObjectModel, tosses: list[Toss]) -> None:
     rng = np.random.default_rng(1)
     moved = [shifted(toss, 5e-3 * rng.normal(), np.zeros(3)) for toss in tosses]

@@ -15,6 +15,7 @@ from tossid.diagnosis.learned import learned_forces
 from tossid.diagnosis.next_toss import next_toss
 from tossid.diagnosis.patch.make import make_patch
 from tossid.diagnosis.patch.rerun import rerun
+from tossid.diagnosis.problem import Problem, session_starts
 from tossid.diagnosis.release import bound_frames
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.sessions.correction import corrections
@@ -109,17 +110,19 @@ class Task:
         def search(tosses: Sequence[Toss], others: Sequence[Toss]) -> Explained:
             judges = self.unseen if len(self.unseen) >= len(tosses) else (*self.unseen, *others)
             return explain_over_order(
-                tosses,
-                self.simulator.world,
-                library=self.library,
-                engine=self.simulator.engine,
-                n_threads=threads,
-                seed=self.settings.seed,
-                unseen=judges,
-                names=self.names,
-                sessions=() if self.order is None else [session.first for session in self.order.sessions[1:]],
-                progress=progress,
-                settings=self.settings,
+                Problem(
+                    tosses,
+                    self.simulator.world,
+                    library=self.library,
+                    engine=self.simulator.engine,
+                    n_threads=threads,
+                    seed=self.settings.seed,
+                    unseen=judges,
+                    names=self.names,
+                    sessions=session_starts(self.order),
+                    progress=report,
+                    settings=self.settings,
+                )
             )
 
         explained, of_number = searched(

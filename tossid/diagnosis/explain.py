@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.effect_findings import NOTHING, closed_by_each, effect_findings
 from tossid.diagnosis.findings import Finding, Gap, Interval, Share
-from tossid.diagnosis.likelihood.engine_discrepancy import Engine
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.consequence import consequences
 from tossid.diagnosis.localisation.corners import locate
@@ -22,6 +21,7 @@ from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.localisation.rollouts import rollout_errors
 from tossid.diagnosis.localisation.unseen import judge_unseen, unseen_windows
 from tossid.diagnosis.localisation.witnesses import witnesses
+from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.result import Contact, Diagnosis, Verdict
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.flight_search import power_law_of
@@ -38,43 +38,23 @@ from tossid.diagnosis.selection.search import search
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.diagnosis.selection.significance import TossesNeeded
 from tossid.diagnosis.selection.stability import Stability, repeated
-from tossid.physics.effects import LIBRARY, OTHER_POWER, Effect, World
+from tossid.physics.effects import OTHER_POWER, Effect
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings, VerdictSettings
-from tossid.types import Phase, Progress, Toss, silent
+from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
 
 
-def explain(
-    tosses: Sequence[Toss],
-    world: World,
-    *,
-    library: Sequence[Effect] = LIBRARY,
-    engine: Engine | None = None,
-    n_threads: int = 1,
-    seed: int = 0,
-    unseen: Sequence[Toss] = (),
-    progress: Progress | None = None,
-    settings: DiagnoseSettings = DiagnoseSettings(),
-) -> Diagnosis:
+def explain(problem: Problem) -> Diagnosis:
     """Where the world's predictions differ from the tosses, which effects of the library explain it, and how far.
 
     Args:
-        tosses: Recorded motions of one object; the covariances of their poses are the noise.
-        world: The simulator.
-        library: The effects to choose from.
-        engine: The other engine, whose differences are no evidence; near-rigid MuJoCo if None.
-        n_threads: Of simulators.
-        seed: Of the folds and of simulated noise.
-        unseen: Other tosses, which take no part and are judged in one pass at the end.
-        progress: Called with what is under way, and the share that is done.
-        settings: Of everything else. Its `seed` and `threads` are not read here.
+        problem: The tosses, the simulator and the effects to choose from.
     """
     started = time.perf_counter()
-    report = progress or silent
-    validator = CrossValidator.of(
-        tosses, world.object, seed=seed, n_threads=n_threads, engine=engine, settings=settings
-    )
+    tosses, world, settings, report = problem.tosses, problem.world, problem.settings, problem.progress
+    library, n_threads, seed = problem.library, problem.n_threads, problem.seed
+    validator = problem.validator()
     report("the gap", 0.02)
     shown, plane = in_plane(tosses, world, library, settings=settings, n_threads=n_threads)
     validator, world = validator.with_contact_law(world)
@@ -88,7 +68,7 @@ def explain(
     report("repeated searches", 0.93)
     stability = repeated(tosses, world.object, validator, found, shown, seed=seed)
     report("what is left", 0.97)
-    made = _concluded(tosses, unseen, shown, validator, found, spread, why, stability, started, seed)
+    made = _concluded(tosses, problem.unseen, shown, validator, found, spread, why, stability, started, seed)
     return made if plane is None else _with_plane(made, plane, library)
 
 

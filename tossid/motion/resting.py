@@ -23,7 +23,7 @@ DEFAULT = RestScatterSettings()
 
 
 def rest_scatter(
-    tosses: Sequence[Toss], model: ObjectModel, *, settings: RestScatterSettings = DEFAULT
+    tosses: Sequence[Toss], model: ObjectModel, *, over_order: bool = False, settings: RestScatterSettings = DEFAULT
 ) -> tuple[float, float]:
     """Standard deviations, beyond noise, of the height [m] and the tilt [rad] at which an object comes to rest.
 
@@ -32,9 +32,13 @@ def rest_scatter(
     size, a tilted ground and a wrong frame are no scatter. Zeros where too few tosses end at rest, or where the scatter
     is that of the noise.
 
+    Over the order of recording, neighbours are compared instead (von Neumann 1941), of which a change between sessions
+    or a drift moves few or hardly any. What such a change does to all tosses together is no scatter then.
+
     Args:
         tosses: With measured poses.
         model: The object.
+        over_order: Whether the tosses come in the order of recording, and neighbours are compared.
         settings: What is at rest, and what is noise.
     """
     n_frames = settings.frames
@@ -60,8 +64,9 @@ def rest_scatter(
         noises.append([std[2], std[3:5].max()])
     if len(places) < settings.fewest_tosses:
         return 0.0, 0.0
-    height = _scatter(np.array(places), np.array(downs), settings.fewest_tosses)
-    tilt = median_abs_deviation(slopes - np.median(slopes, axis=0), axis=None, scale="normal")
+    height = _scatter(np.array(places), np.array(downs), settings.fewest_tosses, over_order=over_order)
+    off = np.diff(slopes, axis=0) / np.sqrt(2) if over_order else slopes - np.median(slopes, axis=0)
+    tilt = median_abs_deviation(off, axis=None, scale="normal")
     noise = np.mean(noises, axis=0) / np.sqrt(n_frames)
     found = [
         float(np.sqrt(size**2 - small**2)) if size > settings.noise_ratio * small else 0.0
@@ -70,16 +75,19 @@ def rest_scatter(
     return found[0], found[1]
 
 
-def _scatter(places: Array, downs: Array, fewest: int) -> float:
+def _scatter(places: Array, downs: Array, fewest: int, *, over_order: bool) -> float:
     """Robust scatter of the heights of places (n, 3) about a plane and, with enough tosses, an offset in the body.
 
-    downs: the downward direction in the body's axes, (n, 3).
+    downs: the downward direction in the body's axes, (n, 3). Over the order, of the differences between neighbours.
     """
     shared = [np.ones(len(places)), places[:, 0], places[:, 1]]
     if len(places) >= 2 * fewest:
         shared += list(downs.T)
-    A, kept = np.column_stack(shared), np.ones(len(places), bool)
+    A, heights = np.column_stack(shared), places[:, 2]
+    if over_order:
+        A, heights = np.diff(A[:, 1:], axis=0) / np.sqrt(2), np.diff(heights) / np.sqrt(2)
+    kept = np.ones(len(heights), bool)
     for _ in range(3):
-        off: Array = places[:, 2] - A @ np.linalg.lstsq(A[kept], places[kept, 2], rcond=1e-3)[0]
+        off: Array = heights - A @ np.linalg.lstsq(A[kept], heights[kept], rcond=1e-3)[0]
         kept = np.abs(off) <= 3 * median_abs_deviation(off, scale="normal")
     return float(median_abs_deviation(off, scale="normal"))

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from tossid.diagnosis.explain import explain
+from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.selection.cross_validation import draw_folds
 from tossid.physics.effects import Effect, World, effects_for
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
@@ -37,12 +38,12 @@ def compare(
     """Both shares of one dataset, and the names that each search found; from the object's library if None is given."""
     tosses, world = dataset.tosses, World(dataset.object)
     library = effects_for(dataset.object) if library is None else library
-    whole = explain(tosses, world, library=library, seed=seed, settings=settings)
+    whole = explain(Problem(tosses, world, library, seed=seed, settings=settings))
     exact = []
     for held in draw_folds(len(tosses), np.random.default_rng(seed), folds):
         training = [toss for toss, out in zip(tosses, held, strict=True) if not out]
         judging = [toss for toss, out in zip(tosses, held, strict=True) if out]
-        found = explain(training, world, library=library, seed=seed, unseen=judging, settings=settings)
+        found = explain(Problem(training, world, library, seed=seed, unseen=judging, settings=settings))
         assert found.unseen is not None
         exact.append({"named": list(found.found), "seconds": found.seconds, **found.unseen.as_json()})
     closed = [each["gap_closed"]["value"] for each in exact]

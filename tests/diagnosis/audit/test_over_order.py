@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tossid.diagnosis.audit.cases import draw_over_order
+from tossid.diagnosis.audit.cases import draw_nulls, draw_over_order
 from tossid.diagnosis.audit.over_order import (
+    CONSTANT,
     DRIFT,
     FORMS,
     NONE,
+    SHUFFLED,
     STEP,
     OrderOfCase,
     rates,
@@ -50,6 +52,24 @@ def test_cases_go_through_all_forms_and_hide_the_moment() -> None:
     assert draw_over_order(4, seed=1, engines=("lcp", "mujoco"), displacement=(8.0, 300.0), tosses=40) == cases[:4]
 
 
+def test_nulls_have_no_effect_or_one_in_all_tosses(cube: ObjectModel) -> None:
+    names = ("friction", "gravity", "world_tilt")
+    cases = draw_nulls(8, seed=1, engines=("lcp", "mujoco"), displacement=(8.0, 300.0), effects=names)
+    assert [case.order and case.order.form for case in cases] == 4 * [NONE, CONSTANT]
+    assert [case.engine for case in cases[:4]] == ["lcp", "lcp", "mujoco", "mujoco"]
+    assert {name for case in cases for name in case.effects} == set(names)
+    assert all(len(case.targets) == len(case.effects) for case in cases)
+    made = tosses_over_order(
+        {"ground_height": {"z_m": 0.02}},
+        OrderOfCase(CONSTANT),
+        cube,
+        SynthesizeSettings(tosses=3, seconds=0.8),
+        np.random.default_rng(2),
+    )
+    lowest = [corner_positions(cube, toss.q)[..., 2].min() for toss in made]
+    np.testing.assert_allclose(lowest, 0.02, atol=2e-3)
+
+
 def test_values_lie_between_none_and_all(cube: ObjectModel) -> None:
     whole = {"friction": {"mu": 0.28}, "time_base": {"rate_rel": 1.02}}
     half = values_at(whole, 0.5, World(cube))
@@ -78,14 +98,17 @@ def test_answers_are_scored_by_name_and_moment() -> None:
     late = score_over_order(truth(STEP, 20, **tilt), answer(steps("world_tilt", "00", "24")))
     assert (late["right"], late["moment_right"]) == (True, False)
     other = score_over_order(truth(STEP, 20, **tilt), answer(steps("friction", "00", "20")))
-    assert (other["right"], other["moment_right"]) == (False, True)
+    assert (other["right"], other["moment_right"], other["further"]) == (False, True, ["friction"])
+    more = score_over_order(truth(STEP, 20, **tilt), answer(steps("world_tilt", "00", "20"), steps("wind", "00", "9")))
+    assert (more["right"], more["further"]) == (True, ["wind"])
     nameless = score_over_order(truth(STEP, 20, **tilt), answer(left=("19",)))
     assert (nameless["right"], nameless["moment_right"]) == (False, True)
 
 
 def test_of_nothing_nothing_is_right_and_a_drift_has_its_rate() -> None:
     assert score_over_order(truth(NONE), answer())["right"]
-    assert not score_over_order(truth(NONE), answer(left=("5",)))["right"]
+    for form in (NONE, CONSTANT, SHUFFLED):
+        assert not score_over_order(truth(form), answer(left=("5",)))["right"]
     drift = {
         "name": "friction",
         "drift": {"per_toss": {"mu": {"value": 0.0022, "ci95": [0.0018, 0.0026]}}, "parts": []},

@@ -8,6 +8,7 @@ import pytest
 from tests.diagnosis.tossed import ONCE, seen
 from tossid.diagnosis.explain import explain
 from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.flight_search import search_flight
 from tossid.diagnosis.selection.search_result import SearchResult
@@ -42,7 +43,7 @@ def of_flight(tosses: list[Toss], cube: ObjectModel, library: list[Effect]) -> S
 
 def test_a_drag_of_another_power_has_no_name(cube: ObjectModel) -> None:
     """Its nearest in the library closes most of the gap, and is not it."""
-    found = explain(dragged(cube, 2.0), World(cube), library=DRAGS, settings=ONCE)
+    found = explain(Problem(dragged(cube, 2.0), World(cube), library=DRAGS, settings=ONCE))
     assert (found.named, found.verdict) == ((), "unexplained")
     ((name, further),) = found.other_laws
     assert (name, found.unexplained[0].name) == ("quadratic_drag", "flight")
@@ -75,7 +76,7 @@ def test_a_force_that_does_not_change_is_found_in_flight(cube: ObjectModel) -> N
 def test_a_steady_force_alone_has_a_name_in_the_end(cube: ObjectModel, steady: bool) -> None:
     """Contact takes no name away, and adds none."""
     force = np.full(18, 0.15) if steady else np.linspace(0.03, 0.3, 18)
-    found = explain(pulled(cube, force), World(cube), library=PULLS, settings=ONCE)
+    found = explain(Problem(pulled(cube, force), World(cube), library=PULLS, settings=ONCE))
     assert found.named == (("uniform_force",) if steady else ())
     assert found.unsteady == (() if steady else ("uniform_force",))
     assert (found.verdict == "unexplained") == (not steady)
@@ -83,7 +84,7 @@ def test_a_steady_force_alone_has_a_name_in_the_end(cube: ObjectModel, steady: b
 
 @pytest.mark.slow
 def test_a_drag_of_the_librarys_power_is_named_in_the_end(cube: ObjectModel) -> None:
-    found = explain(dragged(cube, 1.0), World(cube), library=DRAGS, settings=ONCE)
+    found = explain(Problem(dragged(cube, 1.0), World(cube), library=DRAGS, settings=ONCE))
     assert found.named == ("quadratic_drag",)
     assert found.verdict != "unexplained"
     assert not found.other_laws

@@ -9,6 +9,7 @@ import pytest
 
 from tests.diagnosis.tossed import ONCE, seen
 from tossid.diagnosis.explain import explain
+from tossid.diagnosis.problem import Problem
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, RecordingErrors, World
 
@@ -22,7 +23,7 @@ def test_contact_decides_what_flight_cannot_distinguish(cube: ObjectModel) -> No
         NAMES["restitution"].at(World(cube), np.array([0.35])), recording=RecordingErrors(length_scale=0.985)
     )
     library = [NAMES[name] for name in ("gravity", "length_scale", "time_base", "restitution")]
-    found = explain(seen(truth, cube, 16, seed=2), World(cube), library=library, settings=ONCE)
+    found = explain(Problem(seen(truth, cube, 16, seed=2), World(cube), library=library, settings=ONCE))
     assert set(found.named) == {"restitution", "length_scale"}
     bounce = next(each for each in found.findings if each.name == "restitution").parameters["e"]
     assert bounce.low < 0.35 < bounce.high

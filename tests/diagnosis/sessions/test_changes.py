@@ -5,9 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tossid.diagnosis.sessions.changes import changes_over_order, form_over_order, moments_of_steps
+from tossid.diagnosis.findings import Interval
+from tossid.diagnosis.sessions.changes import (
+    EffectOverOrder,
+    changes_over_order,
+    clearest_steps,
+    follows_line,
+    moments_of_steps,
+)
 from tossid.diagnosis.sessions.values import RESIDUAL
 from tossid.motion.sessions.change_points import Witness
+from tossid.physics.effects import effect_named
 from tossid.settings.diagnosis.order import OrderSettings
 
 N = 40
@@ -35,17 +43,36 @@ def test_a_step_is_found_where_it_is_and_in_nothing_else(at: int) -> None:
     (moment,) = moments_of_steps(seen["tilt"], (change.at,), SETTINGS)
     assert abs(moment - at) <= 1
     assert set(change.p) == {"tilt"}
-    assert form_over_order(seen["tilt"], (change.at,), outlier=3.0)[0] == "steps"
 
 
-def test_a_drift_is_no_step() -> None:
-    line = 2.0 * np.arange(N)[:, None] / N
-    seen = {"clock": witness(line, seed=3)}
+def test_the_witness_that_changes_most_clearly_says_when() -> None:
+    seen = {"tilt": witness(step(17), seed=4, sigma=0.15), "blurred": witness(step(20), seed=5, sigma=0.8)}
     changes = changes_over_order(seen, SETTINGS)
-    assert changes
-    form, criterion = form_over_order(seen["clock"], [change.at for change in changes], outlier=3.0)
-    assert form == "drift"
-    assert criterion > 0.25 * N
+    assert {name for change in changes for name in change.p} == {"tilt", "blurred"}
+    (at,) = clearest_steps(seen, changes, SETTINGS)
+    assert abs(at - 17) <= 1
+
+
+def in_parts(values: list[float], sigma: float) -> EffectOverOrder:
+    """A clock that was fitted to five parts of 40 tosses."""
+    stretches = tuple({"rate_rel": Interval(x, x - 2 * sigma, x + 2 * sigma)} for x in values)
+    edges = tuple(range(0, N + 1, N // 5))
+    return EffectOverOrder(
+        effect_named("time_base"), "drift", edges, np.ones((N, 1)), 0.001, stretches[0], stretches, {}, ()
+    )
+
+
+@pytest.mark.parametrize(
+    ("values", "at"),
+    [([0, 0, 0, 1, 1], (24,)), ([0, 0, 0.2, 1, 1], (20,)), ([0, 1, 1, 1, 1], (9,)), ([0, 1, 1, 0.4, 0], (8, 27))],
+)
+def test_values_that_step_follow_no_line(values: list[float], at: tuple[int, ...]) -> None:
+    assert not follows_line(in_parts(values, 0.02), at)
+
+
+@pytest.mark.parametrize("at", [(7, 27), (20,), (16, 24)])
+def test_values_that_drift_follow_a_line(at: tuple[int, ...]) -> None:
+    assert follows_line(in_parts([0.01, 0.24, 0.51, 0.75, 0.99], 0.02), at)
 
 
 def test_what_depends_on_place_does_not_change() -> None:

@@ -8,6 +8,7 @@ import pytest
 from tests.diagnosis.sessions.test_looking import FEW, tilted_from
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.explain import explain
+from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.report.text import headline, sentences
 from tossid.diagnosis.sessions.explained import excess_of_tosses, explain_over_order
 from tossid.objects import ObjectModel
@@ -16,7 +17,7 @@ from tossid.physics.effects import World
 
 @pytest.mark.slow
 def test_two_recordings_are_told_apart(cube: ObjectModel) -> None:
-    explained = explain_over_order(tilted_from(cube, 9, 20), World(cube), library=FEW)
+    explained = explain_over_order(Problem(tilted_from(cube, 9, 20), World(cube), library=FEW))
     found = explained.diagnosis
     assert found.named == ("world_tilt",)
     assert found.verdict == "explained"
@@ -36,8 +37,8 @@ def test_two_recordings_are_told_apart(cube: ObjectModel) -> None:
 
 def test_few_tosses_are_explained_as_before(cube: ObjectModel) -> None:
     tosses = seen(World(cube), cube, 6, seed=3, frames=40)
-    plain = explain(tosses, World(cube), library=FEW)
-    found = explain_over_order(tosses, World(cube), library=FEW).diagnosis
+    plain = explain(Problem(tosses, World(cube), library=FEW))
+    found = explain_over_order(Problem(tosses, World(cube), library=FEW)).diagnosis
     assert found.changes_left is None
     assert found.gap.total == plain.gap.total
     assert found.tosses == tuple(toss.name for toss in tosses)

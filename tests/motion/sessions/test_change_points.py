@@ -67,6 +67,15 @@ def test_items_that_say_nothing_are_passed_over() -> None:
     assert abs(change.at - 30) <= 3
 
 
+def test_items_that_say_less_of_themselves_by_a_change_are_not_outweighed() -> None:
+    rng = np.random.default_rng(11)
+    values, info, places = witness(rng.normal(size=(40, 1)))
+    values[32:] = -100 + 10 * rng.normal(size=(8, 1))
+    info[32:] /= 10**2
+    (change,) = find_changes({"height": (values, info, places)})
+    assert change.at == 32
+
+
 def test_the_robust_mean_of_clean_items_is_the_mean_and_outliers_hardly_move_it() -> None:
     rng = np.random.default_rng(0)
     values = rng.normal(loc=(5.0, -3.0), size=(400, 2))

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tossid.diagnosis.audit.over_order import FORMS, OrderOfCase, draw_order
+from tossid.diagnosis.audit.over_order import CONSTANT, FORMS, NONE, OrderOfCase, draw_order
 from tossid.diagnosis.audit.strengths import SPOILT
 from tossid.diagnosis.audit.unknown_forces import UNKNOWN_FORCES
 from tossid.physics.effects import all_effects, effect_named
@@ -149,6 +149,31 @@ def draw_over_order(
         order, names = draw_order(i, tosses, rng)
         targets = tuple(float(x) for x in np.exp(rng.uniform(low, high, len(names))))
         engine = engines[(i + i // len(FORMS)) % len(engines)]
+        cases.append(Case(i, "order", engine, names, targets, int(rng.integers(2**32)), order))
+    return tuple(cases)
+
+
+def draw_nulls(
+    n: int, *, seed: int, engines: Sequence[str], displacement: tuple[float, float], effects: Sequence[str]
+) -> tuple[Case, ...]:
+    """The first cases in which nothing changes over the order: in turns, no effect, and one that all tosses have.
+
+    Args:
+        n: How many.
+        seed: Seed of the draws.
+        engines: Engines that take turns.
+        displacement: As of `draw_cases`.
+        effects: Names of effects to draw from, which all engines can simulate.
+
+    Returns:
+        The cases.
+    """
+    rng, (low, high) = np.random.default_rng([seed, 7]), np.log(displacement)
+    drawn, cases = _endless(list(effects), rng), []
+    for i in range(n):
+        names = (next(drawn),) if i % 2 else ()
+        targets = tuple(float(x) for x in np.exp(rng.uniform(low, high, len(names))))
+        order, engine = OrderOfCase(CONSTANT if names else NONE), engines[i // 2 % len(engines)]
         cases.append(Case(i, "order", engine, names, targets, int(rng.integers(2**32)), order))
     return tuple(cases)
 

@@ -20,8 +20,11 @@ from tossid.settings.synthesis import SynthesizeSettings
 from tossid.synthesis.tosses import make_tosses
 from tossid.types import Toss
 
-STEP, DRIFT, NONE = "step", "drift", "none"
-"""What an effect does over the order."""
+STEP, DRIFT, NONE, CONSTANT, SHUFFLED = "step", "drift", "none", "constant", "shuffled"
+"""What an effect does over the order. `NONE`: there is none; `CONSTANT`: all tosses have it; `SHUFFLED`: whatever real
+tosses have, in an order that means nothing."""
+NULLS = (NONE, CONSTANT, SHUFFLED)
+"""Forms in which nothing changes."""
 FORMS = (
     (STEP, ("world_tilt",)),
     (STEP, ("ground_height",)),
@@ -43,7 +46,7 @@ class OrderOfCase:
     """How a case's effects go over the order of its tosses.
 
     Attributes:
-        form: `STEP`, `DRIFT` or `NONE`.
+        form: What the effects do over the order.
         at: Number of the first toss that has the effects of a step whole.
     """
 
@@ -57,7 +60,7 @@ class OrderOfCase:
             toss: Its number.
             n: How many there are.
         """
-        if self.form == STEP:
+        if self.form in (STEP, CONSTANT):
             return float(toss >= self.at)
         return toss / (n - 1) if self.form == DRIFT else 0.0
 
@@ -144,8 +147,9 @@ def score_over_order(
 
     Returns:
         `right`: all effects that change are named as such; of no change, that none is. `changing`: effects that are
-        said to change. `form_right`. `moment_right`: a change is within some tosses of the true one, whatever it is
-        called. `rate`: the true and found change per toss of a drift. What does not apply is None.
+        said to change; `further`: those of them that do not. `form_right`. `moment_right`: a change is within some
+        tosses of the true one, whatever it is called. `rate`: the true and found change per toss of a drift. What does
+        not apply is None.
     """
     form, at = truth["case"]["order"]["form"], truth["case"]["order"]["at"]
     true = dict(truth["effects"])
@@ -155,11 +159,12 @@ def score_over_order(
     out: dict[str, Any] = {
         "form": form,
         "changing": {name: STEP if "sessions" in f else DRIFT for name, f in changing.items()},
+        "further": sorted(set(changing) - set(true)),
         "form_right": None,
         "moment_right": None,
         "rate": None,
     }
-    if form == NONE:
+    if form in NULLS:
         return {**out, "right": not changing and not left}
     found = set(true) & set(changing)
     out["form_right"] = bool(found) and all(out["changing"][name] == form for name in found)

@@ -154,7 +154,7 @@ def plan(
         A job for each case.
     """
     depends = _dependencies(model, settings, data, code)
-    only_lcp = _only_lcp(model, settings.engines)
+    only_lcp = only_in_lcp(model, settings.engines)
     if data is None and settings.over_order:
         cases = draw_over_order(
             settings.cases,
@@ -247,8 +247,13 @@ def _dependencies(model: ObjectModel, settings: AuditSettings, data: Path | None
     return {**depends, **noise, "making": settings.making}
 
 
-def _only_lcp(model: ObjectModel, engines: Sequence[str]) -> list[str]:
-    """Effects that one of the engines cannot express; lcp can express all."""
+def only_in_lcp(model: ObjectModel, engines: Sequence[str]) -> list[str]:
+    """Names of effects that one of the engines cannot express; lcp can express all.
+
+    Args:
+        model: What is tossed.
+        engines: The engines.
+    """
     plain, u = World(model), np.full(8, 0.5)
     worlds = {name: world_with(plain, {name: one.values(one.high, u)}) for name, one in strengths_for(model).items()}
     return [name for name, world in worlds.items() if any(ENGINES[engine].lacks(world) for engine in engines)]

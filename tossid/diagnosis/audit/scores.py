@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tossid.diagnosis.audit.cases import KINDS
-from tossid.diagnosis.audit.over_order import DRIFT, NONE, STEP
+from tossid.diagnosis.audit.over_order import DRIFT, NULLS, STEP
 from tossid.diagnosis.audit.strengths import world_with
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.gap import share_left
@@ -276,7 +276,7 @@ def summarise(
 
 def _over_order(scores: Sequence[Mapping[str, Any]], settings: ScoreSettings) -> dict[str, dict[str, Any]]:
     """The measures of cases in which an effect changes over the order."""
-    steps, drifts, none = ([s for s in scores if s["form"] == form] for form in (STEP, DRIFT, NONE))
+    steps, drifts, none = ([s for s in scores if s["form"] in forms] for forms in ((STEP,), (DRIFT,), NULLS))
     off = [abs(s["rate"]["value"] / s["rate"]["true"] - 1) for s in drifts if s["rate"] is not None]
     return {
         "changes_found": _count([s["moment_right"] for s in steps], settings.moments),

@@ -13,6 +13,7 @@ from tossid.diagnosis.audit.cases import Case
 from tossid.diagnosis.audit.scores import fits_alone
 from tossid.diagnosis.audit.strengths import SPOILT, world_with
 from tossid.diagnosis.explain import explain
+from tossid.diagnosis.problem import Problem
 from tossid.physics.effects import World
 from tossid.physics.effects.strength import Values
 from tossid.settings.diagnosis.audit import AuditSettings
@@ -75,7 +76,7 @@ def find_reference(data: Path, settings: AuditSettings, n_threads: int) -> Refer
         What was found.
     """
     (tosses, world), seed = real_tosses(data, settings), settings.seed % 1000
-    found = explain(tosses, world, seed=seed, n_threads=n_threads).hypothesis
+    found = explain(Problem(tosses, world, seed=seed, n_threads=n_threads)).hypothesis
     effects = {effect.name: effect.named(values) for effect, values in zip(found.effects, found.values, strict=True)}
     alone = fits_alone(tosses, world_with(world, effects), tuple(SPOILT), seed=seed, n_threads=n_threads)
     return Reference(effects, alone)

@@ -14,11 +14,13 @@ from tossid.diagnosis.audit.scores import closable_share, score
 from tossid.diagnosis.audit.spoilt import Reference, read_case_tosses, real_tosses, spoil
 from tossid.diagnosis.explain import explain
 from tossid.diagnosis.findings import FOUND
+from tossid.diagnosis.problem import Problem, session_starts
 from tossid.diagnosis.sessions.explained import explain_over_order
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World, effects_for
-from tossid.settings.diagnosis.audit import AuditSettings
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
+from tossid.settings.diagnosis.audit import AuditSettings
+from tossid.store import read_dataset
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,8 @@ def diagnose(job: Job, folder: Path) -> dict[str, Any]:
     seed, settings = job.case.seed % 1000, DiagnoseSettings(repeats=job.settings.repeats)
     if job.reference is not None:
         tosses, world = _real(job)
-        return explain(tosses, spoil(job.case, world, job.reference)[0], seed=seed, settings=settings).as_json()
+        spoilt = spoil(job.case, world, job.reference)[0]
+        return explain(Problem(tosses, spoilt, seed=seed, settings=settings)).as_json()
     return diagnose_withheld(folder / TOSSES, job.case.without, seed, settings)
 
 
@@ -97,9 +100,24 @@ def diagnose_withheld(
     Returns:
         The content of gap.json.
     """
+    return explain_over_order(withheld(data, without, seed, settings)).diagnosis.as_json()
+
+
+def withheld(data: Path, without: Sequence[str], seed: int, settings: DiagnoseSettings = DiagnoseSettings()) -> Problem:
+    """The problem of a case: a dataset, and the stated simulator of its object.
+
+    Args:
+        data: The dataset's file.
+        without: Effects that are taken out of the library.
+        seed: Seed of the diagnosis.
+        settings: Of the diagnosis.
+    """
     tosses, world = read_case_tosses(data)
     library = tuple(effect for effect in effects_for(world.object) if effect.name not in without)
-    return explain_over_order(tosses, world, library=library, seed=seed, settings=settings).diagnosis.as_json()
+    dataset = read_dataset(data)
+    names = tuple(toss.name for toss in dataset.tosses)
+    starts = session_starts(dataset.order)
+    return Problem(tosses, world, library, seed=seed, names=names, sessions=starts, settings=settings)
 
 
 def score_case(job: Job, folder: Path, truth: dict[str, Any], gap: dict[str, Any]) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from tossid.diagnosis.likelihood.fitting import Fitted, fit, perturbed
 from tossid.diagnosis.likelihood.whitening import linearised
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.diagnosis.selection.significance import part_p_value
+from tossid.motion.resting import rest_scatter
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, World
 from tossid.physics.solvers.batches import whole_batches
@@ -119,6 +120,7 @@ class CrossValidator:
         seed: int,
         n_threads: int = 1,
         engine: Engine | None = None,
+        over_order: bool = False,
         settings: DiagnoseSettings = DiagnoseSettings(),
     ) -> CrossValidator:
         """The cross-validator of all windows of some tosses.
@@ -129,11 +131,13 @@ class CrossValidator:
             seed: Of the folds.
             n_threads: Of simulators.
             engine: The other engine; near-rigid MuJoCo if None.
+            over_order: As of `rest_scatter`: what changes over the order of the tosses is then no tracker's slow error.
             settings: Of the diagnosis.
         """
         n = len(tosses)
         folds = draw_folds(n, np.random.default_rng(seed), settings.cross_validation.folds)
-        windows = make_windows(tosses, model, settings=settings.likelihood)
+        scatter = rest_scatter(tosses, model, over_order=over_order)
+        windows = make_windows(tosses, model, settings=settings.likelihood, scatter=scatter)
         return CrossValidator(windows, n, folds, n_threads, engine or Engine(), settings=settings)
 
     def map(self, made: Callable[[Item], Made], items: Iterable[Item]) -> list[Made]:

@@ -2,20 +2,17 @@
 
 Each toss says by itself what an effect's parameters are (`values`). Where these change over the order is found and
 tested as changes of a recording are (`tossid.motion.sessions.change_points`): by permutation, for all effects together.
-What an effect does over the order is then one of two things: it takes a step at each change, or it drifts, a line over
-the number of the toss. With the scores g_i of its mean and a design X of the order, n tosses,
-
-    T = sum over i of (P_X g)_i^T V⁺ (P_X g)_i,     V = sum of g_i g_i^T / n,
-
-is the score statistic of either (P_X projects on the centred columns of X); each further number costs log n.
-
-Many effects seem to change where one does. The candidates are fitted, stretch by stretch, and compared by likelihood.
+Many effects seem to change where one does. What each that may be the cause gains from session to session is compared by
+likelihood (`suspects`), and the promising ones are fitted. What happens is one of two things: steps at the changes, or
+a drift. The first of the suspects is fitted to equal parts of the order; its values follow steps or a line.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -26,12 +23,15 @@ from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.fitting import Fitted, fit
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.sessions.correction import CORRECTABLE
+from tossid.diagnosis.sessions.suspects import fits_from_starts, gain_of_change, stepped, suspects_among
 from tossid.motion.sessions.change_points import Change, Witness, find_changes, robust_mean, without_covariates
 from tossid.physics.effects import Effect
 from tossid.settings.diagnosis.order import OrderSettings
 
 Array = NDArray[np.float64]
 Form = Literal["steps", "drift"]
+_HALF_WIDTH = 1.96
+"""Of a 95 % interval, in standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,70 +99,163 @@ def effect_over_order(
         boundaries: Numbers of tosses with which sessions of the dataset begin.
     """
     p = {name: min(c.p[name] for c in changes if name in c.p) for c in changes for name in c.p}
-    by_name, outlier = {effect.name: effect for effect in library}, settings.changes.outlier
-    judged = []
-    for name in p:
-        if name in by_name:
-            at = tuple(change.at for change in changes if name in change.p)
-            at = moments_of_steps(witnesses[name], at, settings)
-            form, criterion = form_over_order(witnesses[name], at, outlier=outlier)
-            at = _at_sessions(at, boundaries, settings.same_change)
-            judged.append((criterion, name, _edges(validator.n, at, form, settings), form))
+    suspects = [each for each in suspects_among(library, p) if each.name in witnesses]
+    outlier, n = settings.changes.outlier, validator.n
+    at = _at_sessions(clearest_steps(witnesses, changes, settings), boundaries, settings.same_change)
+    steps, shares = (0, *at, n), validator.settings.selection.step_shares
+    parts = max(2, min(settings.drift_parts, n // settings.changes.fewest_tosses))
+    parts_of_drift = tuple(round(n * k / parts) for k in range(parts + 1))
+
+    def screened(effect: Effect) -> float:
+        witness = witnesses[effect.name]
+        gain = gain_of_change(present, effect, witness, steps, shares=shares, outlier=outlier)
+        return gain - _cost(effect, steps)
+
+    def fitted(effect: Effect, form: Form, edges: tuple[int, ...]) -> EffectOverOrder:
+        fits = fitted_stretches(present, effect, edges, validator, near=witnesses[effect.name], outlier=outlier)
+        # (what does the same as others changes as surely as they do)
+        return described(effect, form, edges, fits, p.get(effect.name, max(p.values())))
+
+    gains = dict(zip((each.name for each in suspects), validator.map(screened, suspects), strict=True))
+    suspects = sorted(suspects, key=lambda each: -gains[each.name])[: settings.candidates]
+    found: list[EffectOverOrder] = []
+    if suspects:
+        drifting = fitted(suspects[0], "drift", parts_of_drift)
+        if follows_line(drifting, at):
+            found = [drifting, *validator.map(partial(fitted, form="drift", edges=parts_of_drift), suspects[1:])]
+        else:
+            found = validator.map(partial(fitted, form="steps", edges=steps), suspects)
+    judged = _gaining(present, found, settings)
     if not judged:
-        return None
-    most = max(each[0] for each in judged)
-    judged = sorted((each for each in judged if each[0] > settings.likely * most), reverse=True, key=lambda x: x[0])
-    before = present.evidence.log_likelihood(present.fitted.residuals, present.fitted.scales)
+        from_starts = fits_from_starts(present, library, steps, validator, count=settings.from_starts)
+        found = [described(effect, "steps", steps, fits, max(p.values())) for effect, fits in from_starts]
+        judged = _gaining(present, found, settings)
+    return _simplest(judged, settings) if judged else None
 
-    def tried(each: tuple[float, str, tuple[int, ...], Form]) -> tuple[float, EffectOverOrder]:
-        _, name, edges, form = each
-        fits = fitted_stretches(present, by_name[name], edges, validator, near=witnesses[name], outlier=outlier)
-        after = np.zeros(len(before))
-        for k, one in enumerate(fits):
-            after[_rows(present, edges, k)] = one.evidence.log_likelihood(one.residuals, present.fitted.scales)
-        gain = present.evidence.weighted_gain(after, before)
-        parameters = len(fits) * len(by_name[name].parameters)
-        return gain - 0.5 * parameters * np.log(validator.n), described(by_name[name], form, edges, fits, p[name])
 
-    found = validator.map(tried, judged[: settings.candidates])
+def _gaining(
+    present: Candidate, found: Sequence[EffectOverOrder], settings: OrderSettings
+) -> list[tuple[float, EffectOverOrder]]:
+    """The effects whose change gains enough, with what they gain by values of their own in each stretch.
+
+    What an effect gains over its mean says whether it changes, and not that it merely is there in all tosses. Of those
+    that change, what each gains on the whole is compared: the mean of one suits all tosses better than that of another.
+    """
+    gains = []
+    for each in found:
+        whole, over_mean = (gain - _cost(each.effect, each.edges) for gain in _gains(present, each))
+        if over_mean > settings.least_gain:
+            gains.append((whole, over_mean, each))
+    most = max((over_mean for _, over_mean, _ in gains), default=0.0)
+    return [(whole, each) for whole, over_mean, each in gains if over_mean > settings.comparable * most]
+
+
+def _cost(effect: Effect, edges: Sequence[int]) -> float:
+    """Of an effect's numbers in all stretches but one (Schwarz 1978)."""
+    return 0.5 * (len(edges) - 2) * len(effect.parameters) * float(np.log(edges[-1]))
+
+
+def follows_line(each: EffectOverOrder, at: Sequence[int]) -> bool:
+    """Whether values of equal parts of the order follow a line rather than steps, which cost more where they are many.
+
+    Args:
+        each: Fitted to the parts.
+        at: First tosses after the steps. A part in which there is a step has that share of it.
+    """
+    y = np.array([[part[p.name].value for p in each.effect.parameters] for part in each.stretches])
+    half = np.array([[part[p.name].high - part[p.name].low for p in each.effect.parameters] for part in each.stretches])
+    sigma = np.maximum(np.median(half, axis=0), 1e-12) / (2 * _HALF_WIDTH)
+    (k, d), edges, order = y.shape, each.edges, np.arange(each.edges[-1])
+    parts = [slice(a, b) for a, b in pairwise(edges)]
+    costs = []
+    for design in (order[:, None], order[:, None] >= np.asarray(at)):
+        X = np.column_stack([np.ones(k), [design[part].mean(axis=0) for part in parts]])
+        off = (y - X @ np.linalg.lstsq(X, y, rcond=None)[0]) / sigma
+        costs.append(float((off**2).sum()) + X.shape[1] * d * np.log(k))
+    return costs[0] < costs[1]
+
+
+def _gains(present: Candidate, each: EffectOverOrder) -> tuple[float, float]:
+    """What an effect gains by values of its own in each stretch, over none of it, and over its mean in all tosses."""
+    evidence, scales = present.evidence, present.fitted.scales
+    before = evidence.log_likelihood(present.fitted.residuals, scales)
+    after = np.zeros(len(before))
+    for k, one in enumerate(each.fitted):
+        after[_rows(present, each.edges, k)] = one.evidence.log_likelihood(one.residuals, scales)
+    mean = present.hypothesis.minus(each.effect.name)
+    mean = mean.plus(each.effect, np.array([each.parameters[p.name].value for p in each.effect.parameters]))
+    same = evidence.relinearised(mean.world(), refine=4).log_likelihood_of(mean.world(), scales)
+    whole = evidence.weighted_gain(after, before)
+    return whole, whole - max(evidence.weighted_gain(same, before), 0.0)
+
+
+def _simplest(found: Sequence[tuple[float, EffectOverOrder]], settings: OrderSettings) -> EffectOverOrder:
+    """Of effects with their gains, the one that gains most, or a simpler story that gains nearly as much."""
     best = max(gain for gain, _ in found)
     # the object and gravity stay the same
     changeable = [each for each in found if each[1].effect.family != "body" and each[1].effect.name != "gravity"]
     if changeable and max(gain for gain, _ in changeable) > settings.unchanging * best:
         found = changeable
         best = max(gain for gain, _ in found)
-    close = [each for each in found if each[0] > best - settings.indistinguishable * abs(best)]
-    # of what fits alike, a recording that changes is the simpler story, and so is a special case
-    recording = [each for each in close if each[1].effect.family == "measurement" or each[1].correctable]
-    names = {each[1].effect.name for each in close}
-    special = [each for each in close if not names & set(each[1].effect.contains)]
-    return max(recording or special or close, key=lambda each: each[0])[1]
+    # of what fits alike, a recording that changes is the simpler story
+    recording = [each for each in found if each[1].effect.family == "measurement" or each[1].correctable]
+    recording = [each for each in recording if each[0] > best - settings.indistinguishable * best]
+    gain, chosen = max(recording or found, key=lambda each: each[0])
+    # and so is a special case, which can gain no more
+    while inner := [
+        each for each in found if each[1].effect.name in chosen.effect.contains and each[0] > settings.special * gain
+    ]:
+        gain, chosen = max(inner, key=lambda each: each[0])
+    return chosen
 
 
-def form_over_order(witness: Witness, at: Sequence[int], *, outlier: float) -> tuple[Form, float]:
-    """Whether values step at some changes or drift, and the score statistic of that less what its numbers cost.
+def clearest_steps(
+    witnesses: Mapping[str, Witness], changes: Sequence[Change], settings: OrderSettings
+) -> tuple[int, ...]:
+    """The first tosses after changes, as the witness says in which the changes are clearest.
+
+    Of each witness that changes, a constant and steps at its changes are fitted (Huber 1964) and compared by twice
+    their cost, with log n for each of their numbers.
 
     Args:
-        witness: Values (n, P), information (n, P, P) and covariates of tosses in their order.
-        at: First tosses after the changes.
-        outlier: As of `robust_mean`.
+        witnesses: Of `witnesses_of`.
+        changes: Of `changes_over_order`; at least one.
+        settings: How far a moment may move.
     """
-    recorded, info, covariates = witness
-    scores = robust_mean(without_covariates(recorded, info, covariates, outlier=outlier), info, outlier=outlier).scores
-    n, d = scores.shape
-    scores = scores - scores.mean(axis=0)
-    inverse = np.linalg.pinv(scores.T @ scores / n, rcond=1e-10, hermitian=True)
-    order = np.arange(n)
-    steps = (order[:, None] >= np.asarray(at)).astype(float)
-    designs: dict[Form, Array] = {"steps": steps, "drift": order[:, None].astype(float)}
-    cost = {"steps": len(at) * (d + 1), "drift": d}
-    criterion: dict[Form, float] = {}
-    for form, X in designs.items():
-        projected = X - X.mean(axis=0)
-        projected = projected @ np.linalg.lstsq(projected, scores, rcond=None)[0]
-        criterion[form] = float(np.einsum("ni,ij,nj->", projected, inverse, projected)) - cost[form] * np.log(n)
-    best: Form = "steps" if criterion["steps"] >= criterion["drift"] else "drift"
-    return best, criterion[best]
+    outlier, judged = settings.changes.outlier, []
+    for name in {name for change in changes for name in change.p}:
+        at = moments_of_steps(witnesses[name], [change.at for change in changes if name in change.p], settings)
+        recorded, info, covariates = witnesses[name]
+        values, n = without_covariates(recorded, info, covariates, outlier=outlier), len(recorded)
+        parts = [slice(a, b) for a, b in pairwise((0, *at, n))]
+        scatter = max(robust_mean(values[part], info[part], outlier=outlier).scatter for part in parts)
+        W = info @ np.linalg.inv(np.eye(values.shape[1]) + scatter**2 * info)
+        steps = (np.arange(n)[:, None] >= np.asarray(at)).astype(float)
+        gained = _robust_cost(values, W, steps[:, :0], outlier) - _robust_cost(values, W, steps, outlier)
+        judged.append((gained, name, at))
+    return max(judged)[2]
+
+
+def _robust_cost(values: Array, W: Array, design: Array, outlier: float) -> float:
+    """Twice the cost of a robust regression of values (n, d) on a design (n, p), with log n for each number."""
+    n, d = values.shape
+    seen = np.trace(W, axis1=1, axis2=2) > 0
+    y, W = values[seen], W[seen]
+    X = np.column_stack([np.ones(len(y)), design[seen]])
+    p = X.shape[1] * d
+    u = np.ones(len(y))
+    for _ in range(20):
+        H = np.einsum("n,ni,nj,nkl->ikjl", u, X, X, W).reshape(p, p)
+        g = np.einsum("n,ni,nkl,nl->ik", u, X, W, y).reshape(p)
+        off = y - X @ np.linalg.lstsq(H, g, rcond=1e-10)[0].reshape(-1, d)
+        size = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", off, W, off), 1e-300))
+        u = np.minimum(1.0, outlier / size)
+    return float(2 * _huber(size, outlier).sum() + p * np.log(n))
+
+
+def _huber(size: Array, outlier: float) -> Array:
+    """Huber's cost of distances in standard deviations."""
+    return np.where(size < outlier, 0.5 * size**2, outlier * (size - 0.5 * outlier))
 
 
 def moments_of_steps(witness: Witness, at: Sequence[int], settings: OrderSettings) -> tuple[int, ...]:
@@ -190,7 +283,7 @@ def moments_of_steps(witness: Witness, at: Sequence[int], settings: OrderSetting
         for side in sides:
             off = np.where(np.trace(info, axis1=1, axis2=2)[:, None] > 0, values - side.value, 0.0)
             size = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", off, W, off), 0.0))
-            cost.append(np.where(size < outlier, 0.5 * size**2, outlier * (size - 0.5 * outlier)))
+            cost.append(_huber(size, outlier))
         saved = np.cumsum(cost[0] - cost[1])
         near = np.arange(max(low + 1, now - settings.largest_move), min(high - 1, now + settings.largest_move) + 1)
         edges[k] = int(near[np.argmin(saved[near - 1])])
@@ -203,14 +296,6 @@ def _at_sessions(at: Sequence[int], boundaries: Sequence[int], near: int) -> tup
         min((b for b in boundaries if abs(b - each) <= near), key=lambda b: abs(b - each), default=each) for each in at
     }
     return tuple(sorted(moved - {0}))
-
-
-def _edges(n: int, at: Sequence[int], form: Form, settings: OrderSettings) -> tuple[int, ...]:
-    """First tosses of stretches, and n: the sessions of steps, or equal parts of a drift."""
-    if form == "steps":
-        return (0, *at, n)
-    parts = max(2, min(settings.drift_parts, n // settings.changes.fewest_tosses))
-    return tuple(round(n * k / parts) for k in range(parts + 1))
 
 
 def _rows(present: Candidate, edges: Sequence[int], k: int) -> NDArray[np.int64]:
@@ -241,16 +326,12 @@ def fitted_stretches(
     hypothesis = present.hypothesis
     if effect.name not in hypothesis.names:
         hypothesis = hypothesis.plus(effect)
-    place, held = hypothesis.place_of(effect.name), frozenset(hypothesis.names) - {effect.name}
+    held = frozenset(hypothesis.names) - {effect.name}
     out = []
     for k in range(len(edges) - 1):
         start = hypothesis
         if near is not None:
-            own = slice(edges[k], edges[k + 1])
-            step = np.nan_to_num(robust_mean(near[0][own], near[1][own], outlier=outlier).value)
-            flat = hypothesis.flat()
-            flat[place] += step * hypothesis.steps[place]
-            start = hypothesis.clipped(flat)
+            start = stepped(hypothesis, effect, near, edges[k], edges[k + 1], outlier=outlier)
         evidence = present.evidence.rows(_rows(present, edges, k))
         scales = present.fitted.scales
         there, here = (evidence.log_likelihood_of(each.world(), scales) for each in (start, hypothesis))

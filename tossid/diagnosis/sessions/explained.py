@@ -31,14 +31,14 @@ from tossid.diagnosis.localisation.consequence import changed, matters, whole_mo
 from tossid.diagnosis.localisation.gap import PHASES, bootstrap_ratio, by_toss, deviance, measure_gap
 from tossid.diagnosis.localisation.noise import Floor
 from tossid.diagnosis.localisation.rollouts import first_states, rollout_errors
+from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.result import Diagnosis
-from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
+from tossid.diagnosis.selection.cross_validation import Candidate
 from tossid.diagnosis.sessions.changes import EffectOverOrder
-from tossid.diagnosis.sessions.looking import Corrections, Looked, Make, TossOrder, look, undo_changes
+from tossid.diagnosis.sessions.looking import Corrections, Looked, TossOrder, look, undo_changes
 from tossid.motion.sessions.change_points import fewest_items
-from tossid.physics.effects import LIBRARY, Effect, World
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
-from tossid.types import Phase, Progress, Toss
+from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
 
@@ -58,62 +58,25 @@ class Explained:
     unseen: tuple[Toss, ...]
 
 
-def explain_over_order(
-    tosses: Sequence[Toss],
-    world: World,
-    *,
-    library: Sequence[Effect] = LIBRARY,
-    engine: Engine | None = None,
-    n_threads: int = 1,
-    seed: int = 0,
-    unseen: Sequence[Toss] = (),
-    names: Sequence[str] = (),
-    sessions: Sequence[str] = (),
-    progress: Progress | None = None,
-    settings: DiagnoseSettings = DiagnoseSettings(),
-) -> Explained:
+def explain_over_order(problem: Problem) -> Explained:
     """As `explain`, where effects may change over the order of recording.
 
     Args:
-        tosses: Recorded motions of one object; the covariances of their poses are the noise.
-        world: The simulator.
-        library: The effects to choose from.
-        engine: As of `explain`.
-        n_threads: Of simulators.
-        seed: Of the folds and of simulated noise.
-        unseen: Other tosses of the same recording, which are judged in one pass at the end.
-        names: Of all these tosses in the order of their recording; empty: as they are given, the unseen ones last.
-        sessions: Names of the first tosses of sessions that the dataset has, but for the first.
-        progress: As of `explain`.
-        settings: Of everything else.
+        problem: The tosses, the simulator and the effects to choose from.
     """
-    names = names or [toss.name for toss in (*tosses, *unseen)]
-    place = {name: i for i, name in enumerate(names)}
-    recorded = now = tuple(sorted(tosses, key=lambda toss: place[toss.name]))
-    now_unseen = tuple(unseen)
-    order = TossOrder.of(recorded, unseen, names, sessions)
-    make = partial(CrossValidator.of, seed=seed, n_threads=n_threads, engine=engine, settings=settings)
-    run = partial(
-        explain,
-        world=world,
-        library=library,
-        engine=engine,
-        n_threads=n_threads,
-        seed=seed,
-        progress=progress,
-        settings=settings,
-    )
+    problem = problem.in_order()
+    recorded, library, settings = tuple(problem.tosses), problem.library, problem.settings
+    corrections = Corrections(recorded, tuple(problem.unseen))
     few = len(recorded) < fewest_items(len(library) + 1, settings.order.changes)
     if few:
-        found = run(now, unseen=now_unseen)
-        return Explained(_of_tosses(found, recorded), now, now_unseen)
-    first, _, corrections = undo_changes(Corrections(now, now_unseen), world, library, order, make, settings)
-    found = run(corrections.tosses, unseen=corrections.unseen)
-    looked = _beside(found, corrections, library, order, make, settings)
+        return Explained(_of_tosses(explain(problem), recorded), corrections.tosses, corrections.unseen)
+    first, _, corrections = undo_changes(problem)
+    found = explain(problem.of(corrections.tosses, corrections.unseen))
+    looked = _beside(found, corrections, problem)
     if looked.correctable and len(corrections.undone) < settings.order.rounds:
-        corrections = corrections.further(looked, order)
-        found = run(corrections.tosses, unseen=corrections.unseen)
-        looked = _beside(found, corrections, library, order, make, settings)
+        corrections = corrections.further(looked, TossOrder.of(problem))
+        found = explain(problem.of(corrections.tosses, corrections.unseen))
+        looked = _beside(found, corrections, problem)
     now, undone = corrections.tosses, corrections.undone
     found = replace(_of_tosses(found, recorded), changes_left=_left(looked, recorded))
     varies = None if looked.effect is None or looked.correctable else looked
@@ -122,27 +85,13 @@ def explain_over_order(
     return Explained(found, now, corrections.unseen)
 
 
-def _beside(
-    found: Diagnosis,
-    corrections: Corrections,
-    library: Sequence[Effect],
-    order: TossOrder,
-    make: Make,
-    settings: DiagnoseSettings,
-) -> Looked:
+def _beside(found: Diagnosis, corrections: Corrections, problem: Problem) -> Looked:
     """What changes over the order beside what the search has found."""
-    validator = make(corrections.tosses, found.hypothesis.base.object)
+    problem = replace(problem.of(corrections.tosses), world=found.hypothesis.base)
+    validator = problem.validator(over_order=True)
     if found.contact != "own":
         validator = replace(validator, engine=Engine())
-    return look(
-        validator,
-        found.hypothesis,
-        library,
-        corrections.tosses,
-        order,
-        settings,
-        undone=corrections.effects_undone,
-    )
+    return look(validator, found.hypothesis, problem, order=TossOrder.of(problem), undone=corrections.effects_undone)
 
 
 def _of_tosses(found: Diagnosis, tosses: Sequence[Toss]) -> Diagnosis:

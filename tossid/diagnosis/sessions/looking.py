@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,19 +11,16 @@ from numpy.typing import NDArray
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.gap import by_toss, deviance
 from tossid.diagnosis.localisation.noise import Floor, noise_floor
+from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.sessions.changes import EffectOverOrder, changes_over_order, effect_over_order
 from tossid.diagnosis.sessions.correction import corrected_tosses
 from tossid.diagnosis.sessions.values import witnesses_of
 from tossid.motion.sessions.change_points import Change
-from tossid.objects import ObjectModel
-from tossid.physics.effects import Effect, World
-from tossid.settings.diagnosis.diagnose import DiagnoseSettings
+from tossid.physics.effects import Effect
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
-Make = Callable[[Sequence[Toss], ObjectModel], CrossValidator]
-"""Makes the validator of tosses."""
 
 
 @dataclass(frozen=True)
@@ -65,20 +62,17 @@ class TossOrder:
     boundaries: tuple[int, ...]
 
     @classmethod
-    def of(
-        cls, tosses: Sequence[Toss], unseen: Sequence[Toss], names: Sequence[str], sessions: Sequence[str]
-    ) -> TossOrder:
-        """The order of tosses.
+    def of(cls, problem: Problem) -> TossOrder:
+        """The order of a problem's tosses.
 
         Args:
-            tosses: Diagnosed, in their order.
-            unseen: Others of the same recording.
-            names: Of all, in the order of recording.
-            sessions: Names of the first tosses of sessions but for the first.
+            problem: With tosses in the order of their recording.
         """
-        place = {name: i for i, name in enumerate(names)}
-        ranks, others = (np.array([place[toss.name] for toss in some], dtype=int) for some in (tosses, unseen))
-        starts = [place[name] for name in sessions]
+        place = {name: i for i, name in enumerate(problem.names)}
+        ranks, others = (
+            np.array([place[toss.name] for toss in some], dtype=int) for some in (problem.tosses, problem.unseen)
+        )
+        starts = [place[name] for name in problem.sessions]
         return cls(ranks, others, tuple(int(np.searchsorted(ranks, start)) for start in starts))
 
     def of_unseen(self, values: Array) -> Array:
@@ -123,47 +117,33 @@ class Corrections:
         return Corrections(tosses, unseen, (*self.undone, (each, looked)))
 
 
-def undo_changes(
-    tosses: Corrections,
-    world: World,
-    library: Sequence[Effect],
-    order: TossOrder,
-    make: Make,
-    settings: DiagnoseSettings,
-) -> tuple[Looked, Looked, Corrections]:
+def undo_changes(problem: Problem) -> tuple[Looked, Looked, Corrections]:
     """Errors of the recording that change are undone one by one, largest first, beside the simulator as it is.
 
     Args:
-        tosses: As recorded.
-        world: The simulator.
-        library: The effects that may change.
-        order: Of the tosses.
-        make: Makes their validator.
-        settings: What is a change, and how many are undone at most.
+        problem: With the tosses as recorded, in their order.
 
     Returns:
         What was seen first and last, and the corrected tosses.
     """
-    first: Looked | None = None
-    while True:
-        validator, base = make(tosses.tosses, world.object).with_contact_law(world)
-        looked = look(
-            validator, Hypothesis(base), library, tosses.tosses, order, settings, undone=tosses.effects_undone
-        )
-        first = first or looked
-        if not looked.correctable or len(tosses.undone) >= settings.order.rounds:
-            return first, looked, tosses
+    tosses, order = Corrections(tuple(problem.tosses), tuple(problem.unseen)), TossOrder.of(problem)
+    validator, base = problem.validator(over_order=True).with_contact_law(problem.world)
+    first = looked = look(validator, Hypothesis(base), problem, order=order)
+    while looked.correctable and len(tosses.undone) < problem.settings.order.rounds:
         tosses = tosses.further(looked, order)
+        now = problem.of(tosses.tosses)
+        # (what is wrong with a recording does not change the contact law)
+        validator = replace(now.validator(over_order=True), engine=validator.engine)
+        looked = look(validator, Hypothesis(base), now, order=order, undone=tosses.effects_undone)
+    return first, looked, tosses
 
 
 def look(
     validator: CrossValidator,
     hypothesis: Hypothesis,
-    library: Sequence[Effect],
-    tosses: Sequence[Toss],
-    order: TossOrder,
-    settings: DiagnoseSettings,
+    problem: Problem,
     *,
+    order: TossOrder,
     undone: Collection[Effect] = (),
 ) -> Looked:
     """What changes over the order of tosses beside a hypothesis.
@@ -171,25 +151,24 @@ def look(
     Args:
         validator: Of the tosses.
         hypothesis: At its values.
-        library: The effects that may change.
-        tosses: In their order.
+        problem: With the tosses as they are now, in their order.
         order: Where the dataset has sessions.
-        settings: What is a change.
         undone: Effects for which the tosses are corrected. What is left of them is no other effect of their group.
     """
+    library, settings = problem.library, problem.settings.order
     present = validator.evaluate(hypothesis)
     floor = noise_floor(validator.windows)
     above = deviance(present.evidence, present.fitted.residuals) - floor.deviance
     rows = by_toss(present.evidence, present.evidence.windows.counted.astype(float), validator.n)
     excess = by_toss(present.evidence, above, validator.n) / np.maximum(rows, 1.0)
-    places = np.array([toss.q[-1, :2] for toss in tosses])
+    places = np.array([toss.q[-1, :2] for toss in problem.tosses])
     witnesses = witnesses_of(present, library, validator, places, excess)
-    changes = changes_over_order(witnesses, settings.order)
+    changes = changes_over_order(witnesses, settings)
     effect = None
     if changes:
         known = frozenset[str]().union(*({each.name} | each.one_of_group for each in undone))
         others = [each for each in library if each.name not in known]
         effect = effect_over_order(
-            present, validator, others, witnesses, changes, settings.order, boundaries=order.boundaries
+            present, validator, others, witnesses, changes, settings, boundaries=order.boundaries
         )
     return Looked(validator, present, floor, changes, effect)

@@ -4,14 +4,17 @@ Each item i has a vector y_i with information A_i (the inverse covariance of its
 With scatter tau between items, its weight is W_i = A_i (1 + tau² A_i)^-1. About the robust mean c of all items, the
 scores
 
-    g_i = u_i W_i (y_i - c),      u_i = min(1, outlier / |W_i^1/2 (y_i - c)|)
+    g_i = u_i W_i^1/2 (y_i - c),      u_i = min(1, outlier / |W_i^1/2 (y_i - c)|)
 
-sum to 0. Where the first k of n items differ from the others, their sum does not: the statistic of a split is
+are of one size in all items: none counts more than another, however much it says of itself. (With W_i for W_i^1/2, the
+score of a Gaussian likelihood, items that say little by that change are outweighed by the others.) Where the first k
+of n items differ from the others, so do their scores: the statistic of a split is
 
     T_k = n / (k (n - k)) s_kᵀ V⁺ s_k,      s_k = g_1 + … + g_k,   V = Σ g_i g_iᵀ / n,
 
-the score test of a change (Nyblom 1989). Its largest value over all splits is compared with those of the same items in
-random orders (Good 2005): whatever the distribution of the items, p-values of an order that means nothing are uniform.
+of scores about their mean, the score test of a change (Nyblom 1989). Its largest value over all splits is compared with
+those of the same items in random orders (Good 2005): whatever the distribution of the items, p-values of an order that
+means nothing are uniform.
 Witnesses of one order are corrected for their number (Holm 1979), and parts are searched again (binary segmentation).
 """
 
@@ -57,7 +60,7 @@ class Mean:
     Attributes:
         value: The mean, (d,); NaN where no item says anything of it.
         cov: Its covariance, from the scatter of the items themselves, (d, d).
-        scores: Of the items, (n, d).
+        scores: Of the items, whitened and bounded, (n, d).
         scatter: Between items, beyond their own errors, tau.
         n: Items that say something.
     """
@@ -102,8 +105,9 @@ def robust_mean(values: Array, info: Array, *, outlier: float = DEFAULT.outlier)
                 break
     g = u[:, None] * np.einsum("nij,nj->ni", W, y - center)
     inverse = np.linalg.pinv(H, rcond=1e-10, hermitian=True)
+    w, Q = np.linalg.eigh(W)
     scores = np.zeros((n, d))
-    scores[seen] = g
+    scores[seen] = u[:, None] * np.einsum("nij,nj,nkj,nk->ni", Q, np.sqrt(np.maximum(w, 0.0)), Q, y - center)
     return Mean(center, inverse @ (g.T @ g) @ inverse, scores, float(np.sqrt(tau2)), int(seen.sum()))
 
 

@@ -64,7 +64,7 @@ GROUND_HEIGHT = Effect(
     mujoco=InMujoco(),
     mjcf=MjcfEdit(_write_ground),
     strength=Strength(5e-4, 0.03, signed("z_m")),
-    starts=tuple({"z_m": z} for z in (-8e-3, -2e-3, 2e-3, 8e-3)),
+    starts=tuple({"z_m": z} for z in (-25e-3, -8e-3, -2e-3, 2e-3, 8e-3, 25e-3)),
 )
 
 EFFECTS = (GRAVITY, GROUND_TILT, GROUND_HEIGHT)

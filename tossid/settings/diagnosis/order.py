@@ -26,13 +26,19 @@ class OrderSettings:
     """of the orders that are drawn"""
     rounds: Count = 3
     """most effects that change one beside the other"""
-    likely: Fraction = 0.6
-    """share of the largest score statistic that an effect must have to be fitted, stretch by stretch"""
     candidates: Count = 5
-    """most effects that are"""
+    """effects that are fitted, stretch by stretch"""
+    from_starts: Count = 2
+    """effects that are fitted from declared starts where none of those gains anything"""
+    comparable: Fraction = 0.5
+    """share of the best gain of a change over its mean from which on another effect may be what changes"""
+    least_gain: Positive = 30.0
+    """gain of log-likelihood that a change of an effect must bring"""
     indistinguishable: Fraction = 0.1
     """share of the best gain of log-likelihood by which another effect's may be less and count as the same; of such
     effects, one of the recording is preferred"""
+    special: Fraction = 0.75
+    """share of an effect's gain of log-likelihood from which on a special case of it is preferred"""
     largest_move: Count = 6
     """tosses by which the moment of a step is moved at most to where it is likeliest"""
     unchanging: Fraction = 0.5
