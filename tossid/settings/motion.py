@@ -243,5 +243,9 @@ class ParabolaSettings:
     """a window flies if its misfit is below so many of the typical one of flight"""
     most_carried: Fraction = 0.35
     """and below this share of the misfit of a body that is carried"""
+    fewest_others: Count = 3
+    """tosses without any flight about the centre of mass from which on they are searched for another one"""
+    frame_jump: Positive = 4e-3
+    """distance of that one from which on the body's frame is said to jump between tosses [m]"""
     rest_speed: Positive = 0.05
     """speed of the centre of mass, and spin times gyration, below which a body is at rest [m/s]"""
