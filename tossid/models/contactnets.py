@@ -154,6 +154,7 @@ class ContactNets(nn.Module):
         Rollouts determine few numbers; the corners are left to the implicit loss, unless the settings say otherwise.
         Objects with joints predict stretches of half the first horizon, and then of the first: a few impacts on, links
         may be anywhere. On demand there is one stage of the implicit loss in place of the first two, over everything.
+        A stage that has nothing to learn is left out.
         """
         settings, plans = self.settings, []
         if settings.together:
@@ -176,7 +177,7 @@ class ContactNets(nn.Module):
         for horizon in horizons:
             name = f"rollout-{horizon}"
             plans.append(StagePlan(name, Objective.ROLLOUT, parameters, horizon, starts=starts, friction=friction))
-        return tuple(plans)
+        return tuple(plan for plan in plans if plan.parameters)
 
     def flight_gravity(self, transitions: Transitions) -> float:
         """Mean downward acceleration in free flight, as the model has it [m/s²]."""

@@ -12,7 +12,7 @@ their frames. A frame that is not in contact has a gap, which a redescending los
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,6 +117,7 @@ def find_shape(
     rounder = _rounder(seen, sharp, corners, settings)
     if rounder is not None:
         return _round_shape(seen, rounder, corners, unseen=settings.unseen_rel * radius, settings=settings)
+    sharp = _without_hovering(seen, sharp, settings)
     touches = (np.abs(sharp.gap) < settings.contact_gap) & ~seen.free
     if touches.sum() < settings.fewest_contacts:
         raise InputError(
@@ -189,6 +190,19 @@ def _polytope(every: HalfSpaces, settings: ShapeSettings) -> tuple[HalfSpaces, F
 
 
 # ---------------------------------------------------------------- frames and vertices that count
+
+
+def _without_hovering(spaces: HalfSpaces, fit: Fit, settings: ShapeSettings) -> Fit:
+    """The fit with a loss above the ground that is as narrow as the noise.
+
+    Frames that hover less than `settings.gap` above the ground would draw vertices outward; engines whose friction
+    lifts what slides make many. Gaps below the ground are noise alone, and show its size.
+    """
+    below = -fit.gap[fit.gap < 0]
+    if not len(below):
+        return fit
+    narrow = min(settings.gap, settings.gap_noises * 1.4826 * float(np.median(below)))
+    return fit_vertices(spaces, fit.vertices, np.zeros(3), replace(settings, gap=narrow), gap=settings.gap, level=True)
 
 
 def _merged(points: Array, distance: float) -> Array:

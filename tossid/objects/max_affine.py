@@ -67,17 +67,14 @@ def fit_vertices(
         level: The ground is z = 0.
     """
     X, g, G, n = start.copy(), ground.copy(), ground_slope(spaces), len(start)
-    free = n * 3 + (0 if level else 3)
     for _ in range(settings.iterations):
         gap = max(settings.gap, 0.8 * gap)
         lowest, r = _residuals(spaces, G, X, g)
         w = weights_of(r, spaces.free, gap, settings)
-        H, b = _normal_equations(spaces.down, G, w, r, lowest, n)
-        H[np.arange(3 * n), np.arange(3 * n)] += settings.inertia
-        H[3 * n :, 3 * n :] += 1e-9 * np.eye(3)
-        step = np.linalg.solve(H[:free, :free], b[:free])
-        X += step[: 3 * n].reshape(n, 3)
-        g[: (free - 3 * n)] += step[3 * n :]
+        rise, turn = _step(spaces.down, G, w, r, lowest, n, hold=settings.inertia, level=level)
+        X += rise
+        g += turn
+        step = np.append(rise.ravel(), turn)
         if gap == settings.gap and np.abs(step).max() < settings.converged:
             break
     lowest, r = _residuals(spaces, G, X, g)
@@ -91,27 +88,25 @@ def _residuals(spaces: HalfSpaces, G: Array, X: Array, g: Array) -> tuple[NDArra
     return lowest, spaces.height - G @ g - reach[np.arange(len(lowest)), lowest]
 
 
-def _normal_equations(
-    down: Array, G: Array, w: Array, r: Array, lowest: NDArray[np.int64], n: int
+def _step(
+    down: Array, G: Array, w: Array, r: Array, lowest: NDArray[np.int64], n: int, *, hold: float, level: bool
 ) -> tuple[Array, Array]:
-    """Jᵀ W J and Jᵀ W r of the gaps' derivatives, vertices before ground: ((3n + 3)², 3n + 3)."""
-    rows = np.concatenate([down, G], axis=1)
-    H, b = np.zeros((3 * n + 3, 3 * n + 3)), np.zeros(3 * n + 3)
-    for i in range(6):
-        by_vertex = np.bincount(lowest, w * rows[:, i] * r, minlength=n)
-        if i < 3:
-            b[i : 3 * n : 3] = by_vertex
-        else:
-            b[3 * n + i - 3] = by_vertex.sum()
-        for j in range(6):
-            block = np.bincount(lowest, w * rows[:, i] * rows[:, j], minlength=n)
-            at, to = 3 * np.arange(n) + i, 3 * np.arange(n) + j
-            if i < 3 and j < 3:
-                H[at, to] = block
-            elif i < 3:
-                H[at, 3 * n + j - 3] = block
-            elif j < 3:
-                H[3 * n + i - 3, to] = block
-            else:
-                H[3 * n + i - 3, 3 * n + j - 3] = block.sum()
-    return H, b
+    """The Gauss-Newton step of vertices (n, 3) and ground (3,), zero where it is level.
+
+    A frame depends on one vertex and the ground, so that the vertices' 3 x 3 blocks are eliminated first.
+    """
+
+    def sums(values: Array, others: Array) -> Array:
+        """Weighted sums of products over each vertex's frames, (n, ., .)."""
+        products = [np.bincount(lowest, w * a * b, minlength=n) for a in values.T for b in others.T]
+        return np.asarray(np.stack(products, axis=-1).reshape(n, values.shape[1], others.shape[1]), dtype=float)
+
+    A, b = sums(down, down) + hold * np.eye(3), sums(down, r[:, None])
+    if level:
+        return np.asarray(np.linalg.solve(A, b)[..., 0]), np.zeros(3)
+    C = sums(down, G)
+    solved = np.linalg.solve(A, np.concatenate([b, C], axis=-1))
+    own, by_ground = solved[..., 0], solved[..., 1:]
+    left = (G * w[:, None]).T @ G + 1e-9 * np.eye(3) - np.einsum("nij,nik->jk", C, by_ground)
+    turn = np.linalg.solve(left, G.T @ (w * r) - np.einsum("nij,ni->j", C, own))
+    return own - by_ground @ turn, turn

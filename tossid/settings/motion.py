@@ -178,6 +178,42 @@ class FreeFallSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class MomentumSettings:
+    """Inertia and friction from the balance of momentum (`tossid.motion.momentum`)."""
+
+    most_tosses: Count = 64
+    """tosses, evenly drawn, that take part"""
+    near: Positive = 2e-3
+    """height of its way in an interval below which a point may touch the ground [m]"""
+    free_rel: Positive = 3.0
+    """standard deviation of a free impulse, in changes of momentum seen in its interval: large, so that it is free"""
+    flight_density: Positive = 1e-6
+    """density of white acceleration in flight [m²/s³]: none, but for numerical reasons"""
+    gyration: Positive = 0.03
+    """radius that compares its spin with its speed [m]"""
+    slide_speed: Positive = 0.12
+    """speed above which a touching point slides [m/s]"""
+    slide_cosine: Fraction = 0.95
+    """cosine of the turn of its direction in an interval above which it slides straight on"""
+    slide_impulse: Positive = 0.25
+    """change of the velocity, gravity apart, above which an interval holds an impact [m/s]"""
+    across_rel: Positive = 0.05
+    """standard deviation of the force across the direction of sliding, in sizes of a free impulse"""
+    fewest_sliding: Count = 20
+    """intervals of steady sliding below which there is no estimate of friction"""
+    prior: Positive = 0.5
+    """standard deviation of inertia (relative) and friction about their start, where tosses do not determine them"""
+    difference: Positive = 1e-3
+    """step of central differences in inertia (relative) and friction"""
+    iterations: Count = 8
+    """most Gauss-Newton steps"""
+    largest_step: Positive = 0.3
+    """largest change in one step"""
+    converged: Positive = 2e-3
+    """relative change below which the steps end"""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ParabolaSettings:
     """When a body of unknown shape flies: its centre of mass is on a parabola (`tossid.motion.parabola`)."""
 
@@ -207,5 +243,9 @@ class ParabolaSettings:
     """a window flies if its misfit is below so many of the typical one of flight"""
     most_carried: Fraction = 0.35
     """and below this share of the misfit of a body that is carried"""
+    fewest_others: Count = 3
+    """tosses without any flight about the centre of mass from which on they are searched for another one"""
+    frame_jump: Positive = 4e-3
+    """distance of that one from which on the body's frame is said to jump between tosses [m]"""
     rest_speed: Positive = 0.05
     """speed of the centre of mass, and spin times gyration, below which a body is at rest [m/s]"""

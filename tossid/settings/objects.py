@@ -38,6 +38,8 @@ class ShapeSettings(Checked):
     """scale of the loss above the ground: higher frames count less and less as contacts [m]"""
     first_gap: Positive = 4e-3
     """the same at the first iteration, when vertices are far from where they belong [m]"""
+    gap_noises: Positive = 2.0
+    """the same for the last fit of a polytope, in standard deviations of the gaps' noise, where that is less"""
     contact_gap: Positive = 1.5e-3
     """largest distance of the lowest vertex from the ground in a frame that is counted as a contact [m]"""
     near_rel: Positive = 0.5
@@ -118,6 +120,11 @@ class UnknownObjectSettings(Checked):
     sure: NonNegative = advanced(3e-4)
     """standard error up to which corners, and the centre of mass, stay as the tosses showed them [m]: training would
     move them to explain what its model lacks. 0 refines them in any case"""
+    sure_inertia: NonNegative = advanced(0.05)
+    """relative standard error up to which the inertia that the balance of momentum gives is taken and stays; above, it
+    is that of an evenly filled shape, and is learned"""
+    sure_friction: NonNegative = advanced(0.01)
+    """standard error up to which the friction of steady sliding is taken and stays"""
     shape: ShapeSettings = advanced_part(ShapeSettings)
     """how its shape is found"""
 

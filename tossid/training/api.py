@@ -159,7 +159,7 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
     shown = None if settings.object is None else unknown_object(looked_at, settings.object)
     start = dataset.object if shown is None else shown.object
     if shown is not None and settings.object is not None:
-        settings = replace(settings, model=keeping(settings.model, shown.kept(settings.object.sure)))
+        settings = replace(settings, model=keeping(settings.model, shown.kept(settings.object)))
     measured = estimate_measurement(train, start)
     measurement = measurement_of(settings.model, measured, stated=shown is None)
     model = build_model(settings.model, start, seed=settings.seed, measurement=measurement)

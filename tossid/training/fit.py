@@ -167,8 +167,8 @@ class Fit:
 
     def longest_rollout(self) -> RolloutStage | None:
         """The last stage at the model's present parameters, if it is one of rollouts; None otherwise."""
-        last = self.stages[-1]
-        return self._rollout_stage(last) if last.objective is Objective.ROLLOUT else None
+        last = self.stages[-1] if self.stages else None
+        return None if last is None or last.objective is not Objective.ROLLOUT else self._rollout_stage(last)
 
     def _shots(self, horizon: int) -> tuple[Shots, Shots]:
         learned, gravity = self.model.learned_object(), self.model.flight_gravity(self._transitions[0])

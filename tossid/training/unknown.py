@@ -1,7 +1,8 @@
 """An object of which nothing is known: its start for training, from tracked poses alone.
 
 The shape comes from the half-spaces that frames bound (`tossid.objects.convex_shape`), the centre of mass from free
-fall (`tossid.motion.free_fall`), the inertia from an evenly filled shape. Training refines them.
+fall (`tossid.motion.free_fall`), inertia and friction from the balance of momentum (`tossid.motion.momentum`) where it
+determines them; where not, the inertia is that of an evenly filled shape. Training refines what is not sure.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 
 from tossid.errors import InputError
 from tossid.motion.free_fall import FreeFall, free_fall
+from tossid.motion.momentum.estimate import Momentum, momentum_balance
 from tossid.motion.parabola import find_parabola
 from tossid.objects import GRAVITY, JointType, ObjectModel, to_mjcf
 from tossid.objects.convex_shape import ConvexShape, find_shape
@@ -32,25 +34,30 @@ class UnknownObject(NamedTuple):
         object: The start for training.
         shape: Its corners with their certainty, and where it may reach further.
         fall: Its centre of mass and gravity.
+        momentum: Its inertia and friction.
     """
 
     object: ObjectModel
     shape: ConvexShape
     fall: FreeFall
+    momentum: Momentum
 
-    def kept(self, sure: float) -> dict[str, bool]:
-        """Settings of a model that keep what the tosses have shown surely: corners, and the centre of mass.
+    def kept(self, settings: UnknownObjectSettings) -> dict[str, bool]:
+        """Settings of a model that keep what the tosses have shown surely.
 
         Args:
-            sure: Largest standard error of what is kept [m].
+            settings: The largest standard errors of what is kept.
         """
-        found = {}
         agrees = abs(self.shape.ground[0]) < DISAGREEMENT
-        if self.shape.roundness is not None or (self.shape.deviation.max() < sure and agrees):
-            found["learn_geometry"] = False
-        if self.fall.com_deviation.max() < sure:
-            found["learn_com"] = False
-        return found
+        corners = self.shape.roundness is not None or (self.shape.deviation.max() < settings.sure and agrees)
+        com = self.fall.com_deviation.max() < settings.sure
+        sure = {
+            "learn_geometry": corners,
+            "learn_com": com,
+            "learn_inertia": com and self.momentum.inertia_deviation < settings.sure_inertia,
+            "learn_friction": self.momentum.friction_deviation < settings.sure_friction,
+        }
+        return {name: False for name, is_sure in sure.items() if is_sure}
 
     def as_json(self) -> dict[str, Any]:
         """What was shown before training, with units in the names.
@@ -73,6 +80,9 @@ class UnknownObject(NamedTuple):
             "gravity_ms2": fall.gravity,
             "gravity_deviation_ms2": fall.gravity_deviation,
             "mean_width_m": shape.mean_width,
+            "inertia_deviation_rel": self.momentum.inertia_deviation,
+            "friction": self.momentum.friction,
+            "friction_deviation": None if self.momentum.friction is None else self.momentum.friction_deviation,
         }
 
 
@@ -117,7 +127,12 @@ def unknown_object(
         tags=(),
         mjcf="",
     )
-    return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shape, fall)
+    momentum = momentum_balance(tosses, model, gravity=fall.gravity)
+    if momentum.inertia_deviation < settings.sure_inertia:
+        model = model.with_changes(inertia=momentum.inertia[None])
+    if momentum.friction is not None and momentum.friction_deviation < settings.sure_friction:
+        model = model.with_changes(friction=momentum.friction)
+    return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shape, fall, momentum)
 
 
 def _clearance(toss: Toss, shape: ConvexShape) -> np.ndarray:

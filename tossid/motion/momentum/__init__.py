@@ -1,0 +1,1 @@
+"""What the balance of momentum shows of a rigid body, whatever the law of contact is."""
