@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from tossid.diagnosis.enough import searched
+from tossid.diagnosis.interrupted import known_so_far
 from tossid.diagnosis.learned import learned_forces
 from tossid.diagnosis.next_toss import next_toss
 from tossid.diagnosis.patch.make import make_patch
@@ -20,6 +21,7 @@ from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.sessions.correction import corrections
 from tossid.diagnosis.sessions.explained import Explained, explain_over_order
 from tossid.diagnosis.simulators import Simulator, check_runs, check_same_object, moves, read_simulator
+from tossid.diagnosis.under_way import UnderWay
 from tossid.errors import ConfigError, InputError, TossidError
 from tossid.motion.sessions.levelling import recordings_apart
 from tossid.objects import ObjectModel
@@ -58,7 +60,7 @@ def diagnose(
         InputError: Too few tosses can be used, or the simulator is of another object, or diverges.
         ConfigError: A key is no setting, or `without` names no effect.
     """
-    return prepare(dataset, simulator, settings=changed(settings, keys)).run(progress)
+    return prepare(dataset, simulator, settings=changed(settings, keys)).run(UnderWay(progress or silent))
 
 
 @dataclass(frozen=True)
@@ -89,13 +91,13 @@ class Task:
     order: RecordingOrder | None = None
     names: tuple[str, ...] = ()
 
-    def run(self, progress: Progress | None = None) -> Diagnosis:
+    def run(self, under_way: UnderWay | None = None) -> Diagnosis:
         """The diagnosis.
 
         Args:
-            progress: Called with what is under way, and the share that is done.
+            under_way: Told what is known as soon as it is.
         """
-        report = progress or silent
+        under_way = under_way or UnderWay()
         threads = _threads(self.settings)
 
         def search(tosses: Sequence[Toss], others: Sequence[Toss]) -> Explained:
@@ -110,7 +112,7 @@ class Task:
                 unseen=judges,
                 names=self.names,
                 sessions=() if self.order is None else [session.first for session in self.order.sessions[1:]],
-                progress=progress,
+                under_way=under_way,
                 settings=self.settings,
             )
 
@@ -118,7 +120,7 @@ class Task:
             self.tosses, search, engine=self.simulator.engine, n_threads=threads, settings=self.settings
         )
         found, tosses = explained.diagnosis, explained.tosses
-        report("next toss and patch", 0.95)
+        under_way("next toss and patch", 0.95)
         following = next_toss(
             found.hypothesis,
             found.alternatives,
@@ -129,7 +131,7 @@ class Task:
             settings=self.settings,
         )
         patch = _patch(found, self, tosses, threads)
-        report("done", 1.0)
+        under_way("done", 1.0)
         return replace(
             found,
             simulator=self.simulator,
@@ -140,6 +142,23 @@ class Task:
             remarks=(*of_number, *self.remarks, *_of_contact(found, self.simulator)),
             order=self.order,
             learned=learned_forces(self.simulator.world, self.tosses, self.library, self.settings.learned),
+            report=self.settings.report,
+        )
+
+    def known_so_far(self, under_way: UnderWay) -> Diagnosis:
+        """What a run that was interrupted knew.
+
+        Args:
+            under_way: What `run` was given. It must know the gap.
+        """
+        assert under_way.so_far is not None
+        return replace(
+            known_so_far(under_way.so_far, under_way.stage),
+            simulator=self.simulator,
+            tosses_of=self.tosses_of,
+            data={"object": self.recorded.name},
+            remarks=self.remarks,
+            order=self.order,
             report=self.settings.report,
         )
 

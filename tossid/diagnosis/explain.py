@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.effect_findings import NOTHING, closed_by_each, effect_findings
-from tossid.diagnosis.findings import Finding, Gap, Interval, Share
+from tossid.diagnosis.findings import FOUND, Finding, Gap, Interval, Share
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.consequence import consequences
@@ -23,7 +24,7 @@ from tossid.diagnosis.localisation.rollouts import rollout_errors
 from tossid.diagnosis.localisation.unseen import judge_unseen, unseen_windows
 from tossid.diagnosis.localisation.witnesses import witnesses
 from tossid.diagnosis.result import Contact, Diagnosis, Verdict
-from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.flight_search import power_law_of
 from tossid.diagnosis.selection.nested import judged, judging_folds
 from tossid.diagnosis.selection.plane import Plane, in_plane
@@ -34,13 +35,15 @@ from tossid.diagnosis.selection.refinement import (
     pruned_by_wald_test,
     refitted_on_shifted_windows,
 )
+from tossid.diagnosis.selection.screening import predicted_gain
 from tossid.diagnosis.selection.search import search
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.diagnosis.selection.significance import TossesNeeded
 from tossid.diagnosis.selection.stability import Stability, repeated
+from tossid.diagnosis.under_way import UnderWay
 from tossid.physics.effects import LIBRARY, OTHER_POWER, Effect, World
-from tossid.settings.diagnosis import DiagnoseSettings, VerdictSettings
-from tossid.types import Phase, Progress, Toss, silent
+from tossid.settings.diagnosis import DiagnoseSettings, StabilitySettings, VerdictSettings
+from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
 
@@ -54,7 +57,7 @@ def explain(
     n_threads: int = 1,
     seed: int = 0,
     unseen: Sequence[Toss] = (),
-    progress: Progress | None = None,
+    under_way: UnderWay | None = None,
     settings: DiagnoseSettings = DiagnoseSettings(),
 ) -> Diagnosis:
     """Where the world's predictions differ from the tosses, which effects of the library explain it, and how far.
@@ -67,29 +70,153 @@ def explain(
         n_threads: Of simulators.
         seed: Of the folds and of simulated noise.
         unseen: Other tosses, which take no part and are judged in one pass at the end.
-        progress: Called with what is under way, and the share that is done.
+        under_way: Told what is known as soon as it is.
         settings: Of everything else. Its `seed` and `threads` are not read here.
     """
-    started = time.perf_counter()
-    report = progress or silent
+    started, under_way = time.perf_counter(), under_way or UnderWay()
     validator = CrossValidator.of(
         tosses, world.object, seed=seed, n_threads=n_threads, engine=engine, settings=settings
     )
-    report("the gap", 0.02)
-    shown, plane = in_plane(tosses, world, library, settings=settings, n_threads=n_threads)
+    validator, first = begin(validator, world, tosses, library, under_way)
+    found = search_once(tosses, validator, first, library=library, seed=seed, unseen=unseen, under_way=under_way)
+    return replace(found.repeated(), seconds=time.perf_counter() - started)
+
+
+def begin(
+    validator: CrossValidator,
+    world: World,
+    tosses: Sequence[Toss],
+    library: Sequence[Effect],
+    under_way: UnderWay | None = None,
+) -> tuple[CrossValidator, Candidate]:
+    """The contact law that tosses follow most, with the validator that belongs to it, and the gap without effects.
+
+    Args:
+        validator: Of all windows.
+        world: The simulator.
+        tosses: Whose windows these are.
+        library: The effects, of which the one that gains most to first order is the first suspect.
+        under_way: Told what is known.
+
+    Returns:
+        The validator, and the hypothesis without effects.
+    """
+    under_way = under_way or UnderWay()
+    under_way("the gap", 0.02)
     validator, world = validator.with_contact_law(world)
-    found = search(validator, shown, Hypothesis(world), report)
-    report("line search", 0.9)
+    first = validator.evaluate(Hypothesis(world))
+    under_way.begun(tosses, validator, first)
+    gains = validator.map(partial(predicted_gain, validator, first), library)
+    under_way.suspected(list(zip(library, gains, strict=True)))
+    return validator, first
+
+
+@dataclass(frozen=True)
+class Searched:
+    """What one search has found. How sure its names are is not known before it is repeated.
+
+    Attributes:
+        tosses: That were searched.
+        library: The effects that their motions can show.
+        validator: Of all windows.
+        found: What was found.
+        diagnosis: What is concluded from it.
+        seed: Of all draws.
+        under_way: Told what is known.
+    """
+
+    tosses: tuple[Toss, ...]
+    library: tuple[Effect, ...]
+    validator: CrossValidator
+    found: SearchResult
+    diagnosis: Diagnosis
+    seed: int
+    under_way: UnderWay
+
+    def repeated(self) -> Diagnosis:
+        """The diagnosis with how often repeats of the search name each effect."""
+        self.under_way("repeated searches", 0.93)
+        model, settings = self.found.first.hypothesis.base.object, self.validator.settings.stability
+        stability = repeated(self.tosses, model, self.validator, self.found, self.library, seed=self.seed)
+        return with_repeats(self.diagnosis, stability, self.found.classes, settings)
+
+
+def search_once(
+    tosses: Sequence[Toss],
+    validator: CrossValidator,
+    first: Candidate,
+    *,
+    library: Sequence[Effect],
+    seed: int = 0,
+    unseen: Sequence[Toss] = (),
+    under_way: UnderWay,
+) -> Searched:
+    """The effects that explain a gap, by one search, and all that is concluded from them.
+
+    Args:
+        tosses: Recorded motions of one object.
+        validator: Of their windows, under the contact law of the hypothesis.
+        first: The hypothesis without effects.
+        library: The effects to choose from.
+        seed: Of simulated noise and of repeats.
+        unseen: Other tosses, which take no part and are judged in one pass at the end.
+        under_way: Told what is known.
+    """
+    started, world = time.perf_counter(), first.hypothesis.base
+    shown, plane = in_plane(tosses, world, library, settings=validator.settings, n_threads=validator.n_threads)
+    found = search(validator, shown, first, under_way)
+    under_way("line search", 0.85)
     found = line_searched(validator, found)
-    report("shifted windows", 0.92)
+    under_way("shifted windows", 0.87)
     found, spread = refitted_on_shifted_windows(tosses, world.object, validator, found)
     found, spread = pruned_by_wald_test(validator, found, spread)
     found, why = plausible_names(validator, found, spread)
-    report("repeated searches", 0.93)
-    stability = repeated(tosses, world.object, validator, found, shown, seed=seed)
-    report("what is left", 0.97)
-    made = _concluded(tosses, unseen, shown, validator, found, spread, why, stability, started, seed)
-    return made if plane is None else _with_plane(made, plane, library)
+    under_way("what is left", 0.9)
+    made = _concluded(tosses, unseen, shown, validator, found, spread, why, started, seed)
+    made = made if plane is None else _with_plane(made, plane, library)
+    return Searched(tuple(tosses), tuple(shown), validator, found, made, seed, under_way)
+
+
+def with_repeats(
+    made: Diagnosis,
+    stability: Stability,
+    classes: Mapping[str, Sequence[Candidate]],
+    settings: StabilitySettings = StabilitySettings(),
+) -> Diagnosis:
+    """A diagnosis whose effects are candidates where repeats of the search name them too rarely.
+
+    Args:
+        made: Of one search.
+        stability: What repeats name.
+        classes: For each effect, what could stand in for it.
+        settings: How often is often enough.
+    """
+    if not stability.repeats:
+        return replace(made, stability=stability)
+
+    def is_sure(name: str) -> bool:
+        frequency = stability.frequency([name, *(each.name for each in classes.get(name, ()))])
+        return frequency is None or frequency >= settings.least_frequency
+
+    unsure = {name for name in (*made.named, *made.candidates, *made.minor) if not is_sure(name)}
+    unsure |= {each.name for name in unsure for each in classes.get(name, ())}
+    named = tuple(name for name in made.named if name not in unsure)
+    findings = tuple(
+        replace(
+            each,
+            frequency=stability.frequency([each.name]),
+            verdict="candidate" if each.name in unsure and each.verdict in FOUND else each.verdict,
+        )
+        for each in made.findings
+    )
+    return replace(
+        made,
+        verdict="partly_explained" if made.verdict == "explained" and not named else made.verdict,
+        findings=findings,
+        named=named,
+        candidates=(*made.candidates, *(name for name in made.named if name in unsure)),
+        stability=stability,
+    )
 
 
 def _concluded(
@@ -100,7 +227,6 @@ def _concluded(
     found: SearchResult,
     spread: Array | None,
     why: Mapping[str, Implausible],
-    stability: Stability,
     started: float,
     seed: int,
 ) -> Diagnosis:
@@ -108,8 +234,8 @@ def _concluded(
     folds = judging_folds(validator, found)
     found = judged(validator, found, folds)
     n, first, present, settings = validator.n, found.first, found.present, validator.settings
-    begin = unseen_windows(unseen, tosses, first.hypothesis.base.object, validator) if unseen else None
-    on_unseen = None if begin is None else judge_unseen(begin, first.hypothesis, present.hypothesis, validator)
+    theirs = unseen_windows(unseen, tosses, first.hypothesis.base.object, validator) if unseen else None
+    on_unseen = None if theirs is None else judge_unseen(theirs, first.hypothesis, present.hypothesis, validator)
     floor = noise_floor(validator.windows)
     gap = measure_gap(tosses, first, validator, floor)
     left = measure_gap(tosses, present, validator, floor) if present.hypothesis.effects else gap
@@ -128,34 +254,36 @@ def _concluded(
         gap, left, closed, nameless, unexplained, any_named=bool(mattering), settings=settings.verdict
     )
     # a user's simulator is its own solver
-    disagreement = None if validator.engine.of_user else solver_disagreement(present, validator, seed=seed)
+    disagreement, misspecified = validator.together(
+        lambda: None if validator.engine.of_user else solver_disagreement(present, validator, seed=seed),
+        lambda: misspecification(present, validator, floor, seed=seed),
+    )
     small = disagreement is not None and left.total.value <= disagreement.gap
     # solvers agree in flight, so they do not explain an effect that was found there without a name
     if verdict == "unexplained" and small and not (mattering or nameless):
         verdict = "within_solver_disagreement"
-    candidates = [name for name in inside if verdict == "unexplained" or not _is_sure(stability, found, name, settings)]
-    named = tuple(name for name in mattering if name not in candidates)
-    if verdict == "explained" and not named:
-        verdict = "partly_explained"
+    candidates = inside if verdict == "unexplained" else []
+    place, steps = validator.together(
+        lambda: locate(tosses, first, present, gap, left, seed=seed, settings=settings),
+        lambda: [
+            rollout_errors(tosses, unseen, each, validator, theirs, folds if each is present else ())
+            for each in found.history
+        ],
+    )
     return Diagnosis(
         verdict=verdict,
         gap=gap,
         left=left,
-        findings=effect_findings(
-            library, validator, found, inside, floor, spread, closes, consequence, candidates, stability
-        ),
-        named=named,
+        findings=effect_findings(library, validator, found, inside, floor, spread, closes, consequence, candidates),
+        named=tuple(name for name in mattering if name not in candidates),
         candidates=tuple(name for name in mattering if name in candidates),
         minor=tuple(name for name in inside if name not in mattering),
-        stability=stability,
+        stability=Stability(least_closed=settings.verdict.partly_closed),
         implausible=tuple(why.items()),
         disagreement=disagreement,
         gap_closed=closed,
         unexplained=unexplained,
-        steps=tuple(
-            rollout_errors(tosses, unseen, each, validator, begin, folds if each is present else ())
-            for each in found.history
-        ),
+        steps=tuple(steps),
         unseen=on_unseen,
         hypothesis=present.hypothesis,
         n_tosses=n,
@@ -169,16 +297,10 @@ def _concluded(
         unsteady=found.unsteady,
         needed=_needed(library, validator),
         noise=floor.noise,
-        misspecification=misspecification(present, validator, floor, seed=seed),
-        place=locate(tosses, first, present, gap, left, seed=seed, settings=settings),
+        misspecification=misspecified,
+        place=place,
         witnesses=witnesses(unseen or tosses, first.hypothesis.world(), present.hypothesis.world(), settings.witnesses),
     )
-
-
-def _is_sure(stability: Stability, found: SearchResult, name: str, settings: DiagnoseSettings) -> bool:
-    """Whether repeated searches name an effect, or one of its class, often enough; yes if there were none."""
-    frequency = stability.frequency([name, *(each.name for each in found.classes[name])])
-    return frequency is None or frequency >= settings.stability.least_frequency
 
 
 def _with_plane(made: Diagnosis, plane: Plane, library: Sequence[Effect]) -> Diagnosis:
@@ -193,7 +315,6 @@ def _with_plane(made: Diagnosis, plane: Plane, library: Sequence[Effect]) -> Dia
             {},
             evidence,
             NOTHING,
-            frequency=made.stability.frequency([effect.name]),
         )
         for effect in library
         if effect.name in plane.effects

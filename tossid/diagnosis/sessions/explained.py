@@ -7,14 +7,14 @@ cannot be undone is looked for once more beside what the search has found.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.explain import explain, gap_verdict
+from tossid.diagnosis.explain import Searched, begin, gap_verdict, search_once
 from tossid.diagnosis.findings import (
     ChangeLeft,
     Consequence,
@@ -34,11 +34,12 @@ from tossid.diagnosis.localisation.rollouts import first_states, rollout_errors
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.sessions.changes import EffectOverOrder
-from tossid.diagnosis.sessions.looking import Corrections, Looked, Make, TossOrder, look, undo_changes
+from tossid.diagnosis.sessions.looking import Corrections, Looked, TossOrder, look, undo_changes
+from tossid.diagnosis.under_way import UnderWay
 from tossid.motion.sessions.change_points import fewest_items
 from tossid.physics.effects import LIBRARY, Effect, World
 from tossid.settings.diagnosis import DiagnoseSettings
-from tossid.types import Phase, Progress, Toss
+from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
 
@@ -51,11 +52,13 @@ class Explained:
         diagnosis: Of the recorded tosses.
         tosses: Corrected for what changes in their recording.
         unseen: Others, likewise.
+        repeat: Makes the diagnosis anew, with how often repeats of the search name each effect.
     """
 
     diagnosis: Diagnosis
     tosses: tuple[Toss, ...]
     unseen: tuple[Toss, ...]
+    repeat: Callable[[], Diagnosis]
 
 
 def explain_over_order(
@@ -69,10 +72,10 @@ def explain_over_order(
     unseen: Sequence[Toss] = (),
     names: Sequence[str] = (),
     sessions: Sequence[str] = (),
-    progress: Progress | None = None,
+    under_way: UnderWay | None = None,
     settings: DiagnoseSettings = DiagnoseSettings(),
 ) -> Explained:
-    """As `explain`, where effects may change over the order of recording.
+    """As `explain`, where effects may change over the order of recording. The search is not repeated before asked for.
 
     Args:
         tosses: Recorded motions of one object; the covariances of their poses are the noise.
@@ -84,7 +87,7 @@ def explain_over_order(
         unseen: Other tosses of the same recording, which are judged in one pass at the end.
         names: Of all these tosses in the order of their recording; empty: as they are given, the unseen ones last.
         sessions: Names of the first tosses of sessions that the dataset has, but for the first.
-        progress: As of `explain`.
+        under_way: As of `explain`.
         settings: Of everything else.
     """
     names = names or [toss.name for toss in (*tosses, *unseen)]
@@ -93,56 +96,49 @@ def explain_over_order(
     now_unseen = tuple(unseen)
     order = TossOrder.of(recorded, unseen, names, sessions)
     make = partial(CrossValidator.of, seed=seed, n_threads=n_threads, engine=engine, settings=settings)
-    run = partial(
-        explain,
-        world=world,
-        library=library,
-        engine=engine,
-        n_threads=n_threads,
-        seed=seed,
-        progress=progress,
-        settings=settings,
-    )
+    under_way = under_way or UnderWay()
+    run = partial(search_once, library=library, seed=seed, under_way=under_way)
     few = len(recorded) < fewest_items(len(library) + 1, settings.order.changes)
     if few:
-        found = run(now, unseen=now_unseen)
-        return Explained(_of_tosses(found, recorded), now, now_unseen)
-    first, _, corrections = undo_changes(Corrections(now, now_unseen), world, library, order, make, settings)
-    found = run(corrections.tosses, unseen=corrections.unseen)
-    looked = _beside(found, corrections, library, order, make, settings)
+        validator, begun = begin(make(now, world.object), world, now, library, under_way)
+        found = run(now, validator, begun, unseen=now_unseen)
+        return Explained(
+            _of_tosses(found.diagnosis, recorded), now, now_unseen, lambda: _of_tosses(found.repeated(), recorded)
+        )
+    first, last, corrections = undo_changes(
+        Corrections(now, now_unseen), world, library, order, make, settings, under_way
+    )
+    found = run(corrections.tosses, last.validator, last.present, unseen=corrections.unseen)
+    looked = _beside(found, library, order, corrections, settings)
     if looked.correctable and len(corrections.undone) < settings.order.rounds:
         corrections = corrections.further(looked, order)
-        found = run(corrections.tosses, unseen=corrections.unseen)
-        looked = _beside(found, corrections, library, order, make, settings)
+        now = corrections.tosses
+        validator, begun = begin(make(now, world.object), world, now, library, under_way)
+        found = run(now, validator, begun, unseen=corrections.unseen)
+        looked = _beside(found, library, order, corrections, settings)
     now, undone = corrections.tosses, corrections.undone
-    found = replace(_of_tosses(found, recorded), changes_left=_left(looked, recorded))
     varies = None if looked.effect is None or looked.correctable else looked
-    if undone or varies is not None:
-        found = _with(found, recorded, now, first, undone, varies, settings)
-    return Explained(found, now, corrections.unseen)
+
+    def over_all(made: Diagnosis) -> Diagnosis:
+        made = replace(_of_tosses(made, recorded), changes_left=_left(looked, recorded))
+        return _with(made, recorded, now, first, undone, varies, settings) if undone or varies is not None else made
+
+    return Explained(over_all(found.diagnosis), now, corrections.unseen, lambda: over_all(found.repeated()))
 
 
 def _beside(
-    found: Diagnosis,
-    corrections: Corrections,
+    found: Searched,
     library: Sequence[Effect],
     order: TossOrder,
-    make: Make,
+    corrections: Corrections,
     settings: DiagnoseSettings,
 ) -> Looked:
     """What changes over the order beside what the search has found."""
-    validator = make(corrections.tosses, found.hypothesis.base.object)
-    if found.contact != "own":
-        validator = replace(validator, engine=Engine())
-    return look(
-        validator,
-        found.hypothesis,
-        library,
-        corrections.tosses,
-        order,
-        settings,
-        undone=corrections.effects_undone,
-    )
+    present = found.found.present
+    likely = present.evidence.log_likelihood(present.fitted.residuals, present.fitted.scales)
+    present = replace(present, log_likelihood=likely)  # no toss is held out here
+    undone = corrections.effects_undone
+    return look(found.validator, present, library, found.tosses, order, settings, undone=undone)
 
 
 def _of_tosses(found: Diagnosis, tosses: Sequence[Toss]) -> Diagnosis:

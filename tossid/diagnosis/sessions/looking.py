@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.explain import begin
 from tossid.diagnosis.localisation.gap import by_toss, deviance
 from tossid.diagnosis.localisation.noise import Floor, noise_floor
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.sessions.changes import EffectOverOrder, changes_over_order, effect_over_order
 from tossid.diagnosis.sessions.correction import corrected_tosses
 from tossid.diagnosis.sessions.values import witnesses_of
+from tossid.diagnosis.under_way import UnderWay
 from tossid.motion.sessions.change_points import Change
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, World
@@ -130,6 +131,7 @@ def undo_changes(
     order: TossOrder,
     make: Make,
     settings: DiagnoseSettings,
+    under_way: UnderWay | None = None,
 ) -> tuple[Looked, Looked, Corrections]:
     """Errors of the recording that change are undone one by one, largest first, beside the simulator as it is.
 
@@ -140,16 +142,15 @@ def undo_changes(
         order: Of the tosses.
         make: Makes their validator.
         settings: What is a change, and how many are undone at most.
+        under_way: Told what is known.
 
     Returns:
         What was seen first and last, and the corrected tosses.
     """
     first: Looked | None = None
     while True:
-        validator, base = make(tosses.tosses, world.object).with_contact_law(world)
-        looked = look(
-            validator, Hypothesis(base), library, tosses.tosses, order, settings, undone=tosses.effects_undone
-        )
+        validator, present = begin(make(tosses.tosses, world.object), world, tosses.tosses, library, under_way)
+        looked = look(validator, present, library, tosses.tosses, order, settings, undone=tosses.effects_undone)
         first = first or looked
         if not looked.correctable or len(tosses.undone) >= settings.order.rounds:
             return first, looked, tosses
@@ -158,7 +159,7 @@ def undo_changes(
 
 def look(
     validator: CrossValidator,
-    hypothesis: Hypothesis,
+    present: Candidate,
     library: Sequence[Effect],
     tosses: Sequence[Toss],
     order: TossOrder,
@@ -170,14 +171,13 @@ def look(
 
     Args:
         validator: Of the tosses.
-        hypothesis: At its values.
+        present: The hypothesis.
         library: The effects that may change.
         tosses: In their order.
         order: Where the dataset has sessions.
         settings: What is a change.
         undone: Effects for which the tosses are corrected. What is left of them is no other effect of their group.
     """
-    present = validator.evaluate(hypothesis)
     floor = noise_floor(validator.windows)
     above = deviance(present.evidence, present.fitted.residuals) - floor.deviance
     rows = by_toss(present.evidence, present.evidence.windows.counted.astype(float), validator.n)
