@@ -20,7 +20,7 @@ WITHOUT = {
     "pipelines/tools/bench_vision.py": "measures speed on rendered films; its parts are those of tossid/vision",
     "pipelines/tools/experiments/unknown.py": "trains on the published cube; its parts are those of tossid/training",
     "pipelines/tools/experiments/sessions.py": "measures published recordings; its parts are those of tossid/motion",
-    "pipelines/tools/experiments/scores_by_group.py": "prints scores of trained models; its parts are those of tossid/evaluation",
+    "pipelines/tools/experiments/scores_by_group.py": "prints scores; its parts are those of tossid/evaluation",
     "tossid/motion/sessions/witnesses.py": "held to known recordings by tests/motion/sessions/test_search.py",
     "tossid/vision/recordings/image_header.py": "held to hostile files by tests/fuzz/test_claims.py",
     "tossid/vision/recordings/rosbag_budget.py": "held to hostile files by tests/fuzz/test_claims.py",

@@ -30,7 +30,7 @@ _OPTIONS = ("--json", "--quiet", "-q", "--debug")
 class Interrupted(Exception):
     """The user (or the system) asked the command to stop.
 
-    Raised in place of KeyboardInterrupt once the command has cleaned up.
+    Raised in place of KeyboardInterrupt once the command has cleaned up, with what it leaves, if that is anything.
     """
 
 
@@ -84,8 +84,12 @@ def report(error: BaseException, args: list[str]) -> int:
 
 
 def _explain(error: BaseException, args: list[str]) -> tuple[str, int]:
-    if _was_interrupted(error):
-        return "interrupted; what was there before is unchanged, and the command can be run again", INTERRUPTED
+    if was_interrupted(error):
+        left = isinstance(error, Interrupted) and str(error)
+        return (
+            f"interrupted; {left or 'what was there before is unchanged, and the command can be run again'}",
+            INTERRUPTED,
+        )
     if isinstance(error, TossidError):
         return _one_line(error), error.exit_code
     if isinstance(error, typer.TyperException):
@@ -113,8 +117,12 @@ def _disk_problem(error: BaseException) -> str | None:
     return disk_problem(error)
 
 
-def _was_interrupted(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is behind an error; libraries may wrap it (Python itself does, while a class is made)."""
+def was_interrupted(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error; libraries may wrap it (Python itself does, while a class is made).
+
+    Args:
+        error: What was raised.
+    """
     return any(isinstance(cause, (KeyboardInterrupt, Interrupted, typer.Abort)) for cause in _causes(error))
 
 

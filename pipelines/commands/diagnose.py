@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipelines.cli.console import Console
+from pipelines.cli.failures import Interrupted, was_interrupted
 from pipelines.config.schemas import DiagnoseConfig, MjcfSim, NominalSim, PythonSim, RunSim
 from pipelines.files.project import dataset_path
 from tossid.errors import InputError
@@ -24,6 +25,7 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
     """Diagnose; returns gap.json's content, and where the report lies."""
     from pipelines.tracking.run import tracked_run
     from tossid.diagnosis.diagnose import prepare
+    from tossid.diagnosis.under_way import UnderWay
     from tossid.outputs import output_folder
     from tossid.plain_json import jsonable
     from tossid.store import file_sha256, read_dataset
@@ -35,22 +37,33 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
     for remark in task.remarks:
         console.warn(remark)
     folder = config.out or FOLDER / f"{_dataset_name(data)}-{config.sim.name}"
-    with (
-        output_folder(folder, made_by="tossid diagnose") as temporary,
-        tracked_run(folder.name, config, command="diagnose") as tracked,
-    ):
-        tracked.data(data, sha256, context="diagnosis")
-        with console.shares(f"diagnosing {simulator.about}") as progress:
-            found = task.run(progress)
-        found = replace(found, data={"path": str(data), "sha256": sha256, "object": dataset.object.name})
-        found.save(temporary)
-        tracked.metrics(found.metrics())
-        tracked.tag("verdict", found.verdict)
-        tracked.tag("effects", ", ".join(found.named))
-        written = [name for name in (*_FILES, "patched.xml") if (temporary / name).exists()]
-        for name in written:
-            tracked.artifact(temporary / name)
-        figures = sorted(path.name for path in (temporary / "figures").iterdir())
+    about = {"path": str(data), "sha256": sha256, "object": dataset.object.name}
+    under_way = UnderWay(news=console.say)
+    found: Diagnosis | None = None
+    try:
+        with (
+            output_folder(folder, made_by="tossid diagnose") as temporary,
+            tracked_run(folder.name, config, command="diagnose") as tracked,
+        ):
+            tracked.data(data, sha256, context="diagnosis")
+            with console.shares(f"diagnosing {simulator.about}") as progress:
+                under_way.progress = progress
+                found = task.run(under_way)
+            found = replace(found, data=about)
+            found.save(temporary)
+            tracked.metrics(found.metrics())
+            tracked.tag("verdict", found.verdict)
+            tracked.tag("effects", ", ".join(found.named))
+            written = [name for name in (*_FILES, "patched.xml") if (temporary / name).exists()]
+            for name in written:
+                tracked.artifact(temporary / name)
+            figures = sorted(path.name for path in (temporary / "figures").iterdir())
+    except BaseException as error:
+        if under_way.so_far is None or not was_interrupted(error):
+            raise
+        found = None
+    if found is None:  # out of the handler, so that an error here is no interrupt
+        raise Interrupted(_save_so_far(replace(task.known_so_far(under_way), data=about), folder, console))
     for remark in found.remarks:
         if remark not in task.remarks:
             console.say(remark)
@@ -59,6 +72,18 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
     where |= {"out": str(folder), "run": tracked.id}
     plain: dict[str, Any] = jsonable(found.as_json())
     return {**plain, **where, "figures": [str(folder / "figures" / name) for name in figures]}
+
+
+def _save_so_far(found: Diagnosis, folder: Path, console: Console) -> str:
+    """Save what was known when the command was interrupted, beside an earlier report; says where it is."""
+    from tossid.outputs import output_folder
+
+    if folder.exists():
+        folder = folder.with_name(f"{folder.name}-interrupted")
+    with output_folder(folder, made_by="tossid diagnose") as temporary:
+        found.save(temporary)
+    _say(found, folder, console)
+    return f"what was known by then is in {folder / 'gap.html'}"
 
 
 _FILES = {"gap.json": "gap_json", "gap.html": "report", "figures": "figures"}

@@ -14,6 +14,7 @@ from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
 from tossid.diagnosis.localisation.unseen import Unseen
 from tossid.diagnosis.result import Diagnosis
+from tossid.diagnosis.selection.stability import Repeat, Stability
 from tossid.diagnosis.sessions.explained import Explained
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
@@ -48,16 +49,24 @@ def test_other_tosses_confirm_the_truth_and_contradict_other_values(cube: Object
 
 def test_twice_as_many_are_searched_until_others_agree(cube: ObjectModel, tosses: list[Toss]) -> None:
     asked: list[tuple[list[str], list[str]]] = []
+    repeated: list[int] = []
 
     def search(part: Sequence[Toss], others: Sequence[Toss]) -> Explained:
         asked.append(([toss.name for toss in part], [toss.name for toss in others]))
         made = replace(found(cube, 0.2 if len(part) == 6 else 0.3, 0.91), contact="own")
-        return Explained(made, tuple(part), tuple(others))
+
+        def repeat() -> Diagnosis:
+            repeated.append(len(part))
+            return replace(made, stability=Stability((Repeat(("friction",), 0.9),)))
+
+        return Explained(made, tuple(part), tuple(others), repeat)
 
     explained, remarks = searched(tosses, search, engine=Engine(none=True), n_threads=1, settings=FEW)
     assert [len(names) for names, _ in asked] == [6, 12]
     assert [len(names) for _, names in asked] == [8, 12]
     assert [toss.name for toss in explained.tosses] == asked[1][0]
+    assert repeated == [12]  # only the answer that stands still
+    assert explained.diagnosis.stability.frequency(["friction"]) == 1.0
     for names, others in asked:
         assert not set(names) & set(others)
     assert set(asked[0][0]) < set(asked[1][0])
@@ -68,7 +77,8 @@ def test_twice_as_many_are_searched_until_others_agree(cube: ObjectModel, tosses
 def test_few_tosses_and_a_stated_number_all_take_part(cube: ObjectModel, tosses: list[Toss]) -> None:
     def search(part: Sequence[Toss], others: Sequence[Toss]) -> Explained:
         assert not others
-        return Explained(found(cube, 0.3, 0.91), tuple(part), ())
+        made = found(cube, 0.3, 0.91)
+        return Explained(made, tuple(part), (), lambda: made)
 
     for some, settings in ((tosses[:11], FEW), (tosses, replace(FEW, tosses=26))):
         explained, remarks = searched(some, search, engine=Engine(none=True), n_threads=1, settings=settings)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from tests.diagnosis.by_hand import gap
+from tests.diagnosis.by_hand import diagnosis, gap
 from tests.diagnosis.tossed import ONCE, seen, seen_with_joint, with_effect
-from tossid.diagnosis.explain import explain, gap_verdict
+from tossid.diagnosis.explain import explain, gap_verdict, with_repeats
 from tossid.diagnosis.findings import Interval, Share
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.report.text import sentences
+from tossid.diagnosis.selection.stability import Repeat, Stability
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, Effect, RecordingErrors, World, effects_for
 from tossid.settings.changed import changed
@@ -138,3 +141,22 @@ def test_verdict(
     share = Interval(closed, closed - 0.05, closed + 0.05)
     found = gap_verdict(gap(before, n=8), gap(after, n=8), share, unnamed, unexplained, any_named=named)
     assert found == verdict
+
+
+@pytest.mark.parametrize(("times", "sure"), [(10, True), (9, True), (8, False)])
+def test_what_repeats_name_too_rarely_is_a_candidate(cube: ObjectModel, times: int, sure: bool) -> None:
+    made = replace(diagnosis(cube), minor=("gravity",))
+    repeats = tuple(Repeat(("friction",) if k < times else (), 0.9) for k in range(10))
+    found = with_repeats(made, Stability(repeats), {"friction": ()})
+    verdicts = {each.name: each.verdict for each in found.findings}
+    assert found.named == (("friction",) if sure else ())
+    assert found.candidates == (() if sure else ("friction",))
+    assert found.verdict == ("explained" if sure else "partly_explained")
+    assert verdicts["friction"] == ("confusable" if sure else "candidate")
+    assert verdicts["gravity"] == "not_supported"
+    assert next(each.frequency for each in found.findings if each.name == "friction") == times / 10
+
+
+def test_without_repeats_names_stay(cube: ObjectModel) -> None:
+    made = diagnosis(cube)
+    assert with_repeats(made, Stability(), {}).named == made.named

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from tossid.diagnosis.enough import searched
+from tossid.diagnosis.interrupted import known_so_far
 from tossid.diagnosis.learned import learned_forces
 from tossid.diagnosis.next_toss import next_toss
 from tossid.diagnosis.patch.make import make_patch
@@ -28,6 +29,7 @@ from tossid.diagnosis.simulators import (
     read_simulator,
     with_nearest_contact,
 )
+from tossid.diagnosis.under_way import UnderWay
 from tossid.errors import ConfigError, InputError, TossidError
 from tossid.motion.sessions.levelling import recordings_apart
 from tossid.motion.sessions.turns import find_turns, turn_words
@@ -67,7 +69,7 @@ def diagnose(
         InputError: Too few tosses can be used, or the simulator is of another object, or diverges.
         ConfigError: A key is no setting, or `without` names no effect.
     """
-    return prepare(dataset, simulator, settings=changed(settings, keys)).run(progress)
+    return prepare(dataset, simulator, settings=changed(settings, keys)).run(UnderWay(progress or silent))
 
 
 @dataclass(frozen=True)
@@ -98,13 +100,13 @@ class Task:
     order: RecordingOrder | None = None
     names: tuple[str, ...] = ()
 
-    def run(self, progress: Progress | None = None) -> Diagnosis:
+    def run(self, under_way: UnderWay | None = None) -> Diagnosis:
         """The diagnosis.
 
         Args:
-            progress: Called with what is under way, and the share that is done.
+            under_way: Told what is known as soon as it is.
         """
-        report = progress or silent
+        under_way = under_way or UnderWay()
         threads = _threads(self.settings)
 
         def search(tosses: Sequence[Toss], others: Sequence[Toss]) -> Explained:
@@ -120,7 +122,7 @@ class Task:
                     unseen=judges,
                     names=self.names,
                     sessions=session_starts(self.order),
-                    progress=report,
+                    under_way=under_way,
                     settings=self.settings,
                 )
             )
@@ -129,7 +131,7 @@ class Task:
             self.tosses, search, engine=self.simulator.engine, n_threads=threads, settings=self.settings
         )
         found, tosses = explained.diagnosis, explained.tosses
-        report("next toss and patch", 0.95)
+        under_way("next toss and patch", 0.95)
         following = next_toss(
             found.hypothesis,
             found.alternatives,
@@ -140,7 +142,7 @@ class Task:
             settings=self.settings,
         )
         patch = _patch(found, self, tosses, threads)
-        report("done", 1.0)
+        under_way("done", 1.0)
         return replace(
             found,
             simulator=self.simulator,
@@ -151,6 +153,23 @@ class Task:
             remarks=(*of_number, *self.remarks, *_of_contact(found, self.simulator)),
             order=self.order,
             learned=learned_forces(self.simulator.world, self.tosses, self.library, self.settings.learned),
+            report=self.settings.report,
+        )
+
+    def known_so_far(self, under_way: UnderWay) -> Diagnosis:
+        """What a run that was interrupted knew.
+
+        Args:
+            under_way: What `run` was given. It must know the gap.
+        """
+        assert under_way.so_far is not None
+        return replace(
+            known_so_far(under_way.so_far, under_way.stage),
+            simulator=self.simulator,
+            tosses_of=self.tosses_of,
+            data={"object": self.recorded.name},
+            remarks=self.remarks,
+            order=self.order,
             report=self.settings.report,
         )
 

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Consequence, EffectVerdict, Finding, Interval
-from tossid.diagnosis.likelihood.fitting import derivatives, toss_sums
+from tossid.diagnosis.likelihood.derivatives import effect_derivatives
+from tossid.diagnosis.likelihood.fitting import toss_sums
 from tossid.diagnosis.localisation.gap import share_left
 from tossid.diagnosis.localisation.noise import Floor
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.refinement import intervals
 from tossid.diagnosis.selection.search_result import SearchResult
-from tossid.diagnosis.selection.stability import Stability
 from tossid.physics.effects import Effect
 from tossid.types import Phase
 
@@ -36,7 +36,6 @@ def effect_findings(
     closed: Mapping[str, Interval],
     consequence: Mapping[str, Consequence] = MappingProxyType({}),
     candidates: Collection[str] = (),
-    stability: Stability = Stability(),
 ) -> tuple[Finding, ...]:
     """A finding for each effect, named ones and their classes first, the others by evidence.
 
@@ -50,7 +49,6 @@ def effect_findings(
         closed: Share of the gap that each effect of the last hypothesis closes, by name.
         consequence: What each of them does to whole tosses, by name.
         candidates: Names of effects that are significant, and not sure enough to be identified.
-        stability: How often repeated searches name each effect.
     """
     known = intervals(found.present.fitted, validator.n, spread, found.n_flight)
     stands_for = {each.name: (name, each) for name, group in found.classes.items() for each in group}
@@ -96,7 +94,6 @@ def effect_findings(
                 confusable_with,
                 sizes,
                 consequence.get(stands_for[effect.name][0] if effect.name in stands_for else effect.name),
-                stability.frequency([effect.name]),
             )
         )
     order = {name: i for i, name in enumerate(named)}
@@ -137,13 +134,8 @@ def detectable_sizes(validator: CrossValidator, present: Candidate, effect: Effe
         present: The hypothesis beside which the effect is sought.
         effect: The effect.
     """
-    hypothesis, settings = present.hypothesis, validator.settings.verdict
-    if effect.name not in hypothesis.names:
-        hypothesis = hypothesis.plus(effect)
-    place = hypothesis.place_of(effect.name)
-    own = list(range(place.start, place.stop))
-    residuals = present.fitted.residuals
-    J = derivatives(present.evidence, hypothesis, residuals, own)[..., own]
+    residuals, settings = present.fitted.residuals, validator.settings.verdict
+    _, _, J = effect_derivatives(present.evidence, present.hypothesis, effect, residuals)
     H, _ = toss_sums(present.evidence, residuals, J, present.fitted.scales, validator.n)
     total = H.sum(0)
     sizes, detectable = {}, False

@@ -9,6 +9,7 @@ many tosses are searched, and not on how many there are.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -56,8 +57,13 @@ def searched(
             said += f" With {count}, {others_disagree}."
             count *= 2
             continue
-        return explained, (_in_words(explained.diagnosis, n, count, len(judges)) + said,)
-    return search(tosses, ()), (f"All {n} tosses take part.{said}",) if said else ()
+        return _repeated(explained), (_in_words(explained.diagnosis, n, count, len(judges)) + said,)
+    return _repeated(search(tosses, ())), (f"All {n} tosses take part.{said}",) if said else ()
+
+
+def _repeated(explained: Explained) -> Explained:
+    """With how often repeats of the search, which only the last answer needs, name each effect."""
+    return replace(explained, diagnosis=explained.repeat())
 
 
 def disagreement(

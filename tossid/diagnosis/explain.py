@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.effect_findings import NOTHING, closed_by_each, effect_findings
-from tossid.diagnosis.findings import Finding, Gap, Interval, Share
+from tossid.diagnosis.findings import FOUND, Finding, Gap, Interval, Share
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.consequence import consequences
 from tossid.diagnosis.localisation.corners import locate
@@ -23,7 +24,7 @@ from tossid.diagnosis.localisation.unseen import judge_unseen, unseen_windows
 from tossid.diagnosis.localisation.witnesses import witnesses
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.result import Contact, Diagnosis, Verdict
-from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.flight_search import power_law_of
 from tossid.diagnosis.selection.nested import judged, judging_folds
 from tossid.diagnosis.selection.plane import Plane, in_plane
@@ -34,12 +35,14 @@ from tossid.diagnosis.selection.refinement import (
     pruned_by_wald_test,
     refitted_on_shifted_windows,
 )
+from tossid.diagnosis.selection.screening import predicted_gain
 from tossid.diagnosis.selection.search import search
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.diagnosis.selection.significance import TossesNeeded
 from tossid.diagnosis.selection.stability import Stability, repeated
+from tossid.diagnosis.under_way import UnderWay
 from tossid.physics.effects import OTHER_POWER, Effect
-from tossid.settings.diagnosis.diagnose import DiagnoseSettings, VerdictSettings
+from tossid.settings.diagnosis.diagnose import StabilitySettings, VerdictSettings
 from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
@@ -52,24 +55,106 @@ def explain(problem: Problem) -> Diagnosis:
         problem: The tosses, the simulator and the effects to choose from.
     """
     started = time.perf_counter()
-    tosses, world, settings, report = problem.tosses, problem.world, problem.settings, problem.progress
-    library, n_threads, seed = problem.library, problem.n_threads, problem.seed
-    validator = problem.validator()
-    report("the gap", 0.02)
-    shown, plane = in_plane(tosses, world, library, settings=settings, n_threads=n_threads)
-    validator, world = validator.with_contact_law(world)
-    found = search(validator, shown, Hypothesis(world), report)
-    report("line search", 0.9)
+    return replace(search_once(problem).repeated(), seconds=time.perf_counter() - started)
+
+
+@dataclass(frozen=True)
+class Searched:
+    """What one search has found. How sure its names are is not known before it is repeated.
+
+    Attributes:
+        tosses: That were searched.
+        library: The effects that their motions can show.
+        validator: Of all windows.
+        found: What was found.
+        diagnosis: What is concluded from it.
+        seed: Of all draws.
+        under_way: Told what is known.
+    """
+
+    tosses: tuple[Toss, ...]
+    library: tuple[Effect, ...]
+    validator: CrossValidator
+    found: SearchResult
+    diagnosis: Diagnosis
+    seed: int
+    under_way: UnderWay
+
+    def repeated(self) -> Diagnosis:
+        """The diagnosis with how often repeats of the search name each effect."""
+        self.under_way("repeated searches", 0.93)
+        model, settings = self.found.first.hypothesis.base.object, self.validator.settings.stability
+        stability = repeated(self.tosses, model, self.validator, self.found, self.library, seed=self.seed)
+        return with_repeats(self.diagnosis, stability, self.found.classes, settings)
+
+
+def search_once(problem: Problem) -> Searched:
+    """The effects that explain a gap, by one search, and all that is concluded from them.
+
+    Args:
+        problem: The tosses, the simulator and the effects to choose from.
+    """
+    started, tosses, under_way = time.perf_counter(), problem.tosses, problem.under_way
+    under_way("the gap", 0.02)
+    validator, world = problem.validator().with_contact_law(problem.world)
+    first = validator.evaluate(Hypothesis(world))
+    under_way.begun(tosses, validator, first)
+    gains = validator.map(partial(predicted_gain, validator, first), problem.library)
+    under_way.suspected(list(zip(problem.library, gains, strict=True)))
+    shown, plane = in_plane(tosses, world, problem.library, settings=problem.settings, n_threads=problem.n_threads)
+    found = search(validator, shown, first, under_way)
+    under_way("line search", 0.85)
     found = line_searched(validator, found)
-    report("shifted windows", 0.92)
+    under_way("shifted windows", 0.87)
     found, spread = refitted_on_shifted_windows(tosses, world.object, validator, found)
     found, spread = pruned_by_wald_test(validator, found, spread)
     found, why = plausible_names(validator, found, spread)
-    report("repeated searches", 0.93)
-    stability = repeated(tosses, world.object, validator, found, shown, seed=seed)
-    report("what is left", 0.97)
-    made = _concluded(tosses, problem.unseen, shown, validator, found, spread, why, stability, started, seed)
-    return made if plane is None else _with_plane(made, plane, library)
+    under_way("what is left", 0.9)
+    made = _concluded(tosses, problem.unseen, shown, validator, found, spread, why, started, problem.seed)
+    made = made if plane is None else _with_plane(made, plane, problem.library)
+    return Searched(tuple(tosses), tuple(shown), validator, found, made, problem.seed, under_way)
+
+
+def with_repeats(
+    made: Diagnosis,
+    stability: Stability,
+    classes: Mapping[str, Sequence[Candidate]],
+    settings: StabilitySettings = StabilitySettings(),
+) -> Diagnosis:
+    """A diagnosis whose effects are candidates where repeats of the search name them too rarely.
+
+    Args:
+        made: Of one search.
+        stability: What repeats name.
+        classes: For each effect, what could stand in for it.
+        settings: How often is often enough.
+    """
+    if not stability.repeats:
+        return replace(made, stability=stability)
+
+    def is_sure(name: str) -> bool:
+        frequency = stability.frequency([name, *(each.name for each in classes.get(name, ()))])
+        return frequency is None or frequency >= settings.least_frequency
+
+    unsure = {name for name in (*made.named, *made.candidates, *made.minor) if not is_sure(name)}
+    unsure |= {each.name for name in unsure for each in classes.get(name, ())}
+    named = tuple(name for name in made.named if name not in unsure)
+    findings = tuple(
+        replace(
+            each,
+            frequency=stability.frequency([each.name]),
+            verdict="candidate" if each.name in unsure and each.verdict in FOUND else each.verdict,
+        )
+        for each in made.findings
+    )
+    return replace(
+        made,
+        verdict="partly_explained" if made.verdict == "explained" and not named else made.verdict,
+        findings=findings,
+        named=named,
+        candidates=(*made.candidates, *(name for name in made.named if name in unsure)),
+        stability=stability,
+    )
 
 
 def _concluded(
@@ -80,7 +165,6 @@ def _concluded(
     found: SearchResult,
     spread: Array | None,
     why: Mapping[str, Implausible],
-    stability: Stability,
     started: float,
     seed: int,
 ) -> Diagnosis:
@@ -88,8 +172,8 @@ def _concluded(
     folds = judging_folds(validator, found)
     found = judged(validator, found, folds)
     n, first, present, settings = validator.n, found.first, found.present, validator.settings
-    begin = unseen_windows(unseen, tosses, first.hypothesis.base.object, validator) if unseen else None
-    on_unseen = None if begin is None else judge_unseen(begin, first.hypothesis, present.hypothesis, validator)
+    theirs = unseen_windows(unseen, tosses, first.hypothesis.base.object, validator) if unseen else None
+    on_unseen = None if theirs is None else judge_unseen(theirs, first.hypothesis, present.hypothesis, validator)
     floor = noise_floor(validator.windows)
     gap = measure_gap(tosses, first, validator, floor)
     left = measure_gap(tosses, present, validator, floor) if present.hypothesis.effects else gap
@@ -108,34 +192,36 @@ def _concluded(
         gap, left, closed, nameless, unexplained, any_named=bool(mattering), settings=settings.verdict
     )
     # a user's simulator is its own solver
-    disagreement = None if validator.engine.of_user else solver_disagreement(present, validator, seed=seed)
+    disagreement, misspecified = validator.together(
+        lambda: None if validator.engine.of_user else solver_disagreement(present, validator, seed=seed),
+        lambda: misspecification(present, validator, floor, seed=seed),
+    )
     small = disagreement is not None and left.total.value <= disagreement.gap
     # solvers agree in flight, so they do not explain an effect that was found there without a name
     if verdict == "unexplained" and small and not (mattering or nameless):
         verdict = "within_solver_disagreement"
-    candidates = [name for name in inside if verdict == "unexplained" or not _is_sure(stability, found, name, settings)]
-    named = tuple(name for name in mattering if name not in candidates)
-    if verdict == "explained" and not named:
-        verdict = "partly_explained"
+    candidates = inside if verdict == "unexplained" else []
+    place, steps = validator.together(
+        lambda: locate(tosses, first, present, gap, left, seed=seed, settings=settings),
+        lambda: [
+            rollout_errors(tosses, unseen, each, validator, theirs, folds if each is present else ())
+            for each in found.history
+        ],
+    )
     return Diagnosis(
         verdict=verdict,
         gap=gap,
         left=left,
-        findings=effect_findings(
-            library, validator, found, inside, floor, spread, closes, consequence, candidates, stability
-        ),
-        named=named,
+        findings=effect_findings(library, validator, found, inside, floor, spread, closes, consequence, candidates),
+        named=tuple(name for name in mattering if name not in candidates),
         candidates=tuple(name for name in mattering if name in candidates),
         minor=tuple(name for name in inside if name not in mattering),
-        stability=stability,
+        stability=Stability(least_closed=settings.verdict.partly_closed),
         implausible=tuple(why.items()),
         disagreement=disagreement,
         gap_closed=closed,
         unexplained=unexplained,
-        steps=tuple(
-            rollout_errors(tosses, unseen, each, validator, begin, folds if each is present else ())
-            for each in found.history
-        ),
+        steps=tuple(steps),
         unseen=on_unseen,
         hypothesis=present.hypothesis,
         n_tosses=n,
@@ -149,16 +235,10 @@ def _concluded(
         unsteady=found.unsteady,
         needed=_needed(library, validator),
         noise=floor.noise,
-        misspecification=misspecification(present, validator, floor, seed=seed),
-        place=locate(tosses, first, present, gap, left, seed=seed, settings=settings),
+        misspecification=misspecified,
+        place=place,
         witnesses=witnesses(unseen or tosses, first.hypothesis.world(), present.hypothesis.world(), settings.witnesses),
     )
-
-
-def _is_sure(stability: Stability, found: SearchResult, name: str, settings: DiagnoseSettings) -> bool:
-    """Whether repeated searches name an effect, or one of its class, often enough; yes if there were none."""
-    frequency = stability.frequency([name, *(each.name for each in found.classes[name])])
-    return frequency is None or frequency >= settings.stability.least_frequency
 
 
 def _with_plane(made: Diagnosis, plane: Plane, library: Sequence[Effect]) -> Diagnosis:
@@ -173,7 +253,6 @@ def _with_plane(made: Diagnosis, plane: Plane, library: Sequence[Effect]) -> Dia
             {},
             evidence,
             NOTHING,
-            frequency=made.stability.frequency([effect.name]),
         )
         for effect in library
         if effect.name in plane.effects

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
 from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.under_way import UnderWay
 from tossid.physics.effects import LIBRARY, Effect, World
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
-from tossid.types import Progress, RecordingOrder, Toss, silent
+from tossid.types import RecordingOrder, Toss
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Problem:
         unseen: Other tosses of the same recording, which take no part and are judged in one pass at the end.
         names: Of all these tosses in the order of their recording; empty: as they are given, the unseen ones last.
         sessions: Names of the first tosses of sessions that the dataset has, but for the first.
-        progress: Called with what is under way, and the share that is done.
+        under_way: Told what is known as soon as it is.
         settings: Of everything else. Its `seed` and `threads` are not read here.
     """
 
@@ -39,7 +40,7 @@ class Problem:
     unseen: Sequence[Toss] = ()
     names: Sequence[str] = ()
     sessions: Sequence[str] = ()
-    progress: Progress = silent
+    under_way: UnderWay = field(default_factory=UnderWay)
     settings: DiagnoseSettings = field(default_factory=DiagnoseSettings)
 
     def of(self, tosses: Sequence[Toss], unseen: Sequence[Toss] = ()) -> Problem:

@@ -28,8 +28,25 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 SCHEMA = "tossid.gap/1"
-Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained", "within_solver_disagreement"]
+Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained", "within_solver_disagreement", "incomplete"]
 Contact = Literal["coulomb", "relaxed", "own"]
+
+
+@dataclass(frozen=True)
+class Interruption:
+    """Where a diagnosis was interrupted.
+
+    Attributes:
+        stage: What was under way.
+        suspects: Names of effects that had not been fitted yet, with their gains of log-likelihood by one step.
+    """
+
+    stage: str
+    suspects: tuple[tuple[str, float], ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """gap.json's "interrupted"."""
+        return {"during": self.stage, "suspects": [{"name": name, "gain": gain} for name, gain in self.suspects]}
 
 
 @dataclass(frozen=True, repr=False)
@@ -79,6 +96,7 @@ class Diagnosis:
         tosses: Names of the tosses in the order in which they were diagnosed, that of their recording.
         places: Where each ends, x and y as recorded [m], (n, 2).
         changes_left: Where something still changes over the order with everything in; None where it was not looked at.
+        interruption: Where it was interrupted; None if it is complete.
     """
 
     verdict: Verdict
@@ -120,6 +138,7 @@ class Diagnosis:
     tosses: tuple[str, ...] = ()
     places: Array = field(default_factory=lambda: np.zeros((0, 2)))
     changes_left: tuple[ChangeLeft, ...] | None = None
+    interruption: Interruption | None = None
 
     @property
     def found(self) -> tuple[str, ...]:
@@ -146,6 +165,7 @@ class Diagnosis:
         }
         whole = {
             "schema": SCHEMA,
+            "complete": self.interruption is None,
             "n_tosses": self.n_tosses,
             "contact": self.contact,
             "gap": gap,
@@ -170,6 +190,7 @@ class Diagnosis:
             "seconds": self.seconds,
         }
         beside = {
+            "interrupted": None if self.interruption is None else self.interruption.as_json(),
             "next_toss": self.next_toss,
             "patch": self.patch,
             "simulator": None if self.simulator is None else self.simulator.as_json(),

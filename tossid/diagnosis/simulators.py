@@ -327,8 +327,8 @@ def with_nearest_contact(
         return replace(simulator, world=ready), []
     return replace(simulator, world=ready), [
         "The simulator does not go on from a state as it does without a stop, so it has a state beside positions and "
-        "velocities, or returns other velocities than its own. Effects are added to its whole motions, which is exact in "
-        "flight, and poor in contact."
+        "velocities, or returns other velocities than its own. Effects are added to its whole motions, which is exact "
+        "in flight, and poor in contact."
     ]
 
 

@@ -110,7 +110,7 @@ def find_parabola(
         names = ", ".join(track.name for track in others[:5]) + (", …" if len(others) > 5 else "")
         raise InputError(
             f"the body's frame jumps between tosses: {len(others)} of {len(tracks)} ({names}) fly about a point "
-            f"that is {1e3 * apart:.0f} mm from the others' centre of mass; expected one frame that is fixed in the body"
+            f"that is {1e3 * apart:.0f} mm from the others' centre of mass; expected one frame, fixed in the body"
         )
     return found
 

@@ -25,7 +25,9 @@ KEPT = Path(__file__).with_name("bench_release.json")
 """Figures of a release: version, date, machine, and those of each case."""
 NOISE = ("noise.position=0.00015", "noise.rotation=0.0015", "noise.velocity=0.03", "noise.spin=0.3", "frames=false")
 CASES: dict[str, tuple[str, ...]] = {
-    "12 tosses of MuJoCo, friction 0.3": (*NOISE, "object.friction=0.3", "engine=mujoco", "tosses=12", "seed=0"),
+    "12 tosses of MuJoCo, friction 0.3": (
+        *NOISE, "effects={friction: {mu: 0.3}}", "engine=mujoco", "tosses=12", "seed=0",
+    ),
     "60 tosses of 150 frames, centre of mass 4 mm off, friction 0.26": (
         *NOISE, "engine=lcp", "engine.substeps=32", "tosses=60", "seconds=1.01", "rest_s=2", "seed=1",
         "effects={com_offset: {x_m: 0.004, y_m: 0, z_m: 0}, friction: {mu: 0.26}}",

@@ -54,6 +54,12 @@ WORK: tuple[tuple[str, str], ...] = (
 """What is done in a stage, and its function."""
 
 
+AT_ONCE: tuple[tuple[str, str], ...] = (
+    ("independent computations, each by a thread", "tossid.diagnosis.selection.cross_validation:CrossValidator.map"),
+)
+"""What several threads would do at once. Of the rest they share each simulation of many windows at most."""
+
+
 @dataclass
 class Ledger:
     """CPU seconds of each name's innermost calls, calls, and simulated motions and frames."""
@@ -114,6 +120,7 @@ class Ledger:
 def main() -> None:
     """Diagnose a dataset's tosses on one thread, and print where the time went."""
     from tossid.diagnosis.diagnose import prepare
+    from tossid.diagnosis.under_way import UnderWay
     from tossid.settings.changed import changed
     from tossid.settings.diagnosis.diagnose import DiagnoseSettings
     from tossid.store import read_dataset
@@ -126,20 +133,22 @@ def main() -> None:
         dataset = read_dataset(Path(paths[0]) if paths else made(Path(folder)))
     settings = changed(DiagnoseSettings(threads=1), keys)
     prepare(dataset, settings=settings)  # loads or compiles kernels
-    stages, work, phases = Ledger(), Ledger(), Ledger()
+    stages, work, phases, at_once = Ledger(), Ledger(), Ledger(), Ledger()
     observe(STAGES, stages)
     observe(WORK, work, count=stages)
+    observe(AT_ONCE, at_once)
     began, wall = time.process_time(), time.perf_counter()
 
     def progress(text: str, share: float) -> None:
         phases.switch(text)
 
-    found = prepare(dataset, settings=settings).run(progress)
+    found = prepare(dataset, settings=settings).run(UnderWay(progress))
     seconds, wall = time.process_time() - began, time.perf_counter() - wall
     heads = ["", "CPU s", "share", "calls", "motions", "frames"]
     console.table(heads, stages.rows(), title="By stage")
     console.table(heads[:4], [row[:4] for row in work.rows()], title="By what is done")
     console.table(heads[:3], [row[:3] for row in phases.rows()], title="By what the command reports as under way")
+    console.table(heads[:3], [row[:3] for row in at_once.rows()], title="By what several threads could do at once")
     named = ", ".join(found.named) or "nothing"
     console.say(f"{found.n_tosses} tosses, one thread: {seconds:.1f} s of CPU, {wall:.1f} s. {found.verdict}: {named}.")
 
@@ -148,7 +157,14 @@ def made(folder: Path) -> Path:
     """Twelve tosses of a cube as MuJoCo has them, with noise; friction is 0.3, where 0.18 is stated."""
     from pipelines.cli.call import call_with_keys
 
-    keys = ["object=cube", "object.friction=0.3", "engine=mujoco", "tosses=12", "seed=0", f"out={folder}/made"]
+    keys = [
+        "object=cube",
+        "effects={friction: {mu: 0.3}}",
+        "engine=mujoco",
+        "tosses=12",
+        "seed=0",
+        f"out={folder}/made",
+    ]
     keys += ["frames=false", "noise.position=0.00015", "noise.rotation=0.0015"]
     call_with_keys("synthesize", keys, json=False, quiet=True)
     return folder / "made" / "tosses.h5"

@@ -1,6 +1,7 @@
 """Does a diagnosis of a user's simulator name what was changed in it?
 
-    python -m pipelines.tools.experiments.users_simulator [engine=mujoco] [tosses=16] [seed=1] [repeats=0] [without=...] [CASE ...]
+    python -m pipelines.tools.experiments.users_simulator [engine=mujoco] [tosses=16] [seed=1]
+        [repeats=0] [without=...] [CASE ...]
     python -m pipelines.tools.experiments.users_simulator predict=true [engine=mujoco] [tosses=16] [seed=1] [CASE ...]
 
 Tosses are made by an engine that has one effect, with noise, and the user's simulator is that engine without it: MuJoCo

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.tossed import seen
+from tossid.diagnosis.likelihood.derivatives import derivatives
 from tossid.diagnosis.likelihood.evidence import FREE, Evidence, Hypothesis
-from tossid.diagnosis.likelihood.fitting import Derivatives, Fitted, derivatives, fit, toss_sums
+from tossid.diagnosis.likelihood.fitting import Fitted, fit, toss_sums
 from tossid.diagnosis.likelihood.whitening import linearise
 from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.objects import ObjectModel
@@ -42,15 +43,6 @@ def of_flight(cube: ObjectModel) -> tuple[Evidence, Hypothesis]:
     windows = make_windows(tosses, cube)
     windows = windows.rows(np.flatnonzero(windows.free))
     return Evidence(*linearise(windows, World(cube))), Hypothesis(World(cube)).plus(NAMES["gravity"])
-
-
-def test_derivatives_predict_how_residuals_change(of_flight: tuple[Evidence, Hypothesis]) -> None:
-    evidence, hypothesis = of_flight
-    residuals = evidence.residuals(hypothesis.world())
-    J = derivatives(evidence, hypothesis, residuals, sizes=np.ones(1))
-    moved = hypothesis.at(hypothesis.flat() + 0.05)
-    change = evidence.residuals(moved.world()) - residuals
-    np.testing.assert_allclose(J[..., 0] * 0.05 / hypothesis.steps[0], change, atol=1e-3 * np.abs(change).max())
 
 
 def test_a_toss_that_no_window_has_contributes_nothing(of_flight: tuple[Evidence, Hypothesis]) -> None:
@@ -90,34 +82,3 @@ def test_scatter_tells_an_effect_that_differs_from_toss_to_toss(cube: ObjectMode
     assert same[0] < 2.5
     assert different[0] > 10
     assert different[1] > 10 * same[1]
-
-
-def test_derivatives_are_taken_anew_only_where_predictions_have_moved(cube: ObjectModel) -> None:
-    tosses = seen(World(cube), cube, 8, seed=2)
-    evidence = Evidence(*linearise(make_windows(tosses, cube), World(cube), refine=3))
-    start = Hypothesis(World(cube)).plus(NAMES["friction"]).plus(NAMES["gravity"])
-    sizes, which = np.full(2, 8.0), [0, 1]
-
-    def fresh(at: Hypothesis, sizes: np.ndarray) -> Derivatives:
-        values = derivatives(evidence, at, evidence.residuals(at.world()), which, sizes)
-        return Derivatives(values, evidence.predicted(at.world()), sizes)
-
-    first = fresh(start, sizes)
-    same = first.renewed(evidence, start, evidence.residuals(start.world()), which, 1.5 * sizes)
-    np.testing.assert_array_equal(same.values, first.values)
-    np.testing.assert_array_equal(same.sizes, sizes)
-
-    moved = start.at(start.flat() + np.array([0.05, 0.0]))
-    expected, found = (
-        fresh(moved, sizes),
-        first.renewed(evidence, moved, evidence.residuals(moved.world()), which, sizes),
-    )
-    felt = (found.values != first.values).any((1, 2, 3))
-    assert 0 < felt.sum() < len(felt)
-    assert not felt[evidence.windows.free].any()
-    np.testing.assert_allclose(found.values[felt], expected.values[felt], atol=1e-9)
-
-    other = np.array([8.0, 1.0])
-    narrow = first.renewed(evidence, start, evidence.residuals(start.world()), which, other)
-    np.testing.assert_array_equal(narrow.values[..., 0], first.values[..., 0])
-    np.testing.assert_allclose(narrow.values[..., 1], fresh(start, other).values[..., 1], atol=1e-9)

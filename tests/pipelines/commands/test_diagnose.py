@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +21,7 @@ from tossid.diagnosis.simulators import world_of_model
 from tossid.errors import InputError
 from tossid.models.e2e import EndToEnd
 from tossid.objects import ObjectModel
+from tossid.outputs import MARKER
 from tossid.physics.effects import LIBRARY
 from tossid.store import read_dataset, write_dataset
 from tossid.types import Phase, Toss
@@ -59,6 +64,41 @@ def spoilt(tmp_path_factory: pytest.TempPathFactory) -> Path:
         stated = replace(dataset, object=dataset.object.with_changes(friction=0.18))
         write_dataset(stated, folder / "spoilt.h5")
     return folder / "spoilt.h5"
+
+
+@pytest.mark.parametrize("earlier", [False, True])
+def test_ctrl_c_leaves_what_is_known(spoilt: Path, tmp_path: Path, earlier: bool) -> None:
+    out = tmp_path / "gap"
+    if earlier:
+        out.mkdir()
+        (out / MARKER).touch()
+        (out / "gap.json").write_text("of before")
+    command = [sys.executable, "-m", "pipelines.cli.app", "diagnose", f"data={spoilt}", f"out={out}", "threads=1"]
+    with subprocess.Popen(
+        command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=tmp_path, start_new_session=True
+    ) as running:
+        assert running.stderr is not None
+        lines = []
+        for line in running.stderr:
+            lines.append(line)
+            if "leading suspect" in line:
+                break
+        os.kill(running.pid, signal.SIGINT)
+        rest, code = running.stderr.read(), running.wait(timeout=60)
+    assert code == 130, rest
+    assert any("the gap is" in line and "most in slide" in line for line in lines)
+    assert "Traceback" not in rest
+    where = tmp_path / ("gap-interrupted" if earlier else "gap")
+    assert f"what was known by then is in {where / 'gap.html'}" in rest.strip().splitlines()[-1]
+    gap = json.loads((where / "gap.json").read_text())
+    assert gap["complete"] is False
+    assert gap["explanation"]["verdict"] == "incomplete"
+    assert gap["explanation"]["effects"] == []
+    assert gap["gap"]["total"]["value"] > 1.5
+    assert max(gap["gap"]["by_phase"], key=lambda each: each["share"])["phase"] == "slide"
+    assert "friction" in gap["interrupted"]["suspects"][0]["name"]
+    assert "was interrupted" in (where / "gap.html").read_text()
+    assert not earlier or (out / "gap.json").read_text() == "of before"
 
 
 def refused(args: list[str], capfd: pytest.CaptureFixture[str]) -> str:

@@ -18,8 +18,8 @@ from tossid.diagnosis.problem import Problem, session_starts
 from tossid.diagnosis.sessions.explained import explain_over_order
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World, effects_for
-from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.settings.diagnosis.audit import AuditSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.store import read_dataset
 
 

@@ -161,6 +161,8 @@ class Evidence:
         difference: To the other engine.
         at: The world under which first states were estimated last, None if it is not known.
         known: Worlds whose predictions from these first states were asked for last, with the residuals (W, L, K).
+        slopes: Derivatives of whitened residuals by an effect's parameters (W, L, K, P), by the world beside which they
+            were taken, which is kept with them, and the effect's name (`fitting.effect_derivatives`).
     """
 
     windows: Windows
@@ -169,6 +171,7 @@ class Evidence:
     difference: EngineDifference | None = None
     at: World | None = None
     known: dict[int, tuple[World, Array]] = field(default_factory=dict, compare=False, repr=False)
+    slopes: dict[tuple[int, str], tuple[World, Array]] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def density(self) -> DensitySettings:

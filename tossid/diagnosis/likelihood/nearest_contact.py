@@ -2,9 +2,9 @@
 
 Changes of a frame by effects (`step_changes`) are those of the stated object in tossid's simulator. They are the better
 the more its contact is like that of the simulator that is judged. Motions of the latter from the tosses' first states
-show what one frame does to states near the ground. Candidates are rigid contact, contact that yields (a spring, a damper
-and an added mass, as MuJoCo has it), and each of them as the convex relaxation of Coulomb's law. The velocities after a
-frame decide.
+show what one frame does to states near the ground. Candidates are rigid contact, contact that yields (a spring, a
+damper and an added mass, as MuJoCo has it), and each of them as the convex relaxation of Coulomb's law. The velocities
+after a frame decide.
 """
 
 from __future__ import annotations

@@ -7,9 +7,9 @@ effects θ, and free for the difference of these two in the air, a motion goes o
     x' = theirs(x) + free(x, θ) + r (ours(x, θ) - ours(x, none) - free(x, θ))
 
 which is a splitting of the dynamics (Hairer, Lubich and Wanner, "Geometric Numerical Integration", II.5). r is the
-vertical impulse of contact in theirs over that in ours: contact is never quite the same. Where theirs is soft, an impact
-takes several frames, in each of which rigid contact would stop it whole. Where theirs acts at some distance from the
-ground, ours is brought to touch.
+vertical impulse of contact in theirs over that in ours: contact is never quite the same. Where theirs is soft, an
+impact takes several frames, in each of which rigid contact would stop it whole. Where theirs acts at some distance from
+the ground, ours is brought to touch.
 """
 
 from __future__ import annotations

@@ -39,6 +39,7 @@ _VERDICTS = {
     "partly_explained": "The gap is partly explained",
     "unexplained": "The gap is not explained",
     "within_solver_disagreement": "The gap is within what rigid-body solvers disagree on",
+    "incomplete": "Interrupted before the gap was explained",
 }
 _IMPLAUSIBLE = {
     "at_bound": "Something acts like {name}, but its fit ends at the bound of what is physically possible, so it "
@@ -80,6 +81,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
         they close, which effects cannot be distinguished, and what remains.
     """
     text = [
+        *_interrupted(diagnosis),
         *_how_sure(diagnosis),
         _the_gap(diagnosis),
         *_too_few(diagnosis),
@@ -316,7 +318,23 @@ def _minor(diagnosis: Diagnosis) -> list[str]:
     return [f"Also seen, too small to matter: {listed(parts)}."] if parts else []
 
 
+def _interrupted(diagnosis: Diagnosis) -> list[str]:
+    """Where it was interrupted, and what is suspected."""
+    stopped = diagnosis.interruption
+    if stopped is None:
+        return []
+    text = f"The diagnosis was interrupted ({stopped.stage}). "
+    text += "What follows is what was known by then. Nothing is said of effects that are not listed."
+    if stopped.suspects:
+        names = [name for name, _ in stopped.suspects]
+        text += f" By one step toward each, the leading suspect is {names[0]}"
+        text += f", before {listed(names[1:])}." if names[1:] else "."
+    return [text]
+
+
 def _what_remains(diagnosis: Diagnosis) -> str:
+    if diagnosis.verdict == "incomplete":
+        return "What other effects would explain was not determined."
     if diagnosis.verdict == "no_gap":
         return (
             "No effect of the library is needed to explain the tosses. The table of all effects in the report lists "

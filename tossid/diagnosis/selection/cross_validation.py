@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,6 +156,17 @@ class CrossValidator:
 
         with ThreadPoolExecutor(self.n_threads) as pool:
             return list(pool.map(one, items))
+
+    def together(self, one: Callable[[], Item], other: Callable[[], Made]) -> tuple[Item, Made]:
+        """Both results of two independent computations, made at the same time.
+
+        Args:
+            one: The first.
+            other: The second.
+        """
+        asked: tuple[Callable[[], Any], ...] = (one, other)
+        made = self.map(lambda ask: ask(), asked)
+        return made[0], made[1]
 
     def with_contact_law(self, world: World) -> tuple[CrossValidator, World]:
         """The world with the contact law that the tosses follow most, and the validator that belongs to it.

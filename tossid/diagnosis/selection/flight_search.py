@@ -16,8 +16,9 @@ from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.forward_selection import ForwardSelection
 from tossid.diagnosis.selection.search_result import SearchResult
+from tossid.diagnosis.under_way import UnderWay
 from tossid.physics.effects import Effect
-from tossid.types import Phase, silent
+from tossid.types import Phase
 
 
 def search_flight(validator: CrossValidator, library: Sequence[Effect], hypothesis: Hypothesis) -> SearchResult | None:
@@ -32,7 +33,7 @@ def search_flight(validator: CrossValidator, library: Sequence[Effect], hypothes
     if not len(free):
         return None
     flying = [effect for effect in library if Phase.FLIGHT in effect.phases]
-    rounds = ForwardSelection(replace(validator, windows=validator.windows.rows(free)), flying, silent)
+    rounds = ForwardSelection(replace(validator, windows=validator.windows.rows(free)), flying, UnderWay())
     first = rounds.validator.evaluate(hypothesis)
     path = rounds.run(first, [first])
     last = path.history[-1]

@@ -21,8 +21,8 @@ from tossid.diagnosis.likelihood.evidence import Evidence, student_deviance
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.screening import Screened, screen
 from tossid.diagnosis.selection.significance import PARTS, fewest_tosses, part_p_value
+from tossid.diagnosis.under_way import UnderWay
 from tossid.physics.effects import Effect
-from tossid.types import Progress
 
 Array = NDArray[np.float64]
 
@@ -74,15 +74,15 @@ class SelectionPath:
 class ForwardSelection:
     """Rounds of forward selection over a library of effects."""
 
-    def __init__(self, validator: CrossValidator, library: Sequence[Effect], progress: Progress) -> None:
+    def __init__(self, validator: CrossValidator, library: Sequence[Effect], under_way: UnderWay) -> None:
         """Rounds that may be run from any hypothesis.
 
         Args:
             validator: What fits and judges.
             library: The effects to choose from.
-            progress: Called with what is under way, and the share that is done.
+            under_way: Told what is known.
         """
-        self.validator, self.library, self.progress = validator, library, progress
+        self.validator, self.library, self.under_way = validator, library, under_way
         self.settings = validator.settings.selection
         self.level = self.settings.level / max(len(library), 1)
         windows = validator.windows
@@ -107,7 +107,7 @@ class ForwardSelection:
             if len(present.hypothesis.effects) == self.settings.most_effects:
                 break
             share = min(done + 0.08 * turn, max(done, 0.75))
-            self.progress(f"round {turn + 1}", share)
+            self.under_way(f"round {turn + 1}", share)
             fitted = self.round(first, present, share=share)
             if turn == 0:
                 first_round = {each.name: each for each in fitted}
@@ -121,6 +121,7 @@ class ForwardSelection:
             known = {best.name: replace(present, gain=-best.gain)}
             present, without = self.pruned(first, self.refitted(best), known, thorough=False)
             history.append(present)
+            self.under_way.reached(present)
         return SelectionPath(tuple(history), first_round, classes, tuple(runners_up), without)
 
     def refit_until_stable(self, first: Candidate, path: SelectionPath) -> SelectionPath:
@@ -138,7 +139,7 @@ class ForwardSelection:
             before = path.history[-1]
             if not before.hypothesis.effects:
                 break
-            self.progress("all effects together", 0.8)
+            self.under_way("all effects together", 0.8)
             refits = self.validator.settings.cross_validation.refits
             present, without = self.pruned(first, self.refitted(before, refits))
             path = replace(path, history=(*path.history[:-1], present), without=without)
@@ -170,11 +171,12 @@ class ForwardSelection:
         inside = present.hypothesis.names
         missing = [effect for effect in self.library if effect.name not in inside]
         screened = self.validator.map(partial(screen, self.validator, present), missing)
+        self.under_way.suspected([(each.effect, each.gain) for each in screened])
         least = max(least_gain, self.settings.least_screening_gain)
         promising = sorted((each for each in screened if each.gain > least), key=lambda each: -each.gain)
         promising = promising[: self.settings.candidates]
         if promising:
-            self.progress(f"fitting, with {promising[0].effect.name} as the first suspect", share)
+            self.under_way(f"fitting, with {promising[0].effect.name} as the first suspect", share)
         likely = sum(each.gain > self.settings.second_choice * promising[0].gain for each in promising)
         fitted = self.validator.map(partial(self._fitted, present), promising[:likely])
         if not any(self.is_significant(first, present, each) for each in fitted):

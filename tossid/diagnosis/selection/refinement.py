@@ -16,8 +16,9 @@ from scipy.stats import chi2
 from scipy.stats import t as student
 
 from tossid.diagnosis.findings import Interval
+from tossid.diagnosis.likelihood.derivatives import derivatives
 from tossid.diagnosis.likelihood.evidence import Hypothesis
-from tossid.diagnosis.likelihood.fitting import Fitted, derivatives, toss_sums
+from tossid.diagnosis.likelihood.fitting import Fitted, toss_sums
 from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.search_result import SearchResult
@@ -95,13 +96,13 @@ def refitted_on_shifted_windows(
         shift, side = int(settings.shifts[k] * likelihood.windows.length), -1.0 if k % 2 else 1.0
         other = replace(validator, windows=make_windows(tosses, model, settings=likelihood, shift=shift))
         start = present.hypothesis.clipped(flat + side * away)
-        there = other.refit(other.evaluate(start).evidence, start)
+        there = other.refit(other.evaluate(start).evidence, start, 1)
         back = there.evidence.relinearised(present.hypothesis.world(), refine=4)
         before = back.log_likelihood_of(present.hypothesis.world(), there.scales)
         after = there.evidence.log_likelihood(there.residuals, there.scales)
         if there.evidence.weighted_gain(after, before) < 0:
             # the fit has ended in a worse place than the unperturbed start
-            there = other.refit(back, present.hypothesis)
+            there = other.refit(back, present.hypothesis, 1)
         return there.hypothesis.flat()
 
     values = np.array([flat, *validator.map(fitted, range(len(settings.shifts)))])

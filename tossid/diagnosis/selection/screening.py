@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.diagnosis.likelihood.derivatives import effect_derivatives
 from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
-from tossid.diagnosis.likelihood.fitting import derivatives, toss_sums
+from tossid.diagnosis.likelihood.fitting import toss_sums
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.physics.effects import Effect
+from tossid.types import Phase
 
 Array = NDArray[np.float64]
 
@@ -72,7 +74,7 @@ def screen(validator: CrossValidator, present: Candidate, effect: Effect) -> Scr
     now, whole = present.fitted, present.evidence
     nominal = now.hypothesis.plus(effect)
     base = whole.log_likelihood(now.residuals, now.scales)
-    best = _step(validator, now.scales, _Start(nominal, whole, base, 0.0))
+    best = _step(validator, now.scales, _Start(present.hypothesis, whole, base, 0.0), effect)
     if not effect.starts:
         return best
     some = np.any(validator.folds[: validator.settings.selection.screening_folds], axis=0)
@@ -98,8 +100,23 @@ def screen(validator: CrossValidator, present: Candidate, effect: Effect) -> Scr
         if tried.gain <= begin.gain:
             break
         begin = tried
-    far = _step(validator, now.scales, begin)
+    far = _step(validator, now.scales, begin, effect)
     return replace(far, gain=far.gain / share, from_start=True) if far.gain / share > best.gain else best
+
+
+def predicted_gain(validator: CrossValidator, present: Candidate, effect: Effect) -> float:
+    """What a Gauss-Newton step toward an effect would gain if predictions were linear: g^T H^-1 g / 2.
+
+    Args:
+        validator: Of all windows.
+        present: The hypothesis without the effect.
+        effect: The effect.
+    """
+    e, now = present.evidence, present.fitted
+    _, own, J = effect_derivatives(e, present.hypothesis, effect, now.residuals)
+    H, g = (each.sum(0) for each in toss_sums(e, now.residuals, J, now.scales, validator.n))
+    gain = 0.5 * float(g @ np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(own))) @ g)
+    return gain / e.windows.settings.windows.flight_weight if Phase.FLIGHT in effect.phases else gain
 
 
 def _at_start(nominal: Hypothesis, effect: Effect, start: Mapping[str, float]) -> Hypothesis:
@@ -125,15 +142,14 @@ def _beyond(start: Hypothesis, starts: Sequence[Hypothesis], nominal: Hypothesis
     return sorted(beyond, key=lambda each: abs(distance(each)))
 
 
-def _step(validator: CrossValidator, scales: Array, begin: _Start) -> Screened:
-    """The last effect of a hypothesis after the best part of a Gauss-Newton step of its own parameters."""
-    e, hypothesis = begin.evidence, begin.hypothesis
-    effect = hypothesis.effects[-1]
+def _step(validator: CrossValidator, scales: Array, begin: _Start, effect: Effect) -> Screened:
+    """An effect after the best part of a Gauss-Newton step of its own parameters."""
+    e, residuals = begin.evidence, begin.evidence.residuals(begin.hypothesis.world())
+    hypothesis, own, J = effect_derivatives(e, begin.hypothesis, effect, residuals)
     best = Screened(max(begin.gain, 0.0), effect, hypothesis)
     size = len(hypothesis.flat())
-    own = list(range(size - len(effect.parameters), size))
-    residuals = e.residuals(hypothesis.world())
-    J = derivatives(e, hypothesis, residuals, own)[..., own]
+    if effect.near_nothing:
+        residuals = e.residuals(hypothesis.world())
     H, g = (each.sum(0) for each in toss_sums(e, residuals, J, scales, validator.n))
     delta = np.zeros(size)
     delta[own] = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(own))) @ g

@@ -12,33 +12,30 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from tossid.diagnosis.likelihood.evidence import Hypothesis
-from tossid.diagnosis.localisation.gap import in_short
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.flight_search import search_flight
 from tossid.diagnosis.selection.forward_selection import ForwardSelection
 from tossid.diagnosis.selection.search_result import SearchResult, replaced
+from tossid.diagnosis.under_way import UnderWay
 from tossid.physics.effects import Effect
-from tossid.types import Phase, Progress
+from tossid.types import Phase
 
 Needed = dict[str, Candidate]
 Classes = dict[str, tuple[Candidate, ...]]
 
 
-def search(
-    validator: CrossValidator, library: Sequence[Effect], hypothesis: Hypothesis, progress: Progress
-) -> SearchResult:
+def search(validator: CrossValidator, library: Sequence[Effect], first: Candidate, under_way: UnderWay) -> SearchResult:
     """The effects that tosses reveal, selected from a library.
 
     Args:
         validator: Of all windows.
         library: The effects to choose from.
-        hypothesis: Without effects.
-        progress: Called with what is under way, and the share that is done.
+        first: The hypothesis without effects.
+        under_way: Told what is known.
     """
-    progress("flight alone", 0.04)
-    flight = search_flight(validator, library, hypothesis)
-    base = hypothesis.base if flight is None else flight.present.hypothesis.base
-    return _Search(validator, library, progress).run(Hypothesis(base), flight)
+    under_way("flight alone", 0.1)
+    flight = search_flight(validator, library, first.hypothesis)
+    return _Search(validator, library, first, under_way).run(flight)
 
 
 @dataclass(frozen=True)
@@ -47,17 +44,19 @@ class _Search:
 
     validator: CrossValidator
     library: Sequence[Effect]
-    progress: Progress
+    first: Candidate
+    under_way: UnderWay
 
     @property
     def _rounds(self) -> ForwardSelection:
         """Rounds in which nothing is held."""
-        return ForwardSelection(self.validator, self.library, self.progress)
+        return ForwardSelection(self.validator, self.library, self.under_way)
 
-    def run(self, hypothesis: Hypothesis, flight: SearchResult | None) -> SearchResult:
-        """From a hypothesis without effects to the selected one, given what flight reveals."""
-        self.progress("what flight reveals, in contact", 0.15)
-        hypothesis = self._with_contact_law(hypothesis, flight)
+    def run(self, flight: SearchResult | None) -> SearchResult:
+        """From the hypothesis without effects to the selected one, given what flight reveals."""
+        self.under_way("what flight reveals, in contact", 0.15)
+        base = self.first.hypothesis.base if flight is None else flight.present.hypothesis.base
+        hypothesis = self._with_contact_law(Hypothesis(base), flight)
         first, history, needed, classes = self._with_flight(hypothesis, flight)
         n_flight = len(history[-1].hypothesis.effects)
         library = self._library_beside(flight, classes)
@@ -67,11 +66,12 @@ class _Search:
         while True:
             path = contact.refit_until_stable(first, path)
             present = best = path.history[-1]
+            self.under_way.reached(present)
             if replacements and len(present.hypothesis.effects) > n_flight:
                 # with the effects of contact in, contact may decide what it could not before
                 best, needed, classes = self._decided_by_contact(present, needed, classes, afresh=True)
             if best is present:
-                self.progress("what could stand in for each", 0.88)
+                self.under_way("what could stand in for each", 0.88)
                 needed_too, classes_too = contact.confusable_classes(present, path.without, path)
                 best = contact.best_of_classes(present, classes_too) if replacements else present
             if best is present:
@@ -96,8 +96,7 @@ class _Search:
         self, hypothesis: Hypothesis, flight: SearchResult | None
     ) -> tuple[Candidate, list[Candidate], Needed, Classes]:
         """The hypothesis on all windows without effects, and a history to it with the effects that flight reveals."""
-        first = self.validator.evaluate(hypothesis)
-        self.progress(in_short(first), 0.15)
+        first = self._evaluated(hypothesis)
         history = [first]
         if flight is None or not flight.present.hypothesis.effects:
             return first, history, {}, {}
@@ -106,7 +105,13 @@ class _Search:
             history.append(self.validator.evaluate(Hypothesis(hypothesis.base, effects[:k], values[:k]), history[-1]))
         best, needed, classes = self._decided_by_contact(history[-1], flight.needed, flight.classes)
         history[-1] = self._rounds.refitted(best)
+        self.under_way.reached(history[-1])
         return first, history, needed, classes
+
+    def _evaluated(self, hypothesis: Hypothesis) -> Candidate:
+        """A hypothesis at its values; the first one is known."""
+        same = hypothesis.base is self.first.hypothesis.base and not hypothesis.effects
+        return self.first if same else self.validator.evaluate(hypothesis)
 
     def _library_beside(self, flight: SearchResult | None, classes: Classes) -> list[Effect]:
         """The effects that are sought in all windows."""
@@ -128,11 +133,11 @@ class _Search:
             return hypothesis
         base = replace(relaxed, law=relaxed.law._replace(lifting=0.0))
         found = Hypothesis(relaxed) if flight is None else flight.present.hypothesis
-        other = validator.evaluate(Hypothesis(relaxed, found.effects, found.values))
-        self.progress("Coulomb's law", 0.16)
+        other = self._evaluated(Hypothesis(relaxed, found.effects, found.values))
+        self.under_way("Coulomb's law", 0.16)
         held = replace(validator, held=frozenset(found.names))
         in_contact = [effect for effect in self.library if Phase.FLIGHT not in effect.phases]
-        rounds = ForwardSelection(held, in_contact, self.progress)
+        rounds = ForwardSelection(held, in_contact, self.under_way)
         rigid = validator.evaluate(Hypothesis(base, found.effects, found.values))
         least = validator.settings.selection.coulomb_gain * float(validator.gain_over(other, rigid).sum())
         for each in rounds.round(rigid, rigid, least):
@@ -144,7 +149,7 @@ class _Search:
     def _holding(self, present: Candidate, n_flight: int, library: Sequence[Effect]) -> ForwardSelection:
         """Rounds in which the first effects of a hypothesis, which flight has determined, are held."""
         held = frozenset(present.hypothesis.names[:n_flight])
-        return ForwardSelection(replace(self.validator, held=held), library, self.progress)
+        return ForwardSelection(replace(self.validator, held=held), library, self.under_way)
 
     def _decided_by_contact(
         self,

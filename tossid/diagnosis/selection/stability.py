@@ -32,10 +32,11 @@ from tossid.diagnosis.selection.refinement import pruned_by_wald_test
 from tossid.diagnosis.selection.screening import screen
 from tossid.diagnosis.selection.search import search
 from tossid.diagnosis.selection.search_result import SearchResult
+from tossid.diagnosis.under_way import UnderWay
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings, StabilitySettings
-from tossid.types import Toss, silent
+from tossid.types import Toss
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,7 @@ def _repeat(
     drawn = [tosses[i] for i in draw]
     windows = make_windows(drawn, model, settings=settings.likelihood, shift=int(rng.integers(length)))
     own = replace(validator, windows=windows, folds=folds, n_threads=1, settings=settings)
-    found = search(own, library, nothing, silent)
+    found = search(own, library, own.evaluate(nothing), UnderWay())
     found, spread = pruned_by_wald_test(own, found, np.zeros(len(found.present.hypothesis.flat())))
     found, _ = plausible_names(own, found, spread)
     names = tuple(name for name in found.present.hypothesis.names if name not in found.unnamed)

@@ -7,14 +7,14 @@ cannot be undone is looked for once more beside what the search has found.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.explain import explain, gap_verdict
+from tossid.diagnosis.explain import gap_verdict, search_once
 from tossid.diagnosis.findings import (
     ChangeLeft,
     Consequence,
@@ -51,38 +51,43 @@ class Explained:
         diagnosis: Of the recorded tosses.
         tosses: Corrected for what changes in their recording.
         unseen: Others, likewise.
+        repeat: Makes the diagnosis anew, with how often repeats of the search name each effect.
     """
 
     diagnosis: Diagnosis
     tosses: tuple[Toss, ...]
     unseen: tuple[Toss, ...]
+    repeat: Callable[[], Diagnosis]
 
 
 def explain_over_order(problem: Problem) -> Explained:
-    """As `explain`, where effects may change over the order of recording.
+    """As `explain`, where effects may change over the order of recording. The search is not repeated before asked for.
 
     Args:
         problem: The tosses, the simulator and the effects to choose from.
     """
     problem = problem.in_order()
     recorded, library, settings = tuple(problem.tosses), problem.library, problem.settings
-    corrections = Corrections(recorded, tuple(problem.unseen))
     few = len(recorded) < fewest_items(len(library) + 1, settings.order.changes)
     if few:
-        return Explained(_of_tosses(explain(problem), recorded), corrections.tosses, corrections.unseen)
+        found = search_once(problem)
+        made = _of_tosses(found.diagnosis, recorded)
+        return Explained(made, recorded, tuple(problem.unseen), lambda: _of_tosses(found.repeated(), recorded))
     first, _, corrections = undo_changes(problem)
-    found = explain(problem.of(corrections.tosses, corrections.unseen))
-    looked = _beside(found, corrections, problem)
+    found = search_once(problem.of(corrections.tosses, corrections.unseen))
+    looked = _beside(found.diagnosis, corrections, problem)
     if looked.correctable and len(corrections.undone) < settings.order.rounds:
         corrections = corrections.further(looked, TossOrder.of(problem))
-        found = explain(problem.of(corrections.tosses, corrections.unseen))
-        looked = _beside(found, corrections, problem)
+        found = search_once(problem.of(corrections.tosses, corrections.unseen))
+        looked = _beside(found.diagnosis, corrections, problem)
     now, undone = corrections.tosses, corrections.undone
-    found = replace(_of_tosses(found, recorded), changes_left=_left(looked, recorded))
     varies = None if looked.effect is None or looked.correctable else looked
-    if undone or varies is not None:
-        found = _with(found, recorded, now, first, undone, varies, settings)
-    return Explained(found, now, corrections.unseen)
+
+    def over_all(made: Diagnosis) -> Diagnosis:
+        made = replace(_of_tosses(made, recorded), changes_left=_left(looked, recorded))
+        return _with(made, recorded, now, first, undone, varies, settings) if undone or varies is not None else made
+
+    return Explained(over_all(found.diagnosis), now, corrections.unseen, lambda: over_all(found.repeated()))
 
 
 def _beside(found: Diagnosis, corrections: Corrections, problem: Problem) -> Looked:
@@ -91,7 +96,8 @@ def _beside(found: Diagnosis, corrections: Corrections, problem: Problem) -> Loo
     validator = problem.validator(over_order=True)
     if found.contact != "own":
         validator = replace(validator, engine=Engine())
-    return look(validator, found.hypothesis, problem, order=TossOrder.of(problem), undone=corrections.effects_undone)
+    present = validator.evaluate(found.hypothesis)
+    return look(validator, present, problem, order=TossOrder.of(problem), undone=corrections.effects_undone)
 
 
 def _of_tosses(found: Diagnosis, tosses: Sequence[Toss]) -> Diagnosis:

@@ -128,19 +128,23 @@ def undo_changes(problem: Problem) -> tuple[Looked, Looked, Corrections]:
     """
     tosses, order = Corrections(tuple(problem.tosses), tuple(problem.unseen)), TossOrder.of(problem)
     validator, base = problem.validator(over_order=True).with_contact_law(problem.world)
-    first = looked = look(validator, Hypothesis(base), problem, order=order)
+    present = validator.evaluate(Hypothesis(base))
+    problem.under_way("the gap", 0.02)
+    problem.under_way.begun(problem.tosses, validator, present)
+    first = looked = look(validator, present, problem, order=order)
     while looked.correctable and len(tosses.undone) < problem.settings.order.rounds:
         tosses = tosses.further(looked, order)
         now = problem.of(tosses.tosses)
         # (what is wrong with a recording does not change the contact law)
         validator = replace(now.validator(over_order=True), engine=validator.engine)
-        looked = look(validator, Hypothesis(base), now, order=order, undone=tosses.effects_undone)
+        present = validator.evaluate(Hypothesis(base))
+        looked = look(validator, present, now, order=order, undone=tosses.effects_undone)
     return first, looked, tosses
 
 
 def look(
     validator: CrossValidator,
-    hypothesis: Hypothesis,
+    present: Candidate,
     problem: Problem,
     *,
     order: TossOrder,
@@ -150,13 +154,12 @@ def look(
 
     Args:
         validator: Of the tosses.
-        hypothesis: At its values.
+        present: The hypothesis.
         problem: With the tosses as they are now, in their order.
         order: Where the dataset has sessions.
         undone: Effects for which the tosses are corrected. What is left of them is no other effect of their group.
     """
     library, settings = problem.library, problem.settings.order
-    present = validator.evaluate(hypothesis)
     floor = noise_floor(validator.windows)
     above = deviance(present.evidence, present.fitted.residuals) - floor.deviance
     rows = by_toss(present.evidence, present.evidence.windows.counted.astype(float), validator.n)

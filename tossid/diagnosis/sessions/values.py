@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.likelihood.fitting import derivatives, toss_sums
+from tossid.diagnosis.likelihood.derivatives import effect_derivatives
+from tossid.diagnosis.likelihood.fitting import toss_sums
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.motion.sessions.change_points import Witness
 from tossid.physics.effects import Effect
@@ -28,12 +29,8 @@ def toss_values(present: Candidate, effect: Effect, n_tosses: int) -> tuple[Arra
     Returns:
         Values (n, P) and their information (n, P, P); 0 in directions of which a toss says nothing.
     """
-    hypothesis = present.hypothesis
-    if effect.name not in hypothesis.names:
-        hypothesis = hypothesis.plus(effect)
-    place = hypothesis.place_of(effect.name)
-    own, residuals = list(range(place.start, place.stop)), present.fitted.residuals
-    J = derivatives(present.evidence, hypothesis, residuals, own)[..., own]
+    residuals = present.fitted.residuals
+    _, _, J = effect_derivatives(present.evidence, present.hypothesis, effect, residuals)
     H, g = toss_sums(present.evidence, residuals, J, present.fitted.scales, n_tosses)
     w, Q = np.linalg.eigh(H)
     kept = w > _LEAST_INFORMATION * max(float(w.max(initial=0.0)), 1e-300)

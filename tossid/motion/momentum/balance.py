@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.motion.kinematics import corner_velocities
-from tossid.motion.rts import LinearSystem, filter_forward, smooth
-from tossid.motion.system import linearise, pad, retract
+from tossid.motion.smoothing.rts import LinearSystem, filter_forward, smooth
+from tossid.motion.smoothing.system import linearise, pad, retract
 from tossid.objects import ObjectModel, corner_positions, lowest_points
 from tossid.rotations import quat_exp, quat_mul, quat_rotate, quat_to_matrix, skew
 from tossid.settings.motion import MomentumSettings

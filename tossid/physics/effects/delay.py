@@ -14,7 +14,7 @@ _NO_TIME = 1e-6
 """Share of a frame below which nothing moves."""
 Steps = int | NDArray[np.int64]
 Onward = Callable[[Array, Array, Steps, float], tuple[Array, Array]]
-"""(q0 (B, nq), v0 (B, nv), frames, dt [s]) -> q (B, frames + 1, nq) and v (B, frames + 1, nv), first states included."""
+"""(q0 (B, nq), v0 (B, nv), frames, dt [s]) -> q (B, frames + 1, nq) and v (B, frames + 1, nv), first states too."""
 
 
 def turned_back(q: Array, v: Array, delay: float) -> Array:

@@ -8,6 +8,7 @@ z = 0, and gravity is what tilts. So there are three frames: recorded, true (z i
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -99,7 +100,11 @@ class World:
         return f._replace(x=x, y=y, z=z, center_x=center_x, center_y=center_y, center_z=center_z)
 
     def system(self) -> System:
-        """The simulator, in the ground's frame."""
+        """The simulator, in the ground's frame, the same object whenever it is asked for."""
+        return self._system
+
+    @cached_property
+    def _system(self) -> System:
         system = make_system(self.object, gravity=self.gravity_on_ground(), k_res=self.k_res)
         return system._replace(
             forces=np.array(self.forces_on_ground(), dtype=float),

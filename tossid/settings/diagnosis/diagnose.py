@@ -312,8 +312,8 @@ class CheckSettings:
     simulator_seconds: Positive = 120.0
     """longest that a user's own simulator may take for a call [s]"""
     most_lost: Fraction = 0.2
-    """share of the changes of velocity of a user's simulator that a stop at each frame may change; beyond it, effects are
-    added to whole motions"""
+    """share of the changes of velocity of a user's simulator that a stop at each frame may change; beyond it, effects
+    are added to whole motions"""
     size_ratio: Annotated[float, Bounds(above=1)] = 1.6
     """ratio of the sizes of two objects beyond which one is not a wrong statement of the other"""
     most_diverged: Fraction = 0.1

@@ -1,0 +1,130 @@
+"""What a diagnosis knows while it is under way: told as it becomes known, and kept for one that is interrupted."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+from tossid.diagnosis.localisation.gap import in_short
+from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
+from tossid.physics.effects import Effect
+from tossid.types import Progress, Toss, silent
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """An effect that may explain the gap.
+
+    Attributes:
+        effect: The effect.
+        gain: Of log-likelihood, by one step.
+    """
+
+    effect: Effect
+    gain: float
+
+
+@dataclass(frozen=True)
+class SoFar:
+    """What is known at a time.
+
+    Attributes:
+        tosses: That are searched.
+        validator: Of their windows.
+        first: The hypothesis without effects.
+        present: With the effects that have joined.
+        suspects: Effects that may join, the leading one first.
+        started: When this became known first (`time.perf_counter`).
+    """
+
+    tosses: tuple[Toss, ...]
+    validator: CrossValidator
+    first: Candidate
+    present: Candidate
+    suspects: tuple[Suspect, ...] = ()
+    started: float = field(default_factory=time.perf_counter)
+
+    @property
+    def seconds(self) -> float:
+        """How long ago the gap became known [s]."""
+        return time.perf_counter() - self.started
+
+
+class UnderWay:
+    """Reports of a diagnosis that is under way. To call it reports progress.
+
+    Attributes:
+        stage: What is under way.
+        so_far: What is known; None before the gap is.
+        progress: Called with what is under way, and the share that is done.
+    """
+
+    def __init__(self, progress: Progress = silent, news: Callable[[str], None] | None = None) -> None:
+        """Reports to a person.
+
+        Args:
+            progress: Called with what is under way, and the share that is done.
+            news: Called with a line on what has become known.
+        """
+        self.stage = ""
+        self.so_far: SoFar | None = None
+        self.progress, self._news, self._said = progress, news, ""
+
+    def __call__(self, what: str, share: float) -> None:
+        """Report what is under way.
+
+        Args:
+            what: In a few words.
+            share: Of the whole that is done.
+        """
+        self.stage = what
+        self.progress(what, share)
+
+    def begun(self, tosses: Sequence[Toss], validator: CrossValidator, first: Candidate) -> None:
+        """The gap is known.
+
+        Args:
+            tosses: That are searched.
+            validator: Of their windows.
+            first: The hypothesis without effects.
+        """
+        self.so_far = SoFar(tuple(tosses), validator, first, first)
+        self._say(in_short(first))
+
+    def suspected(self, gains: Sequence[tuple[Effect, float]]) -> None:
+        """Effects may explain the gap, or what is left of it.
+
+        Args:
+            gains: Each with its gain of log-likelihood by one step.
+        """
+        ordered = sorted((Suspect(effect, gain) for effect, gain in gains if gain > 0), key=lambda each: -each.gain)
+        if self.so_far is not None and ordered:
+            self.so_far = replace(self.so_far, suspects=tuple(ordered))
+            beside = self.so_far.present.hypothesis.names
+            self._say(f"leading suspect{' beside ' + ', '.join(beside) if beside else ''}: {ordered[0].effect.name}")
+
+    def reached(self, present: Candidate) -> None:
+        """Effects have joined.
+
+        Args:
+            present: The hypothesis with them.
+        """
+        if self.so_far is not None and present is not self.so_far.present:
+            self.so_far = replace(self.so_far, present=present, suspects=())
+            if present.hypothesis.effects:
+                self._say(f"found so far: {', '.join(_with_values(present))}")
+
+    def _say(self, line: str) -> None:
+        if self._news is not None and line != self._said:
+            self._said = line
+            self._news(line)
+
+
+def _with_values(present: Candidate) -> list[str]:
+    """The effects of a hypothesis, each with its parameters' values."""
+    hypothesis = present.hypothesis
+    return [
+        f"{effect.name} ({', '.join(f'{p.name} {x:.3g}' for p, x in zip(effect.parameters, values, strict=True))})"
+        for effect, values in zip(hypothesis.effects, hypothesis.values, strict=True)
+    ]
