@@ -69,3 +69,15 @@ def test_a_simulator_that_fails_is_refused_before_the_search(engine: Callable[..
         prepare(dataset, 3.0)
     # a partial function serves too
     assert prepare(dataset, partial(engine, mu=0.2)).simulator.about.startswith("the simulator")
+
+
+def test_a_simulator_that_does_not_go_on_from_a_state_is_told_of(engine: Callable[..., Any], cube: ObjectModel) -> None:
+    dataset = made_by(engine, cube, 4, seed=8)
+
+    def other_velocities(q0: np.ndarray, v0: np.ndarray, n_steps: int, dt: float) -> Any:
+        q, _ = engine(q0, v0, n_steps, dt)
+        return q, np.repeat(v0[:, None], n_steps + 1, axis=1)
+
+    said = [remark for remark in prepare(dataset, other_velocities).remarks if "does not go on from a state" in remark]
+    assert len(said) == 1
+    assert not any("does not go on" in remark for remark in prepare(dataset, engine).remarks)
