@@ -195,7 +195,7 @@ def _by_lcp(
     """The same tosses by tossid's own time stepping, whose contact is rigid and whose friction is Coulomb's."""
     q0, v0 = (np.array(part) for part in zip(*releases, strict=True))
     system = make_system(given.with_changes(com=com[None], inertia=inertia[None]))
-    dt, n = 1 / settings.rate_hz, settings.frames - 1
+    dt, n = round(1 / settings.rate_hz / settings.step) * settings.step, settings.frames - 1  # as of MuJoCo's frames
     run = simulate(system, q0, v0, n_steps=n, dt=dt, substeps=LCP_SUBSTEPS, impact_parts=LCP_PARTS)
     tracks = []
     for i, (q, v) in enumerate(zip(run.q, run.v, strict=True)):
