@@ -95,27 +95,8 @@ def find_parabola(
         settings: Of the windows.
 
     Raises:
-        InputError: The tracks have joints, nothing in them falls, or the body's frame is not one in all of them.
+        InputError: The tracks have joints, or nothing in them falls.
     """
-    found = _parabola(tracks, gravity, settings)
-    others = [track for track in tracks if found.may_touch(track.t, track.q).all()]
-    if len(others) < settings.fewest_others:
-        return found
-    try:
-        other = _parabola(others, gravity, settings)
-    except InputError:  # these do not fly at all
-        return found
-    apart = float(np.linalg.norm(other.com - found.com))
-    if apart > settings.frame_jump:
-        names = ", ".join(track.name for track in others[:5]) + (", …" if len(others) > 5 else "")
-        raise InputError(
-            f"the body's frame jumps between tosses: {len(others)} of {len(tracks)} ({names}) fly about a point "
-            f"that is {1e3 * apart:.0f} mm from the others' centre of mass; expected one frame, fixed in the body"
-        )
-    return found
-
-
-def _parabola(tracks: Sequence[PoseTrack], gravity: float, settings: ParabolaSettings) -> Parabola:
     if any(track.q.shape[1] != 7 for track in tracks):
         raise InputError("object=unknown is for one rigid body; these tracks have joints")
     noise = _noise(tracks)

@@ -181,7 +181,7 @@ class FreeFallSettings:
 class MomentumSettings:
     """Inertia and friction from the balance of momentum (`tossid.motion.momentum`)."""
 
-    most_tosses: Count = 64
+    most_tosses: Count = 48
     """tosses, evenly drawn, that take part"""
     near: Positive = 2e-3
     """height of its way in an interval below which a point may touch the ground [m]"""
@@ -205,11 +205,11 @@ class MomentumSettings:
     """standard deviation of inertia (relative) and friction about their start, where tosses do not determine them"""
     difference: Positive = 1e-3
     """step of central differences in inertia (relative) and friction"""
-    iterations: Count = 8
+    iterations: Count = 4
     """most Gauss-Newton steps"""
     largest_step: Positive = 0.3
     """largest change in one step"""
-    converged: Positive = 2e-3
+    converged: Positive = 4e-3
     """relative change below which the steps end"""
 
 
@@ -243,9 +243,5 @@ class ParabolaSettings:
     """a window flies if its misfit is below so many of the typical one of flight"""
     most_carried: Fraction = 0.35
     """and below this share of the misfit of a body that is carried"""
-    fewest_others: Count = 3
-    """tosses without any flight about the centre of mass from which on they are searched for another one"""
-    frame_jump: Positive = 4e-3
-    """distance of that one from which on the body's frame is said to jump between tosses [m]"""
     rest_speed: Positive = 0.05
     """speed of the centre of mass, and spin times gyration, below which a body is at rest [m/s]"""

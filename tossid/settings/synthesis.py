@@ -217,8 +217,10 @@ class SynthesizeSettings(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class ShapeTossSettings(Checked):
-    """Tosses of convex shapes in MuJoCo, from which they are learned anew (`tossid.synthesis.shapes`)."""
+    """Tosses of convex shapes, from which they are learned anew (`tossid.synthesis.shapes`)."""
 
+    engine: Literal["mujoco", "lcp"] = "mujoco"
+    """mujoco; lcp: tossid's own, with rigid contact and Coulomb's friction"""
     tosses: Count = 60
     """how many"""
     mass: Positive = 0.3

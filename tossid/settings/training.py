@@ -205,6 +205,8 @@ class RestartSettings:
     """most times that corners which the tosses contradict are started again where the tosses show corners; 0: never"""
     frictions: tuple[Positive, ...] = (0.05, 0.15, 0.4, 1.0)
     """values of friction that are compared with the present one before a rollout stage"""
+    friction_factors: tuple[Positive, ...] = (0.6, 0.75, 0.9, 1.1)
+    """factors of the friction that steady sliding shows, which are compared with it before it is kept"""
     better_share: Fraction = 0.8
     """share of the present loss that another friction must stay below to be preferred"""
     friction_range: tuple[Positive, Positive] = (0.005, 5.0)

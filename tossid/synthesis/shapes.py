@@ -1,4 +1,4 @@
-"""Convex objects of several kinds, tossed in MuJoCo, as tracked poses: data for learning objects from nothing."""
+"""Convex objects of several kinds, tossed by an engine, as tracked poses: data for learning objects from nothing."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from tossid.objects import ObjectModel, object_from_mjcf
 from tossid.objects.roundness import directions
+from tossid.physics import make_system, simulate
 from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, quiet
 from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
 from tossid.settings.synthesis import ShapeTossSettings
@@ -94,10 +96,14 @@ def _shapes() -> Mapping[str, tuple[Array, str | None]]:
 
 SHAPES = tuple(_shapes())
 """The shapes by name."""
+STILL = 0.02
+"""Largest velocity of a body at rest [m/s, rad/s]."""
+LCP_SUBSTEPS, LCP_PARTS = 16, 8
+"""Steps of tossid's own engine a frame, and parts of a step with an impact: four times those of a learned model."""
 
 
 def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedShape:
-    """Tosses of a shape in MuJoCo.
+    """Tosses of a shape.
 
     The body's frame lies off the shape's middle and off its centre of mass, as a tracker's does.
 
@@ -148,32 +154,55 @@ def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedSh
     R = quat_to_matrix(model.body_iquat[1])
     inertia = R @ np.diag(model.body_inertia[1]) @ R.T
     rng = np.random.default_rng([settings.seed, SHAPES.index(name)])
-    truth = tuple(_toss(model, hull, f"{i:03d}", rng, settings) for i in range(settings.tosses))
-    tracks = tuple(_noisy(track, rng, settings) for track in truth)
     com = np.array(model.body_ipos[1])
+    releases = [_release(hull, rng, settings) for _ in range(settings.tosses)]
+    if settings.engine == "lcp":
+        truth = _by_lcp(object_from_mjcf(body, friction=settings.friction), com, inertia, releases, settings)
+    else:
+        truth = tuple(_toss(model, q, v, f"{i:03d}", settings) for i, (q, v) in enumerate(releases))
+    tracks = tuple(_noisy(track, rng, settings) for track in truth)
     return TossedShape(name, tracks, truth, hull, com, inertia, settings.mass, settings.friction, body)
 
 
-def _toss(
-    model: mujoco.MjModel, hull: Array, name: str, rng: np.random.Generator, settings: ShapeTossSettings
-) -> PoseTrack:
-    """A toss from the air to rest, or to the longest time."""
-    data = mujoco.MjData(model)
+def _release(hull: Array, rng: np.random.Generator, settings: ShapeTossSettings) -> tuple[Array, Array]:
+    """A first pose (7,) and velocity (6,)."""
     quat = rng.normal(size=4)
     quat /= np.linalg.norm(quat)
     lowest = float((quat_to_matrix(quat)[2] @ hull.T).min())
-    data.qpos[:3] = *rng.uniform(-0.2, 0.2, 2), settings.height - lowest
-    data.qpos[3:7] = quat
-    data.qvel[:3] = *rng.uniform(-settings.speed, settings.speed, 2), rng.uniform(0, 1)
-    data.qvel[3:6] = rng.normal(size=3) * settings.spin
+    q = np.array([*rng.uniform(-0.2, 0.2, 2), settings.height - lowest, *quat])
+    v = np.array([*rng.uniform(-settings.speed, settings.speed, 2), rng.uniform(0, 1), *rng.normal(size=3)])
+    v[3:] *= settings.spin
+    return q, v
+
+
+def _toss(model: mujoco.MjModel, q0: Array, v0: Array, name: str, settings: ShapeTossSettings) -> PoseTrack:
+    """A toss from the air to rest, or to the longest time."""
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = q0, v0
     per_frame, q, still = 1 / settings.rate_hz, [data.qpos.copy()], 0
     steps = round(per_frame / model.opt.timestep)
     with quiet():
         while len(q) < settings.frames and still < settings.rest_frames:
             mujoco.mj_step(model, data, steps)
             q.append(data.qpos.copy())
-            still = still + 1 if np.abs(data.qvel).max() < 0.02 else 0
+            still = still + 1 if np.abs(data.qvel).max() < STILL else 0
     return PoseTrack(name, np.arange(len(q)) * steps * model.opt.timestep, np.array(q))
+
+
+def _by_lcp(
+    given: ObjectModel, com: Array, inertia: Array, releases: list[tuple[Array, Array]], settings: ShapeTossSettings
+) -> tuple[PoseTrack, ...]:
+    """The same tosses by tossid's own time stepping, whose contact is rigid and whose friction is Coulomb's."""
+    q0, v0 = (np.array(part) for part in zip(*releases, strict=True))
+    system = make_system(given.with_changes(com=com[None], inertia=inertia[None]))
+    dt, n = round(1 / settings.rate_hz / settings.step) * settings.step, settings.frames - 1  # as of MuJoCo's frames
+    run = simulate(system, q0, v0, n_steps=n, dt=dt, substeps=LCP_SUBSTEPS, impact_parts=LCP_PARTS)
+    tracks = []
+    for i, (q, v) in enumerate(zip(run.q, run.v, strict=True)):
+        moving = np.flatnonzero(np.abs(v).max(axis=1) >= STILL)
+        end = min(len(q), int(moving[-1]) + 1 + settings.rest_frames)
+        tracks.append(PoseTrack(f"{i:03d}", np.arange(end, dtype=float) * dt, np.asarray(q[:end])))
+    return tuple(tracks)
 
 
 def _noisy(track: PoseTrack, rng: np.random.Generator, settings: ShapeTossSettings) -> PoseTrack:

@@ -157,14 +157,21 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
     # no held-out toss takes part; where tosses are rationed, only those that are learned from do
     looked_at = (*train, *validation) if settings.tosses is None else train
     shown = None if settings.object is None else unknown_object(looked_at, settings.object)
-    start = dataset.object if shown is None else shown.object
+    start, asked = dataset.object if shown is None else shown.object, settings.model
     if shown is not None and settings.object is not None:
         settings = replace(settings, model=keeping(settings.model, shown.kept(settings.object)))
     measured = estimate_measurement(train, start)
     measurement = measurement_of(settings.model, measured, stated=shown is None)
     model = build_model(settings.model, start, seed=settings.seed, measurement=measurement)
     size = size_contradiction(measured, measurement) if shown is None else None
-    return Fit(model, train, validation, settings, shown=shown, size=size)
+    fit = Fit(model, train, validation, settings, shown=shown, size=size)
+    kept, is_kept = settings.model, asked.learn_friction and not settings.model.learn_friction
+    if not is_kept or not kept.horizons or not fit.friction_contradicted(kept.horizons[-1]):
+        return fit
+    # friction in impacts is not that of sliding
+    settings = replace(settings, model=replace(kept, learn_friction=True))
+    model = build_model(settings.model, start, seed=settings.seed, measurement=measurement)
+    return Fit(model, train, validation, settings, shown=shown)
 
 
 def keeping(model: ModelSettings, kept: Mapping[str, Any]) -> ModelSettings:

@@ -170,6 +170,21 @@ class Fit:
         last = self.stages[-1] if self.stages else None
         return None if last is None or last.objective is not Objective.ROLLOUT else self._rollout_stage(last)
 
+    def friction_contradicted(self, horizon: int) -> bool:
+        """Whether rollouts with another friction are clearly better than with the model's.
+
+        Args:
+            horizon: Frames after first contact.
+        """
+        friction = getattr(self.model, "friction", None)
+        if friction is None:
+            return False
+        stage = self._rollout_stage(StagePlan("friction", Objective.ROLLOUT, [], horizon))
+        mu, limits = float(friction().detach()), self.settings.restarts
+        now, *others = (stage.loss_with(friction, factor * mu) for factor in (1.0, *limits.friction_factors))
+        friction.move(mu)
+        return min(others) < limits.better_share * now
+
     def _shots(self, horizon: int) -> tuple[Shots, Shots]:
         learned, gravity = self.model.learned_object(), self.model.flight_gravity(self._transitions[0])
         predictor, lag = self.model.simulator(), self.model.measurement.velocity_lag

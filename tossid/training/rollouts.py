@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from tossid.least_squares import Damping, damped_step, search_damping
-from tossid.models.protocol import DynamicsModel, StagePlan
+from tossid.models.protocol import Coefficient, DynamicsModel, StagePlan
 from tossid.models.shots import Shots, prediction_errors
 from tossid.settings.training import RestartSettings, RolloutSettings
 from tossid.training.losses import Pass
@@ -95,15 +95,22 @@ class RolloutStage:
             return
         x, now = self._get(), float(friction().detach())
         values = [now, *self._restarts.frictions]
-        losses = []
-        for value in values:
-            friction.move(value)
-            losses.append(self._loss(self._errors(self._train), self._train))
+        losses = [self.loss_with(friction, value) for value in values]
         best = int(np.argmin(losses))
         self.friction_restarted = losses[best] < self._restarts.better_share * losses[0]
         self.set_parameters(x)
         if self.friction_restarted:
             friction.move(values[best])
+
+    def loss_with(self, friction: Coefficient, mu: float) -> float:
+        """Loss of the training shots with another friction, which the model then has.
+
+        Args:
+            friction: The model's.
+            mu: Its value.
+        """
+        friction.move(mu)
+        return self._loss(self._errors(self._train), self._train)
 
     def _begin_contact_law(self) -> None:
         law, settings = self._plan.starts, self._settings

@@ -1,4 +1,4 @@
-"""`make shapes`: objects of several shapes, tossed in MuJoCo with a tracker's noise, learned from nothing."""
+"""`make shapes`: objects of several shapes, tossed with a tracker's noise, learned from nothing."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 from pipelines.cli.console import Console
 from pipelines.cli.failures import guarded
@@ -41,18 +41,19 @@ CLOSE = 1e-3
 """What came so near the ground counts in the Hausdorff distance [m]."""
 
 
-def main(shapes: list[str], model: str, tosses: int) -> None:
+def main(shapes: list[str], model: str, tosses: int, engine: str) -> None:
     """Learn each shape from the TUM files of its tosses; print a Markdown row for each.
 
     Args:
         shapes: Names of `tossid.synthesis.shapes.SHAPES`; none for all.
         model: The variant that learns.
         tosses: Of each shape.
+        engine: What simulates them: mujoco or lcp.
     """
     from tossid.settings.synthesis import ShapeTossSettings
     from tossid.synthesis.shapes import SHAPES
 
-    console, settings = Console(), ShapeTossSettings(tosses=tosses)
+    console, settings = Console(), ShapeTossSettings(tosses=tosses, engine=cast(Any, engine))
     console.say("| " + " | ".join(HEAD) + " |")
     console.say("|" + "---|" * len(HEAD))
     for name in shapes or SHAPES:
@@ -152,5 +153,6 @@ if __name__ == "__main__":
     parser.add_argument("shapes", nargs="*", metavar="SHAPE", help="names, such as 'hexagonal prism'; all by default")
     parser.add_argument("--model", default="cnrpi")
     parser.add_argument("--tosses", type=int, default=60)
+    parser.add_argument("--engine", choices=["mujoco", "lcp"], default="mujoco")
     given = parser.parse_args()
-    sys.exit(guarded(lambda: main(given.shapes, given.model, given.tosses), "shapes"))
+    sys.exit(guarded(lambda: main(given.shapes, given.model, given.tosses, given.engine), "shapes"))
