@@ -173,3 +173,15 @@ def test_an_added_mass_in_mujoco_is_ours(cube: ObjectModel) -> None:
         replace(world, law=world.law._replace(lifting=1e-4)).system(), q0, v0, n_steps=34, dt=0.005, substeps=100
     )
     np.testing.assert_allclose(theirs[:, :29, :3], ours.q[:, :29, :3], atol=4e-4)
+
+
+def test_default_contact_sinks_in(cube: ObjectModel) -> None:
+    """A cube that falls flat at 1 m/s sinks in by millimetres by default, by tenths where contact is near rigid."""
+    q, v = np.array([[0.0, 0, 0.0524 + 1e-3, 1, 0, 0, 0]]), np.array([[0.0, 0, -1.0, 0, 0, 0]])
+    depth = [
+        0.0524 - toss_in_mujoco(World(cube), q, v, 30, 1 / 592, soft=soft)[0][0, :, 2].min() for soft in (True, False)
+    ]
+    assert 2e-3 < depth[0] < 1e-2
+    assert depth[1] < 3e-4
+    with pytest.raises(InputError, match="default contact"):
+        toss_in_mujoco(World(cube.with_changes(restitution=0.3)), q, v, 2, 1 / 592, soft=True)
