@@ -10,7 +10,7 @@ import pytest
 
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
-from tossid.diagnosis.likelihood.whitening import _of_state, _secants, linearise
+from tossid.diagnosis.likelihood.whitening import linearise
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Forces, RecordingErrors, World
@@ -108,16 +108,3 @@ def test_derivatives_by_the_first_position_are_those_of_a_shifted_motion(cube: O
         # where a contact has more than one solution to its tolerance, differences have that error
         assert np.median(error) < 1e-9
         assert np.quantile(error, 0.9) < 1e-3
-
-
-def test_secants_agree_with_a_step_and_change_nothing_across_it(windows: Windows) -> None:
-    rng, n = np.random.default_rng(0), 3
-    KL = windows.channels * windows.inside.shape[1]
-    sizes = _of_state(windows.settings.whitening.difference, windows.channels)
-    by_state = rng.normal(size=(n, KL, 2 * windows.channels)) / sizes
-    step, across = sizes * rng.normal(size=(2, n, 2 * windows.channels))
-    change = rng.normal(size=(n, KL))
-    new = _secants(windows, by_state, step, change)
-    np.testing.assert_allclose((new @ step[..., None])[..., 0], change, atol=1e-9)
-    across -= step * ((across * step / sizes**2).sum(1) / (step**2 / sizes**2).sum(1))[:, None]
-    np.testing.assert_allclose(new @ across[..., None], by_state @ across[..., None], atol=1e-9)

@@ -195,7 +195,7 @@ def linearised(
         given_up[poor] = np.where(better, np.inf, best.cost[poor])
         best = best.with_rows(poor[better], tried, better)
         fresh[poor[better]] = True
-    if update:
+    if near is not None and update:
         best, stale = _with_derivatives(best, world, np.arange(W), n_threads)
         fresh[stale] = True
     whitening = _whitening(best, other, center, near, fresh)
@@ -298,23 +298,21 @@ def _estimate(
             rows, best.residuals[rows], center, other, here.root, best.by_state, _deviation(here, q, v, rows),
             here.prior, damping[rows], step,
         )  # fmt: skip
-        step = np.clip(step, -most, most)
-        q, v = _moved(q, v, step)
+        q, v = _moved(q, v, np.clip(step, -most, most))
         trial = residuals_at(q, v, rows)
         trial_cost = cost_at(q, v, rows, trial)
         better = trial_cost < best.cost[rows]
         falls = best.cost[rows] - trial_cost > settings.least_decrease
         damping[rows] = DAMPING.each(damping[rows], better)
         index = rows[better]
-        if near is None:
-            secants = _secants(windows, best.by_state[index], step[better], best.residuals[index] - trial[better])
-            best = replace(best, by_state=_with(best.by_state, index, secants))
         best = replace(
             best,
             windows=_with_states(best.windows, index, q[better], v[better]),
             residuals=_with(best.residuals, index, trial[better]),
             cost=_with(best.cost, index, trial_cost[better]),
         )
+        if near is None:
+            best, _ = _with_derivatives(best, world, index, n_threads)
         rows = rows[falls | (~better & (damping[rows] < settings.most_damping))]
         if not len(rows):
             break
@@ -375,17 +373,6 @@ def _derivatives(windows: Windows, world: World, residuals: Array, rows: Index, 
     moved = windows.residuals(run, every).reshape(count, n, K * L)
     S[..., given:] = np.moveaxis((residuals - moved) / steps[given:, None, None], 0, -1)
     return S
-
-
-def _secants(windows: Windows, by_state: Array, step: Array, change: Array) -> Array:
-    """(n, K L, 2 K) derivatives by first states that agree with how predictions changed (n, K L) along a step (n, 2 K).
-
-    Of all that agree they are the nearest to those of before (Broyden, Math. Comp. 1965).
-    """
-    along = step / _of_state(windows.settings.whitening.difference, windows.channels) ** 2
-    along /= np.maximum((along * step).sum(1, keepdims=True), 1e-300)
-    unexplained = change - (by_state @ step[..., None])[..., 0]
-    return by_state + unexplained[..., None] * along[:, None]
 
 
 def _deviation(windows: Windows, at_q: Array, at_v: Array, rows: Index) -> Array:
