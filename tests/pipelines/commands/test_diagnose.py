@@ -17,6 +17,7 @@ import pytest
 from pipelines.cli import app
 from pipelines.tracking.runs import find_runs
 from tests.pipelines.conftest import one_line
+from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.simulators import world_of_model
 from tossid.errors import InputError
 from tossid.models.e2e import EndToEnd
@@ -216,8 +217,8 @@ def test_only_the_chosen_tosses_are_diagnosed(
     """Of a split, from a place on; the test split is rolled out beside, unless it is what is asked about."""
     taken: list[tuple[list[str], list[str]]] = []
 
-    def explained(tosses: list[Toss], world: Any, *, unseen: list[Toss], **rest: Any) -> None:
-        taken.append(([toss.name for toss in tosses], [toss.name for toss in unseen]))
+    def explained(problem: Problem) -> None:
+        taken.append(([toss.name for toss in problem.tosses], [toss.name for toss in problem.unseen]))
         raise InputError("seen enough")
 
     monkeypatch.setattr("tossid.diagnosis.diagnose.explain_over_order", explained)
