@@ -16,8 +16,8 @@ MOST_LINES, MOST_FILES = 400, 20
 
 WITHOUT = {
     "pipelines/config/schemas/launching.py": "fields only",
-    "pipelines/tools/bench_against.py": "times two trees of the simulator; its parts are those of tossid/physics",
-    "pipelines/tools/bench_vision.py": "measures speed on rendered films; its parts are those of tossid/vision",
+    "pipelines/tools/benchmarks/bench_against.py": "times two trees; its parts are those of tossid/physics",
+    "pipelines/tools/benchmarks/bench_vision.py": "measures speed; its parts are those of tossid/vision",
     "pipelines/tools/experiments/unknown.py": "trains on the published cube; its parts are those of tossid/training",
     "pipelines/tools/experiments/sessions.py": "measures published recordings; its parts are those of tossid/motion",
     "pipelines/tools/experiments/scores_by_group.py": "prints scores; its parts are those of tossid/evaluation",

@@ -7,8 +7,8 @@ import pytest
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.explain import begin
 from tossid.diagnosis.interrupted import known_so_far
+from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.report.text import headline, sentences
-from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.under_way import UnderWay
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, World
@@ -25,7 +25,7 @@ def tosses(cube: ObjectModel) -> list[Toss]:
 
 def test_the_gap_the_suspects_and_what_joined_are_reported(cube: ObjectModel, tosses: list[Toss]) -> None:
     under_way = UnderWay()
-    validator, first = begin(CrossValidator.of(tosses, cube, seed=0), World(cube), tosses, FEW, under_way)
+    validator, first = begin(Problem(tosses, World(cube), library=FEW, under_way=under_way))
     assert under_way.so_far is not None
     early = known_so_far(under_way.so_far, "round 1")
     assert early.verdict == "incomplete"

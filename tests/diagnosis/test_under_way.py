@@ -8,7 +8,7 @@ import pytest
 
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.explain import begin
-from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.under_way import UnderWay
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, World
@@ -28,7 +28,7 @@ def test_the_same_is_not_told_twice_and_a_new_beginning_forgets(cube: ObjectMode
     under_way = UnderWay(news=told.append)
     under_way.suspected([(NAMES["gravity"], 1.0)])
     assert told == []  # of what, is not known yet
-    validator, first = begin(CrossValidator.of(tosses, cube, seed=0), World(cube), tosses, (), under_way)
+    validator, first = begin(Problem(tosses, World(cube), library=(), under_way=under_way))
     for gains in ((5.0, 2.0), (7.0, 3.0), (1.0, 3.0), (-1.0, -2.0)):
         under_way.suspected(list(zip(FEW, gains, strict=False)))
     assert told[1:] == ["leading suspect: gravity", "leading suspect: friction"]

@@ -58,6 +58,23 @@ def explain(problem: Problem) -> Diagnosis:
     return replace(search_once(problem).repeated(), seconds=time.perf_counter() - started)
 
 
+def begin(problem: Problem) -> tuple[CrossValidator, Candidate]:
+    """The validator with the contact law that tosses follow most, and the gap without effects.
+
+    Args:
+        problem: The tosses, the simulator and the effects, of which the one that gains most to first order is the first
+            suspect.
+    """
+    under_way = problem.under_way
+    under_way("the gap", 0.02)
+    validator, world = problem.validator().with_contact_law(problem.world)
+    first = validator.evaluate(Hypothesis(world))
+    under_way.begun(problem.tosses, validator, first)
+    gains = validator.map(partial(predicted_gain, validator, first), problem.library)
+    under_way.suspected(list(zip(problem.library, gains, strict=True)))
+    return validator, first
+
+
 @dataclass(frozen=True)
 class Searched:
     """What one search has found. How sure its names are is not known before it is repeated.
@@ -95,12 +112,8 @@ def search_once(problem: Problem) -> Searched:
         problem: The tosses, the simulator and the effects to choose from.
     """
     started, tosses, under_way = time.perf_counter(), problem.tosses, problem.under_way
-    under_way("the gap", 0.02)
-    validator, world = problem.validator().with_contact_law(problem.world)
-    first = validator.evaluate(Hypothesis(world))
-    under_way.begun(tosses, validator, first)
-    gains = validator.map(partial(predicted_gain, validator, first), problem.library)
-    under_way.suspected(list(zip(problem.library, gains, strict=True)))
+    validator, first = begin(problem)
+    world = first.hypothesis.base
     shown, plane = in_plane(tosses, world, problem.library, settings=problem.settings, n_threads=problem.n_threads)
     found = search(validator, shown, first, under_way)
     under_way("line search", 0.85)

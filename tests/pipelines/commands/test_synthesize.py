@@ -122,6 +122,7 @@ IN_MUJOCO = {
     "compliance": "{stiffness_npm: 2000, damping_nspm: 5}",
     "length_scale": "{scale_rel: 1.1}",
     "time_base": "{rate_rel: 1.1}",
+    "rotation_delay": "{delay_s: 0.01}",
     "body_frame_offset": "{x_m: 0.01}",
     "world_tilt": "{y_rad: 0.1}",
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from tossid.diagnosis.findings import Finding, Interval, Share
+from tossid.diagnosis.report.interruption_text import interruption_sentences
 from tossid.diagnosis.report.order_text import over_order_sentences
 from tossid.diagnosis.report.units import (
     closed_share,
@@ -81,7 +82,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
         they close, which effects cannot be distinguished, and what remains.
     """
     text = [
-        *_interrupted(diagnosis),
+        *interruption_sentences(diagnosis),
         *_how_sure(diagnosis),
         _the_gap(diagnosis),
         *_too_few(diagnosis),
@@ -316,20 +317,6 @@ def _minor(diagnosis: Diagnosis) -> list[str]:
             moves += f"{short(finding.consequence.rotation_deg, 2)} deg"
             parts.append(f"{finding.name} ({values}; it moves whole tosses by {moves})")
     return [f"Also seen, too small to matter: {listed(parts)}."] if parts else []
-
-
-def _interrupted(diagnosis: Diagnosis) -> list[str]:
-    """Where it was interrupted, and what is suspected."""
-    stopped = diagnosis.interruption
-    if stopped is None:
-        return []
-    text = f"The diagnosis was interrupted ({stopped.stage}). "
-    text += "What follows is what was known by then. Nothing is said of effects that are not listed."
-    if stopped.suspects:
-        names = [name for name, _ in stopped.suspects]
-        text += f" By one step toward each, the leading suspect is {names[0]}"
-        text += f", before {listed(names[1:])}." if names[1:] else "."
-    return [text]
 
 
 def _what_remains(diagnosis: Diagnosis) -> str:

@@ -1,11 +1,10 @@
 """Forward selection of effects, and the confusable classes of those that were selected.
 
-In a round every effect of the library is screened by the gain of one step (a score test, but measured), the promising
-ones are fitted in full, and cross-validated. The best joins if its gain is significant over tosses (signed ranks,
-Bonferroni over the library) and closes enough of the gap; the next round starts from there. A special case is preferred
-to an effect that contains it. After every round, effects that the others have made superfluous are pruned. Last, what
-gained much in the round in which an effect joined is tried in its place, with all other effects in: what is not clearly
-worse there is in its confusable class.
+In a round every effect of the library is screened by the gain of one step, the promising ones are fitted in full, and
+cross-validated. The best joins if its gain is significant over tosses (signed ranks, Bonferroni over the library) and
+closes enough of the gap. A special case is preferred to an effect that contains it. After every round, effects that
+the others have made superfluous are pruned. Last, what gained much in the round in which an effect joined is tried in
+its place, with all other effects in: what is not clearly worse there is in its confusable class.
 """
 
 from __future__ import annotations
@@ -168,8 +167,7 @@ class ForwardSelection:
             least_gain: By one step, from which an effect is promising; the settings' if that is more.
             share: Of the whole work that is done.
         """
-        inside = present.hypothesis.names
-        missing = [effect for effect in self.library if effect.name not in inside]
+        missing = [effect for effect in self.library if effect.name not in present.hypothesis.names]
         screened = self.validator.map(partial(screen, self.validator, present), missing)
         self.under_way.suspected([(each.effect, each.gain) for each in screened])
         least = max(least_gain, self.settings.least_screening_gain)
