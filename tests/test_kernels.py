@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 import pytest
+from numba import types
 from numba.core.caching import NullCache
 
 import tossid
@@ -23,6 +24,7 @@ from tossid.code_digest import kernel_modules
 from tossid.kernels import _Cache, _is_ours, fused_kernel, kernel
 from tossid.physics.batch import _fill
 from tossid.physics.forces import Forces
+from tossid.vision.pose_graph.solver.corner_sums import residual_sizes
 
 INNER = """
 from tossid.kernels import kernel
@@ -155,3 +157,19 @@ def test_a_kernel_computes_what_its_function_does() -> None:
     assert kernel(mean)(x, 5.0) == mean(x, 5.0) == 2.0
     assert fused_kernel(mean)(x, 5.0) == 2.0
     assert np.isinf(kernel(mean)(x, 0.0))  # as NumPy divides
+
+
+def test_an_index_whose_types_have_moved_is_begun_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a clone that was updated: signatures are unpickled, and name modules that are no longer there."""
+    emptied: list[bool] = []
+
+    class Moved:
+        def load(self, key: object) -> None:
+            raise ModuleNotFoundError("No module named 'tossid.moved'")
+
+        def flush(self) -> None:
+            emptied.append(True)
+
+    monkeypatch.setattr(residual_sizes._cache, "_cache_file", Moved())
+    assert residual_sizes._cache._kept((types.float64,), residual_sizes.targetctx) is None
+    assert emptied == [True]

@@ -191,10 +191,19 @@ class _Cache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         if not self._may_be_used(sig):
             return None
-        found = super().load_overload(sig, target_context)
+        found = self._kept(sig, target_context)
         if found is None and self._lock is None and self._take():
-            found = super().load_overload(sig, target_context)
+            found = self._kept(sig, target_context)
         return found
+
+    def _kept(self, sig: Any, target_context: Any) -> Any:
+        """What the cache has; nothing, and an empty index, where its signatures name types that have moved since."""
+        try:
+            return super().load_overload(sig, target_context)
+        except (ImportError, AttributeError):
+            with suppress(OSError):  # a read-only folder
+                self._cache_file.flush()
+            return None
 
     def _take(self) -> bool:
         """Take the lock, if there is one to be had; returns whether it was taken."""
@@ -219,7 +228,8 @@ class _Cache(FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         if self._may_be_used(data.signature.args):
-            super().save_overload(sig, data)
+            with suppress(ImportError, AttributeError):  # such an index in a read-only folder
+                super().save_overload(sig, data)
 
     def _may_be_used(self, arguments: Any) -> bool:
         """Whether the digest stands for all that is compiled in: no plug-in's kernel, and no argument of its types."""
