@@ -286,9 +286,7 @@ class Finding:
     @property
     def headline(self) -> bool:
         """Whether it is found, or may be what is found, and matters."""
-        return self.verdict in ("identified", "candidate", "confusable") and (
-            self.consequence is None or self.consequence.matters
-        )
+        return self.verdict in FOUND and (self.consequence is None or self.consequence.matters)
 
     def as_json(self) -> dict[str, Any]:
         """One of gap.json's "effects"."""

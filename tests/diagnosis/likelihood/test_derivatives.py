@@ -16,15 +16,6 @@ from tossid.physics.effects import LIBRARY, World
 NAMES = {effect.name: effect for effect in LIBRARY}
 
 
-@pytest.fixture(scope="module")
-def of_flight(cube: ObjectModel) -> tuple[Evidence, Hypothesis]:
-    """Free flights under 9.7 m/s², around the nominal gravity."""
-    tosses = seen(World(cube, gravity=9.7), cube, 12, seed=2)
-    windows = make_windows(tosses, cube)
-    windows = windows.rows(np.flatnonzero(windows.free))
-    return Evidence(*linearise(windows, World(cube))), Hypothesis(World(cube)).plus(NAMES["gravity"])
-
-
 def test_derivatives_predict_how_residuals_change(of_flight: tuple[Evidence, Hypothesis]) -> None:
     evidence, hypothesis = of_flight
     residuals = evidence.residuals(hypothesis.world())

@@ -36,15 +36,6 @@ def test_parameters_come_back(cube: ObjectModel, name: str, truth: list[float], 
     np.testing.assert_allclose(fitted.hypothesis.flat(), truth, atol=tolerance)
 
 
-@pytest.fixture(scope="module")
-def of_flight(cube: ObjectModel) -> tuple[Evidence, Hypothesis]:
-    """Free flights under 9.7 m/s², around the nominal gravity."""
-    tosses = seen(World(cube, gravity=9.7), cube, 12, seed=2)
-    windows = make_windows(tosses, cube)
-    windows = windows.rows(np.flatnonzero(windows.free))
-    return Evidence(*linearise(windows, World(cube))), Hypothesis(World(cube)).plus(NAMES["gravity"])
-
-
 def test_a_toss_that_no_window_has_contributes_nothing(of_flight: tuple[Evidence, Hypothesis]) -> None:
     evidence, hypothesis = of_flight
     residuals = evidence.residuals(hypothesis.world())
