@@ -156,6 +156,8 @@ def gap_rollouts(
 
 def in_words(report: dict[str, Any]) -> str:
     """A gap report's conclusion, as Markdown."""
+    from tossid.diagnosis.findings import FOUND
+
     explanation, total = report.get("explanation", {}), report.get("gap", {}).get("total", {})
     lines = [
         f"# {report.get('simulator', {}).get('about', 'Gap')}",
@@ -166,7 +168,7 @@ def in_words(report: dict[str, Any]) -> str:
         "|---|---|---|---|",
     ]
     for effect in report.get("effects", []):
-        if effect.get("verdict") not in ("identified", "candidate", "confusable"):
+        if effect.get("verdict") not in FOUND:
             continue
         values = ", ".join(f"{name} {value['value']:.4g}" for name, value in effect.get("parameters", {}).items())
         closes = 100 * effect.get("gap_closed", {}).get("value", float("nan"))

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.effect_findings import closed_by_each, detectable_sizes
 from tossid.diagnosis.likelihood.evidence import Hypothesis
@@ -14,14 +15,12 @@ from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, World
-
-NAMES = {effect.name: effect for effect in LIBRARY}
+from tossid.physics.effects import World
 
 
 @pytest.fixture(scope="module")
 def validator(cube: ObjectModel) -> CrossValidator:
-    truth = NAMES["gravity"].at(World(cube.with_changes(friction=0.3)), np.array([9.0]))
+    truth = EFFECTS["gravity"].at(World(cube.with_changes(friction=0.3)), np.array([9.0]))
     return CrossValidator.of(seen(truth, cube, 8, seed=3), cube, seed=0)
 
 
@@ -31,7 +30,7 @@ def test_more_tosses_reveal_less(cube: ObjectModel, validator: CrossValidator) -
     part = replace(present.fitted, evidence=present.evidence.rows(np.flatnonzero(half)))
     part = replace(part, residuals=present.fitted.residuals[half])
     (whole, seen_whole), (less, _) = (
-        detectable_sizes(validator, each, NAMES["gravity"]) for each in (present, replace(present, fitted=part))
+        detectable_sizes(validator, each, EFFECTS["gravity"]) for each in (present, replace(present, fitted=part))
     )
     assert seen_whole
     assert less["g_ms2"] == pytest.approx(np.sqrt(2) * whole["g_ms2"], rel=0.4)
@@ -40,8 +39,8 @@ def test_more_tosses_reveal_less(cube: ObjectModel, validator: CrossValidator) -
 
 def test_an_effect_closes_what_it_closed_beyond_those_before_it(cube: ObjectModel, validator: CrossValidator) -> None:
     nothing = Hypothesis(World(cube))
-    friction = nothing.plus(NAMES["friction"], np.array([0.3]))
-    both = friction.plus(NAMES["gravity"], np.array([9.0]))
+    friction = nothing.plus(EFFECTS["friction"], np.array([0.3]))
+    both = friction.plus(EFFECTS["gravity"], np.array([9.0]))
     history = tuple(validator.evaluate(each) for each in (nothing, friction, both))
     found = SearchResult(history[0], history[-1], history, {}, {}, {}, {})
     closed = closed_by_each(validator, found, noise_floor(validator.windows))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.diagnosis.by_hand import diagnosis, gap
+from tests.diagnosis.by_hand import EFFECTS, diagnosis, gap
 from tests.diagnosis.tossed import ONCE, seen, seen_with_joint, with_effect
 from tossid.diagnosis.explain import explain, gap_verdict, with_repeats
 from tossid.diagnosis.findings import Interval, Share
@@ -15,12 +15,11 @@ from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.report.text import sentences
 from tossid.diagnosis.selection.stability import Repeat, Stability
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, Effect, RecordingErrors, World, effects_for
+from tossid.physics.effects import Effect, RecordingErrors, World, effects_for
 from tossid.settings.changed import changed
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 
-NAMES = {effect.name: effect for effect in LIBRARY}
-FEW = [NAMES[name] for name in ("com_offset", "gravity", "friction", "restitution", "length_scale", "linear_drag")]
+FEW = [EFFECTS[name] for name in ("com_offset", "gravity", "friction", "restitution", "length_scale", "linear_drag")]
 
 
 def test_nothing_is_named_of_nothing(cube: ObjectModel) -> None:
@@ -30,7 +29,7 @@ def test_nothing_is_named_of_nothing(cube: ObjectModel) -> None:
 
 
 def test_two_effects_are_both_named(cube: ObjectModel) -> None:
-    truth = NAMES["gravity"].at(NAMES["friction"].at(World(cube), np.array([0.25])), np.array([9.2]))
+    truth = EFFECTS["gravity"].at(EFFECTS["friction"].at(World(cube), np.array([0.25])), np.array([9.2]))
     settings = DiagnoseSettings(repeats=2)
     found = explain(Problem(seen(truth, cube, 16, seed=4), World(cube), library=FEW, settings=settings))
     assert set(found.named) == {"friction", "gravity"}
@@ -44,7 +43,7 @@ def test_two_effects_are_both_named(cube: ObjectModel) -> None:
 
 
 def test_an_effect_out_of_the_library_does_not_explain(cube: ObjectModel) -> None:
-    truth = NAMES["restitution"].at(World(cube), np.array([0.5]))
+    truth = EFFECTS["restitution"].at(World(cube), np.array([0.5]))
     library: list[Effect] = [effect for effect in FEW if effect.name != "restitution"]
     found = explain(Problem(seen(truth, cube, 14, seed=5), World(cube), library=library, settings=ONCE))
     assert found.verdict != "explained"
@@ -55,7 +54,10 @@ def test_recording_effects_move_what_is_recorded(cube: ObjectModel) -> None:
     tosses = seen(World(cube, recording=RecordingErrors(clock_rate=1.02)), cube, 14, seed=6)
     found = explain(
         Problem(
-            tosses, World(cube), library=[NAMES["time_base"], NAMES["friction"], NAMES["com_offset"]], settings=ONCE
+            tosses,
+            World(cube),
+            library=[EFFECTS["time_base"], EFFECTS["friction"], EFFECTS["com_offset"]],
+            settings=ONCE,
         )
     )
     assert found.named[0] == "time_base"
@@ -94,9 +96,9 @@ def test_nothing_is_named_of_a_sound_joint(elbow: ObjectModel) -> None:
 
 def test_an_effect_that_moves_no_toss_is_no_headline(cube: ObjectModel) -> None:
     """With tolerances that nothing reaches, friction is found and is none."""
-    truth = NAMES["friction"].at(World(cube), np.array([0.25]))
+    truth = EFFECTS["friction"].at(World(cube), np.array([0.25]))
     tosses = seen(truth, cube, 12, seed=2, frames=70)
-    some = [NAMES[name] for name in ("friction", "gravity")]
+    some = [EFFECTS[name] for name in ("friction", "gravity")]
     settings = changed(ONCE, {"matters_position_pct": 1e3, "matters_rotation_deg": 1e3, "matters_closed": 1.0})
     found = explain(Problem(tosses, World(cube), library=some, settings=settings))
     assert found.named == ()

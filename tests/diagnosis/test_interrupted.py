@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.explain import begin
 from tossid.diagnosis.interrupted import known_so_far
@@ -11,11 +12,10 @@ from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.report.text import headline, sentences
 from tossid.diagnosis.under_way import UnderWay
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, World
+from tossid.physics.effects import World
 from tossid.types import Toss
 
-NAMES = {effect.name: effect for effect in LIBRARY}
-FEW = [NAMES[name] for name in ("gravity", "friction", "restitution")]
+FEW = [EFFECTS[name] for name in ("gravity", "friction", "restitution")]
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +35,8 @@ def test_the_gap_the_suspects_and_what_joined_are_reported(cube: ObjectModel, to
     assert early.as_json()["interrupted"]["during"] == "round 1"
     assert early.as_json()["interrupted"]["suspects"][0]["name"] == "friction"
 
-    known = first.hypothesis.plus(NAMES["friction"])
-    present = validator.cross_validate(first, NAMES["friction"], known)
+    known = first.hypothesis.plus(EFFECTS["friction"])
+    present = validator.cross_validate(first, EFFECTS["friction"], known)
     under_way.reached(present)
     later = known_so_far(under_way.so_far, "round 2")
     (found,) = later.findings

@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.release import bound_frames
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, World
+from tossid.physics.effects import World
 from tossid.types import Toss
-
-NAMES = {effect.name: effect for effect in LIBRARY}
 
 
 def held_for(tosses: list[Toss], frames: int, acceleration: float) -> list[Toss]:
@@ -34,7 +33,7 @@ def test_frames_that_are_held_are_counted(cube: ObjectModel, frames: int) -> Non
 
 
 def test_drag_holds_no_frame(cube: ObjectModel) -> None:
-    world = NAMES["quadratic_drag"].at(World(cube), np.array([0.1]))
+    world = EFFECTS["quadratic_drag"].at(World(cube), np.array([0.1]))
     assert bound_frames(seen(world, cube, 40, seed=2, frames=60), cube) == 0
 
 

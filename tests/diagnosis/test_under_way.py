@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.explain import begin
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.under_way import UnderWay
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, World
+from tossid.physics.effects import World
 from tossid.types import Toss
 
-NAMES = {effect.name: effect for effect in LIBRARY}
-FEW = [NAMES[name] for name in ("gravity", "friction", "restitution")]
+FEW = [EFFECTS[name] for name in ("gravity", "friction", "restitution")]
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def tosses(cube: ObjectModel) -> list[Toss]:
 def test_the_same_is_not_told_twice_and_a_new_beginning_forgets(cube: ObjectModel, tosses: list[Toss]) -> None:
     told: list[str] = []
     under_way = UnderWay(news=told.append)
-    under_way.suspected([(NAMES["gravity"], 1.0)])
+    under_way.suspected([(EFFECTS["gravity"], 1.0)])
     assert told == []  # of what, is not known yet
     validator, first = begin(Problem(tosses, World(cube), library=(), under_way=under_way))
     for gains in ((5.0, 2.0), (7.0, 3.0), (1.0, 3.0), (-1.0, -2.0)):
@@ -35,9 +35,11 @@ def test_the_same_is_not_told_twice_and_a_new_beginning_forgets(cube: ObjectMode
     assert under_way.so_far is not None
     assert [each.gain for each in under_way.so_far.suspects] == [3.0, 1.0]
     assert "slide" in told[0]
-    under_way.reached(replace(first, fitted=replace(first.fitted, hypothesis=first.hypothesis.plus(NAMES["friction"]))))
+    under_way.reached(
+        replace(first, fitted=replace(first.fitted, hypothesis=first.hypothesis.plus(EFFECTS["friction"])))
+    )
     assert told[-1] == "found so far: friction (mu 0.18)"
-    under_way.suspected([(NAMES["gravity"], 1.0)])
+    under_way.suspected([(EFFECTS["gravity"], 1.0)])
     assert told[-1] == "leading suspect beside friction: gravity"
     under_way.begun(tosses, validator, first)
     assert under_way.so_far.present is first

@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.likelihood.derivatives import Derivatives, derivatives, effect_derivatives
 from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
 from tossid.diagnosis.likelihood.whitening import linearise
 from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, World
-
-NAMES = {effect.name: effect for effect in LIBRARY}
+from tossid.physics.effects import World
 
 
 def test_derivatives_predict_how_residuals_change(of_flight: tuple[Evidence, Hypothesis]) -> None:
@@ -28,7 +27,7 @@ def test_derivatives_predict_how_residuals_change(of_flight: tuple[Evidence, Hyp
 def test_derivatives_are_taken_anew_only_where_predictions_have_moved(cube: ObjectModel) -> None:
     tosses = seen(World(cube), cube, 8, seed=2)
     evidence = Evidence(*linearise(make_windows(tosses, cube), World(cube), refine=3))
-    start = Hypothesis(World(cube)).plus(NAMES["friction"]).plus(NAMES["gravity"])
+    start = Hypothesis(World(cube)).plus(EFFECTS["friction"]).plus(EFFECTS["gravity"])
     sizes, which = np.full(2, 8.0), [0, 1]
 
     def fresh(at: Hypothesis, sizes: np.ndarray) -> Derivatives:
@@ -59,7 +58,7 @@ def test_derivatives_are_taken_anew_only_where_predictions_have_moved(cube: Obje
 @pytest.mark.parametrize("name", ["friction", "gravity", "compliance"])
 def test_derivatives_by_an_effect_are_kept_beside_each_world(cube: ObjectModel, name: str) -> None:
     evidence = Evidence(*linearise(make_windows(seen(World(cube), cube, 4, seed=2), cube), World(cube)))
-    nothing, effect = Hypothesis(World(cube)), NAMES[name]
+    nothing, effect = Hypothesis(World(cube)), EFFECTS[name]
     residuals = evidence.residuals(nothing.world())
     with_it, own, J = effect_derivatives(evidence, nothing, effect, residuals)
     assert own == list(range(len(effect.parameters)))
@@ -67,7 +66,7 @@ def test_derivatives_by_an_effect_are_kept_beside_each_world(cube: ObjectModel, 
     begin = evidence.residuals(with_it.world())
     np.testing.assert_array_equal(J, derivatives(evidence, with_it, begin))
     assert effect_derivatives(evidence, nothing, effect, residuals)[2] is J
-    other = nothing.plus(NAMES["torsional_friction"], np.array([5e-3]))
+    other = nothing.plus(EFFECTS["torsional_friction"], np.array([5e-3]))
     beside = effect_derivatives(evidence, other, effect, evidence.residuals(other.world()))
     assert beside[1] == list(range(1, 1 + len(effect.parameters)))
     assert beside[2] is not J

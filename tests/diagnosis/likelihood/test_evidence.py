@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen, seen_with_joint, with_effect
 from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis, student_deviance
 from tossid.diagnosis.likelihood.whitening import linearise
@@ -16,7 +17,6 @@ from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, World
 from tossid.types import Phase
 
-NAMES = {effect.name: effect for effect in LIBRARY}
 K = 7
 
 
@@ -49,7 +49,7 @@ def test_whitened_residuals_with_a_joint_are_noise_at_the_truth(elbow: ObjectMod
 
 
 def test_a_hypothesis_is_its_base_world_with_all_effects(cube: ObjectModel) -> None:
-    both = Hypothesis(World(cube)).plus(NAMES["com_offset"], np.array([1e-3, 0.0, 0.0])).plus(NAMES["gravity"])
+    both = Hypothesis(World(cube)).plus(EFFECTS["com_offset"], np.array([1e-3, 0.0, 0.0])).plus(EFFECTS["gravity"])
     assert both.world().object.com[0, 0] == pytest.approx(cube.com[0, 0] + 1e-3)
     assert both.world().gravity == World(cube).gravity
     assert both.place_of("gravity") == slice(3, 4)
@@ -87,7 +87,7 @@ def test_windows_that_do_not_feel_contact_are_predicted_as_if_they_were_simulate
     windows = make_windows(seen(World(cube), cube, 8, seed=0), cube)
     evidence = Evidence(*linearise(windows, World(cube)))
     evidence.residuals(World(cube))
-    start = Hypothesis(evidence.known[next(iter(evidence.known))][0]).plus(NAMES[name])
+    start = Hypothesis(evidence.known[next(iter(evidence.known))][0]).plus(EFFECTS[name])
     low, high = start.bounds
     moved = start.at(np.clip(start.flat() + 10 * start.steps, low, high)).world()
     simulated: list[int] = []

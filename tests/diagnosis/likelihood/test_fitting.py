@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.likelihood.derivatives import derivatives
 from tossid.diagnosis.likelihood.evidence import FREE, Evidence, Hypothesis
@@ -12,9 +13,7 @@ from tossid.diagnosis.likelihood.fitting import Fitted, fit, toss_sums
 from tossid.diagnosis.likelihood.whitening import linearise
 from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, World
-
-NAMES = {effect.name: effect for effect in LIBRARY}
+from tossid.physics.effects import World
 
 
 @pytest.mark.parametrize(
@@ -28,7 +27,7 @@ NAMES = {effect.name: effect for effect in LIBRARY}
 )
 def test_parameters_come_back(cube: ObjectModel, name: str, truth: list[float], tolerance: float) -> None:
     nominal = World(cube)
-    effect = NAMES[name]
+    effect = EFFECTS[name]
     tosses = seen(effect.at(nominal, np.array(truth)), cube, 16, seed=1)
     hypothesis, windows = Hypothesis(nominal).plus(effect), make_windows(tosses)
     evidence = Evidence(*linearise(windows, hypothesis.world(), refine=3))
@@ -63,7 +62,7 @@ def test_scatter_tells_an_effect_that_differs_from_toss_to_toss(cube: ObjectMode
         tosses = [seen(World(cube, gravity=g), cube, 1, seed=k)[0] for k, g in enumerate(gravities)]
         windows = make_windows(tosses, cube)
         windows = windows.rows(np.flatnonzero(windows.free))
-        start = Hypothesis(World(cube)).plus(NAMES["gravity"])
+        start = Hypothesis(World(cube)).plus(EFFECTS["gravity"])
         fitted = fit(Evidence(*linearise(windows, World(cube))), start, n_tosses=len(tosses))
         assert isinstance(fitted, Fitted)
         assert fitted.scales[FREE] >= 1

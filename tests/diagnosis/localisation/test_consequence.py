@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.evidence import Hypothesis
@@ -12,16 +13,15 @@ from tossid.diagnosis.localisation.consequence import changed, consequences
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, World
+from tossid.physics.effects import World
 
-NAMES = {effect.name: effect for effect in LIBRARY}
 NOTHING = Interval(0.0, 0.0, 0.0)
 
 
 def test_friction_matters_and_a_breath_does_not(cube: ObjectModel) -> None:
     """A uniform force of 0.0005 N is a seventieth of a per cent of the weight."""
-    hypothesis = Hypothesis(World(cube)).plus(NAMES["friction"], np.array([0.3]))
-    hypothesis = hypothesis.plus(NAMES["uniform_force"], np.array([5e-4, 0.0, 0.0]))
+    hypothesis = Hypothesis(World(cube)).plus(EFFECTS["friction"], np.array([0.3]))
+    hypothesis = hypothesis.plus(EFFECTS["uniform_force"], np.array([5e-4, 0.0, 0.0]))
     tosses = seen(hypothesis.world(), cube, 8, seed=3)
     validator = CrossValidator.of(tosses, cube, seed=0)
     last = validator.evaluate(hypothesis)

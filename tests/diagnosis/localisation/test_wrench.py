@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen, seen_with_joint
 from tests.models.made import DT
 from tossid.diagnosis.findings import Relation
@@ -21,11 +22,10 @@ from tossid.diagnosis.localisation.wrench import (
 )
 from tossid.diagnosis.report.localisation_text import wrench_sentences
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, World
+from tossid.physics.effects import World
 from tossid.rotations import quat_rotate
 from tossid.types import Phase
 
-NAMES = {effect.name: effect for effect in LIBRARY}
 N = 18
 
 
@@ -46,7 +46,7 @@ def found(truth: World, nominal: ObjectModel, *, seed: int, n: int = N) -> dict[
 def test_a_uniform_force_comes_back_within_its_errors(cube: ObjectModel) -> None:
     truth = np.array([0.05, -0.03, 0.08])
     stated = World(cube)
-    evidence, residual = missed(NAMES["uniform_force"].at(stated, truth), stated, cube, seed=1)
+    evidence, residual = missed(EFFECTS["uniform_force"].at(stated, truth), stated, cube, seed=1)
     wrench, cov = wrenches(evidence, Hypothesis(stated), residual)
     flying, touching = phase_groups(evidence.windows)
     assert flying.sum() > 0.8 * N
@@ -77,7 +77,7 @@ def test_no_frame_of_flight_is_in_two_windows(cube: ObjectModel) -> None:
 
 
 def test_a_torque_turns_the_body_about_its_centre_of_mass(cube: ObjectModel) -> None:
-    world = World(NAMES["com_offset"].at(World(cube), np.array([4e-3, -6e-3, 5e-3])).object)
+    world = World(EFFECTS["com_offset"].at(World(cube), np.array([4e-3, -6e-3, 5e-3])).object)
     q = np.array([[0.0, 0.0, 2.0, 1.0, 0.0, 0.0, 0.0]])
     torque = np.array([3e-4, -2e-4, 5e-4])
     steps, dt = 30, 1 / 148
@@ -104,7 +104,7 @@ def test_a_torque_is_added_to_what_was_learned(cube: ObjectModel) -> None:
 
 def test_drag_is_explained_by_a_velocity(cube: ObjectModel) -> None:
     c = 0.06
-    relation = found(NAMES["linear_drag"].at(World(cube), np.array([c])), cube, seed=1)["flight"]
+    relation = found(EFFECTS["linear_drag"].at(World(cube), np.array([c])), cube, seed=1)["flight"]
     assert relation.clear
     assert relation.state_clear
     assert relation.component.startswith("force")
@@ -118,7 +118,7 @@ def test_drag_is_explained_by_a_velocity(cube: ObjectModel) -> None:
 
 
 def test_a_uniform_force_needs_no_state(cube: ObjectModel) -> None:
-    truth = NAMES["uniform_force"].at(World(cube), np.array([0.0, 0.0, 0.1]))
+    truth = EFFECTS["uniform_force"].at(World(cube), np.array([0.0, 0.0, 0.1]))
     relation = found(truth, cube, seed=3)["flight"]
     assert relation.component == "force_z"
     assert relation.clear
@@ -129,7 +129,7 @@ def test_a_uniform_force_needs_no_state(cube: ObjectModel) -> None:
 
 
 def test_missing_friction_is_a_force_against_the_path(cube: ObjectModel) -> None:
-    truth = NAMES["friction"].at(World(cube), np.array([0.25]))
+    truth = EFFECTS["friction"].at(World(cube), np.array([0.25]))
     relation = found(truth, cube, seed=1, n=20)["contact"]
     assert relation.clear
     assert relation.component == "force_along"

@@ -21,24 +21,13 @@ from pipelines.execution.workers import _with_code, open_workers
 from pipelines.tracking.runs import find_runs
 from tests.pipelines.cluster import cluster, wait_for
 from tests.pipelines.conftest import one_line
+from tests.test_parallel import die_of_three, halved
 from tossid.errors import ConfigError, FileError, InputError, SolverError, TossidError
 from tossid.parallel import as_done
 from tossid.studies.kept import CELL
 from tossid.versions import computing_versions
 
 HERE = ProcessesLauncher("processes")
-
-
-def halved(x: int) -> int:
-    if x % 2:
-        raise InputError(f"{x} is odd")
-    return x // 2
-
-
-def die_of_three(x: int) -> int:
-    if x == 3:
-        os._exit(9)
-    return x
 
 
 def end_this_job(x: int) -> int:
