@@ -139,6 +139,16 @@ def unknown_object(
     return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shape, fall, momentum, off)
 
 
+def rest_heights(tosses: Sequence[Toss], shape: ConvexShape) -> dict[str, float]:
+    """Height of a shape's lowest point at the end of each toss that has come to rest, by the toss's name [m].
+
+    Args:
+        tosses: Of one rigid body, over the ground z = 0.
+        shape: Its shape.
+    """
+    return {toss.name: float(_clearance(toss, shape)[-1]) for toss in tosses if toss.phase[-1] == Phase.REST}
+
+
 def _off_ground(tosses: Sequence[Toss], shape: ConvexShape, settings: UnknownObjectSettings) -> dict[str, float]:
     """Height of the shape at the end of each toss that comes to rest well above or below the ground [m].
 
@@ -148,13 +158,12 @@ def _off_ground(tosses: Sequence[Toss], shape: ConvexShape, settings: UnknownObj
     Raises:
         InputError: Too many do.
     """
-    resting = [toss for toss in tosses if toss.phase[-1] == Phase.REST]
-    height = {toss.name: float(_clearance(toss, shape)[-1]) for toss in resting}
+    height = rest_heights(tosses, shape)
     off = {name: z for name, z in height.items() if abs(z) > settings.rest_off_rel * shape.mean_width}
-    if len(off) > max(1, settings.most_rest_off * len(resting)):
+    if len(off) > max(1, settings.most_rest_off * len(height)):
         worst = 1e3 * max(map(abs, off.values()))
         raise InputError(
-            f"no one shape rests on the ground: {len(off)} of {len(resting)} tosses end up to {worst:.0f} mm above or "
+            f"no one shape rests on the ground: {len(off)} of {len(height)} tosses end up to {worst:.0f} mm above or "
             f"below it ({', '.join([*off][:3])}, …). Either the body's frame jumps between tosses, or they rest on "
             "something else than the ground z = 0"
         )

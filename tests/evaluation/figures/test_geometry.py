@@ -46,8 +46,9 @@ def test_the_factor_is_round_and_fits(cube: ObjectModel) -> None:
 
 
 def test_the_way_of_corners_is_drawn_at_the_same_factor(cube: ObjectModel) -> None:
-    start, between = cube.corner_pos + [2e-3, 0, 0], cube.corner_pos + [1e-3, 0, 0]
-    learned = cube.with_changes(corner_pos=cube.corner_pos + [0, 1e-3, 0])
+    step = np.array([1e-3, 0, 0])
+    start, between = cube.corner_pos + 2 * step, cube.corner_pos + step
+    learned = cube.with_changes(corner_pos=cube.corner_pos + np.array([0, 1e-3, 0]))
     figure = learned_geometry(cube, learned, factor=10, way=[start, between, learned.corner_pos])
     above = titled(figure, "from above")
     began = np.column_stack(line(above, "start").get_data())
