@@ -29,6 +29,7 @@ def training_figures(trained: TrainedModel, *, name: str) -> dict[str, Figure]:
             trained.model.learned_object(),
             seen=seen_of(trained),
             way=way_of(trained),
+            unseen=np.array(trained.parameters.get("from_nothing", {}).get("unseen_m", [])),
             title=f"Geometry learned by {name}",
         ),
     }

@@ -59,3 +59,12 @@ def test_the_way_of_corners_is_drawn_at_the_same_factor(cube: ObjectModel) -> No
     assert "start and way of a corner" in words(figure)
     assert exaggeration(cube, cube, way=[start]) == 5.0
     assert_legible(figure)
+
+
+def test_where_the_object_may_reach_is_marked_and_in_the_picture(cube: ObjectModel) -> None:
+    figure = learned_geometry(cube, cube, unseen=np.array([[0.09, 0.05, 0.05], [0.05, 0.09, 0.05]]))
+    above = titled(figure, "from above")
+    np.testing.assert_allclose(np.column_stack(line(above, "may reach").get_data()), [[90, 50], [50, 90]], atol=1e-9)
+    assert above.get_xlim()[1] > 90
+    assert "may reach here: never seen" in words(figure)
+    assert_legible(figure)

@@ -85,6 +85,7 @@ def learned_geometry(
     factor: float | None = None,
     seen: NDArray[np.bool_] | None = None,
     way: Sequence[Array] = (),
+    unseen: Array | None = None,
     title: str = "Learned geometry",
     settings: FigureSettings = FigureSettings(),
 ) -> Figure:
@@ -101,6 +102,7 @@ def learned_geometry(
         seen: Which learned corners tosses have shown (of a round object, which points of its surface), (n_c,); the
             others are crossed out. None for all.
         way: Corners (n_c, 3) before training, and after each stage that moved them [m]: drawn as paths.
+        unseen: Points (m, 3) in the base's frame to which the object may reach, as no toss decides it [m].
         title: The figure's title.
         settings: How large the largest shift may be drawn.
 
@@ -123,6 +125,7 @@ def learned_geometry(
     lines = [_shift_line("learned", given, learned)]
     if truth is not None:
         lines += [_shift_line("truth", given, truth), _shift_line("from learned to truth", learned, truth)]
+    beyond = np.zeros((0, 3)) if unseen is None else np.reshape(unseen, (-1, 3))
     top, row, above = 1.3 + 0.2 * (len(lines) - 1), 1.52, 0.72
     height = top + given.n_bodies * row + (given.n_bodies - 1) * above + 0.9
     figure = new_figure(title, "\n".join(lines), height=height)
@@ -145,14 +148,18 @@ def learned_geometry(
         entries += [(Line2D([], [], color=WAY, lw=0.9, marker="o", mfc="white", ms=4), "start and way of a corner")]
     if seen is not None and not seen.all():
         entries += [(Line2D([], [], color=UNSEEN, ls="none", marker="x", ms=7, mew=1.6), "never on the ground")]
+    if len(beyond):
+        entries += [(Line2D([], [], color=UNSEEN, ls="none", marker="x", ms=4, mew=0.9), "may reach here: never seen")]
     key_row(figure, entries, y=top - 0.6)
 
     for b in range(given.n_bodies):
         own = given.corner_body == b
         base = given.corner_pos[own]
         edges = wireframe(base).edges
+        hidden = beyond if b == 0 else beyond[:0]
         room = max(1.35 * settings.shift_share * given.width, farthest)
-        reach = 1e3 * (0.5 * np.ptp(base, axis=0).max() + room)
+        middle = 0.5 * (base.min(axis=0) + base.max(axis=0))
+        reach = 1e3 * max(0.5 * np.ptp(base, axis=0).max() + room, 1.1 * np.abs(hidden - middle).max(initial=0.0))
         for j, (name, view, letters) in enumerate(_VIEWS):
             ax = axes[b, j]
             for source, model in shown.items():
@@ -163,8 +170,8 @@ def learned_geometry(
                     _draw_way(ax, view(1e3 * steps[:, own]))
                 if source == "learned" and seen is not None:
                     ax.plot(*corners[~seen[own]].T, "x", ms=7, mew=1.6, color=UNSEEN, zorder=6, label="never seen")
-            middle = view(1e3 * 0.5 * (base.min(axis=0) + base.max(axis=0)))
-            _frame(ax, middle, reach * (1.0 if letters else 1.45), letters)
+            ax.plot(*view(1e3 * hidden).T, "x", ms=4, mew=0.9, color=UNSEEN, zorder=1, label="may reach")
+            _frame(ax, view(1e3 * middle), reach * (1.0 if letters else 1.45), letters)
             if not b:
                 ax.set_title(name, fontsize=9.5)
         if given.n_bodies > 1:
