@@ -78,6 +78,10 @@ def _shapes() -> Mapping[str, tuple[Array, str | None]]:
     )
     wedge = np.array([[x, y, z] for y in (-0.04, 0.04) for x, z in ((-0.05, -0.02), (0.05, -0.02), (-0.05, 0.04))])
     tetrahedron = 0.065 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+    base = 0.05 * np.array([[-1, -1, -0.4], [1, -1, -0.4], [-1, 1, -0.4], [1, 1, -0.4], [0, 0, 1.2]])
+    ball, rim = directions(1000), np.linspace(0, 2 * np.pi, 240, endpoint=False)
+    circle = 0.04 * np.column_stack([np.cos(rim), np.sin(rim), np.zeros(240)])
     return {
         "tetrahedron": (tetrahedron, None),
         "wedge": (wedge, None),
@@ -85,7 +89,20 @@ def _shapes() -> Mapping[str, tuple[Array, str | None]]:
         "irregular polytope": (_irregular(), None),
         "ellipsoid": (ELLIPSOID * directions(2000), f'type="ellipsoid" size="{_row(ELLIPSOID)}"'),
         "rounded disc": (_rounded_disc(*DISC), None),
+        "octahedron": (np.array([0.05, 0.06, 0.045]) * np.concatenate([np.eye(3), -np.eye(3)]), None),
+        "slab": (signs * [0.06, 0.04, 0.012], None),
+        "rod": (signs * [0.09, 0.018, 0.015], None),
+        "box": (signs * [0.05, 0.04, 0.03], None),
+        "pyramid": (base, None),
+        "sphere": (0.04 * directions(2000), 'type="sphere" size="0.04"'),
+        "capsule": (_ends(0.025 * ball, 0.04), 'type="capsule" size="0.025 0.04"'),
+        "cylinder": (_ends(circle, 0.03), 'type="cylinder" size="0.04 0.03"'),
     }
+
+
+def _ends(points: Array, half: float) -> Array:
+    """Points at both ends of an axis along z of some half length [m]."""
+    return np.concatenate([points + np.array([0.0, 0.0, z]) for z in (-half, half)])
 
 
 SHAPES = tuple(_shapes())

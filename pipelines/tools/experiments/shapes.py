@@ -9,7 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 from pipelines.cli.console import Console
 from pipelines.cli.failures import guarded
@@ -41,24 +41,41 @@ CLOSE = 1e-3
 """What came so near the ground counts in the Hausdorff distance [m]."""
 
 
-def main(shapes: list[str], model: str, tosses: int, engine: str, seed: int = 0) -> None:
+def main(shapes: list[str], model: str, settings: ShapeTossSettings) -> None:
     """Learn each shape from the TUM files of its tosses; print a Markdown row for each.
 
     Args:
         shapes: Names of `tossid.synthesis.shapes.SHAPES`; none for all.
         model: The variant that learns.
-        tosses: Of each shape.
-        engine: What simulates them: mujoco or lcp.
-        seed: Of the tosses and their noise.
+        settings: How they are tossed.
     """
-    from tossid.settings.synthesis import ShapeTossSettings
     from tossid.synthesis.shapes import SHAPES
 
-    console, settings = Console(), ShapeTossSettings(tosses=tosses, engine=cast(Any, engine), seed=seed)
+    console = Console()
     console.say("| " + " | ".join(HEAD) + " |")
     console.say("|" + "---|" * len(HEAD))
     for name in shapes or SHAPES:
         console.say("| " + " | ".join(row(name, model, settings)) + " |")
+
+
+def parsed(arguments: list[str]) -> tuple[list[str], str, ShapeTossSettings]:
+    """What the command's arguments ask for, as `main` takes it."""
+    from tossid.settings.synthesis import ShapeTossSettings
+
+    default = ShapeTossSettings()
+    parser = argparse.ArgumentParser(prog="make shapes", description=__doc__)
+    parser.add_argument("shapes", nargs="*", metavar="SHAPE", help="names, such as 'hexagonal prism'; all by default")
+    parser.add_argument("--model", default="cnrpi")
+    parser.add_argument("--tosses", type=int, default=default.tosses)
+    parser.add_argument("--engine", choices=["mujoco", "lcp"], default=default.engine)
+    parser.add_argument("--seed", type=int, default=default.seed)
+    parser.add_argument("--friction", type=float, default=default.friction)
+    parser.add_argument(
+        "--step", type=float, default=default.step, help="MuJoCo's; twice it is contact's time constant"
+    )
+    given = vars(parser.parse_args(arguments))
+    shapes, model = given.pop("shapes"), given.pop("model")
+    return shapes, model, replace(default, **given)
 
 
 def row(name: str, model: str, settings: ShapeTossSettings) -> list[str]:
@@ -148,11 +165,4 @@ def apart(learned: ObjectModel, hull: NDArray[np.float64], truth: Sequence[PoseT
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(prog="make shapes", description=__doc__)
-    parser.add_argument("shapes", nargs="*", metavar="SHAPE", help="names, such as 'hexagonal prism'; all by default")
-    parser.add_argument("--model", default="cnrpi")
-    parser.add_argument("--tosses", type=int, default=60)
-    parser.add_argument("--engine", choices=["mujoco", "lcp"], default="mujoco")
-    parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
-    sys.exit(guarded(lambda: main(given.shapes, given.model, given.tosses, given.engine, given.seed), "shapes"))
+    sys.exit(guarded(lambda: main(*parsed(sys.argv[1:])), "shapes"))
