@@ -57,7 +57,7 @@ def _train(
     config: TrainConfig, console: Console, fit: Fit, sha256: str, folder: Path, unfinished: Unfinished
 ) -> dict[str, Any]:
     """The training with its run; `unfinished` keeps what an interrupted one needs."""
-    from pipelines.drawing.figures import training_figures, write_figures
+    from pipelines.drawing.figures import training_figures, write_figures, write_hull_film
     from pipelines.tracking.run import tracked_run
     from tossid.outputs import move_files
 
@@ -78,6 +78,8 @@ def _train(
         made = unfinished.folder / "made"
         checkpoint = write_outputs(made, config, trained, run=tracked.id)
         figures = write_figures(training_figures(trained, name=name), made / "figures")
+        if fit.shown is not None:
+            figures.append(write_hull_film(trained, fit.true_tosses, made / "figures" / "hull_over_tosses.gif"))
         numbers = {key: value for key, value in trained.parameters.items() if isinstance(value, float)}
         tracked.metrics({**numbers, "seconds": trained.seconds}, step=len(trained.history))
         tracked.text(json.dumps(trained.parameters, indent=1), "parameters.json")
@@ -176,6 +178,12 @@ def _show_convergence(trained: TrainedModel, console: Console) -> None:
     size = trained.parameters.get("stated_size")
     if size is not None:
         console.warn(size["warning"])
+    off = trained.parameters.get("from_nothing", {}).get("rest_off_ground_m", {})
+    if off:
+        console.warn(
+            f"{len(off)} tosses come to rest up to {1e3 * max(map(abs, off.values())):.0f} mm off the ground with the "
+            f"shape that the others show: {', '.join([*off][:5])}"
+        )
     found = trained.parameters.get("convergence")
     if found is None:
         return

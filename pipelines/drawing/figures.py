@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tossid.models import TrainedModel
+    from tossid.types import Toss
 
 
 def training_figures(trained: TrainedModel, *, name: str) -> dict[str, Figure]:
@@ -26,9 +28,20 @@ def training_figures(trained: TrainedModel, *, name: str) -> dict[str, Figure]:
             trained.model.object,
             trained.model.learned_object(),
             seen=seen_of(trained),
+            way=way_of(trained),
+            unseen=np.array(trained.parameters.get("from_nothing", {}).get("unseen_m", [])),
             title=f"Geometry learned by {name}",
         ),
     }
+
+
+def write_hull_film(trained: TrainedModel, tosses: Sequence[Toss], path: Path) -> Path:
+    """Write how the hull of an unknown object took shape over tosses; returns the path."""
+    from tossid.evaluation.figures import hull_film, save_film
+
+    with output_file(path) as temporary:
+        save_film(hull_film(tosses, trained.object), temporary, frame_ms=400)
+    return path
 
 
 def seen_of(trained: TrainedModel) -> NDArray[np.bool_] | None:
@@ -46,6 +59,17 @@ def seen_of(trained: TrainedModel) -> NDArray[np.bool_] | None:
         apart = np.linalg.norm(drawn.corner_pos[own][:, None] - listed[None], axis=-1)
         seen[own] = np.array(link["seen"], dtype=bool)[apart.argmin(axis=1)]
     return seen
+
+
+def way_of(trained: TrainedModel) -> list[NDArray[np.float64]]:
+    """Corners before training and after each stage that moved them, (n_c, 3) each [m]; empty where none did."""
+    links, learned = trained.parameters.get("geometry") or [], trained.model.learned_object()
+    count = max((len(link.get("way_m", ())) for link in links), default=0)
+    steps = [np.zeros((learned.n_corners, 3)) for _ in range(count)]
+    for body, link in enumerate(links):
+        for step, corners in zip(steps, link["way_m"], strict=bool(count)):
+            step[learned.corner_body == body] = np.array(corners) / trained.model.measurement.length_scale
+    return steps
 
 
 def write_figures(figures: dict[str, Figure], folder: Path) -> list[Path]:

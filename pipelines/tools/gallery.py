@@ -26,7 +26,14 @@ STEPS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         ("sweep=gravity", "sweep.values=[0,9.81,19.62]", DATA),
     ),
     ("Why is my simulator wrong?", "diagnose", (DATA,)),
+    (
+        "An object that nobody has measured",
+        "train",
+        ("model=cnrpi", "object=unknown", "object.mass=0.37", DATA),
+    ),
 )
+FILM = "hull_over_tosses.gif"
+"""The film that the gallery shows beside the figures."""
 HEAD = """# Gallery
 
 What the commands draw: made by `make figures` from twenty simulated tosses of the cube, its centre of mass 6 mm off.
@@ -51,7 +58,7 @@ def main(steps: tuple[tuple[str, str, tuple[str, ...]], ...] = STEPS, root: Path
                     continue
                 text += f"\n## {title}\n\n    {_shown(command, keys)}\n"
                 for path in _figures(result):
-                    target = pictures / f"{command}-{path.name}"
+                    target = _unused(pictures / f"{command}-{path.name}")
                     shutil.copyfile(path, target)
                     made.append(target)
                     text += f"\n![{path.stem.replace('_', ' ')}](gallery/{target.name})\n"
@@ -68,7 +75,14 @@ def _shown(command: str, keys: tuple[str, ...]) -> str:
 
 
 def _figures(result: dict[str, Any]) -> list[Path]:
-    return [path for path in map(Path, result.get("figures", [])) if path.suffix == ".png"]
+    paths = map(Path, result.get("figures", []))
+    return [path for path in paths if path.suffix == ".png" or path.name == FILM]
+
+
+def _unused(path: Path) -> Path:
+    """A path at which nothing is: the same, or with a number."""
+    names = [path, *(path.with_stem(f"{path.stem}_{k}") for k in range(2, 10))]
+    return next(name for name in names if not name.exists())
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tossid.objects.roundness import directions
 from tossid.rotations import quat_to_matrix
 from tossid.settings.synthesis import ShapeTossSettings
 from tossid.synthesis.shapes import SHAPES, toss_shape
@@ -20,7 +21,7 @@ def test_a_shape_lands_on_its_hull(name: str) -> None:
         assert lowest[0] == pytest.approx(0.25, abs=1e-4)
     noise = np.concatenate([a.q[:, :3] - b.q[:, :3] for a, b in zip(made.tracks, made.truth, strict=True)])
     assert noise.std() == pytest.approx(1.5e-4, rel=0.2)
-    assert (np.linalg.eigvalsh(made.inertia) > 0).all()
+    assert (np.linalg.eigvalsh(made.object.inertia) > 0).all()
 
 
 def test_both_engines_toss_alike_until_the_ground() -> None:
@@ -34,3 +35,11 @@ def test_both_engines_toss_alike_until_the_ground() -> None:
         assert b.q[:flight] == pytest.approx(a.q[:flight], abs=2e-3)
         lowest = b.q[:, 2] + (quat_to_matrix(b.q[:, 3:7])[:, 2] @ two.hull.T).min(axis=1)
         assert lowest.min() > -1e-5
+
+
+def test_the_object_of_a_shape_reaches_as_far_as_its_hull() -> None:
+    """Also where a mesh stands for something round."""
+    ways = directions(300)
+    for name in ("wedge", "ellipsoid", "rounded disc"):
+        made = toss_shape(name, ShapeTossSettings(tosses=1, step=1e-3))
+        assert made.object.support(ways).max(axis=1) == pytest.approx((ways @ made.hull.T).max(axis=1), abs=2e-4)

@@ -144,3 +144,13 @@ def test_corners_that_no_toss_brought_down_are_marked(cube: ObjectModel, made: l
 
 def test_objects_with_joints_are_not_held_against_a_hull(elbow: ObjectModel) -> None:
     assert "joints" in str(evidence_of(tosses(elbow, 1, seed=1, frames=5), RestartSettings()))
+
+
+def test_the_way_of_corners_is_listed_by_body(elbow: ObjectModel) -> None:
+    seen = np.ones(elbow.n_corners, dtype=bool)
+    way = [elbow.corner_pos + 0.02, elbow.corner_pos + 0.01, elbow.corner_pos]
+    report = geometry_report(elbow, seen, length_scale=2.0, way=way)
+    for body, link in enumerate(report):
+        np.testing.assert_allclose(link["way_m"][0], 2 * way[0][elbow.corner_body == body], atol=1e-6)
+        assert len(link["way_m"]) == 3
+    assert all(not link["way_m"] for link in geometry_report(elbow, seen, length_scale=2.0, way=way[:1]))

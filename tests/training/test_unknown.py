@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,12 +13,15 @@ import tossid
 from tests.models.made import tosses
 from tossid.errors import InputError
 from tossid.models import TrainedModel
-from tossid.objects import ObjectModel, box
+from tossid.motion import tosses_from_tracks
+from tossid.objects import ObjectModel, box, unstated_object
+from tossid.rotations import quat_rotate
 from tossid.settings.objects import UnknownObjectSettings
 from tossid.settings.training import TrainSettings
 from tossid.store import Dataset, draw_splits
 from tossid.training.api import prepare
 from tossid.training.unknown import unknown_object
+from tossid.types import PoseTrack, Toss
 
 HALF = np.array([0.04, 0.05, 0.06])
 
@@ -74,3 +78,33 @@ def test_the_stated_object_does_not_matter(dataset: Dataset) -> None:
     other = replace(dataset, object=box("plank", (0.3, 0.1, 0.02), 2.0))
     one, two = (prepare(data, TrainSettings(object=UnknownObjectSettings())) for data in (dataset, other))
     assert one.model.object.corner_pos == pytest.approx(two.model.object.corner_pos)
+
+
+def test_a_body_frame_that_jumps_between_tosses_is_refused(dataset: Dataset) -> None:
+    """Of what both positions of the object share, some faces hover 12 mm above the ground at rest."""
+    assert dataset.truth is not None
+    whole = tracked(tosses(dataset.truth.object, 24, seed=5, frames=200))
+    jumped = [moved(toss) if i > 11 else toss for i, toss in enumerate(whole)]
+    with pytest.raises(InputError, match=r"tosses end up to 1[12] mm above or below it.*frame jumps"):
+        unknown_object(jumped)
+
+
+@pytest.mark.slow
+def test_tosses_of_another_body_frame_are_named_where_they_are_few(dataset: Dataset) -> None:
+    assert dataset.truth is not None
+    whole = tracked(tosses(dataset.truth.object, 24, seed=5, frames=200))
+    assert not unknown_object(whole).off
+    off = unknown_object([moved(toss) if i == 7 else toss for i, toss in enumerate(whole)]).off
+    assert set(off) <= {"7"}
+
+
+def tracked(made: Sequence[Toss]) -> tuple[Toss, ...]:
+    """The tosses as poses alone show them."""
+    return tosses_from_tracks([PoseTrack(toss.name, toss.t, toss.q) for toss in made], unstated_object())
+
+
+def moved(toss: Toss) -> Toss:
+    """The toss as recorded in a body frame that lies 12 mm along x."""
+    q = toss.q.copy()
+    q[:, :3] += quat_rotate(q[:, 3:7], np.array([0.012, 0.0, 0.0]))
+    return replace(toss, q=q)

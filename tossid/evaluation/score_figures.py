@@ -95,16 +95,11 @@ def write_score_figures(scores: Scores, folder: Path) -> list[Path]:
 
 
 def _write_film(scores: Scores, index: int, path: Path) -> Path:
-    from PIL import Image
-
-    from tossid.evaluation.figures import toss_film
+    from tossid.evaluation.figures import save_film, toss_film
 
     toss, rollout = scores.dataset.tosses[index], scores.rollouts()[index]
     film = toss_film(toss, rollout, scores.stated, name=scores.model.name)
-    frames = [Image.fromarray(frame) for frame in film]
-    duration = 10 * max(2, round(400 * float(np.median(np.diff(toss.t)))))
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=duration, loop=0)
-    return path
+    return save_film(film, path, frame_ms=10 * max(2, round(400 * float(np.median(np.diff(toss.t))))))
 
 
 def gravity_given(gravity: float) -> str:

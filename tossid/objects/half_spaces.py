@@ -83,17 +83,39 @@ def outer_hull(spaces: HalfSpaces, settings: ShapeSettings = DEFAULT) -> tuple[A
             "no shape fits above the ground in all frames; expected poses over the level ground z = 0, of a body whose "
             "frame does not move in it"
         )
-    try:
-        vertices = HalfspaceIntersection(np.column_stack([normals, -bounds]), found.x[:3]).intersections
-    except QhullError as error:
-        raise InputError(f"the frames' half-spaces have no hull: {str(error).splitlines()[0]}") from error
-    vertices = vertices[np.isfinite(vertices).all(axis=1)]
+    vertices = _vertices(normals, bounds, found.x[:3])
     if np.abs(vertices).max() >= settings.largest - 1e-9:
         raise InputError(
             f"the frames show the object from too few sides to bound it within {settings.largest:g} m; "
             "expected tosses that come down on all sides"
         )
     return found.x[:3], float(found.x[3]), np.unique(vertices.round(7), axis=0)
+
+
+def hull_within(spaces: HalfSpaces, inside: Array, reach: float) -> Array:
+    """Vertices (m, 3) of the intersection of half-spaces and a cube, also where they alone bound nothing [m].
+
+    Args:
+        spaces: Any number.
+        inside: (3,) a point inside all of them, about which the cube lies; half-spaces without it are left out.
+        reach: Half the edge of the cube [m].
+
+    Raises:
+        InputError: The point is on the boundary.
+    """
+    around = spaces.chosen(spaces.height - spaces.down @ inside > 0)
+    box = np.concatenate([np.eye(3), -np.eye(3)])
+    bounds = np.concatenate([around.height, box @ inside + reach])
+    return _vertices(np.concatenate([around.down, box]), bounds, inside)
+
+
+def _vertices(normals: Array, bounds: Array, inside: Array) -> Array:
+    """Vertices of {x : normals · x ≤ bounds}, given a point inside."""
+    try:
+        vertices = HalfspaceIntersection(np.column_stack([normals, -bounds]), inside).intersections
+    except QhullError as error:
+        raise InputError(f"the frames' half-spaces have no hull: {str(error).splitlines()[0]}") from error
+    return np.asarray(vertices[np.isfinite(vertices).all(axis=1)])
 
 
 def different(spaces: HalfSpaces, settings: ShapeSettings) -> NDArray[np.bool_]:

@@ -16,6 +16,10 @@ class FigureSettings:
     """width and height of a film [px]"""
     film_stride: Count = 2
     """every so many-th frame of a toss is in its film"""
+    hull_pictures: Count = 24
+    """most pictures in the film of a hull over tosses"""
+    hull_reach: Positive = 1.6
+    """half the edge of what it shows, over the largest distance of a corner from the middle along an axis"""
     poses: Annotated[int, Bounds(low=2)] = 7
     """poses in the film strip of a toss"""
     log_ratio: Positive = 20.0

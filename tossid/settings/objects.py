@@ -123,8 +123,13 @@ class UnknownObjectSettings(Checked):
     sure_inertia: NonNegative = advanced(0.05)
     """relative standard error up to which the inertia that the balance of momentum gives is taken and stays; above, it
     is that of an evenly filled shape, and is learned"""
-    sure_friction: NonNegative = advanced(0.01)
-    """standard error up to which the friction of steady sliding is taken and stays"""
+    sure_friction: NonNegative = advanced(0.04)
+    """standard error up to which the friction of steady sliding is taken and stays: rollouts, whose law of contact is
+    not the object's, miss it by as much"""
+    rest_off_rel: Positive = advanced(0.02)
+    """share of the mean width by which the shape may be above or below the ground when a toss has come to rest"""
+    most_rest_off: Fraction = advanced(0.1)
+    """share of the tosses at rest that may be farther off; from two on, more are refused: the body's frame jumps"""
     shape: ShapeSettings = advanced_part(ShapeSettings)
     """how its shape is found"""
 

@@ -83,8 +83,8 @@ class ModelSettings(Checked):
     """shift of the centre of mass (of the base) that training starts from [m]"""
     start_corners: NonNegative = 0.0
     """how far off the given corners are when training starts, along each axis, drawn by the seed [m]"""
-    length_scale: Positive | Literal["auto"] = "auto"
-    """recorded length per true length; auto: as the training tosses at rest show it"""
+    length_scale: Positive | Literal["auto"] = 1.0
+    """recorded length per true length; auto: as training tosses at rest show it, where the object's size is stated"""
     velocity_lag: NonNegative | Literal["auto"] = "auto"
     """how much earlier recorded velocities are than their poses [s]; auto: as the training tosses' flight shows it"""
     inertia_weight: NonNegative = advanced(2e-4)

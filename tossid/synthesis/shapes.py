@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from tossid.objects import ObjectModel, object_from_mjcf
-from tossid.objects.roundness import directions
+from tossid.objects.roundness import Roundness, directions, disc
 from tossid.physics import make_system, simulate
 from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, quiet
 from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
@@ -29,22 +29,14 @@ class TossedShape(NamedTuple):
         tracks: Tracked poses, with noise.
         truth: The same without noise.
         hull: (n, 3) points of the shape's hull; vertices of a polytope, many points of a round one [m].
-        com: (3,) centre of mass [m].
-        inertia: (3, 3) about it [kg m²].
-        mass: [kg].
-        friction: Coulomb's.
-        mjcf: Its MJCF, without the ground.
+        object: The object that was tossed, in its recorded frame.
     """
 
     name: str
     tracks: tuple[PoseTrack, ...]
     truth: tuple[PoseTrack, ...]
     hull: Array
-    com: Array
-    inertia: Array
-    mass: float
-    friction: float
-    mjcf: str
+    object: ObjectModel
 
 
 def _polytope(points: Array) -> str:
@@ -72,6 +64,8 @@ def _rounded_disc(radius: float, edge: float, rim: int = 120, around: int = 25) 
     return np.column_stack([r * np.cos(a), r * np.sin(a), edge * np.sin(b)])
 
 
+DISC = (0.045, 0.01)
+"""Radius of the disc, and of the ball at each of its points [m]."""
 ELLIPSOID = np.array([0.06, 0.045, 0.035])
 """Half axes of the ellipsoid [m]."""
 
@@ -84,18 +78,37 @@ def _shapes() -> Mapping[str, tuple[Array, str | None]]:
     )
     wedge = np.array([[x, y, z] for y in (-0.04, 0.04) for x, z in ((-0.05, -0.02), (0.05, -0.02), (-0.05, 0.04))])
     tetrahedron = 0.065 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+    base = 0.05 * np.array([[-1, -1, -0.4], [1, -1, -0.4], [-1, 1, -0.4], [1, 1, -0.4], [0, 0, 1.2]])
+    ball, rim = directions(1000), np.linspace(0, 2 * np.pi, 240, endpoint=False)
+    circle = 0.04 * np.column_stack([np.cos(rim), np.sin(rim), np.zeros(240)])
     return {
         "tetrahedron": (tetrahedron, None),
         "wedge": (wedge, None),
         "hexagonal prism": (prism, None),
         "irregular polytope": (_irregular(), None),
         "ellipsoid": (ELLIPSOID * directions(2000), f'type="ellipsoid" size="{_row(ELLIPSOID)}"'),
-        "rounded disc": (_rounded_disc(0.045, 0.01), None),
+        "rounded disc": (_rounded_disc(*DISC), None),
+        "octahedron": (np.array([0.05, 0.06, 0.045]) * np.concatenate([np.eye(3), -np.eye(3)]), None),
+        "slab": (signs * [0.06, 0.04, 0.012], None),
+        "rod": (signs * [0.09, 0.018, 0.015], None),
+        "box": (signs * [0.05, 0.04, 0.03], None),
+        "pyramid": (base, None),
+        "sphere": (0.04 * directions(2000), 'type="sphere" size="0.04"'),
+        "capsule": (_ends(0.025 * ball, 0.04), 'type="capsule" size="0.025 0.04"'),
+        "cylinder": (_ends(circle, 0.03), 'type="cylinder" size="0.04 0.03"'),
     }
+
+
+def _ends(points: Array, half: float) -> Array:
+    """Points at both ends of an axis along z of some half length [m]."""
+    return np.concatenate([points + np.array([0.0, 0.0, z]) for z in (-half, half)])
 
 
 SHAPES = tuple(_shapes())
 """The shapes by name."""
+ROUND: Mapping[str, Roundness] = {"rounded disc": disc(DISC[0], [0.0, 0.0, 1.0], edge=DISC[1])}
+"""What stands at the middle of shapes whose meshes only stand for something round."""
 STILL = 0.02
 """Largest velocity of a body at rest [m/s, rad/s]."""
 LCP_SUBSTEPS, LCP_PARTS = 16, 8
@@ -154,14 +167,28 @@ def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedSh
     R = quat_to_matrix(model.body_iquat[1])
     inertia = R @ np.diag(model.body_inertia[1]) @ R.T
     rng = np.random.default_rng([settings.seed, SHAPES.index(name)])
-    com = np.array(model.body_ipos[1])
+    object_ = _object(name, body, model, inertia, settings)
     releases = [_release(hull, rng, settings) for _ in range(settings.tosses)]
     if settings.engine == "lcp":
-        truth = _by_lcp(object_from_mjcf(body, friction=settings.friction), com, inertia, releases, settings)
+        truth = _by_lcp(object_, releases, settings)
     else:
         truth = tuple(_toss(model, q, v, f"{i:03d}", settings) for i, (q, v) in enumerate(releases))
     tracks = tuple(_noisy(track, rng, settings) for track in truth)
-    return TossedShape(name, tracks, truth, hull, com, inertia, settings.mass, settings.friction, body)
+    return TossedShape(name, tracks, truth, hull, object_)
+
+
+def _object(name: str, mjcf: str, model: mujoco.MjModel, inertia: Array, settings: ShapeTossSettings) -> ObjectModel:
+    """The object of a shape."""
+    found = object_from_mjcf(mjcf, friction=settings.friction)
+    found = found.with_changes(com=np.array(model.body_ipos[1])[None], inertia=inertia[None])
+    if name not in ROUND:
+        return found
+    count = len(ROUND[name].radius)
+    return found.with_changes(
+        corner_body=np.zeros(count, dtype=np.int64),
+        corner_pos=np.tile(settings.frame_offset, (count, 1)),
+        roundness=ROUND[name],
+    )
 
 
 def _release(hull: Array, rng: np.random.Generator, settings: ShapeTossSettings) -> tuple[Array, Array]:
@@ -190,11 +217,11 @@ def _toss(model: mujoco.MjModel, q0: Array, v0: Array, name: str, settings: Shap
 
 
 def _by_lcp(
-    given: ObjectModel, com: Array, inertia: Array, releases: list[tuple[Array, Array]], settings: ShapeTossSettings
+    model: ObjectModel, releases: list[tuple[Array, Array]], settings: ShapeTossSettings
 ) -> tuple[PoseTrack, ...]:
     """The same tosses by tossid's own time stepping, whose contact is rigid and whose friction is Coulomb's."""
     q0, v0 = (np.array(part) for part in zip(*releases, strict=True))
-    system = make_system(given.with_changes(com=com[None], inertia=inertia[None]))
+    system = make_system(model)
     dt, n = round(1 / settings.rate_hz / settings.step) * settings.step, settings.frames - 1  # as of MuJoCo's frames
     run = simulate(system, q0, v0, n_steps=n, dt=dt, substeps=LCP_SUBSTEPS, impact_parts=LCP_PARTS)
     tracks = []

@@ -130,7 +130,7 @@ def fit_model(
     if fit.model.mechanics() is not None:
         seen = seen_corners(learned, true, fit.settings.restarts.evidence)
         scale = fit.model.measurement.length_scale
-        parameters["geometry"] = geometry_report(learned, seen, length_scale=scale)
+        parameters["geometry"] = geometry_report(learned, seen, length_scale=scale, way=fit.way)
         parameters["convergence"] = convergence(learned, fit.evidence, history, fit.restarts, fit.settings)
     if fit.size is not None:
         parameters["stated_size"] = fit.size

@@ -74,6 +74,7 @@ class Fit:
     Attributes:
         evidence: The frames against which corners are held, or why there are none.
         restarts: What was started again.
+        way: Corners before training and after each stage that moved them, each (n_c, 3) as lists [m].
     """
 
     def __init__(
@@ -97,6 +98,7 @@ class Fit:
             known = None if shown is None else shown.shape
             self.evidence = evidence_of(self._tosses[0], self.settings.restarts, shape=known)
         self.restarts: list[Restart] = []
+        self.way = [model.learned_object().corner_pos.tolist()]
         self._before: tuple[float, dict[str, Any]] | None = None
         near = self._geometry_of_contact(model.object)
         self._start_fits = near is model.object
@@ -222,6 +224,7 @@ class Fit:
             "restarts": [asdict(restart) for restart in self.restarts],
             "before": self._before,
             "holds": self._holds,
+            "way": self.way,
             "model": copy.deepcopy(self.model.state_dict()),
             "current": None if self._current is None else self._current.state_dict(),
         }
@@ -236,7 +239,7 @@ class Fit:
         self.best_loss, self.best = state["best_loss"], state["best"]
         self.model.load_state_dict(state["model"])
         self.restarts = [Restart(**restart) for restart in state["restarts"]]
-        self._before, self._holds = state["before"], state["holds"]
+        self._before, self._holds, self.way = state["before"], state["holds"], state["way"]
         self._current = None
         if state["current"] is not None and self.stage < len(self.stages):
             self._current = self._make(self.stages[self.stage])
@@ -266,6 +269,9 @@ class Fit:
                     self.epoch = self._current.epochs
                 yield record
             self.model.load_state_dict(self.best)
+            corners = self.model.learned_object().corner_pos.tolist()
+            if corners != self.way[-1]:
+                self.way.append(corners)
             self.stage += 0 if self._start_again(plan) else 1
             self.epoch, self.stale, self.best_loss, self._current = 0, 0, float("inf"), None
 

@@ -94,22 +94,35 @@ def _seen_directions(
     return np.concatenate(found)
 
 
-def geometry_report(model: ObjectModel, seen: NDArray[np.bool_], *, length_scale: float) -> list[dict[str, Any]]:
-    """The learned corners of each body and which of them tosses have shown.
+def geometry_report(
+    model: ObjectModel, seen: NDArray[np.bool_], *, length_scale: float, way: Sequence[Any] = ()
+) -> list[dict[str, Any]]:
+    """The learned corners of each body, which of them tosses have shown, and from where they came.
 
     Args:
         model: The object as it was learned.
         seen: (n,), of `seen_corners`; of a round object, of the points of its surface.
         length_scale: Recorded length per true length.
+        way: Corners (n_c, 3) before training and after each stage that moved them, true lengths; empty of round
+            objects, whose corners stay.
 
     Returns:
-        An entry a body: `vertices_m` in the recorded body frame, and `seen`.
+        An entry a body: `vertices_m` in the recorded body frame, `seen`, and `way_m`, the vertices before training and
+        after each stage that moved them; empty where none did.
     """
     if model.roundness is not None:
-        model = model.as_points()
+        model, way = model.as_points(), ()
     own = [model.corner_body == body for body in range(model.n_bodies)]
     corners = length_scale * model.corner_pos
-    return [{"vertices_m": corners[which].round(6).tolist(), "seen": seen[which].tolist()} for which in own]
+    steps = [length_scale * np.array(step) for step in way] if len(way) > 1 else []
+    return [
+        {
+            "vertices_m": corners[which].round(6).tolist(),
+            "seen": seen[which].tolist(),
+            "way_m": [step[which].round(6).tolist() for step in steps],
+        }
+        for which in own
+    ]
 
 
 def convergence(

@@ -7,7 +7,7 @@ determines them; where not, the inertia is that of an evenly filled shape. Train
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from tossid.objects import GRAVITY, JointType, ObjectModel, to_mjcf
 from tossid.objects.convex_shape import ConvexShape, find_shape
 from tossid.objects.half_spaces import half_spaces
 from tossid.settings.objects import UnknownObjectSettings
-from tossid.types import PoseTrack, Toss
+from tossid.types import Phase, PoseTrack, Toss
 
 DISAGREEMENT = 1e-3
 """Height of the ground that the contacts of a polytope ask for, though it is z = 0, from which on its corners are not
@@ -35,12 +35,14 @@ class UnknownObject(NamedTuple):
         shape: Its corners with their certainty, and where it may reach further.
         fall: Its centre of mass and gravity.
         momentum: Its inertia and friction.
+        off: How far the shape is above the ground at the end of each toss that rests elsewhere, by the toss's name [m].
     """
 
     object: ObjectModel
     shape: ConvexShape
     fall: FreeFall
     momentum: Momentum
+    off: Mapping[str, float]
 
     def kept(self, settings: UnknownObjectSettings) -> dict[str, bool]:
         """Settings of a model that keep what the tosses have shown surely.
@@ -73,6 +75,7 @@ class UnknownObject(NamedTuple):
             "contacts": shape.frames.tolist(),
             "unseen_m": shape.unseen.round(6).tolist(),
             "misfit_m": shape.misfit,
+            "rest_off_ground_m": dict(self.off),
             "ground_height_m": float(shape.ground[0]),
             "ground_slope": shape.ground[1:].round(6).tolist(),
             "com_m": fall.com.round(6).tolist(),
@@ -97,13 +100,14 @@ def unknown_object(
         gravity: By which flight is told from contact [m/s²].
 
     Raises:
-        InputError: The tosses show no shape (too few sides, no contact) or no centre of mass (no flight), or the body
-            has joints.
+        InputError: The tosses show no shape (too few sides, no contact), not one shape (the body's frame jumps), or no
+            centre of mass (no flight), or the body has joints.
     """
     if tosses[0].q.shape[1] != 7:
         raise InputError("object=unknown is for one rigid body; these tosses have joints")
     flying = find_parabola([PoseTrack(toss.name, toss.t, toss.q) for toss in tosses], gravity=gravity)
     shape = find_shape(tosses, settings.shape, flying=[flying.flying(toss.t, toss.q) for toss in tosses])
+    off = _off_ground(tosses, shape, settings)
     fall = free_fall(tosses, lambda toss: _clearance(toss, shape))
     _, _, inertia = shape.solid()
     model = ObjectModel(
@@ -132,7 +136,38 @@ def unknown_object(
         model = model.with_changes(inertia=momentum.inertia[None])
     if momentum.friction is not None and momentum.friction_deviation < settings.sure_friction:
         model = model.with_changes(friction=momentum.friction)
-    return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shape, fall, momentum)
+    return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shape, fall, momentum, off)
+
+
+def rest_heights(tosses: Sequence[Toss], shape: ConvexShape) -> dict[str, float]:
+    """Height of a shape's lowest point at the end of each toss that has come to rest, by the toss's name [m].
+
+    Args:
+        tosses: Of one rigid body, over the ground z = 0.
+        shape: Its shape.
+    """
+    return {toss.name: float(_clearance(toss, shape)[-1]) for toss in tosses if toss.phase[-1] == Phase.REST}
+
+
+def _off_ground(tosses: Sequence[Toss], shape: ConvexShape, settings: UnknownObjectSettings) -> dict[str, float]:
+    """Height of the shape at the end of each toss that comes to rest well above or below the ground [m].
+
+    Of a body frame that jumps between tosses, the half-spaces hold what both positions of the object share. So some of
+    its faces hover at rest.
+
+    Raises:
+        InputError: Too many do.
+    """
+    height = rest_heights(tosses, shape)
+    off = {name: z for name, z in height.items() if abs(z) > settings.rest_off_rel * shape.mean_width}
+    if len(off) > max(1, settings.most_rest_off * len(height)):
+        worst = 1e3 * max(map(abs, off.values()))
+        raise InputError(
+            f"no one shape rests on the ground: {len(off)} of {len(height)} tosses end up to {worst:.0f} mm above or "
+            f"below it ({', '.join([*off][:3])}, …). Either the body's frame jumps between tosses, or they rest on "
+            "something else than the ground z = 0"
+        )
+    return off
 
 
 def _clearance(toss: Toss, shape: ConvexShape) -> np.ndarray:

@@ -9,7 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 from pipelines.cli.console import Console
 from pipelines.cli.failures import guarded
@@ -41,23 +41,41 @@ CLOSE = 1e-3
 """What came so near the ground counts in the Hausdorff distance [m]."""
 
 
-def main(shapes: list[str], model: str, tosses: int, engine: str) -> None:
+def main(shapes: list[str], model: str, settings: ShapeTossSettings) -> None:
     """Learn each shape from the TUM files of its tosses; print a Markdown row for each.
 
     Args:
         shapes: Names of `tossid.synthesis.shapes.SHAPES`; none for all.
         model: The variant that learns.
-        tosses: Of each shape.
-        engine: What simulates them: mujoco or lcp.
+        settings: How they are tossed.
     """
-    from tossid.settings.synthesis import ShapeTossSettings
     from tossid.synthesis.shapes import SHAPES
 
-    console, settings = Console(), ShapeTossSettings(tosses=tosses, engine=cast(Any, engine))
+    console = Console()
     console.say("| " + " | ".join(HEAD) + " |")
     console.say("|" + "---|" * len(HEAD))
     for name in shapes or SHAPES:
         console.say("| " + " | ".join(row(name, model, settings)) + " |")
+
+
+def parsed(arguments: list[str]) -> tuple[list[str], str, ShapeTossSettings]:
+    """What the command's arguments ask for, as `main` takes it."""
+    from tossid.settings.synthesis import ShapeTossSettings
+
+    default = ShapeTossSettings()
+    parser = argparse.ArgumentParser(prog="make shapes", description=__doc__)
+    parser.add_argument("shapes", nargs="*", metavar="SHAPE", help="names, such as 'hexagonal prism'; all by default")
+    parser.add_argument("--model", default="cnrpi")
+    parser.add_argument("--tosses", type=int, default=default.tosses)
+    parser.add_argument("--engine", choices=["mujoco", "lcp"], default=default.engine)
+    parser.add_argument("--seed", type=int, default=default.seed)
+    parser.add_argument("--friction", type=float, default=default.friction)
+    parser.add_argument(
+        "--step", type=float, default=default.step, help="MuJoCo's; twice it is contact's time constant"
+    )
+    given = vars(parser.parse_args(arguments))
+    shapes, model = given.pop("shapes"), given.pop("model")
+    return shapes, model, replace(default, **given)
 
 
 def row(name: str, model: str, settings: ShapeTossSettings) -> list[str]:
@@ -73,29 +91,27 @@ def row(name: str, model: str, settings: ShapeTossSettings) -> list[str]:
     import tossid
     from tossid.evaluation.metrics import score_tosses
     from tossid.models.predictor import Simulator
-    from tossid.objects import object_from_mjcf
     from tossid.physics import make_system
     from tossid.settings.objects import UnknownObjectSettings
     from tossid.store.importers.tum import write_tum
     from tossid.synthesis.shapes import toss_shape
 
     made = toss_shape(name, settings)
-    began = time.perf_counter()
+    began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         write_tum(Path(folder), made.tracks)
         dataset = tossid.ingest(folder, source="tum", object="unknown")
-    trained = tossid.train(dataset, model=model, object=UnknownObjectSettings(mass=made.mass))
-    seconds = time.perf_counter() - began
+    trained = tossid.train(dataset, model=model, object=UnknownObjectSettings(mass=float(made.object.mass[0])))
+    seconds = time.process_time() - began
     held_out = dataset.split("test")
     scores = tossid.evaluate(trained, held_out)
     learned = trained.object
-    true = object_from_mjcf(made.mjcf, friction=made.friction)
-    true = replace(true, com=made.com[None], inertia=made.inertia[None], width=learned.width)
-    best = score_tosses(Simulator(make_system(true), substeps=4), learned, held_out.tosses)
+    true = replace(made.object, width=learned.width)
+    best = score_tosses(Simulator(make_system(true), substeps=4), true, held_out.tosses)
     ours = scores.per_toss
     off, share = apart(learned, made.hull, made.truth)
-    com = 1e3 * np.linalg.norm(learned.com[0] - made.com)
-    inertia = 100 * np.linalg.norm(learned.inertia[0] - made.inertia) / np.linalg.norm(made.inertia)
+    com = 1e3 * np.linalg.norm(learned.com[0] - true.com[0])
+    inertia = 100 * np.linalg.norm(learned.inertia[0] - true.inertia[0]) / np.linalg.norm(true.inertia[0])
     position, rotation = ours.position_error_pct.mean(), ours.rotation_error_deg.mean()
     return [
         name,
@@ -103,7 +119,7 @@ def row(name: str, model: str, settings: ShapeTossSettings) -> list[str]:
         f"{learned.n_corners}",
         f"{1e3 * off:.2f}",
         f"{100 * share:.0f}",
-        f"{learned.friction:.3f} for {made.friction:g}",
+        f"{learned.friction:.3f} for {true.friction:g}",
         f"{com:.2f}",
         f"{inertia:.1f}",
         f"{position:.1f}",
@@ -149,10 +165,4 @@ def apart(learned: ObjectModel, hull: NDArray[np.float64], truth: Sequence[PoseT
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(prog="make shapes", description=__doc__)
-    parser.add_argument("shapes", nargs="*", metavar="SHAPE", help="names, such as 'hexagonal prism'; all by default")
-    parser.add_argument("--model", default="cnrpi")
-    parser.add_argument("--tosses", type=int, default=60)
-    parser.add_argument("--engine", choices=["mujoco", "lcp"], default="mujoco")
-    given = parser.parse_args()
-    sys.exit(guarded(lambda: main(given.shapes, given.model, given.tosses, given.engine), "shapes"))
+    sys.exit(guarded(lambda: main(*parsed(sys.argv[1:])), "shapes"))

@@ -43,3 +43,28 @@ def test_the_factor_is_round_and_fits(cube: ObjectModel) -> None:
     for size, factor in ((1e-3, 10.0), (1e-5, 100.0), (30e-3, 1.0), (0.0, 1.0)):
         learned = cube.with_changes(corner_pos=cube.corner_pos + np.array([size, 0, 0]))
         assert exaggeration(cube, learned) == factor
+
+
+def test_the_way_of_corners_is_drawn_at_the_same_factor(cube: ObjectModel) -> None:
+    step = np.array([1e-3, 0, 0])
+    start, between = cube.corner_pos + 2 * step, cube.corner_pos + step
+    learned = cube.with_changes(corner_pos=cube.corner_pos + np.array([0, 1e-3, 0]))
+    figure = learned_geometry(cube, learned, factor=10, way=[start, between, learned.corner_pos])
+    above = titled(figure, "from above")
+    began = np.column_stack(line(above, "start").get_data())
+    np.testing.assert_allclose(began, 1e3 * cube.corner_pos[:, :2] + [20, 0], atol=1e-9)
+    (paths,) = [c for c in above.collections if c.get_label() == "way"]
+    assert isinstance(paths, LineCollection)
+    np.testing.assert_allclose(np.asarray(paths.get_segments()[0]) - began[0], [[0, 0], [-10, 0], [-20, 10]], atol=1e-9)
+    assert "start and way of a corner" in words(figure)
+    assert exaggeration(cube, cube, way=[start]) == 5.0
+    assert_legible(figure)
+
+
+def test_where_the_object_may_reach_is_marked_and_in_the_picture(cube: ObjectModel) -> None:
+    figure = learned_geometry(cube, cube, unseen=np.array([[0.09, 0.05, 0.05], [0.05, 0.09, 0.05]]))
+    above = titled(figure, "from above")
+    np.testing.assert_allclose(np.column_stack(line(above, "may reach").get_data()), [[90, 50], [50, 90]], atol=1e-9)
+    assert above.get_xlim()[1] > 90
+    assert "may reach here: never seen" in words(figure)
+    assert_legible(figure)

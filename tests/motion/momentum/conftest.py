@@ -3,7 +3,7 @@ from dataclasses import dataclass
 import pytest
 
 from tossid.motion import tosses_from_tracks
-from tossid.objects import ObjectModel, object_from_mjcf, unstated_object
+from tossid.objects import ObjectModel, unstated_object
 from tossid.settings.synthesis import ShapeTossSettings
 from tossid.synthesis.shapes import toss_shape
 from tossid.types import Toss
@@ -22,5 +22,4 @@ def wedge() -> Tossed:
     """MuJoCo's friction is not Coulomb's in impacts, which the balance of momentum does not mind."""
     made = toss_shape("wedge", ShapeTossSettings(tosses=20))
     tosses = tosses_from_tracks(made.tracks, unstated_object())
-    true = object_from_mjcf(made.mjcf, friction=made.friction)
-    return Tossed(tosses, true.with_changes(com=made.com[None], inertia=made.inertia[None]))
+    return Tossed(tosses, made.object)

@@ -8,8 +8,9 @@ from tossid.evaluation.figures.accelerations import Accelerations, accelerations
 from tossid.evaluation.figures.angles import geometry_at_angles
 from tossid.evaluation.figures.comparison import toss_comparison
 from tossid.evaluation.figures.errors import ErrorsAlong, errors_along, errors_along_rollout, errors_over_tosses
-from tossid.evaluation.figures.film import toss_film
+from tossid.evaluation.figures.film import save_film, toss_film
 from tossid.evaluation.figures.geometry import learned_geometry
+from tossid.evaluation.figures.hull_film import hull_film
 from tossid.evaluation.figures.inertia import inertia_study
 from tossid.evaluation.figures.residual import residual_over_toss
 from tossid.evaluation.figures.sessions import recording_over_order
@@ -24,6 +25,8 @@ __all__ = [
     "geometry_at_angles",
     "toss_comparison",
     "toss_film",
+    "hull_film",
+    "save_film",
     "residual_over_toss",
     "accelerations_over_toss",
     "Accelerations",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -43,6 +45,7 @@ def exaggeration(
     learned: ObjectModel,
     truth: ObjectModel | None = None,
     *,
+    way: Sequence[Array] = (),
     settings: FigureSettings = FigureSettings(),
 ) -> float:
     """The round factor that makes the largest shift of a corner or a centre of mass visible, but not absurd.
@@ -51,12 +54,14 @@ def exaggeration(
         given: The object as it was stated.
         learned: The object as it was learned.
         truth: The object as it is, if that is known.
+        way: As of `learned_geometry`.
         settings: How large the largest shift may be drawn.
 
     Returns:
         The factor, at least 1.
     """
-    shifts = [
+    shifts = [np.linalg.norm(step - given.corner_pos, axis=1).max() for step in way]
+    shifts += [
         np.linalg.norm(getattr(other, part) - getattr(given, part), axis=1).max()
         for other in (learned, truth)
         if other is not None
@@ -67,8 +72,8 @@ def exaggeration(
     return float(max(fitting)) if fitting and largest > 1e-9 else 1.0
 
 
-UNSEEN = "#c2410c"
-"""Colour of what no toss has shown."""
+UNSEEN, WAY = "#c2410c", "#9467bd"
+"""Colours of what no toss has shown, and of where corners began."""
 
 
 @styled
@@ -79,6 +84,8 @@ def learned_geometry(
     *,
     factor: float | None = None,
     seen: NDArray[np.bool_] | None = None,
+    way: Sequence[Array] = (),
+    unseen: Array | None = None,
     title: str = "Learned geometry",
     settings: FigureSettings = FigureSettings(),
 ) -> Figure:
@@ -94,6 +101,8 @@ def learned_geometry(
         factor: The exaggeration; a round number that fits the shifts if None.
         seen: Which learned corners tosses have shown (of a round object, which points of its surface), (n_c,); the
             others are crossed out. None for all.
+        way: Corners (n_c, 3) before training, and after each stage that moved them [m]: drawn as paths.
+        unseen: Points (m, 3) in the base's frame to which the object may reach, as no toss decides it [m].
         title: The figure's title.
         settings: How large the largest shift may be drawn.
 
@@ -109,11 +118,14 @@ def learned_geometry(
     for name, model in shown.items():
         if model.corner_pos.shape != given.corner_pos.shape or model.com.shape != given.com.shape:
             raise InputError(f"{name} has {model.n_corners} corners on {model.n_bodies} bodies, given has others")
-    scale = exaggeration(given, learned, truth, settings=settings) if factor is None else factor
+    scale = exaggeration(given, learned, truth, way=way, settings=settings) if factor is None else factor
+    steps = np.array([given.corner_pos + scale * (step - given.corner_pos) for step in way])  # (k, n_c, 3)
+    farthest = max((float(np.linalg.norm(step - given.corner_pos, axis=1).max()) for step in steps), default=0.0)
 
     lines = [_shift_line("learned", given, learned)]
     if truth is not None:
         lines += [_shift_line("truth", given, truth), _shift_line("from learned to truth", learned, truth)]
+    beyond = np.zeros((0, 3)) if unseen is None else np.reshape(unseen, (-1, 3))
     top, row, above = 1.3 + 0.2 * (len(lines) - 1), 1.52, 0.72
     height = top + given.n_bodies * row + (given.n_bodies - 1) * above + 0.9
     figure = new_figure(title, "\n".join(lines), height=height)
@@ -132,26 +144,34 @@ def learned_geometry(
         for n in shown
     ]
     entries += [(Line2D([], [], color=INK, ls="none", marker="+", ms=9, mew=1.8), "centre of mass")]
+    if len(steps):
+        entries += [(Line2D([], [], color=WAY, lw=0.9, marker="o", mfc="white", ms=4), "start and way of a corner")]
     if seen is not None and not seen.all():
         entries += [(Line2D([], [], color=UNSEEN, ls="none", marker="x", ms=7, mew=1.6), "never on the ground")]
+    if len(beyond):
+        entries += [(Line2D([], [], color=UNSEEN, ls="none", marker="x", ms=4, mew=0.9), "may reach here: never seen")]
     key_row(figure, entries, y=top - 0.6)
 
     for b in range(given.n_bodies):
         own = given.corner_body == b
         base = given.corner_pos[own]
         edges = wireframe(base).edges
-        reach = 1e3 * (0.5 * np.ptp(base, axis=0).max() + 1.35 * settings.shift_share * given.width)
+        hidden = beyond if b == 0 else beyond[:0]
+        room = max(1.35 * settings.shift_share * given.width, farthest)
+        middle = 0.5 * (base.min(axis=0) + base.max(axis=0))
+        reach = 1e3 * max(0.5 * np.ptp(base, axis=0).max() + room, 1.1 * np.abs(hidden - middle).max(initial=0.0))
         for j, (name, view, letters) in enumerate(_VIEWS):
             ax = axes[b, j]
             for source, model in shown.items():
                 corners = view(1e3 * (base + scale * (model.corner_pos[own] - base)))
                 com = view(1e3 * (given.com[b] + scale * (model.com[b] - given.com[b])))
                 _draw_body(ax, corners, com, edges, source)
+                if source == "learned" and len(steps):
+                    _draw_way(ax, view(1e3 * steps[:, own]))
                 if source == "learned" and seen is not None:
                     ax.plot(*corners[~seen[own]].T, "x", ms=7, mew=1.6, color=UNSEEN, zorder=6, label="never seen")
-            middle = view(1e3 * 0.5 * (base.min(axis=0) + base.max(axis=0)))
-            room = reach * (1.0 if letters else 1.45)
-            _frame(ax, middle, room, letters)
+            ax.plot(*view(1e3 * hidden).T, "x", ms=4, mew=0.9, color=UNSEEN, zorder=1, label="may reach")
+            _frame(ax, view(1e3 * middle), reach * (1.0 if letters else 1.45), letters)
             if not b:
                 ax.set_title(name, fontsize=9.5)
         if given.n_bodies > 1:
@@ -188,6 +208,13 @@ def _draw_body(ax: Axes, corners: Array, com: Array, edges: NDArray[np.int64], s
     if source == "learned":
         ax.plot(*corners.T, "o", ms=3.5, color=style.color, zorder=order, label="learned corners")
     ax.plot(*com, "+", ms=9, mew=1.8, color=style.color, zorder=order + 3, label=f"{source} com")
+
+
+def _draw_way(ax: Axes, steps: Array) -> None:
+    """Where corners began and how they went, (k, n, 2) in one view [mm]."""
+    ax.plot(*steps[0].T, "o", ms=4, mfc="white", mec=WAY, mew=0.9, zorder=5, label="start")
+    paths = LineCollection(list(steps.swapaxes(0, 1)), colors=WAY, linewidths=0.9, zorder=5, label="way")
+    ax.add_collection(paths, autolim=False)
 
 
 def _frame(ax: Axes, middle: Array, room: float, letters: str) -> None:
