@@ -40,7 +40,7 @@ class Copy:
     yaw: float
 
 
-def find_copies(tracks: Sequence[PoseTrack] | Sequence[Toss], *, settings: CopySettings = DEFAULT) -> tuple[Copy, ...]:
+def find_copies(tracks: Sequence[PoseTrack | Toss], *, settings: CopySettings = DEFAULT) -> tuple[Copy, ...]:
     """Tosses that are earlier ones turned about the vertical, shifted, or with the body's axes named otherwise.
 
     Args:
