@@ -32,7 +32,7 @@ from tossid.diagnosis.sessions.suspects import (
     suspects_among,
     unfelt_in_part,
 )
-from tossid.motion.sessions.change_points import Change, Witness, find_changes
+from tossid.motion.sessions.change_points import Change, Witness, changes_at, find_changes
 from tossid.physics.effects import Effect
 from tossid.settings.diagnosis.order import OrderSettings
 
@@ -75,14 +75,25 @@ class EffectOverOrder:
         return self.effect.name in CORRECTABLE
 
 
-def changes_over_order(witnesses: Mapping[str, Witness], settings: OrderSettings) -> tuple[Change, ...]:
+def changes_over_order(
+    witnesses: Mapping[str, Witness], settings: OrderSettings, *, boundaries: Sequence[int] = ()
+) -> tuple[Change, ...]:
     """Where anything changes over the order.
 
     Args:
         witnesses: Of `witnesses_of`.
         settings: Significance and the smallest session.
+        boundaries: Numbers of tosses with which sessions of the dataset begin. Where no change is found near one, it is
+            one of what changes there.
     """
-    return find_changes(witnesses, settings=settings.changes)
+    found = list(find_changes(witnesses, settings=settings.changes))
+    n = len(next(iter(witnesses.values()))[0])
+    for at in boundaries:
+        near = any(abs(change.at - at) <= settings.same_change for change in found)
+        if not near and settings.fewest_tosses <= at <= n - settings.fewest_tosses:
+            p = changes_at(witnesses, at, settings=settings.changes)
+            found += [Change(at, p)] if p else []
+    return tuple(sorted(found, key=lambda change: change.at))
 
 
 def effect_over_order(
