@@ -139,8 +139,10 @@ def effect_over_order(
     suspects = sorted(suspects, key=lambda each: -gains[each.name])[: settings.candidates]
     found: list[EffectOverOrder] = []
     if suspects:
-        drifting = fitted(suspects[0], "drift", parts_of_drift)
-        if follows_line(drifting, at):
+        # (what changes with the dataset's sessions alone does not drift)
+        in_sessions = set(at) <= set(boundaries)
+        drifting = None if in_sessions else fitted(suspects[0], "drift", parts_of_drift)
+        if drifting is not None and follows_line(drifting, at):
             found = [drifting, *validator.map(partial(fitted, form="drift", edges=parts_of_drift), suspects[1:])]
         else:
             found = validator.map(partial(fitted, form="steps", edges=steps), suspects)
