@@ -41,6 +41,8 @@ def run(config: TrainConfig, console: Console) -> dict[str, Any]:
         fit = prepare(dataset, config.settings())
     except InputError as error:
         raise InputError(f"{data}: {error}") from error
+    if fit.leak is not None:
+        console.warn(f"{data}: {fit.leak}")
     folder = FOLDER / f"{config.model.name}-{digest_of([learning_keys(config), sha256])[:12]}"
     with only_writer(folder / "training"):
         unfinished = Unfinished(folder / "under_way", code=code_digest("tossid.training.api"))

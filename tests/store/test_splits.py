@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.store.makers import make_toss
 from tossid.errors import InputError
-from tossid.store import draw_splits
+from tossid.store import draw_splits, drawn_splits
 from tossid.types import Toss
 
 
@@ -60,3 +60,17 @@ def test_fractions_that_are_none_are_refused(fractions: tuple[float, ...]) -> No
 def test_two_tosses_of_one_name_are_refused() -> None:
     with pytest.raises(InputError, match="'0'"):
         draw_splits([MANY[0], MANY[0]], seed=0)
+
+
+def test_a_copy_goes_to_the_split_of_its_first_and_all_others_stay() -> None:
+    names = [toss.name for toss in MANY]
+    alone = drawn_splits(names, seed=3)
+    copies = {"40": "7", "41": "7", "150": "99"}
+    together = drawn_splits(names, seed=3, copies=copies)
+    assert any(alone[name] != alone[first] for name, first in copies.items())
+    assert {name: together[name] for name in copies} == {name: alone[first] for name, first in copies.items()}
+    assert {n: s for n, s in together.items() if n not in copies} == {n: s for n, s in alone.items() if n not in copies}
+    # the first of the copies stands for an original that is not drawn
+    fewer = [name for name in names if name != "7"]
+    split = drawn_splits(fewer, seed=3, copies=copies)
+    assert split["41"] == split["40"] == drawn_splits(fewer, seed=3)["40"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -103,6 +104,15 @@ def test_cells_that_ask_for_more_tosses_than_there_are_are_left_out(cube: Object
     assert "has 4 training tosses; left out: 64" in found.notes[0]
     with pytest.raises(InputError, match="left out: 64"):
         study(dataset(cube), key="tosses", values=[64], models=["cn"])
+
+
+@pytest.mark.usefixtures("counted")
+def test_copies_between_splits_are_noted(cube: ObjectModel) -> None:
+    assert study(dataset(cube), **ASKED).notes == ()
+    some = dataset(cube)
+    copy = replace(some.of_split("train")[0], name="copy", split="test")
+    (note,) = study(replace(some, tosses=(*some.tosses, copy)), **ASKED).notes
+    assert "test tosses equal one of train or validation" in note
 
 
 def test_processes_give_the_numbers_of_this_one(cube: ObjectModel, tmp_path: Path) -> None:

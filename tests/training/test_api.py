@@ -54,6 +54,13 @@ def test_keys_are_settings_and_the_rest_is_the_variants(dataset: Dataset) -> Non
         tossid.train(dataset, model="cnrip")
 
 
+def test_copies_between_splits_are_noted(dataset: Dataset) -> None:
+    assert "copies" not in tossid.train(dataset, model="cn", **QUICK).parameters
+    copy = replace(dataset.tosses[0], name="copy", split="test")
+    noted = tossid.train(replace(dataset, tosses=(*dataset.tosses, copy)), model="cn", **QUICK).parameters["copies"]
+    assert "1 of 2 test tosses equal one of train or validation" in noted["warning"]
+
+
 def test_rollouts_that_never_land_have_no_intervals(dataset: Dataset) -> None:
     rising = [replace(toss, v=toss.v + np.array([0, 0, 3.0, 0, 0, 0])) for toss in dataset.tosses]
     trained = tossid.train(replace(dataset, tosses=rising), model="cn", gravity=0.0, **QUICK)

@@ -145,7 +145,8 @@ class IngestSettings(TossSettings):
     """imported recordings that were turned about the vertical after they were tracked, each by its own angle. undo:
     they are turned back, so that all throws go along x"""
     copies: Literal["keep", "set_aside"] = "keep"
-    """imported tosses that are earlier ones turned about the vertical: set_aside gives them no split"""
+    """imported tosses that are earlier ones turned about the vertical. keep: each goes to the split of its first, so
+    that no model is tested on what it was trained on. set_aside: they get no split"""
     turns: TurnSettings = advanced_part(TurnSettings)
     """when recordings are taken to have been turned"""
     same: CopySettings = advanced_part(CopySettings)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -19,17 +19,25 @@ def draw_splits(tosses: Sequence[Toss], *, fractions: Sequence[float] = (0.5, 0.
     return tuple(replace(toss, split=split[toss.name]) for toss in tosses)
 
 
-def drawn_splits(names: Sequence[str], *, fractions: Sequence[float] = (0.5, 0.3, 0.2), seed: int) -> dict[str, str]:
+def drawn_splits(
+    names: Sequence[str],
+    *,
+    fractions: Sequence[float] = (0.5, 0.3, 0.2),
+    seed: int,
+    copies: Mapping[str, str] | None = None,
+) -> dict[str, str]:
     """Draw train, validation and test by toss: each name's split.
 
     The draw depends on the tosses' names and the seed only, not on their
     order. Counts are the fractions' by largest remainder; with three tosses or
-    more no split of a positive fraction is empty.
+    more no split of a positive fraction is empty. Copies are moved after the
+    draw, so that all other tosses stay where they are without them.
 
     Args:
         names: The tosses' names, no two alike.
         fractions: Of train, validation and test; not negative, with sum 1.
         seed: Of the draw.
+        copies: The toss that each copy is of, by the copy's name; a copy goes to the split of that toss.
 
     Raises:
         InputError: The fractions or the names will not do.
@@ -44,7 +52,13 @@ def drawn_splits(names: Sequence[str], *, fractions: Sequence[float] = (0.5, 0.3
     count = _counts(share, len(names))
     drawn = np.random.default_rng(seed).permutation(len(names))
     label = np.repeat(SPLITS, count)
-    return {names[index]: str(label[place]) for place, index in enumerate(drawn)}
+    split = {names[index]: str(label[place]) for place, index in enumerate(drawn)}
+    # (where the original is not among the names, the first of its copies stands for it)
+    stays = dict[str, str]()
+    for name in names:
+        original = (copies or {}).get(name, name)
+        stays.setdefault(original, original if original in split else name)
+    return {name: split[stays[(copies or {}).get(name, name)]] for name in split}
 
 
 def _counts(share: np.ndarray, n: int) -> np.ndarray:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tossid.errors import InputError, TossidError
+from tossid.motion.sessions.copies import leak_words
 from tossid.outputs import only_writer
 from tossid.parallel import as_done
 from tossid.settings.changed import changed
@@ -87,13 +88,14 @@ def plan_study(cells: Sequence[StudyCell], data: StudyData, *, folder: str | Pat
     if not dataset.of_split("test"):
         raise InputError(f"{where}: no held-out tosses to evaluate on (split 'test')")
     there = len(dataset.of_split("train"))
-    notes: tuple[str, ...] = ()
+    leak = leak_words(dataset.tosses)
+    notes: tuple[str, ...] = () if leak is None else (f"{where}: {leak}",)
     kept = tuple(cell for cell in cells if cell.settings.tosses is None or cell.settings.tosses <= there)
     left_out = sorted({cell.value for cell in cells} - {cell.value for cell in kept})
     if left_out:
-        notes = (f"{where} has {there} training tosses; left out: {', '.join(f'{value:g}' for value in left_out)}",)
+        notes += (f"{where} has {there} training tosses; left out: {', '.join(f'{value:g}' for value in left_out)}",)
         if not kept:
-            raise InputError(notes[0])
+            raise InputError(notes[-1])
     return StudyPlan(kept, data, None if folder is None else Path(folder), notes)
 
 
@@ -105,7 +107,7 @@ class StudyPlan:
         cells: Of one swept setting, in the order of their rows.
         data: What they learn from.
         folder: Where each cell is kept; None keeps nothing.
-        notes: What was left out, and why.
+        notes: What its splits leak by copies, and what was left out, and why.
     """
 
     cells: tuple[StudyCell, ...]

@@ -15,6 +15,7 @@ import torch
 from tossid.errors import InputError
 from tossid.models import EpochRecord, ModelSettings, TrainedModel, build_model, variant
 from tossid.motion import MeasurementEstimate, MeasurementModel, estimate_measurement
+from tossid.motion.sessions.copies import leak_words
 from tossid.settings.changed import changed
 from tossid.settings.training import TrainSettings
 from tossid.store import Dataset
@@ -134,6 +135,8 @@ def fit_model(
         parameters["convergence"] = convergence(learned, fit.evidence, history, fit.restarts, fit.settings)
     if fit.size is not None:
         parameters["stated_size"] = fit.size
+    if fit.leak is not None:
+        parameters["copies"] = {"warning": fit.leak}
     sha256 = fingerprint(fit.train_tosses)
     return TrainedModel(
         fit.model, fit.settings, parameters, tuple(history), took, sha256=sha256, versions=computing_versions()
@@ -164,14 +167,15 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
     measurement = measurement_of(settings.model, measured, stated=shown is None)
     model = build_model(settings.model, start, seed=settings.seed, measurement=measurement)
     size = size_contradiction(measured, measurement) if shown is None else None
-    fit = Fit(model, train, validation, settings, shown=shown, size=size)
+    leak = leak_words(dataset.tosses)
+    fit = Fit(model, train, validation, settings, shown=shown, size=size, leak=leak)
     kept, is_kept = settings.model, asked.learn_friction and not settings.model.learn_friction
     if not is_kept or not kept.horizons or not fit.friction_contradicted(kept.horizons[-1]):
         return fit
     # friction in impacts is not that of sliding
     settings = replace(settings, model=replace(kept, learn_friction=True))
     model = build_model(settings.model, start, seed=settings.seed, measurement=measurement)
-    return Fit(model, train, validation, settings, shown=shown)
+    return Fit(model, train, validation, settings, shown=shown, leak=leak)
 
 
 def keeping(model: ModelSettings, kept: Mapping[str, Any]) -> ModelSettings:

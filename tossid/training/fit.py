@@ -70,6 +70,7 @@ class Fit:
         settings: How long and how carefully.
         shown: What the tosses showed of an unknown object, from which the model starts.
         size: What the tosses say against the object's stated size (`stated_size`).
+        leak: What the splits leak by copies (`tossid.motion.sessions.copies`).
 
     Attributes:
         evidence: The frames against which corners are held, or why there are none.
@@ -86,9 +87,10 @@ class Fit:
         *,
         shown: UnknownObject | None = None,
         size: dict[str, Any] | None = None,
+        leak: str | None = None,
     ) -> None:
         self.model = model
-        self.shown, self.size = shown, size
+        self.shown, self.size, self.leak = shown, size, leak
         self.settings = settings or TrainSettings()
         self.train_tosses = tuple(train)
         true = model.measurement.true_toss

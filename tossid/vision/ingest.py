@@ -308,7 +308,7 @@ def _import_poses(
             # of what was recorded: levelling changes neither defects nor, with them, the draw of splits
             defects += find_defects([as_recorded(toss, order)], flying, gravity=settings.gravity)
             advance(1)
-        set_aside = _set_aside(defects, len(tracks), settings, report) | _copies_set_aside(copies, settings, report)
+        set_aside = _set_aside(defects, len(tracks), settings, report)
         kept = [name for name in names if name not in set_aside]
         sink.finish(
             rate_hz=rate_hz or median_rate(tracks),
@@ -320,7 +320,7 @@ def _import_poses(
                 "covariance_source": covariance_source(tracks),
                 "defects": "; ".join(f"{d.toss}: {d.rule} {d.value:.1f}" for d in defects),
             },
-            splits=drawn_splits(kept, fractions=settings.splits, seed=settings.seed),
+            splits=_splits(kept, copies, settings, report),
             order=order,
         )
     return IngestReport(defects=tuple(defects), problems=tuple(report.problems))
@@ -374,15 +374,17 @@ def _set_aside(defects: list[Defect], n_tosses: int, settings: IngestSettings, r
     return names if is_aside else set()
 
 
-def _copies_set_aside(copies: tuple[Copy, ...], settings: IngestSettings, report: Reporter) -> set[str]:
-    """The copies that get no split; reports them."""
-    said = copy_words(copies)
-    if said is None:
-        return set()
-    is_aside = settings.copies == "set_aside"
-    done = "left out of the splits" if is_aside else "kept, in whichever split; copies=set_aside leaves them out"
-    report.problem("import", f"{said}: {done}")
-    return {copy.name for copy in copies} if is_aside else set()
+def _splits(
+    names: Sequence[str], copies: tuple[Copy, ...], settings: IngestSettings, report: Reporter
+) -> dict[str, str]:
+    """The splits of tosses of which some may be copies; reports these."""
+    of = {copy.name: copy.of for copy in copies}
+    splits = drawn_splits(names, fractions=settings.splits, seed=settings.seed, copies=of)
+    said, is_aside = copy_words(copies), settings.copies == "set_aside"
+    if said is not None:
+        done = "left out of the splits" if is_aside else "kept, each in the split of its first"
+        report.problem("import", f"{said}: {done}")
+    return {name: split for name, split in splits.items() if not (is_aside and name in of)}
 
 
 def _model(object: Named | None, folder: Path | None = None) -> ObjectModel | None:

@@ -1,14 +1,15 @@
 """How well changes over the order of recording are found, without the search for effects that are in all tosses.
 
     python -m pipelines.tools.experiments.changes_over_order [cases=40] [nulls=40] [data=CUBE.h5] [seed=0] [first=0]
-        [tosses=40] [only=FORM]
+        [tosses=40] [only=FORM] [effects=NAME,NAME]
     python -m pipelines.tools.experiments.changes_over_order recorded=FILE.h5 [split=train] [tosses=40] [seed=0]
 
 The cases are those of `tossid audit over_order=true` in which something changes, through TUM files as there. In nulls,
 nothing changes: in turns, there is no effect, or all tosses have one; of a dataset, real tosses are drawn in random
 order, one null in three. Each is looked at as a diagnosis does before its search: what changes, from which toss on, and
-by how much; `first` leaves out the changes before. A line of JSON a case goes to standard output, and the measures to
-standard error. The second form looks at tosses of a dataset, drawn as `diagnose` draws them, in their own order.
+by how much. `first` leaves out the changes before, and `effects` those of other effects. A line of JSON a case goes to
+standard output, and the measures to standard error. The second form looks at tosses of a dataset, drawn as `diagnose`
+draws them, in their own order.
 """
 
 from __future__ import annotations
@@ -110,7 +111,8 @@ def problems(given: Mapping[str, str], settings: AuditSettings) -> Iterator[tupl
     of_all_engines = [name for name in strengths_for(model) if name not in only_lcp]
     cases += draw_nulls(nulls - real, effects=of_all_engines, **shared)
     for case in cases:
-        if case.order is not None and given.get("only", case.order.form) == case.order.form:
+        kind = "" if case.order is None else case.order.form, ",".join(case.effects)
+        if kind == (given.get("only", kind[0]), given.get("effects", kind[1])):
             yield made(case, model, settings)
     if real and given.get("only", SHUFFLED) == SHUFFLED:
         yield from drawn(Path(given["data"]), real, settings)

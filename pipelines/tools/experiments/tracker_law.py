@@ -216,8 +216,8 @@ def main(data: Path, *, search: bool = False) -> None:
     apart = sum(split[copy.name] != split[copy.of] for copy in copies)
     tested = sum("test" in (split[copy.name], split[copy.of]) and split[copy.name] != split[copy.of] for copy in copies)
     console.say(
-        f"{len(tracks)} tosses in {turns.recording_of.max() + 1} recordings, {len(copies)} copies; by default {apart} "
-        f"lie in another split than their original, {tested} of these pairs with one in the test split"
+        f"{len(tracks)} tosses in {turns.recording_of.max() + 1} recordings, {len(copies)} copies; drawn by name, "
+        f"{apart} lie in another split than their original, {tested} of these pairs with one in the test split"
     )
     within = np.rad2deg(np.angle(np.exp(1j * (turns.throws - turns.yaw))))
     console.say(f"throws of a recording differ in direction by {np.std(within):.1f} degrees (standard deviation)")

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from tossid.diagnosis.findings import Interval
-from tossid.diagnosis.sessions.changes import (
-    EffectOverOrder,
-    changes_over_order,
-    clearest_steps,
-    follows_line,
-    moments_of_steps,
-)
+from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.sessions.changes import EffectOverOrder, changes_over_order, follows_line, values_differ
+from tossid.diagnosis.sessions.moments import moments_of_steps
 from tossid.diagnosis.sessions.values import RESIDUAL
 from tossid.motion.sessions.change_points import Witness
-from tossid.physics.effects import effect_named
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World, effect_named
 from tossid.settings.diagnosis.order import OrderSettings
 
 N = 40
@@ -45,14 +45,6 @@ def test_a_step_is_found_where_it_is_and_in_nothing_else(at: int) -> None:
     assert set(change.p) == {"tilt"}
 
 
-def test_the_witness_that_changes_most_clearly_says_when() -> None:
-    seen = {"tilt": witness(step(17), seed=4, sigma=0.15), "blurred": witness(step(20), seed=5, sigma=0.8)}
-    changes = changes_over_order(seen, SETTINGS)
-    assert {name for change in changes for name in change.p} == {"tilt", "blurred"}
-    (at,) = clearest_steps(seen, changes, SETTINGS)
-    assert abs(at - 17) <= 1
-
-
 def in_parts(values: list[float], sigma: float) -> EffectOverOrder:
     """A clock that was fitted to five parts of 40 tosses."""
     stretches = tuple({"rate_rel": Interval(x, x - 2 * sigma, x + 2 * sigma)} for x in values)
@@ -75,10 +67,52 @@ def test_values_that_drift_follow_a_line(at: tuple[int, ...]) -> None:
     assert follows_line(in_parts([0.01, 0.24, 0.51, 0.75, 0.99], 0.02), at)
 
 
+@dataclass(frozen=True)
+class AsFitted:
+    """A fit of which only the values and their covariance are asked for."""
+
+    hypothesis: Hypothesis
+    cov: np.ndarray
+
+    def covariance(self) -> np.ndarray:
+        return self.cov
+
+
+def test_values_differ_by_the_scatter_of_tosses(cube: ObjectModel) -> None:
+    effect = effect_named("world_tilt")
+    rng, cov = np.random.default_rng(0), np.array([[4.0, 1.0], [1.0, 2.0]]) * 1e-6
+    root = np.linalg.cholesky(cov)
+
+    def probability(step: list[float]) -> float:
+        fits: list[Any] = [
+            AsFitted(Hypothesis(World(cube)).plus(effect, root @ rng.normal(size=2) + k * np.array(step)), cov)
+            for k in range(2)
+        ]
+        each = in_parts([0.0, 0.0], 1.0)
+        return values_differ(replace(each, effect=effect, fitted=tuple(fits)))
+
+    same = [probability([0.0, 0.0]) for _ in range(300)]
+    assert np.mean(np.array(same) < 0.1) == pytest.approx(0.1, abs=0.05)
+    assert max(probability([0.012, -0.006]) for _ in range(20)) < 1e-3
+
+
 def test_what_depends_on_place_does_not_change() -> None:
     place = np.column_stack([step(20, 1)[:, 0], np.zeros(N)])
     values, info, _ = witness(step(20, 1), seed=1)
     assert changes_over_order({"height": (values, info, place + 1e-3)}, SETTINGS) == ()
+
+
+def test_a_session_of_the_dataset_is_tested_where_it_begins() -> None:
+    seen = {"tilt": witness(1.2 * step(16), seed=11, sigma=1.0)}
+    seen |= {f"{k}": witness(0 * step(5), seed=200 + k) for k in range(30)}
+    assert changes_over_order(seen, SETTINGS) == ()
+    (change,) = changes_over_order(seen, SETTINGS, boundaries=(16,))
+    assert change.at == 16
+    assert "tilt" in change.p
+    # too near to an end, or to a change that was found
+    assert changes_over_order(seen, SETTINGS, boundaries=(3, 38)) == ()
+    clear = {"tilt": witness(step(16), seed=11)}
+    assert len(changes_over_order(clear, SETTINGS, boundaries=(17,))) == 1
 
 
 def test_nothing_is_found_in_nothing() -> None:

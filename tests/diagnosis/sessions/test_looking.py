@@ -9,10 +9,15 @@ import pytest
 
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen, with_effect
+from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.problem import Problem
+from tossid.diagnosis.sessions.changes import effect_over_order
 from tossid.diagnosis.sessions.looking import TossOrder, undo_changes
+from tossid.diagnosis.sessions.values import witnesses_of
+from tossid.motion.sessions.change_points import Change
 from tossid.objects import ObjectModel
-from tossid.physics.effects import World
+from tossid.physics.effects import World, effect_named
+from tossid.settings.diagnosis.order import OrderSettings
 from tossid.types import Toss
 
 FEW = [EFFECTS[name] for name in ("world_tilt", "friction")]
@@ -62,6 +67,22 @@ def test_a_height_that_changes_is_no_slow_error_of_the_tracker(cube: ObjectModel
     assert (each.effect.name, each.edges) == ("ground_height", (0, 12, 21))
     np.testing.assert_allclose(each.values[[0, -1], 0], [0.0, 3e-3], atol=1e-4)
     assert last.changes == ()
+
+
+def test_a_ground_that_rises_out_of_reach_is_found_though_another_effect_explains_some(cube: ObjectModel) -> None:
+    """Objects that rest 10 mm above the stated ground do not feel it; a delay of rotations gains half as much."""
+    level = seen(World(cube), cube, 12, seed=3, frames=150)
+    raised = seen(with_effect(cube, "ground_height", [0.01]), cube, 9, seed=4, frames=150)
+    tosses = tuple(replace(toss, name=str(i)) for i, toss in enumerate([*level, *raised]))
+    library = [effect_named(name) for name in ("ground_height", "rotation_delay")]
+    validator = Problem(tosses, World(cube), library).validator(over_order=True)
+    present = validator.evaluate(Hypothesis(World(cube)))
+    seen_over_order = witnesses_of(present, library, validator, np.zeros((21, 2)), np.zeros(21))
+    changes = (Change(12, {"rotation_delay": 1e-3}),)
+    found = effect_over_order(present, validator, library, seen_over_order, changes, OrderSettings())
+    assert found is not None
+    assert (found.effect.name, found.edges) == ("ground_height", (0, 12, 21))
+    np.testing.assert_allclose(found.values[[0, -1], 0], [0.0, 0.01], atol=1e-4)
 
 
 def test_noise_that_changes_is_no_effect(cube: ObjectModel) -> None:

@@ -9,7 +9,13 @@ from tests.diagnosis.by_hand import EFFECTS, hypothesis
 from tests.diagnosis.sessions.test_looking import tilted_from
 from tests.diagnosis.tossed import seen, with_effect
 from tossid.diagnosis.problem import Problem
-from tossid.diagnosis.sessions.suspects import fits_from_starts, gain_of_change, stepped, suspects_among
+from tossid.diagnosis.sessions.suspects import (
+    fits_from_starts,
+    gain_of_change,
+    stepped,
+    suspects_among,
+    unfelt_in_part,
+)
 from tossid.diagnosis.sessions.values import toss_values
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World, effect_named
@@ -68,3 +74,12 @@ def test_a_ground_that_rises_out_of_reach_is_found_from_a_start(cube: ObjectMode
     ((effect, fits),) = fits_from_starts(present, library, (0, 11, 21), validator, count=1)
     assert effect.name == "ground_height"
     np.testing.assert_allclose([one.hypothesis.values[-1][0] for one in fits], [0.0, 0.028], atol=2e-4)
+
+
+def test_what_tosses_of_one_session_cannot_say_is_known() -> None:
+    values, said = np.zeros((12, 1)), np.ones((12, 1, 1))
+    assert unfelt_in_part(None, (0, 12))
+    assert not unfelt_in_part((values, said, values), (0, 6, 12))
+    said[7:] = 1e-4
+    assert unfelt_in_part((values, said, values), (0, 6, 12))
+    assert not unfelt_in_part((values, said, values), (0, 12))

@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tossid.motion.sessions.change_points import fewest_items, find_changes, robust_mean, split_statistics
+from tossid.motion.sessions.change_points import (
+    changes_at,
+    fewest_items,
+    find_changes,
+    robust_mean,
+    split_statistics,
+)
 from tossid.settings.sessions import SessionSettings
 
 Array = np.ndarray
@@ -40,6 +46,28 @@ def test_no_change_is_found_in_an_order_that_means_nothing(draw: str) -> None:
         }[draw]
         found += bool(find_changes({"a": witness(values), "b": witness(rng.normal(size=(50, 1)))}))
     assert found <= 1
+
+
+def test_a_change_at_a_known_place_takes_less() -> None:
+    settings = SessionSettings(significance=0.005, permutations=1999)
+    known = searched = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        values = rng.normal(size=(24, 2))
+        values[11:] += [1.9, 0.0]
+        some = {"tilt": witness(values)} | {f"{i}": witness(rng.normal(size=(24, 1))) for i in range(30)}
+        known += "tilt" in changes_at(some, 11, settings=settings)
+        searched += bool(find_changes(some, settings=settings))
+    assert known >= 12
+    assert searched <= 3
+
+
+def test_probabilities_at_a_place_are_those_of_chance() -> None:
+    rng = np.random.default_rng(0)
+    some = {f"{i}": witness(rng.standard_t(2, size=(30, 2))) for i in range(400)}
+    found = changes_at(some, 12, settings=SessionSettings(significance=0.1, permutations=999))
+    assert len(found) == pytest.approx(40, abs=18)
+    assert max(found.values()) <= 0.1
 
 
 def test_two_changes_are_found() -> None:

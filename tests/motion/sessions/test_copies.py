@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tossid.motion.sessions.copies import copy_words, find_copies
+from tossid.motion.sessions.copies import copy_words, find_copies, leak_words, leaking_copies
 from tossid.motion.sessions.levelling import turned_track
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp, quat_mul
+from tossid.store import drawn_splits
 from tossid.store.importers import read_contactnets
-from tossid.types import PoseTrack
+from tossid.types import PoseTrack, Toss
 
 
 def copied(track: PoseTrack, name: str, yaw: float, *, lift: float = 0.0) -> PoseTrack:
@@ -49,8 +50,44 @@ def test_tosses_that_only_resemble_each_other_are_none(tosses: list[PoseTrack]) 
     assert find_copies([*tosses, measured, spun, cut]) == ()
 
 
+def in_split(track: PoseTrack, split: str) -> Toss:
+    n, nv = len(track.t), track.q.shape[1] - 1
+    zero = np.zeros((n, nv, nv))
+    return Toss(track.name, track.t, track.q, np.zeros((n, nv)), zero, zero, np.zeros(n, dtype=np.uint8), split)
+
+
+def test_copies_in_other_splits_are_leaks(tosses: list[PoseTrack]) -> None:
+    drawn = {"3": "train", "9": "test", "1": "validation", "2": "test", "4": "train", "5": ""}
+    some = [in_split(track, drawn[track.name]) for track in tosses if track.name in drawn]
+    assert leak_words(some) is None
+    more = [
+        in_split(copied(tosses[3], "a", 1.2), "validation"),
+        in_split(copied(tosses[3], "b", 0.2), "test"),
+        in_split(copied(tosses[9], "c", 0.2), "test"),  # both in one split
+        in_split(copied(tosses[1], "d", 0.2), "train"),  # the first leaks, not the copy
+        in_split(copied(tosses[2], "e", 0.2), "validation"),
+        in_split(copied(tosses[4], "f", 0.2), ""),  # out of the splits
+        in_split(copied(tosses[5], "g", 0.2), "test"),
+    ]
+    found = leaking_copies([*some, *more])
+    assert {split: set(names) for split, names in found.items()} == {"test": {"b", "2"}, "validation": {"a", "1"}}
+    said = leak_words([*some, *more]) or ""
+    assert "2 of 5 test tosses equal one of train or validation, and 2 of 3 validation tosses one of train" in said
+
+
 def test_the_published_cube_has_copies(shared_data: Path, cube: ObjectModel) -> None:
-    found = find_copies(read_contactnets(shared_data / "contactnets_cube"))
+    tracks = read_contactnets(shared_data / "contactnets_cube")
+    found = find_copies(tracks)
     assert len(found) == 22
     (pair,) = [copy for copy in found if copy.name == "140"]
     assert (pair.of, np.rad2deg(pair.yaw)) == ("56", pytest.approx(-169.03, abs=0.01))
+    # of the splits that ingest draws, none leaks; those drawn without regard to copies do
+    names = [track.name for track in tracks]
+    alone, together = (
+        drawn_splits(names, seed=0, copies=copies) for copies in ({}, {copy.name: copy.of for copy in found})
+    )
+    assert sum(alone[copy.name] != alone[copy.of] for copy in found) == 15
+    assert leak_words([in_split(track, together[track.name]) for track in tracks]) is None
+    leaks = leaking_copies([in_split(track, alone[track.name]) for track in tracks])
+    assert (len(leaks["test"]), len(leaks["validation"])) == (8, 7)
+    assert sum(alone[name] != together[name] for name in names) == 15

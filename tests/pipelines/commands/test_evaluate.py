@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +14,7 @@ from pipelines.commands.evaluate import _folder_name
 from pipelines.tracking.runs import find_run
 from tests.pipelines.conftest import one_line
 from tests.pipelines.stored import stored_run
+from tossid.store import read_dataset
 
 
 def test_a_run_is_found_by_its_folder_and_judged_on_held_out_tosses(
@@ -54,3 +56,17 @@ def test_wrong_calls(beside: Path, capfd: pytest.CaptureFixture[str], keys: list
     assert app.run(["evaluate", *keys, "--json", "--quiet"]) == 2
     assert words in one_line(capfd.readouterr().err)
     assert not (beside / "outputs").exists()
+
+
+def test_copies_between_splits_are_said_once_by_train_and_once_by_evaluate(
+    beside: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    dataset = read_dataset(beside / "tosses" / "tosses.h5")
+    copy = replace(dataset.of_split("train")[0], name="copy", split="test")
+    replace(dataset, tosses=(*dataset.tosses, copy), order=None).save(beside / "leaks.h5")
+    for command in (["train", "model=cn", "epochs=2", "data=leaks.h5"], ["evaluate"]):
+        assert app.run([*command, "--quiet"]) == 0
+        said = capfd.readouterr().err
+        assert said.count("leaks.h5: copies leak between splits: 1 of 3 test tosses equal one of train") == 1
+    assert app.run(["evaluate", "data=leaks.h5", "--quiet"]) == 0  # of all tosses, which are no test in any case
+    assert "copies leak" not in capfd.readouterr().err

@@ -243,11 +243,15 @@ def test_copies_and_turns_of_the_real_cube_are_reported_and_undone_where_asked(
     assert "1 toss is a copy of an earlier one, turned about the vertical: 140 of 56 (-169.0°)" in said
     assert "recordings were turned about the vertical after they were tracked" in said
     assert "turned=undo" in said
+    assert "kept, each in the split of its first" in said
     kept = read_dataset(project / "cube.h5")
+    split = {toss.name: toss.split for toss in kept.tosses}
+    assert split["140"] == split["56"]
+    assert set(split.values()) == {"train", "validation", "test"}
     made = answer("ingest", *keys, "turned=undo", "copies=set_aside")
     back = read_dataset(project / "cube.h5")
     assert made["splits"].get("none") == 1
-    assert {toss.name: toss.split for toss in back.tosses}["140"] == ""
+    assert {toss.name: toss.split for toss in back.tosses} == {**split, "140": ""}
     assert back.order is not None
     for one, other in zip(kept.tosses, back.tosses, strict=True):
         np.testing.assert_allclose(as_recorded(other, back.order).q[:, :3], one.q[:, :3], atol=1e-12)

@@ -17,14 +17,22 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 from scipy.stats import t as student_t
 
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.fitting import Fitted, fit
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.sessions.correction import CORRECTABLE
-from tossid.diagnosis.sessions.suspects import fits_from_starts, gain_of_change, stepped, suspects_among
-from tossid.motion.sessions.change_points import Change, Witness, find_changes, robust_mean, without_covariates
+from tossid.diagnosis.sessions.moments import at_sessions, clearest_steps
+from tossid.diagnosis.sessions.suspects import (
+    fits_from_starts,
+    gain_of_change,
+    stepped,
+    suspects_among,
+    unfelt_in_part,
+)
+from tossid.motion.sessions.change_points import Change, Witness, changes_at, find_changes
 from tossid.physics.effects import Effect
 from tossid.settings.diagnosis.order import OrderSettings
 
@@ -67,14 +75,25 @@ class EffectOverOrder:
         return self.effect.name in CORRECTABLE
 
 
-def changes_over_order(witnesses: Mapping[str, Witness], settings: OrderSettings) -> tuple[Change, ...]:
+def changes_over_order(
+    witnesses: Mapping[str, Witness], settings: OrderSettings, *, boundaries: Sequence[int] = ()
+) -> tuple[Change, ...]:
     """Where anything changes over the order.
 
     Args:
         witnesses: Of `witnesses_of`.
         settings: Significance and the smallest session.
+        boundaries: Numbers of tosses with which sessions of the dataset begin. Where no change is found near one, it is
+            one of what changes there.
     """
-    return find_changes(witnesses, settings=settings.changes)
+    found = list(find_changes(witnesses, settings=settings.changes))
+    n = len(next(iter(witnesses.values()))[0])
+    for at in boundaries:
+        near = any(abs(change.at - at) <= settings.same_change for change in found)
+        if not near and settings.fewest_tosses <= at <= n - settings.fewest_tosses:
+            p = changes_at(witnesses, at, settings=settings.changes)
+            found += [Change(at, p)] if p else []
+    return tuple(sorted(found, key=lambda change: change.at))
 
 
 def effect_over_order(
@@ -101,7 +120,7 @@ def effect_over_order(
     p = {name: min(c.p[name] for c in changes if name in c.p) for c in changes for name in c.p}
     suspects = [each for each in suspects_among(library, p) if each.name in witnesses]
     outlier, n = settings.changes.outlier, validator.n
-    at = _at_sessions(clearest_steps(witnesses, changes, settings), boundaries, settings.same_change)
+    at = at_sessions(clearest_steps(witnesses, changes, settings), boundaries, settings.same_change)
     steps, shares = (0, *at, n), validator.settings.selection.step_shares
     parts = max(2, min(settings.drift_parts, n // settings.changes.fewest_tosses))
     parts_of_drift = tuple(round(n * k / parts) for k in range(parts + 1))
@@ -120,16 +139,20 @@ def effect_over_order(
     suspects = sorted(suspects, key=lambda each: -gains[each.name])[: settings.candidates]
     found: list[EffectOverOrder] = []
     if suspects:
-        drifting = fitted(suspects[0], "drift", parts_of_drift)
-        if follows_line(drifting, at):
+        # (what changes with the dataset's sessions alone does not drift)
+        in_sessions = set(at) <= set(boundaries)
+        drifting = None if in_sessions else fitted(suspects[0], "drift", parts_of_drift)
+        if drifting is not None and follows_line(drifting, at):
             found = [drifting, *validator.map(partial(fitted, form="drift", edges=parts_of_drift), suspects[1:])]
         else:
             found = validator.map(partial(fitted, form="steps", edges=steps), suspects)
     judged = _gaining(present, found, settings)
-    if not judged:
-        from_starts = fits_from_starts(present, library, steps, validator, count=settings.from_starts)
-        found = [described(effect, "steps", steps, fits, max(p.values())) for effect, fits in from_starts]
-        judged = _gaining(present, found, settings)
+    if judged and found[0].form == "drift":
+        return _simplest(judged, settings)
+    unfelt = [each for each in library if unfelt_in_part(witnesses.get(each.name), steps)]
+    from_starts = fits_from_starts(present, unfelt, steps, validator, count=settings.from_starts)
+    found += [described(effect, "steps", steps, fits, max(p.values())) for effect, fits in from_starts]
+    judged = _gaining(present, found, settings) if from_starts else judged
     return _simplest(judged, settings) if judged else None
 
 
@@ -140,14 +163,31 @@ def _gaining(
 
     What an effect gains over its mean says whether it changes, and not that it merely is there in all tosses. Of those
     that change, what each gains on the whole is compared: the mean of one suits all tosses better than that of another.
+    Its values must differ by more than tosses scatter, too: a few odd tosses can bring much likelihood.
     """
     gains = []
     for each in found:
         whole, over_mean = (gain - _cost(each.effect, each.edges) for gain in _gains(present, each))
-        if over_mean > settings.least_gain:
+        if over_mean > settings.least_gain and values_differ(each) < settings.significance:
             gains.append((whole, over_mean, each))
     most = max((over_mean for _, over_mean, _ in gains), default=0.0)
     return [(whole, each) for whole, over_mean, each in gains if over_mean > settings.comparable * most]
+
+
+def values_differ(each: EffectOverOrder) -> float:
+    """Probability of values that differ as much between stretches if all are one, by Wald's test (1943).
+
+    Args:
+        each: The effect, with its fits, whose errors are from the scatter of tosses.
+    """
+    name = each.effect.name
+    values = [one.hypothesis.values_of(name) for one in each.fitted]
+    places = [one.hypothesis.place_of(name) for one in each.fitted]
+    information = [np.linalg.pinv(one.covariance()[at, at]) for one, at in zip(each.fitted, places, strict=True)]
+    weighted = [W @ y for W, y in zip(information, values, strict=True)]
+    mean = np.linalg.pinv(np.sum(information, axis=0)) @ np.sum(weighted, axis=0)
+    squared = sum((y - mean) @ W @ (y - mean) for W, y in zip(information, values, strict=True))
+    return float(chi2.sf(squared, (len(values) - 1) * len(mean)))
 
 
 def _cost(effect: Effect, edges: Sequence[int]) -> float:
@@ -207,95 +247,6 @@ def _simplest(found: Sequence[tuple[float, EffectOverOrder]], settings: OrderSet
     ]:
         gain, chosen = max(inner, key=lambda each: each[0])
     return chosen
-
-
-def clearest_steps(
-    witnesses: Mapping[str, Witness], changes: Sequence[Change], settings: OrderSettings
-) -> tuple[int, ...]:
-    """The first tosses after changes, as the witness says in which the changes are clearest.
-
-    Of each witness that changes, a constant and steps at its changes are fitted (Huber 1964) and compared by twice
-    their cost, with log n for each of their numbers.
-
-    Args:
-        witnesses: Of `witnesses_of`.
-        changes: Of `changes_over_order`; at least one.
-        settings: How far a moment may move.
-    """
-    outlier, judged = settings.changes.outlier, []
-    for name in {name for change in changes for name in change.p}:
-        at = moments_of_steps(witnesses[name], [change.at for change in changes if name in change.p], settings)
-        recorded, info, covariates = witnesses[name]
-        values, n = without_covariates(recorded, info, covariates, outlier=outlier), len(recorded)
-        parts = [slice(a, b) for a, b in pairwise((0, *at, n))]
-        scatter = max(robust_mean(values[part], info[part], outlier=outlier).scatter for part in parts)
-        W = info @ np.linalg.inv(np.eye(values.shape[1]) + scatter**2 * info)
-        steps = (np.arange(n)[:, None] >= np.asarray(at)).astype(float)
-        gained = _robust_cost(values, W, steps[:, :0], outlier) - _robust_cost(values, W, steps, outlier)
-        judged.append((gained, name, at))
-    return max(judged)[2]
-
-
-def _robust_cost(values: Array, W: Array, design: Array, outlier: float) -> float:
-    """Twice the cost of a robust regression of values (n, d) on a design (n, p), with log n for each number."""
-    n, d = values.shape
-    seen = np.trace(W, axis1=1, axis2=2) > 0
-    y, W = values[seen], W[seen]
-    X = np.column_stack([np.ones(len(y)), design[seen]])
-    p = X.shape[1] * d
-    u = np.ones(len(y))
-    for _ in range(20):
-        H = np.einsum("n,ni,nj,nkl->ikjl", u, X, X, W).reshape(p, p)
-        g = np.einsum("n,ni,nkl,nl->ik", u, X, W, y).reshape(p)
-        off = y - X @ np.linalg.lstsq(H, g, rcond=1e-10)[0].reshape(-1, d)
-        size = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", off, W, off), 1e-300))
-        u = np.minimum(1.0, outlier / size)
-    return float(2 * _huber(size, outlier).sum() + p * np.log(n))
-
-
-def _huber(size: Array, outlier: float) -> Array:
-    """Huber's cost of distances in standard deviations."""
-    return np.where(size < outlier, 0.5 * size**2, outlier * (size - 0.5 * outlier))
-
-
-def moments_of_steps(witness: Witness, at: Sequence[int], settings: OrderSettings) -> tuple[int, ...]:
-    """The likeliest first tosses of steps near where they were found.
-
-    The score statistic compares both sides of a step with one mean. Here each toss has the mean of the side that it
-    would be on.
-
-    Args:
-        witness: Values, information and covariates of tosses in their order.
-        at: First tosses after the changes.
-        settings: How far a moment may move.
-    """
-    recorded, info, covariates = witness
-    outlier, n = settings.changes.outlier, len(recorded)
-    values = without_covariates(recorded, info, covariates, outlier=outlier)
-    edges = [0, *at, n]
-    for k in range(1, len(edges) - 1):
-        low, now, high = edges[k - 1 : k + 2]
-        sides = [robust_mean(values[part], info[part], outlier=outlier) for part in (slice(low, now), slice(now, high))]
-        if not all(side.n for side in sides):
-            continue
-        W = info @ np.linalg.inv(np.eye(values.shape[1]) + max(side.scatter for side in sides) ** 2 * info)
-        cost = []
-        for side in sides:
-            off = np.where(np.trace(info, axis1=1, axis2=2)[:, None] > 0, values - side.value, 0.0)
-            size = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", off, W, off), 0.0))
-            cost.append(_huber(size, outlier))
-        saved = np.cumsum(cost[0] - cost[1])
-        near = np.arange(max(low + 1, now - settings.largest_move), min(high - 1, now + settings.largest_move) + 1)
-        edges[k] = int(near[np.argmin(saved[near - 1])])
-    return tuple(edges[1:-1])
-
-
-def _at_sessions(at: Sequence[int], boundaries: Sequence[int], near: int) -> tuple[int, ...]:
-    """Steps where the dataset has sessions, if it has them nearby; no two at one toss."""
-    moved = {
-        min((b for b in boundaries if abs(b - each) <= near), key=lambda b: abs(b - each), default=each) for each in at
-    }
-    return tuple(sorted(moved - {0}))
 
 
 def _rows(present: Candidate, edges: Sequence[int], k: int) -> NDArray[np.int64]:

@@ -166,7 +166,7 @@ def look(
     excess = by_toss(present.evidence, above, validator.n) / np.maximum(rows, 1.0)
     places = np.array([toss.q[-1, :2] for toss in problem.tosses])
     witnesses = witnesses_of(present, library, validator, places, excess)
-    changes = changes_over_order(witnesses, settings)
+    changes = changes_over_order(witnesses, settings, boundaries=order.boundaries)
     effect = None
     if changes:
         known = frozenset[str]().union(*({each.name} | each.one_of_group for each in undone))

@@ -21,6 +21,9 @@ from tossid.diagnosis.selection.screening import Screened, screen
 from tossid.motion.sessions.change_points import Witness, robust_mean
 from tossid.physics.effects import Effect
 
+_UNFELT = 0.01
+"""Share of the information of other tosses below which some say next to nothing of an effect."""
+
 
 def suspects_among(library: Sequence[Effect], changing: Collection[str]) -> list[Effect]:
     """The effects whose values change, and those that do the same as some of these together.
@@ -34,6 +37,23 @@ def suspects_among(library: Sequence[Effect], changing: Collection[str]) -> list
         for effect in library
         if effect.name in changing or (effect.made_of and effect.made_of <= frozenset(changing))
     ]
+
+
+def unfelt_in_part(witness: Witness | None, edges: Sequence[int]) -> bool:
+    """Whether the tosses of a stretch say next to nothing of an effect, against those of the stretch that says most.
+
+    Objects that come to rest above the stated ground never touch it in the simulator, and say nothing of its height.
+    What they lack is not found by small steps.
+
+    Args:
+        witness: What each toss says of the effect; None if none says anything.
+        edges: First tosses of the stretches, and the number of tosses.
+    """
+    if witness is None:
+        return True
+    said = np.trace(witness[1], axis1=1, axis2=2)
+    typical = [float(np.median(said[a:b])) for a, b in pairwise(edges)]
+    return min(typical) < _UNFELT * max(typical)
 
 
 def gain_of_change(

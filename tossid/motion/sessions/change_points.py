@@ -214,18 +214,52 @@ def find_changes(witnesses: Mapping[str, Witness], *, settings: SessionSettings 
     return tuple(sorted(found, key=lambda change: change.at))
 
 
-def _change(witnesses: Mapping[str, Witness], settings: SessionSettings, rng: np.random.Generator) -> Change | None:
-    """The clearest change of a stretch, if there is one."""
-    n, fewest = len(next(iter(witnesses.values()))[0]), settings.fewest_tosses
-    if n < fewest_items(len(witnesses), settings):
-        return None
+def changes_at(witnesses: Mapping[str, Witness], at: int, *, settings: SessionSettings = DEFAULT) -> dict[str, float]:
+    """Which witnesses change where a change is known to be.
+
+    No place is searched, so that less is enough than for `find_changes`. Each witness is tested by itself, by random
+    divisions of the items: that something changes is known.
+
+    Args:
+        witnesses: As of `find_changes`.
+        at: The first item after the change.
+        settings: Significance, and how many divisions are drawn.
+
+    Returns:
+        By witness, the probability of as large a change in a division that means nothing, where it is significant.
+    """
+    found, n = {}, len(next(iter(witnesses.values()))[0])
+    before = np.tile(np.arange(n) < at, (settings.permutations, 1))
+    before = np.random.default_rng(settings.seed).permuted(before, axis=1)
+    for name, scores in _scores(witnesses, settings).items():
+        centred = scores - scores.mean(axis=0)
+        inverse = np.linalg.pinv(centred.T @ centred / n, rcond=1e-10, hermitian=True)
+        sums = np.concatenate([centred[None, :at].sum(axis=1), before @ centred])
+        sizes = np.einsum("ri,ij,rj->r", sums, inverse, sums)
+        p = float(np.sum(sizes >= sizes[0] * (1 - 1e-9)) / len(sizes))
+        if p <= settings.significance:
+            found[name] = p
+    return found
+
+
+def _scores(witnesses: Mapping[str, Witness], settings: SessionSettings) -> dict[str, Array]:
+    """Whitened and bounded scores of what varies, without what covariates explain."""
     scores = {}
     for name, (recorded, info, covariates) in witnesses.items():
         values = without_covariates(recorded, info, covariates, outlier=settings.outlier)
         mean = robust_mean(values, info, outlier=settings.outlier)
         # of what does not vary, no change can be seen
-        if mean.n >= 2 * fewest and np.ptp(values[np.isfinite(values[:, 0])], axis=0).max() > 0:
+        if mean.n >= 2 * settings.fewest_tosses and np.ptp(values[np.isfinite(values[:, 0])], axis=0).max() > 0:
             scores[name] = mean.scores
+    return scores
+
+
+def _change(witnesses: Mapping[str, Witness], settings: SessionSettings, rng: np.random.Generator) -> Change | None:
+    """The clearest change of a stretch, if there is one."""
+    n, fewest = len(next(iter(witnesses.values()))[0]), settings.fewest_tosses
+    if n < fewest_items(len(witnesses), settings):
+        return None
+    scores = _scores(witnesses, settings)
     if not scores:
         return None
     splits = {name: split_statistics(g, fewest) for name, g in scores.items()}

@@ -1,7 +1,8 @@
 """Tosses that are copies of earlier ones.
 
 Publishers enlarge a dataset by turning tosses about the vertical. A copy holds no news, and one in the test split of a
-toss in the train split is no test. Two tracks of one motion cannot agree to a micrometre, for their noise differs.
+toss in the train split is no test. So a copy goes to the split of its first (`tossid.store.drawn_splits`). Two tracks
+of one motion cannot agree to a micrometre, for their noise differs.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from tossid.rotations import quat_exp, quat_to_matrix
 from tossid.settings.sessions import CopySettings
-from tossid.types import PoseTrack
+from tossid.types import SPLITS, PoseTrack, Toss
 
 Array = NDArray[np.float64]
 
@@ -39,11 +40,11 @@ class Copy:
     yaw: float
 
 
-def find_copies(tracks: Sequence[PoseTrack], *, settings: CopySettings = DEFAULT) -> tuple[Copy, ...]:
+def find_copies(tracks: Sequence[PoseTrack | Toss], *, settings: CopySettings = DEFAULT) -> tuple[Copy, ...]:
     """Tosses that are earlier ones turned about the vertical, shifted, or with the body's axes named otherwise.
 
     Args:
-        tracks: As recorded.
+        tracks: As recorded, or as a dataset has them.
         settings: What is the same.
 
     Returns:
@@ -70,7 +71,7 @@ def find_copies(tracks: Sequence[PoseTrack], *, settings: CopySettings = DEFAULT
     return tuple(out)
 
 
-def _yaw_between(first: PoseTrack, second: PoseTrack, settings: CopySettings) -> float | None:
+def _yaw_between(first: PoseTrack | Toss, second: PoseTrack | Toss, settings: CopySettings) -> float | None:
     """By how much the second is turned against the first [rad]; None where they are different tosses."""
     a, b = (track.q[:, :3] - track.q[:, :3].mean(axis=0) for track in (first, second))
     cross, dot = float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])), float(np.sum(a[:, :2] * b[:, :2]))
@@ -95,3 +96,46 @@ def copy_words(copies: Sequence[Copy]) -> str | None:
     more = f" and {len(copies) - _SHOWN} more" if len(copies) > _SHOWN else ""
     noun = "toss is a copy of an earlier one" if len(copies) == 1 else "tosses are copies of earlier ones"
     return f"{len(copies)} {noun}, turned about the vertical: {pairs}{more}"
+
+
+def leaking_copies(tosses: Sequence[Toss], *, settings: CopySettings = DEFAULT) -> dict[str, tuple[str, ...]]:
+    """Tosses that are no test of what was learned, because a copy of them took part.
+
+    Args:
+        tosses: All tosses of a dataset.
+        settings: What is the same.
+
+    Returns:
+        Under "test", the names of test tosses that equal one of train or validation; under "validation", those of
+        validation tosses that equal one of train.
+    """
+    rank = {split: place for place, split in enumerate(SPLITS)}
+    split = {toss.name: toss.split for toss in tosses}
+    groups: dict[str, list[str]] = {}
+    for copy in find_copies(tosses, settings=settings):
+        groups.setdefault(copy.of, [copy.of]).append(copy.name)
+    found: dict[str, list[str]] = {"test": [], "validation": []}
+    for group in groups.values():
+        drawn = [name for name in group if split[name]]
+        learned = min((rank[split[name]] for name in drawn), default=0)
+        for name in drawn:
+            if rank[split[name]] > learned:
+                found[split[name]].append(name)
+    return {name: tuple(some) for name, some in found.items()}
+
+
+def leak_words(tosses: Sequence[Toss], *, settings: CopySettings = DEFAULT) -> str | None:
+    """What a dataset's splits leak by copies, in a line; None where they leak nothing.
+
+    Args:
+        tosses: All tosses of a dataset.
+        settings: What is the same.
+    """
+    found = leaking_copies(tosses, settings=settings)
+    if not any(found.values()):
+        return None
+    test, validation = (f"{len(some)} of {sum(toss.split == name for toss in tosses)}" for name, some in found.items())
+    return (
+        f"copies leak between splits: {test} test tosses equal one of train or validation, and {validation} validation "
+        "tosses one of train, turned about the vertical; ingest anew to have copies in one split"
+    )

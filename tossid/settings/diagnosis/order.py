@@ -13,7 +13,8 @@ class OrderSettings:
     """When an effect is not the same in all tosses, and which effect that is."""
 
     significance: Fraction = 0.005
-    """probability of finding any change of any effect in tosses whose order means nothing"""
+    """probability of finding any change of any effect in tosses whose order means nothing; and of values that differ as
+    much between stretches, by the scatter of tosses"""
     permutations: Count = 19999
     """orders of the tosses that are drawn to test a change; so many that one of thirty effects can be significant"""
     first_permutations: Count = 199
