@@ -85,6 +85,14 @@ def test_a_separation_is_what_a_fit_would_see(cube: ObjectModel, tosses: list[To
     assert found == pytest.approx(expected, rel=0.05)
 
 
+def test_what_a_refit_takes_back_does_not_separate(cube: ObjectModel, tosses: list[Toss]) -> None:
+    """The fewer earlier tosses hold a force, the more of a difference it takes back when it is fitted again."""
+    q, v = np.array([[0.0, 0.0, 1.5, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6))
+    rivals = [hypothesis(cube, uniform_force=[0.01, 0.0, 0.0]), hypothesis(cube, magnus=[0.0])]
+    by_eight, by_one = (float(separations(rivals, Releases(q, v), some, 60)[0]) for some in (tosses, tosses[:1]))
+    assert 0.5 * by_eight < by_one < 0.95 * by_eight
+
+
 def test_the_best_release_beats_a_usual_toss(cube: ObjectModel, tosses: list[Toss]) -> None:
     one, other = hypothesis(cube, friction=[0.3]), hypothesis(cube, velocity_friction=[0.33, 0.28, 0.3])
     found = next_toss(one, [other], tosses, cube, rng=np.random.default_rng(0))

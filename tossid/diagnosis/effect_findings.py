@@ -14,7 +14,7 @@ from tossid.diagnosis.likelihood.fitting import toss_sums
 from tossid.diagnosis.localisation.gap import share_left
 from tossid.diagnosis.localisation.noise import Floor
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
-from tossid.diagnosis.selection.refinement import intervals
+from tossid.diagnosis.selection.refinement import correlations, intervals
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.physics.effects import Effect
 from tossid.types import Phase
@@ -51,6 +51,7 @@ def effect_findings(
         candidates: Names of effects that are significant, and not sure enough to be identified.
     """
     known = intervals(found.present.fitted, validator.n, spread, found.n_flight)
+    related = correlations(found.present.fitted, validator.n, spread, found.n_flight)
     stands_for = {each.name: (name, each) for name, group in found.classes.items() for each in group}
     out = []
     for effect in library:
@@ -61,16 +62,19 @@ def effect_findings(
             closes = share_left(found.first, alone, validator, floor)[0]
         confusable_with: tuple[str, ...] = ()
         parameters: dict[str, Interval] = {}
+        correlation: tuple[tuple[float, ...], ...] = ()
         sizes, detectable = detectable_sizes(validator, found.present, effect)
         verdict: EffectVerdict
         if effect.name in named:
             judged, parameters = found.needed[effect.name], known[effect.name]
+            correlation = related[effect.name]
             confusable_with = tuple(each.name for each in found.classes[effect.name])
             verdict = "confusable" if confusable_with else "identified"
             verdict = "candidate" if effect.name in candidates else verdict
         elif effect.name in stands_for:
             name, each = stands_for[effect.name]
             judged, parameters = each, intervals(each.fitted, validator.n)[effect.name]
+            correlation = correlations(each.fitted, validator.n)[effect.name]
             closes = closed[name]
             confusable_with = (name, *(o.name for o in found.classes[name] if o.name != effect.name))
             verdict = "candidate" if name in candidates else "confusable"
@@ -94,6 +98,7 @@ def effect_findings(
                 confusable_with,
                 sizes,
                 consequence.get(stands_for[effect.name][0] if effect.name in stands_for else effect.name),
+                correlation=correlation,
             )
         )
     order = {name: i for i, name in enumerate(named)}

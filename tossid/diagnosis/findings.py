@@ -268,6 +268,7 @@ class Finding:
         consequence: What it does to whole tosses, if it is named or confusable.
         frequency: Share of the repeated searches that name it; None if none were made.
         over_order: How it goes over the order of recording; None if it is the same in all tosses.
+        correlation: (P, P) of the errors of its parameters, where they have values.
     """
 
     name: str
@@ -282,6 +283,7 @@ class Finding:
     consequence: Consequence | None = None
     frequency: float | None = None
     over_order: OverOrder | None = None
+    correlation: tuple[tuple[float, ...], ...] = ()
 
     @property
     def headline(self) -> bool:
@@ -296,6 +298,7 @@ class Finding:
             "says": self.says,
             "phases": list(self.phases),
             "parameters": {name: value.as_json() for name, value in self.parameters.items()},
+            "correlation": [list(row) for row in self.correlation],
             "evidence": self.evidence,
             "gap_closed": self.gap_closed.as_json(),
             "confusable_with": list(self.confusable_with),

@@ -3,8 +3,12 @@
 For a release, the toss is predicted under the first hypothesis, noise-free but with the data's noise stated, and cut
 into windows as recorded ones are. The difference between two hypotheses there, whitened with the first states as
 nuisance parameters, has the squared length that a diagnosis would find on average beyond noise. Residuals count by
-Student's density, as in a fit, so that one chaotic impact does not decide. All hypotheses keep their fitted values, of
-which a refit would take back a part: separations are upper bounds.
+Student's density, as in a fit, so that one chaotic impact does not decide.
+
+The hypothesis that is wrong would be fitted again, and so take back a part of the difference. What is left after a
+Gauss-Newton step of its own parameters counts, with the earlier tosses as what holds them (T-optimality; Atkinson and
+Fedorov, "The design of experiments for discriminating between two rival models", Biometrika 62 (1975)). Either of two
+hypotheses may be the right one, and the mean of both cases is taken.
 """
 
 from __future__ import annotations
@@ -12,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,7 +187,7 @@ def separations(
     Args:
         rivals: The hypotheses.
         releases: B of them.
-        tosses: Earlier ones, whose covariances are the noise.
+        tosses: Earlier ones, whose covariances are the noise, and which hold the rivals' parameters.
         frames: Of a toss.
         n_threads: Of the simulator.
         settings: Of the diagnosis.
@@ -191,7 +195,7 @@ def separations(
     likelihood = settings.likelihood
     dt = frame_time(tosses)
     cov = np.median(np.concatenate([toss.measured[1] for toss in tosses]), axis=0)
-    first, *others = [rival.world() for rival in rivals]
+    first = rivals[0].world()
     steps = np.full(len(releases), min(frames, settings.next_toss.frames))
     how = steps_of(first, likelihood.simulation)
     run = first.roll_out(releases.q, releases.v, n_steps=steps, dt=dt, **how, n_threads=n_threads)
@@ -201,16 +205,64 @@ def separations(
         return out
     windows = make_windows([_as_toss(run[b], releases.v[b], dt, cov) for b in good], settings=likelihood)
     evidence = Evidence(*linearise(windows, first, refine=0, n_threads=n_threads), n_threads)
-    windows, nu = evidence.windows, likelihood.density.degrees_of_freedom
-    nearest = np.full(len(good), np.inf)
-    for one, other in combinations([evidence.residuals(world) for world in (first, *others)], 2):
-        r = np.where(windows.inside[..., None], other - one, 0.0)
-        # twice the log-likelihood ratio of Student's density; r² for small r
-        squares = nu * np.log1p(r**2 / nu)
-        total = np.bincount(windows.toss, weights=squares.sum((1, 2)), minlength=len(good))
-        nearest = np.minimum(nearest, np.sqrt(total))
+    seen = Evidence(*linearise(make_windows(tosses, settings=likelihood), first, n_threads=n_threads), n_threads)
+    nu, nearest = likelihood.density.degrees_of_freedom, np.full(len(good), np.inf)
+    sides = []
+    for rival, own in zip(rivals, _own_parameters(rivals), strict=True):
+        J = _derivatives(seen, rival, own)
+        held = np.einsum("wlkp,wlkq->pq", J / (1 + seen.residuals(rival.world())[..., None] ** 2 / nu), J)
+        sides.append(_Side(evidence.residuals(rival.world()), _derivatives(evidence, rival, own), held))
+    for one, other in combinations(sides, 2):
+        squares = [_left_after_refit(*pair, evidence, len(good), nu) for pair in ((one, other), (other, one))]
+        nearest = np.minimum(nearest, np.sqrt(np.mean(squares, axis=0)))
     out[good] = nearest
     return out
+
+
+class _Side(NamedTuple):
+    """A hypothesis in the windows of B tosses: residuals, their derivatives, and the (P, P) earlier information."""
+
+    residuals: Array
+    J: Array
+    held: Array
+
+
+def _own_parameters(rivals: Sequence[Hypothesis]) -> list[NDArray[np.intp]]:
+    """Of each hypothesis, places of the parameters of effects that not all have; what all have is taken as known."""
+    common = set.intersection(*({effect.name for effect in rival.effects} for rival in rivals))
+    return [
+        np.array([i for i, name in enumerate(rival.parameter_owners) if name not in common], dtype=np.intp)
+        for rival in rivals
+    ]
+
+
+def _derivatives(evidence: Evidence, hypothesis: Hypothesis, places: NDArray[np.intp]) -> Array:
+    """(W, L, K, P) derivatives of whitened residuals by some parameters, in their steps; 0 outside of windows."""
+    here, flat, (_, high) = evidence.residuals(hypothesis.world()), hypothesis.flat(), hypothesis.bounds
+    columns = []
+    for i in places:
+        step = hypothesis.steps[i] * (1 if flat[i] + hypothesis.steps[i] <= high[i] else -1)
+        moved = flat.copy()
+        moved[i] += step
+        change = evidence.residuals(hypothesis.at(moved).world()) - here
+        columns.append(np.where(evidence.windows.inside[..., None], change * np.sign(step), 0.0))
+    return np.stack(columns, axis=-1) if columns else np.zeros((*here.shape, 0))
+
+
+def _left_after_refit(right: _Side, wrong: _Side, evidence: Evidence, n: int, nu: float) -> Array:
+    """(n,) squared separation of each toss if one hypothesis is right and the wrong one is fitted again."""
+    windows = evidence.windows
+    r = np.where(windows.inside[..., None], wrong.residuals - right.residuals, 0.0)
+    weighted = wrong.J / (1 + r[..., None] ** 2 / nu)
+    g, H = np.zeros((n, wrong.J.shape[-1])), np.tile(wrong.held + 1e-9 * np.eye(len(wrong.held)), (n, 1, 1))
+    np.add.at(g, windows.toss, np.einsum("wlkp,wlk->wp", weighted, r))
+    np.add.at(H, windows.toss, np.einsum("wlkp,wlkq->wpq", weighted, wrong.J))
+    step = -np.linalg.solve(H, g[..., None])[..., 0]
+    r = r + np.asarray(np.einsum("wlkp,wp->wlk", wrong.J, step[windows.toss]))
+    # twice the log-likelihood ratio of Student's density; r² for small r
+    squares = nu * np.log1p(r**2 / nu)
+    total = np.bincount(windows.toss, weights=squares.sum((1, 2)), minlength=n)
+    return np.asarray(total + np.einsum("np,pq,nq->n", step, wrong.held, step), dtype=float)
 
 
 def _as_toss(q: Array, v0: Array, dt: float, cov: Array) -> Toss:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
-from tossid.diagnosis.audit.cases import KINDS, Case, draw_cases, draw_spoilt
+from tossid.diagnosis.audit.cases import Case, draw_cases, draw_spoilt
 from tossid.diagnosis.audit.unknown_forces import UNKNOWN_FORCES
 from tossid.physics.effects import LIBRARY
+from tossid.settings.diagnosis.audit import AuditSettings
+
+KINDS = AuditSettings().kinds
 
 
 def drawn(n: int, seed: int = 0, **options: Any) -> tuple[Case, ...]:
     effects = [effect.name for effect in LIBRARY]
-    return draw_cases(n, seed=seed, engines=("lcp", "mujoco"), displacement=(8.0, 300.0), effects=effects, **options)
+    shared = {"kinds": KINDS, "engines": ("lcp", "mujoco"), "displacement": (8.0, 300.0), "effects": effects}
+    return draw_cases(n, seed=seed, **(shared | options))
 
 
 def test_the_cases_of_a_seed_are_always_the_same_and_a_longer_audit_begins_with_them() -> None:
@@ -33,6 +37,10 @@ def test_every_ten_cases_have_all_kinds_and_the_library_is_gone_through() -> Non
         assert all(8 <= target <= 300 for target in case.targets)
         if case.kind == "pair":
             assert family[case.effects[0]] != family[case.effects[1]]
+
+
+def test_only_kinds_that_are_asked_for_are_drawn() -> None:
+    assert {case.kind for case in drawn(12, kinds=("effect",))} == {"effect"}
 
 
 def test_what_mujoco_cannot_express_is_simulated_by_lcp() -> None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from tossid.diagnosis.audit.figures import audit_figures, reliability, wilson
+from tossid.diagnosis.audit.figures import audit_figures, ranks, reliability, wilson
 
 
 def test_the_figures_draw_every_kind() -> None:
     rows = [
         {"kind": kind, "engine": "lcp", "effects": effects, "class": group, "first": group[0] if group else None,
-         "displacement": [20.0] * len(effects), "right": right, "claims": []}
+         "displacement": [20.0] * len(effects), "right": right, "claims": [], "parameters": [], "joint_ranks": []}
         for kind, effects, group, right in [
             ("effect", ["friction"], ["friction", "cohesion"], True),
             ("effect", ["magnus"], ["wind"], False),
@@ -26,6 +27,15 @@ def test_the_figures_draw_every_kind() -> None:
     assert {"nothing", "friction + gravity"} <= texts
     assert {"cubic_drag (not in the library)", "inertia (removed from the library)"} <= texts
     assert "reliability" not in figures
+
+
+def test_ranks_are_drawn_as_their_distance_from_uniform_ones() -> None:
+    rows = [{"parameters": [{"rank": rank, "led": True}], "joint_ranks": [0.5]} for rank in (0.9, 0.1)]
+    single, joint = (line.get_xydata() for line in ranks(rows).axes[0].get_lines()[1:])
+    np.testing.assert_allclose(single, [[0, 0], [0.1, 0.4], [0.9, 0.1], [1, 0]], atol=1e-12)
+    np.testing.assert_allclose(joint, [[0, 0], [0.5, 0.0], [0.5, 0.5], [1, 0]], atol=1e-12)
+    more = [row | {"claims": [], "displacement": [], "effects": [], "kind": "null"} for row in rows]
+    assert "ranks" in audit_figures([row | {"class": [], "first": None} for row in more])
 
 
 def test_reliability_is_drawn_of_stated_probabilities() -> None:

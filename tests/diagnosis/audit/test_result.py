@@ -13,14 +13,15 @@ from tossid.settings.diagnosis.audit import ScoreSettings
 
 def result(kind: str, named: str | None) -> dict[str, Any]:
     truth = {
-        "case": {"kind": kind, "engine": "lcp"},
+        "case": {"kind": kind, "engine": "lcp", "seed": 0},
         "effects": {"friction": {"mu": 0.3}} if kind == "effect" else {},
         "displacement": {"friction": 40.0} if kind == "effect" else {},
     }
     parameters = {"mu": {"value": 0.31, "ci95": [0.29, 0.33]}}
+    effect = {"name": named, "confusable_with": [], "parameters": parameters, "correlation": [[1.0]]}
     gap = {
         "gap": {"by_phase": [{"phase": "slide", "share": 1.0}]},
-        "effects": [{"name": named, "confusable_with": [], "parameters": parameters}] if named else [],
+        "effects": [effect | {"evidence": {"n_tosses": 20.0}}] if named else [],
         "explanation": {
             "verdict": "explained" if named else "no_gap",
             "effects": [named] if named else [],
@@ -62,7 +63,7 @@ def test_tables_say_how_many_were_right() -> None:
 
 def test_files_hold_the_rows(tmp_path: Path) -> None:
     paths = made().save(tmp_path)
-    assert [path.name for path in paths] == ["confusion.png", "detection.png"]
+    assert [path.name for path in paths] == ["confusion.png", "detection.png", "ranks.png"]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
     content = json.loads((tmp_path / "audit.json").read_text())
     assert content["summary"] == made().summary

@@ -11,7 +11,7 @@ from tossid.diagnosis.audit.scores import calibration, claims, score, summarise
 
 
 def truth(kind: str, **effects: dict[str, float]) -> dict[str, Any]:
-    return {"case": {"kind": kind}, "effects": effects}
+    return {"case": {"kind": kind, "seed": 0}, "effects": effects}
 
 
 def answer(*named: str, verdict: str = "explained", closed: float = 0.95, **found: Any) -> dict[str, Any]:
@@ -20,7 +20,16 @@ def answer(*named: str, verdict: str = "explained", closed: float = 0.95, **foun
     for name in dict.fromkeys([*named, *found]):
         about = found.get(name, {})
         parameters = {k: {"value": v, "ci95": [lo, hi]} for k, (lo, v, hi) in about.get("parameters", {}).items()}
-        findings.append({"name": name, "confusable_with": list(about.get("classes", ())), "parameters": parameters})
+        related = [[float(i == k) for k in range(len(parameters))] for i in range(len(parameters))]
+        findings.append(
+            {
+                "name": name,
+                "confusable_with": list(about.get("classes", ())),
+                "parameters": parameters,
+                "correlation": related,
+                "evidence": {"n_tosses": 20.0},
+            }
+        )
     where = [{"phase": "impact", "share": 0.5}] if verdict in ("unexplained", "partly_explained") else []
     return {
         "gap": {"by_phase": [{"phase": "flight", "share": 0.2}, {"phase": "impact", "share": 0.8}]},
@@ -40,6 +49,9 @@ def test_the_right_name_first() -> None:
     assert found["right"]
     assert found["false"] == []
     assert [p["covered"] for p in found["parameters"]] == [True]
+    assert [p["led"] for p in found["parameters"]] == [True]
+    assert 0.025 < found["parameters"][0]["rank"] < 0.5
+    assert len(found["joint_ranks"]) == 1
     assert found["closed"] == pytest.approx(0.95 / 0.96)
     assert found["phase_right"]
 

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.likelihood.fitting import fit
 from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.diagnosis.selection.cross_validation import CrossValidator, draw_folds
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, World
+from tossid.physics.effects import World
 
-NAMES = {effect.name: effect for effect in LIBRARY}
 COUNT = 6
 
 
@@ -54,7 +54,7 @@ def test_a_hypothesis_gains_nothing_over_itself(judge: CrossValidator, cube: Obj
 
 
 def test_held_effects_keep_their_values(judge: CrossValidator, cube: ObjectModel) -> None:
-    start = Hypothesis(World(cube)).plus(NAMES["ground_tilt"], np.array([0.01, 0.0])).plus(NAMES["friction"])
+    start = Hypothesis(World(cube)).plus(EFFECTS["ground_tilt"], np.array([0.01, 0.0])).plus(EFFECTS["friction"])
     begin = judge.evaluate(start)
     fitted = fit(begin.evidence, start, n_tosses=COUNT, held=frozenset({"ground_tilt"}))
     np.testing.assert_array_equal(fitted.hypothesis.values_of("ground_tilt"), [0.01, 0.0])
@@ -62,7 +62,7 @@ def test_held_effects_keep_their_values(judge: CrossValidator, cube: ObjectModel
 
 
 def test_a_polished_fit_is_no_worse_and_nearer(judge: CrossValidator, cube: ObjectModel) -> None:
-    start = Hypothesis(World(cube)).plus(NAMES["friction"]).plus(NAMES["ground_tilt"])
+    start = Hypothesis(World(cube)).plus(EFFECTS["friction"]).plus(EFFECTS["ground_tilt"])
     once = fit(judge.evaluate(start).evidence, start, n_tosses=COUNT, iterations=2)
     polished = judge.refit(once.evidence, once.hypothesis)
     before, after = (each.evidence.log_likelihood(each.residuals, once.scales) for each in (once, polished))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import ONCE, seen
 from tossid.diagnosis.explain import explain
 from tossid.diagnosis.likelihood.evidence import Hypothesis
@@ -13,15 +14,12 @@ from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.flight_search import search_flight
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, Effect, Forces, World
+from tossid.physics.effects import Effect, Forces, World
 from tossid.physics.forces import DRAG
 from tossid.types import Toss
 
-NAMES = {effect.name: effect for effect in LIBRARY}
-
-
-DRAGS = [NAMES[name] for name in ("linear_drag", "quadratic_drag", "gravity", "com_offset")]
-PULLS = [NAMES[name] for name in ("uniform_force", "gravity", "friction")]
+DRAGS = [EFFECTS[name] for name in ("linear_drag", "quadratic_drag", "gravity", "com_offset")]
+PULLS = [EFFECTS[name] for name in ("uniform_force", "gravity", "friction")]
 
 
 def dragged(cube: ObjectModel, power: float) -> list[Toss]:
@@ -93,4 +91,4 @@ def test_a_drag_of_the_librarys_power_is_named_in_the_end(cube: ObjectModel) -> 
 def test_without_flight_nothing_is_searched(cube: ObjectModel) -> None:
     validator = CrossValidator.of(seen(World(cube), cube, 2, seed=1), cube, seed=0)
     grounded = CrossValidator(validator.windows.rows(np.flatnonzero(~validator.windows.free)), 2, validator.folds)
-    assert search_flight(grounded, [NAMES["gravity"]], Hypothesis(World(cube))) is None
+    assert search_flight(grounded, [EFFECTS["gravity"]], Hypothesis(World(cube))) is None

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.gap import share_left
@@ -16,10 +17,9 @@ from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidato
 from tossid.diagnosis.selection.nested import judged, judging_folds, supported
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, World
+from tossid.physics.effects import World
 from tossid.types import Toss
 
-NAMES = {effect.name: effect for effect in LIBRARY}
 COUNT = 8
 
 
@@ -36,7 +36,7 @@ def validator(cube: ObjectModel, tosses: list[Toss]) -> CrossValidator:
 @pytest.fixture(scope="module")
 def found(cube: ObjectModel, validator: CrossValidator) -> SearchResult:
     first = validator.evaluate(Hypothesis(World(cube)))
-    last = validator.cross_validate(first, NAMES["friction"], first.hypothesis.plus(NAMES["friction"]))
+    last = validator.cross_validate(first, EFFECTS["friction"], first.hypothesis.plus(EFFECTS["friction"]))
     return SearchResult(first, last, (first, last), {}, {}, {"friction": last}, {"friction": ()})
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
 from tests.models.made import DT
 from tossid.diagnosis.likelihood.windows import make_windows
@@ -14,10 +15,8 @@ from tossid.diagnosis.localisation.noise import noise_floor, still_channels
 from tossid.diagnosis.selection.plane import in_plane, plane_normal
 from tossid.motion import label_phases
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, World
+from tossid.physics.effects import World
 from tossid.types import Toss
-
-NAMES = {effect.name: effect for effect in LIBRARY}
 
 
 def planar(cube: ObjectModel, axis: int, count: int = 8) -> list[Toss]:
@@ -56,13 +55,13 @@ def test_the_normal_of_the_plane_is_found(cube: ObjectModel, axis: int) -> None:
 def test_tosses_have_no_plane(cube: ObjectModel) -> None:
     tosses = seen(World(cube), cube, 4, seed=1)
     assert plane_normal(tosses) is None
-    some = (NAMES["wind"], NAMES["friction"])
+    some = (EFFECTS["wind"], EFFECTS["friction"])
     assert in_plane(tosses, World(cube), some) == (some, None)
 
 
 def test_a_plane_hides_what_points_out_of_it(cube: ObjectModel) -> None:
     names = ("com_offset", "ground_tilt", "uniform_force", "wind", "vortex", "torsional_friction", "friction")
-    library, plane = in_plane(planar(cube, 1), World(cube), [NAMES[name] for name in names])
+    library, plane = in_plane(planar(cube, 1), World(cube), [EFFECTS[name] for name in names])
     assert plane is not None
     left = {effect.name: [p.name for p in effect.parameters] for effect in library}
     assert left["com_offset"] == ["x_m", "z_m"]
@@ -75,7 +74,7 @@ def test_a_plane_hides_what_points_out_of_it(cube: ObjectModel) -> None:
 
 
 def test_friction_by_direction_is_friction_in_a_plane(cube: ObjectModel) -> None:
-    some = [NAMES["friction"], NAMES["anisotropic_friction"]]
+    some = [EFFECTS["friction"], EFFECTS["anisotropic_friction"]]
     library, plane = in_plane(planar(cube, 1), World(cube), some)
     assert [effect.name for effect in library] == ["friction"]
     assert plane is not None
@@ -83,11 +82,11 @@ def test_friction_by_direction_is_friction_in_a_plane(cube: ObjectModel) -> None
 
 
 def test_parameters_that_stay_leave_the_world_alone(cube: ObjectModel) -> None:
-    library, _ = in_plane(planar(cube, 0), World(cube), [NAMES["com_offset"]])
+    library, _ = in_plane(planar(cube, 0), World(cube), [EFFECTS["com_offset"]])
     (effect,) = library
     assert [p.name for p in effect.parameters] == ["y_m", "z_m"]
     world = effect.at(World(cube), np.array([1e-3, 2e-3]))
-    whole = NAMES["com_offset"].at(World(cube), np.array([0.0, 1e-3, 2e-3]))
+    whole = EFFECTS["com_offset"].at(World(cube), np.array([0.0, 1e-3, 2e-3]))
     np.testing.assert_array_equal(world.object.com, whole.object.com)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.evidence import Hypothesis
@@ -15,8 +16,6 @@ from tossid.diagnosis.selection.plausibility import implausible, plausible_names
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, World, effects_for
-
-NAMES = {effect.name: effect for effect in LIBRARY}
 
 
 @pytest.mark.parametrize(
@@ -38,7 +37,7 @@ NAMES = {effect.name: effect for effect in LIBRARY}
 def test_intervals_that_give_no_name(
     cube: ObjectModel, name: str, values: dict[str, tuple[float, float, float]], why: str | None
 ) -> None:
-    effect = NAMES[name]
+    effect = EFFECTS[name]
     nominal = dict(zip((p.name for p in effect.parameters), effect.nominal(World(cube)), strict=True))
     # parameters that only say of which form it is are at a bound
     form = {p.name: (nominal[p.name], p.low, p.high) for p in effect.parameters}
@@ -51,7 +50,7 @@ def test_no_patch_of_contact_is_wider_than_the_object(cube: ObjectModel) -> None
     diagonal = 0.06 * np.sqrt(3)
     for name in ("torsional_friction", "rolling_resistance"):
         assert bounds[name][0].high == pytest.approx(diagonal / 2)
-    assert bounds["com_offset"][0].high == NAMES["com_offset"].parameters[0].high
+    assert bounds["com_offset"][0].high == EFFECTS["com_offset"].parameters[0].high
     marble = cube.with_changes(corner_pos=cube.corner_pos / 10)
     small = {effect.name: effect for effect in effects_for(marble)}
     assert small["rounded_corners"].parameters[0].high == pytest.approx(0.00524)
@@ -63,7 +62,7 @@ def test_an_effect_at_its_bound_stays_without_its_name(cube: ObjectModel) -> Non
     tosses = seen(World(cube.with_changes(friction=0.3)), cube, 6, seed=4, frames=60)
     validator = CrossValidator.of(tosses, cube, seed=0)
     first = validator.evaluate(Hypothesis(World(cube)))
-    friction = NAMES["friction"]
+    friction = EFFECTS["friction"]
     low = replace(friction, parameters=(replace(friction.parameters[0], high=0.25),))
     last = validator.cross_validate(first, low, first.hypothesis.plus(low))
     found = SearchResult(first, last, (first, last), {}, {}, {"friction": last}, {"friction": ()})

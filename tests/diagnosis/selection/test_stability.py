@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.selection.cross_validation import CrossValidator
@@ -16,8 +17,7 @@ from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, World
 from tossid.types import Toss
 
-NAMES = {effect.name: effect for effect in LIBRARY}
-FEW = [NAMES[name] for name in ("gravity", "friction", "restitution")]
+FEW = [EFFECTS[name] for name in ("gravity", "friction", "restitution")]
 
 
 def test_copies_of_a_toss_are_in_one_fold() -> None:
@@ -64,7 +64,7 @@ def validator(cube: ObjectModel, tosses: list[Toss]) -> CrossValidator:
 def wrong(cube: ObjectModel, validator: CrossValidator) -> SearchResult:
     """As if a search had found a bounce, where friction is other than stated."""
     first = validator.evaluate(Hypothesis(World(cube)))
-    bounce = NAMES["restitution"]
+    bounce = EFFECTS["restitution"]
     last = validator.cross_validate(first, bounce, first.hypothesis.plus(bounce, np.array([0.1])))
     return SearchResult(first, last, (first, last), {}, {}, {"restitution": last}, {"restitution": ()})
 

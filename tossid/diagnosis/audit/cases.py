@@ -16,11 +16,9 @@ from tossid.diagnosis.audit.over_order import CONSTANT, FORMS, NONE, OrderOfCase
 from tossid.diagnosis.audit.strengths import SPOILT
 from tossid.diagnosis.audit.unknown_forces import UNKNOWN_FORCES
 from tossid.physics.effects import all_effects, effect_named
+from tossid.settings.diagnosis.audit import CaseKind
 
-Kind = Literal["effect", "null", "pair", "outside", "without", "spoilt", "order"]
-
-KINDS: tuple[Kind, ...] = ("effect",) * 5 + ("null",) * 2 + ("pair", "outside", "without")
-"""Every ten cases are these, in a drawn order."""
+Kind = CaseKind | Literal["spoilt", "order"]
 
 
 @dataclass(frozen=True)
@@ -71,6 +69,7 @@ def draw_cases(
     engines: Sequence[str],
     displacement: tuple[float, float],
     effects: Sequence[str],
+    kinds: Sequence[CaseKind],
     only_lcp: Sequence[str] = (),
 ) -> tuple[Case, ...]:
     """The first cases of a seed; those of a smaller number are the first of them.
@@ -81,6 +80,7 @@ def draw_cases(
         engines: Engines that take turns.
         displacement: Least and largest target, over the position noise; drawn log-uniformly between them.
         effects: Names of effects to draw from.
+        kinds: What is in cases: every so many are these, in a drawn order.
         only_lcp: Effects that only the engine lcp can simulate.
 
     Returns:
@@ -89,13 +89,13 @@ def draw_cases(
     rng = np.random.default_rng([seed, 1])
     order = {kind: _endless(list(effects), rng) for kind in ("effect", "without")}
     pairs, outside = _endless(list(effects), rng), _endless(list(UNKNOWN_FORCES), rng)
-    kinds: list[Kind] = []
+    left: list[CaseKind] = []
     cases = []
-    turn = dict.fromkeys(KINDS, 0)
+    turn = dict.fromkeys(kinds, 0)
     for index in range(n):
-        if not kinds:
-            kinds = [KINDS[i] for i in rng.permutation(len(KINDS))]
-        kind = kinds.pop()
+        if not left:
+            left = [kinds[i] for i in rng.permutation(len(kinds))]
+        kind = left.pop()
         names: tuple[str, ...] = ()
         if kind in order:
             names = (next(order[kind]),)

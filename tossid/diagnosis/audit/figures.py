@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from tossid.diagnosis.audit.ranks import band, ranks_of
 from tossid.diagnosis.audit.scores import calibration
 from tossid.evaluation.figures.style import INK, MUTED, footnote, key_row, new_figure, panel_grid, styled
 from tossid.settings.diagnosis.audit import ScoreSettings
@@ -34,9 +35,49 @@ def audit_figures(rows: Sequence[Row], *, settings: ScoreSettings = ScoreSetting
     figures = {"confusion": confusion(rows)}
     if any(row["displacement"] for row in rows):
         figures["detection"] = detection(rows, settings=settings)
+    if any(len(ranks_of(row["parameters"])) for row in rows):
+        figures["ranks"] = ranks(rows)
     if any(row["claims"] for row in rows):
         figures["reliability"] = reliability(rows)
     return figures
+
+
+@styled
+def ranks(rows: Sequence[Row]) -> Figure:
+    """How far the cumulative distribution of ranks of true values is from that of uniform numbers.
+
+    Args:
+        rows: The cases.
+
+    Returns:
+        The figure.
+    """
+    single = [ranks_of(row["parameters"]) for row in rows]
+    joint = np.array([each for row in rows for each in row["joint_ranks"]])
+    cases, of = sum(len(each) > 0 for each in single), np.concatenate(single)
+    figure = new_figure(
+        "Audit: are the intervals right?",
+        f"true values of {len(of)} parameters of {cases} cases: their rank within what is stated of them",
+        height=4.4,
+    )
+    ax = panel_grid(figure, 1, 1, left=0.9, right=3.0, top=0.9, bottom=1.1)[0, 0]
+    half = band(cases)
+    ax.axhspan(-half, half, color=SHADE, alpha=0.15, lw=0)
+    ax.axhline(0, color=MUTED, lw=1, ls=":")
+    keys = []
+    for label, values, color in (("single values", of, RIGHT), ("whole effects (random balls)", joint, WRONG)):
+        if not len(values):
+            continue
+        x = np.concatenate([[0.0], np.sort(values), [1.0]])
+        share = np.concatenate([[0.0], np.arange(1, len(values) + 1) / len(values), [1.0]])
+        ax.step(x, share - x, where="post", color=color, lw=1.6)
+        keys.append((Line2D([], [], color=color, lw=1.6), label))
+    ax.set_xlim(0, 1)
+    ax.set_xlabel("rank: stated probability below the true value")
+    ax.set_ylabel("share of ranks below, minus the rank")
+    ax.legend(*zip(*keys, strict=True), loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, fontsize=8.5)
+    footnote(figure, f"Shaded: where {cases} independent ranks stay with 95 % probability (Kolmogorov).")
+    return figure
 
 
 @styled

@@ -24,6 +24,12 @@ MEASURES = {
     "false_names_on_nulls": "an effect is named where there is none",
     "further_false_names": "a further effect is named that is not there",
     "coverage": "95 % intervals that hold the true value",
+    "coverage_50": "intervals of 50 % that hold the true value",
+    "coverage_90": "intervals of 90 % that hold the true value",
+    "coverage_led": "95 % intervals that do, where the true effect leads its class",
+    "coverage_behind": "95 % intervals that do, where it stands behind another name",
+    "ranks_uniform": "probability of ranks of true values as uneven as these",
+    "joint_ranks_uniform": "probability of ranks of whole effects as uneven as these",
     "closed_median": "closed share of the closable gap (median)",
     "pairs_both_named": "both effects of a pair are named",
     "outside_not_named": "no effect is named for a force outside the library",
@@ -83,7 +89,8 @@ class Audit:
         """The figures, by name.
 
         Returns:
-            The confusion matrix, the share of right names by displacement, and the reliability of probabilities.
+            The confusion matrix, the share of right names by displacement, the ranks of true values within what is
+            stated of them, and the reliability of probabilities.
         """
         return audit_figures(self.rows, settings=self.settings)
 
@@ -194,6 +201,8 @@ def row_of(result: Mapping[str, Any]) -> dict[str, Any]:
         "claims": scored["claims"],
         "closed": scored["closed"],
         "covered": [p["covered"] for p in scored["parameters"]],
+        "parameters": scored["parameters"],
+        "joint_ranks": scored["joint_ranks"],
         "seconds": result["seconds"],
     }
 

@@ -170,6 +170,7 @@ def plan(
             engines=settings.engines,
             displacement=settings.displacement,
             effects=[name for name in strengths_for(model) if "lcp" in settings.engines or name not in only_lcp],
+            kinds=settings.kinds,
             only_lcp=only_lcp,
         )
     else:

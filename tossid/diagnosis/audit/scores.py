@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from tossid.diagnosis.audit.cases import KINDS
 from tossid.diagnosis.audit.over_order import DRIFT, NULLS, STEP
+from tossid.diagnosis.audit.ranks import joint_rank, rank, summarise_ranks
 from tossid.diagnosis.audit.strengths import world_with
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.gap import share_left
@@ -18,7 +18,7 @@ from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.screening import screen
 from tossid.physics.effects import World, effect_named
 from tossid.physics.effects.strength import Values
-from tossid.settings.diagnosis.audit import ScoreSettings
+from tossid.settings.diagnosis.audit import CaseKind, ScoreSettings
 from tossid.types import Phase, Toss
 
 _LEAST_PROBABILITY = 0.02
@@ -93,7 +93,8 @@ def score(
 
     Returns:
         `right`: by the measure of the case's kind. `named`: in order. `false`: names that neither are true nor share a
-        class with a true one. `missed`: true ones that were not found. `parameters`: true values and estimates.
+        class with a true one. `missed`: true ones that were not found. `parameters`: true values and estimates, with
+        the `rank` of the true one and whether the effect `led` its class. `joint_ranks`: of true effects (`ranks`).
         `claims`: probabilities that were stated, and whether what they speak of is true (`claims`). `closed`: closed
         share of the closable gap. `phase_right`: whether the effect acts in the phase in which the gap
         is largest (for a gap that must stay unexplained: in a phase in which something remains). What does not apply is
@@ -112,6 +113,7 @@ def score(
         "false": [name for name, group in classes.items() if not set(group) & set(true)],
         "missed": [],
         "parameters": [],
+        "joint_ranks": [],
         "closed": None,
         "phase_right": None,
         "claims": claims(gap, kind, set(true)),
@@ -134,18 +136,21 @@ def score(
         right = all(inside.values())
     shares = [share for share in gap["gap"]["by_phase"] if share["share"] is not None]
     largest = max(shares, key=lambda share: share["share"])["phase"] if shares else None
-    parameters = [
-        _parameter(
-            name,
-            key,
-            value,
-            found.get(name, {}).get("parameters", {}).get(key),
-            restored=settings.restored if kind == "spoilt" else None,
-        )
-        for name, values in true.items()
-        for key, value in values.items()
-        if inside[name]
-    ]
+    estimated = {name: found[name] for name in true if inside[name] and name in found}
+    restored = settings.restored if kind == "spoilt" else None
+    fitted = sum(len(found[name]["parameters"]) for name in named)
+    parameters, joint = [], []
+    for name, finding in estimated.items():
+        freedom = max(1.0, finding["evidence"]["n_tosses"] - fitted)
+        of_effect = [
+            _parameter(name, key, value, finding["parameters"][key], freedom, led=name in named, restored=restored)
+            for key, value in true[name].items()
+            if key in finding["parameters"]
+        ]
+        parameters += of_effect
+        ranks = [p["rank"] for p in of_effect]
+        if ranks and None not in ranks and len(ranks) == len(finding["correlation"]):
+            joint.append(joint_rank(ranks, finding["correlation"], np.random.default_rng(truth["case"]["seed"])))
     closed = gap["explanation"]["gap_closed"]["value"]
     if closable is not None and closed is not None:
         closed = closed / closable if closable > settings.closable else None
@@ -153,7 +158,8 @@ def score(
         **out,
         "right": right,
         "missed": [name for name, there in inside.items() if not there],
-        "parameters": [p for p in parameters if p is not None],
+        "parameters": parameters,
+        "joint_ranks": joint,
         "closed": closed,
         "phase_right": largest in phases,
     }
@@ -216,14 +222,23 @@ def calibration(stated: Sequence[Mapping[str, Any]], bins: int = 5) -> dict[str,
 
 
 def _parameter(
-    name: str, key: str, true: float, found: Mapping[str, Any] | None, *, restored: float | None
-) -> dict[str, Any] | None:
-    """A true value beside its estimate; restored: relative error up to which a spoilt parameter is restored."""
-    if found is None:
-        return None
+    name: str, key: str, true: float, found: Mapping[str, Any], freedom: float, *, led: bool, restored: float | None
+) -> dict[str, Any]:
+    """A true value beside its estimate.
+
+    Args:
+        name: Of the effect.
+        key: Of the parameter.
+        true: Its true value.
+        found: Its `value` and `ci95`.
+        freedom: Degrees of freedom of the interval.
+        led: Whether the effect leads its class.
+        restored: Relative error up to which a spoilt parameter is restored.
+    """
     value, (low, high) = found["value"], found["ci95"]
     covered = all(x is not None for x in (value, low, high)) and low <= true <= high
     entry = {"effect": name, "name": key, "true": true, "value": value, "ci95": [low, high], "covered": covered}
+    entry |= {"led": led, "rank": rank(true, found, freedom)}
     if restored is not None:
         entry["restored"] = value is not None and abs(value - true) <= restored * abs(true)
     return entry
@@ -241,7 +256,7 @@ def summarise(
     Returns:
         By measure, the `count` `of` how many, its `share` or `value`, and the share that is `wanted`, if any.
     """
-    of = {kind: [s for s in scores if s["kind"] == kind] for kind in (*dict.fromkeys(KINDS), "spoilt", "order")}
+    of = {kind: [s for s in scores if s["kind"] == kind] for kind in (*get_args(CaseKind), "spoilt", "order")}
     covered = [p["covered"] for s in scores for p in s["parameters"]]
     closed = [s["closed"] for s in scores if s["closed"] is not None]
     phase = [s["phase_right"] for s in scores if s["phase_right"] is not None]
@@ -261,6 +276,7 @@ def summarise(
         "without_unexplained": _count([s["right"] for s in of["without"]], None),
         "phases_right": _count(phase, None),
     }
+    out |= summarise_ranks(scores)
     stated = [claim for s in scores for claim in s.get("claims", ())]
     for measure, some in (("names", False), ("none", True)):
         of_kind = calibration([claim for claim in stated if (claim["of"] == "none") == some])

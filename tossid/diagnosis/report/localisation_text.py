@@ -174,6 +174,6 @@ def next_toss_words(found: Mapping[str, Any]) -> list[str]:
         *joints,
         f"orientation (quaternion w x y z) {w:.2f} {x:.2f} {y:.2f} {z:.2f}.",
         f"The two most similar explanations are expected to differ by {found['separation_sd']:.1f} standard deviations "
-        f"in this toss, and by {found['separation_of_tosses_seen_sd']:.1f} in a toss like those recorded. Both "
-        "numbers are upper bounds, because a refit of the effects reduces the difference.",
+        f"in this toss, and by {found['separation_of_tosses_seen_sd']:.1f} in a toss like those recorded, "
+        "after the wrong one is fitted again.",
     ]

@@ -182,6 +182,28 @@ def intervals(fitted: Fitted, n: int, spread: Array | None = None, n_flight: int
     return out
 
 
+def correlations(
+    fitted: Fitted, n: int, spread: Array | None = None, n_flight: int = 0
+) -> dict[str, tuple[tuple[float, ...], ...]]:
+    """Correlations of the errors that `intervals` states, among the parameters of every effect.
+
+    Args:
+        fitted: The hypothesis.
+        n: How many tosses.
+        spread: (P,) standard deviations over shifted windows.
+        n_flight: How many of the effects, the first, were found in flight.
+    """
+    hypothesis, out = fitted.hypothesis, {}
+    if hypothesis.effects:
+        cov = _covariance(fitted, n, spread, n_flight)
+        error = np.sqrt(np.maximum(np.diag(cov), 1e-300))
+        for name in hypothesis.names:
+            own = hypothesis.place_of(name)
+            rows = cov[own, own] / np.outer(error[own], error[own])
+            out[name] = tuple(map(tuple, rows.tolist()))
+    return out
+
+
 def _covariance(fitted: Fitted, n: int, spread: Array | None, n_flight: int) -> Array:
     """(P, P) of all parameters, by every source of error that `intervals` names."""
     cov = fitted.covariance()

@@ -7,6 +7,10 @@ from typing import Annotated, Literal
 
 from tossid.settings.kinds import Bounds, Count, Fraction, Ordered, Positive, Seed, Span, advanced_part
 
+CaseKind = Literal["effect", "null", "pair", "outside", "without"]
+"""What is in a drawn case: an effect of the library, nothing, two effects, a force that the library lacks, or an effect
+that is then taken out of the library."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class CaseSettings:
@@ -75,6 +79,8 @@ class AuditSettings:
     `pip install 'tossid[engines]'`"""
     repeats: Annotated[int, Bounds(low=0)] = 10
     """how often a diagnosis repeats its search (as of `diagnose`)"""
+    kinds: tuple[CaseKind, ...] = ("effect",) * 5 + ("null",) * 2 + ("pair", "outside", "without")
+    """what is in cases: every so many cases are these, in a drawn order"""
     position_noise: Positive = 1.5e-4
     """standard deviation of recorded positions [m]"""
     rotation_noise: Positive = 1.5e-3
