@@ -366,7 +366,7 @@ def _derivatives(windows: Windows, world: World, residuals: Array, rows: Index, 
     delta = np.repeat(np.diag(steps)[given:], n, axis=0)
     every = np.tile(rows, count)
     q, v = _moved(windows.at_q[every], windows.at_v[every], delta)
-    run = windows.predicted(world, q, v, every, n_threads=n_threads)
+    run = windows.predicted(world, q, v, every, near=True, n_threads=n_threads)
     S = np.zeros((n, K * L, 2 * K))
     for j in range(given):
         S[:, j::K, j] = windows.inside[rows]

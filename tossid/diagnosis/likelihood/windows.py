@@ -157,6 +157,7 @@ class Windows:
         v: Array | None = None,
         index: NDArray[np.int64] | None = None,
         *,
+        near: bool = False,
         n_threads: int = 1,
     ) -> Array:
         """(n, F, K + 1) recorded poses as the world predicts them.
@@ -166,13 +167,15 @@ class Windows:
             q: (n, K + 1) first poses; those of linearisation if None.
             v: (n, K) first velocities, likewise.
             index: (n,) of which windows; of all, once or several times in turn, if None.
+            near: Whether first states are near those of linearisation, by whose motions others may be found.
             n_threads: Of the simulator.
         """
-        if q is None or v is None:
-            q, v = (self.at_q, self.at_v) if index is None else (self.at_q[index], self.at_v[index])
+        at = (self.at_q, self.at_v) if index is None else (self.at_q[index], self.at_v[index])
+        q, v = at if q is None or v is None else (q, v)
         n_steps = np.tile(self.steps, len(q) // len(self.steps)) if index is None else self.steps[index]
         how = steps_of(world, self.settings.simulation)
-        return world.roll_out(q, v, n_steps=n_steps, dt=self.dt, **how, n_threads=n_threads)[:, 1:]
+        run = world.roll_out(q, v, n_steps=n_steps, dt=self.dt, near=at if near else None, **how, n_threads=n_threads)
+        return run[:, 1:]
 
     def residuals(self, predicted: Array, index: NDArray[np.int64] | None = None) -> Array:
         """(n, L, K) measured minus predicted: position [m], rotation vector in the body frame [rad], joints [rad].
