@@ -1,7 +1,7 @@
 """Does a diagnosis of a user's simulator name what was changed in it?
 
-    python -m pipelines.tools.experiments.users_simulator out=LINES.jsonl [engine=mujoco] [tosses=16] [seed=1]
-        [repeats=0] [without=...] [CASE ...]
+    python -m pipelines.tools.experiments.users_simulator out=LINES.jsonl [engine=mujoco] [substeps=4]
+        [tosses=16] [seed=1] [repeats=0] [without=...] [CASE ...]
     python -m pipelines.tools.experiments.users_simulator table=LINES.jsonl
     python -m pipelines.tools.experiments.users_simulator predict=true [engine=mujoco] [tosses=16] [seed=1] [CASE ...]
 
@@ -9,7 +9,8 @@ Tosses are made by an engine that has one effect, with noise, and the user's sim
 with its default soft contact, Bullet or Drake. One JSON line a case is added to the file: what was named, values with
 95 % intervals, the gap, the share of it that is closed on tosses that took no part, and the CPU seconds of both
 processes. Cases that the file has already are not run again. Without the names of cases all run that the engine has.
-`null` is the engine itself. `without` names effects that are not sought. `table` prints a file in Markdown.
+`null` is the engine itself. `substeps` are MuJoCo's steps a frame, 7 by default. `without` names effects that are not
+sought. `table` prints a file in Markdown.
 
 With `predict` nothing is sought. Windows of 20 frames are predicted from true first states, with the true effect, by
 each form of `UsersWorld`: changes of whole motions, changes of frames by rigid contact, and by the nearest one. A line
@@ -46,7 +47,7 @@ from tossid.diagnosis.simulators import users_simulator
 from tossid.errors import ConfigError
 from tossid.objects import load_object
 from tossid.physics.effects import World
-from tossid.physics.effects.in_mujoco import DEFAULT_STEP, scene, toss_in_mujoco
+from tossid.physics.effects.in_mujoco import DEFAULT_STEP, scene
 from tossid.settings.synthesis import (
     BulletEngine,
     DrakeEngine,
@@ -119,6 +120,14 @@ def users_function(engine: Engine, stated: World) -> BatchFunction:
         engine: Its settings.
         stated: The object.
     """
+    if not isinstance(engine, MujocoEngine):
+
+        def other(q0: Array, v0: Array, n_steps: int, dt: float) -> tuple[Array, Array]:
+            made = engine_of(engine).simulate(engine, stated, q0, v0, n_steps=n_steps, dt=dt)
+            return made.q, made.v
+
+        return other
+    stated_steps = engine.substeps
 
     @lru_cache
     def compiled(step: float) -> tuple[mujoco.MjModel, list[mujoco.MjData]]:
@@ -126,10 +135,8 @@ def users_function(engine: Engine, stated: World) -> BatchFunction:
         return model, [mujoco.MjData(model)]
 
     def soft_mujoco(q0: Array, v0: Array, n_steps: int, dt: float) -> tuple[Array, Array]:
-        if stated.has_forces:
-            return toss_in_mujoco(stated, q0, v0, n_steps, dt, soft=True)
         # MuJoCo's pool of threads, as engines use it, does not outlive the fork of this process
-        substeps = math.ceil(dt / DEFAULT_STEP)
+        substeps = stated_steps or math.ceil(dt / DEFAULT_STEP)
         model, data = compiled(dt / substeps)
         start = np.concatenate([np.zeros((len(q0), 1)), q0, v0], axis=1)
         states, _ = rollout.rollout(model, data, start, nstep=n_steps * substeps, persistent_pool=False)
@@ -138,11 +145,7 @@ def users_function(engine: Engine, stated: World) -> BatchFunction:
         q[..., 3:7] /= np.linalg.norm(q[..., 3:7], axis=-1, keepdims=True)
         return q, v
 
-    def other(q0: Array, v0: Array, n_steps: int, dt: float) -> tuple[Array, Array]:
-        made = engine_of(engine).simulate(engine, stated, q0, v0, n_steps=n_steps, dt=dt)
-        return made.q, made.v
-
-    return soft_mujoco if isinstance(engine, MujocoEngine) else other
+    return soft_mujoco
 
 
 def run(
@@ -260,6 +263,9 @@ def main(arguments: list[str]) -> None:
     keys = dict(each.split("=", 1) for each in arguments if "=" in each)
     names = [each for each in arguments if "=" not in each] or list(CASES)
     engine = ENGINES[keys.get("engine", "mujoco")]
+    if "substeps" in keys:
+        assert isinstance(engine, MujocoEngine)
+        engine = replace(engine, substeps=int(keys["substeps"]))
     if "table" in keys:
         sys.stdout.write(table([json.loads(line) for line in Path(keys["table"]).read_text().splitlines()]) + "\n")
         return

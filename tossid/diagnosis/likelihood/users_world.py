@@ -30,6 +30,8 @@ _MOST_KEPT = 20_000
 """Motions that are kept, by their first states: fits ask for the same ones with other values of effects."""
 _LONG = 24
 """Frames beyond which motions are asked for in a call of their own."""
+_TOGETHER = 5
+"""Frames by which motions that are asked for in one call differ in length at most."""
 _NEAR_GROUND = 5e-3
 """Height of the lowest corner [m] below which a motion is changed frame by frame, from two frames before on."""
 _AT_REST, _QUIET = 3e-4, 4
@@ -231,26 +233,37 @@ class UsersWorld(World):
         return run
 
     def _beside(self, first: State, steps: NDArray[np.int64], changes: StepChanges, beside: State) -> State:
-        """Motions without changes. Those that stay in the air differ from motions beside as much as in ours."""
+        """Motions without changes. Until contact they differ from motions beside as much as in ours."""
         assert self.motions is not None
         run = self.motions(beside.q, beside.v, steps, changes.dt)
-        air = np.flatnonzero(self._first_contact((run,), steps) == steps)
-        asked = np.ones(len(steps), dtype=bool)
-        if len(air):
-            # many differ from the same motion
-            states = np.concatenate([beside.q[air], beside.v[air], steps[air, None]], axis=1)
-            _, one, each = np.unique(states, axis=0, return_index=True, return_inverse=True)
-            there = changes.of_motions(beside.rows(air[one]), steps[air[one]], effects=False).rows(each.ravel())
-            ours = changes.of_motions(first.rows(air), steps[air], effects=False)
-            most = (air, slice(ours.q.shape[1]))
-            moved = run.rows(most).plus(ours.minus(there))
-            run.q[most], run.v[most] = moved.q, moved.v
-            asked[air] = self._first_contact((ours, moved), steps[air]) < steps[air]
-        if asked.any():
-            theirs = self.motions(first.q[asked], first.v[asked], steps[asked], changes.dt)
-            most = (asked, slice(theirs.q.shape[1]))
-            run.q[most], run.v[most] = theirs.q, theirs.v
+        begins = self._first_contact((run,), steps)
+        if not self.by_frame:
+            begins = np.where(begins == steps, steps, 0)
+        flown = np.maximum(begins, 1)
+        # many differ from the same motion
+        states = np.concatenate([beside.q, beside.v, flown[:, None]], axis=1)
+        _, one, each = np.unique(states, axis=0, return_index=True, return_inverse=True)
+        there = changes.of_motions(beside.rows(one), flown[one], effects=False).rows(each.ravel())
+        ours = changes.of_motions(first, flown, effects=False)
+        moved = run.rows((slice(None), slice(ours.q.shape[1]))).plus(ours.minus(there))
+        begins = np.minimum(begins, self._first_contact((ours, moved), begins))
+        in_air = np.arange(ours.q.shape[1]) <= begins[:, None]
+        for whole, part, begun in ((run.q, moved.q, first.q), (run.v, moved.v, first.v)):
+            whole[:, : part.shape[1]][in_air] = part[in_air]
+            whole[:, 0] = begun
+        self._go_on(run, begins, steps, changes.dt)
         return run
+
+    def _go_on(self, run: State, begins: NDArray[np.int64], steps: NDArray[np.int64], dt: float) -> None:
+        """Motions of the user's simulator from frames `begins` on, in place. They are asked for once and not kept."""
+        assert self.motions is not None
+        left = -(-(steps - begins) // _TOGETHER) * _TOGETHER
+        for frames in np.unique(left[left > 0]).tolist():
+            rows = np.flatnonzero(left == frames)
+            parts = self.motions.process(run.q[rows, begins[rows]], run.v[rows, begins[rows]], frames, dt)
+            for whole, part in zip((run.q, run.v), parts, strict=True):
+                for i, row in enumerate(rows.tolist()):
+                    whole[row, begins[row] + 1 : steps[row] + 1] = part[i, 1 : steps[row] - begins[row] + 1]
 
     def _first_contact(self, motions: Sequence[State], steps: NDArray[np.int64]) -> NDArray[np.int64]:
         """(B,) frames from which motions are changed frame by frame; `steps` where they stay in the air until then."""
