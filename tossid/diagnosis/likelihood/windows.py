@@ -231,6 +231,17 @@ def moved_pose(q: Array, by: Array) -> Array:
     return np.concatenate([q[..., :3] + by[..., :3], turned, q[..., 7:] + by[..., 6:]], axis=-1)
 
 
+def of_state(sizes: tuple[float, float, float, float], K: int) -> Array:
+    """(2 K,) a number for each part of a state.
+
+    Args:
+        sizes: For positions, rotations and joints, velocities, and angular velocities and joint rates.
+        K: Number of channels.
+    """
+    position, rotation, velocity, spin = sizes
+    return np.array([position] * 3 + [rotation] * (K - 3) + [velocity] * 3 + [spin] * (K - 3))
+
+
 def make_windows(
     tosses: Sequence[Toss],
     model: ObjectModel | None = None,
