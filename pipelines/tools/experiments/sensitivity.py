@@ -119,7 +119,7 @@ def table(lines: list[dict[str, Any]]) -> str:
             values.setdefault(effect, []).append(f"{parameter} {middle:.4g} ({low:.4g} to {high:.4g})")
         named = "; ".join(f"{each}: {', '.join(values[each])}" for each in line["named"]) or "nothing"
         others = "; ".join(", ".join(line["alternatives"].get(each, [])) for each in line["named"])
-        closed = [f"{100 * line['closed'][each]:.0f}" for each in ("value", "low", "high")]
+        closed = [f"{100 * each:.0f}" for each in (line["closed"]["value"], *line["closed"]["ci95"])]
         rows.append(f"| {key} | {value} | {named} | {others} | {closed[0]} ({closed[1]} to {closed[2]}) |")
     return "\n".join(rows)
 

@@ -10,6 +10,7 @@ import pytest
 from pipelines.tools.experiments import sensitivity
 from pipelines.tools.experiments.sensitivity import HALVED_AND_DOUBLED, run, table, variants
 from tests.diagnosis.tossed import seen
+from tossid.diagnosis.findings import Interval
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 from tossid.settings.changed import changed
@@ -45,7 +46,7 @@ def test_what_is_there_is_not_computed_again(
 
 
 def test_the_table_has_a_row_for_each_line() -> None:
-    shares = {"value": 0.5, "low": 0.4, "high": 0.6}
+    shares = Interval(0.5, 0.4, 0.6).as_json()
     lines = [
         {"settings": {}, "named": [], "values": {}, "alternatives": {}, "closed": shares},
         {

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.tools.experiments import users_simulator
-from pipelines.tools.experiments.users_simulator import CASES, ENGINES, main, predict, run, table
+from pipelines.tools.experiments.users_simulator import CASES, ENGINES, main, predict, residuals, run, table
 from tossid.physics.effects.registry import all_effects
 
 
@@ -62,3 +62,12 @@ def test_a_changed_engine_is_named() -> None:
     rows = table([line]).splitlines()
     assert rows[2].startswith("| gravity g_ms2 9.2 | gravity: g_ms2 9.")
     assert rows[-1].startswith("1 of 1 have the right name first, 0 have further names")
+
+
+@pytest.mark.slow
+def test_an_engine_leaves_noise_of_its_own_tosses() -> None:
+    line, framed = residuals(ENGINES["mujoco"], ["gravity-", "height"], tosses=12, seed=1)
+    assert line["same_engine_0"] > 1.1  # first states of some impacts are in another mode of their posterior
+    assert line["same_engine_1"] < 1.06
+    assert line["with_effect_2"] < 1.2
+    assert "left_out" in framed
