@@ -45,14 +45,16 @@ and mu where there was no load.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
-from tossid.physics.body import make_body
+from tossid.physics.body import Body, make_body
 from tossid.physics.contact.law import make_contact_law
 from tossid.physics.contact.problem import make_corners
-from tossid.physics.links import make_links
+from tossid.physics.links import Links, make_links
 from tossid.physics.moving import make_state
 from tossid.physics.solvers.batches import over_threads
 from tossid.physics.solvers.exact_cone import ExactCone
@@ -127,7 +129,7 @@ def simulate(
         kkt_error=np.zeros(count),
         finite=np.ones(count, dtype=bool),
     )
-    model = make_body(system) or make_links(system)
+    model = _model_of(_Same(system))
     settings, tosses = StepSettings(float(dt), substeps, impact_parts, tolerance), Tosses(q0, v0, steps)
 
     def part(first: int, last: int) -> None:
@@ -137,3 +139,22 @@ def simulate(
 
     over_threads(part, count, n_threads)
     return out
+
+
+class _Same:
+    """A system, equal to itself alone: its arrays have no hash."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.system is other.system
+
+    def __hash__(self) -> int:
+        return id(self.system)
+
+
+@lru_cache(maxsize=16)
+def _model_of(same: _Same) -> Body | Links:
+    """What the kernels read of a system, made once: single frames of a few motions cost little more than it does."""
+    return make_body(same.system) or make_links(same.system)

@@ -10,7 +10,8 @@ import pytest
 
 from tests.models.made import DT, thrown
 from tossid.diagnosis.likelihood.simulator_process import Given, SimulatorProcess
-from tossid.diagnosis.likelihood.users_world import UsersWorld
+from tossid.diagnosis.likelihood.step_changes import State
+from tossid.diagnosis.likelihood.users_world import Motions, UsersWorld
 from tossid.objects import ObjectModel
 from tossid.physics import simulate as tossed
 from tossid.physics.effects import World, effect_named
@@ -114,3 +115,45 @@ def test_derivatives_by_first_states_are_those_of_the_simulator(world: UsersWorl
     q, v = thrown(np.random.default_rng(5), 3)
     plain = changed.by_first_states.roll_out(q, v, n_steps=40, dt=DT, **HOW)
     np.testing.assert_array_equal(plain, world.roll_out(q, v, n_steps=40, dt=DT, **HOW))
+
+
+def test_motions_near_others_are_not_asked_for_in_the_air(world: UsersWorld) -> None:
+    assert world.motions is not None
+    asked: list[tuple[int, int]] = []
+    process = world.motions.process
+
+    def counting(q: np.ndarray, v: np.ndarray, n_steps: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        asked.append((len(q), n_steps))
+        return process(q, v, n_steps, dt)
+
+    q, v = thrown(np.random.default_rng(6), 4)
+    q[:2, 2] += 5.0  # these stay in the air
+    other, faster = q + np.array([0.0, 0.0, 1e-3, 0.0, 0.0, 0.0, 0.0]), v + 0.01
+    steps = np.array([30, 20, 60, 60])
+    wanted = world.roll_out(other, faster, n_steps=steps, dt=DT, **HOW)
+    world.roll_out(q, v, n_steps=steps, dt=DT, **HOW)
+    afresh = replace(world, motions=Motions(process))
+    assert afresh.motions is not None
+    afresh.roll_out(q, v, n_steps=steps, dt=DT, **HOW)
+    afresh.motions.process = counting  # type: ignore[assignment]
+    run = afresh.roll_out(other, faster, n_steps=steps, dt=DT, near=(q, v), **HOW)
+    assert sum(rows for rows, _ in asked) == 2  # those that land,
+    assert max(frames for _, frames in asked) < 60  # from shortly before
+    for row, n in enumerate(steps):
+        np.testing.assert_allclose(run[row, : n + 1], wanted[row, : n + 1], atol=1e-6)
+
+
+def test_whether_a_simulator_is_the_same_everywhere_is_tried(world: UsersWorld, cube: ObjectModel) -> None:
+    q, v = thrown(np.random.default_rng(7), 4)
+    steps = np.full(4, 60)
+    assert world.prepared(State(q, v), steps, DT, most_lost=1.0, **HOW).same_everywhere
+    hill = World(cube).system()
+
+    def simulate(q0: np.ndarray, v0: np.ndarray, n_steps: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        drawn = v0 + 0.01 * np.concatenate([q0[:, :1], np.zeros((len(q0), 5))], axis=1)
+        run = tossed(hill, q0, drawn, n_steps=n_steps, dt=dt, **HOW)
+        run.v[:, 0] = v0
+        return run.q, run.v
+
+    users = UsersWorld.of(World(cube), SimulatorProcess(Given(simulate), about="hill", seconds=60.0))
+    assert not users.prepared(State(q, v), steps, DT, most_lost=1e9, **HOW).same_everywhere

@@ -8,7 +8,6 @@ closures serve too. Arrays pass through a pipe; nothing is unpickled.
 from __future__ import annotations
 
 import importlib.util
-import io
 import multiprocessing
 import os
 import signal
@@ -121,16 +120,13 @@ class SimulatorProcess:
             InputError: The simulator raises, crashes, takes too long, or returns NaN or arrays of another shape.
         """
         with self._lock:
-            buffer = io.BytesIO()
-            np.savez(buffer, q0=q0, v0=v0, n_steps=n_steps, dt=dt)
             pipe = self._started()
             try:
-                pipe.send_bytes(buffer.getvalue())
+                pipe.send_bytes(_packed(q0, v0, np.array([n_steps, dt])))
                 answer = self._answer(pipe)
             except (EOFError, BrokenPipeError, ConnectionResetError):
                 raise InputError(f"{self.about}: {self._death()}, called with {_size(q0, n_steps)}") from None
-        with np.load(io.BytesIO(answer), allow_pickle=False) as arrays:
-            q, v = arrays["q"], arrays["v"]
+        q, v = _unpacked(answer)
         self._check(q, v, q0, n_steps)
         return q, v
 
@@ -249,9 +245,8 @@ def _serve(pipe: Connection, source: FromFile | Given, parent: int) -> None:
             request = pipe.recv_bytes()
         except EOFError:
             return
-        with np.load(io.BytesIO(request), allow_pickle=False) as asked:
-            q0, v0, n_steps, dt = asked["q0"], asked["v0"], int(asked["n_steps"]), float(asked["dt"])
-        pipe.send_bytes(_called(function, q0, v0, n_steps, dt))
+        q0, v0, (n_steps, dt) = _unpacked(request)
+        pipe.send_bytes(_called(function, q0, v0, int(n_steps), float(dt)))
 
 
 def _called(function: BatchFunction, q0: Array, v0: Array, n_steps: int, dt: float) -> bytes:
@@ -269,9 +264,27 @@ def _called(function: BatchFunction, q0: Array, v0: Array, n_steps: int, dt: flo
         if got.shape != wanted:
             axes = f"(batch, n_steps + 1, n{name}), the first state included"
             return _PROBLEM + f"returns {name} of shape {got.shape}, expected {wanted}: {axes}".encode()
-    buffer = io.BytesIO()
-    np.savez(buffer, q=q, v=v)
-    return _RESULT + buffer.getvalue()
+    return _RESULT + _packed(q, v)
+
+
+def _packed(*arrays: Array) -> bytes:
+    """Arrays of numbers as bytes: of each its number of axes, its shape, and its values."""
+    parts = []
+    for array in arrays:
+        parts += [np.array([array.ndim, *array.shape], dtype=np.int64).tobytes(), np.asarray(array, float).tobytes()]
+    return b"".join(parts)
+
+
+def _unpacked(packed: bytes) -> list[Array]:
+    """The arrays of `_packed`."""
+    arrays, at = [], 0
+    while at < len(packed):
+        (axes,) = np.frombuffer(packed, np.int64, 1, at)
+        shape = np.frombuffer(packed, np.int64, axes, at + 8)
+        size, at = int(np.prod(shape)), at + 8 * (1 + int(axes))
+        arrays.append(np.frombuffer(packed, float, size, at).reshape(shape).copy())
+        at += 8 * size
+    return arrays
 
 
 def _brief(error: BaseException) -> str:

@@ -65,6 +65,16 @@ class State:
         nv = self.v.shape[-1]
         return State(moved_pose(self.q, by[..., :nv]), self.v + by[..., nv:])
 
+    def and_rows(self, other: State) -> State:
+        """These, then others."""
+        return State(np.concatenate([self.q, other.q]), np.concatenate([self.v, other.v]))
+
+    def shifted(self, by: Array) -> State:
+        """The same, moved by (3,) [m]."""
+        q = self.q.copy()
+        q[..., :3] += by
+        return State(q, self.v)
+
     def raised(self, by: Array) -> State:
         """The same, higher by (B,) [m]."""
         q = self.q.copy()
@@ -108,6 +118,23 @@ class Contact:
 
 
 @dataclass(frozen=True)
+class Touch:
+    """How states touch the ground within a frame.
+
+    Attributes:
+        own: States a frame later in ours without effects, lowered.
+        ratio: (B,) r; 1 where there is no contact.
+        lowered: (B,) by how much ours is brought to touch [m].
+        felt: (B,) whether there is contact.
+    """
+
+    own: State
+    ratio: Array
+    lowered: Array
+    felt: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
 class StepChanges:
     """The changes of one frame that effects make, in the frame of the ground that they have.
 
@@ -132,39 +159,44 @@ class StepChanges:
             at: States at the beginning of the frame.
             theirs: Of the user's simulator at its end.
         """
-        weight = float(self.none.object.mass.sum()) * max(self.none.gravity, 1.0) * self.dt
-        own, ours = self._one(self.plain, at)
-        change = self._one(self.changed, at)[0].minus(own)
-        impulse = self._upward(theirs) - self._upward(own) + ours
-        here = (impulse > LEAST_IMPULSE * weight) & (np.minimum(self._low(at), self._low(theirs)) < NEAR_GROUND)
-        hover = np.flatnonzero(here & (ours < FEWEST_IMPULSE * impulse))
-        if len(hover):
-            there = at.rows(hover)
-            there = there.raised(-np.maximum(self._low(there), 0.0))
-            own, ours[hover] = self._one(self.plain, there)
-            change[hover] = self._one(self.changed, there)[0].minus(own)
-        # where neither has contact, or only effects make it, the change is that of ours
-        touches = np.flatnonzero(here | (ours > LEAST_IMPULSE * weight))
-        if not len(touches):
-            return change
-        ratio = impulse[touches] / np.maximum(ours[touches], LEAST_IMPULSE * weight)
-        ratio = np.clip(ratio, 0.0, MOST_IMPULSE)[:, None]
-        free = np.zeros((len(touches), change.shape[1]))
-        if not self.with_effects.flies_like(self.none):
-            above = at.rows(touches)
-            above = above.raised(self._high(above))
-            free = self._one(self.changed, above)[0].minus(self._one(self.plain, above)[0])
-        change[touches] = free + ratio * (change[touches] - free)
+        touch = self._touch(at, theirs)
+        there, touches = at.raised(-touch.lowered), np.flatnonzero(touch.felt)
+        if not len(touches) or self.with_effects.flies_like(self.none):
+            return touch.ratio[:, None] * self._one(self.changed, there)[0].minus(touch.own)
+        above = self._raised(at.rows(touches))
+        both = self._one(self.changed, there.and_rows(above))[0]
+        change = both.rows(slice(len(at.q))).minus(touch.own)
+        free = both.rows(slice(len(at.q), None)).minus(self._one(self.plain, above)[0])
+        change[touches] = free + touch.ratio[touches, None] * (change[touches] - free)
         return change
 
-    def of_motions(self, first: State, steps: NDArray[np.int64]) -> tuple[State, State]:
-        """Whole motions of ours, with effects and without; NaN where one diverges.
+    def _touch(self, at: State, theirs: State) -> Touch:
+        """How states touch the ground in a frame, at whose end their simulator has others."""
+        weight = float(self.none.object.mass.sum()) * max(self.none.gravity, 1.0) * self.dt
+        own, ours = self._one(self.plain, at)
+        impulse = self._upward(theirs) - self._upward(own) + ours
+        low = self._low(at.and_rows(theirs)).reshape(2, -1)
+        here = (impulse > LEAST_IMPULSE * weight) & (low.min(axis=0) < NEAR_GROUND)
+        lowered = np.zeros(len(ours))
+        hover = np.flatnonzero(here & (ours < FEWEST_IMPULSE * impulse))
+        if len(hover):
+            lowered[hover] = np.maximum(low[0, hover], 0.0)
+            lower, ours[hover] = self._one(self.plain, at.rows(hover).raised(-lowered[hover]))
+            own.q[hover], own.v[hover] = lower.q, lower.v
+        # where neither has contact, or only effects make it, the change is that of ours
+        felt = here | (ours > LEAST_IMPULSE * weight)
+        ratio = np.clip(impulse / np.maximum(ours, LEAST_IMPULSE * weight), 0.0, MOST_IMPULSE)
+        return Touch(own, np.where(felt, ratio, 1.0), lowered, felt)
+
+    def of_motions(self, first: State, steps: NDArray[np.int64], *, effects: bool) -> State:
+        """Whole motions (B, T + 1, ...) of ours; NaN where one diverges.
 
         Args:
             first: First states.
             steps: (B,) frames after the first.
+            effects: Whether with effects.
         """
-        return self._run(self.changed, first, steps)[0], self._run(self.plain, first, steps)[0]
+        return self._run(self.changed if effects else self.plain, first, steps)[0]
 
     @cached_property
     def changed(self) -> System:
@@ -191,12 +223,12 @@ class StepChanges:
         """Motions of ours, and their vertical impulses (B,) [N s]."""
         return motions(system, first, steps, self.dt, self.contact.steps(self.how))
 
-    def _high(self, at: State) -> Array:
-        """(B,) by how much to raise states, so that nothing touches within a frame [m]."""
+    def _raised(self, at: State) -> State:
+        """States so high that nothing touches within a frame."""
         model = self.none.object
         arm = float(np.linalg.norm(model.corner_pos, axis=-1).max())
         speed = np.abs(at.v[:, 2]) + arm * np.abs(at.v[:, 3:]).sum(axis=-1) + 10.0 * self.dt
-        return np.asarray(np.maximum(0.0, 0.02 + 2.0 * self.dt * speed - self._low(at)))
+        return at.raised(np.maximum(0.0, 0.02 + 2.0 * self.dt * speed - self._low(at)))
 
     def _low(self, at: State) -> Array:
         """(B,) height of the stated object's lowest corner [m]."""
@@ -206,6 +238,8 @@ class StepChanges:
         """(B,) vertical momentum [N s] of the stated object."""
         model = self.none.object
         if not model.n_joints:
+            if not model.com.any():
+                return np.asarray(model.mass[0] * at.v[:, 2])
             spin = quat_rotate(at.q[:, 3:7], np.cross(at.v[:, 3:6], model.com[0]))
             return np.asarray(model.mass[0] * (at.v[:, 2] + spin[:, 2]))
         _, u, _ = body_motions(model, at.q, at.v)

@@ -30,10 +30,14 @@ _MOST_KEPT = 20_000
 """Motions that are kept, by their first states: fits ask for the same ones with other values of effects."""
 _LONG = 24
 """Frames beyond which motions are asked for in a call of their own."""
+_TOGETHER = 5
+"""Frames by which motions that are asked for in one call differ in length at most."""
 _NEAR_GROUND = 5e-3
 """Height of the lowest corner [m] below which a motion is changed frame by frame, from two frames before on."""
 _AT_REST, _QUIET = 3e-4, 4
 """Speed [m/s] below which a motion that is changed frame by frame is at rest after so many frames, and stays there."""
+_AWAY, _SAME = np.array([0.37, -0.21, 0.0]), 1e-7
+"""A way along the ground [m], and a difference [m, rad, m/s, rad/s] below which a frame is the same after it."""
 _FARTHEST = 1e3
 """[m], [m/s] or [rad/s] beyond which a motion has diverged."""
 
@@ -97,12 +101,14 @@ class UsersWorld(World):
         by_frame: Whether changes are composed frame by frame in contact. It takes a simulator whose motion goes on from
             a state as it would have without a stop.
         contact: Of tossid's own that is nearest to the simulator's.
+        level: Whether the simulator is the same wherever a motion begins along x and y.
     """
 
     motions: Motions | None = None
     stated: World | None = None
     by_frame: bool = True
     contact: Contact = Contact()
+    level: bool = False
 
     @staticmethod
     def of(stated: World, process: SimulatorProcess) -> UsersWorld:
@@ -129,14 +135,16 @@ class UsersWorld(World):
         assert self.motions is not None
         assert self.stated is not None
         frames = frames_of(self.motions, self.motions.next, first, steps, dt, self.stated)
+        away = self.motions.next(frames.before.shifted(_AWAY), dt).shifted(-_AWAY)
+        level = bool(np.abs(away.minus(frames.after)).max(initial=0.0) < _SAME)
         if not frames.lost <= most_lost:
-            return replace(self, by_frame=False)
-        return replace(self, contact=nearest_contact(frames, self.stated, dt, **how))
+            return replace(self, by_frame=False, level=level)
+        return replace(self, contact=nearest_contact(frames, self.stated, dt, **how), level=level)
 
     @property
     def same_everywhere(self) -> bool:
-        """No: nothing is known of a user's simulator."""
-        return False
+        """Whether the user's simulator and the changes are."""
+        return self.level and super().same_everywhere
 
     def flies_like(self, other: World) -> bool:
         """Whether free motion is the same in both: that of the same user's simulator, with the same changes.
@@ -160,7 +168,16 @@ class UsersWorld(World):
         names = (name for name in World.__dataclass_fields__)
         return World(**{name: getattr(self, name) for name in names})
 
-    def roll_out(self, q0: Array, v0: Array, *, n_steps: int | NDArray[np.int64], dt: float, **how: Any) -> Array:
+    def roll_out(
+        self,
+        q0: Array,
+        v0: Array,
+        *,
+        n_steps: int | NDArray[np.int64],
+        dt: float,
+        near: tuple[Array, Array] | None = None,
+        **how: Any,
+    ) -> Array:
         """Recorded motions (B, T + 1, nq) from recorded first states (B, nq), (B, nv); NaN where one diverges.
 
         Args:
@@ -168,45 +185,90 @@ class UsersWorld(World):
             v0: First velocities.
             n_steps: Frames, one number or one a motion; T is the most of them.
             dt: Between recorded frames, on the recording's clock [s].
+            near: First states (B, nq), (B, nv) that differ little. Where their motions stay in the air, the user's
+                simulator is asked for those, and not for each that differs by as much as in ours.
             **how: As of `World.roll_out`, for the changes.
         """
         assert self.motions is not None
         assert self.stated is not None
         steps = np.array(np.broadcast_to(np.asarray(n_steps, dtype=np.int64), (len(q0),)))
-        world, none, true_dt = (
-            self.plain(),
-            replace(self.stated, recording=self.recording),
-            dt / self.recording.clock_rate,
-        )
+        world, none = self.plain(), replace(self.stated, recording=self.recording)
+        true_dt = dt / self.recording.clock_rate
+        beside = None if near is None else State(*world.to_ground(*near))
 
-        def onward(q: Array, v: Array, n_steps: int | NDArray[np.int64], dt: float) -> tuple[Array, Array]:
+        def onward(
+            q: Array, v: Array, n_steps: int | NDArray[np.int64], dt: float, beside: State | None = None
+        ) -> tuple[Array, Array]:
             # in the ground's frame, the ground is where the user's simulator has it
-            run = self._moved(
-                State(q, v), np.broadcast_to(n_steps, (len(q),)), StepChanges(world, none, dt, how, self.contact)
-            )
+            changes = StepChanges(world, none, dt, how, self.contact)
+            run = self._moved(State(q, v), np.broadcast_to(n_steps, (len(q),)), changes, beside)
             return run.q, run.v
 
-        run = onward(*world.to_ground(q0, v0), steps, true_dt)
+        run = onward(*world.to_ground(q0, v0), steps, true_dt, beside)
         return world.recorded_motions(*run, n_steps=steps, dt=true_dt, onward=onward)
 
-    def _moved(self, first: State, steps: NDArray[np.int64], changes: StepChanges) -> State:
-        """Motions in the ground's frame."""
+    def _moved(
+        self, first: State, steps: NDArray[np.int64], changes: StepChanges, beside: State | None = None
+    ) -> State:
+        """Motions in the ground's frame; in the air they may be found by those from states beside."""
         assert self.motions is not None
+        alike = _move_alike(changes.with_effects, changes.none)
+        if alike and beside is not None:
+            return self._beside(first, steps, changes, beside)
         theirs = self.motions(first.q, first.v, steps, changes.dt)
-        if _move_alike(changes.with_effects, changes.none):
+        if alike:
             return theirs
-        changed, plain = changes.of_motions(first, steps)
-        run = theirs.plus(changed.minus(plain))
-        begins = self._first_contact((theirs, run, changed, plain), steps)
+        begins = self._first_contact((theirs,), steps)
+        # ours is needed until then, and shows whether it touches the ground before
+        flown = np.minimum(begins + 1, steps) if self.by_frame else steps
+        changed, plain = (changes.of_motions(first, flown, effects=effects) for effects in (True, False))
+        some = theirs.rows((slice(None), slice(changed.q.shape[1])))
+        run, begun = theirs, some.plus(changed.minus(plain))
+        run.q[:, : begun.q.shape[1]], run.v[:, : begun.q.shape[1]] = begun.q, begun.v
+        before = self._first_contact((begun, changed, plain), flown)
+        begins = np.where(before < flown, np.minimum(before, begins), begins)
         rows = np.flatnonzero(begins < steps)
         if self.by_frame and len(rows):
             self._compose(run, begins, steps, rows, changes)
         return run
 
+    def _beside(self, first: State, steps: NDArray[np.int64], changes: StepChanges, beside: State) -> State:
+        """Motions without changes. Until contact they differ from motions beside as much as in ours."""
+        assert self.motions is not None
+        run = self.motions(beside.q, beside.v, steps, changes.dt)
+        begins = self._first_contact((run,), steps)
+        if not self.by_frame:
+            begins = np.where(begins == steps, steps, 0)
+        flown = np.maximum(begins, 1)
+        # many differ from the same motion
+        states = np.concatenate([beside.q, beside.v, flown[:, None]], axis=1)
+        _, one, each = np.unique(states, axis=0, return_index=True, return_inverse=True)
+        there = changes.of_motions(beside.rows(one), flown[one], effects=False).rows(each.ravel())
+        ours = changes.of_motions(first, flown, effects=False)
+        moved = run.rows((slice(None), slice(ours.q.shape[1]))).plus(ours.minus(there))
+        begins = np.minimum(begins, self._first_contact((ours, moved), begins))
+        in_air = np.arange(ours.q.shape[1]) <= begins[:, None]
+        for whole, part, begun in ((run.q, moved.q, first.q), (run.v, moved.v, first.v)):
+            whole[:, : part.shape[1]][in_air] = part[in_air]
+            whole[:, 0] = begun
+        self._go_on(run, begins, steps, changes.dt)
+        return run
+
+    def _go_on(self, run: State, begins: NDArray[np.int64], steps: NDArray[np.int64], dt: float) -> None:
+        """Motions of the user's simulator from frames `begins` on, in place. They are asked for once and not kept."""
+        assert self.motions is not None
+        left = -(-(steps - begins) // _TOGETHER) * _TOGETHER
+        for frames in np.unique(left[left > 0]).tolist():
+            rows = np.flatnonzero(left == frames)
+            parts = self.motions.process(run.q[rows, begins[rows]], run.v[rows, begins[rows]], frames, dt)
+            for whole, part in zip((run.q, run.v), parts, strict=True):
+                for i, row in enumerate(rows.tolist()):
+                    whole[row, begins[row] + 1 : steps[row] + 1] = part[i, 1 : steps[row] - begins[row] + 1]
+
     def _first_contact(self, motions: Sequence[State], steps: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(B,) frames from which motions are changed frame by frame; those that stay in the air have none."""
+        """(B,) frames from which motions are changed frame by frame; `steps` where they stay in the air until then."""
         low = np.min([corner_positions(self.object, each.q)[..., 2].min(axis=-1) for each in motions], axis=0)
-        near = ~(low > _NEAR_GROUND)
+        near = ~(low > _NEAR_GROUND) & (np.arange(low.shape[1]) <= steps[:, None])
         return np.where(near.any(axis=1), np.maximum(near.argmax(axis=1) - 2, 0), steps)
 
     def _compose(

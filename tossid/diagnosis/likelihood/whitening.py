@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
 from tossid.diagnosis.likelihood.innovations import costs, factorise, gauss_newton, whiten
-from tossid.diagnosis.likelihood.windows import Windows, difference, moved_pose
+from tossid.diagnosis.likelihood.until_contact import until_contact
+from tossid.diagnosis.likelihood.windows import Windows, difference, moved_pose, of_state
 from tossid.errors import SolverError
 from tossid.least_squares import Damping
 from tossid.physics.effects import World
@@ -123,8 +124,8 @@ def linearise(
         windows: At first states from which to begin.
         world: The simulator.
         refine: Most Gauss-Newton steps of the first states, damped as by Marquardt.
-        restarts: How often windows that fit poorly are restarted, from the recorded or from perturbed first states:
-            where contact opens or closes, the posterior of a first state has several modes.
+        restarts: How often windows that fit poorly are restarted, from first states that flight determines, from
+            recorded or from perturbed ones: where contact opens or closes, the posterior has several modes.
         near: The whitening under a world and first states near by. Its derivatives are used in all steps; at the end
             they are computed anew only for windows whose predictions have moved.
         update: Whether they are computed anew at the end.
@@ -190,6 +191,8 @@ def linearised(
             at_q, at_v = _moved(some.at_q, some.at_v, _perturbations(some, best.by_state[poor], rng))
             steps = settings.restart_steps
         begun = replace(some, at_q=at_q, at_v=at_v)
+        if turn == 0:
+            begun = _from_flight(begun, world, settings.recorded_restart_steps, n_threads)
         tried = _estimate(begun, world, (other[poor], center), steps, None, n_threads)
         better = tried.cost < best.cost[poor]
         given_up[poor] = np.where(better, np.inf, best.cost[poor])
@@ -200,6 +203,16 @@ def linearised(
         fresh[stale] = True
     whitening = _whitening(best, other, center, near, fresh)
     return best.windows, replace(whitening, given_up=given_up), best.residuals.reshape(W, L, K)
+
+
+def _from_flight(windows: Windows, world: World, steps: int, n_threads: int) -> Windows:
+    """Windows at first states that their frames before contact determine, where they have some."""
+    index, part = until_contact(replace(windows, at_q=windows.q, at_v=windows.v))
+    if not len(index):
+        return windows
+    nothing = np.zeros((len(index), windows.inside[0].size * windows.channels))
+    part = _estimate(part, world, (nothing, 0.0), steps, None, n_threads).windows
+    return _with_states(windows, index, part.at_q, part.at_v)
 
 
 def _with_derivatives(there: _Estimate, world: World, among: Index, n_threads: int) -> tuple[_Estimate, Index]:
@@ -269,7 +282,7 @@ def _estimate(
     """
     (W, L), K = windows.inside.shape, windows.channels
     settings, (other, center) = windows.settings.whitening, engine
-    most = _of_state(settings.largest_step, K)
+    most = of_state(settings.largest_step, K)
 
     def residuals_at(q: Array, v: Array, rows: Index) -> Array:
         """(n, K L) of some windows."""
@@ -359,14 +372,14 @@ def _derivatives(windows: Windows, world: World, residuals: Array, rows: Index, 
     if near is not world:
         world, residuals = near, windows.residuals(windows.predicted(near, index=rows, n_threads=n_threads), rows)
         residuals = residuals.reshape(n, K * L)
-    steps = _of_state(windows.settings.whitening.difference, K)
+    steps = of_state(windows.settings.whitening.difference, K)
     # where the world is the same everywhere, predictions move along x and y with the first position
     given = 2 if world.same_everywhere else 0
     count = 2 * K - given
     delta = np.repeat(np.diag(steps)[given:], n, axis=0)
     every = np.tile(rows, count)
     q, v = _moved(windows.at_q[every], windows.at_v[every], delta)
-    run = windows.predicted(world, q, v, every, n_threads=n_threads)
+    run = windows.predicted(world, q, v, every, near=True, n_threads=n_threads)
     S = np.zeros((n, K * L, 2 * K))
     for j in range(given):
         S[:, j::K, j] = windows.inside[rows]
@@ -383,9 +396,3 @@ def _deviation(windows: Windows, at_q: Array, at_v: Array, rows: Index) -> Array
 def _moved(q: Array, v: Array, delta: Array) -> tuple[Array, Array]:
     K = v.shape[1]
     return moved_pose(q, delta[:, :K]), v + delta[:, K:]
-
-
-def _of_state(sizes: tuple[float, float, float, float], K: int) -> Array:
-    """(2 K,) numbers for positions, rotations and joints, and their velocities."""
-    position, rotation, velocity, spin = sizes
-    return np.array([position] * 3 + [rotation] * (K - 3) + [velocity] * 3 + [spin] * (K - 3))

@@ -157,6 +157,7 @@ class Windows:
         v: Array | None = None,
         index: NDArray[np.int64] | None = None,
         *,
+        near: bool = False,
         n_threads: int = 1,
     ) -> Array:
         """(n, F, K + 1) recorded poses as the world predicts them.
@@ -166,13 +167,15 @@ class Windows:
             q: (n, K + 1) first poses; those of linearisation if None.
             v: (n, K) first velocities, likewise.
             index: (n,) of which windows; of all, once or several times in turn, if None.
+            near: Whether first states are near those of linearisation, by whose motions others may be found.
             n_threads: Of the simulator.
         """
-        if q is None or v is None:
-            q, v = (self.at_q, self.at_v) if index is None else (self.at_q[index], self.at_v[index])
+        at = (self.at_q, self.at_v) if index is None else (self.at_q[index], self.at_v[index])
+        q, v = at if q is None or v is None else (q, v)
         n_steps = np.tile(self.steps, len(q) // len(self.steps)) if index is None else self.steps[index]
         how = steps_of(world, self.settings.simulation)
-        return world.roll_out(q, v, n_steps=n_steps, dt=self.dt, **how, n_threads=n_threads)[:, 1:]
+        run = world.roll_out(q, v, n_steps=n_steps, dt=self.dt, near=at if near else None, **how, n_threads=n_threads)
+        return run[:, 1:]
 
     def residuals(self, predicted: Array, index: NDArray[np.int64] | None = None) -> Array:
         """(n, L, K) measured minus predicted: position [m], rotation vector in the body frame [rad], joints [rad].
@@ -226,6 +229,17 @@ def moved_pose(q: Array, by: Array) -> Array:
     """
     turned = quat_normalize(quat_mul(q[..., 3:7], quat_exp(by[..., 3:6])))
     return np.concatenate([q[..., :3] + by[..., :3], turned, q[..., 7:] + by[..., 6:]], axis=-1)
+
+
+def of_state(sizes: tuple[float, float, float, float], K: int) -> Array:
+    """(2 K,) a number for each part of a state.
+
+    Args:
+        sizes: For positions, rotations and joints, velocities, and angular velocities and joint rates.
+        K: Number of channels.
+    """
+    position, rotation, velocity, spin = sizes
+    return np.array([position] * 3 + [rotation] * (K - 3) + [velocity] * 3 + [spin] * (K - 3))
 
 
 def make_windows(

@@ -145,6 +145,11 @@ class World:
         return self
 
     @property
+    def costly(self) -> bool:
+        """Whether motions near known ones cost so much less that `roll_out` takes these as `near`."""
+        return False
+
+    @property
     def same_everywhere(self) -> bool:
         """Whether motion is the same wherever it begins along the recorded x and y.
 
@@ -226,11 +231,13 @@ class World:
         impact_parts: int = 1,
         tolerance: float = TOLERANCE,
         contact: ContactSettings = ContactSettings(),
+        near: tuple[Array, Array] | None = None,
         n_threads: int = 1,
     ) -> Array:
         """Recorded motions (B, T + 1, nq) from recorded first states (B, nq), (B, nv); NaN where one diverges.
 
-        dt: between recorded frames, on the recording's clock [s]. The rest is as in `simulate`.
+        dt: between recorded frames, on the recording's clock [s]. near: first states (B, nq), (B, nv) that differ
+        little; no motion of this world costs so much that it is found by others. The rest is as in `simulate`.
         """
         system, (q, v), true_dt = self.system(), self.to_ground(q0, v0), dt / self.recording.clock_rate
 
