@@ -54,6 +54,7 @@ from tossid.physics.contact.law import make_contact_law
 from tossid.physics.contact.problem import make_corners
 from tossid.physics.links import make_links
 from tossid.physics.moving import make_state
+from tossid.physics.network import make_network
 from tossid.physics.solvers.batches import over_threads
 from tossid.physics.solvers.exact_cone import ExactCone
 from tossid.physics.solvers.registry import ContactSolver, check_solver
@@ -128,12 +129,13 @@ def simulate(
         finite=np.ones(count, dtype=bool),
     )
     model = make_body(system) or make_links(system)
+    k_res = make_network(system.k_res)
     settings, tosses = StepSettings(float(dt), substeps, impact_parts, tolerance), Tosses(q0, v0, steps)
 
     def part(first: int, last: int) -> None:
         work, corners = model.make_work(), make_corners(nc, system.nv - 3)
-        state = make_state(system.nq, system.nv, len(system.k_res.b0))
-        simulate_tosses(model, law, system.k_res, solver, settings, tosses, out, work, state, corners, first, last)
+        state = make_state(system.nq, system.nv, len(k_res.b0))
+        simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, state, corners, first, last)
 
     over_threads(part, count, n_threads)
     return out
