@@ -179,7 +179,7 @@ class RolloutSettings:
     """contact times up to which contact is rigid as far as a step of 1.7 ms can resolve [ms]"""
     raced_tosses: Count = 60
     """where there are twice as many tosses, starts of the contact law and of friction are first compared on so many of
-    them, and differences go to one side first"""
+    them, and steps take differences to one side unless there are joints"""
     race_margin: Positive = 1.25
     """ratio to the lowest loss on these tosses up to which a start is compared on all of them"""
     softer_share: Fraction = 0.97

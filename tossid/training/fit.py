@@ -162,13 +162,7 @@ class Fit:
         make = partial(self._shots, plan.horizon)
         settings = self.settings
         return RolloutStage(
-            plan,
-            self.model,
-            make,
-            settings.rollouts,
-            restarts=settings.restarts,
-            last=plan is self.stages[-1],
-            n_threads=self._n_threads,
+            plan, self.model, make, settings.rollouts, restarts=settings.restarts, n_threads=self._n_threads
         )
 
     def longest_rollout(self) -> RolloutStage | None:

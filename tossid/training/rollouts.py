@@ -2,8 +2,8 @@
 
 Prediction error is what a user wants small, but its gradient through contact is noisy. It depends on few parameters
 (friction, contact law, inertia), so the Jacobian is taken by differences of whole rollouts to both sides. Of many
-tosses they first go to one side, ahead for every second toss and back for the others: the error of second order then
-has no sign in the sum over tosses. When such steps gain little, differences of the last stage go to both sides.
+tosses of a rigid body they go to one side, ahead for every second toss and back for the others: the error of second
+order then has no sign in the sum over tosses.
 """
 
 from __future__ import annotations
@@ -61,7 +61,6 @@ class RolloutStage:
             a flight gives depends on the centre of mass.
         settings: Steps, differences, limits.
         restarts: Values of friction that are compared with its present one.
-        last: Whether no stage follows: this one then ends by differences to both sides.
         n_threads: For rollouts.
 
     Attributes:
@@ -76,7 +75,6 @@ class RolloutStage:
         settings: RolloutSettings,
         *,
         restarts: RestartSettings | None = None,
-        last: bool = True,
         n_threads: int = 1,
     ) -> None:
         self.name, self.epochs = plan.name, settings.epochs
@@ -84,8 +82,9 @@ class RolloutStage:
         self._make_shots = make_shots
         self._train, self._validation = make_shots()
         self._n_threads = n_threads
-        self._damping, self._last = settings.damping, last
-        self._central = self._train.of_tosses(settings.raced_tosses) is self._train
+        self._damping = settings.damping
+        few = self._train.of_tosses(settings.raced_tosses) is self._train
+        self._central = few or model.object.n_joints > 0
         self._restarts = restarts or RestartSettings()
         self.friction_restarted = False
 
@@ -163,15 +162,12 @@ class RolloutStage:
         x = self._get()
         errors = self._errors(self._train)
         loss = self._loss(errors, self._train)
-        central = self._central
-        sums = self.gauss_newton(errors, central=central)
+        sums = self.gauss_newton(errors, central=self._central)
         H, g = sums.H.sum(0), sums.g.sum(0)
-        passes, done = (2 if central else 1) * len(x) + 1, True
+        passes, done = (2 if self._central else 1) * len(x) + 1, True
         if H.any():  # rollouts that never land, as gravity is given too weak, depend on nothing
             loss, trials, done = self._try(x, loss, H, g)
             passes += trials
-            if done and self._last and not central:
-                self._central, done = True, False
         validation_loss = self._loss(self._errors(self._validation), self._validation)
         return Pass(loss, validation_loss, {"prediction": loss}, passes, done)
 
@@ -256,9 +252,9 @@ class RolloutStage:
         return float((d**2 * (np.sqrt(1 + size / d**2) - 1)).sum() / shots.inside.sum())
 
     def state_dict(self) -> dict[str, Any]:
-        """The damping, and which differences are taken."""
-        return {"damping": self._damping, "central": self._central}
+        """The damping."""
+        return {"damping": self._damping}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from `state_dict()` of an equal stage."""
-        self._damping, self._central = float(state["damping"]), bool(state["central"])
+        self._damping = float(state["damping"])
