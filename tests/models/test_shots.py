@@ -64,3 +64,14 @@ def test_stretches_cover_a_toss_once(cube: ObjectModel, made: list[Toss]) -> Non
     shots = make_stretches(cube, made, Simulator(make_system(cube)), steps=20, velocity_lag=0.0)
     assert shots.target.shape == (12, 20, 7)
     np.testing.assert_array_equal(shots.target[1], made[0].q[21:41])
+
+
+def test_the_shots_of_some_tosses_have_the_errors_that_they_have_among_all(cube: ObjectModel, made: list[Toss]) -> None:
+    predictor = Simulator(make_system(cube, gravity=9.0))
+    first = first_states(made, cube, predictor, velocity_lag=0.0)
+    shots = make_shots(cube, made, horizon=10, first=first, flight=[None] * len(made))
+    assert shots.of_tosses(3) is shots
+    some = shots.of_tosses(2)
+    np.testing.assert_array_equal(some.toss, [0, 2])
+    errors = prediction_errors(predictor, some)
+    np.testing.assert_array_equal(errors, prediction_errors(predictor, shots)[[0, 2], : errors.shape[1]])

@@ -42,3 +42,20 @@ def test_the_gradient_is_that_of_the_loss(cube: ObjectModel) -> None:
     assert sums.g.sum() == pytest.approx((losses[0] - losses[1]) / 2e-4, rel=1e-3)
     assert (sums.H.sum(0) > 0).all()
     np.testing.assert_array_equal(len(sums.g), 6)
+
+
+def test_differences_to_one_side_agree_with_those_to_both(cube: ObjectModel) -> None:
+    _, stage = stage_of(cube, 0.2, difference=1e-4)
+    both, one = stage.gauss_newton(), stage.gauss_newton(central=False)
+    np.testing.assert_allclose(one.H.sum(0), both.H.sum(0), rtol=0.02)
+    np.testing.assert_allclose(one.g.sum(0), both.g.sum(0), rtol=0.02)
+
+
+def test_a_race_on_some_tosses_chooses_the_start_that_all_of_them_choose(cube: ObjectModel) -> None:
+    found = []
+    for raced in (2, 100):
+        model, stage = stage_of(cube, 1.0, raced_tosses=raced)
+        stage.begin()
+        assert stage.friction_restarted
+        found.append(model.learned_object().friction)
+    assert found[0] == found[1] == pytest.approx(0.15)

@@ -83,12 +83,15 @@ class ContactNets(nn.Module):
         length_scale, velocity_lag = self.get_buffer("recorded").tolist()
         return MeasurementModel(length_scale, velocity_lag)
 
-    def dynamics(self, features: Tensor) -> Dynamics:
+    def dynamics(self, features: Tensor, a_res: Tensor | None = None) -> Dynamics:
         """The model's numbers, with gradients.
 
         Args:
             features: (N, n_f), of the transitions.
+            a_res: (N, nv) the learned acceleration there, where it is known already.
         """
+        if a_res is None and self.k_res is not None:
+            a_res = self.k_res(features)
         mass, moment, inertia = self.inertia()
         return Dynamics(
             mass=mass,
@@ -97,14 +100,19 @@ class ContactNets(nn.Module):
             corner_pos=self.geometry(),
             mu=self.friction(),
             gravity=torch.tensor([0.0, 0.0, -self.settings.gravity], dtype=torch.float64),
-            a_res=None if self.k_res is None else self.k_res(features),
+            a_res=a_res,
         )
 
-    def terms(self, transitions: Transitions) -> LossTerms:
-        """The implicit loss's terms."""
+    def terms(self, transitions: Transitions, a_res: Tensor | None = None) -> LossTerms:
+        """The implicit loss's terms.
+
+        Args:
+            transitions: N of them.
+            a_res: As of `dynamics`.
+        """
         return implicit_loss(
             transitions,
-            self.dynamics(transitions.features),
+            self.dynamics(transitions.features, a_res),
             corner_body=self.corner_body,
             metric=self._metric,
             weights=self.weights,
@@ -113,16 +121,19 @@ class ContactNets(nn.Module):
 
     def loss(self, transitions: Transitions) -> tuple[Tensor, dict[str, float]]:
         """Mean loss [m²/s²] and its parts, `unsolved` among them."""
-        terms = self.terms(transitions)
+        features, penalised, a_res = transitions.features, None, None
+        if self.k_res is not None:
+            penalised = self.k_res.without_vertical(features)
+            a_res = self.k_res.with_vertical(penalised, features)
+        terms = self.terms(transitions, a_res)
         parts: dict[str, Tensor] = {
             "prediction": terms.prediction,
             "complementarity": terms.complementarity,
             "dissipation": terms.dissipation,
             "penetration": terms.penetration,
         }
-        if self.k_res is not None:
-            size = self.k_res.without_vertical(transitions.features).square().sum(-1).mean()
-            parts["k_res"] = self.settings.residual_weight * size
+        if penalised is not None:
+            parts["k_res"] = self.settings.residual_weight * penalised.square().sum(-1).mean()
         if self.settings.learn_inertia and self.object.n_joints:
             parts["inertia"] = self.settings.inertia_weight * divergence(self.inertia(), self._metric)
         total = torch.stack(list(parts.values())).sum()

@@ -179,8 +179,16 @@ class LearnedAccelerationNet(nn.Module):
 
     def forward(self, features: Tensor) -> Tensor:
         """(N, n_f) with the features of the world -> (N, nv) in the base's frame [m/s², rad/s²]."""
+        return self.with_vertical(self.without_vertical(features), features)
+
+    def with_vertical(self, rest: Tensor, features: Tensor) -> Tensor:
+        """The learned acceleration (N, nv), of what `without_vertical` gives.
+
+        Args:
+            rest: (N, nv).
+            features: (N, n_f) with the features of the world.
+        """
         vertical = SCALE * self.vertical * features[:, :3]
-        rest = self.without_vertical(features)
         return torch.cat([rest[:, :3] + vertical, rest[:, 3:]], dim=-1)
 
     def without_vertical(self, features: Tensor) -> Tensor:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.models.predictor import Predictor
+from tossid.models.shot_errors import fill_errors
 from tossid.motion import FlightState, flight_frames, flight_states
 from tossid.objects import ObjectModel, corner_positions
-from tossid.rotations import quat_boxminus
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
@@ -43,6 +43,33 @@ class Shots:
     def inside(self) -> NDArray[np.bool_]:
         """(S, L): the frames that were measured."""
         return np.arange(self.target.shape[1]) < self.n_steps[:, None]
+
+    def of_tosses(self, count: int) -> Shots:
+        """The shots of so many tosses, evenly spread over all of them; of all where there are not twice as many.
+
+        Args:
+            count: Of tosses.
+        """
+        every = (int(self.toss.max()) + 1) // count
+        if every < 2:
+            return self
+        return self.chosen(self.toss % every == 0)
+
+    def chosen(self, which: NDArray[np.bool_]) -> Shots:
+        """Some of the shots.
+
+        Args:
+            which: (S,) marks them, at least one.
+        """
+        longest = int(self.n_steps[which].max())
+        return replace(
+            self,
+            q0=self.q0[which],
+            v0=self.v0[which],
+            n_steps=self.n_steps[which],
+            target=self.target[which, :longest],
+            toss=self.toss[which],
+        )
 
 
 def first_states(
@@ -181,17 +208,7 @@ def prediction_errors(predictor: Predictor, shots: Shots, *, n_threads: int = 1)
         (S, L, nv), predicted minus measured: base position in half widths, rotation vector in the body's frame [rad],
         joints [rad or m]. Zero past a shot's end.
     """
-    L = shots.target.shape[1]
     run = predictor.rollout(shots.q0, shots.v0, n_steps=shots.n_steps, dt=shots.dt, n_threads=n_threads)
-    q = run.q[:, 1:]
-    q = np.concatenate([q, np.repeat(q[:, -1:], L - q.shape[1], axis=1)], axis=1)
-    error = np.concatenate(
-        [
-            (q[..., :3] - shots.target[..., :3]) / shots.length,
-            quat_boxminus(q[..., 3:7], shots.target[..., 3:7]),
-            q[..., 7:] - shots.target[..., 7:],
-        ],
-        axis=-1,
-    )
-    error[~shots.inside] = 0.0
+    error = np.empty((*shots.target.shape[:2], shots.v0.shape[1]))
+    fill_errors(run.q, shots.target, shots.n_steps, shots.length, error)
     return error

@@ -56,6 +56,7 @@ from tossid.physics.contact.law import make_contact_law
 from tossid.physics.contact.problem import make_corners
 from tossid.physics.links import Links, make_links
 from tossid.physics.moving import make_state
+from tossid.physics.network import make_network
 from tossid.physics.solvers.batches import over_threads
 from tossid.physics.solvers.exact_cone import ExactCone
 from tossid.physics.solvers.registry import ContactSolver, check_solver
@@ -129,13 +130,13 @@ def simulate(
         kkt_error=np.zeros(count),
         finite=np.ones(count, dtype=bool),
     )
-    model = _model_of(_Same(system))
+    model, k_res = _model_of(_Same(system)), make_network(system.k_res)
     settings, tosses = StepSettings(float(dt), substeps, impact_parts, tolerance), Tosses(q0, v0, steps)
 
     def part(first: int, last: int) -> None:
         work, corners = model.make_work(), make_corners(nc, system.nv - 3)
-        state = make_state(system.nq, system.nv, len(system.k_res.b0))
-        simulate_tosses(model, law, system.k_res, solver, settings, tosses, out, work, state, corners, first, last)
+        state = make_state(system.nq, system.nv, len(k_res.b0))
+        simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, state, corners, first, last)
 
     over_threads(part, count, n_threads)
     return out

@@ -135,7 +135,7 @@ def add_learned(k_res, s, nx):  # type: ignore[no-untyped-def]
     for j in range(nx - 3):
         f[9 + 3 * j], f[10 + 3 * j], f[11 + 3 * j] = math.sin(q[7 + j]), math.cos(q[7 + j]), 0.1 * v[6 + j]
     n = 3 * nx
-    if k_res.linear.shape[1] > n:
+    if k_res.linear.shape[0] > n:
         f[n + 6] = 1.0
         for i in range(3):
             f[n + i], f[n + 3 + i] = R[0, i], R[1, i]
@@ -145,7 +145,7 @@ def add_learned(k_res, s, nx):  # type: ignore[no-untyped-def]
         s.a[i] -= s.learned[i]
     for x in range(nx):
         s.rate[x] += s.learned[3 + x]
-    for k in range(k_res.linear.shape[0] - 3 - nx):  # along the world's axes
+    for k in range(k_res.linear.shape[1] - 3 - nx):  # along the world's axes
         for i in range(3):
             s.a[i] -= R[k, i] * s.learned[3 + nx + k]
 
@@ -220,7 +220,7 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
     Args:
         model: `Body` or `Links`.
         law: `ContactLaw`.
-        k_res: `LearnedAcceleration`.
+        k_res: `Network`.
         solver: of contact, registered.
         settings: `StepSettings`.
         tosses: `Tosses`.
@@ -234,7 +234,7 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
     dt, substeps, impact_parts, tolerance = settings
     nq, nv, nc, nx = tosses.q.shape[1], tosses.v.shape[1], law.mu.shape[0], n_rates(model)
     V, chosen, warm = corners.V, corners.chosen, corners.warm
-    beyond, learned = law.beyond, k_res.linear.shape[0] > 0
+    beyond, learned = law.beyond, k_res.linear.shape[1] > 0
     rigid, cut = law.compliance == 0.0 and law.relaxation == 0.0, impact_parts > 1
     whole = not (cut and rigid)  # steps do not end at impacts
     held = beyond.torsional != 0.0 or beyond.rolling != 0.0 or beyond.adhesion != 0.0

@@ -156,7 +156,7 @@ class RolloutSettings:
     huber: Positive = 0.1
     """error up to which the pseudo-Huber loss is quadratic [half widths, rad]"""
     difference: Positive = 0.015
-    """step of the central differences, to either side, in the parameters' own units of order one"""
+    """step of the differences, in the parameters' own units of order one"""
     chaotic_share: Fraction = 0.2
     """share of the frames, those with the largest derivatives, that count in the loss but not in the step"""
     largest_step: Positive = 0.3
@@ -177,6 +177,11 @@ class RolloutSettings:
     """time step of rollouts [ms]; damping within one step is numerical, so starts have that much more"""
     rigid_time_ms: Positive = 0.6
     """contact times up to which contact is rigid as far as a step of 1.7 ms can resolve [ms]"""
+    raced_tosses: Count = 60
+    """where there are twice as many tosses, starts of the contact law and of friction are first compared on so many of
+    them, and steps take differences to one side unless there are joints"""
+    race_margin: Positive = 1.25
+    """ratio to the lowest loss on these tosses up to which a start is compared on all of them"""
     softer_share: Fraction = 0.97
     """share of the almost rigid contact's loss that a softer start must stay below to be preferred: what a softer
     contact gains at a wrong inertia is the inertia's"""

@@ -6,6 +6,7 @@ takes tens of passes where Adam, which the papers use, takes thousands.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 import torch
@@ -58,11 +59,19 @@ class Stage(Protocol):
         """Go on from `state_dict()` of an equal stage."""
 
 
+class _Evaluation(NamedTuple):
+    """The loss at a point, its parts and its gradients."""
+
+    loss: Tensor
+    parts: dict[str, float]
+    gradients: Sequence[Tensor]
+
+
 class LossStage:
     """Minimises `model.loss(transitions)` over the parameters of a plan.
 
     An epoch of L-BFGS is one step with its line search on all transitions; one of Adam goes once through them in
-    batches.
+    batches. A step of L-BFGS begins where the line search before it ended: that point is not computed again.
 
     Args:
         plan: What is learned.
@@ -84,6 +93,7 @@ class LossStage:
         self._model, self._parameters = model, plan.parameters
         self._train, self._validation = train, validation
         self._batch, self._epoch = settings.batch, 0
+        self._known: dict[bytes, _Evaluation] = {}
         self._optimizer: torch.optim.Optimizer
         self._pass = {"lbfgs": self._lbfgs, "adam": self._adam}[plan.optimizer or settings.optimizer]
         if self._pass == self._lbfgs:
@@ -106,25 +116,38 @@ class LossStage:
         """One epoch."""
         passes = self._pass()
         self._epoch += 1
+        here = self._known.get(self._point())
+        self._known = {} if here is None else {self._point(): here}
         with torch.no_grad():
-            loss, parts = self._model.loss(self._train)
+            if here is None:
+                loss, parts = self._model.loss(self._train)
+            else:
+                loss, parts = here.loss, here.parts
             validation_loss = float(self._model.loss(self._validation)[0])
         return Pass(float(loss), validation_loss, parts, passes)
 
-    def _gradient(self, batch: Transitions) -> Tensor:
-        loss, _ = self._model.loss(batch)
-        gradients = torch.autograd.grad(loss, self._parameters)
+    def _gradient(self, batch: Transitions) -> _Evaluation:
+        loss, parts = self._model.loss(batch)
+        return _Evaluation(loss.detach(), parts, torch.autograd.grad(loss, self._parameters))
+
+    def _follow(self, gradients: Sequence[Tensor]) -> None:
         for parameter, gradient in zip(self._parameters, gradients, strict=True):
-            parameter.grad = gradient
-        return loss.detach()
+            parameter.grad = gradient.clone()
+
+    def _point(self) -> bytes:
+        return b"".join(parameter.detach().numpy().tobytes() for parameter in self._parameters)
 
     def _lbfgs(self) -> int:
         passes = 0
 
         def closure() -> float:
             nonlocal passes
-            passes += 1
-            return float(self._gradient(self._train))
+            point = self._point()
+            if point not in self._known:
+                passes += 1
+                self._known[point] = self._gradient(self._train)
+            self._follow(self._known[point].gradients)
+            return float(self._known[point].loss)
 
         self._optimizer.step(closure)
         return passes
@@ -132,7 +155,7 @@ class LossStage:
     def _adam(self) -> int:
         order = torch.randperm(len(self._train), generator=torch.Generator().manual_seed(self._epoch))
         for batch in order.split(self._batch):
-            self._gradient(self._train.rows(batch))
+            self._follow(self._gradient(self._train.rows(batch)).gradients)
             self._optimizer.step()
         return 1
 

@@ -1,12 +1,15 @@
 """The stage that minimises open-loop prediction error by Levenberg-Marquardt.
 
 Prediction error is what a user wants small, but its gradient through contact is noisy. It depends on few parameters
-(friction, contact law, inertia), so the Jacobian is taken by central differences of whole rollouts.
+(friction, contact law, inertia), so the Jacobian is taken by differences of whole rollouts to both sides. Of many
+tosses of a rigid body they go to one side, ahead for every second toss and back for the others: the error of second
+order then has no sign in the sum over tosses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from math import log
 from typing import Any, NamedTuple
 
@@ -80,6 +83,8 @@ class RolloutStage:
         self._train, self._validation = make_shots()
         self._n_threads = n_threads
         self._damping = settings.damping
+        few = self._train.of_tosses(settings.raced_tosses) is self._train
+        self._central = few or model.object.n_joints > 0
         self._restarts = restarts or RestartSettings()
         self.friction_restarted = False
 
@@ -95,22 +100,40 @@ class RolloutStage:
             return
         x, now = self._get(), float(friction().detach())
         values = [now, *self._restarts.frictions]
-        losses = [self.loss_with(friction, value) for value in values]
+        losses = self._compared(partial(self.loss_with, friction), values)
         best = int(np.argmin(losses))
         self.friction_restarted = losses[best] < self._restarts.better_share * losses[0]
         self.set_parameters(x)
         if self.friction_restarted:
             friction.move(values[best])
 
-    def loss_with(self, friction: Coefficient, mu: float) -> float:
-        """Loss of the training shots with another friction, which the model then has.
+    def loss_with(self, friction: Coefficient, mu: float, shots: Shots | None = None) -> float:
+        """Loss of shots with another friction, which the model then has.
 
         Args:
             friction: The model's.
             mu: Its value.
+            shots: None for the training shots.
         """
         friction.move(mu)
-        return self._loss(self._errors(self._train), self._train)
+        shots = self._train if shots is None else shots
+        return self._loss(self._errors(shots), shots)
+
+    def _compared(self, loss_with: Callable[[Any, Shots], float], values: Sequence[Any]) -> list[float]:
+        """Losses of the training shots with each value; infinite where a share of the tosses shows that it is far off.
+
+        The first value's is computed in any case.
+        """
+        settings, shots = self._settings, self._train
+        few = shots.of_tosses(settings.raced_tosses)
+        if len(few.q0) == len(shots.q0):
+            return [loss_with(value, shots) for value in values]
+        first = np.array([loss_with(value, few) for value in values])
+        limit = settings.race_margin * first.min()
+        return [
+            loss_with(value, shots) if i == 0 or loss < limit else float("inf")
+            for i, (value, loss) in enumerate(zip(values, first, strict=True))
+        ]
 
     def _begin_contact_law(self) -> None:
         law, settings = self._plan.starts, self._settings
@@ -118,15 +141,17 @@ class RolloutStage:
             return
         grid = law.starts(settings.contact_times_ms, settings.dampings, simulator_step_ms=settings.simulator_step_ms)
         soft = [law.value.detach().clone(), *grid]
-        starts = [start for start in soft if start[0] > log(settings.rigid_time_ms)] + [law.rigid()]
-        losses = []
-        for start in starts:
+        starts = [law.rigid()] + [start for start in soft if start[0] > log(settings.rigid_time_ms)]
+
+        def loss_with(start: torch.Tensor, shots: Shots) -> float:
             with torch.no_grad():
                 law.value.copy_(start)
-            losses.append(self._loss(self._errors(self._train), self._train))
+            return self._loss(self._errors(shots), shots)
+
+        losses = self._compared(loss_with, starts)
         best = int(np.argmin(losses))
         with torch.no_grad():
-            law.value.copy_(starts[best if losses[best] < settings.softer_share * losses[-1] else -1])
+            law.value.copy_(starts[best if losses[best] < settings.softer_share * losses[0] else 0])
 
     def step(self) -> Pass:
         """One step of Levenberg-Marquardt.
@@ -137,9 +162,9 @@ class RolloutStage:
         x = self._get()
         errors = self._errors(self._train)
         loss = self._loss(errors, self._train)
-        sums = self.gauss_newton(errors)
+        sums = self.gauss_newton(errors, central=self._central)
         H, g = sums.H.sum(0), sums.g.sum(0)
-        passes, done = 2 * len(x) + 1, True
+        passes, done = (2 if self._central else 1) * len(x) + 1, True
         if H.any():  # rollouts that never land, as gravity is given too weak, depend on nothing
             loss, trials, done = self._try(x, loss, H, g)
             passes += trials
@@ -166,18 +191,26 @@ class RolloutStage:
         self._damping = max(SCHEDULE.accepted(damping), LEAST_DAMPING)
         return lower, len(losses), loss - lower < settings.least_gain * loss
 
-    def gauss_newton(self, errors: Array | None = None) -> GaussNewton:
+    def gauss_newton(self, errors: Array | None = None, *, central: bool = True) -> GaussNewton:
         """Gauss-Newton's sums at the present parameters, toss by toss.
 
         Args:
             errors: Of the training shots, where they are known.
+            central: Whether to take differences to both sides; if not, they go ahead for every second toss and back for
+                the others, which costs half as many rollouts.
         """
         settings, x, shots = self._settings, self._get(), self._train
-        errors = self._errors(shots) if errors is None else errors
-        J = np.empty((*errors.shape, len(x)))
+        errors, by = self._errors(shots) if errors is None else errors, settings.difference
+        J, odd = np.empty((*errors.shape, len(x))), shots.toss % 2 == 1
+        halves = [(which, shots.chosen(which), sign) for which, sign in ((~odd, 1), (odd, -1)) if which.any()]
         for j in range(len(x)):
-            ahead, behind = self._changed(x, j, settings.difference), self._changed(x, j, -settings.difference)
-            J[..., j] = (ahead - behind) / (2 * settings.difference)
+            if central:
+                J[..., j] = (self._changed(x, j, by, shots) - self._changed(x, j, -by, shots)) / (2 * by)
+                continue
+            for which, half, sign in halves:
+                moved = self._changed(x, j, sign * by, half)
+                J[which, : moved.shape[1], :, j] = (moved - errors[which, : moved.shape[1]]) / (sign * by)
+                J[which, moved.shape[1] :, :, j] = 0.0
         self.set_parameters(x)
         size = np.einsum("slip,slip->sl", J, J)
         calm = size <= np.quantile(size[shots.inside], 1 - settings.chaotic_share)
@@ -203,12 +236,12 @@ class RolloutStage:
     def _get(self) -> Array:
         return nn.utils.parameters_to_vector(self._plan.parameters).detach().numpy().copy()
 
-    def _changed(self, x: Array, j: int, by: float) -> Array:
-        """Residuals of the training shots with parameter j changed."""
+    def _changed(self, x: Array, j: int, by: float, shots: Shots) -> Array:
+        """Residuals of shots with parameter j changed."""
         changed = x.copy()
         changed[j] += by
         self.set_parameters(changed)
-        return self._errors(self._train)
+        return self._errors(shots)
 
     def _errors(self, shots: Shots) -> Array:
         return prediction_errors(self._model.simulator(), shots, n_threads=self._n_threads)

@@ -1,4 +1,4 @@
-"""`make bench`: speed of the simulators beside MuJoCo's, of training, of a diagnosis and of the command line.
+"""`make bench`: speed of the simulators beside MuJoCo's, of trainings, a study, a diagnosis and the command line.
 
 CPU time on one thread, medians of five repetitions; what is compared runs in turns, in one process. The diagnosis is
 one run of the command on all cores, whose elapsed time and memory count.
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from pipelines.cli.console import Console
 from pipelines.tools.benchmarks.bench_diagnosis import diagnoses
+from pipelines.tools.benchmarks.bench_studies import sample_study, trainings
 from pipelines.tools.benchmarks.bench_vision import vision
 from tossid.objects import ObjectModel, load_object, to_mjcf
 from tossid.physics import PolyhedralCone, make_system, simulate
@@ -85,6 +86,8 @@ def main() -> None:
         [row for name in DATASETS for row in training(name, tosses[name])],
         title="A training epoch, one thread as in training",
     )
+    trainings(console)
+    sample_study(console)
     vision(console)
     diagnoses(console)
     console.facts({"tossid --help": f"{help_seconds():.2f} s of CPU time"}, title="Command line")

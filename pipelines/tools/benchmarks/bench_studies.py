@@ -1,0 +1,129 @@
+"""Trainings and a study that `make bench` times: CPU seconds by stage, and how good the trained models are.
+
+python -m pipelines.tools.benchmarks.bench_studies         # the real cube's trainings and the sample's study
+python -m pipelines.tools.benchmarks.bench_studies cnrpi   # the training of one model, at gravity 9.81
+python -m pipelines.tools.benchmarks.bench_studies cnrpi 0 19.62   # at these gravities
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pipelines.cli.console import Console
+
+CUBE = Path("data/datasets/contactnets_cube.h5")
+"""The real cube's tosses, as `make bench` and `make experiments` make them."""
+MODELS = ("cn", "cnrp", "cnrpi")
+GRAVITY = 9.81
+HEADS = ("model", "gravity", "stage", "epochs", "passes", "CPU s")
+SCORES = ("model", "gravity", "CPU s in all", "position %", "rotation deg", "from flight: %", "deg", "friction")
+
+
+def main() -> None:
+    """Print the tables."""
+    console = Console()
+    model, *gravities = sys.argv[1:] or [""]
+    trainings(console, models=(model,) if model else MODELS, gravities=[float(g) for g in gravities] or [GRAVITY])
+    if not model:
+        sample_study(console)
+
+
+def trainings(console: Console, *, models: Sequence[str] = MODELS, gravities: Sequence[float] = (GRAVITY,)) -> None:
+    """Train on the real cube's training tosses, on one thread, and evaluate on its held-out tosses.
+
+    Args:
+        console: Gets the tables.
+        models: Variants by name.
+        gravities: That the models are given [m/s²].
+    """
+    if not CUBE.is_file():
+        console.say(f"no trainings: {CUBE} is missing")
+        return
+    from tossid.store import read_dataset
+
+    started = time.process_time()
+    dataset = read_dataset(CUBE)
+    stages, scores = [["all", "", "read", "", "", f"{time.process_time() - started:.1f}"]], []
+    for model in models:
+        for gravity in gravities:
+            rows, score = _trained(dataset, model, gravity)
+            stages += rows
+            scores.append(score)
+    count = len(dataset.of_split("train"))
+    console.table(HEADS, stages, title=f"Trainings on {count} real tosses, one thread (compiled before)")
+    console.table(SCORES, scores, title=f"Held-out errors, {len(dataset.of_split('test'))} tosses")
+
+
+def _trained(dataset: Any, model: str, gravity: float) -> tuple[list[list[str]], list[str]]:
+    """Rows of a training's stages, and the row of its scores."""
+    from tossid.evaluation.evaluate import evaluate
+    from tossid.models import variant
+    from tossid.settings.training import TrainSettings
+    from tossid.training.api import Epoch, fit_model, prepare
+
+    at = [time.process_time()]
+
+    def lap() -> float:
+        at.append(time.process_time())
+        return at[-1] - at[-2]
+
+    settings = TrainSettings(model=replace(variant(model), gravity=gravity), threads=1)
+    fit = prepare(dataset, settings)
+    name = f"{gravity:g}"
+    rows = [[model, name, "prepare", "", "", f"{lap():.1f}"]]
+    epochs: dict[str, list[float]] = {}
+
+    def each_epoch(epoch: Epoch) -> None:
+        stage = epochs.setdefault(epoch.record.stage, [0, 0, 0.0])
+        stage[0] += 1
+        stage[1] += epoch.record.passes
+        stage[2] += lap()
+
+    trained = fit_model(fit, each_epoch=each_epoch)
+    rows += [[model, name, stage, f"{n}", f"{passes}", f"{s:.1f}"] for stage, (n, passes, s) in epochs.items()]
+    rows.append([model, name, "intervals", "", "", f"{lap():.1f}"])
+    scores = evaluate(trained, dataset.split("test")).as_json()
+    rows.append([model, name, "evaluate", "", "", f"{lap():.1f}"])
+    return rows, [model, name, f"{at[-1] - at[0]:.1f}", *_errors(scores), f"{trained.parameters['friction']:.4f}"]
+
+
+def _errors(scores: dict[str, Any]) -> Iterator[str]:
+    for part in (scores, scores["from_flight"]):
+        for key in ("position_error_pct", "rotation_error_deg"):
+            yield f"{part[key]['mean']:.3f}"
+
+
+def sample_study(console: Console) -> None:
+    """Run `tossid evaluate --sweep gravity` of the sample recording in a folder of its own, and print its time.
+
+    Args:
+        console: Gets the figures.
+    """
+    root = Path(__file__).resolve().parents[3]
+    command = [sys.executable, "-m", "pipelines.cli.app"]
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {**os.environ, "PYTHONPATH": str(root)}
+        ingest = [*command, "ingest", f"source.path={root / 'data/raw/sample'}", f"out={folder}/tosses.h5", "--quiet"]
+        subprocess.run(ingest, check=True, cwd=folder, env=environment)
+        before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+        sweep = [*command, "evaluate", "--sweep", "gravity", f"data={folder}/tosses.h5", "--quiet"]
+        subprocess.run(sweep, check=True, cwd=folder, env=environment)
+        elapsed, after = time.perf_counter() - started, resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    facts = {"tossid evaluate --sweep gravity": f"{elapsed:.0f} s elapsed, {cpu:.0f} s of CPU time, all cores"}
+    console.facts(facts, title="The sample's study of 15 trainings")
+
+
+if __name__ == "__main__":
+    from pipelines.cli.failures import guarded
+
+    sys.exit(guarded(main, "bench"))
