@@ -79,10 +79,10 @@ paper: $(STAMP)  ## claims of the paper beside its presets and the default model
 	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.paper $(DATA) $(OPTIONS)
 
 tagslam: $(STAMP)  ## TagSLAM's published recordings against its own poses: make DATA=FOLDER tagslam
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.against_tagslam $(DATA)
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.vision.against_tagslam $(DATA)
 
 truth: $(STAMP)  ## filmed tosses from images to velocities, against the truth; half an hour
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.against_truth
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.vision.against_truth
 
 test: $(STAMP)  ## the tests
 	$(RUN_ONE) $(BIN)/python -m pytest -q -n $(TEST_JOBS)

@@ -118,7 +118,7 @@ def test_of_nothing_nothing_is_right_and_a_drift_has_its_rate() -> None:
     assert found["form_right"]
     assert found["rate"]["true"] == 0.002
     scores = [
-        {"kind": "order", "parameters": [], "closed": None, "phase_right": None, **one}
+        {"kind": "order", "parameters": [], "joint_ranks": [], "closed": None, "phase_right": None, **one}
         for one in (found, score_over_order(truth(NONE), answer()))
     ]
     summary = summarise(scores)

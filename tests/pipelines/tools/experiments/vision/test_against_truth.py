@@ -9,8 +9,8 @@ import pytest
 
 from pipelines.cli.call import call_with_keys
 from pipelines.cli.console import Console
-from pipelines.tools.experiments import against_truth as against
-from pipelines.tools.experiments.against_truth import Row, against_truth, at_times, main, near_impact, nees
+from pipelines.tools.experiments.vision import against_truth as against
+from pipelines.tools.experiments.vision.against_truth import Row, against_truth, at_times, main, near_impact, nees
 
 FILM = ("tosses=3", "seed=5", "camera.width=640", "camera.height=512", "camera.samples=8", "camera.carry_s=[0.25,0.3]")
 

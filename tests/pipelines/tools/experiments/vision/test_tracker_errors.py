@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipelines.tools.experiments.tracker_errors import AZIMUTHS, ERRORS, Camera, Error, Scene, _moved_world, tracked
+from pipelines.tools.experiments.vision.tracker_errors import (
+    AZIMUTHS,
+    ERRORS,
+    Camera,
+    Error,
+    Scene,
+    _moved_world,
+    tracked,
+)
 from tossid.rotations import quat_exp, quat_to_matrix
 
 

@@ -24,7 +24,7 @@ from pipelines.cli.progress import reported
 from pipelines.config.compose import load
 from pipelines.config.schemas import IngestConfig
 from pipelines.files.open_source import open_stage
-from pipelines.tools.experiments.against_tagslam import markdown
+from pipelines.tools.experiments.vision.against_tagslam import markdown
 from tossid.motion import tosses_from_tracks
 from tossid.motion.ground_plane import find_ground
 from tossid.motion.kinematics import com_velocities, jump_speed

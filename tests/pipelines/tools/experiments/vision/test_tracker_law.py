@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipelines.tools.experiments.tracker_law import MODELS, Flights, fit_flights, flight_effects
+from pipelines.tools.experiments.vision.tracker_law import MODELS, Flights, fit_flights, flight_effects
 from tests.diagnosis.tossed import seen
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World

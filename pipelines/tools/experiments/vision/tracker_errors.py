@@ -1,6 +1,6 @@
 """Which errors of a tracker leave the real cube's law: the second table of docs/experiments/tracker.md.
 
-python -m pipelines.tools.experiments.tracker_errors FOLDER
+python -m pipelines.tools.experiments.vision.tracker_errors FOLDER
 
 FOLDER holds the published `contactnets_cube`. Its first flights and resting poses, made exactly ballistic and exactly
 flat, are seen by three cameras around the table with one error at a time. Poses are estimated as TagSLAM does it for a
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from pipelines.cli.console import Console
 from pipelines.cli.failures import guarded
-from pipelines.tools.experiments.tracker_law import Flights, first_flights, fit_flights
+from pipelines.tools.experiments.vision.tracker_law import Flights, first_flights, fit_flights
 from tossid.motion.sessions.turns import Turns, find_turns, in_throw
 from tossid.objects import ObjectModel, load_object
 from tossid.rotations import quat_exp, quat_to_matrix

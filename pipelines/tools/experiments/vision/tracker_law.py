@@ -1,6 +1,6 @@
 """Where the real cube's law of flight comes from: the tables of docs/experiments/tracker.md.
 
-python -m pipelines.tools.experiments.tracker_law FOLDER [search]
+python -m pipelines.tools.experiments.vision.tracker_law FOLDER [search]
 
 FOLDER holds the published `contactnets_cube`. What is fitted to first flights is linear: each term is a force per mass,
 integrated twice along the recorded motion, or a displacement of the recorded frame. Every toss has a free position and

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipelines.tools.experiments.against_tagslam import _apart, _reference_poses, main, markdown
+from pipelines.tools.experiments.vision.against_tagslam import _apart, _reference_poses, main, markdown
 from tossid.errors import FileError
 from tossid.rotations import quat_exp, transform
 

@@ -1,0 +1,1 @@
+"""Experiments with trackers, films and recordings of tags."""
