@@ -81,11 +81,9 @@ def next_toss(
     earlier = Releases(np.stack([toss.q[0] for toss in some]), np.stack([toss.v[0] for toss in some]))
     frames = int(np.median([len(toss) for toss in tosses])) - 1
 
-    def separated(releases: Releases) -> Array:
-        return separations(rivals, releases, tosses, frames, n_threads=n_threads, settings=settings)
-
-    expected = separated(candidates)
-    usual = float(np.median(separated(earlier)))
+    both = Releases(np.concatenate([candidates.q, earlier.q]), np.concatenate([candidates.v, earlier.v]))
+    expected = separations(rivals, both, tosses, frames, n_threads=n_threads, settings=settings)
+    expected, usual = expected[: len(candidates)], float(np.median(expected[len(candidates) :]))
     best = int(np.argmax(expected))
     if not expected[best] > own.least_separation:
         reason = (

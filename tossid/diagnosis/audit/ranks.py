@@ -119,9 +119,9 @@ def summarise_ranks(scores: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, 
     parameters = [p for s in scores for p in s["parameters"]]
     out: dict[str, dict[str, Any]] = {}
     for level in LEVELS:
-        out[f"coverage_{100 * level:.0f}"] = _share(within(ranks_of(parameters).tolist(), level), level)
+        out[f"coverage_{100 * level:.0f}"] = share_of(within(ranks_of(parameters).tolist(), level), level)
     for name, led in (("coverage_led", True), ("coverage_behind", False)):
-        out[name] = _share([p["covered"] for p in parameters if p["led"] == led], 0.95)
+        out[name] = share_of([p["covered"] for p in parameters if p["led"] == led], 0.95)
     rng = np.random.default_rng(0)
     single = [float(rng.choice(each)) for s in scores if len(each := ranks_of(s["parameters"]))]
     joint = [each for s in scores for each in s["joint_ranks"]]
@@ -130,6 +130,15 @@ def summarise_ranks(scores: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, 
     return out
 
 
-def _share(values: Sequence[bool], wanted: float) -> dict[str, Any]:
+def share_of(values: Sequence[bool], wanted: float | None) -> dict[str, Any]:
+    """A measure that counts.
+
+    Args:
+        values: Of each case or parameter, whether it is so.
+        wanted: The share that is wanted, if any.
+
+    Returns:
+        The `count` `of` how many, the `share` (None of none) and what is `wanted`.
+    """
     n = len(values)
     return {"count": int(sum(values)), "of": n, "share": sum(values) / n if n else None, "wanted": wanted}

@@ -9,7 +9,7 @@ from typing import Any, get_args
 import numpy as np
 
 from tossid.diagnosis.audit.over_order import DRIFT, NULLS, STEP
-from tossid.diagnosis.audit.ranks import joint_rank, rank, summarise_ranks
+from tossid.diagnosis.audit.ranks import joint_rank, rank, share_of, summarise_ranks
 from tossid.diagnosis.audit.strengths import world_with
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.gap import share_left
@@ -261,20 +261,20 @@ def summarise(
     closed = [s["closed"] for s in scores if s["closed"] is not None]
     phase = [s["phase_right"] for s in scores if s["phase_right"] is not None]
     out = {
-        "right_name": _count([s["right"] for s in of["effect"]], settings.right_name),
+        "right_name": share_of([s["right"] for s in of["effect"]], settings.right_name),
         "false_names_on_nulls": {"count": sum(not s["right"] for s in of["null"]), "of": len(of["null"])},
-        "further_false_names": _count([bool(s["false"]) for s in of["effect"]], None),
-        "coverage": _count(covered, settings.coverage),
+        "further_false_names": share_of([bool(s["false"]) for s in of["effect"]], None),
+        "coverage": share_of(covered, settings.coverage),
         "closed_median": {
             "value": float(np.median(closed)) if closed else None,
             "of": len(closed),
             "wanted": settings.closed,
         },
-        "pairs_both_named": _count([s["right"] for s in of["pair"]], settings.pairs),
-        "outside_not_named": _count([s["right"] for s in of["outside"]], settings.outside),
-        "outside_not_explained": _count([s["hedged"] for s in of["outside"]], None),
-        "without_unexplained": _count([s["right"] for s in of["without"]], None),
-        "phases_right": _count(phase, None),
+        "pairs_both_named": share_of([s["right"] for s in of["pair"]], settings.pairs),
+        "outside_not_named": share_of([s["right"] for s in of["outside"]], settings.outside),
+        "outside_not_explained": share_of([s["hedged"] for s in of["outside"]], None),
+        "without_unexplained": share_of([s["right"] for s in of["without"]], None),
+        "phases_right": share_of(phase, None),
     }
     out |= summarise_ranks(scores)
     stated = [claim for s in scores for claim in s.get("claims", ())]
@@ -285,8 +285,8 @@ def summarise(
     if of["order"]:
         out |= _over_order(of["order"], settings)
     if of["spoilt"]:
-        out["spoilt_named"] = _count([s["right"] for s in of["spoilt"]], 1.0)
-        out["spoilt_restored"] = _count([p["restored"] for s in of["spoilt"] for p in s["parameters"]], 1.0)
+        out["spoilt_named"] = share_of([s["right"] for s in of["spoilt"]], 1.0)
+        out["spoilt_restored"] = share_of([p["restored"] for s in of["spoilt"] for p in s["parameters"]], 1.0)
     return out
 
 
@@ -295,14 +295,9 @@ def _over_order(scores: Sequence[Mapping[str, Any]], settings: ScoreSettings) ->
     steps, drifts, none = ([s for s in scores if s["form"] in forms] for forms in ((STEP,), (DRIFT,), NULLS))
     off = [abs(s["rate"]["value"] / s["rate"]["true"] - 1) for s in drifts if s["rate"] is not None]
     return {
-        "changes_found": _count([s["moment_right"] for s in steps], settings.moments),
-        "changes_named": _count([s["right"] for s in steps], None),
-        "drifts_named": _count([s["right"] and s["form_right"] for s in drifts], None),
+        "changes_found": share_of([s["moment_right"] for s in steps], settings.moments),
+        "changes_named": share_of([s["right"] for s in steps], None),
+        "drifts_named": share_of([s["right"] and s["form_right"] for s in drifts], None),
         "drift_rate_off": {"value": float(np.median(off)) if off else None, "of": len(off)},
         "false_changes": {"count": sum(not s["right"] for s in none), "of": len(none)},
     }
-
-
-def _count(values: Sequence[bool], wanted: float | None) -> dict[str, Any]:
-    n = len(values)
-    return {"count": int(sum(values)), "of": n, "share": sum(values) / n if n else None, "wanted": wanted}

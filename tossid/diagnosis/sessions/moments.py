@@ -39,14 +39,12 @@ def clearest_steps(
         scatter = max(robust_mean(values[part], info[part], outlier=outlier).scatter for part in parts)
         W = info @ np.linalg.inv(np.eye(values.shape[1]) + scatter**2 * info)
         steps = (np.arange(n)[:, None] >= np.asarray(at)).astype(float)
-        gained = _robustcost_of_stretches(values, W, steps[:, :0], outlier) - _robustcost_of_stretches(
-            values, W, steps, outlier
-        )
+        gained = _robust_cost(values, W, steps[:, :0], outlier) - _robust_cost(values, W, steps, outlier)
         judged.append((gained, name, at))
     return max(judged)[2]
 
 
-def _robustcost_of_stretches(values: Array, W: Array, design: Array, outlier: float) -> float:
+def _robust_cost(values: Array, W: Array, design: Array, outlier: float) -> float:
     """Twice the cost of a robust regression of values (n, d) on a design (n, p), with log n for each number."""
     n, d = values.shape
     seen = np.trace(W, axis1=1, axis2=2) > 0
