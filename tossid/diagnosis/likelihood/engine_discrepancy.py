@@ -21,6 +21,7 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
+from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.errors import InputError
 from tossid.physics.effects import World
@@ -201,8 +202,9 @@ class Engine:
 
 def _difference(windows: Windows, own: Array, residuals: Array, other: MujocoWorld, n_threads: int) -> Array:
     """(W, L, K) of windows, given our own predictions (W, F, K + 1) and their residuals (W, L, K)."""
-    q, v, steps, dt = windows.at_q, windows.at_v, windows.steps, windows.dt
-    theirs = other.roll_out(q, v, n_steps=steps, dt=dt, n_threads=n_threads)[:, 1:]
+    q, v, steps = windows.at_q, windows.at_v, windows.steps
+    rows, place = distinct(q, v, steps)
+    theirs = other.roll_out(q[rows], v[rows], n_steps=steps[rows], dt=windows.dt, n_threads=n_threads)[place, 1:]
     diverged = ~(np.isfinite(own).all((1, 2)) & np.isfinite(theirs).all((1, 2)))
     out: Array = residuals - windows.residuals(theirs)
     out[diverged] = 0.0

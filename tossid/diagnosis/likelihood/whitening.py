@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
 from tossid.diagnosis.likelihood.innovations import costs, factorise, gauss_newton, whiten
 from tossid.diagnosis.likelihood.until_contact import until_contact
@@ -244,7 +245,7 @@ def _with_states(windows: Windows, index: Index, at_q: Array, at_v: Array) -> Wi
 
 
 def _perturbations(at: Windows, by_state: Array, rng: np.random.Generator) -> Array:
-    """(W, 2 K) changes of first states, drawn from twice their posterior's standard deviation."""
+    """(W, 2 K) changes of first states, alike in equal windows, from twice their posterior's standard deviation."""
     W, K = len(by_state), at.channels
     # the identity of the first pose stands before the derivatives, and all is whitened by the poses' whole error
     first = np.broadcast_to(np.eye(K, 2 * K), (W, 1, K, 2 * K))
@@ -254,7 +255,8 @@ def _perturbations(at: Windows, by_state: Array, rng: np.random.Generator) -> Ar
     speeds = np.arange(K, 2 * K)
     H[:, speeds, speeds] += at.prior[:, K:] ** -2.0
     # H = L L^T, so that L^-T z has covariance H^-1
-    draw = rng.normal(size=(W, 2 * K, 1))
+    rows, place = distinct(at.q, at.v, at.at_q, at.at_v, at.steps)
+    draw = rng.normal(size=(len(rows), 2 * K, 1))[place]
     return np.asarray(2 * np.linalg.solve(np.linalg.cholesky(H).mT, draw)[..., 0], dtype=float)
 
 

@@ -22,6 +22,7 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.residuals import mean_residuals
 from tossid.diagnosis.likelihood.slow_errors import inverse_factors, slow_covariance
 from tossid.motion.flight import flight_frames
@@ -174,8 +175,12 @@ class Windows:
         q, v = at if q is None or v is None else (q, v)
         n_steps = np.tile(self.steps, len(q) // len(self.steps)) if index is None else self.steps[index]
         how = steps_of(world, self.settings.simulation)
-        run = world.roll_out(q, v, n_steps=n_steps, dt=self.dt, near=at if near else None, **how, n_threads=n_threads)
-        return run[:, 1:]
+        rows, place = distinct(q, v, n_steps, *(at if near else ()))
+        beside = (at[0][rows], at[1][rows]) if near else None
+        run = world.roll_out(
+            q[rows], v[rows], n_steps=n_steps[rows], dt=self.dt, near=beside, **how, n_threads=n_threads
+        )
+        return run[place, 1:]
 
     def residuals(self, predicted: Array, index: NDArray[np.int64] | None = None) -> Array:
         """(n, L, K) measured minus predicted: position [m], rotation vector in the body frame [rad], joints [rad].
