@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.objects.test_convex_shape import OFFSET, WEDGE, rolled
 from tossid.errors import InputError
+from tossid.objects import shape_evidence
+from tossid.objects.convex_shape import ConvexShape, find_shape
 from tossid.objects.shape_evidence import ShapeEvidence
+from tossid.settings.objects import ShapeSettings
+from tossid.types import Toss
 
 TRUE = WEDGE + OFFSET
 
@@ -66,3 +73,21 @@ def test_too_few_sides_are_refused() -> None:
     flat = rolled(TRUE, np.random.default_rng(1), tosses=1)[0].frames(slice(0, 2))
     with pytest.raises(InputError, match="too few sides"):
         ShapeEvidence([flat])
+
+
+def test_the_same_poses_are_searched_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    searched: list[int] = []
+
+    def counted(tosses: Sequence[Toss], settings: ShapeSettings) -> ConvexShape:
+        searched.append(len(tosses))
+        return find_shape(tosses, settings)
+
+    monkeypatch.setattr(shape_evidence, "find_shape", counted)
+    tosses = rolled(TRUE, np.random.default_rng(7))
+    again = [replace(toss, q=toss.q.copy()) for toss in tosses]
+    one, other, fewer = (ShapeEvidence(each).shape for each in (tosses, again, tosses[1:]))
+    assert searched == [len(tosses), len(tosses) - 1]
+    np.testing.assert_array_equal(one.vertices, other.vertices)
+    assert not np.array_equal(one.vertices, fewer.vertices)
+    ShapeEvidence(tosses, find=ShapeSettings(noise=4e-4)).shape  # noqa: B018
+    assert searched[-1] == len(tosses)

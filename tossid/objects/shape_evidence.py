@@ -9,8 +9,10 @@ them: one of the object's corners is missing. At the right corners of the publis
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +63,7 @@ class ShapeEvidence:
         Raises:
             InputError: There is too little contact in them.
         """
-        return find_shape(self._tosses, self._find) if self._shape is None else self._shape
+        return _shown_by(_Shown.of(self._tosses, self._find)) if self._shape is None else self._shape
 
     def unexplained(self, corners: Array) -> float:
         """Share of the tight frames in which all corners are well above the ground.
@@ -154,3 +156,25 @@ class ShapeEvidence:
         """
         beyond = np.array([protrusion(point, corners) for point in self._outer])
         return np.asarray(self._outer[beyond > self._find.unseen_rel * self.radius])
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """The poses in which a shape is looked for, which the digest stands for, and how."""
+
+    digest: bytes
+    settings: ShapeSettings
+    tosses: tuple[Toss, ...] = field(compare=False)
+
+    @staticmethod
+    def of(tosses: tuple[Toss, ...], settings: ShapeSettings) -> _Shown:
+        found = hashlib.sha256()
+        for toss in tosses:
+            found.update(len(toss.q).to_bytes(8, "little") + np.ascontiguousarray(toss.q).tobytes())
+        return _Shown(found.digest(), settings, tosses)
+
+
+@lru_cache(maxsize=4)
+def _shown_by(asked: _Shown) -> ConvexShape:
+    """The shape, found once for the trainings of a study, which learn from the same tosses."""
+    return find_shape(asked.tosses, asked.settings)
