@@ -17,9 +17,10 @@ from tossid.errors import ConfigError, InputError
 from tossid.motion.tosses import tosses_from_tracks
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, World
+from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.store import Dataset
-from tossid.types import PoseTrack, RecordingOrder, Session
+from tossid.types import PoseTrack, RecordingOrder, Session, Toss
 
 KEPT = ("friction", "gravity")
 WITHOUT = tuple(effect.name for effect in LIBRARY if effect.name not in KEPT)
@@ -68,6 +69,33 @@ def test_tosses_are_chosen_by_settings(dataset: Dataset) -> None:
     assert names(skip=1, tosses=6) == ([str(i) for i in range(1, 7)], [])
     task = prepare(dataset, settings=DiagnoseSettings(split="train", threads=1), name="mine.h5")
     assert task.tosses_of == "mine.h5, train split"
+
+
+def test_a_copy_is_no_toss_of_its_own(dataset: Dataset) -> None:
+    """One copy is of a toss that is searched, the other is an unseen one's, turned about the vertical."""
+    turned = [_turned(dataset.tosses[i], 0.7, name) for i, name in ((4, "again"), (5, "unseen again"))]
+    turned[1] = replace(turned[1], split="test")
+    held = replace(dataset, tosses=(*dataset.tosses, *turned))
+    task = prepare(held, settings=DiagnoseSettings(split="train", threads=1))
+    alone = prepare(dataset, settings=DiagnoseSettings(split="train", threads=1))
+    assert [toss.name for toss in task.tosses] == [toss.name for toss in alone.tosses]
+    assert [toss.name for toss in task.unseen] == [toss.name for toss in alone.unseen]
+    assert task.remarks[0].startswith(
+        "Tosses left out: 1 of 8 are shorter than 11 frames, 1 of 8 are copies of others."
+    )
+    assert task.remarks[1] == "1 of 4 unseen tosses left out: they are copies of others."
+    three = replace(dataset, tosses=(*dataset.tosses[3:5], turned[0]))
+    with pytest.raises(InputError, match="1 of 3 are copies of others"):
+        prepare(three, settings=DiagnoseSettings(threads=1))
+
+
+def _turned(toss: Toss, yaw: float, name: str) -> Toss:
+    """A toss turned about the vertical, under another name."""
+    turn = quat_exp(np.array([0.0, 0.0, yaw]))
+    q = toss.q.copy()
+    q[:, :3] = q[:, :3] @ quat_to_matrix(turn).T
+    q[:, 3:7] = quat_mul(turn, q[:, 3:7])
+    return replace(toss, q=q, name=name)
 
 
 def test_two_recordings_in_one_dataset_are_said(dataset: Dataset) -> None:

@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.diagnosis.by_hand import EFFECTS, diagnosis, gap
+from tests.diagnosis.by_hand import EFFECTS, diagnosis, gap, hypothesis
 from tests.diagnosis.tossed import ONCE, seen, seen_with_joint, with_effect
-from tossid.diagnosis.explain import explain, gap_verdict, with_repeats
+from tossid.diagnosis.explain import explain, gap_verdict, verdict_by_rollouts, with_repeats
 from tossid.diagnosis.findings import Interval, Share
+from tossid.diagnosis.localisation.refusal import Growth, RolloutCheck
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.report.text import sentences
+from tossid.diagnosis.result import Verdict
 from tossid.diagnosis.selection.stability import Repeat, Stability
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, RecordingErrors, World, effects_for
@@ -26,6 +28,7 @@ def test_nothing_is_named_of_nothing(cube: ObjectModel) -> None:
     found = explain(Problem(seen(World(cube), cube, 14, seed=3), World(cube), library=FEW, settings=ONCE))
     assert found.named == ()
     assert found.verdict == "no_gap"
+    assert found.rollouts is None
 
 
 def test_two_effects_are_both_named(cube: ObjectModel) -> None:
@@ -37,6 +40,10 @@ def test_two_effects_are_both_named(cube: ObjectModel) -> None:
     assert found.as_json()["explanation"]["probability_none"] == 0.0
     assert next(finding.verdict for finding in found.findings if finding.name == "friction") == "identified"
     assert found.gap_closed.value > 0.8
+    assert found.rollouts is not None
+    assert (found.rollouts.tosses, found.rollouts.unseen) == (16, 0)
+    assert found.rollouts.refused == ()
+    assert found.rollouts.whole.position_pct < -1.0
     values = {name: value for finding in found.findings for name, value in finding.parameters.items()}
     assert values["mu"].low - 0.002 < 0.25 < values["mu"].high + 0.002
     assert values["g_ms2"].low - 0.02 < 9.2 < values["g_ms2"].high + 0.02
@@ -109,6 +116,47 @@ def test_an_effect_that_moves_no_toss_is_no_headline(cube: ObjectModel) -> None:
     first = next(each for each in kept["effects"] if each["name"] == "friction")
     assert (first["verdict"], first["matters"]) == ("identified", False)
     assert any(line.startswith("Also seen, too small to matter: friction (mu") for line in sentences(found))
+
+
+def test_what_makes_whole_tosses_worse_is_a_candidate_at_most(cube: ObjectModel) -> None:
+    """The adhesion is right, and helps short windows. The bounce that went with it is in no effect of the library."""
+    truth = hypothesis(cube, restitution=[0.3], adhesion=[0.8]).world()
+    unseen = [replace(toss, name=f"unseen {toss.name}") for toss in seen(truth, cube, 24, seed=6)]
+    tosses, library = seen(truth, cube, 14, seed=5), [EFFECTS["adhesion"]]
+    found = explain(Problem(tosses, World(cube), library=library, settings=ONCE, unseen=unseen))
+    assert found.hypothesis.names == ("adhesion",)
+    assert found.findings[0].evidence["gain"] > 50
+    assert (found.named, found.candidates, found.verdict) == ((), ("adhesion",), "unexplained")
+    assert found.findings[0].verdict == "candidate"
+    kept = found.as_json()
+    assert kept["explanation"]["refused"] == ["adhesion"]
+    assert kept["rollouts"]["n_unseen"] == 24
+    assert kept["rollouts"]["position_pct"] > 1.0
+    assert kept["rollouts"]["p_value"] < 0.01
+    assert any(line.startswith("Refused: with what was found") for line in sentences(found))
+
+
+FINE, WORSE = Growth(-4.0, -2.0, 1.0, 0.05), Growth(3.0, -0.2, 1e-4, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "whole", "effects", "after"),
+    [
+        ("explained", FINE, {"friction": FINE, "inertia": FINE}, "explained"),
+        ("explained", FINE, {"friction": FINE, "inertia": WORSE}, "partly_explained"),
+        ("partly_explained", FINE, {"friction": FINE, "inertia": WORSE}, "partly_explained"),
+        ("partly_explained", FINE, {"friction": WORSE, "inertia": WORSE}, "unexplained"),
+        ("explained", WORSE, {"friction": FINE, "inertia": FINE}, "unexplained"),
+        ("within_solver_disagreement", WORSE, {}, "within_solver_disagreement"),
+        ("no_gap", WORSE, {}, "no_gap"),
+    ],
+)
+def test_effects_that_are_refused_explain_nothing(
+    verdict: Verdict, whole: Growth, effects: dict[str, Growth], after: str
+) -> None:
+    check = RolloutCheck(20, 20, whole, tuple(effects.items()))
+    assert verdict_by_rollouts(verdict, check, tuple(effects)) == after
+    assert verdict_by_rollouts(verdict, None, tuple(effects)) == verdict
 
 
 SOME = Share("slide", Interval(0.2, 0.1, 0.3))

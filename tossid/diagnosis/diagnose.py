@@ -31,6 +31,7 @@ from tossid.diagnosis.simulators import (
 )
 from tossid.diagnosis.under_way import UnderWay
 from tossid.errors import ConfigError, InputError, TossidError
+from tossid.motion.sessions.copies import find_copies
 from tossid.motion.sessions.levelling import recordings_apart
 from tossid.motion.sessions.turns import find_turns, turn_words
 from tossid.objects import ObjectModel
@@ -200,7 +201,10 @@ def prepare(
     chosen = tuple(dataset.tosses) if settings.split is None else dataset.of_split(settings.split)
     last = None if settings.tosses is None else settings.skip + settings.tosses
     tosses, remarks = _usable(chosen[settings.skip : last], tosses_of, settings)
-    unseen = () if settings.split in (None, "test") else _moving(dataset.of_split("test"), settings)[1]
+    moving = () if settings.split in (None, "test") else _moving(dataset.of_split("test"), settings)[1]
+    unseen = tuple(toss for toss in moving if toss.name not in _copies((*tosses, *moving)))
+    if len(unseen) < len(moving):
+        remarks += (f"{len(moving) - len(unseen)} of {len(moving)} unseen tosses left out: they are copies of others.",)
     held = bound_frames(tosses, recorded, settings.release)
     if held:
         tosses, unseen = (tuple(toss.frames(slice(held, None)) for toss in each) for each in (tosses, unseen))
@@ -266,21 +270,32 @@ def _moving(tosses: Sequence[Toss], settings: DiagnoseSettings) -> tuple[tuple[T
     return long, tuple(toss for toss in long if moves(toss, settings.checks))
 
 
+def _copies(tosses: Sequence[Toss]) -> frozenset[str]:
+    """Names of the tosses that are copies of earlier ones."""
+    return frozenset(copy.name for copy in find_copies(tosses))
+
+
 def _usable(
     tosses: Sequence[Toss], tosses_of: str, settings: DiagnoseSettings
 ) -> tuple[tuple[Toss, ...], tuple[str, ...]]:
-    """The tosses that can be predicted and in which anything moves, and a remark on the others.
+    """The tosses that are no copies, can be predicted, and in which anything moves, and a remark on the others.
+
+    A copy is no toss of its own: folds, tests and intervals are over tosses.
 
     Raises:
         InputError: They are too few.
     """
-    long, kept = _moving(tosses, settings)
+    long, moving = _moving(tosses, settings)
+    copies = _copies(moving)
+    kept = tuple(toss for toss in moving if toss.name not in copies)
     why = []
     if len(long) < len(tosses):
         least = settings.likelihood.windows.length // 2 + 1
         why.append(f"{len(tosses) - len(long)} of {len(tosses)} are shorter than {least} frames")
-    if len(kept) < len(long):
-        why.append(f"in {len(long) - len(kept)} of {len(tosses)} nothing moves")
+    if len(moving) < len(long):
+        why.append(f"in {len(long) - len(moving)} of {len(tosses)} nothing moves")
+    if copies:
+        why.append(f"{len(copies)} of {len(tosses)} are copies of others")
     if len(kept) < settings.checks.fewest_tosses:
         which = f" that serve ({', '.join(why)})" if why else ""
         raise InputError(

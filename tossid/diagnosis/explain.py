@@ -19,6 +19,7 @@ from tossid.diagnosis.localisation.disagreement import solver_disagreement
 from tossid.diagnosis.localisation.gap import measure_gap, share_left
 from tossid.diagnosis.localisation.misspecification import misspecification
 from tossid.diagnosis.localisation.noise import noise_floor
+from tossid.diagnosis.localisation.refusal import RolloutCheck, check_rollouts
 from tossid.diagnosis.localisation.rollouts import rollout_errors
 from tossid.diagnosis.localisation.unseen import judge_unseen, unseen_windows
 from tossid.diagnosis.localisation.witnesses import witnesses
@@ -213,7 +214,9 @@ def _concluded(
     # solvers agree in flight, so they do not explain an effect that was found there without a name
     if verdict == "unexplained" and small and not (mattering or nameless):
         verdict = "within_solver_disagreement"
-    candidates = inside if verdict == "unexplained" else []
+    rollouts = check_rollouts(tosses, unseen, validator, first.hypothesis, present.hypothesis, inside, folds, theirs)
+    verdict = verdict_by_rollouts(verdict, rollouts, mattering)
+    candidates = inside if verdict == "unexplained" or rollouts is None else rollouts.refused
     place, steps = validator.together(
         lambda: locate(tosses, first, present, gap, left, seed=seed, settings=settings),
         lambda: [
@@ -236,6 +239,7 @@ def _concluded(
         unexplained=unexplained,
         steps=tuple(steps),
         unseen=on_unseen,
+        rollouts=rollouts,
         hypothesis=present.hypothesis,
         n_tosses=n,
         seconds=time.perf_counter() - started,
@@ -330,6 +334,21 @@ def gap_verdict(
     if not unnamed and (reached or (closed.value > settings.all_closed and not unexplained)):
         return "explained"
     return "partly_explained"
+
+
+def verdict_by_rollouts(verdict: Verdict, check: RolloutCheck | None, names: Sequence[str]) -> Verdict:
+    """A gap's verdict, which explains nothing by effects that make predictions of whole tosses worse.
+
+    Args:
+        verdict: By what is left of short windows.
+        check: What the effects do to whole tosses.
+        names: Of the effects that explain the gap.
+    """
+    if check is None or verdict not in ("explained", "partly_explained"):
+        return verdict
+    if not set(names) - set(check.refused):
+        return "unexplained"
+    return "partly_explained" if set(names) & set(check.refused) else verdict
 
 
 def _contact(validator: CrossValidator, found: SearchResult) -> Contact:

@@ -16,6 +16,7 @@ from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.disagreement import SolverDisagreement
 from tossid.diagnosis.localisation.misspecification import Misspecification
 from tossid.diagnosis.localisation.noise import MeasuredNoise
+from tossid.diagnosis.localisation.refusal import RolloutCheck
 from tossid.diagnosis.localisation.unseen import Unseen
 from tossid.diagnosis.selection.plane import Plane
 from tossid.diagnosis.selection.significance import TossesNeeded
@@ -85,8 +86,9 @@ class Diagnosis:
         misspecification: What the diagnosis itself leaves of the found world's own motions; no verdict rests on it.
         unseen: What was found, on tosses that took no part; None if there were none.
         minor: Names of effects that were found too, and are too small to matter.
-        candidates: Names of effects that are significant and matter, but that repeated searches name too rarely, or
-            that leave most of the gap.
+        rollouts: What the effects do to whole tosses that took no part in the fits; None without effects.
+        candidates: Names of effects that are significant and matter, but that repeated searches name too rarely, that
+            leave most of the gap, or that make predictions of whole tosses worse.
         stability: What repeated searches name.
         plane: The plane in which all motion lies, and what it cannot show; None if there is none.
         implausible: Effects of the hypothesis that have no name, with why: "no_change" or "at_bound".
@@ -131,6 +133,7 @@ class Diagnosis:
     implausible: tuple[tuple[str, str], ...] = ()
     disagreement: SolverDisagreement | None = None
     unseen: Unseen | None = None
+    rollouts: RolloutCheck | None = None
     noise: MeasuredNoise | None = None
     misspecification: Misspecification | None = None
     learned: LearnedForces | None = None
@@ -183,6 +186,7 @@ class Diagnosis:
                 "other_laws": [{"like": name, "further_power": each.as_json()} for name, each in self.other_laws],
                 "unsteady": list(self.unsteady),
                 "minor": list(self.minor),
+                "refused": [] if self.rollouts is None else list(self.rollouts.refused),
                 "no_name": [{"like": name, "why": why} for name, why in self.implausible],
             },
             "steps": [step.as_json() for step in self.steps],
@@ -198,6 +202,7 @@ class Diagnosis:
             "noise": None if self.noise is None else self.noise.as_json(),
             "misspecification": None if self.misspecification is None else self.misspecification.as_json(),
             "unseen": None if self.unseen is None else self.unseen.as_json(),
+            "rollouts": None if self.rollouts is None else self.rollouts.as_json(),
             "learned_acceleration": None if self.learned is None else self.learned.as_json(),
             "solver_disagreement": None if self.disagreement is None else self.disagreement.as_json(),
             "plane": None if self.plane is None else self.plane.as_json(),

@@ -108,3 +108,28 @@ def test_derivatives_by_the_first_position_are_those_of_a_shifted_motion(cube: O
         # where a contact has more than one solution to its tolerance, differences have that error
         assert np.median(error) < 1e-9
         assert np.quantile(error, 0.9) < 1e-3
+
+
+class _NearlyDerived(World):
+    """A world whose derivatives are said to be nearly those of one without gravity or friction, which they are not."""
+
+    @property
+    def by_first_states(self) -> World:
+        return World(self.object.with_changes(friction=0.0), gravity=0.0)
+
+
+def test_restarts_use_the_derivatives_of_the_world_itself(cube: ObjectModel) -> None:
+    """First states that impacts have thrown far off are not found again by nearly right derivatives."""
+    windows = make_windows(seen(World(cube), cube, 8, seed=1), cube)
+    lost = replace(windows, at_v=windows.at_v + np.array([0.5, -0.5, 0.5, 4.0, -4.0, 4.0]))
+
+    fine, _ = linearise(windows, World(cube), refine=6)
+
+    def found(world: World, restarts: int) -> float:
+        """Share of windows at the spin that is found from near by."""
+        kept, _ = linearise(lost, world, refine=0, restarts=restarts)
+        return float((np.abs(kept.at_v - fine.at_v)[:, 3:].max(axis=1) < 0.3).mean())
+
+    assert found(_NearlyDerived(cube), 0) == 0.0
+    assert found(_NearlyDerived(cube), 1) > 0.8
+    assert found(_NearlyDerived(cube), 1) == found(World(cube), 1)

@@ -15,7 +15,7 @@ from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
 from tossid.diagnosis.likelihood.innovations import costs, factorise, gauss_newton, whiten
 from tossid.diagnosis.likelihood.until_contact import until_contact
-from tossid.diagnosis.likelihood.windows import Windows, difference, moved_pose, of_state
+from tossid.diagnosis.likelihood.windows import Windows, difference, moved_state, of_state
 from tossid.errors import SolverError
 from tossid.least_squares import Damping
 from tossid.physics.effects import World
@@ -176,7 +176,6 @@ def linearised(
     n = K * windows.inside.sum(1)
     rng = np.random.default_rng(0)
     fresh = np.full(W, near is None)
-    moved_before = not np.array_equal(windows.at_v, windows.v)
     given_up = np.full(W, np.inf) if near is None else near.given_up.copy()
     for turn in range(restarts):
         as_before = np.abs(best.cost - given_up) < settings.as_poor * best.cost
@@ -185,16 +184,16 @@ def linearised(
             break
         some = best.windows.rows(poor)
         # the recorded first state is tried once, if another hypothesis has moved the first states away from it
-        recorded = moved_before and turn == 0
-        if recorded:
+        if turn == 0 and not np.array_equal(windows.at_v, windows.v):
             at_q, at_v, steps = some.q, some.v, settings.recorded_restart_steps
         else:
-            at_q, at_v = _moved(some.at_q, some.at_v, _perturbations(some, best.by_state[poor], rng))
+            at_q, at_v = moved_state(some.at_q, some.at_v, _perturbations(some, best.by_state[poor], rng))
             steps = settings.restart_steps
         begun = replace(some, at_q=at_q, at_v=at_v)
         if turn == 0:
             begun = _from_flight(begun, world, settings.recorded_restart_steps, n_threads)
-        tried = _estimate(begun, world, (other[poor], center), steps, None, n_threads)
+        # nearly right derivatives do not lead from one mode of an impact to another
+        tried = _estimate(begun, world, (other[poor], center), steps, None, n_threads, exact=True)
         better = tried.cost < best.cost[poor]
         given_up[poor] = np.where(better, np.inf, best.cost[poor])
         best = best.with_rows(poor[better], tried, better)
@@ -216,7 +215,9 @@ def _from_flight(windows: Windows, world: World, steps: int, n_threads: int) -> 
     return _with_states(windows, index, part.at_q, part.at_v)
 
 
-def _with_derivatives(there: _Estimate, world: World, among: Index, n_threads: int) -> tuple[_Estimate, Index]:
+def _with_derivatives(
+    there: _Estimate, world: World, among: Index, n_threads: int, exact: bool = False
+) -> tuple[_Estimate, Index]:
     """Derivatives computed anew in those windows among some whose predictions have moved since they were taken.
 
     Returns:
@@ -226,7 +227,7 @@ def _with_derivatives(there: _Estimate, world: World, among: Index, n_threads: i
     moved = np.abs(there.residuals[among] - there.taken_at[among]) / np.sqrt(_variances(windows, among))
     stale = among[moved.max(1) > windows.settings.whitening.reuse_tolerance]
     if len(stale):
-        new = _derivatives(windows, world, there.residuals[stale], stale, n_threads=n_threads)
+        new = _derivatives(windows, world, there.residuals[stale], stale, exact=exact, n_threads=n_threads)
         taken_at = _with(there.taken_at, stale, there.residuals[stale])
         there = replace(there, by_state=_with(there.by_state, stale, new), taken_at=taken_at)
     return there, stale
@@ -276,11 +277,13 @@ def _estimate(
     n_threads: int,
     known: Array | None = None,
     moving: NDArray[np.bool_] | None = None,
+    exact: bool = False,
 ) -> _Estimate:
     """Windows at refined first states. A window whose cost falls no more is left as it is.
 
     engine: the difference to the other engine (W, K L), and how many times it is expected in the residuals.
     known: (W, L, K) residuals at the windows' own first states. moving: (W,) windows that are refined, all if None.
+    exact: as of `_derivatives`.
     """
     (W, L), K = windows.inside.shape, windows.channels
     settings, (other, center) = windows.settings.whitening, engine
@@ -303,7 +306,10 @@ def _estimate(
     residuals = residuals_at(at_q, at_v, rows) if known is None else known.reshape(W, K * L)
     cost = cost_at(at_q, at_v, rows, residuals)
     taken_at = residuals if near is None else near.taken_at
-    by_state = _derivatives(windows, world, residuals, rows, n_threads=n_threads) if near is None else near.by_state
+    if near is None:
+        by_state = _derivatives(windows, world, residuals, rows, exact=exact, n_threads=n_threads)
+    else:
+        by_state = near.by_state
     best = _Estimate(windows, cost, residuals, taken_at, by_state)
     rows = rows if moving is None else np.flatnonzero(moving)
     for _ in range(refine if len(rows) else 0):
@@ -313,7 +319,7 @@ def _estimate(
             rows, best.residuals[rows], center, other, here.root, best.by_state, _deviation(here, q, v, rows),
             here.prior, damping[rows], step,
         )  # fmt: skip
-        q, v = _moved(q, v, np.clip(step, -most, most))
+        q, v = moved_state(q, v, np.clip(step, -most, most))
         trial = residuals_at(q, v, rows)
         trial_cost = cost_at(q, v, rows, trial)
         better = trial_cost < best.cost[rows]
@@ -327,7 +333,7 @@ def _estimate(
             cost=_with(best.cost, index, trial_cost[better]),
         )
         if near is None:
-            best, _ = _with_derivatives(best, world, index, n_threads)
+            best, _ = _with_derivatives(best, world, index, n_threads, exact)
         rows = rows[falls | (~better & (damping[rows] < settings.most_damping))]
         if not len(rows):
             break
@@ -360,17 +366,18 @@ def _whitening(
         factorise(new, windows.root, S, windows.prior, other, columns, gain, scale, log_det)
         if not np.isfinite(log_det[new]).all():
             raise SolverError("a window's covariance is singular", total=1)
-    none = np.full(W, np.inf)
-    return Whitening(windows.root, columns, gain, scale, mean, log_det, S, best.taken_at, other, none)
+    return Whitening(windows.root, columns, gain, scale, mean, log_det, S, best.taken_at, other, np.full(W, np.inf))
 
 
-def _derivatives(windows: Windows, world: World, residuals: Array, rows: Index, *, n_threads: int) -> Array:
+def _derivatives(
+    windows: Windows, world: World, residuals: Array, rows: Index, *, exact: bool = False, n_threads: int
+) -> Array:
     """(n, K L, 2 K) derivatives of predictions by first states, where residuals are (n, K L): one-sided differences.
 
-    rows: (n,) of which windows.
+    rows: (n,) of which windows. exact: of the world itself, also where those of `World.by_first_states` cost less.
     """
     n, L, K = len(rows), windows.inside.shape[1], windows.channels
-    near = world.by_first_states
+    near = world if exact else world.by_first_states
     if near is not world:
         world, residuals = near, windows.residuals(windows.predicted(near, index=rows, n_threads=n_threads), rows)
         residuals = residuals.reshape(n, K * L)
@@ -380,7 +387,7 @@ def _derivatives(windows: Windows, world: World, residuals: Array, rows: Index, 
     count = 2 * K - given
     delta = np.repeat(np.diag(steps)[given:], n, axis=0)
     every = np.tile(rows, count)
-    q, v = _moved(windows.at_q[every], windows.at_v[every], delta)
+    q, v = moved_state(windows.at_q[every], windows.at_v[every], delta)
     run = windows.predicted(world, q, v, every, near=True, n_threads=n_threads)
     S = np.zeros((n, K * L, 2 * K))
     for j in range(given):
@@ -393,8 +400,3 @@ def _derivatives(windows: Windows, world: World, residuals: Array, rows: Index, 
 def _deviation(windows: Windows, at_q: Array, at_v: Array, rows: Index) -> Array:
     """(n, 2 K) recorded first states of some windows minus those at hand."""
     return np.concatenate([difference(windows.q[rows], at_q), windows.v[rows] - at_v], axis=1)
-
-
-def _moved(q: Array, v: Array, delta: Array) -> tuple[Array, Array]:
-    K = v.shape[1]
-    return moved_pose(q, delta[:, :K]), v + delta[:, K:]

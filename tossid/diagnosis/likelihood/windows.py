@@ -236,6 +236,18 @@ def moved_pose(q: Array, by: Array) -> Array:
     return np.concatenate([q[..., :3] + by[..., :3], turned, q[..., 7:] + by[..., 6:]], axis=-1)
 
 
+def moved_state(q: Array, v: Array, delta: Array) -> tuple[Array, Array]:
+    """Poses (W, nq) and velocities (W, K) that differ from others by vectors (W, 2 K).
+
+    Args:
+        q: (W, nq) poses.
+        v: (W, K) velocities.
+        delta: (W, 2 K) as `moved_pose` has it, then differences of velocities.
+    """
+    K = v.shape[1]
+    return moved_pose(q, delta[:, :K]), v + delta[:, K:]
+
+
 def of_state(sizes: tuple[float, float, float, float], K: int) -> Array:
     """(2 K,) a number for each part of a state.
 

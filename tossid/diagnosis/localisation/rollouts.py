@@ -44,16 +44,26 @@ def rollout_errors(
     for held, hypothesis in without or [(held, state.fitted.of_part(~held)) for held in validator.folds]:
         some = np.flatnonzero(held)
         chosen, own = [tosses[i] for i in some.tolist()], validator.windows.of_tosses(some)
-        errors[held] = _errors(chosen, hypothesis.world(), own, n_threads=validator.n_threads)
+        errors[held] = toss_errors(chosen, hypothesis.world(), own, n_threads=validator.n_threads)
     left, names = mean_square(state, validator), state.hypothesis.names
     if not unseen:
         return Step(names, *_means(errors), left)
-    unseen_errors = _errors(unseen, state.hypothesis.world(), begin, n_threads=validator.n_threads)
+    unseen_errors = toss_errors(unseen, state.hypothesis.world(), begin, n_threads=validator.n_threads)
     return Step(names, *_means(errors), left, *_means(unseen_errors))
 
 
-def _errors(tosses: Sequence[Toss], world: World, windows: Windows | None = None, *, n_threads: int) -> Array:
-    """(B, 2) mean distance [% of the object's width] and angle [deg] of rollouts from the recorded poses."""
+def toss_errors(tosses: Sequence[Toss], world: World, windows: Windows | None = None, *, n_threads: int) -> Array:
+    """(B, 2) mean distance [% of the object's width] and angle [deg] of rollouts from the recorded poses.
+
+    Args:
+        tosses: B, as recorded.
+        world: The simulator; each toss begins at what its first flight determines in it (`first_states`).
+        windows: Of these tosses, where they are at hand.
+        n_threads: Of the simulator.
+
+    Returns:
+        Means over frames; NaN where a rollout diverged.
+    """
     dt = frame_time(tosses)
     q0, v0 = first_states(tosses, world, windows, n_threads=n_threads)
     steps = np.array([len(toss) - 1 for toss in tosses])

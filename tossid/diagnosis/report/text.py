@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from tossid.diagnosis.findings import Finding, Interval, Share
 from tossid.diagnosis.report.interruption_text import interruption_sentences
 from tossid.diagnosis.report.order_text import over_order_sentences
+from tossid.diagnosis.report.refusal_text import refusal_sentences, refusal_words
 from tossid.diagnosis.report.units import (
     closed_share,
     in_units,
@@ -58,7 +59,7 @@ def headline(diagnosis: Diagnosis) -> str:
     Returns:
         The verdict, with the named effects.
     """
-    line = _VERDICTS[diagnosis.verdict]
+    line = _VERDICTS[diagnosis.verdict] + refusal_words(diagnosis.rollouts)
     named = listed([_with_frequency(diagnosis, name) for name in diagnosis.named])
     candidates = listed([_with_frequency(diagnosis, name) for name in diagnosis.candidates])
     if diagnosis.named:
@@ -93,6 +94,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.found:
         text.append(_how_far(diagnosis))
         text += _confusable(diagnosis)
+    text += refusal_sentences(diagnosis.rollouts)
     text += [_another_law(name, power) for name, power in diagnosis.other_laws]
     text += [_unsteady(diagnosis, name) for name in diagnosis.unsteady]
     text += [_IMPLAUSIBLE[why].format(name=name) for name, why in diagnosis.implausible]
@@ -140,7 +142,7 @@ def _how_sure(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.candidates:
         text += (
             f" Not sure, although significant: {listed(diagnosis.candidates)}. Repeated searches name such an effect "
-            "too rarely, or most of the gap stays with it."
+            "too rarely, or most of the gap stays with it, or whole tosses are predicted worse with it."
         )
     return [text]
 

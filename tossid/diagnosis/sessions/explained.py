@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.explain import gap_verdict, search_once
+from tossid.diagnosis.explain import gap_verdict, search_once, verdict_by_rollouts
 from tossid.diagnosis.findings import (
     ChangeLeft,
     Consequence,
@@ -158,6 +158,7 @@ def _with(
     verdict = gap_verdict(
         gap, left, closed, nameless, unexplained, any_named=bool(named or candidates), settings=settings.verdict
     )
+    verdict = verdict_by_rollouts(verdict, found.rollouts, (*named, *candidates))
     return replace(
         found,
         verdict=verdict,

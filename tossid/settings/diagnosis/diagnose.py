@@ -217,6 +217,12 @@ class VerdictSettings:
     """... or this change [deg], ..."""
     matters_closed: Fraction = 0.02
     """... or this share of the gap"""
+    refused_level: Fraction = 0.05
+    """level at which whole tosses must be predicted worse for what was found to be refused (signed ranks over tosses,
+    beyond the first two of these tolerances; of single effects over their number, by Bonferroni)"""
+    fewest_judges: Count = 20
+    """unseen tosses from which these alone judge that; with fewer the searched ones do too, each by what was chosen and
+    fitted without it"""
     detectable: Positive = 4.0
     """size of an effect that these tosses would have revealed [standard errors]"""
     detectable_range: Fraction = 0.5
