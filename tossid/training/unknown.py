@@ -138,10 +138,8 @@ def unknown_object(
     hinge = None if tree is None else hinge_of(tree)
     tree = unstated_object(hinge=hinge)
     if tosses[0].q.shape[1] != tree.nq or tree.n_bodies != settings.links:
-        raise InputError(
-            f"object.links={settings.links} is for {settings.links - 1} hinges; these tosses have "
-            f"{tosses[0].q.shape[1] - 7} joints"
-        )
+        kind = "one rigid body" if settings.links == 1 else "two links on a hinge"
+        raise InputError(f"object.links={settings.links} is {kind}; joints of these tosses: {tosses[0].q.shape[1] - 7}")
     flying = find_parabola([PoseTrack(toss.name, toss.t, toss.q) for toss in tosses], tree, gravity=gravity)
     free = {toss.name: flying.flying(toss.t, toss.q) for toss in tosses}
     shapes, alone = _shapes(tosses, tree, [free[toss.name] for toss in tosses], settings)
