@@ -44,6 +44,7 @@ RECORDED = (
     "start",
     "corners",
     "stated corners missed by at most [mm]",
+    "corners with contacts off before training: median, most [mm]",
     "corners with contacts off by: median, most [mm]",
     "corners without contacts off by [mm]",
     "friction",
@@ -203,7 +204,7 @@ def real(models: list[str], path: Path) -> Any:
             shown = np.ones(learned.n_corners, dtype=bool)
             if object_ is not None:
                 shown = np.concatenate([link["contacts"] for link in trained.parameters["from_nothing"]["links"]]) > 0
-            off = 1e3 * _nearest(learned, stated)
+            off, before = (1e3 * _nearest(each, stated) for each in (learned, trained.model.object))
             scores = score_windows(
                 trained.model.simulator(),
                 stated if object_ is None else learned.with_changes(width=stated.width),
@@ -216,7 +217,7 @@ def real(models: list[str], path: Path) -> Any:
                 start,
                 " + ".join(f"{int((learned.corner_body == body).sum())}" for body in range(learned.n_bodies)),
                 f"{1e3 * _nearest(stated, learned).max():.1f}",
-                ", ".join(f"{x:.1f}" for x in (np.median(off[shown]), off[shown].max())),
+                *(f"{np.median(x[shown]):.1f}, {x[shown].max():.1f}" for x in (before, off)),
                 ", ".join(f"{x:.1f}" for x in off[~shown]) or "none",
                 f"{learned.friction:.3f}",
                 f"{np.nanmean(scores.position_error_pct):.2f}",
