@@ -25,7 +25,7 @@ DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock demo experiments calibration unknown shapes starts fields paper tagslam truth test test-slow fuzz check format dependencies bench bench-against profile scale docs figures clean distclean
+.PHONY: help setup lock demo experiments calibration unknown shapes links starts fields paper tagslam truth test test-slow fuzz check format dependencies bench bench-against profile scale docs figures clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -68,6 +68,9 @@ unknown: $(STAMP)  ## the published cube learned from nothing, beside its stated
 
 shapes: $(STAMP)  ## shapes tossed in MuJoCo, learned from nothing: make OPTIONS="ellipsoid --model cnrpi" shapes
 	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.shapes $(OPTIONS)
+
+links: $(STAMP)  ## an elbow in MuJoCo, both links learned from nothing: make OPTIONS="cn --recorded elbow.h5" links
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.links $(OPTIONS)
 
 starts: $(STAMP)  ## the published cube from 20 random starts: make DATA=FOLDER OPTIONS="--model cn --tosses 64" starts
 	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.starts $(DATA) $(OPTIONS)

@@ -80,7 +80,7 @@ def _train(
         made = unfinished.folder / "made"
         checkpoint = write_outputs(made, config, trained, run=tracked.id)
         figures = write_figures(training_figures(trained, name=name), made / "figures")
-        if fit.shown is not None:
+        if fit.shown is not None and not trained.object.n_joints:
             figures.append(write_hull_film(trained, fit.true_tosses, made / "figures" / "hull_over_tosses.gif"))
         numbers = {key: value for key, value in trained.parameters.items() if isinstance(value, float)}
         tracked.metrics({**numbers, "seconds": trained.seconds}, step=len(trained.history))

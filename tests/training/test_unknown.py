@@ -14,10 +14,11 @@ from tests.models.made import tosses
 from tossid.errors import InputError
 from tossid.models import TrainedModel
 from tossid.motion import tosses_from_tracks
-from tossid.objects import ObjectModel, box, unstated_object
+from tossid.objects import ObjectModel, box, load_object, unstated_object
+from tossid.objects.unstated import hinge_of
 from tossid.rotations import quat_rotate
 from tossid.settings.objects import UnknownObjectSettings
-from tossid.settings.training import TrainSettings
+from tossid.settings.training import CN, TrainSettings
 from tossid.store import Dataset, draw_splits
 from tossid.training.api import prepare
 from tossid.training.unknown import unknown_object
@@ -68,10 +69,48 @@ def test_training_ignores_the_stated_object_and_says_what_was_shown(dataset: Dat
     assert scores.metrics["position_error_pct"]["mean"] < 20
 
 
-def test_tosses_of_a_body_with_joints_are_refused(dataset: Dataset, elbow: ObjectModel) -> None:
+def test_another_number_of_links_is_refused(dataset: Dataset, elbow: ObjectModel) -> None:
     jointed = tosses(elbow, 2, seed=1, frames=20)
-    with pytest.raises(InputError, match="one rigid body"):
-        unknown_object(jointed)
+    with pytest.raises(InputError, match=r"object\.links=1 is one rigid body; joints of these tosses: 1"):
+        unknown_object(jointed, tree=elbow)
+    with pytest.raises(InputError, match=r"object\.links=2 is two links on a hinge; joints of these tosses: 0"):
+        unknown_object(dataset.tosses, UnknownObjectSettings(links=2), tree=dataset.object)
+
+
+@pytest.fixture(scope="module")
+def solid(elbow: ObjectModel) -> ObjectModel:
+    """The elbow as two solid boxes of other masses; half edges as published."""
+    half, mass = np.array([0.05, 0.025, 0.025]), np.array([0.4, 0.4])
+    inertia = mass[:, None, None] / 3 * np.diag(half[[1, 2, 0]] ** 2 + half[[2, 0, 1]] ** 2)
+    return elbow.with_changes(mass=mass, inertia=inertia, friction=0.25)
+
+
+@pytest.fixture(scope="module")
+def linked(solid: ObjectModel) -> Dataset:
+    """Its tosses, in a dataset that states no more than the hinge."""
+    made = draw_splits(tuple(tosses(solid, 30, seed=3, frames=80)), fractions=(0.6, 0.3, 0.1), seed=0)
+    return Dataset(unstated_object(hinge=hinge_of(solid)), made, 148.0, "synthetic", {})
+
+
+def test_two_links_are_those_of_the_elbow(linked: Dataset, solid: ObjectModel, tmp_path: Path) -> None:
+    settings = UnknownObjectSettings(links=2, mass=0.8)
+    trained = tossid.train(linked, model=replace(CN, horizons=()), object=settings, epochs=3)
+    found = trained.object
+    assert found.mass == pytest.approx(solid.mass, rel=0.03)
+    assert found.com == pytest.approx(solid.com, abs=1.5e-3)
+    assert found.inertia == pytest.approx(solid.inertia, rel=0.1, abs=1e-5)
+    assert found.friction == pytest.approx(0.25, abs=0.02)
+    shown = trained.parameters["from_nothing"]
+    assert [len(link["corners_m"]) for link in shown["links"]] == [8, 8]
+    never = np.concatenate([link["contacts"] for link in shown["links"]]) == 0
+    seen = np.concatenate([link["seen"] for link in trained.parameters["geometry"]])
+    assert not seen[never].any()
+    assert any("mass ratio" in what for what in shown["assumed"])
+    scores = tossid.evaluate(trained, linked.split("test"))
+    assert scores.metrics["position_error_pct"]["mean"] < 20
+    again = load_object(tossid.export(trained, tmp_path / "links.xml", flights=2).path)
+    assert (again.n_joints, again.n_corners) == (1, 16)
+    assert again.joint_axis[1] == pytest.approx(found.joint_axis[1], abs=1e-6)
 
 
 def test_the_stated_object_does_not_matter(dataset: Dataset) -> None:

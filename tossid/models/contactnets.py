@@ -63,7 +63,9 @@ class ContactNets(nn.Module):
         self.friction = Friction(model, learn=settings.learn_friction)
         self.contact_law = ContactLaw(model, learn=settings.learn_contact_law)
         self.inertia = make_inertia(model, kind=settings.inertia, learn=settings.learn_inertia)
-        self.inertia.get_parameter("com").requires_grad_(settings.learn_inertia and settings.learn_com)
+        for name, parameter in self.inertia.named_parameters():
+            if name in PLACES:
+                parameter.requires_grad_(settings.learn_inertia and settings.learn_com)
         self.k_res: LearnedAccelerationNet | None = None
         if settings.learn_k_res:
             generator = torch.Generator().manual_seed(seed)
@@ -259,5 +261,8 @@ def build(
 def _learned(*modules: nn.Module | None) -> list[nn.Parameter]:
     return [p for module in modules if module is not None for p in module.parameters() if p.requires_grad]
 
+
+PLACES = ("com", "log_scale_links", "log_mass_links")
+"""Parameters of inertia that decide where the common centre of mass is: each link's, and the mass ratio."""
 
 register_model("contactnets", ModelSettings, build)

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
+from tossid.motion.links import body_tracks
 from tossid.motion.sessions.levelling import turned_track
+from tossid.objects import ObjectModel, unstated_object
 from tossid.objects.convex_shape import find_ground, height_is_wrong
 from tossid.rotations import quat_conj, quat_exp, quat_mul, quat_rotate
 from tossid.settings.objects import ShapeSettings
@@ -26,29 +28,32 @@ ground."""
 
 
 def level_by_hull(
-    tracks: Sequence[PoseTrack], settings: ShapeSettings | None = None
+    tracks: Sequence[PoseTrack], settings: ShapeSettings | None = None, *, tree: ObjectModel | None = None
 ) -> tuple[Sequence[PoseTrack], Array | None]:
     """Tracks in a world whose ground is z = 0, where the tracks show that it was not.
 
     Args:
-        tracks: Of one rigid body, z roughly up.
+        tracks: Of one rigid body or of two links on a hinge, z roughly up.
         settings: How a shape is found, and from which height and slope on the ground is off.
+        tree: The links and their hinge; None for one rigid body.
 
     Returns:
         The tracks as they are and None, where they show no shape or the ground is z = 0. Else the levelled tracks, and
         the ground's height at the origin [m] and its slopes along x and y, (3,).
     """
-    settings = settings or ShapeSettings()
+    settings, tree = settings or ShapeSettings(), tree or unstated_object()
     now, turned, lift = tracks, np.array([1.0, 0.0, 0.0, 0.0]), 0.0
     for slack in (*SLACKS, *(0.0,) * TIMES):
         try:
-            ground = find_ground(now, settings, slack=slack)
+            # one ground under both links
+            ground = np.mean([find_ground(own, settings, slack=slack) for own in body_tracks(tree, now)], axis=0)
         except InputError:  # no shape over a ground so far above the object
             ground = np.array([0.0 if slack else -RAISED, 0.0, 0.0])
         slope = ground[1:] if np.linalg.norm(ground[1:]) > settings.level_slope else np.zeros(2)
         high = float(ground[0]) if abs(ground[0]) > settings.level_height and not slack else 0.0
-        if high and ground[0] != -RAISED and not slope.any() and not height_is_wrong(now, settings):
-            high = 0.0
+        if high and ground[0] != -RAISED and not slope.any():
+            wrong = all(height_is_wrong(own, settings) for own in body_tracks(tree, now))
+            high = high if wrong else 0.0
         if not high and not slope.any():
             if slack:
                 continue

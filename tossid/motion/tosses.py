@@ -74,7 +74,7 @@ def tosses_in_turn(
         InputError: As there; before the first toss.
     """
     _check(tracks, model, settings.deepest)
-    parabola = None if model.is_stated else find_parabola(tracks, gravity=gravity)
+    parabola = None if model.is_stated else find_parabola(tracks, model, gravity=gravity)
     recorded = [track.v is not None for track in tracks]
     if any(recorded) and not all(recorded):
         missing = tracks[recorded.index(False)].name

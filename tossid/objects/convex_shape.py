@@ -112,23 +112,43 @@ def find_shape(
     Raises:
         InputError: The poses bound no shape, or there is no contact in them.
     """
-    seen, chosen, corners, radius = _polytope(half_spaces(tosses, flying), settings)
+    seen, chosen, corners, radius = polytope(half_spaces(tosses, flying), settings)
     sharp = fit_vertices(seen, chosen.vertices, np.zeros(3), settings, gap=2 * settings.gap, level=True)
     rounder = _rounder(seen, sharp, corners, settings)
     if rounder is not None:
         return _round_shape(seen, rounder, corners, unseen=settings.unseen_rel * radius, settings=settings)
-    sharp = _without_hovering(seen, sharp, settings)
-    touches = (np.abs(sharp.gap) < settings.contact_gap) & ~seen.free
+    return sharp_shape(
+        seen, sharp, corners, unseen=settings.unseen_rel * radius, ground=chosen.ground, settings=settings
+    )
+
+
+def sharp_shape(
+    seen: HalfSpaces, fit: Fit, hull: Array, *, unseen: float, ground: Array, settings: ShapeSettings
+) -> ConvexShape:
+    """The polytope of fitted vertices, with its certainty.
+
+    Args:
+        seen: Frames near the ground.
+        fit: Of vertices over the ground z = 0.
+        hull: (m, 3) vertices of the outer hull [m].
+        unseen: Distance from the polytope from which on they count as not decided [m].
+        ground: (3,) the ground as the polytope needs it.
+        settings: As of `find_shape`.
+
+    Raises:
+        InputError: There are too few contacts.
+    """
+    fit = _without_hovering(seen, fit, settings)
+    touches = (np.abs(fit.gap) < settings.contact_gap) & ~seen.free
     if touches.sum() < settings.fewest_contacts:
         raise InputError(
-            f"{int(touches.sum())} contacts with the ground in {len(tosses)} tosses; "
+            f"{int(touches.sum())} contacts with the ground in {len(np.unique(seen.toss))} tosses; "
             f"a shape needs at least {settings.fewest_contacts}. Is the ground z = 0?"
         )
-    misfit = float(np.sqrt(np.mean(sharp.gap[touches] ** 2)))
-    deviation, frames = _certainty(seen, sharp, touches, misfit)
-    beyond = np.array([protrusion(corner, sharp.vertices) for corner in corners])
-    unseen = corners[beyond > settings.unseen_rel * radius]
-    return ConvexShape(sharp.vertices, deviation, frames, unseen, chosen.ground, misfit)
+    misfit = float(np.sqrt(np.mean(fit.gap[touches] ** 2)))
+    deviation, frames = _certainty(seen, fit, touches, misfit)
+    beyond = np.array([protrusion(corner, fit.vertices) for corner in hull])
+    return ConvexShape(fit.vertices, deviation, frames, hull[beyond > unseen], ground, misfit)
 
 
 def find_ground(tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings = DEFAULT, *, slack: float = 0.0) -> Array:
@@ -145,13 +165,13 @@ def find_ground(tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings = DE
     """
     every = half_spaces(tosses)
     if not slack:
-        return _polytope(every, settings)[1].ground
+        return polytope(every, settings)[1].ground
     far = slack * np.linalg.norm(every.place - np.median(every.place, axis=0), axis=1)
     _, radius, corners = outer_hull(every._replace(height=every.height + far), settings)
     seen = every.chosen(different(every, settings))
     seen = seen.chosen(seen.height - (seen.down @ corners.T).max(axis=1) < settings.near_rel * radius)
     drawn = seen.chosen(evenly(len(seen.height), settings.most_frames))
-    start = _merged(corners, settings.merge_rel * radius)
+    start = merged(corners, settings.merge_rel * radius)
     return fit_vertices(drawn, start, np.zeros(3), settings, gap=float(np.quantile(far, 0.9))).ground
 
 
@@ -167,21 +187,29 @@ def height_is_wrong(tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings 
     Raises:
         InputError: The poses bound no shape.
     """
-    seen, chosen, corners, _ = _polytope(half_spaces(tosses), settings)
+    seen, chosen, corners, _ = polytope(half_spaces(tosses), settings)
     sharp = fit_vertices(seen, chosen.vertices, np.zeros(3), settings, gap=settings.first_gap, level=True)
-    scale, price = _price(seen, chosen, settings)
+    scale, price = price_of(seen, chosen, settings)
     lifted = chosen.loss / scale + (3 * len(chosen.vertices) + 1) * price
     level = sharp.loss / scale + 3 * len(sharp.vertices) * price
     return lifted < level and _rounder(seen, chosen, corners, settings) is None
 
 
-def _polytope(every: HalfSpaces, settings: ShapeSettings) -> tuple[HalfSpaces, Fit, Array, float]:
-    """Frames near the ground, the polytope and the ground that fit them, the outer hull's vertices and its radius."""
+def polytope(every: HalfSpaces, settings: ShapeSettings) -> tuple[HalfSpaces, Fit, Array, float]:
+    """Frames near the ground, the polytope and the ground that fit them, the outer hull's vertices and its radius.
+
+    Args:
+        every: All frames.
+        settings: As of `find_shape`.
+
+    Raises:
+        InputError: The poses bound no shape.
+    """
     _, radius, corners = outer_hull(every, settings)
     seen = every.chosen(different(every, settings))
     seen = seen.chosen(seen.height - (seen.down @ corners.T).max(axis=1) < settings.near_rel * radius)
     drawn = seen.chosen(evenly(len(seen.height), settings.most_frames))
-    start = _merged(corners, settings.merge_rel * radius)
+    start = merged(corners, settings.merge_rel * radius)
     fits = [fit_vertices(drawn, start, np.zeros(3), settings, gap=settings.first_gap)]
     while len(fits[-1].vertices) > 4:
         fits.append(_with_fewer(drawn, fits[-1], settings))
@@ -205,8 +233,13 @@ def _without_hovering(spaces: HalfSpaces, fit: Fit, settings: ShapeSettings) -> 
     return fit_vertices(spaces, fit.vertices, np.zeros(3), replace(settings, gap=narrow), gap=settings.gap, level=True)
 
 
-def _merged(points: Array, distance: float) -> Array:
-    """Means of clusters of points, which lie farther apart than a distance (average linkage)."""
+def merged(points: Array, distance: float) -> Array:
+    """Means of clusters of points, which lie farther apart than a distance (average linkage).
+
+    Args:
+        points: (n, 3), two or more [m].
+        distance: Between clusters [m].
+    """
     label = fcluster(linkage(points, "average"), distance, "distance") - 1
     count = np.bincount(label)
     return np.column_stack([np.bincount(label, points[:, i]) / count for i in range(3)])
@@ -241,8 +274,14 @@ def _fewest(spaces: HalfSpaces, fits: Sequence[Fit], settings: ShapeSettings) ->
     return min(fits, key=lambda fit: fit.loss / scale + price * len(fit.vertices))
 
 
-def _price(spaces: HalfSpaces, fit: Fit, settings: ShapeSettings) -> tuple[float, float]:
-    """Scale of a fit's loss and price of a number of it, for the Bayesian information criterion."""
+def price_of(spaces: HalfSpaces, fit: Fit, settings: ShapeSettings) -> tuple[float, float]:
+    """Scale of a fit's loss and price of a number of it, for the Bayesian information criterion.
+
+    Args:
+        spaces: Frames near the ground.
+        fit: To them.
+        settings: Noise, and what is a contact.
+    """
     touches = (np.abs(fit.gap) < settings.contact_gap) & ~spaces.free
     spread = 1.4826 * float(np.median(np.abs(fit.gap[touches]))) if touches.any() else settings.noise
     return max(1.0, (spread / settings.noise) ** 2), float(np.log(max(2, touches.sum())))
@@ -250,7 +289,7 @@ def _price(spaces: HalfSpaces, fit: Fit, settings: ShapeSettings) -> tuple[float
 
 def _rounder(spaces: HalfSpaces, sharp: Fit, hull: Array, settings: ShapeSettings) -> RoundShape | None:
     """The round shape that explains the frames better than the polytope does; None where none does."""
-    scale, price = _price(spaces, sharp, settings)
+    scale, price = price_of(spaces, sharp, settings)
     best, least = None, sharp.loss / scale + 3 * len(sharp.vertices) * price
     drawn = spaces.chosen(evenly(len(spaces.height), settings.round_frames))
     thinned = len(spaces.height) / len(drawn.height)

@@ -109,6 +109,24 @@ def hull_within(spaces: HalfSpaces, inside: Array, reach: float) -> Array:
     return _vertices(np.concatenate([around.down, box]), bounds, inside)
 
 
+def hull_in_box(spaces: HalfSpaces, axes: Array, low: Array, high: Array) -> Array:
+    """Vertices (m, 3) of the intersection of half-spaces and a box [m].
+
+    Args:
+        spaces: Any number that the middle of the box lies inside of; others are left out.
+        axes: (3, 3) rows are the box's axes in the body's frame, unit.
+        low: (3,) where it begins along each [m].
+        high: (3,) where it ends [m].
+
+    Raises:
+        InputError: There is no intersection.
+    """
+    inside = axes.T @ (0.5 * (low + high))
+    around = spaces.chosen(spaces.height - spaces.down @ inside > 0)
+    bounds = np.concatenate([around.height, high, -low])
+    return _vertices(np.concatenate([around.down, axes, -axes]), bounds, inside)
+
+
 def _vertices(normals: Array, bounds: Array, inside: Array) -> Array:
     """Vertices of {x : normals · x ≤ bounds}, given a point inside."""
     try:

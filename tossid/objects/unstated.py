@@ -1,38 +1,64 @@
-"""The object of a recording of which nothing is stated: one rigid body without a shape."""
+"""The object of a recording of which nothing is stated: one rigid body, or two on a hinge, without a shape."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tossid.errors import InputError
 from tossid.objects.model import JointType, ObjectModel
 
 UNKNOWN = "unknown"
-"""What such an object is called."""
+"""What such an object, and its first body, is called."""
+LINK = "link_2"
+"""What its second body is called."""
 
 
-def unstated_object(*, com: ArrayLike = (0.0, 0.0, 0.0), gyration: float = 0.05) -> ObjectModel:
-    """One rigid body without corners, in whatever frame the tracker gave it; `ObjectModel.is_stated` is false.
+class Hinge(NamedTuple):
+    """A hinge between two links.
 
-    Its mass of 1 kg and its size stand for nothing.
+    Attributes:
+        body_pos: (3,) origin of link 2's frame in link 1's at angle zero [m].
+        body_quat: (4,) orientation of link 2's frame in link 1's at angle zero.
+        pos: (3,) a point of the axis in link 2's frame [m].
+        axis: (3,) the axis in link 2's frame, unit.
+    """
+
+    body_pos: NDArray[np.float64]
+    body_quat: NDArray[np.float64]
+    pos: NDArray[np.float64]
+    axis: NDArray[np.float64]
+
+
+def unstated_object(
+    *, com: ArrayLike = (0.0, 0.0, 0.0), gyration: float = 0.05, hinge: Hinge | None = None
+) -> ObjectModel:
+    """One rigid body, or two on a hinge, without corners; `ObjectModel.is_stated` is false.
+
+    Frames are those that the tracker gave. Its mass of 1 kg, half of it in each link, and its size stand for nothing.
 
     Args:
-        com: Centre of mass, where motion has shown it [m].
+        com: Centre of mass of each body, where motion has shown it [m].
         gyration: Radius that compares spins with speeds [m].
+        hinge: Of two links.
     """
+    n = 1 if hinge is None else 2
+    zero, unit = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+    pos, quat, joint_pos, axis = (zero, unit, zero, zero) if hinge is None else hinge
     return ObjectModel(
         name=UNKNOWN,
-        body_names=(UNKNOWN,),
-        parent=np.array([-1]),
-        joint_type=np.array([int(JointType.FREE)]),
-        joint_pos=np.zeros((1, 3)),
-        joint_axis=np.zeros((1, 3)),
-        body_pos=np.zeros((1, 3)),
-        body_quat=np.array([[1.0, 0.0, 0.0, 0.0]]),
-        mass=np.ones(1),
-        com=np.array(com, dtype=float).reshape(1, 3),
-        inertia=gyration**2 * np.eye(3)[None],
+        body_names=(UNKNOWN, LINK)[:n],
+        parent=np.array([-1, 0])[:n],
+        joint_type=np.array([int(JointType.FREE), int(JointType.HINGE)])[:n],
+        joint_pos=np.array([zero, joint_pos])[:n],
+        joint_axis=np.array([zero, axis])[:n],
+        body_pos=np.array([zero, pos])[:n],
+        body_quat=np.array([unit, quat])[:n],
+        mass=np.full(n, 1 / n),
+        com=np.broadcast_to(np.asarray(com, dtype=float), (n, 3)).copy(),
+        inertia=np.tile(gyration**2 / n * np.eye(3), (n, 1, 1)),
         corner_body=np.zeros(0, dtype=np.int64),
         corner_pos=np.zeros((0, 3)),
         friction=0.0,
@@ -41,6 +67,24 @@ def unstated_object(*, com: ArrayLike = (0.0, 0.0, 0.0), gyration: float = 0.05)
         tags=(),
         mjcf="",
     )
+
+
+def hinge_of(model: ObjectModel) -> Hinge | None:
+    """The hinge between an object's two links; None of one rigid body.
+
+    Args:
+        model: The object.
+
+    Raises:
+        InputError: It has other joints.
+    """
+    if not model.n_joints:
+        return None
+    if model.n_joints > 1 or model.joint_type[1] != JointType.HINGE:
+        raise InputError(
+            f"an unknown object is one rigid body or two links on a hinge; '{model.name}' has other joints"
+        )
+    return Hinge(model.body_pos[1], model.body_quat[1], model.joint_pos[1], model.joint_axis[1])
 
 
 def need_stated(model: ObjectModel, what: str) -> None:

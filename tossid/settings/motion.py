@@ -158,6 +158,28 @@ class MeasurementSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class HingeSettings:
+    """What is a hinge between two tracked links (`tossid.motion.hinge`)."""
+
+    iterations: Count = 6
+    """reweightings"""
+    huber: Positive = 3.0
+    """residual, in medians over frames, from which a frame counts less"""
+    least_spread: Positive = 0.1
+    """circular standard deviation of the angle below which the joint does not move [rad]"""
+    judged: Fraction = 0.8
+    """share of the frames in which a hinge keeps the next two limits"""
+    most_tilt: Positive = 0.05
+    """largest angle between the axis as either link carries it [rad]"""
+    most_offset: Positive = 4e-3
+    """largest distance between the point as either link carries it [m]"""
+    least_angle_noise: Positive = 1e-5
+    """smallest standard deviation of rotations that weighs them [rad]"""
+    least_noise: Positive = 1e-6
+    """smallest standard deviation of positions that weighs them [m]"""
+
+
+@dataclass(frozen=True, kw_only=True)
 class FreeFallSettings:
     """Which frames are free fall, for the centre of mass and gravity of an unknown body (`tossid.motion.free_fall`)."""
 

@@ -6,7 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tossid.settings.kinds import Checked, Count, Except, Fraction, NonNegative, Positive, advanced, advanced_part
+from tossid.settings.kinds import (
+    Bounds,
+    Checked,
+    Count,
+    Except,
+    Fraction,
+    NonNegative,
+    Positive,
+    advanced,
+    advanced_part,
+)
 from tossid.settings.limits import Friction, Length, Mass, Restitution
 
 
@@ -109,12 +119,14 @@ class EvidenceSettings(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class UnknownObjectSettings(Checked):
-    """A rigid body of which nothing is stated but its mass."""
+    """A rigid body, or two links on a hinge, of which nothing is stated but the mass."""
 
     name: Literal["unknown"] = "unknown"
     """nothing is stated but the mass"""
     mass: Mass = 1.0
-    """its mass [kg]; tosses show ratios of masses only"""
+    """its whole mass [kg]; tosses show ratios of masses only"""
+    links: Annotated[int, Bounds(low=1, high=2)] = 1
+    """rigid bodies of which it consists: 1, or 2 on a hinge, whose poses are tracked each"""
     friction: Friction = 0.3
     """Coulomb friction that training starts from"""
     sure: NonNegative = advanced(3e-4)

@@ -23,13 +23,13 @@ KEPT = 1024
 DEFAULT_LIMITS = ImportLimits()
 
 
-def files_of(folder: Path, suffix: str, *, but_not: str | None = None) -> list[Path]:
+def files_of(folder: Path, suffix: str, *, but_not: tuple[str, ...] = ()) -> list[Path]:
     """The files of a folder that end with a suffix, 2 before 10.
 
     Args:
         folder: Where they lie.
         suffix: End of their names.
-        but_not: Longer suffix of files to leave out.
+        but_not: Longer suffixes of files to leave out.
 
     Returns:
         Their paths, at least one.
@@ -41,8 +41,7 @@ def files_of(folder: Path, suffix: str, *, but_not: str | None = None) -> list[P
     if not folder.is_dir():
         raise FileError(folder, f"no such folder; expected a folder of *{suffix} files, one a toss")
     found = [path for path in folder.iterdir() if path.name.endswith(suffix) and path.is_file()]
-    if but_not is not None:
-        found = [path for path in found if not path.name.endswith(but_not)]
+    found = [path for path in found if not path.name.endswith(but_not)]
     if not found:
         raise FileError(folder, f"holds no *{suffix} file; expected one a toss")
     return sorted(found, key=lambda path: natural_key(path.name))

@@ -15,7 +15,7 @@ import numpy as np
 from tossid import budget
 from tossid.errors import FileError, MotionError, ObjectError
 from tossid.objects import ObjectModel, unstated_object
-from tossid.objects.unstated import UNKNOWN
+from tossid.objects.unstated import UNKNOWN, Hinge
 from tossid.store.dataset import Dataset
 from tossid.store.hashing import file_sha256
 from tossid.store.heaps import check_heaps
@@ -232,11 +232,13 @@ def _checked_members(
 
 
 def _read_object(path: Path, group: h5py.Group) -> ObjectModel:
-    refuse_strangers(path, group, {"mjcf", "tags"})
-    if not len(group) and attribute(path, group, "name", str) == UNKNOWN:
-        unstated = unstated_object()
+    refuse_strangers(path, group, {"mjcf", "tags", "hinge"})
+    if set(group) <= {"hinge"} and attribute(path, group, "name", str) == UNKNOWN:
+        unstated = unstated_object(hinge=_read_hinge(path, group) if "hinge" in group else None)
         if (attribute(path, group, "nq", int), attribute(path, group, "nv", int)) != (unstated.nq, unstated.nv):
-            raise FileError(path, f"/object is '{UNKNOWN}', one rigid body; the attributes nq and nv say otherwise")
+            raise FileError(
+                path, f"/object is '{UNKNOWN}' with {unstated.n_joints} hinges; the attributes nq and nv say otherwise"
+            )
         return unstated
     stored = child(path, group, "mjcf", h5py.Dataset)
     check_stored(path, stored, np.dtype("|u1"), (None,))
@@ -263,6 +265,17 @@ def _read_object(path: Path, group: h5py.Group) -> ObjectModel:
     if (model.nq, model.nv) != (attribute(path, group, "nq", int), attribute(path, group, "nv", int)):
         raise FileError(path, f"/object/mjcf has {model.n_joints} joints, the attributes nq and nv say otherwise")
     return model
+
+
+def _read_hinge(path: Path, group: h5py.Group) -> Hinge:
+    data = child(path, group, "hinge", h5py.Dataset)
+    check_stored(path, data, np.dtype("<f8"), (13,))
+    values = data[()]
+    hinge = Hinge(*np.split(values, [3, 7, 10]))
+    unit = all(abs(np.linalg.norm(part) - 1) < 1e-6 for part in (hinge.body_quat, hinge.axis))
+    if not np.isfinite(values).all() or not unit:
+        raise FileError(path, "/object/hinge is no hinge: not finite, or its quaternion or axis is not of length 1")
+    return hinge
 
 
 def _read_provenance(path: Path, group: h5py.Group) -> dict[str, Any]:

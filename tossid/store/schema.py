@@ -58,6 +58,9 @@ HEADERS = 1 << 20
 """Bytes of HDF5's headers, as they lie in the file, that stay in memory, where they take some ten times as much. HDF5's
 own limit is 32 MiB."""
 
+HINGE_MEANING = "link 2 in link 1 at angle zero: position, quaternion wxyz; in link 2: a point of the axis, the axis"
+"""Of the array `/object/hinge` (13,) of two links of which nothing else is stated."""
+
 TAG_DTYPE = np.dtype([("id", "<i8"), ("body", "<i8"), ("size_m", "<f8"), ("T_body_tag", "<f8", (4, 4))])
 
 

@@ -12,10 +12,21 @@ import numpy as np
 
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
+from tossid.objects.unstated import hinge_of
 from tossid.outputs import output_stream
 from tossid.store.dataset import Dataset
 from tossid.store.object_text import text_of_model
-from tossid.store.schema import CONTACT_LAW, FRAMES, MAX_ATTRIBUTE_TEXT, MEMBERS, SCHEMA, TAG_DTYPE, frugal, plain
+from tossid.store.schema import (
+    CONTACT_LAW,
+    FRAMES,
+    HINGE_MEANING,
+    MAX_ATTRIBUTE_TEXT,
+    MEMBERS,
+    SCHEMA,
+    TAG_DTYPE,
+    frugal,
+    plain,
+)
 from tossid.store.sessions import write_order
 from tossid.types import Phase, RecordingOrder, Toss
 
@@ -226,6 +237,10 @@ def _write_object(group: h5py.Group, model: ObjectModel, text: str | None) -> No
     group.attrs["name"] = model.name
     if text is None:
         group.attrs["nq"], group.attrs["nv"] = model.nq, model.nv
+        hinge = hinge_of(model)
+        if hinge is not None:
+            made = _put(group, "hinge", np.concatenate(hinge))
+            made.attrs["unit"], made.attrs["meaning"] = "m, 1, m, 1", HINGE_MEANING
         return
     group.attrs["friction"], group.attrs["restitution"] = float(model.friction), float(model.restitution)
     for name in CONTACT_LAW:

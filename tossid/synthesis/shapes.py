@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -144,12 +144,7 @@ def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedSh
     spec.option.timestep = settings.step
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10
-    law = {
-        "friction": [settings.friction, 0, 0],
-        "condim": 3,
-        "solref": [2 * settings.step, RIGID_DAMPING],
-        "solimp": list(RIGID_SOLIMP),
-    }
+    law = contact_law(settings)
     for key, value in law.items():
         setattr(spec.geoms[0], key, value)
     spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **law)
@@ -170,11 +165,21 @@ def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedSh
     object_ = _object(name, body, model, inertia, settings)
     releases = [_release(hull, rng, settings) for _ in range(settings.tosses)]
     if settings.engine == "lcp":
-        truth = _by_lcp(object_, releases, settings)
+        truth = by_lcp(object_, releases, settings)
     else:
-        truth = tuple(_toss(model, q, v, f"{i:03d}", settings) for i, (q, v) in enumerate(releases))
-    tracks = tuple(_noisy(track, rng, settings) for track in truth)
+        truth = tuple(toss_from(model, q, v, f"{i:03d}", settings) for i, (q, v) in enumerate(releases))
+    tracks = tuple(noisy(track, rng, settings) for track in truth)
     return TossedShape(name, tracks, truth, hull, object_)
+
+
+def contact_law(settings: ShapeTossSettings) -> dict[str, Any]:
+    """Attributes of MuJoCo's geoms with which contact is near rigid."""
+    return {
+        "friction": [settings.friction, 0, 0],
+        "condim": 3,
+        "solref": [2 * settings.step, RIGID_DAMPING],
+        "solimp": list(RIGID_SOLIMP),
+    }
 
 
 def _object(name: str, mjcf: str, model: mujoco.MjModel, inertia: Array, settings: ShapeTossSettings) -> ObjectModel:
@@ -202,8 +207,16 @@ def _release(hull: Array, rng: np.random.Generator, settings: ShapeTossSettings)
     return q, v
 
 
-def _toss(model: mujoco.MjModel, q0: Array, v0: Array, name: str, settings: ShapeTossSettings) -> PoseTrack:
-    """A toss from the air to rest, or to the longest time."""
+def toss_from(model: mujoco.MjModel, q0: Array, v0: Array, name: str, settings: ShapeTossSettings) -> PoseTrack:
+    """A toss from the air to rest, or to the longest time.
+
+    Args:
+        model: MuJoCo's.
+        q0: First configuration, (nq,).
+        v0: First velocity, (nv,).
+        name: Of the toss.
+        settings: Its rate and length.
+    """
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = q0, v0
     per_frame, q, still = 1 / settings.rate_hz, [data.qpos.copy()], 0
@@ -216,10 +229,16 @@ def _toss(model: mujoco.MjModel, q0: Array, v0: Array, name: str, settings: Shap
     return PoseTrack(name, np.arange(len(q)) * steps * model.opt.timestep, np.array(q))
 
 
-def _by_lcp(
+def by_lcp(
     model: ObjectModel, releases: list[tuple[Array, Array]], settings: ShapeTossSettings
 ) -> tuple[PoseTrack, ...]:
-    """The same tosses by tossid's own time stepping, whose contact is rigid and whose friction is Coulomb's."""
+    """The same tosses by tossid's own time stepping, whose contact is rigid and whose friction is Coulomb's.
+
+    Args:
+        model: The object.
+        releases: First configuration (nq,) and velocity (nv,) of each.
+        settings: Their rate and length.
+    """
     q0, v0 = (np.array(part) for part in zip(*releases, strict=True))
     system = make_system(model)
     dt, n = round(1 / settings.rate_hz / settings.step) * settings.step, settings.frames - 1  # as of MuJoCo's frames
@@ -232,7 +251,14 @@ def _by_lcp(
     return tuple(tracks)
 
 
-def _noisy(track: PoseTrack, rng: np.random.Generator, settings: ShapeTossSettings) -> PoseTrack:
+def noisy(track: PoseTrack, rng: np.random.Generator, settings: ShapeTossSettings) -> PoseTrack:
+    """A rigid body's track with a tracker's noise.
+
+    Args:
+        track: (n, 7).
+        rng: Draws the noise.
+        settings: Its size.
+    """
     q = track.q.copy()
     q[:, :3] += settings.noise * rng.normal(size=(len(q), 3))
     q[:, 3:7] = quat_mul(q[:, 3:7], quat_exp(settings.noise_rad * rng.normal(size=(len(q), 3))))

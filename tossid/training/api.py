@@ -130,6 +130,10 @@ def fit_model(
     learned, true = fit.model.learned_object(), fit.true_tosses
     if fit.model.mechanics() is not None:
         seen = seen_corners(learned, true, fit.settings.restarts.evidence)
+        if (
+            fit.shown is not None and learned.n_joints
+        ):  # what another link keeps off the ground comes near it all the same
+            seen &= np.concatenate([shape.frames > 0 for shape in fit.shown.shapes])
         scale = fit.model.measurement.length_scale
         parameters["geometry"] = geometry_report(learned, seen, length_scale=scale, way=fit.way)
         parameters["convergence"] = convergence(learned, fit.evidence, history, fit.restarts, fit.settings)
@@ -159,7 +163,7 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
     train, validation = training_tosses(dataset, settings)
     # no held-out toss takes part; where tosses are rationed, only those that are learned from do
     looked_at = (*train, *validation) if settings.tosses is None else train
-    shown = None if settings.object is None else unknown_object(looked_at, settings.object)
+    shown = None if settings.object is None else unknown_object(looked_at, settings.object, tree=dataset.object)
     start, asked = dataset.object if shown is None else shown.object, settings.model
     if shown is not None and settings.object is not None:
         settings = replace(settings, model=keeping(settings.model, shown.kept(settings.object)))

@@ -97,7 +97,7 @@ class Fit:
         self._tosses = (tuple(true(toss) for toss in train), tuple(true(toss) for toss in validation))
         self.evidence: ShapeEvidence | str = "a round shape is not held against the hull of its frames"
         if model.object.roundness is None:
-            known = None if shown is None else shown.shape
+            known = None if shown is None else shown.shapes[0]
             self.evidence = evidence_of(self._tosses[0], self.settings.restarts, shape=known)
         self.restarts: list[Restart] = []
         self.way = [model.learned_object().corner_pos.tolist()]

@@ -3,6 +3,10 @@
 The shape comes from the half-spaces that frames bound (`tossid.objects.convex_shape`), the centre of mass from free
 fall (`tossid.motion.free_fall`), inertia and friction from the balance of momentum (`tossid.motion.momentum`) where it
 determines them; where not, the inertia is that of an evenly filled shape. Training refines what is not sure.
+
+Of two links on a hinge, each has a shape, and flight shows the parts of their common centre of mass
+(`tossid.motion.links`). The mass ratio, on which no motion depends, is that of the volumes; inertia starts from evenly
+filled shapes and friction from the stated value.
 """
 
 from __future__ import annotations
@@ -11,20 +15,33 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.motion.free_fall import FreeFall, free_fall
+from tossid.motion.links import body_tracks, com_of_moments, determined, moments_of_com
 from tossid.motion.momentum.estimate import Momentum, momentum_balance
 from tossid.motion.parabola import find_parabola
-from tossid.objects import GRAVITY, JointType, ObjectModel, to_mjcf
+from tossid.objects import GRAVITY, ObjectModel, to_mjcf, unstated_object
 from tossid.objects.convex_shape import ConvexShape, find_shape
 from tossid.objects.half_spaces import half_spaces
+from tossid.objects.linked_shapes import contacts_alone, find_linked_shapes
+from tossid.objects.unstated import hinge_of
+from tossid.rotations import quat_rotate
 from tossid.settings.objects import UnknownObjectSettings
 from tossid.types import Phase, PoseTrack, Toss
 
 DISAGREEMENT = 1e-3
 """Height of the ground that the contacts of a polytope ask for, though it is z = 0, from which on its corners are not
 sure, whatever their standard error [m]: edges are round, or the recording has errors that do not average out."""
+ASSUMED = (
+    "mass ratio: that of the volumes (no motion depends on it)",
+    "centres of mass along the hinge: as nearly in the middle of the shapes as flight lets them be",
+    "inertia: evenly filled shapes, where training starts",
+    "friction: where training starts",
+    "corners without contacts: within the extent of the others",
+)
+"""What no toss has shown of two links, before training."""
 
 
 class UnknownObject(NamedTuple):
@@ -32,16 +49,18 @@ class UnknownObject(NamedTuple):
 
     Attributes:
         object: The start for training.
-        shape: Its corners with their certainty, and where it may reach further.
+        shapes: Of each link: its corners with their certainty, and where it may reach further.
+        alone: How many contacts show each corner of each link while no other link touches.
         fall: Its centre of mass and gravity.
-        momentum: Its inertia and friction.
+        momentum: Its inertia and friction; None of two links.
         off: How far the shape is above the ground at the end of each toss that rests elsewhere, by the toss's name [m].
     """
 
     object: ObjectModel
-    shape: ConvexShape
+    shapes: tuple[ConvexShape, ...]
+    alone: tuple[NDArray[np.int64], ...]
     fall: FreeFall
-    momentum: Momentum
+    momentum: Momentum | None
     off: Mapping[str, float]
 
     def kept(self, settings: UnknownObjectSettings) -> dict[str, bool]:
@@ -50,106 +69,166 @@ class UnknownObject(NamedTuple):
         Args:
             settings: The largest standard errors of what is kept.
         """
-        agrees = abs(self.shape.ground[0]) < DISAGREEMENT
-        corners = self.shape.roundness is not None or (self.shape.deviation.max() < settings.sure and agrees)
         com = self.fall.com_deviation.max() < settings.sure
-        sure = {
-            "learn_geometry": corners,
-            "learn_com": com,
-            "learn_inertia": com and self.momentum.inertia_deviation < settings.sure_inertia,
-            "learn_friction": self.momentum.friction_deviation < settings.sure_friction,
-        }
+        sure = {"learn_geometry": all(_is_sure(shape, settings) for shape in self.shapes), "learn_com": com}
+        if self.momentum is not None:
+            sure["learn_inertia"] = com and self.momentum.inertia_deviation < settings.sure_inertia
+            sure["learn_friction"] = self.momentum.friction_deviation < settings.sure_friction
         return {name: False for name, is_sure in sure.items() if is_sure}
 
     def as_json(self) -> dict[str, Any]:
         """What was shown before training, with units in the names.
 
         `corners_m` are where training starts; `contacts` says how many different contacts show each of them, and
-        `corner_deviation_m` how sure it is. `unseen_m` are points that the object may reach and no contact decides.
+        `corner_deviation_m` how sure it is. `unseen_m` are points that the object may reach and no contact decides. Of
+        two links, these are in an entry a link under `links`, with `contacts_alone`: contacts while the other link is
+        off the ground. `assumed` then names what no toss has shown.
         """
-        shape, fall = self.shape, self.fall
+        fall, momentum = self.fall, self.momentum
+        links = [_link_json(*each) for each in zip(self.shapes, self.alone, strict=True)]
+        ground = np.mean([shape.ground for shape in self.shapes], axis=0)
+        if momentum is None:
+            own: dict[str, Any] = {
+                "shape": f"{len(links)} links",
+                "links": links,
+                "com_parts_m": fall.com.round(6).tolist(),
+                "com_parts_deviation_m": fall.com_deviation.round(6).tolist(),
+                "com_m": self.object.com.round(6).tolist(),
+                "assumed": ASSUMED,
+            }
+        else:
+            own = {
+                **{name: value for name, value in links[0].items() if name != "contacts_alone"},
+                "com_m": fall.com[0].round(6).tolist(),
+                "com_deviation_m": fall.com_deviation[0].round(6).tolist(),
+                "inertia_deviation_rel": momentum.inertia_deviation,
+                "friction": momentum.friction,
+                "friction_deviation": None if momentum.friction is None else momentum.friction_deviation,
+            }
         return {
-            "shape": shape.kind,
-            "corners_m": shape.vertices.round(6).tolist(),
-            "corner_deviation_m": [None if np.isinf(sd) else round(float(sd), 6) for sd in shape.deviation],
-            "contacts": shape.frames.tolist(),
-            "unseen_m": shape.unseen.round(6).tolist(),
-            "misfit_m": shape.misfit,
+            **own,
             "rest_off_ground_m": dict(self.off),
-            "ground_height_m": float(shape.ground[0]),
-            "ground_slope": shape.ground[1:].round(6).tolist(),
-            "com_m": fall.com.round(6).tolist(),
-            "com_deviation_m": fall.com_deviation.round(6).tolist(),
+            "ground_height_m": float(ground[0]),
+            "ground_slope": ground[1:].round(6).tolist(),
             "gravity_ms2": fall.gravity,
             "gravity_deviation_ms2": fall.gravity_deviation,
-            "mean_width_m": shape.mean_width,
-            "inertia_deviation_rel": self.momentum.inertia_deviation,
-            "friction": self.momentum.friction,
-            "friction_deviation": None if self.momentum.friction is None else self.momentum.friction_deviation,
+            "mean_width_m": self.object.width,
         }
 
 
 def unknown_object(
-    tosses: Sequence[Toss], settings: UnknownObjectSettings = UnknownObjectSettings(), *, gravity: float = GRAVITY
+    tosses: Sequence[Toss],
+    settings: UnknownObjectSettings = UnknownObjectSettings(),
+    *,
+    tree: ObjectModel | None = None,
+    gravity: float = GRAVITY,
 ) -> UnknownObject:
     """The object that tosses show, with nothing stated but its mass.
 
     Args:
-        tosses: Of one rigid body, in any body frame, over the ground z = 0.
-        settings: The mass, and the friction to start from.
+        tosses: Of one rigid body, or of two links on a hinge, in any body frames, over the ground z = 0.
+        settings: The mass, the number of links, and the friction to start from.
+        tree: The dataset's object. Of two links its hinge is taken, which the tosses' angles are about; nothing else.
         gravity: By which flight is told from contact [m/s²].
 
     Raises:
         InputError: The tosses show no shape (too few sides, no contact), not one shape (the body's frame jumps), or no
-            centre of mass (no flight), or the body has joints.
+            centre of mass (no flight), or the number of links is another.
     """
-    if tosses[0].q.shape[1] != 7:
-        raise InputError("object=unknown is for one rigid body; these tosses have joints")
-    flying = find_parabola([PoseTrack(toss.name, toss.t, toss.q) for toss in tosses], gravity=gravity)
-    shape = find_shape(tosses, settings.shape, flying=[flying.flying(toss.t, toss.q) for toss in tosses])
-    off = _off_ground(tosses, shape, settings)
-    fall = free_fall(tosses, lambda toss: _clearance(toss, shape))
-    _, _, inertia = shape.solid()
-    model = ObjectModel(
-        name=settings.name,
-        body_names=(settings.name,),
-        parent=np.array([-1]),
-        joint_type=np.array([int(JointType.FREE)]),
-        joint_pos=np.zeros((1, 3)),
-        joint_axis=np.zeros((1, 3)),
-        body_pos=np.zeros((1, 3)),
-        body_quat=np.array([[1.0, 0.0, 0.0, 0.0]]),
-        mass=np.array([settings.mass]),
-        com=fall.com[None],
-        inertia=settings.mass * inertia[None],
-        corner_body=np.zeros(len(shape.corners), dtype=np.int64),
-        corner_pos=shape.corners,
-        roundness=shape.roundness,
-        friction=settings.friction,
-        restitution=0.0,
-        width=shape.mean_width,
-        tags=(),
-        mjcf="",
-    )
+    hinge = None if tree is None else hinge_of(tree)
+    tree = unstated_object(hinge=hinge)
+    if tosses[0].q.shape[1] != tree.nq or tree.n_bodies != settings.links:
+        kind = "one rigid body" if settings.links == 1 else "two links on a hinge"
+        raise InputError(f"object.links={settings.links} is {kind}; joints of these tosses: {tosses[0].q.shape[1] - 7}")
+    flying = find_parabola([PoseTrack(toss.name, toss.t, toss.q) for toss in tosses], tree, gravity=gravity)
+    free = {toss.name: flying.flying(toss.t, toss.q) for toss in tosses}
+    shapes, alone = _shapes(tosses, tree, [free[toss.name] for toss in tosses], settings)
+    off = _off_ground(tosses, tree, shapes, settings)
+
+    def clearance(toss: Toss) -> NDArray[np.float64]:
+        """Of links, whatever does not fall is left out: stretches above the ground hold hands and lost angles."""
+        height = _clearance(toss, tree, shapes)
+        return np.where(free[toss.name], height, 0.0) if tree.n_joints else height
+
+    fall = free_fall(tosses, tree, clearance)
+    model = _filled(tree, shapes, fall, settings)
+    if model.n_joints:
+        return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shapes, alone, fall, None, off)
     momentum = momentum_balance(tosses, model, gravity=fall.gravity)
     if momentum.inertia_deviation < settings.sure_inertia:
         model = model.with_changes(inertia=momentum.inertia[None])
     if momentum.friction is not None and momentum.friction_deviation < settings.sure_friction:
         model = model.with_changes(friction=momentum.friction)
-    return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shape, fall, momentum, off)
+    return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shapes, alone, fall, momentum, off)
 
 
-def rest_heights(tosses: Sequence[Toss], shape: ConvexShape) -> dict[str, float]:
-    """Height of a shape's lowest point at the end of each toss that has come to rest, by the toss's name [m].
+def _shapes(
+    tosses: Sequence[Toss], tree: ObjectModel, flying: Sequence[NDArray[np.bool_]], settings: UnknownObjectSettings
+) -> tuple[tuple[ConvexShape, ...], tuple[NDArray[np.int64], ...]]:
+    """The shape of each link, and how many contacts show each of its corners alone."""
+    if not tree.n_joints:
+        shape = find_shape(tosses, settings.shape, flying=flying)
+        return (shape,), (shape.frames,)
+    links = body_tracks(tree, tosses)
+    axes = [quat_rotate(tree.body_quat[1], tree.joint_axis[1]), tree.joint_axis[1]]
+    shapes = find_linked_shapes(links, axes, settings.shape, flying=flying)
+    return shapes, tuple(contacts_alone(links, shapes, settings.shape))
+
+
+def _filled(
+    tree: ObjectModel, shapes: Sequence[ConvexShape], fall: FreeFall, settings: UnknownObjectSettings
+) -> ObjectModel:
+    """The object as flight and evenly filled shapes have it; of links, mass goes by volume."""
+    volume, middle, inertia = (np.array(part) for part in zip(*(shape.solid() for shape in shapes), strict=True))
+    mass, free = settings.mass * volume / volume.sum(), determined(tree)
+    parts = moments_of_com(tree, middle, mass)
+    parts += ((fall.com - parts).ravel() @ free @ free.T).reshape(-1, 3)
+    return tree.with_changes(
+        name=settings.name,
+        mass=mass,
+        com=com_of_moments(tree, parts, mass),
+        inertia=mass[:, None, None] * inertia,
+        corner_body=np.repeat(np.arange(len(shapes)), [len(shape.corners) for shape in shapes]),
+        corner_pos=np.concatenate([shape.corners for shape in shapes]),
+        roundness=shapes[0].roundness,
+        friction=settings.friction,
+        width=shapes[0].mean_width,
+    )
+
+
+def _is_sure(shape: ConvexShape, settings: UnknownObjectSettings) -> bool:
+    """Whether corners stay: those of a link that no contact shows cannot be learned either."""
+    agrees = abs(shape.ground[0]) < DISAGREEMENT
+    shown = shape.deviation[shape.frames > 0] if settings.links > 1 else shape.deviation
+    return shape.roundness is not None or bool(shown.max() < settings.sure and agrees)
+
+
+def _link_json(shape: ConvexShape, alone: NDArray[np.int64]) -> dict[str, Any]:
+    return {
+        "shape": shape.kind,
+        "corners_m": shape.vertices.round(6).tolist(),
+        "corner_deviation_m": [None if np.isinf(sd) else round(float(sd), 6) for sd in shape.deviation],
+        "contacts": shape.frames.tolist(),
+        "contacts_alone": alone.tolist(),
+        "unseen_m": shape.unseen.round(6).tolist(),
+        "misfit_m": shape.misfit,
+    }
+
+
+def rest_heights(tosses: Sequence[Toss], tree: ObjectModel, shapes: Sequence[ConvexShape]) -> dict[str, float]:
+    """Height of an object's lowest point at the end of each toss that has come to rest, by the toss's name [m].
 
     Args:
-        tosses: Of one rigid body, over the ground z = 0.
-        shape: Its shape.
+        tosses: Of one rigid body, or of two links on a hinge, over the ground z = 0.
+        tree: The body, or the links and their hinge.
+        shapes: Of each link.
     """
-    return {toss.name: float(_clearance(toss, shape)[-1]) for toss in tosses if toss.phase[-1] == Phase.REST}
+    return {toss.name: float(_clearance(toss, tree, shapes)[-1]) for toss in tosses if toss.phase[-1] == Phase.REST}
 
 
-def _off_ground(tosses: Sequence[Toss], shape: ConvexShape, settings: UnknownObjectSettings) -> dict[str, float]:
+def _off_ground(
+    tosses: Sequence[Toss], tree: ObjectModel, shapes: Sequence[ConvexShape], settings: UnknownObjectSettings
+) -> dict[str, float]:
     """Height of the shape at the end of each toss that comes to rest well above or below the ground [m].
 
     Of a body frame that jumps between tosses, the half-spaces hold what both positions of the object share. So some of
@@ -158,8 +237,8 @@ def _off_ground(tosses: Sequence[Toss], shape: ConvexShape, settings: UnknownObj
     Raises:
         InputError: Too many do.
     """
-    height = rest_heights(tosses, shape)
-    off = {name: z for name, z in height.items() if abs(z) > settings.rest_off_rel * shape.mean_width}
+    height = rest_heights(tosses, tree, shapes)
+    off = {name: z for name, z in height.items() if abs(z) > settings.rest_off_rel * shapes[0].mean_width}
     if len(off) > max(1, settings.most_rest_off * len(height)):
         worst = 1e3 * max(map(abs, off.values()))
         raise InputError(
@@ -170,7 +249,8 @@ def _off_ground(tosses: Sequence[Toss], shape: ConvexShape, settings: UnknownObj
     return off
 
 
-def _clearance(toss: Toss, shape: ConvexShape) -> np.ndarray:
-    """Height of the shape's lowest point in each frame [m], (n,)."""
-    spaces = half_spaces([toss])
-    return np.asarray(spaces.height - shape.reach(spaces.down))
+def _clearance(toss: Toss, tree: ObjectModel, shapes: Sequence[ConvexShape]) -> np.ndarray:
+    """Height of the lowest point of all links in each frame [m], (n,)."""
+    each = [half_spaces(link) for link in body_tracks(tree, [toss])]
+    gaps = [spaces.height - shape.reach(spaces.down) for spaces, shape in zip(each, shapes, strict=True)]
+    return np.asarray(np.min(gaps, axis=0))

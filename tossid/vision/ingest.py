@@ -8,12 +8,9 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from tossid.errors import ConfigError, FileError
 from tossid.motion import Defect, covariance_source, find_defects, median_rate, tosses_in_turn
 from tossid.motion.defects import RULES
-from tossid.motion.hull_ground import level_by_hull
 from tossid.motion.parabola import find_parabola
 from tossid.motion.segmentation import Stretch
 from tossid.motion.sessions import as_recorded
@@ -29,6 +26,7 @@ from tossid.store.provenance import provenance_of
 from tossid.types import LongTrack, PoseTrack
 from tossid.vision import stages
 from tossid.vision.dataset_output import DatasetOutput, dataset_output
+from tossid.vision.imported import ImportedPoses, levelled, read_links, read_poses
 from tossid.vision.pose_graph.report import TrackReport
 from tossid.vision.progress import Progress, Reporter
 from tossid.vision.recordings.disk_buffer import pose_spool
@@ -89,7 +87,8 @@ def ingest(
         path: What was recorded: a folder of frames or videos, a bag, a folder of TUM files or of `.pt` tensors.
         object: What was tossed: a known name ("cube"), an MJCF or URDF file, or a model. None: what the recording
             says, else the cube (the elbow for `source="pll"`). "unknown": the dataset states none, and phases come
-            from motion alone; of tracked poses of one rigid body.
+            from motion alone; of tracked poses of one rigid body. `UnknownObjectSettings(links=2)`: of two links on a
+            hinge, whose poses are tracked each.
         source: Format of the input, a name of `tossid.vision.recordings.registry.input_formats()`. None: what the
             path looks like.
         settings: How it is done.
@@ -153,9 +152,15 @@ def ingest_source(
         if opened is not None:
             made = _ingest_recording(opened, entry.name, settings, output, provenance, report)
         else:
-            model = _model(object) or _model(entry.default_object)
-            assert model is not None
-            made = _import_poses(source, entry, model, settings, output, provenance, report)
+            if not source.path.exists():
+                raise FileError(source.path, "no such file or folder; source.path names where the tosses lie")
+            if isinstance(object, UnknownObjectSettings) and object.links > 1:
+                read = read_links(source, entry, report)
+            else:
+                model = _model(object) or _model(entry.default_object)
+                assert model is not None
+                read = read_poses(source, entry, model, report)
+            made = _import_poses(source, entry, read, settings, output, provenance, report)
     return Ingested(output.dataset(out), made)
 
 
@@ -275,25 +280,21 @@ def _segment_poses(
 def _import_poses(
     source: Any,
     entry: InputFormat,
-    model: ObjectModel,
+    read: ImportedPoses,
     settings: IngestSettings,
     output: DatasetOutput,
     provenance: Scalars,
     report: Reporter,
 ) -> IngestReport:
-    """Read tracks or ready tosses, give them velocities, covariances and phases, and look for defects."""
-    path = source.path
-    if not path.exists():
-        raise FileError(path, "no such file or folder; source.path names where the tosses lie")
+    """Give tracks or ready tosses velocities, covariances and phases, and look for defects."""
+    path, model, tracks = source.path, read.model, read.tracks
     names: list[str] = []
     defects: list[Defect] = []
     with output.sink(model) as sink:
-        report.message("import", f"{path}: reading tosses of '{model.name}'")
-        tracks, rate_hz = entry.read(source, model)
         report.message("import", f"{path}: {len(tracks)} tosses, {sum(len(track.t) for track in tracks)} frames")
         if not model.is_stated:
-            tracks = _levelled(tracks, path, settings, report)
-        flying = model if model.is_stated else find_parabola(tracks, gravity=settings.gravity).body()
+            tracks = levelled(tracks, model, path, settings, report)
+        flying = model if model.is_stated else find_parabola(tracks, model, gravity=settings.gravity).body()
         _check_measured(tracks, flying, path, settings, report)
         order, copies = None, find_copies(tracks, settings=settings.same)
         if model.is_stated:
@@ -311,10 +312,11 @@ def _import_poses(
         set_aside = _set_aside(defects, len(tracks), settings, report)
         kept = [name for name in names if name not in set_aside]
         sink.finish(
-            rate_hz=rate_hz or median_rate(tracks),
+            rate_hz=read.rate_hz or median_rate(tracks),
             source=entry.name,
             provenance={
                 **provenance,
+                **read.facts,
                 "source_path": str(path),
                 "source_sha256": source_sha256(path),
                 "covariance_source": covariance_source(tracks),
@@ -324,22 +326,6 @@ def _import_poses(
             order=order,
         )
     return IngestReport(defects=tuple(defects), problems=tuple(report.problems))
-
-
-def _levelled(
-    tracks: Sequence[PoseTrack], path: Path, settings: IngestSettings, report: Reporter
-) -> Sequence[PoseTrack]:
-    """Tracks of an unknown object over the ground z = 0; `level=never` leaves them as they are."""
-    levelled, ground = level_by_hull(tracks)
-    if ground is None:
-        return tracks
-    slope = np.rad2deg(np.arctan(np.linalg.norm(ground[1:])))
-    found = f"{path}: with the object's hull, the ground is {1e3 * ground[0]:.1f} mm high and slopes by {slope:.2f}°"
-    if settings.level == "never":
-        report.problem("level", f"{found}; left as it is, as level=never asks")
-        return tracks
-    report.problem("level", f"{found}; the world is turned and shifted so that it is z = 0 (level=never leaves it)")
-    return levelled
 
 
 def _check_measured(

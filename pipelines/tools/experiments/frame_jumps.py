@@ -34,6 +34,7 @@ def main(folder: Path) -> None:
     import numpy as np
 
     import tossid
+    from tossid.objects import unstated_object
     from tossid.objects.convex_shape import find_shape
     from tossid.settings.objects import UnknownObjectSettings
     from tossid.training.unknown import rest_heights
@@ -45,7 +46,7 @@ def main(folder: Path) -> None:
     for name, count, shift, degrees in JUMPS:
         jumped = [moved(toss, shift, degrees) if i >= TOSSES - count else toss for i, toss in enumerate(tosses)]
         shape = find_shape(jumped)
-        height = np.abs(list(rest_heights(jumped, shape).values()))
+        height = np.abs(list(rest_heights(jumped, unstated_object(), [shape]).values()))
         beyond = int((height > limit * shape.mean_width).sum())
         cells = [name, f"{count}", shape.kind, f"{len(height)}", f"{1e3 * height.max():.1f}", f"{beyond}"]
         console.say("| " + " | ".join(cells) + " |")

@@ -130,7 +130,9 @@ def row(name: str, model: str, settings: ShapeTossSettings) -> list[str]:
     ]
 
 
-def apart(learned: ObjectModel, hull: NDArray[np.float64], truth: Sequence[PoseTrack]) -> tuple[float, float]:
+def apart(
+    learned: ObjectModel, hull: NDArray[np.float64], truth: Sequence[PoseTrack], body: int = 0
+) -> tuple[float, float]:
     """Hausdorff distance of two hulls, both ways, over directions in which the true one came near the ground.
 
     Of convex bodies it is the largest difference of their support functions.
@@ -138,7 +140,8 @@ def apart(learned: ObjectModel, hull: NDArray[np.float64], truth: Sequence[PoseT
     Args:
         learned: The learned object.
         hull: (n, 3) points of the true hull [m].
-        truth: Tracks without noise.
+        truth: Tracks of the body without noise.
+        body: Of the learned object.
 
     Returns:
         The distance [m], and the share of all directions that is compared.
@@ -160,7 +163,7 @@ def apart(learned: ObjectModel, hull: NDArray[np.float64], truth: Sequence[PoseT
     touched = np.flatnonzero((height[near, None] - reach[near] < CLOSE).any(axis=0))
     farthest = (ways @ hull.T).argmax(axis=1)
     seen |= np.isin(farthest, touched)
-    difference = learned.support(ways).max(axis=1) - (ways @ hull.T).max(axis=1)
+    difference = learned.support(ways, body).max(axis=1) - (ways @ hull.T).max(axis=1)
     return float(np.abs(difference[seen]).max()), float(seen.mean())
 
 

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import tossid
 from tests.store.makers import make_toss, spinning
 from tossid.errors import FileError, InputError, OutputError
 from tossid.rotations import wxyz_to_xyzw
 from tossid.store import read_tum, write_tum
-from tossid.store.importers.tum import trajectory_info, write_trajectory
+from tossid.store.importers.tum import read_link_tum, trajectory_info, write_trajectory
 from tossid.types import PoseTrack
 
 
@@ -103,6 +104,27 @@ def test_joints_beside_the_poses(tmp_path: Path) -> None:
     joints.write_text("0.0 3.1\n0.1 nan\n0.25 -3.0\n")
     with pytest.raises(FileError, match="line 2: is not finite"):
         read_tum(tmp_path, n_joints=1)
+
+
+def test_poses_of_a_second_link_beside_those_of_the_first(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    first, second = (
+        [PoseTrack(name, 0.01 * np.arange(15), spinning(15, rng)[1]) for name in ("9", "10")] for _ in range(2)
+    )
+    write_tum(tmp_path, first, second=second)
+    for links, again in zip((first, second), read_link_tum(tmp_path), strict=True):
+        assert [track.name for track in again] == ["9", "10"]
+        for a, b in zip(links, again, strict=True):
+            np.testing.assert_allclose(a.q, b.q, rtol=0, atol=1e-15)
+    beside = tmp_path / "9.link_2.txt"
+    with pytest.raises(FileError, match=r"second link, which object=unknown object\.links=2 takes"):
+        tossid.ingest(tmp_path, source="tum", object="cube")
+    beside.write_text(GOOD)
+    with pytest.raises(FileError, match=r"its times are not those of 9\.txt"):
+        read_link_tum(tmp_path)
+    beside.unlink()
+    with pytest.raises(FileError, match=r"9\.link_2\.txt: is missing; object\.links=2"):
+        read_link_tum(tmp_path)
 
 
 def test_one_trajectory_is_written_with_nine_decimals_and_described(tmp_path: Path) -> None:

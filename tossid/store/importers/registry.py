@@ -55,6 +55,8 @@ class InputFormat:
     """name of the object where neither the caller nor the source names one"""
     cut_at_rest: bool = False
     """whether tosses are cut after the object came to rest: the files of some formats go on"""
+    read_links: Callable[[Any], tuple[Sequence[PoseTrack], ...]] | None = None
+    """reads the tracks of each of two links of which nothing is stated; None where the format holds no such"""
 
     @property
     def name(self) -> str:
@@ -83,6 +85,7 @@ def register_importer(
     recognizes: Callable[[Path], bool] = lambda path: False,
     default_object: str = "cube",
     cut_at_rest: bool = False,
+    read_links: Callable[[S], tuple[Sequence[PoseTrack], ...]] | None = None,
 ) -> None:
     """Add a format of tracked poses or ready tosses; `tossid.ingest(..., source=NAME)` then reads it.
 
@@ -94,6 +97,7 @@ def register_importer(
         recognizes: Whether a path looks like this format, for callers that name none.
         default_object: Name of the object where the caller names none.
         cut_at_rest: Whether a toss ends when the object has come to rest, though its file goes on.
+        read_links: Reads the tracks of each of two links of which nothing is stated, at the same times.
     """
     register(
         InputFormat(
@@ -103,6 +107,7 @@ def register_importer(
             recognizes=recognizes,
             default_object=default_object,
             cut_at_rest=cut_at_rest,
+            read_links=read_links,
         )
     )
 

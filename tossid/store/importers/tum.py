@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _JOINTS = ".joints.txt"
+_LINK = ".link_2.txt"
 _FORM = "timestamp tx ty tz qx qy qz qw"
 _SAME_TIME = 1e-6
 """[s] by which the times of poses and joints may differ (they are printed with some digits)."""
@@ -37,7 +38,7 @@ class TumSource:
     name: Literal["tum"] = "tum"
     """TUM trajectories"""
     path: Path
-    """folder of NAME.txt files (NAME.joints.txt beside, for joints)"""
+    """folder of NAME.txt files (beside them NAME.joints.txt for joints, NAME.link_2.txt for an unknown second link)"""
     limits: ImportLimits = advanced_part(ImportLimits)
     """values beyond which units are taken to be wrong"""
 
@@ -63,10 +64,42 @@ def read_tum(folder: Path, *, n_joints: int, limits: ImportLimits = ImportLimits
     from tossid.store.import_checks import files_of, tracks_of
 
     folder = Path(folder)
-    tracks = tracks_of(files_of(folder, ".txt", but_not=_JOINTS), lambda path: _read_track(path, n_joints, limits))
+    tracks = tracks_of(
+        files_of(folder, ".txt", but_not=(_JOINTS, _LINK)), lambda path: _read_track(path, n_joints, limits)
+    )
     for _ in tracks:  # every file is checked now
         pass
     return tracks
+
+
+def read_link_tum(folder: Path, *, limits: ImportLimits = ImportLimits()) -> tuple[Sequence[PoseTrack], ...]:
+    """The tracks of both links of an object of which nothing is stated: `NAME.txt` and `NAME.link_2.txt` beside each.
+
+    Args:
+        folder: Where the files lie.
+        limits: Values beyond which units are taken to be wrong.
+
+    Returns:
+        Tracks of link 1 and of link 2 at the same times, (n, 7) each, without velocities, 2 before 10.
+
+    Raises:
+        FileError: A file is missing or is not what it should be; names file and line.
+    """
+    from tossid.store.import_checks import files_of
+    from tossid.types import PoseTrack
+
+    def second(path: Path, one: PoseTrack) -> PoseTrack:
+        beside = path.with_name(path.name.removesuffix(".txt") + _LINK)
+        if not beside.is_file():
+            raise FileError(beside, "is missing; object.links=2 needs the poses of the second link")
+        two = _read_track(beside, 0, limits)
+        if len(two.t) != len(one.t) or not (abs(two.t - one.t) <= _SAME_TIME).all():
+            raise FileError(beside, f"its times are not those of {path.name}; expected both links in every frame")
+        return PoseTrack(one.name, one.t, two.q)
+
+    first = read_tum(folder, n_joints=0, limits=limits)
+    files = files_of(Path(folder), ".txt", but_not=(_JOINTS, _LINK))
+    return first, [second(path, one) for path, one in zip(files, first, strict=True)]
 
 
 def _read_track(path: Path, n_joints: int, limits: ImportLimits) -> PoseTrack:
@@ -88,12 +121,15 @@ def _read_track(path: Path, n_joints: int, limits: ImportLimits) -> PoseTrack:
     return checked_track(path, t, q, None, row_names=[f"line {line}" for line in lines], limits=limits)
 
 
-def write_tum(folder: Path, tracks: Sequence[PoseTrack | Toss]) -> None:
+def write_tum(
+    folder: Path, tracks: Sequence[PoseTrack | Toss], *, second: Sequence[PoseTrack | Toss] | None = None
+) -> None:
     """Write `NAME.txt` (and `NAME.joints.txt` where there are joints) for each track, to the last digit.
 
     Args:
         folder: Where the files go; it is made where it is missing.
         tracks: What is written.
+        second: Tracks of a second link under the same names, for `NAME.link_2.txt`.
 
     Raises:
         InputError: A track's name cannot be a file's.
@@ -105,13 +141,18 @@ def write_tum(folder: Path, tracks: Sequence[PoseTrack | Toss]) -> None:
 
     folder = Path(folder)
     for track in tracks:
-        if not track.name or "/" in track.name or track.name.endswith(".joints"):
-            raise InputError(f"a TUM file cannot be named after track {track.name!r} (empty, with '/', or '.joints')")
+        if not track.name or "/" in track.name or track.name.endswith((".joints", ".link_2")):
+            raise InputError(
+                f"a TUM file cannot be named after track {track.name!r} (empty, with '/', '.joints' or '.link_2')"
+            )
         poses = np.column_stack([track.t, track.q[:, :3], wxyz_to_xyzw(track.q[:, 3:7])])
         write_whole(folder / f"{track.name}.txt", _text(_FORM, poses))
         if track.q.shape[1] > 7:
             joints = np.column_stack([track.t, track.q[:, 7:]])
             write_whole(folder / f"{track.name}{_JOINTS}", _text("timestamp angle", joints))
+    for track in second or ():
+        poses = np.column_stack([track.t, track.q[:, :3], wxyz_to_xyzw(track.q[:, 3:7])])
+        write_whole(folder / f"{track.name}{_LINK}", _text(_FORM, poses))
 
 
 def write_trajectory(path: Path, track: PoseTrack) -> None:
@@ -216,9 +257,20 @@ def _read_rows(path: Path, columns: int, form: str) -> tuple[Array, list[int]]:
 
 
 def _import(source: TumSource, model: ObjectModel) -> Imported:
+    other = next(iter(sorted(Path(source.path).glob(f"*{_LINK}"))), None)
+    if other is not None:
+        raise FileError(other, "gives the poses of a second link, which object=unknown object.links=2 takes")
     return Imported(read_tum(source.path, n_joints=model.n_joints, limits=source.limits))
 
 
+def _import_links(source: TumSource) -> tuple[Sequence[PoseTrack], ...]:
+    return read_link_tum(source.path, limits=source.limits)
+
+
 register_importer(
-    TumSource, _import, recognizes=lambda path: holds(path, ".txt") and not holds(path, ".pt"), cut_at_rest=True
+    TumSource,
+    _import,
+    recognizes=lambda path: holds(path, ".txt") and not holds(path, ".pt"),
+    cut_at_rest=True,
+    read_links=_import_links,
 )

@@ -1,0 +1,37 @@
+"""An elbow that is tossed, each of its links tracked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tossid.motion.hinge import find_hinge
+from tossid.objects import unstated_object
+from tossid.rotations import quat_to_matrix
+from tossid.settings.synthesis import ShapeTossSettings
+from tossid.synthesis.linked import toss_links
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "lcp"])
+def test_links_land_on_their_corners_and_keep_their_hinge(engine: str) -> None:
+    made = toss_links(ShapeTossSettings(tosses=3, engine=engine, step=2e-4, frames=90))
+    found = find_hinge(*made.truth)
+    point, axis = made.hinge()
+    assert abs(found.hinge.axis @ axis) == pytest.approx(1, abs=1e-9)
+    assert np.cross(found.hinge.pos - point, axis) == pytest.approx(np.zeros(3), abs=1e-6)
+    true = made.in_tracked_frames(unstated_object(hinge=found.hinge))
+    for number in range(3):
+        lowest = []
+        for body, tracks in enumerate(made.truth):
+            corners, q = true.corner_pos[true.corner_body == body], tracks[number].q
+            lowest.append(q[:, 2] + (quat_to_matrix(q[:, 3:7])[:, 2] @ corners.T).min(axis=1))
+        both = np.min(lowest, axis=0)
+        assert both[0] == pytest.approx(0.25, abs=1e-6)
+        assert -2e-3 < both.min() < 1e-3
+
+
+def test_noise_is_of_the_size_asked_for() -> None:
+    made = toss_links(ShapeTossSettings(tosses=2, step=1e-3, frames=60))
+    for noisy, exact in zip((made.first, made.second), made.truth, strict=True):
+        off = np.concatenate([a.q[:, :3] - b.q[:, :3] for a, b in zip(noisy, exact, strict=True)])
+        assert off.std() == pytest.approx(1.5e-4, rel=0.2)

@@ -1,0 +1,104 @@
+"""Imported poses before they become tosses: read, joined by a hinge, and levelled where no object is stated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tossid.errors import ConfigError
+from tossid.motion.hinge import find_hinge, hinged_tracks
+from tossid.motion.hull_ground import level_by_hull
+from tossid.objects import ObjectModel, unstated_object
+from tossid.settings.ingestion import IngestSettings
+from tossid.store.importers.registry import FORMATS, InputFormat
+from tossid.types import PoseTrack
+from tossid.vision.progress import Reporter
+
+
+@dataclass(frozen=True)
+class ImportedPoses:
+    """What an importer read, as tracks of one object."""
+
+    model: ObjectModel
+    """the object; of two links of which nothing is stated, their hinge"""
+    tracks: Sequence[PoseTrack]
+    """one track a toss"""
+    rate_hz: float | None = None
+    """frames a second; None: the median over the tracks"""
+    facts: dict[str, float] = field(default_factory=dict)
+    """what was found on the way, for the dataset's provenance"""
+
+
+def read_poses(source: Any, entry: InputFormat, model: ObjectModel, report: Reporter) -> ImportedPoses:
+    """The tracks of an object.
+
+    Args:
+        source: Settings of the format.
+        entry: The format.
+        model: The object.
+        report: Takes progress.
+    """
+    report.message("import", f"{source.path}: reading tosses of '{model.name}'")
+    tracks, rate_hz = entry.read(source, model)
+    return ImportedPoses(model, tracks, rate_hz)
+
+
+def read_links(source: Any, entry: InputFormat, report: Reporter) -> ImportedPoses:
+    """The tracks of two links of which nothing is stated, with the hinge that they show.
+
+    Args:
+        source: Settings of the format.
+        entry: The format.
+        report: Takes progress.
+
+    Raises:
+        ConfigError: The format does not give the poses of two links.
+        InputError: The joint never moves, or is no hinge.
+    """
+    if entry.read_links is None:
+        able = ", ".join(f"source={name}" for name, other in FORMATS.items() if other.read_links is not None)
+        raise ConfigError(
+            "object.links",
+            f"source={entry.name} does not give the poses of a second link; expected {able}. A recording of one "
+            "link and a joint's angle needs an object that states the hinge; `tossid train object=unknown "
+            "object.links=2` then learns the rest",
+        )
+    report.message("import", f"{source.path}: reading tosses of two links")
+    first, second = entry.read_links(source)
+    found = find_hinge(first, second)
+    angle, tilt, offset = np.rad2deg(found.spread), np.rad2deg(found.tilt), 1e3 * found.offset
+    report.message(
+        "hinge",
+        f"{source.path}: the links are on a hinge, whose angle varies by {angle:.0f}° (standard deviation); between "
+        f"the links, its axis is off by {tilt:.2f}° and its point by {offset:.2f} mm (rms)",
+    )
+    facts = {"hinge_spread_rad": found.spread, "hinge_tilt_rad": found.tilt, "hinge_offset_m": found.offset}
+    return ImportedPoses(unstated_object(hinge=found.hinge), hinged_tracks(first, second, found), None, facts)
+
+
+def levelled(
+    tracks: Sequence[PoseTrack], model: ObjectModel, path: Path, settings: IngestSettings, report: Reporter
+) -> Sequence[PoseTrack]:
+    """Tracks of an unknown object over the ground z = 0; `level=never` leaves them as they are.
+
+    Args:
+        tracks: Of the object.
+        model: One rigid body, or two links on a hinge, of which nothing else is stated.
+        path: Where they come from.
+        settings: Whether the world is levelled.
+        report: Is told of a ground that is off.
+    """
+    found_tracks, ground = level_by_hull(tracks, tree=model)
+    if ground is None:
+        return tracks
+    slope = np.rad2deg(np.arctan(np.linalg.norm(ground[1:])))
+    found = f"{path}: with the object's hull, the ground is {1e3 * ground[0]:.1f} mm high and slopes by {slope:.2f}°"
+    if settings.level == "never":
+        report.problem("level", f"{found}; left as it is, as level=never asks")
+        return tracks
+    report.problem("level", f"{found}; the world is turned and shifted so that it is z = 0 (level=never leaves it)")
+    return found_tracks
