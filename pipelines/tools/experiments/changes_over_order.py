@@ -36,6 +36,7 @@ from tossid.diagnosis.audit.steps import withheld
 from tossid.diagnosis.audit.strengths import strengths_for
 from tossid.diagnosis.problem import Problem, session_starts
 from tossid.diagnosis.sessions.explained import over_order
+from tossid.diagnosis.sessions.heights import have_own_heights
 from tossid.diagnosis.sessions.looking import undo_changes
 from tossid.objects import ObjectModel, load_object
 from tossid.physics.effects import World, effects_for
@@ -64,12 +65,14 @@ def recorded(data: Path, split: str | None, settings: AuditSettings) -> Problem:
     dataset = read_dataset(data)
     tosses = dataset.tosses if split is None else dataset.of_split(split)
     chosen = np.random.default_rng(settings.seed).permutation(len(tosses))[: settings.tosses]
+    taken = tuple(tosses[i] for i in sorted(chosen.tolist()))
     return Problem(
-        tuple(tosses[i] for i in sorted(chosen.tolist())),
+        taken,
         World(dataset.object),
         effects_for(dataset.object),
         names=tuple(toss.name for toss in dataset.tosses) if dataset.order is None else dataset.order.names,
         sessions=session_starts(dataset.order),
+        own_heights=have_own_heights(taken, dataset.object, dataset.order),
     )
 
 
