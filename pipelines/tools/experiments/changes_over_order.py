@@ -1,15 +1,16 @@
 """How well changes over the order of recording are found, without the search for effects that are in all tosses.
 
     python -m pipelines.tools.experiments.changes_over_order [cases=40] [nulls=40] [data=CUBE.h5] [seed=0] [first=0]
-        [tosses=40] [only=FORM] [effects=NAME,NAME]
+        [tosses=40] [only=FORM] [effects=NAME,NAME] [boundary=TOSS]
     python -m pipelines.tools.experiments.changes_over_order recorded=FILE.h5 [split=train] [tosses=40] [seed=0]
 
 The cases are those of `tossid audit over_order=true` in which something changes, through TUM files as there. In nulls,
 nothing changes: in turns, there is no effect, or all tosses have one; of a dataset, real tosses are drawn in random
 order, one null in three. Each is looked at as a diagnosis does before its search: what changes, from which toss on, and
-by how much. `first` leaves out the changes before, and `effects` those of other effects. A line of JSON a case goes to
-standard output, and the measures to standard error. The second form looks at tosses of a dataset, drawn as `diagnose`
-draws them, in their own order.
+by how much. `first` leaves out the changes before, and `effects` those of other effects. With `boundary`, the dataset
+is said to have a session that begins with this toss, whether or not anything changes there. A line of JSON a case goes
+to standard output, and the measures to standard error. The second form looks at tosses of a dataset in their own order,
+drawn as `diagnose` draws them where no number of tosses is given.
 """
 
 from __future__ import annotations
@@ -131,6 +132,8 @@ def main(arguments: list[str]) -> None:
         return
     scores = []
     for problem, truth in problems(given, settings):
+        if "boundary" in given:
+            problem = replace(problem, sessions=(problem.tosses[int(given["boundary"])].name,))
         scores.append(looked_at(problem, truth, settings))
         sys.stdout.write(json.dumps(scores[-1], default=float) + "\n")
         sys.stdout.flush()
