@@ -87,11 +87,11 @@ def changes_over_order(
             one of what changes there.
     """
     found = list(find_changes(witnesses, settings=settings.changes))
-    n, level = len(next(iter(witnesses.values()))[0]), settings.significance / max(len(boundaries), 1)
+    n = len(next(iter(witnesses.values()))[0])
     for at in boundaries:
         near = any(abs(change.at - at) <= settings.same_change for change in found)
         if not near and settings.fewest_tosses <= at <= n - settings.fewest_tosses:
-            p = changes_at(witnesses, at, settings=replace(settings.changes, significance=level))
+            p = changes_at(witnesses, at, settings=settings.changes)
             found += [Change(at, p)] if p else []
     return tuple(sorted(found, key=lambda change: change.at))
 
