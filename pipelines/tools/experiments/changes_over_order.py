@@ -139,10 +139,15 @@ def main(arguments: list[str]) -> None:
         sys.stdout.flush()
     console = Console()
     console.table(("what changes", "cases", "when (within 3)", "named", "nothing else named", "form"), by_kind(scores))
-    named = [{**score, "kind": "order", "parameters": [], "closed": None, "phase_right": None} for score in scores]
-    measures = {name: value for name, value in summarise(named).items() if "change" in name or "drift" in name}
-    rows = [[name, str(found.get("count", found.get("value"))), str(found["of"])] for name, found in measures.items()]
-    console.table(("measure", "found", "of"), rows)
+    console.table(("measure", "found", "of"), measures(scores))
+
+
+def measures(scores: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Rows of the audit's measures of changes and drifts: name, how many were found or the value, and of how many."""
+    unknown = {"kind": "order", "parameters": [], "joint_ranks": [], "closed": None, "phase_right": None}
+    every = summarise([{**each, **unknown} for each in scores])
+    found = {name: of for name, of in every.items() if "change" in name or "drift" in name}
+    return [[name, str(of.get("count", of.get("value"))), str(of["of"])] for name, of in found.items()]
 
 
 def by_kind(scores: Sequence[Mapping[str, Any]]) -> list[list[str]]:

@@ -116,6 +116,15 @@ def test_a_session_of_the_dataset_is_tested_where_it_begins() -> None:
     assert len(changes_over_order(clear, SETTINGS, boundaries=(17,))) == 1
 
 
+def test_effects_are_tested_where_the_size_of_the_gap_changes() -> None:
+    """What is too little to be found among many at all places is found where the gap says that something changes."""
+    seen = {"tilt": witness(1.5 * step(16), seed=11, sigma=1.0)}
+    seen |= {f"{k}": witness(0 * step(5), seed=200 + k) for k in range(30)}
+    (change,) = changes_over_order({**seen, RESIDUAL: witness(step(16, 1), seed=3)}, OrderSettings())
+    assert change.at == 16
+    assert set(change.p) == {"tilt", RESIDUAL}
+
+
 def test_nothing_is_found_in_nothing() -> None:
     found = [
         changes_over_order({f"{k}": witness(0 * step(5), seed=100 * seed + k) for k in range(8)}, SETTINGS)

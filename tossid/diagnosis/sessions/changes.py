@@ -32,6 +32,7 @@ from tossid.diagnosis.sessions.suspects import (
     suspects_among,
     unfelt_in_part,
 )
+from tossid.diagnosis.sessions.values import RESIDUAL
 from tossid.motion.sessions.change_points import Change, Witness, changes_at, find_changes
 from tossid.physics.effects import Effect
 from tossid.settings.diagnosis.order import OrderSettings
@@ -80,13 +81,20 @@ def changes_over_order(
 ) -> tuple[Change, ...]:
     """Where anything changes over the order.
 
+    Where only the size of the gap changes, it is known that something does, and when: effects are tested there, too.
+
     Args:
         witnesses: Of `witnesses_of`.
         settings: Significance and the smallest session.
         boundaries: Numbers of tosses with which sessions of the dataset begin. Where no change is found near one, it is
             one of what changes there.
     """
-    found = list(find_changes(witnesses, settings=settings.changes))
+    found = [
+        Change(each.at, {**changes_at(witnesses, each.at, settings=settings.changes), **each.p})
+        if set(each.p) == {RESIDUAL}
+        else each
+        for each in find_changes(witnesses, settings=settings.changes)
+    ]
     n = len(next(iter(witnesses.values()))[0])
     for at in boundaries:
         near = any(abs(change.at - at) <= settings.same_change for change in found)
