@@ -144,7 +144,13 @@ def main(arguments: list[str]) -> None:
 
 def measures(scores: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     """Rows of the audit's measures of changes and drifts: name, how many were found or the value, and of how many."""
-    unknown: dict[str, Any] = {"kind": "order", "parameters": [], "joint_ranks": [], "closed": None, "phase_right": None}
+    unknown: dict[str, Any] = {
+        "kind": "order",
+        "parameters": [],
+        "joint_ranks": [],
+        "closed": None,
+        "phase_right": None,
+    }
     every = summarise([{**each, **unknown} for each in scores])
     found = {name: of for name, of in every.items() if "change" in name or "drift" in name}
     return [[name, str(of.get("count", of.get("value"))), str(of["of"])] for name, of in found.items()]
