@@ -21,6 +21,7 @@ from tossid.diagnosis.release import bound_frames
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.sessions.correction import corrections
 from tossid.diagnosis.sessions.explained import Explained, explain_over_order
+from tossid.diagnosis.sessions.heights import have_own_heights
 from tossid.diagnosis.simulators import (
     Simulator,
     check_runs,
@@ -123,6 +124,7 @@ class Task:
                     unseen=judges,
                     names=self.names,
                     sessions=session_starts(self.order),
+                    own_heights=have_own_heights(tosses, self.recorded, self.order),
                     under_way=under_way,
                     settings=self.settings,
                 )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
 from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.sessions.heights import ending_at_origin
 from tossid.diagnosis.under_way import UnderWay
 from tossid.physics.effects import LIBRARY, Effect, World
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
@@ -27,6 +28,7 @@ class Problem:
         unseen: Other tosses of the same recording, which take no part and are judged in one pass at the end.
         names: Of all these tosses in the order of their recording; empty: as they are given, the unseen ones last.
         sessions: Names of the first tosses of sessions that the dataset has, but for the first.
+        own_heights: Whether the tosses' heights were set one by one (`sessions.heights`).
         under_way: Told what is known as soon as it is.
         settings: Of everything else. Its `seed` and `threads` are not read here.
     """
@@ -40,6 +42,7 @@ class Problem:
     unseen: Sequence[Toss] = ()
     names: Sequence[str] = ()
     sessions: Sequence[str] = ()
+    own_heights: bool = False
     under_way: UnderWay = field(default_factory=UnderWay)
     settings: DiagnoseSettings = field(default_factory=DiagnoseSettings)
 
@@ -63,10 +66,10 @@ class Problem:
         """What fits hypotheses to the tosses and judges them.
 
         Args:
-            over_order: As of `CrossValidator.of`.
+            over_order: As of `CrossValidator.of`. Tosses with heights of their own then all end at one place.
         """
         return CrossValidator.of(
-            self.tosses,
+            ending_at_origin(self.tosses, self.world.object) if over_order and self.own_heights else self.tosses,
             self.world.object,
             seed=self.seed,
             n_threads=self.n_threads,

@@ -1,15 +1,16 @@
 """How well changes over the order of recording are found, without the search for effects that are in all tosses.
 
     python -m pipelines.tools.experiments.changes_over_order [cases=40] [nulls=40] [data=CUBE.h5] [seed=0] [first=0]
-        [tosses=40] [only=FORM] [effects=NAME,NAME]
+        [tosses=40] [only=FORM] [effects=NAME,NAME] [boundary=TOSS]
     python -m pipelines.tools.experiments.changes_over_order recorded=FILE.h5 [split=train] [tosses=40] [seed=0]
 
 The cases are those of `tossid audit over_order=true` in which something changes, through TUM files as there. In nulls,
 nothing changes: in turns, there is no effect, or all tosses have one; of a dataset, real tosses are drawn in random
 order, one null in three. Each is looked at as a diagnosis does before its search: what changes, from which toss on, and
-by how much. `first` leaves out the changes before, and `effects` those of other effects. A line of JSON a case goes to
-standard output, and the measures to standard error. The second form looks at tosses of a dataset, drawn as `diagnose`
-draws them, in their own order.
+by how much. `first` leaves out the changes before, and `effects` those of other effects. With `boundary`, the dataset
+is said to have a session that begins with this toss, whether or not anything changes there. A line of JSON a case goes
+to standard output, and the measures to standard error. The second form looks at tosses of a dataset in their own order,
+drawn as `diagnose` draws them where no number of tosses is given.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from tossid.diagnosis.audit.steps import withheld
 from tossid.diagnosis.audit.strengths import strengths_for
 from tossid.diagnosis.problem import Problem, session_starts
 from tossid.diagnosis.sessions.explained import over_order
+from tossid.diagnosis.sessions.heights import have_own_heights
 from tossid.diagnosis.sessions.looking import undo_changes
 from tossid.objects import ObjectModel, load_object
 from tossid.physics.effects import World, effects_for
@@ -64,12 +66,14 @@ def recorded(data: Path, split: str | None, settings: AuditSettings) -> Problem:
     dataset = read_dataset(data)
     tosses = dataset.tosses if split is None else dataset.of_split(split)
     chosen = np.random.default_rng(settings.seed).permutation(len(tosses))[: settings.tosses]
+    taken = tuple(tosses[i] for i in sorted(chosen.tolist()))
     return Problem(
-        tuple(tosses[i] for i in sorted(chosen.tolist())),
+        taken,
         World(dataset.object),
         effects_for(dataset.object),
         names=tuple(toss.name for toss in dataset.tosses) if dataset.order is None else dataset.order.names,
         sessions=session_starts(dataset.order),
+        own_heights=have_own_heights(taken, dataset.object, dataset.order),
     )
 
 
@@ -128,15 +132,28 @@ def main(arguments: list[str]) -> None:
         return
     scores = []
     for problem, truth in problems(given, settings):
+        if "boundary" in given:
+            problem = replace(problem, sessions=(problem.tosses[int(given["boundary"])].name,))
         scores.append(looked_at(problem, truth, settings))
         sys.stdout.write(json.dumps(scores[-1], default=float) + "\n")
         sys.stdout.flush()
     console = Console()
     console.table(("what changes", "cases", "when (within 3)", "named", "nothing else named", "form"), by_kind(scores))
-    named = [{**score, "kind": "order", "parameters": [], "closed": None, "phase_right": None} for score in scores]
-    measures = {name: value for name, value in summarise(named).items() if "change" in name or "drift" in name}
-    rows = [[name, str(found.get("count", found.get("value"))), str(found["of"])] for name, found in measures.items()]
-    console.table(("measure", "found", "of"), rows)
+    console.table(("measure", "found", "of"), measures(scores))
+
+
+def measures(scores: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Rows of the audit's measures of changes and drifts: name, how many were found or the value, and of how many."""
+    unknown: dict[str, Any] = {
+        "kind": "order",
+        "parameters": [],
+        "joint_ranks": [],
+        "closed": None,
+        "phase_right": None,
+    }
+    every = summarise([{**each, **unknown} for each in scores])
+    found = {name: of for name, of in every.items() if "change" in name or "drift" in name}
+    return [[name, str(of.get("count", of.get("value"))), str(of["of"])] for name, of in found.items()]
 
 
 def by_kind(scores: Sequence[Mapping[str, Any]]) -> list[list[str]]:

@@ -88,6 +88,19 @@ def test_what_is_no_name_is_said_with_its_reason(cube: ObjectModel) -> None:
     assert "like wind, but the interval of its values includes no change" in text
 
 
+def test_rollouts_are_those_of_the_named_effects(cube: ObjectModel) -> None:
+    made = diagnosis(cube)
+    error = Interval(91.0, 90.0, 92.0)
+    further = replace(made.steps[-1], effects=(*made.steps[-1].effects, "inertia"), position_error_pct=error)
+    before, after = (
+        next(said for said in sentences(found) if "over whole tosses" in said)
+        for found in (made, replace(made, steps=(*made.steps, further)))
+    )
+    assert after == before
+    named = replace(made, steps=(*made.steps, further), candidates=("inertia",))
+    assert "the position error is then 91 % of the width" in " ".join(sentences(named))
+
+
 def test_a_gap_that_solvers_disagree_on_is_said_with_its_size(cube: ObjectModel) -> None:
     other = SolverDisagreement(1.42, 2.1, 2.6)
     found = replace(without_effects(cube, "within_solver_disagreement"), disagreement=other)

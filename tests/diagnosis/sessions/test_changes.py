@@ -103,16 +103,26 @@ def test_what_depends_on_place_does_not_change() -> None:
 
 
 def test_a_session_of_the_dataset_is_tested_where_it_begins() -> None:
-    seen = {"tilt": witness(1.2 * step(16), seed=11, sigma=1.0)}
+    seen = {"tilt": witness(1.5 * step(16), seed=11, sigma=1.0)}
     seen |= {f"{k}": witness(0 * step(5), seed=200 + k) for k in range(30)}
-    assert changes_over_order(seen, SETTINGS) == ()
-    (change,) = changes_over_order(seen, SETTINGS, boundaries=(16,))
+    settings = OrderSettings()
+    assert changes_over_order(seen, settings) == ()
+    (change,) = changes_over_order(seen, settings, boundaries=(16,))
     assert change.at == 16
     assert "tilt" in change.p
     # too near to an end, or to a change that was found
-    assert changes_over_order(seen, SETTINGS, boundaries=(3, 38)) == ()
+    assert changes_over_order(seen, settings, boundaries=(3, 38)) == ()
     clear = {"tilt": witness(step(16), seed=11)}
     assert len(changes_over_order(clear, SETTINGS, boundaries=(17,))) == 1
+
+
+def test_effects_are_tested_where_the_size_of_the_gap_changes() -> None:
+    """What is too little to be found among many at all places is found where the gap says that something changes."""
+    seen = {"tilt": witness(1.5 * step(16), seed=11, sigma=1.0)}
+    seen |= {f"{k}": witness(0 * step(5), seed=200 + k) for k in range(30)}
+    (change,) = changes_over_order({**seen, RESIDUAL: witness(step(16, 1), seed=3)}, OrderSettings())
+    assert change.at == 16
+    assert set(change.p) == {"tilt", RESIDUAL}
 
 
 def test_nothing_is_found_in_nothing() -> None:

@@ -106,3 +106,20 @@ def test_unseen_tosses_have_the_values_of_their_neighbours(cube: ObjectModel) ->
     order = TossOrder.of(problem)
     assert order.boundaries == (2,)
     np.testing.assert_allclose(order.of_unseen(np.array([[0.0], [1.0], [3.0]])), [[2.0]])
+
+
+def test_a_tilt_that_changes_is_named_beside_a_force_that_does_not(cube: ObjectModel) -> None:
+    """In flight both fit alike. The force gains more on the whole, by what is the same in both sessions."""
+    made = []
+    for seed, tilt in ((3, [0.0, 0.0]), (4, [0.02, -0.01])):
+        pushed = with_effect(cube, "uniform_force", [0.0, 0.0, 0.06])
+        made += seen(EFFECTS["world_tilt"].at(pushed, np.array(tilt)), cube, 8, seed=seed, frames=22)
+    library = [EFFECTS[name] for name in ("world_tilt", "uniform_force")]
+    validator = Problem(made, World(cube), library).validator(over_order=True)
+    present = validator.evaluate(Hypothesis(World(cube)))
+    seen_over_order = witnesses_of(present, library, validator, np.zeros((16, 2)), np.zeros(16))
+    changes = (Change(8, dict.fromkeys(("world_tilt", "uniform_force"), 1e-3)),)
+    found = effect_over_order(present, validator, library, seen_over_order, changes, OrderSettings())
+    assert found is not None
+    assert (found.effect.name, found.edges) == ("world_tilt", (0, 8, 16))
+    np.testing.assert_allclose(found.values[-1] - found.values[0], [0.02, -0.01], atol=4e-3)

@@ -268,10 +268,12 @@ def _how_far(diagnosis: Diagnosis) -> str:
             f" On {unseen.tosses} tosses that took no part at all it closes {closed_share(unseen.closed)} "
             f"({closed_share(unseen.closed, unseen.closed.low)} to {closed_share(unseen.closed, unseen.closed.high)})."
         )
-    if len(diagnosis.steps) > 1:
+    # (what has no name is in later steps only)
+    steps = [step for step in diagnosis.steps if set(step.effects) <= {*diagnosis.found, *diagnosis.minor}]
+    if len(steps) > 1:
         (now, now_deg), (was, was_deg) = (
             (short(step.position_error_pct.value, 2), short(step.rotation_error_deg.value, 2))
-            for step in (diagnosis.steps[-1], diagnosis.steps[0])
+            for step in (steps[-1], steps[0])
         )
         text += (
             " Predicted open loop over whole tosses, the position error is then "

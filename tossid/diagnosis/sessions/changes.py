@@ -10,7 +10,7 @@ a drift. The first of the suspects is fitted to equal parts of the order; its va
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from typing import Literal
@@ -32,6 +32,7 @@ from tossid.diagnosis.sessions.suspects import (
     suspects_among,
     unfelt_in_part,
 )
+from tossid.diagnosis.sessions.values import RESIDUAL
 from tossid.motion.sessions.change_points import Change, Witness, changes_at, find_changes
 from tossid.physics.effects import Effect
 from tossid.settings.diagnosis.order import OrderSettings
@@ -80,13 +81,20 @@ def changes_over_order(
 ) -> tuple[Change, ...]:
     """Where anything changes over the order.
 
+    Where only the size of the gap changes, it is known that something does, and when: effects are tested there, too.
+
     Args:
         witnesses: Of `witnesses_of`.
         settings: Significance and the smallest session.
         boundaries: Numbers of tosses with which sessions of the dataset begin. Where no change is found near one, it is
             one of what changes there.
     """
-    found = list(find_changes(witnesses, settings=settings.changes))
+    found = [
+        Change(each.at, {**changes_at(witnesses, each.at, settings=settings.changes), **each.p})
+        if set(each.p) == {RESIDUAL}
+        else each
+        for each in find_changes(witnesses, settings=settings.changes)
+    ]
     n = len(next(iter(witnesses.values()))[0])
     for at in boundaries:
         near = any(abs(change.at - at) <= settings.same_change for change in found)
@@ -131,7 +139,11 @@ def effect_over_order(
         return gain - _cost(effect, steps)
 
     def fitted(effect: Effect, form: Form, edges: tuple[int, ...]) -> EffectOverOrder:
-        fits = fitted_stretches(present, effect, edges, validator, near=witnesses[effect.name], outlier=outlier)
+        near = [
+            stepped(present.hypothesis, effect, witnesses[effect.name], a, b, outlier=outlier).values_of(effect.name)
+            for a, b in pairwise(edges)
+        ]
+        fits = fitted_stretches(present, effect, edges, validator, near=near)
         # (what does the same as others changes as surely as they do)
         return described(effect, form, edges, fits, p.get(effect.name, max(p.values())))
 
@@ -148,22 +160,62 @@ def effect_over_order(
             found = validator.map(partial(fitted, form="steps", edges=steps), suspects)
     judged = _gaining(present, found, settings)
     if judged and found[0].form == "drift":
-        return _simplest(judged, settings)
+        return _chosen(present, judged, validator, settings)
     unfelt = [each for each in library if unfelt_in_part(witnesses.get(each.name), steps)]
     from_starts = fits_from_starts(present, unfelt, steps, validator, count=settings.from_starts)
     found += [described(effect, "steps", steps, fits, max(p.values())) for effect, fits in from_starts]
     judged = _gaining(present, found, settings) if from_starts else judged
-    return _simplest(judged, settings) if judged else None
+    return _chosen(present, judged, validator, settings) if judged else None
+
+
+def _chosen(
+    present: Candidate,
+    found: Sequence[tuple[float, float, EffectOverOrder]],
+    validator: CrossValidator,
+    settings: OrderSettings,
+) -> EffectOverOrder:
+    """Of effects that change, the one whose change explains most.
+
+    What an effect gains on the whole includes what is the same in all tosses, which another might explain as well. What
+    it gains over its mean lacks what its mean takes of the change. Where the two disagree, each change is fitted beside
+    the constant values of the others that suit all tosses best.
+    """
+    whole = _simplest([(gain, each) for gain, _, each in found], settings)
+    over_mean = _simplest([(gain, each) for _, gain, each in found], settings)
+    if whole is over_mean:
+        return whole
+    return _simplest(_gains_beside_constants(present, [each for *_, each in found], validator), settings)
+
+
+def _gains_beside_constants(
+    present: Candidate, found: Sequence[EffectOverOrder], validator: CrossValidator
+) -> list[tuple[float, EffectOverOrder]]:
+    """What each of some changes gains where all of these effects have the constant values that suit all tosses best."""
+    hypothesis = present.hypothesis
+    for each in found:
+        if each.effect.name not in hypothesis.names:
+            hypothesis = hypothesis.plus(each.effect)
+    fitted = fit(present.evidence, hypothesis, n_tosses=validator.n, held=frozenset(present.hypothesis.names))
+    beside, gains = replace(present, fitted=fitted), []
+    before = fitted.evidence.log_likelihood(fitted.residuals, fitted.scales)
+    for each in found:
+        own = [one.hypothesis.values_of(each.effect.name) for one in each.fitted]
+        fits = fitted_stretches(beside, each.effect, each.edges, validator, near=own)
+        after = np.zeros(len(before))
+        for k, one in enumerate(fits):
+            after[_rows(present, each.edges, k)] = one.evidence.log_likelihood(one.residuals, fitted.scales)
+        gain = fitted.evidence.weighted_gain(after, before)
+        gains.append((gain - _cost(each.effect, each.edges), each))
+    return gains
 
 
 def _gaining(
     present: Candidate, found: Sequence[EffectOverOrder], settings: OrderSettings
-) -> list[tuple[float, EffectOverOrder]]:
-    """The effects whose change gains enough, with what they gain by values of their own in each stretch.
+) -> list[tuple[float, float, EffectOverOrder]]:
+    """The effects whose change gains enough: what each gains on the whole, and over its mean.
 
-    What an effect gains over its mean says whether it changes, and not that it merely is there in all tosses. Of those
-    that change, what each gains on the whole is compared: the mean of one suits all tosses better than that of another.
-    Its values must differ by more than tosses scatter, too: a few odd tosses can bring much likelihood.
+    What an effect gains over its mean says whether it changes, and not that it merely is there in all tosses. Its
+    values must differ by more than tosses scatter, too: a few odd tosses can bring much likelihood.
     """
     gains = []
     for each in found:
@@ -171,7 +223,7 @@ def _gaining(
         if over_mean > settings.least_gain and values_differ(each) < settings.significance:
             gains.append((whole, over_mean, each))
     most = max((over_mean for _, over_mean, _ in gains), default=0.0)
-    return [(whole, each) for whole, over_mean, each in gains if over_mean > settings.comparable * most]
+    return [each for each in gains if each[1] > settings.comparable * most]
 
 
 def values_differ(each: EffectOverOrder) -> float:
@@ -261,8 +313,7 @@ def fitted_stretches(
     edges: Sequence[int],
     validator: CrossValidator,
     *,
-    near: Witness | None = None,
-    outlier: float = 3.0,
+    near: Sequence[Array],
 ) -> tuple[Fitted, ...]:
     """An effect beside a hypothesis, fitted to each stretch of tosses; the hypothesis's other effects stay.
 
@@ -271,18 +322,19 @@ def fitted_stretches(
         effect: The effect.
         edges: First tosses of the stretches, and n.
         validator: Of all windows.
-        near: What each toss says of the effect, whose mean a fit starts from; None: what the hypothesis has.
-        outlier: As of `robust_mean`.
+        near: The effect's parameters (P,) in each stretch from which its fit starts, if they suit better than the
+            hypothesis's.
     """
     hypothesis = present.hypothesis
     if effect.name not in hypothesis.names:
         hypothesis = hypothesis.plus(effect)
+    place = hypothesis.place_of(effect.name)
     held = frozenset(hypothesis.names) - {effect.name}
     out = []
     for k in range(len(edges) - 1):
-        start = hypothesis
-        if near is not None:
-            start = stepped(hypothesis, effect, near, edges[k], edges[k + 1], outlier=outlier)
+        flat = hypothesis.flat()
+        flat[place] = near[k]
+        start = hypothesis.at(flat)
         evidence = present.evidence.rows(_rows(present, edges, k))
         scales = present.fitted.scales
         there, here = (evidence.log_likelihood_of(each.world(), scales) for each in (start, hypothesis))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.result import Diagnosis
+from tossid.diagnosis.sessions.heights import last_corner, moved
 from tossid.physics.effects import Effect, World, all_effects
 from tossid.physics.effects.effect import RecordingCorrection
 from tossid.rotations import quat_conj, quat_mul, quat_to_matrix
@@ -62,7 +63,9 @@ def _carried(cov: Array, turn: Array, scale: float) -> Array:
     return np.asarray(carry @ cov @ carry.T)
 
 
-def corrected_tosses(tosses: Sequence[Toss], world: World, effect: Effect, values: Array) -> tuple[Toss, ...]:
+def corrected_tosses(
+    tosses: Sequence[Toss], world: World, effect: Effect, values: Array, *, own_heights: bool = False
+) -> tuple[Toss, ...]:
     """Tosses without an effect that has values of its own in each.
 
     Args:
@@ -70,8 +73,12 @@ def corrected_tosses(tosses: Sequence[Toss], world: World, effect: Effect, value
         world: The simulator without the effect.
         effect: One of `CORRECTABLE`.
         values: (n, P).
+        own_heights: Whether their heights were set one by one, so that each is turned about its last lowest corner.
     """
-    return tuple(corrected(toss, world, effect, own) for toss, own in zip(tosses, values, strict=True))
+    ends = [last_corner(toss, world.object) if own_heights else np.zeros(2) for toss in tosses]
+    there = (moved(toss, -end) for toss, end in zip(tosses, ends, strict=True))
+    right = (corrected(toss, world, effect, own) for toss, own in zip(there, values, strict=True))
+    return tuple(moved(toss, end) for toss, end in zip(right, ends, strict=True))
 
 
 def corrections(found: Diagnosis) -> dict[str, str]:

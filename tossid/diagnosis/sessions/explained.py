@@ -35,6 +35,7 @@ from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.selection.cross_validation import Candidate
 from tossid.diagnosis.sessions.changes import EffectOverOrder
+from tossid.diagnosis.sessions.heights import ending_at_origin
 from tossid.diagnosis.sessions.looking import Corrections, Looked, TossOrder, look, undo_changes
 from tossid.motion.sessions.change_points import fewest_items
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
@@ -92,7 +93,9 @@ def explain_over_order(problem: Problem) -> Explained:
 
 def _beside(found: Diagnosis, corrections: Corrections, problem: Problem) -> Looked:
     """What changes over the order beside what the search has found."""
-    problem = replace(problem.of(corrections.tosses), world=found.hypothesis.base)
+    # (a force that depends on place needs the tosses where they were)
+    own_heights = problem.own_heights and not any(effect.of_place for effect in found.hypothesis.effects)
+    problem = replace(problem.of(corrections.tosses), world=found.hypothesis.base, own_heights=own_heights)
     validator = problem.validator(over_order=True)
     if found.contact != "own":
         validator = replace(validator, engine=Engine())
@@ -282,6 +285,8 @@ def _moved(each: EffectOverOrder, looked: Looked, tosses: Sequence[Toss]) -> tup
     ones, others = [], []
     for one, a, b in zip(each.fitted, each.edges[:-1], each.edges[1:], strict=True):
         own, world = tosses[a:b], one.hypothesis.world()
+        if looked.own_heights:
+            own = ending_at_origin(own, base.base.object)
         q, v = first_states(own, world, n_threads=validator.n_threads)
         ones.append(whole_motions(world, own, q, v, validator))
         others.append(whole_motions(same, own, q, v, validator))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ class Looked:
         floor: The noise floor.
         changes: Where anything changes.
         effect: Whose change explains most; None if none does.
+        own_heights: Whether the tosses' heights were set one by one; the validator's then all end at one place.
     """
 
     validator: CrossValidator
@@ -40,6 +42,7 @@ class Looked:
     floor: Floor
     changes: tuple[Change, ...]
     effect: EffectOverOrder | None
+    own_heights: bool = False
 
     @property
     def correctable(self) -> bool:
@@ -112,8 +115,9 @@ class Corrections:
         """
         each, base = looked.effect, looked.present.hypothesis.base
         assert each is not None
-        tosses = corrected_tosses(self.tosses, base, each.effect, each.values)
-        unseen = corrected_tosses(self.unseen, base, each.effect, order.of_unseen(each.values))
+        how = partial(corrected_tosses, world=base, effect=each.effect, own_heights=looked.own_heights)
+        tosses = how(self.tosses, values=each.values)
+        unseen = how(self.unseen, values=order.of_unseen(each.values))
         return Corrections(tosses, unseen, (*self.undone, (each, looked)))
 
 
@@ -159,7 +163,9 @@ def look(
         order: Where the dataset has sessions.
         undone: Effects for which the tosses are corrected. What is left of them is no other effect of their group.
     """
-    library, settings = problem.library, problem.settings.order
+    settings = problem.settings.order
+    # (where all tosses end at one place, none says how a force depends on it)
+    library = [each for each in problem.library if not (each.of_place and problem.own_heights)]
     floor = noise_floor(validator.windows)
     above = deviance(present.evidence, present.fitted.residuals) - floor.deviance
     rows = by_toss(present.evidence, present.evidence.windows.counted.astype(float), validator.n)
@@ -174,4 +180,4 @@ def look(
         effect = effect_over_order(
             present, validator, others, witnesses, changes, settings, boundaries=order.boundaries
         )
-    return Looked(validator, present, floor, changes, effect)
+    return Looked(validator, present, floor, changes, effect, problem.own_heights)

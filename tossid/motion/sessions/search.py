@@ -218,14 +218,14 @@ def with_covariates(seen: Witnesses) -> dict[str, tuple[Array, Array, Array]]:
     }
 
 
-def heights_were_shifted(seen: Witnesses, settings: SessionSettings = DEFAULT) -> bool:
+def heights_were_shifted(last_low: Array, settings: SessionSettings = DEFAULT) -> bool:
     """Whether every toss was shifted so that the lowest stated corner of its last frame lies at z = 0.
 
     Args:
-        seen: What the tosses say.
+        last_low: As of `Witnesses`, (n, 2) [m].
         settings: What is exact, and how many tosses must be.
     """
-    before, last = np.abs(seen.last_low).T
+    before, last = np.abs(last_low).T
     exact = bool(np.mean(last < settings.exactly) >= settings.shifted_share)
     return exact and bool(np.median(before) > 1e3 * settings.exactly)
 
@@ -240,7 +240,7 @@ def _raised(
     witness: WitnessSettings,
 ) -> RecordingOrder:
     """With the shifts that put the ground of levelled sessions, or of tosses that were shifted one by one, at z = 0."""
-    was_shifted = heights_were_shifted(seen, settings)
+    was_shifted = heights_were_shifted(seen.last_low, settings)
     notes, faces = found.notes, link_faces(model)
     if not is_wanted:
         if was_shifted:
