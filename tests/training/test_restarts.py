@@ -10,12 +10,12 @@ import pytest
 from tests.models.made import tosses
 from tossid.models.contactnets import ContactNets
 from tossid.models.trained import EpochRecord
-from tossid.objects import ObjectModel
+from tossid.objects import ObjectModel, corner_positions
 from tossid.settings.objects import EvidenceSettings
 from tossid.settings.training import ModelSettings, RestartSettings, TrainSettings
 from tossid.training.fit import Fit
 from tossid.training.restarts import convergence, evidence_of, geometry_report, seen_corners
-from tossid.types import Toss
+from tossid.types import Phase, Toss
 
 
 @pytest.fixture(scope="module")
@@ -133,13 +133,56 @@ def test_corners_that_no_toss_brought_down_are_marked(cube: ObjectModel, made: l
     q = made[0].q[:40].copy()
     q[:, 3:7], q[:, 2] = (1.0, 0.0, 0.0, 0.0), 0.5 * cube.width
     flat = replace(made[0].frames(slice(0, 40)), q=q)
-    seen = seen_corners(cube, [flat], EvidenceSettings())
+    seen = seen_corners(cube, [flat] * 3, EvidenceSettings())
     assert seen.tolist() == (cube.corner_pos[:, 2] < 0).tolist()
+    assert not seen_corners(cube, [flat] * 2, EvidenceSettings()).any()  # however long, a rest is one contact
+    flying = replace(flat, phase=np.full(len(flat.t), int(Phase.FLIGHT), dtype=np.uint8))
+    assert not seen_corners(cube, [flying] * 3, EvidenceSettings()).any()
     assert seen_corners(cube, made, EvidenceSettings()).all()
     report = geometry_report(cube, seen, length_scale=0.5)
     assert len(report) == 1
     np.testing.assert_allclose(report[0]["vertices_m"], 0.5 * cube.corner_pos, atol=1e-6)
     assert report[0]["seen"] == seen.tolist()
+
+
+def test_a_corner_that_sinks_in_flight_is_not_seen(cube: ObjectModel, made: list[Toss]) -> None:
+    corners = cube.corner_pos.copy()
+    corners[0] *= 1.8
+    wrong = cube.with_changes(corner_pos=corners)
+    flights = []
+    for toss in made:
+        low = corner_positions(cube, toss.q)[..., 2].min(axis=1)
+        first = int(np.argmax(low < 1e-3)) if (low < 1e-3).any() else len(low)
+        phase = np.full(first, int(Phase.FLIGHT), dtype=np.uint8)
+        flights.append(replace(toss.frames(slice(first)), phase=phase))
+    below = sum((corner_positions(wrong, toss.q)[:, 0, 2] < 0).sum() for toss in flights)
+    assert below >= 3
+    assert not seen_corners(wrong, flights, EvidenceSettings()).any()
+
+
+@pytest.mark.parametrize("rationed", [True, False])
+def test_validation_tosses_show_a_corner_that_few_training_tosses_do_not(
+    cube: ObjectModel, made: list[Toss], rationed: bool
+) -> None:
+    train, validation = made[:3], made[3:]
+    assert min(corner_positions(cube, toss.q)[:, 0, 2].min() for toss in train) > 0.05
+    assert isinstance(evidence_of(train, RestartSettings()), str)
+    corners = cube.corner_pos.copy()
+    corners[0] *= 0.2
+    model = ContactNets(cube.with_changes(corner_pos=corners), ModelSettings(horizons=()))
+    fit = Fit(model, train, validation, TrainSettings(epochs=10, tosses=3 if rationed else None))
+    history = list(fit.epochs())
+    learned = model.learned_object()
+    off = np.linalg.norm(learned.corner_pos[0] - cube.corner_pos[0])
+    found = convergence(learned, fit.evidence, history, fit.restarts, fit.settings)
+    contradicted = any("outside the learned ones" in reason for reason in found["reasons"])
+    if rationed:  # validation tosses may not say where the corner is, but that it is missing
+        assert off > 0.02
+        assert not fit.restarts
+        assert contradicted
+    else:
+        assert off < 2e-3
+        assert not contradicted
 
 
 def test_objects_with_joints_are_not_held_against_a_hull(elbow: ObjectModel) -> None:

@@ -172,7 +172,9 @@ class ContactNets(nn.Module):
             everything = _learned(self.geometry, self.friction, self.inertia, self.k_res)
             plans.append(StagePlan("together", Objective.LOSS, everything))
         elif self.k_res is not None:
-            plans.append(StagePlan("continuous", Objective.FLIGHT_LOSS, _learned(self.k_res, self.inertia)))
+            flight = _learned(self.k_res, self.inertia)
+            vertical = self.k_res.vertical if self.k_res.gravity else None
+            plans.append(StagePlan("continuous", Objective.FLIGHT_LOSS, flight, quadratic=vertical))
         if settings.implicit and not settings.together:
             contact = _learned(self.geometry, self.friction, self.inertia)
             held = tuple(_learned(self.inertia)) if self.learns_corners else ()

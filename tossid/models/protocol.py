@@ -89,6 +89,8 @@ class StagePlan:
         held: Those of its parameters that it does not learn while the tosses contradict the corners: an inertia would
             stand in for a missing corner.
         friction: Friction that the stage learns, whose starts are compared before the first step of a rollout stage.
+        quadratic: One of its parameters, in which the loss is quadratic: it starts at the minimum along it. A gravity
+            that is given 9.81 m/s² wrong is then found at once, and no first step along all parameters leaps for it.
     """
 
     name: str
@@ -100,6 +102,7 @@ class StagePlan:
     corners: Corners | None = None
     held: tuple[nn.Parameter, ...] = ()
     friction: Coefficient | None = None
+    quadratic: nn.Parameter | None = None
 
 
 @dataclass(frozen=True)

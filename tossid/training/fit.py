@@ -25,13 +25,14 @@ from typing import Any
 
 import numpy as np
 
-from tossid.errors import DivergedError
-from tossid.models.protocol import Corners, DynamicsModel, Objective, StagePlan
+from tossid.errors import DivergedError, ObjectError
+from tossid.models.protocol import Array, Corners, DynamicsModel, Objective, StagePlan
 from tossid.models.shots import Shots, first_states, flight_starts, make_shots, make_stretches
 from tossid.models.trained import EpochRecord
 from tossid.models.transitions import Transitions, make_transitions
 from tossid.motion import FlightState
 from tossid.objects import ObjectModel
+from tossid.objects.convex_shape import ConvexShape
 from tossid.objects.shape_evidence import ShapeEvidence
 from tossid.settings.training import TrainSettings
 from tossid.training.losses import LossStage, Stage
@@ -73,7 +74,8 @@ class Fit:
         leak: What the splits leak by copies (`tossid.motion.sessions.copies`).
 
     Attributes:
-        evidence: The frames against which corners are held, or why there are none.
+        evidence: The frames against which corners are held, those of validation tosses among them, or why there are
+            none.
         restarts: What was started again.
         way: Corners before training and after each stage that moved them, each (n_c, 3) as lists [m].
     """
@@ -96,9 +98,9 @@ class Fit:
         true = model.measurement.true_toss
         self._tosses = (tuple(true(toss) for toss in train), tuple(true(toss) for toss in validation))
         self.evidence: ShapeEvidence | str = "a round shape is not held against the hull of its frames"
+        self._source = self.evidence
         if model.object.roundness is None:
-            known = None if shown is None else shown.shape
-            self.evidence = evidence_of(self._tosses[0], self.settings.restarts, shape=known)
+            self.evidence, self._source = self._frames(None if shown is None else shown.shape)
         self.restarts: list[Restart] = []
         self.way = [model.learned_object().corner_pos.tolist()]
         self._before: tuple[float, dict[str, Any]] | None = None
@@ -127,22 +129,34 @@ class Fit:
         """The tosses to learn from, with true lengths and velocities."""
         return self._tosses[0]
 
+    def _frames(self, known: ConvexShape | None) -> tuple[ShapeEvidence | str, ShapeEvidence | str]:
+        """The frames that judge corners, and those that say where corners that are started again begin.
+
+        Frames of validation tosses judge: a corner that never touched in a few training tosses, others bring down. They
+        move no corner where training tosses are rationed: who asks what eight tosses teach means these eight.
+        """
+        train, validation = self._tosses
+        limits, rationed = self.settings.restarts, self.settings.tosses is not None
+        judges = evidence_of((*train, *validation), limits, shape=None if rationed else known)
+        return judges, evidence_of(train, limits, shape=known) if rationed else judges
+
     def _geometry_of_contact(self, start: ObjectModel) -> ObjectModel:
         """The object with the corners that say which frames may involve contact.
 
         Those that it starts with, unless the tosses contradict them.
         """
-        if isinstance(self.evidence, str) or self.evidence.contradiction(start.corner_pos) is None:
+        if isinstance(self._source, str) or not self._contradicts(start.corner_pos):
             return start
-        shown = self.evidence.shown()
+        shown = self._source.shown()
         if len(shown) < 4:
             return start
         return start.with_changes(corner_pos=shown, corner_body=np.zeros(len(shown), dtype=np.int64))
 
+    def _contradicts(self, corners: Array) -> bool:
+        return not isinstance(self.evidence, str) and self.evidence.contradiction(corners) is not None
+
     def _contradicted(self, corners: Corners | None) -> bool:
-        if corners is None or isinstance(self.evidence, str):
-            return False
-        return self.evidence.contradiction(corners().detach().numpy()) is not None
+        return corners is not None and self._contradicts(corners().detach().numpy())
 
     def _make(self, plan: StagePlan) -> Stage:
         """A stage, when its turn comes: it starts from the model as it is then."""
@@ -254,7 +268,8 @@ class Fit:
             The record of each epoch.
 
         Raises:
-            DivergedError: The loss became NaN or infinite; the state before it is attached.
+            DivergedError: The loss became NaN or infinite, or what a stage learned is no body; the state before or
+                after it is attached.
         """
         while self.stage < len(self.stages):
             plan = self.stages[self.stage]
@@ -271,7 +286,7 @@ class Fit:
                     self.epoch = self._current.epochs
                 yield record
             self.model.load_state_dict(self.best)
-            corners = self.model.learned_object().corner_pos.tolist()
+            corners = self._learned_by(plan).corner_pos.tolist()
             if corners != self.way[-1]:
                 self.way.append(corners)
             self.stage += 0 if self._start_again(plan) else 1
@@ -293,9 +308,10 @@ class Fit:
         if tried >= self.settings.restarts.corners or not self._contradicted(plan.corners):
             return False
         assert plan.corners is not None
-        assert not isinstance(self.evidence, str)
+        if isinstance(self._source, str):
+            return False
         now = plan.corners().detach().numpy().copy()
-        moved = self.evidence.corrected(now)
+        moved = self._source.corrected(now)
         changed = int((moved != now).any(axis=1).sum())
         if not changed:
             return False
@@ -303,6 +319,21 @@ class Fit:
         self.restarts.append(Restart(plan.name, "corners", changed, kept=True))
         plan.corners.move(moved)
         return True
+
+    def _learned_by(self, plan: StagePlan) -> ObjectModel:
+        """The object as a stage left it.
+
+        Raises:
+            DivergedError: It is none that could be simulated.
+        """
+        try:
+            return self.model.learned_object()
+        except ObjectError as error:
+            raise DivergedError(
+                f"stage '{plan.name}' ran away from every body that there is: {error}; more epochs than {self.epoch}, "
+                "more tosses or a start that is nearer (gravity, inertia) may help",
+                state=copy.deepcopy(self.model.state_dict()),
+            ) from error
 
     def _step(self, stage: Stage) -> tuple[EpochRecord, bool]:
         before = copy.deepcopy(self.model.state_dict())
