@@ -36,14 +36,45 @@ def fitted(cube: ObjectModel, made: list[Toss], restarts: int) -> Fit:
 
 def test_corners_that_never_touch_are_started_again(cube: ObjectModel, made: list[Toss]) -> None:
     fit = fitted(cube, made, 3)
-    assert [restart.what for restart in fit.restarts] == ["corners"] * len(fit.restarts)
+    *moved, followed = fit.restarts
+    assert {restart.what for restart in moved} == {"corners"}
     assert fit.restarts[0].moved >= 3
     assert fit.restarts[0].kept
+    assert (followed.what, followed.kept) == ("all corners", True)
     learned = fit.model.learned_object()
     distance = np.linalg.norm(learned.corner_pos[:, None] - cube.corner_pos[None], axis=-1)
     assert distance.min(axis=0).max() < 1e-3
     assert learned.friction == pytest.approx(cube.friction, abs=0.01)
     assert convergence(learned, fit.evidence, (), fit.restarts, fit.settings)["converged"]
+
+
+def test_starts_that_tosses_contradict_end_at_one_place(cube: ObjectModel, made: list[Toss]) -> None:
+    """Whatever corners and friction they began with."""
+    ends = []
+    for friction, share in ((1.0, 0.1), (0.08, 0.3)):
+        corners = cube.corner_pos.copy()
+        corners[:4] *= share
+        model = ContactNets(cube.with_changes(corner_pos=corners, friction=friction), ModelSettings(horizons=()))
+        fit = Fit(model, made[:26], made[26:])
+        stages = [record.stage for record in fit.epochs()]
+        assert stages[-1] == "contact-gap-1"
+        assert fit.restarts[-1].kept
+        assert model.weights.gap_scale == ModelSettings.gap_scale
+        learned = model.learned_object()
+        order = np.lexsort(np.sign(learned.corner_pos).T)
+        ends.append((learned.corner_pos[order], learned.friction))
+    np.testing.assert_allclose(ends[0][0], ends[1][0], atol=2e-5)
+    assert ends[0][1] == pytest.approx(ends[1][1], abs=1e-3)
+
+
+def test_an_end_that_validation_tosses_refuse_is_not_kept(cube: ObjectModel, made: list[Toss]) -> None:
+    corners = cube.corner_pos.copy()
+    corners[:4] *= 0.1
+    model = ContactNets(cube.with_changes(corner_pos=corners), ModelSettings(horizons=()))
+    fit = Fit(model, made[:26], made[26:], TrainSettings(epochs=20, restarts=RestartSettings(followed_loss=1e-3)))
+    before = [record for record in fit.epochs() if record.stage == "contact"][-1]
+    assert (fit.restarts[-1].what, fit.restarts[-1].kept) == ("all corners", False)
+    assert float(model.loss(fit._transitions[1])[0].detach()) == pytest.approx(before.validation_loss, rel=0.05)
 
 
 def test_without_restarts_they_stay_and_training_says_so(cube: ObjectModel, made: list[Toss]) -> None:
@@ -56,25 +87,29 @@ def test_without_restarts_they_stay_and_training_says_so(cube: ObjectModel, made
     assert "outside the learned ones" in found["reasons"][0]
 
 
-def test_an_interrupted_fit_resumes_within_a_restart(cube: ObjectModel, made: list[Toss]) -> None:
+@pytest.mark.parametrize("inertia", [True, False])
+def test_an_interrupted_fit_resumes_within_a_restart(cube: ObjectModel, made: list[Toss], inertia: bool) -> None:
     corners = cube.corner_pos.copy()
     corners[:4] *= 0.1
 
     def fresh() -> Fit:
-        settings = ModelSettings(learn_inertia=True, learn_k_res=True, hidden=4, horizons=(5,))
+        settings = ModelSettings(learn_inertia=inertia, learn_k_res=True, hidden=4, horizons=(5,))
         model = ContactNets(cube.with_changes(corner_pos=corners), settings)
         return Fit(model, made[:8], made[8:12], TrainSettings(epochs=3))
 
     whole = fresh()
-    count = len(list(whole.epochs()))
+    stages = [record.stage for record in whole.epochs()]
     assert whole.restarts
-    for stop in (4, 7):  # before the first restart, and in the pass after it
+    stops = [4, 7]  # before the first restart, and in the pass after it
+    if not inertia:
+        stops = [stages.index("contact-gap-2") + 1]  # on the way of all corners
+    for stop in stops:
         first, second = fresh(), fresh()
         steps = first.epochs()
         for _ in range(stop):
             next(steps)
         second.load_state_dict(first.state_dict())
-        assert len(list(second.epochs())) == count - stop
+        assert len(list(second.epochs())) == len(stages) - stop
         assert second.restarts == whole.restarts
         for a, b in zip(whole.model.state_dict().values(), second.model.state_dict().values(), strict=True):
             assert (a == b).all()

@@ -19,7 +19,7 @@ import copy
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
@@ -27,38 +27,19 @@ import numpy as np
 
 from tossid.errors import DivergedError, ObjectError
 from tossid.models.protocol import Array, Corners, DynamicsModel, Objective, StagePlan
-from tossid.models.shots import Shots, first_states, flight_starts, make_shots, make_stretches
+from tossid.models.shots import Shots, first_states, make_shots, make_stretches
 from tossid.models.trained import EpochRecord
 from tossid.models.transitions import Transitions, make_transitions
-from tossid.motion import FlightState
 from tossid.objects import ObjectModel
 from tossid.objects.convex_shape import ConvexShape
 from tossid.objects.shape_evidence import ShapeEvidence
 from tossid.settings.training import TrainSettings
+from tossid.training.flights import Flights, fit_flights
 from tossid.training.losses import LossStage, Stage
-from tossid.training.restarts import Restart, evidence_of
+from tossid.training.restarts import Following, Restart, evidence_of
 from tossid.training.rollouts import RolloutStage
 from tossid.training.unknown import UnknownObject
 from tossid.types import Toss
-
-
-@dataclass(frozen=True)
-class _Flights:
-    """First states that flights gave, for a model as it was."""
-
-    model: ObjectModel
-    gravity: float
-    fitted: tuple[list[FlightState | None], ...]
-
-    COM_REL, INERTIA_REL, GRAVITY_REL = 1e-3, 0.01, 1e-3
-    """Changes (in widths, and relative) on which first states do not depend."""
-
-    def outdated(self, model: ObjectModel, gravity: float) -> bool:
-        return bool(
-            np.abs(model.com - self.model.com).max() > self.COM_REL * model.width
-            or np.abs(model.inertia - self.model.inertia).max() > self.INERTIA_REL * np.abs(self.model.inertia).max()
-            or abs(gravity - self.gravity) > self.GRAVITY_REL * max(abs(gravity), 1.0)
-        )
 
 
 class Fit:
@@ -98,12 +79,13 @@ class Fit:
         true = model.measurement.true_toss
         self._tosses = (tuple(true(toss) for toss in train), tuple(true(toss) for toss in validation))
         self.evidence: ShapeEvidence | str = "a round shape is not held against the hull of its frames"
-        self._source = self.evidence
+        self._source: ShapeEvidence | str = self.evidence
         if model.object.roundness is None:
             self.evidence, self._source = self._frames(None if shown is None else shown.shape)
         self.restarts: list[Restart] = []
         self.way = [model.learned_object().corner_pos.tolist()]
         self._before: tuple[float, dict[str, Any]] | None = None
+        self._following: Following | None = None
         near = self._geometry_of_contact(model.object)
         self._start_fits = near is model.object
         self._transitions = tuple(make_transitions(near, tosses, self.settings.transitions) for tosses in self._tosses)
@@ -116,7 +98,7 @@ class Fit:
         self.best = copy.deepcopy(model.state_dict())
         self._current: Stage | None = None
         self._holds = False
-        self._flights: _Flights | None = None
+        self._flights: Flights | None = None
 
     @property
     def most_epochs(self) -> int:
@@ -212,11 +194,7 @@ class Fit:
             )
             return train, validation
         if self._flights is None or self._flights.outdated(learned, gravity):
-            frames = self.settings.rollouts.min_flight_frames
-            fitted = tuple(
-                flight_starts(learned, tosses, gravity=gravity, min_frames=frames) for tosses in self._tosses
-            )
-            self._flights = _Flights(learned, gravity, fitted)
+            self._flights = fit_flights(learned, self._tosses, gravity, self.settings.rollouts)
         train, validation = (
             make_shots(
                 learned,
@@ -239,6 +217,7 @@ class Fit:
             "best": self.best,
             "restarts": [asdict(restart) for restart in self.restarts],
             "before": self._before,
+            "following": None if self._following is None else asdict(self._following),
             "holds": self._holds,
             "way": self.way,
             "model": copy.deepcopy(self.model.state_dict()),
@@ -256,9 +235,10 @@ class Fit:
         self.model.load_state_dict(state["model"])
         self.restarts = [Restart(**restart) for restart in state["restarts"]]
         self._before, self._holds, self.way = state["before"], state["holds"], state["way"]
+        self._following = None if state["following"] is None else Following(**state["following"])
         self._current = None
         if state["current"] is not None and self.stage < len(self.stages):
-            self._current = self._make(self.stages[self.stage])
+            self._current = self._make(self._plan())
             self._current.load_state_dict(state["current"])
 
     def epochs(self) -> Iterator[EpochRecord]:
@@ -272,7 +252,7 @@ class Fit:
                 after it is attached.
         """
         while self.stage < len(self.stages):
-            plan = self.stages[self.stage]
+            plan = self._plan()
             if self._current is None:
                 self._holds = bool(plan.held) and self._contradicted(plan.corners)
                 self._current = self._make(plan)
@@ -280,7 +260,8 @@ class Fit:
                 if isinstance(self._current, RolloutStage) and self._current.friction_restarted:
                     self.restarts.append(Restart(plan.name, "friction", 1, kept=True))
             done = False
-            while not done and self.epoch < self._current.epochs and self.stale < self.settings.patience:
+            patience = self.settings.patience if self._following is None else Following.PATIENCE
+            while not done and self.epoch < self._current.epochs and self.stale < patience:
                 record, done = self._step(self._current)
                 if done:
                     self.epoch = self._current.epochs
@@ -289,8 +270,50 @@ class Fit:
             corners = self._learned_by(plan).corner_pos.tolist()
             if corners != self.way[-1]:
                 self.way.append(corners)
-            self.stage += 0 if self._start_again(plan) else 1
+            self.stage += 0 if self._again(plan) else 1
             self.epoch, self.stale, self.best_loss, self._current = 0, 0, float("inf"), None
+
+    def _plan(self) -> StagePlan:
+        """The present stage, with the gap's width of the present pass."""
+        plan, following = self.stages[self.stage], self._following
+        if plan.widen is not None:
+            plan.widen(1.0 if following is None else following.widths[0])
+        return plan if following is None else replace(plan, name=f"{plan.name}-gap-{following.widths[0]:g}")
+
+    def _again(self, plan: StagePlan) -> bool:
+        """Whether the stage that has ended is to be gone through again."""
+        if self._following is None:
+            return self._start_again(plan) or self._follow(plan)
+        self._following.widths.pop(0)
+        if self._following.widths:
+            return True
+        if self._following.ends_at > self.settings.restarts.followed_loss * self._following.loss:
+            self.model.load_state_dict(self._following.before)
+            self.restarts[-1] = replace(self.restarts[-1], kept=False)
+        self._following = None
+        return False
+
+    def _follow(self, plan: StagePlan) -> bool:
+        """Whether corners that were started again are now followed to an end that does not depend on the start.
+
+        With the narrow gap alone the loss has minima a millimetre apart, and validation tosses end the stage on the way
+        to one of them. All corners begin where the tosses show them, and the loss narrows pass by pass. A stage that
+        learns inertia, too, stays as it was: what this loss gives of inertia at its end makes rollouts no better.
+        """
+        widths, limits = list(self.settings.restarts.gap_widths), self.settings.restarts
+        again = any(restart.what == "corners" and restart.kept for restart in self.restarts)
+        if not (again and widths and plan.widen is not None) or plan.held or isinstance(self._source, str):
+            return False
+        assert plan.corners is not None
+        now = plan.corners().detach().numpy().copy()
+        moved = self._source.corrected(now, every=True)
+        changed = int((moved != now).any(axis=1).sum())
+        if not changed or limits.corners == 0:
+            return False
+        self.restarts.append(Restart(plan.name, "all corners", changed, kept=True))
+        self._following = Following(widths, self.best_loss, copy.deepcopy(self.model.state_dict()))
+        plan.corners.move(moved)
+        return True
 
     def _start_again(self, plan: StagePlan) -> bool:
         """Whether the stage that has ended is to be gone through again, with corners that were started again.
@@ -344,9 +367,13 @@ class Fit:
             raise DivergedError(
                 f"the loss became {now.train_loss} in stage '{stage.name}', epoch {self.epoch}", state=before
             )
-        better = now.validation_loss < self.best_loss * (1 - self.settings.least_improvement)
+        loss, least = now.validation_loss, self.settings.least_improvement
+        if self._following is not None:
+            self._following.ends_at = loss
+            loss, least = now.train_loss, self.settings.restarts.followed_to
+        better = loss < self.best_loss * (1 - least)
         if better:
-            self.best_loss, self.best, self.stale = now.validation_loss, copy.deepcopy(self.model.state_dict()), 0
+            self.best_loss, self.best, self.stale = loss, copy.deepcopy(self.model.state_dict()), 0
         else:
             self.stale += 1
         self.epoch += 1

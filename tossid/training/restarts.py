@@ -36,15 +36,37 @@ class Restart:
 
     Attributes:
         stage: In which stage of training.
-        what: "corners" or "friction".
+        what: "corners", "all corners" (which are then followed to an end that does not depend on the start) or
+            "friction".
         moved: How many numbers were moved: corners, or one.
-        kept: Whether the validation loss then ended lower than before; if not, what was before was restored.
+        kept: Whether the validation loss then ended lower than before (for all corners: not much higher); if not, what
+            was before was restored.
     """
 
     stage: str
     what: str
     moved: int
     kept: bool
+
+
+@dataclass
+class Following:
+    """Passes of a stage with gaps of decreasing width, each to the end of its training loss.
+
+    Attributes:
+        widths: Of the present pass and those to come, relative to the model's own.
+        loss: Validation loss before them.
+        before: The model before them.
+        ends_at: Validation loss of the last epoch.
+    """
+
+    widths: list[float]
+    loss: float
+    before: dict[str, Any]
+    ends_at: float = float("inf")
+
+    PATIENCE = 2
+    """Epochs without a lower training loss after which a pass has ended."""
 
 
 def evidence_of(tosses: Sequence[Toss], settings: RestartSettings, **known: Any) -> ShapeEvidence | str:
