@@ -67,6 +67,11 @@ class _Evaluation(NamedTuple):
     gradients: Sequence[Tensor]
 
 
+FAR = 0.1
+"""Distance from its minimum (in a parameter's unit) beyond which a parameter in which the loss is quadratic starts there;
+a nearer one is left to the optimizer, as a given gravity that is right but for a few per cent."""
+
+
 class LossStage:
     """Minimises `model.loss(transitions)` over the parameters of a plan.
 
@@ -122,7 +127,8 @@ class LossStage:
         start, at_start = along.detach().clone(), slope()
         along.data.copy_(start + 1.0)
         rise = slope() - at_start
-        along.data.copy_(start - at_start / rise if rise > 0 else start)
+        step = -at_start / rise if rise > 0 else torch.zeros_like(rise)
+        along.data.copy_(start + step if step.abs() > FAR else start)
 
     def step(self) -> Pass:
         """One epoch."""
