@@ -68,7 +68,7 @@ class _Evaluation(NamedTuple):
 
 
 FAR = 0.1
-"""Distance from its minimum (in a parameter's unit) beyond which a parameter in which the loss is quadratic starts there;
+"""Distance from its minimum (in a parameter's unit) beyond which a parameter with a quadratic loss starts there;
 a nearer one is left to the optimizer, as a given gravity that is right but for a few per cent."""
 
 
