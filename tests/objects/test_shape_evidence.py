@@ -38,6 +38,13 @@ def test_a_corner_inside_is_missed_and_put_back(evidence: ShapeEvidence) -> None
     assert np.linalg.norm(corrected[2] - TRUE[2]) < 2e-3
 
 
+def test_every_corner_goes_where_contacts_show_it(evidence: ShapeEvidence) -> None:
+    near, far = TRUE + 1e-3, TRUE.copy()
+    far[2] = OFFSET
+    np.testing.assert_array_equal(evidence.corrected(near), near)
+    np.testing.assert_array_equal(evidence.corrected(near, every=True), evidence.corrected(far, every=True))
+
+
 def test_two_corners_in_one_place_are_parted(evidence: ShapeEvidence) -> None:
     wrong = TRUE.copy()
     wrong[0] = wrong[1] + 1e-4

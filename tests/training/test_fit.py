@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from tests.models.made import tosses
+from tossid.errors import DivergedError
 from tossid.models.contactnets import ContactNets
 from tossid.motion import MeasurementModel
 from tossid.objects import ObjectModel
@@ -113,3 +114,27 @@ def test_short_lengths_and_late_velocities_do_not_spoil_what_is_learned(cube: Ob
     list(fit.epochs())
     assert model.flight_gravity(fit._transitions[0]) == pytest.approx(9.81, rel=0.01)
     assert np.abs(model.learned_object().com - COM).max() < 1e-3
+
+
+def test_one_epoch_finds_a_gravity_that_was_not_given(cube: ObjectModel) -> None:
+    """Its first step would else leap along inertia, too: to 1e14 kg m² of the published cube's tosses."""
+    made = tosses(cube.with_changes(com=COM), 12, seed=5)
+    settings = ModelSettings(learn_inertia=True, learn_k_res=True, hidden=4, horizons=(), gravity=0.0)
+    model = ContactNets(cube, settings)
+    fit = Fit(model, made[:8], made[8:], TrainSettings(epochs=1))
+    list(fit.epochs())
+    assert model.mechanics().carried_gravity == pytest.approx(9.81, abs=0.2)
+    assert np.trace(model.learned_object().inertia[0]) == pytest.approx(np.trace(cube.inertia[0]), rel=0.5)
+
+
+def test_a_stage_that_leaves_no_body_is_a_failure_with_its_name(cube: ObjectModel) -> None:
+    class Runaway(ContactNets):
+        def learned_object(self) -> ObjectModel:
+            learned = super().learned_object()
+            return learned if (learned.corner_pos == self.object.corner_pos).all() else cube.with_changes(friction=-1.0)
+
+    made = tosses(cube, 6, seed=0)
+    model = Runaway(cube.with_changes(friction=0.3), ModelSettings(horizons=()))
+    fit = Fit(model, made[:4], made[4:], TrainSettings(epochs=2))
+    with pytest.raises(DivergedError, match=r"stage 'contact' ran away from every body .* more epochs than"):
+        list(fit.epochs())

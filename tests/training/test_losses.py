@@ -55,3 +55,11 @@ def test_the_minimum_is_reached(cube: ObjectModel, settings: TrainSettings, step
 def test_adam_goes_once_through_the_data_in_an_epoch(cube: ObjectModel) -> None:
     _, stage, _ = stage_of(cube, TrainSettings(optimizer="adam", batch=16))
     assert stage.step().passes == 1
+
+
+def test_a_parameter_in_which_the_loss_is_quadratic_starts_at_its_minimum(cube: ObjectModel) -> None:
+    data = make_transitions(cube, tosses(cube, 4, seed=0))
+    model = Falling()
+    plan = StagePlan("fall", Objective.LOSS, [model.a], quadratic=model.a)
+    LossStage(plan, model, data, data, TrainSettings()).begin()  # type: ignore[arg-type]
+    assert float(model.a.detach()) == pytest.approx(float((data.dv[:, 2] / data.dt).mean()), rel=1e-12)

@@ -6,6 +6,7 @@ Learning of Contact and Continuous Dynamics", CoRL 2023 (arXiv 2310.12054). What
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -174,12 +175,15 @@ class ContactNets(nn.Module):
             everything = _learned(self.geometry, self.friction, self.inertia, self.k_res)
             plans.append(StagePlan("together", Objective.LOSS, everything))
         elif self.k_res is not None:
-            plans.append(StagePlan("continuous", Objective.FLIGHT_LOSS, _learned(self.k_res, self.inertia)))
+            flight = _learned(self.k_res, self.inertia)
+            vertical = self.k_res.vertical if self.k_res.gravity else None
+            plans.append(StagePlan("continuous", Objective.FLIGHT_LOSS, flight, quadratic=vertical))
         if settings.implicit and not settings.together:
             contact = _learned(self.geometry, self.friction, self.inertia)
             held = tuple(_learned(self.inertia)) if self.learns_corners else ()
             corners = self.geometry if self.learns_corners else None
-            plans.append(StagePlan("contact", Objective.LOSS, contact, corners=corners, held=held))
+            widen = self.widen_gap if self.learns_corners else None
+            plans.append(StagePlan("contact", Objective.LOSS, contact, corners=corners, held=held, widen=widen))
         horizons = settings.horizons
         if self.object.n_joints and horizons:
             horizons = (max(1, horizons[0] // 2), horizons[0])
@@ -191,6 +195,14 @@ class ContactNets(nn.Module):
             name = f"rollout-{horizon}"
             plans.append(StagePlan(name, Objective.ROLLOUT, parameters, horizon, starts=starts, friction=friction))
         return tuple(plan for plan in plans if plan.parameters)
+
+    def widen_gap(self, factor: float) -> None:
+        """Let gaps count quadratically in the loss below a multiple of the stated `gap_scale`.
+
+        Args:
+            factor: Of it.
+        """
+        self.weights = replace(self.weights, gap_scale=factor * self.settings.gap_scale)
 
     def flight_gravity(self, transitions: Transitions) -> float:
         """Mean downward acceleration in free flight, as the model has it [m/s²]."""

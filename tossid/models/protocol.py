@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any, Protocol
@@ -89,6 +89,9 @@ class StagePlan:
         held: Those of its parameters that it does not learn while the tosses contradict the corners: an inertia would
             stand in for a missing corner.
         friction: Friction that the stage learns, whose starts are compared before the first step of a rollout stage.
+        quadratic: One of its parameters, in which the loss is quadratic: it starts at the minimum along it. A gravity
+            that is given 9.81 m/s² wrong is then found at once, and no first step along all parameters leaps for it.
+        widen: Multiplies the distance below which a gap counts quadratically in the loss, relative to the stated one.
     """
 
     name: str
@@ -100,6 +103,8 @@ class StagePlan:
     corners: Corners | None = None
     held: tuple[nn.Parameter, ...] = ()
     friction: Coefficient | None = None
+    quadratic: nn.Parameter | None = None
+    widen: Callable[[float], None] | None = None
 
 
 @dataclass(frozen=True)

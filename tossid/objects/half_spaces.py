@@ -168,6 +168,20 @@ def evenly(n: int, most: int) -> NDArray[np.bool_]:
     return keep
 
 
+def turned(ways: Array, least: float) -> NDArray[np.bool_]:
+    """Marks directions (n,) that are turned from the last one marked; the first one is.
+
+    Args:
+        ways: (n, 3) unit vectors, in their order in time.
+        least: By at least this angle [rad].
+    """
+    keep, last = np.zeros(len(ways), dtype=bool), None
+    for k, way in enumerate(ways):
+        keep[k] = last is None or way @ last < np.cos(least)
+        last = way if keep[k] else last
+    return keep
+
+
 def protrusion(point: Array, vertices: Array) -> float:
     """Distance [m] of a point from the convex hull of vertices.
 

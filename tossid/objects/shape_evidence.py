@@ -125,7 +125,7 @@ class ShapeEvidence:
             found.append(f"{outside} learned corners lie more than {reach:.0f} mm below the ground in some frame")
         return "; ".join(found) or None
 
-    def corrected(self, corners: Array) -> Array:
+    def corrected(self, corners: Array, *, every: bool = False) -> Array:
         """Corners with those that are dead or outside moved to where the tosses show one.
 
         Shown corners and given ones are assigned to each other so that the distances add up to the least. Of a pair
@@ -133,6 +133,7 @@ class ShapeEvidence:
 
         Args:
             corners: (n, 3) in the body's frame [m].
+            every: Whether those with a partner close by are moved, too.
 
         Returns:
             Corners (n, 3); as they were where the tosses show none.
@@ -142,7 +143,7 @@ class ShapeEvidence:
             return corners.copy()
         distance = np.linalg.norm(corners[:, None] - shown[None], axis=-1)
         moved, (own, other) = corners.copy(), linear_sum_assignment(distance)
-        far = distance[own, other] > self.settings.missing_rel * self.radius
+        far = (distance[own, other] > self.settings.missing_rel * self.radius) | every
         moved[own[far]] = shown[other[far]]
         alone = self.outside(moved)
         moved[alone] = shown[distance[alone].argmin(axis=1)]

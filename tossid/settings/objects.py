@@ -113,8 +113,10 @@ class EvidenceSettings(Checked):
     radius is known"""
     seen_angle: Positive = 0.2
     """angle from the downward direction in a contact within which points of a round surface count as seen [rad]"""
+    seen_turn: Positive = 0.087
+    """turn of the body since the last contact that counted, after which a touching corner counts again [rad]"""
     fewest_seen: Count = 3
-    """frames in which a learned corner touches, from which on it counts as seen"""
+    """contacts of a learned corner from which on it counts as seen; of a round surface, frames"""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -208,6 +208,13 @@ class RestartSettings:
 
     corners: Annotated[int, Bounds(low=0)] = 3
     """most times that corners which the tosses contradict are started again where the tosses show corners; 0: never"""
+    gap_widths: tuple[Positive, ...] = (4.0, 2.0, 1.0)
+    """multiples of the model's gap_scale with which the contact stage is gone through once corners were started again,
+    each to the end of its training loss; (): not gone through again"""
+    followed_to: Positive = 1e-7
+    """relative decrease of the training loss from one epoch to the next, below which such a pass ends"""
+    followed_loss: Positive = 1.1
+    """ratio of the validation loss after these passes to the one before up to which they count"""
     frictions: tuple[Positive, ...] = (0.05, 0.15, 0.4, 1.0)
     """values of friction that are compared with the present one before a rollout stage"""
     friction_factors: tuple[Positive, ...] = (0.6, 0.75, 0.9, 1.1)

@@ -19,45 +19,27 @@ import copy
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from tossid.errors import DivergedError
-from tossid.models.protocol import Corners, DynamicsModel, Objective, StagePlan
-from tossid.models.shots import Shots, first_states, flight_starts, make_shots, make_stretches
+from tossid.errors import DivergedError, ObjectError
+from tossid.models.protocol import Array, Corners, DynamicsModel, Objective, StagePlan
+from tossid.models.shots import Shots, first_states, make_shots, make_stretches
 from tossid.models.trained import EpochRecord
 from tossid.models.transitions import Transitions, make_transitions
-from tossid.motion import FlightState
 from tossid.objects import ObjectModel
+from tossid.objects.convex_shape import ConvexShape
 from tossid.objects.shape_evidence import ShapeEvidence
 from tossid.settings.training import TrainSettings
+from tossid.training.flights import Flights, fit_flights
 from tossid.training.losses import LossStage, Stage
-from tossid.training.restarts import Restart, evidence_of
+from tossid.training.restarts import Following, Restart, evidence_of
 from tossid.training.rollouts import RolloutStage
 from tossid.training.unknown import UnknownObject
 from tossid.types import Toss
-
-
-@dataclass(frozen=True)
-class _Flights:
-    """First states that flights gave, for a model as it was."""
-
-    model: ObjectModel
-    gravity: float
-    fitted: tuple[list[FlightState | None], ...]
-
-    COM_REL, INERTIA_REL, GRAVITY_REL = 1e-3, 0.01, 1e-3
-    """Changes (in widths, and relative) on which first states do not depend."""
-
-    def outdated(self, model: ObjectModel, gravity: float) -> bool:
-        return bool(
-            np.abs(model.com - self.model.com).max() > self.COM_REL * model.width
-            or np.abs(model.inertia - self.model.inertia).max() > self.INERTIA_REL * np.abs(self.model.inertia).max()
-            or abs(gravity - self.gravity) > self.GRAVITY_REL * max(abs(gravity), 1.0)
-        )
 
 
 class Fit:
@@ -73,7 +55,8 @@ class Fit:
         leak: What the splits leak by copies (`tossid.motion.sessions.copies`).
 
     Attributes:
-        evidence: The frames against which corners are held, or why there are none.
+        evidence: The frames against which corners are held, those of validation tosses among them, or why there are
+            none.
         restarts: What was started again.
         way: Corners before training and after each stage that moved them, each (n_c, 3) as lists [m].
     """
@@ -96,12 +79,13 @@ class Fit:
         true = model.measurement.true_toss
         self._tosses = (tuple(true(toss) for toss in train), tuple(true(toss) for toss in validation))
         self.evidence: ShapeEvidence | str = "a round shape is not held against the hull of its frames"
+        self._source: ShapeEvidence | str = self.evidence
         if model.object.roundness is None:
-            known = None if shown is None else shown.shapes[0]
-            self.evidence = evidence_of(self._tosses[0], self.settings.restarts, shape=known)
+            self.evidence, self._source = self._frames(None if shown is None else shown.shapes[0])
         self.restarts: list[Restart] = []
         self.way = [model.learned_object().corner_pos.tolist()]
         self._before: tuple[float, dict[str, Any]] | None = None
+        self._following: Following | None = None
         near = self._geometry_of_contact(model.object)
         self._start_fits = near is model.object
         self._transitions = tuple(make_transitions(near, tosses, self.settings.transitions) for tosses in self._tosses)
@@ -114,7 +98,7 @@ class Fit:
         self.best = copy.deepcopy(model.state_dict())
         self._current: Stage | None = None
         self._holds = False
-        self._flights: _Flights | None = None
+        self._flights: Flights | None = None
 
     @property
     def most_epochs(self) -> int:
@@ -127,22 +111,34 @@ class Fit:
         """The tosses to learn from, with true lengths and velocities."""
         return self._tosses[0]
 
+    def _frames(self, known: ConvexShape | None) -> tuple[ShapeEvidence | str, ShapeEvidence | str]:
+        """The frames that judge corners, and those that say where corners that are started again begin.
+
+        Frames of validation tosses judge: a corner that never touched in a few training tosses, others bring down. They
+        move no corner where training tosses are rationed: who asks what eight tosses teach means these eight.
+        """
+        train, validation = self._tosses
+        limits, rationed = self.settings.restarts, self.settings.tosses is not None
+        judges = evidence_of((*train, *validation), limits, shape=None if rationed else known)
+        return judges, evidence_of(train, limits, shape=known) if rationed else judges
+
     def _geometry_of_contact(self, start: ObjectModel) -> ObjectModel:
         """The object with the corners that say which frames may involve contact.
 
         Those that it starts with, unless the tosses contradict them.
         """
-        if isinstance(self.evidence, str) or self.evidence.contradiction(start.corner_pos) is None:
+        if isinstance(self._source, str) or not self._contradicts(start.corner_pos):
             return start
-        shown = self.evidence.shown()
+        shown = self._source.shown()
         if len(shown) < 4:
             return start
         return start.with_changes(corner_pos=shown, corner_body=np.zeros(len(shown), dtype=np.int64))
 
+    def _contradicts(self, corners: Array) -> bool:
+        return not isinstance(self.evidence, str) and self.evidence.contradiction(corners) is not None
+
     def _contradicted(self, corners: Corners | None) -> bool:
-        if corners is None or isinstance(self.evidence, str):
-            return False
-        return self.evidence.contradiction(corners().detach().numpy()) is not None
+        return corners is not None and self._contradicts(corners().detach().numpy())
 
     def _make(self, plan: StagePlan) -> Stage:
         """A stage, when its turn comes: it starts from the model as it is then."""
@@ -198,11 +194,7 @@ class Fit:
             )
             return train, validation
         if self._flights is None or self._flights.outdated(learned, gravity):
-            frames = self.settings.rollouts.min_flight_frames
-            fitted = tuple(
-                flight_starts(learned, tosses, gravity=gravity, min_frames=frames) for tosses in self._tosses
-            )
-            self._flights = _Flights(learned, gravity, fitted)
+            self._flights = fit_flights(learned, self._tosses, gravity, self.settings.rollouts)
         train, validation = (
             make_shots(
                 learned,
@@ -225,6 +217,7 @@ class Fit:
             "best": self.best,
             "restarts": [asdict(restart) for restart in self.restarts],
             "before": self._before,
+            "following": None if self._following is None else asdict(self._following),
             "holds": self._holds,
             "way": self.way,
             "model": copy.deepcopy(self.model.state_dict()),
@@ -242,9 +235,10 @@ class Fit:
         self.model.load_state_dict(state["model"])
         self.restarts = [Restart(**restart) for restart in state["restarts"]]
         self._before, self._holds, self.way = state["before"], state["holds"], state["way"]
+        self._following = None if state["following"] is None else Following(**state["following"])
         self._current = None
         if state["current"] is not None and self.stage < len(self.stages):
-            self._current = self._make(self.stages[self.stage])
+            self._current = self._make(self._plan())
             self._current.load_state_dict(state["current"])
 
     def epochs(self) -> Iterator[EpochRecord]:
@@ -254,10 +248,11 @@ class Fit:
             The record of each epoch.
 
         Raises:
-            DivergedError: The loss became NaN or infinite; the state before it is attached.
+            DivergedError: The loss became NaN or infinite, or what a stage learned is no body; the state before or
+                after it is attached.
         """
         while self.stage < len(self.stages):
-            plan = self.stages[self.stage]
+            plan = self._plan()
             if self._current is None:
                 self._holds = bool(plan.held) and self._contradicted(plan.corners)
                 self._current = self._make(plan)
@@ -265,17 +260,60 @@ class Fit:
                 if isinstance(self._current, RolloutStage) and self._current.friction_restarted:
                     self.restarts.append(Restart(plan.name, "friction", 1, kept=True))
             done = False
-            while not done and self.epoch < self._current.epochs and self.stale < self.settings.patience:
+            patience = self.settings.patience if self._following is None else Following.PATIENCE
+            while not done and self.epoch < self._current.epochs and self.stale < patience:
                 record, done = self._step(self._current)
                 if done:
                     self.epoch = self._current.epochs
                 yield record
             self.model.load_state_dict(self.best)
-            corners = self.model.learned_object().corner_pos.tolist()
+            corners = self._learned_by(plan).corner_pos.tolist()
             if corners != self.way[-1]:
                 self.way.append(corners)
-            self.stage += 0 if self._start_again(plan) else 1
+            self.stage += 0 if self._again(plan) else 1
             self.epoch, self.stale, self.best_loss, self._current = 0, 0, float("inf"), None
+
+    def _plan(self) -> StagePlan:
+        """The present stage, with the gap's width of the present pass."""
+        plan, following = self.stages[self.stage], self._following
+        if plan.widen is not None:
+            plan.widen(1.0 if following is None else following.widths[0])
+        return plan if following is None else replace(plan, name=f"{plan.name}-gap-{following.widths[0]:g}")
+
+    def _again(self, plan: StagePlan) -> bool:
+        """Whether the stage that has ended is to be gone through again."""
+        if self._following is None:
+            return self._start_again(plan) or self._follow(plan)
+        self._following.widths.pop(0)
+        if self._following.widths:
+            return True
+        if self._following.ends_at > self.settings.restarts.followed_loss * self._following.loss:
+            self.model.load_state_dict(self._following.before)
+            self.restarts[-1] = replace(self.restarts[-1], kept=False)
+        self._following = None
+        return False
+
+    def _follow(self, plan: StagePlan) -> bool:
+        """Whether corners that were started again are now followed to an end that does not depend on the start.
+
+        With the narrow gap alone the loss has minima a millimetre apart, and validation tosses end the stage on the way
+        to one of them. All corners begin where the tosses show them, and the loss narrows pass by pass. A stage that
+        learns inertia, too, stays as it was: what this loss gives of inertia at its end makes rollouts no better.
+        """
+        widths, limits = list(self.settings.restarts.gap_widths), self.settings.restarts
+        again = any(restart.what == "corners" and restart.kept for restart in self.restarts)
+        if not (again and widths and plan.widen is not None) or plan.held or isinstance(self._source, str):
+            return False
+        assert plan.corners is not None
+        now = plan.corners().detach().numpy().copy()
+        moved = self._source.corrected(now, every=True)
+        changed = int((moved != now).any(axis=1).sum())
+        if not changed or limits.corners == 0:
+            return False
+        self.restarts.append(Restart(plan.name, "all corners", changed, kept=True))
+        self._following = Following(widths, self.best_loss, copy.deepcopy(self.model.state_dict()))
+        plan.corners.move(moved)
+        return True
 
     def _start_again(self, plan: StagePlan) -> bool:
         """Whether the stage that has ended is to be gone through again, with corners that were started again.
@@ -293,9 +331,10 @@ class Fit:
         if tried >= self.settings.restarts.corners or not self._contradicted(plan.corners):
             return False
         assert plan.corners is not None
-        assert not isinstance(self.evidence, str)
+        if isinstance(self._source, str):
+            return False
         now = plan.corners().detach().numpy().copy()
-        moved = self.evidence.corrected(now)
+        moved = self._source.corrected(now)
         changed = int((moved != now).any(axis=1).sum())
         if not changed:
             return False
@@ -303,6 +342,21 @@ class Fit:
         self.restarts.append(Restart(plan.name, "corners", changed, kept=True))
         plan.corners.move(moved)
         return True
+
+    def _learned_by(self, plan: StagePlan) -> ObjectModel:
+        """The object as a stage left it.
+
+        Raises:
+            DivergedError: It is none that could be simulated.
+        """
+        try:
+            return self.model.learned_object()
+        except ObjectError as error:
+            raise DivergedError(
+                f"stage '{plan.name}' ran away from every body that there is: {error}; more epochs than {self.epoch}, "
+                "more tosses or a start that is nearer (gravity, inertia) may help",
+                state=copy.deepcopy(self.model.state_dict()),
+            ) from error
 
     def _step(self, stage: Stage) -> tuple[EpochRecord, bool]:
         before = copy.deepcopy(self.model.state_dict())
@@ -313,9 +367,13 @@ class Fit:
             raise DivergedError(
                 f"the loss became {now.train_loss} in stage '{stage.name}', epoch {self.epoch}", state=before
             )
-        better = now.validation_loss < self.best_loss * (1 - self.settings.least_improvement)
+        loss, least = now.validation_loss, self.settings.least_improvement
+        if self._following is not None:
+            self._following.ends_at = loss
+            loss, least = now.train_loss, self.settings.restarts.followed_to
+        better = loss < self.best_loss * (1 - least)
         if better:
-            self.best_loss, self.best, self.stale = now.validation_loss, copy.deepcopy(self.model.state_dict()), 0
+            self.best_loss, self.best, self.stale = loss, copy.deepcopy(self.model.state_dict()), 0
         else:
             self.stale += 1
         self.epoch += 1

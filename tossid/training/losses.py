@@ -67,6 +67,11 @@ class _Evaluation(NamedTuple):
     gradients: Sequence[Tensor]
 
 
+FAR = 0.1
+"""Distance from its minimum (in a parameter's unit) beyond which a parameter with a quadratic loss starts there;
+a nearer one is left to the optimizer, as a given gravity that is right but for a few per cent."""
+
+
 class LossStage:
     """Minimises `model.loss(transitions)` over the parameters of a plan.
 
@@ -90,6 +95,7 @@ class LossStage:
         settings: TrainSettings,
     ) -> None:
         self.name, self.epochs = plan.name, settings.epochs
+        self._quadratic = plan.quadratic
         self._model, self._parameters = model, plan.parameters
         self._train, self._validation = train, validation
         self._batch, self._epoch = settings.batch, 0
@@ -110,7 +116,19 @@ class LossStage:
             self._optimizer = torch.optim.Adam(plan.parameters, lr=settings.learning_rate)
 
     def begin(self) -> None:
-        """Prepare; there is nothing to do."""
+        """Put the parameter in which the loss is quadratic where its slope, a straight line, is zero."""
+        along = self._quadratic
+        if along is None:
+            return
+
+        def slope() -> Tensor:
+            return torch.autograd.grad(self._model.loss(self._train)[0], [along])[0]
+
+        start, at_start = along.detach().clone(), slope()
+        along.data.copy_(start + 1.0)
+        rise = slope() - at_start
+        step = -at_start / rise if rise > 0 else torch.zeros_like(rise)
+        along.data.copy_(start + step if step.abs() > FAR else start)
 
     def step(self) -> Pass:
         """One epoch."""

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from tossid.errors import InputError
 from tossid.models.trained import EpochRecord
 from tossid.objects import ObjectModel, body_poses, corner_positions
-from tossid.objects.half_spaces import protrusion
+from tossid.objects.half_spaces import protrusion, turned
 from tossid.objects.model import HULL_POINTS
 from tossid.objects.roundness import directions
 from tossid.objects.shape_evidence import ShapeEvidence
 from tossid.rotations import quat_to_matrix
 from tossid.settings.objects import EvidenceSettings
 from tossid.settings.training import RestartSettings, TrainSettings
-from tossid.types import Toss
+from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
 
@@ -36,15 +36,37 @@ class Restart:
 
     Attributes:
         stage: In which stage of training.
-        what: "corners" or "friction".
+        what: "corners", "all corners" (which are then followed to an end that does not depend on the start) or
+            "friction".
         moved: How many numbers were moved: corners, or one.
-        kept: Whether the validation loss then ended lower than before; if not, what was before was restored.
+        kept: Whether the validation loss then ended lower than before (for all corners: not much higher); if not, what
+            was before was restored.
     """
 
     stage: str
     what: str
     moved: int
     kept: bool
+
+
+@dataclass
+class Following:
+    """Passes of a stage with gaps of decreasing width, each to the end of its training loss.
+
+    Attributes:
+        widths: Of the present pass and those to come, relative to the model's own.
+        loss: Validation loss before them.
+        before: The model before them.
+        ends_at: Validation loss of the last epoch.
+    """
+
+    widths: list[float]
+    loss: float
+    before: dict[str, Any]
+    ends_at: float = float("inf")
+
+    PATIENCE = 2
+    """Epochs without a lower training loss after which a pass has ended."""
 
 
 def evidence_of(tosses: Sequence[Toss], settings: RestartSettings, **known: Any) -> ShapeEvidence | str:
@@ -64,17 +86,27 @@ def evidence_of(tosses: Sequence[Toss], settings: RestartSettings, **known: Any)
 
 
 def seen_corners(model: ObjectModel, tosses: Sequence[Toss], settings: EvidenceSettings) -> NDArray[np.bool_]:
-    """Marks corners (n,) that tosses have brought down to the ground.
+    """Marks corners (n,) that contacts of tosses have shown.
+
+    Frames in flight are no contacts, however low a corner is: one that is learned too far out sinks into the ground
+    before the object lands. A body that lies still is one contact.
 
     Args:
         model: The object as it was learned.
         tosses: With true lengths.
-        settings: How near the ground, and how often.
+        settings: How near the ground, and in how many different contacts.
     """
     reach = settings.seen_rel * 0.5 * model.width
     if model.roundness is not None:
         return _seen_directions(model, tosses, reach, settings)
-    count = sum((corner_positions(model, toss.q)[..., 2] < reach).sum(axis=0) for toss in tosses)
+    count = np.zeros(model.n_corners, dtype=np.int64)
+    for toss in tosses:
+        q = toss.q[toss.phase != Phase.FLIGHT]
+        touching = corner_positions(model, q)[..., 2] < reach
+        down = -quat_to_matrix(body_poses(model, q)[1])[..., 2, :]
+        for corner in np.flatnonzero((count < settings.fewest_seen) & touching.any(axis=0)):
+            ways = down[touching[:, corner], model.corner_body[corner]]
+            count[corner] += turned(ways, settings.seen_turn).sum()
     return np.asarray(count >= settings.fewest_seen)
 
 
@@ -86,8 +118,9 @@ def _seen_directions(
     for body in sorted(set(model.corner_body.tolist())):
         own, down = model.corner_body == body, [np.zeros((0, 3))]
         for toss in tosses:
-            touching = corner_positions(model, toss.q)[:, own, 2].min(axis=1) < reach
-            quat = body_poses(model, toss.q[touching])[1][:, body]
+            q = toss.q[toss.phase != Phase.FLIGHT]
+            touching = corner_positions(model, q)[:, own, 2].min(axis=1) < reach
+            quat = body_poses(model, q[touching])[1][:, body]
             down.append(-quat_to_matrix(quat)[:, 2, :])
         near = ways @ np.concatenate(down).T > np.cos(settings.seen_angle)
         found.append(near.sum(axis=1) >= settings.fewest_seen)
@@ -132,11 +165,11 @@ def convergence(
     restarts: Sequence[Restart],
     settings: TrainSettings,
 ) -> dict[str, Any]:
-    """Whether training has converged, as far as the training tosses can tell.
+    """Whether training has converged, as far as training and validation tosses can tell.
 
     Args:
         model: The object as it was learned.
-        evidence: The frames of the training tosses, or why there are none.
+        evidence: The frames of training and validation tosses, or why there are none.
         history: The epochs.
         restarts: What was started again.
         settings: How it was trained.

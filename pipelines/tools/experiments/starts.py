@@ -20,7 +20,7 @@ CORNERS_MM, FRICTION, ROLLOUTS_PCT = 2.0, 0.01, 3.0
 """Largest differences from the end of the stated start that count as the same end."""
 HEAD = (
     "model|tosses|start|corners|friction|inertia|gravity|corners apart [mm]|friction apart|"
-    "rollouts apart [%]|same end|says converged|restarts|seconds"
+    "rollouts apart [%]|same end|says converged|restarts|CPU s"
 )
 
 
@@ -33,15 +33,18 @@ class Study:
         tosses: Of the training split.
         restarts: Most times that corners are started again.
         starts: How many.
+        first: Number of the first of them, where a study goes on.
     """
 
     model: str
     tosses: int
     restarts: int
     starts: int
+    first: int = 0
 
-    def train(self, dataset: Dataset, gravity: float) -> TrainedModel:
-        """Train from a dataset's object, with recorded lengths taken as they are."""
+    def train(self, dataset: Dataset, gravity: float) -> tuple[TrainedModel, float]:
+        """A model that starts from a dataset's object, with lengths as recorded, and its processor time [s]."""
+        import time
         from dataclasses import replace
 
         import tossid
@@ -49,7 +52,9 @@ class Study:
         from tossid.settings.training import RestartSettings
 
         model = replace(variant(self.model), gravity=gravity, length_scale=1.0)
-        return tossid.train(dataset, model=model, tosses=self.tosses, restarts=RestartSettings(corners=self.restarts))
+        restarts, began = RestartSettings(corners=self.restarts), time.process_time()
+        trained = tossid.train(dataset, model=model, tosses=self.tosses, restarts=restarts)
+        return trained, time.process_time() - began
 
 
 def main(folder: Path, study: Study, console: Console) -> None:
@@ -62,6 +67,8 @@ def main(folder: Path, study: Study, console: Console) -> None:
     """
     from dataclasses import replace
 
+    import numpy as np
+
     import tossid
     from tossid.errors import TossidError
     from tossid.objects import GRAVITY
@@ -69,7 +76,7 @@ def main(folder: Path, study: Study, console: Console) -> None:
 
     dataset = tossid.ingest(folder / "contactnets_cube", source="contactnets")
     held_out, stated = dataset.split("test"), dataset.object
-    reference = study.train(dataset, GRAVITY)
+    reference, took = study.train(dataset, GRAVITY)
     expected = position(tossid.evaluate(reference, held_out))
     console.say("| " + HEAD.replace("|", " | ") + " |")
     console.say("|" + "---|" * (HEAD.count("|") + 1))
@@ -84,14 +91,17 @@ def main(folder: Path, study: Study, console: Console) -> None:
             ("0", "0", f"{expected:.1f} itself"),
             "-",
             reference,
+            took,
         )
     )
-    same, honest = 0, 0
+    reached, same, honest, count = np.zeros(3, dtype=int), 0, 0, study.starts - study.first
     learns = reference.settings.model.learn_inertia
     for number, start in enumerate(random_starts(stated, study.starts, continuous=learns)):
+        if number < study.first:
+            continue
         about = (start.corners, start.object.friction, start.inertia_rel, start.gravity)
         try:
-            trained = study.train(replace(dataset, object=start.object), start.gravity)
+            trained, took = study.train(replace(dataset, object=start.object), start.gravity)
         except TossidError as error:
             console.say(f"| `{study.model}` | {study.tosses} | {number} | {error} |")
             honest += 1
@@ -99,13 +109,15 @@ def main(folder: Path, study: Study, console: Console) -> None:
         end = end_difference(trained, reference)
         scores = tossid.evaluate(trained, replace(held_out, object=stated))
         rollouts = 100 * (position(scores) / expected - 1)
-        reached = 1e3 * end.corners <= CORNERS_MM and end.friction <= FRICTION and abs(rollouts) <= ROLLOUTS_PCT
-        same += reached
-        honest += reached or not trained.converged
+        near = (1e3 * end.corners <= CORNERS_MM, end.friction <= FRICTION, abs(rollouts) <= ROLLOUTS_PCT)
+        reached += near
+        same += all(near)
+        honest += all(near) or not trained.converged
         apart = (f"{1e3 * end.corners:.2f}", f"{end.friction:.4f}", f"{rollouts:+.1f}")
-        console.say(row(study, f"{number}", *about, apart, "yes" if reached else "no", trained))
+        console.say(row(study, f"{number}", *about, apart, "yes" if all(near) else "no", trained, took))
     console.say(
-        f"{same} of {study.starts} end where the stated start ends; {study.starts - honest} others do not say so"
+        f"{same} of {count} end where the stated start ends (corners {reached[0]}, friction {reached[1]}, rollouts "
+        f"{reached[2]}); {count - honest} others do not say so"
     )
 
 
@@ -124,6 +136,7 @@ def row(
     apart: tuple[str, str, str],
     reached: str,
     trained: TrainedModel,
+    took: float,
 ) -> str:
     """A Markdown row."""
     restarts = len(trained.parameters["convergence"]["restarts"])
@@ -136,7 +149,7 @@ def row(
         f"{inertia:.2f}",
         f"{gravity:g}",
     ]
-    cells += [*apart, reached, "yes" if trained.converged else "no", f"{restarts}", f"{trained.seconds:.0f}"]
+    cells += [*apart, reached, "yes" if trained.converged else "no", f"{restarts}", f"{took:.0f}"]
     return "| " + " | ".join(cells) + " |"
 
 
@@ -147,9 +160,10 @@ def parsed(arguments: list[str]) -> tuple[Path, Study]:
     parser.add_argument("--model", default="cnrpi")
     parser.add_argument("--tosses", type=int, default=64)
     parser.add_argument("--restarts", type=int, default=3)
-    parser.add_argument("--starts", type=int, default=20)
+    parser.add_argument("--starts", type=int, default=20, help="so many, from the first on")
+    parser.add_argument("--first", type=int, default=0, help="leave out those before this one")
     found = parser.parse_args(arguments)
-    return found.folder, Study(found.model, found.tosses, found.restarts, found.starts)
+    return found.folder, Study(found.model, found.tosses, found.restarts, found.starts, found.first)
 
 
 if __name__ == "__main__":

@@ -23,3 +23,14 @@ def test_flight_alone_shows_no_friction(wedge):
     assert found.friction is None
     assert found.friction_deviation == np.inf
     assert found.inertia_deviation > 0.05  # the absolute size needs a contact
+
+
+def test_where_the_filter_breaks_down_nothing_is_determined(wedge, monkeypatch):
+    def broken(balance, inertia, mu=None):
+        return np.linalg.cholesky(-np.eye(6))
+
+    monkeypatch.setattr("tossid.motion.momentum.balance.Balance.residuals", broken)
+    found = momentum_balance(wedge.tosses, wedge.true)
+    np.testing.assert_array_equal(found.inertia, wedge.true.inertia[0])
+    assert found.inertia_deviation == 0.5
+    assert found.friction is None

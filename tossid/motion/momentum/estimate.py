@@ -50,6 +50,9 @@ def momentum_balance(
 ) -> Momentum:
     """Inertia and friction with which measured poses keep the balance of momentum.
 
+    Where a few tosses determine the inertia so little that the filter breaks down, it is the model's, with the
+    prior's standard error, and there is no friction.
+
     Args:
         tosses: Of one rigid body over the ground z = 0.
         model: Its corners and centre of mass, which are taken as they are; its inertia and friction are the start.
@@ -58,7 +61,10 @@ def momentum_balance(
     """
     drawn = np.unique(np.linspace(0, len(tosses) - 1, min(len(tosses), settings.most_tosses)).astype(int))
     balance = Balance([tosses[i] for i in drawn], model, gravity, settings)
-    inertia, deviation = _find_inertia(balance, model.inertia[0], settings)
+    try:
+        inertia, deviation = _find_inertia(balance, model.inertia[0], settings)
+    except np.linalg.LinAlgError:  # a step so far that the filter's covariances lose their rank
+        return Momentum(model.inertia[0], settings.prior, None, np.inf, 0)
     sliding = int(balance.sliding.any(-1).sum())
     mu, mu_deviation = None, np.inf
     if sliding >= settings.fewest_sliding:
