@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.models.made import DT, thrown
-from tossid.diagnosis.likelihood.windows import difference, moved_pose
+from tossid.diagnosis.likelihood.states import difference, moved_pose
 from tossid.motion import label_phases
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World, effects_for

@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
+from tossid.diagnosis.likelihood.states import difference
 from tossid.diagnosis.likelihood.whitening import linearise
-from tossid.diagnosis.likelihood.windows import difference, make_windows, steps_of
+from tossid.diagnosis.likelihood.windows import make_windows, steps_of
 from tossid.motion import lowest_corner
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_rotate

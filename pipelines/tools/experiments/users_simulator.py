@@ -43,10 +43,11 @@ from numpy.typing import NDArray
 import tossid
 from tossid.diagnosis.audit.strengths import world_with
 from tossid.diagnosis.likelihood.simulator_process import BatchFunction, Given, SimulatorProcess
+from tossid.diagnosis.likelihood.states import difference
 from tossid.diagnosis.likelihood.step_changes import State
 from tossid.diagnosis.likelihood.users_world import UsersWorld
 from tossid.diagnosis.likelihood.whitening import linearised
-from tossid.diagnosis.likelihood.windows import difference, make_windows, steps_of
+from tossid.diagnosis.likelihood.windows import make_windows, steps_of
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.simulators import users_simulator
 from tossid.errors import ConfigError

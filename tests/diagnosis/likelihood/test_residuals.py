@@ -6,7 +6,8 @@ import numpy as np
 
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.likelihood.residuals import LARGEST, mean_residuals
-from tossid.diagnosis.likelihood.windows import difference, make_windows
+from tossid.diagnosis.likelihood.states import difference
+from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.tossed import seen
+from tossid.diagnosis.likelihood.states import difference
 from tossid.diagnosis.likelihood.whitening import linearise
-from tossid.diagnosis.likelihood.windows import difference, make_windows, moved_pose
+from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics.effects import World
 from tossid.rotations import quat_exp, quat_mul
@@ -86,10 +87,3 @@ def test_windows_of_some_tosses_are_theirs(cube: ObjectModel) -> None:
     assert set(some.toss.tolist()) == {0, 1}
     for number, i in enumerate(chosen):
         np.testing.assert_array_equal(some.y[some.toss == number], windows.y[windows.toss == i])
-
-
-def test_a_moved_pose_differs_by_what_it_was_moved_by() -> None:
-    rng = np.random.default_rng(0)
-    q, by = rng.normal(size=(50, 7 + 1)), 0.5 * rng.normal(size=(50, 7))
-    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
-    np.testing.assert_allclose(difference(moved_pose(q, by), q), by, atol=1e-12)

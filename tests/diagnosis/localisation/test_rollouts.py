@@ -7,7 +7,8 @@ import numpy as np
 from tests.diagnosis.tossed import POSITION, ROTATION, seen, seen_with_joint
 from tests.models.made import DT, thrown
 from tossid.diagnosis.likelihood.evidence import Hypothesis
-from tossid.diagnosis.likelihood.windows import difference, make_windows
+from tossid.diagnosis.likelihood.states import difference
+from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.diagnosis.localisation.rollouts import first_states, rollout_errors
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.objects import ObjectModel

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.likelihood.windows import difference, moved_pose
+from tossid.diagnosis.likelihood.states import difference, moved_pose
 from tossid.objects import corner_positions
 from tossid.physics import System, simulate
 from tossid.physics.effects import World

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
 from tossid.diagnosis.likelihood.innovations import costs, factorise, gauss_newton, whiten
+from tossid.diagnosis.likelihood.states import difference, moved_state, of_state
 from tossid.diagnosis.likelihood.until_contact import until_contact
-from tossid.diagnosis.likelihood.windows import Windows, difference, moved_state, of_state
+from tossid.diagnosis.likelihood.windows import Windows
 from tossid.errors import SolverError
 from tossid.least_squares import Damping
 from tossid.physics.effects import World
@@ -224,7 +225,7 @@ def _with_derivatives(
         The estimate with them, and which windows these are.
     """
     windows = there.windows
-    moved = np.abs(there.residuals[among] - there.taken_at[among]) / np.sqrt(_variances(windows, among))
+    moved = np.abs(there.residuals[among] - there.taken_at[among]) / np.sqrt(windows.variances(among))
     stale = among[moved.max(1) > windows.settings.whitening.reuse_tolerance]
     if len(stale):
         new = _derivatives(windows, world, there.residuals[stale], stale, exact=exact, n_threads=n_threads)
@@ -259,13 +260,6 @@ def _perturbations(at: Windows, by_state: Array, rng: np.random.Generator) -> Ar
     rows, place = distinct(at.q, at.v, at.at_q, at.at_v, at.steps)
     draw = rng.normal(size=(len(rows), 2 * K, 1))[place]
     return np.asarray(2 * np.linalg.solve(np.linalg.cholesky(H).mT, draw)[..., 0], dtype=float)
-
-
-def _variances(windows: Windows, index: Index) -> Array:
-    """(n, K L) of the poses of some windows; 1 in rows that do not exist."""
-    _, L, K = windows.noise.shape
-    variances: Array = np.where(windows.inside[index, :, None], windows.noise[index] ** 2, 1.0)
-    return variances.reshape(len(index), K * L)
 
 
 def _estimate(

@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.residuals import mean_residuals
 from tossid.diagnosis.likelihood.slow_errors import inverse_factors, slow_covariance
+from tossid.diagnosis.likelihood.states import difference
 from tossid.motion.flight import flight_frames
 from tossid.motion.resting import rest_scatter
 from tossid.objects import GRAVITY, ObjectModel, corner_positions
 from tossid.physics.effects import World
-from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize
 from tossid.settings.contact import ContactSettings
 from tossid.settings.diagnosis.likelihood import LikelihoodSettings, SimulationSettings, WindowSettings
 from tossid.types import Phase, Toss
@@ -151,6 +151,15 @@ class Windows:
         """(W,) weights of windows in fits: what flight determines, contact shall hardly change."""
         return np.where(self.free, self.settings.windows.flight_weight, 1.0)
 
+    def variances(self, index: NDArray[np.int64]) -> Array:
+        """(n, K L) of the measured poses [m², rad²]; 1 in rows that do not exist.
+
+        Args:
+            index: (n,) of which windows.
+        """
+        found: Array = np.where(self.inside[index, :, None], self.noise[index] ** 2, 1.0)
+        return found.reshape(len(index), self.inside.shape[1] * self.channels)
+
     def predicted(
         self,
         world: World,
@@ -176,10 +185,8 @@ class Windows:
         n_steps = np.tile(self.steps, len(q) // len(self.steps)) if index is None else self.steps[index]
         how = steps_of(world, self.settings.simulation)
         rows, place = distinct(q, v, n_steps, *(at if near else ()))
-        beside = (at[0][rows], at[1][rows]) if near else None
-        run = world.roll_out(
-            q[rows], v[rows], n_steps=n_steps[rows], dt=self.dt, near=beside, **how, n_threads=n_threads
-        )
+        q, v, n_steps, beside = q[rows], v[rows], n_steps[rows], (at[0][rows], at[1][rows]) if near else None
+        run = world.roll_out(q, v, n_steps=n_steps, dt=self.dt, near=beside, **how, n_threads=n_threads)
         return run[place, 1:]
 
     def residuals(self, predicted: Array, index: NDArray[np.int64] | None = None) -> Array:
@@ -211,52 +218,6 @@ class Windows:
         number[index] = np.arange(len(index))
         some = self.rows(np.flatnonzero(number[self.toss] >= 0))
         return replace(some, toss=number[some.toss])
-
-
-def difference(measured: Array, predicted: Array) -> Array:
-    """(..., K) measured poses minus predicted ones, rotations as vectors in the predicted body frame.
-
-    Args:
-        measured: (..., K + 1) poses.
-        predicted: (..., K + 1) poses.
-    """
-    turned = quat_boxminus(measured[..., 3:7], predicted[..., 3:7])
-    joints = measured[..., 7:] - predicted[..., 7:]
-    return np.concatenate([measured[..., :3] - predicted[..., :3], turned, joints], axis=-1)
-
-
-def moved_pose(q: Array, by: Array) -> Array:
-    """(..., K + 1) poses that differ from `q` by `by`: the inverse of `difference`.
-
-    Args:
-        q: (..., K + 1) poses.
-        by: (..., K) positions, rotation vectors in the body frame, joints.
-    """
-    turned = quat_normalize(quat_mul(q[..., 3:7], quat_exp(by[..., 3:6])))
-    return np.concatenate([q[..., :3] + by[..., :3], turned, q[..., 7:] + by[..., 6:]], axis=-1)
-
-
-def moved_state(q: Array, v: Array, delta: Array) -> tuple[Array, Array]:
-    """Poses (W, nq) and velocities (W, K) that differ from others by vectors (W, 2 K).
-
-    Args:
-        q: (W, nq) poses.
-        v: (W, K) velocities.
-        delta: (W, 2 K) as `moved_pose` has it, then differences of velocities.
-    """
-    K = v.shape[1]
-    return moved_pose(q, delta[:, :K]), v + delta[:, K:]
-
-
-def of_state(sizes: tuple[float, float, float, float], K: int) -> Array:
-    """(2 K,) a number for each part of a state.
-
-    Args:
-        sizes: For positions, rotations and joints, velocities, and angular velocities and joint rates.
-        K: Number of channels.
-    """
-    position, rotation, velocity, spin = sizes
-    return np.array([position] * 3 + [rotation] * (K - 3) + [velocity] * 3 + [spin] * (K - 3))
 
 
 def make_windows(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.likelihood.windows import difference
+from tossid.diagnosis.likelihood.states import difference
 from tossid.diagnosis.localisation.misspecification import left_of
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.evidence import Evidence
+from tossid.diagnosis.likelihood.states import moved_pose
 from tossid.diagnosis.likelihood.whitening import linearise
-from tossid.diagnosis.likelihood.windows import Windows, moved_pose
+from tossid.diagnosis.likelihood.windows import Windows
 from tossid.diagnosis.localisation.noise import Floor
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.evidence import student_deviance
-from tossid.diagnosis.likelihood.windows import Windows, difference
+from tossid.diagnosis.likelihood.states import difference
+from tossid.diagnosis.likelihood.windows import Windows
 from tossid.rotations import quat_boxminus
 from tossid.settings.diagnosis.likelihood import DensitySettings
 

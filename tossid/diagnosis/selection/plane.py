@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.likelihood.windows import Windows, difference, make_windows
+from tossid.diagnosis.likelihood.states import difference
+from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, Strength, World
 from tossid.rotations import quat_conj, quat_rotate
