@@ -130,9 +130,8 @@ def fit_model(
     learned, true = fit.model.learned_object(), fit.true_tosses
     if fit.model.mechanics() is not None:
         seen = seen_corners(learned, true, fit.settings.restarts.evidence)
-        if (
-            fit.shown is not None and learned.n_joints
-        ):  # what another link keeps off the ground comes near it all the same
+        if fit.shown is not None and learned.n_joints:
+            # (what another link keeps off the ground comes near it all the same)
             seen &= np.concatenate([shape.frames > 0 for shape in fit.shown.shapes])
         scale = fit.model.measurement.length_scale
         parameters["geometry"] = geometry_report(learned, seen, length_scale=scale, way=fit.way)

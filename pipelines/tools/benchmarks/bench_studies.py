@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.cli.console import Console
+from tossid.errors import ConfigError
 
 CUBE = Path("data/datasets/contactnets_cube.h5")
 """The real cube's tosses, as `make bench` and `make experiments` make them."""
@@ -32,9 +33,16 @@ def main() -> None:
     """Print the tables."""
     console = Console()
     model, *gravities = sys.argv[1:] or [""]
-    trainings(console, models=(model,) if model else MODELS, gravities=[float(g) for g in gravities] or [GRAVITY])
+    trainings(console, models=(model,) if model else MODELS, gravities=[_gravity(g) for g in gravities] or [GRAVITY])
     if not model:
         sample_study(console)
+
+
+def _gravity(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise ConfigError("gravity", f"'{text}' is no number [m/s²]; one model is named, then gravities.") from error
 
 
 def trainings(console: Console, *, models: Sequence[str] = MODELS, gravities: Sequence[float] = (GRAVITY,)) -> None:

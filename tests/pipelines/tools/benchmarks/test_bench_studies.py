@@ -9,6 +9,7 @@ import pytest
 from pipelines.tools.benchmarks import bench_studies
 from pipelines.tools.benchmarks.bench_studies import HEADS, SCORES, trainings
 from tossid import synthesize, write_dataset
+from tossid.errors import ConfigError
 
 
 class Kept:
@@ -45,3 +46,9 @@ def test_what_is_missing_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     trainings(console := Kept())  # type: ignore[arg-type]
     assert console.tables == []
     assert "none.h5 is missing" in console.said[0]
+
+
+def test_a_gravity_that_is_no_number_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", ["bench_studies", "cn", "cnrpi"])
+    with pytest.raises(ConfigError, match="'cnrpi' is no number"):
+        bench_studies.main()
