@@ -4,7 +4,8 @@ Each toss says by itself what an effect's parameters are (`values`). Where these
 tested as changes of a recording are (`tossid.motion.sessions.change_points`): by permutation, for all effects together.
 Many effects seem to change where one does. What each that may be the cause gains from session to session is compared by
 likelihood (`suspects`), and the promising ones are fitted. What happens is one of two things: steps at the changes, or
-a drift. The first of the suspects is fitted to equal parts of the order; its values follow steps or a line.
+a drift. The first of the suspects is fitted to parts of the order, none with a step in it; its values follow steps or a
+line.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.fitting import Fitted, fit
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.sessions.correction import CORRECTABLE
-from tossid.diagnosis.sessions.moments import at_sessions, clearest_steps
+from tossid.diagnosis.sessions.moments import at_sessions, clearest_steps, parts_between
 from tossid.diagnosis.sessions.suspects import (
     fits_from_starts,
     gain_of_change,
@@ -131,7 +132,7 @@ def effect_over_order(
     at = at_sessions(clearest_steps(witnesses, changes, settings), boundaries, settings.same_change)
     steps, shares = (0, *at, n), validator.settings.selection.step_shares
     parts = max(2, min(settings.drift_parts, n // settings.changes.fewest_tosses))
-    parts_of_drift = tuple(round(n * k / parts) for k in range(parts + 1))
+    parts_of_drift = parts_between(n, parts, at)
 
     def screened(effect: Effect) -> float:
         witness = witnesses[effect.name]
@@ -248,7 +249,7 @@ def _cost(effect: Effect, edges: Sequence[int]) -> float:
 
 
 def follows_line(each: EffectOverOrder, at: Sequence[int]) -> bool:
-    """Whether values of equal parts of the order follow a line rather than steps, which cost more where they are many.
+    """Whether values of parts of the order follow a line rather than steps, which cost more where they are many.
 
     Args:
         each: Fitted to the parts.

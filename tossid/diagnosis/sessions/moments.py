@@ -110,3 +110,19 @@ def at_sessions(at: Sequence[int], boundaries: Sequence[int], near: int) -> tupl
         min((b for b in boundaries if abs(b - each) <= near), key=lambda b: abs(b - each), default=each) for each in at
     }
     return tuple(sorted(moved - {0}))
+
+
+def parts_between(n: int, parts: int, at: Sequence[int]) -> tuple[int, ...]:
+    """First tosses of about equal parts of n tosses, and n. Each step has the part nearest to it begin there.
+
+    A part with a step in it has no value of its own: a fit gives that of either side, and not their mean.
+
+    Args:
+        n: How many tosses.
+        parts: How many parts.
+        at: First tosses after the steps.
+    """
+    edges = np.array([round(n * k / parts) for k in range(parts + 1)])
+    for step in at:
+        edges[1 + int(np.argmin(np.abs(edges[1:-1] - step)))] = step
+    return tuple(np.unique(edges).tolist())

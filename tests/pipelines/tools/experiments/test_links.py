@@ -18,6 +18,7 @@ def test_arguments_say_how_links_are_tossed_or_what_was_recorded() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.* tosses have defects")
 def test_an_elbow_is_learned_about_as_well_as_the_truth_predicts() -> None:
     (row,) = simulated(["cn"], ShapeTossSettings(mass=0.37))
     tilt, point, corners, hausdorff = row[2:6]

@@ -12,10 +12,6 @@ from pipelines.tools.experiments.users_simulator import CASES, ENGINES, main, pr
 from tossid.physics.effects.registry import all_effects
 
 
-def tossid_effects() -> list[str]:
-    return [effect.name for effect in all_effects()]
-
-
 def test_a_changed_engine_is_predicted_by_changes_of_frames() -> None:
     contact, *lines = predict(ENGINES["mujoco"], ["friction+", "inertia+", "height"], tosses=6, seed=3)
     assert contact["contact"]["compliance"] > 0
@@ -51,7 +47,7 @@ def test_a_case_that_is_there_is_not_run_again(tmp_path: Path, monkeypatch: pyte
 @pytest.mark.slow
 def test_a_changed_engine_is_named() -> None:
     keep = ("gravity", "com_offset", "inertia")
-    others = tuple(name for name in tossid_effects() if name not in keep)
+    others = tuple(each.name for each in all_effects() if not (each.needs_joints or each.name in keep))
     line = run(ENGINES["mujoco"], "gravity-", tosses=8, seed=1, repeats=0, without=others)
     assert line["right"]
     assert line["extra"] == 0
@@ -67,7 +63,7 @@ def test_a_changed_engine_is_named() -> None:
 @pytest.mark.slow
 def test_an_engine_leaves_noise_of_its_own_tosses() -> None:
     line, framed = residuals(ENGINES["mujoco"], ["gravity-", "height"], tosses=12, seed=1)
-    assert line["same_engine_0"] > 1.1  # first states of some impacts are in another mode of their posterior
     assert line["same_engine_1"] < 1.06
+    assert line["same_engine_0"] > line["same_engine_1"]  # without a restart some impacts are in another mode
     assert line["with_effect_2"] < 1.2
     assert "left_out" in framed
