@@ -68,14 +68,6 @@ def test_an_inner_corner_beside_all_others_is_left_alone(evidence: ShapeEvidence
     np.testing.assert_array_equal(evidence.corrected(more), more)
 
 
-def test_a_side_that_never_came_down_may_reach_further(evidence: ShapeEvidence) -> None:
-    def nearest(corners: np.ndarray) -> float:
-        return float(np.linalg.norm(evidence.not_reached(corners) - TRUE[2], axis=1).min())
-
-    assert nearest(TRUE) > 0.005
-    assert nearest(np.delete(TRUE, 2, axis=0)) < 0.003
-
-
 def test_too_few_sides_are_refused() -> None:
     flat = rolled(TRUE, np.random.default_rng(1), tosses=1)[0].frames(slice(0, 2))
     with pytest.raises(InputError, match="too few sides"):

@@ -51,9 +51,9 @@ class ShapeEvidence:
         self.settings, self._find = settings or EvidenceSettings(), find or ShapeSettings()
         self._tosses, self._shape = tuple(tosses), shape
         every = half_spaces(self._tosses)
-        _, self.radius, self._outer = outer_hull(every, self._find)
+        _, self.radius, outer = outer_hull(every, self._find)
         spaces = every.chosen(different(every, self._find))
-        gap = spaces.height - (spaces.down @ self._outer.T).max(axis=1)
+        gap = spaces.height - (spaces.down @ outer.T).max(axis=1)
         self._tight = spaces.chosen(gap < self.settings.tight_rel * self.radius)
 
     @cached_property
@@ -148,15 +148,6 @@ class ShapeEvidence:
         alone = self.outside(moved)
         moved[alone] = shown[distance[alone].argmin(axis=1)]
         return moved
-
-    def not_reached(self, corners: Array) -> Array:
-        """Points (m, 3) of the outer hull that the object may reach beyond its corners and no contact decides [m].
-
-        Args:
-            corners: (n, 3) in the body's frame [m].
-        """
-        beyond = np.array([protrusion(point, corners) for point in self._outer])
-        return np.asarray(self._outer[beyond > self._find.unseen_rel * self.radius])
 
 
 @dataclass(frozen=True)

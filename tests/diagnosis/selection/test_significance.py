@@ -81,5 +81,4 @@ def test_flight_alone_needs_fewer() -> None:
     flying = sum(Phase.FLIGHT in effect.phases for effect in LIBRARY)
     assert needed.flight == fewest_tosses(0.05, tests=1, effects=flying) < needed.contact
     assert not needed.enough
-    assert needed.any_name == (needed.flight <= 9)
     assert needed.as_json()["for_a_name"] == needed.contact

@@ -117,11 +117,6 @@ class TossesNeeded:
         """Whether every effect of the library could be named."""
         return self.tosses >= self.contact
 
-    @property
-    def any_name(self) -> bool:
-        """Whether any effect could be named."""
-        return self.enough or self.flights >= self.flight
-
     def as_json(self) -> dict[str, Any]:
         """gap.json's "tosses_needed"."""
         return {
