@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.cli.console import Console
 from pipelines.cli.failures import guarded
-from pipelines.tools.experiments.shapes import apart
+from pipelines.tools.experiments.shapes import apart, beside_truth, toss_options
 
 if TYPE_CHECKING:
     from tossid.models import TrainedModel
@@ -80,10 +80,7 @@ def parsed(arguments: list[str]) -> tuple[list[str], Path | None, ShapeTossSetti
     parser = argparse.ArgumentParser(prog="make links", description=__doc__)
     parser.add_argument("models", nargs="*", default=["cn", "cnrpi"], metavar="MODEL")
     parser.add_argument("--recorded", type=Path, help="dataset of a real elbow (.h5), levelled by ingest")
-    parser.add_argument("--tosses", type=int, default=default.tosses)
-    parser.add_argument("--engine", choices=["mujoco", "lcp"], default=default.engine)
-    parser.add_argument("--seed", type=int, default=default.seed)
-    parser.add_argument("--friction", type=float, default=default.friction)
+    toss_options(parser, default)
     given = vars(parser.parse_args(arguments))
     models, recorded = given.pop("models"), given.pop("recorded")
     return models, recorded, replace(default, **given)
@@ -121,11 +118,7 @@ def _against(made: TossedLinks, dataset: Dataset, trained: TrainedModel) -> list
     """Cells of what was learned against the truth."""
     import numpy as np
 
-    import tossid
-    from tossid.evaluation.metrics import score_tosses
-    from tossid.models.predictor import Simulator
     from tossid.motion.links import determined, moments_of_com
-    from tossid.physics import make_system
     from tossid.physics.identifiable import base_parameters, order
 
     learned, (point, axis) = trained.object, made.hinge()
@@ -136,17 +129,13 @@ def _against(made: TossedLinks, dataset: Dataset, trained: TrainedModel) -> list
         apart(learned, true.corner_pos[true.corner_body == body], made.truth[body], body)
         for body in range(learned.n_bodies)
     ]
-    shown = np.concatenate([link["contacts"] for link in trained.parameters["from_nothing"]["links"]]) > 0
+    shown = _shown(trained)
     off = 1e3 * _nearest(learned, true)
     parts = [moments_of_com(each, each.com, each.mass) for each in (learned, true)]
     com = 1e3 * np.linalg.norm(determined(true).T @ (parts[0] - parts[1]).ravel())
     base = base_parameters(true)
     moments = np.array([order(name) == 2 for name in base.names])
     inertia = 100 * base.errors(learned, true)[moments].max()
-    held_out = dataset.split("test")
-    best = score_tosses(Simulator(make_system(true), substeps=4), true, held_out.tosses)
-    ours = tossid.evaluate(trained, held_out).per_toss
-    position, rotation = ours.position_error_pct.mean(), ours.rotation_error_deg.mean()
     return [
         f"{tilt:.3f}",
         f"{aside:.2f}",
@@ -157,11 +146,15 @@ def _against(made: TossedLinks, dataset: Dataset, trained: TrainedModel) -> list
         f"{learned.friction:.3f} for {true.friction:g}",
         f"{com:.2f}",
         f"{inertia:.1f}",
-        f"{position:.1f}",
-        f"{position / best.position_error_pct.mean():.2f}",
-        f"{rotation:.1f}",
-        f"{rotation / best.rotation_error_deg.mean():.2f}",
+        *beside_truth(trained, true, dataset.split("test")),
     ]
+
+
+def _shown(trained: TrainedModel) -> Any:
+    """Marks corners (n_c,) that contacts have shown."""
+    import numpy as np
+
+    return np.concatenate([link["contacts"] for link in trained.parameters["from_nothing"]["links"]]) > 0
 
 
 def _nearest(learned: ObjectModel, true: ObjectModel) -> Any:
@@ -203,7 +196,7 @@ def real(models: list[str], path: Path) -> Any:
             seconds, learned = time.process_time() - began, trained.object
             shown = np.ones(learned.n_corners, dtype=bool)
             if object_ is not None:
-                shown = np.concatenate([link["contacts"] for link in trained.parameters["from_nothing"]["links"]]) > 0
+                shown = _shown(trained)
             off, before = (1e3 * _nearest(each, stated) for each in (learned, trained.model.object))
             scores = score_windows(
                 trained.model.simulator(),
