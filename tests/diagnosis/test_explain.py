@@ -33,7 +33,7 @@ def test_nothing_is_named_of_nothing(cube: ObjectModel) -> None:
 
 def test_two_effects_are_both_named(cube: ObjectModel) -> None:
     truth = EFFECTS["gravity"].at(EFFECTS["friction"].at(World(cube), np.array([0.25])), np.array([9.2]))
-    settings = DiagnoseSettings(repeats=2)
+    settings = DiagnoseSettings(repeats=1)
     found = explain(Problem(seen(truth, cube, 16, seed=4), World(cube), library=FEW, settings=settings))
     assert set(found.named) == {"friction", "gravity"}
     assert {each.name for each in found.findings if each.frequency == 1.0} >= {"friction", "gravity"}
@@ -118,6 +118,7 @@ def test_an_effect_that_moves_no_toss_is_no_headline(cube: ObjectModel) -> None:
     assert any(line.startswith("Also seen, too small to matter: friction (mu") for line in sentences(found))
 
 
+@pytest.mark.slow
 def test_what_makes_whole_tosses_worse_is_a_candidate_at_most(cube: ObjectModel) -> None:
     """The adhesion is right, and helps short windows. The bounce that went with it is in no effect of the library."""
     truth = hypothesis(cube, restitution=[0.3], adhesion=[0.8]).world()

@@ -12,7 +12,7 @@ from pipelines.cli.console import Console
 from pipelines.tools.experiments.vision import against_truth as against
 from pipelines.tools.experiments.vision.against_truth import Row, against_truth, at_times, main, near_impact, nees
 
-FILM = ("tosses=3", "seed=5", "camera.width=640", "camera.height=512", "camera.samples=8", "camera.carry_s=[0.25,0.3]")
+FILM = ("tosses=3", "seed=5", "camera.width=640", "camera.height=512", "camera.samples=4", "camera.carry_s=[0.25,0.3]")
 
 
 def _number(text: str) -> float:
