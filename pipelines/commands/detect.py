@@ -131,10 +131,10 @@ def _stored(one: DetectStageConfig) -> dict[str, Any] | None:
 def _digest(one: DetectStageConfig) -> str:
     """Of all that detections depend on."""
     assert one.recording is not None
-    told = {
+    inputs = {
         "recording": source_sha256(one.recording),
         "object": None if one.object is None else asdict(one.object),
         "detect": as_plain(one.detect),
         "code": code_digest("tossid.vision.stages"),
     }
-    return digest_of(told)
+    return digest_of(inputs)
