@@ -19,7 +19,8 @@ def _number(text: str) -> float:
     return float(text.split()[0])
 
 
-@pytest.mark.parametrize("name", ["cube", pytest.param("elbow", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["cube", "elbow"])
 def test_a_film_comes_out_as_it_was(name: str, project: Path) -> None:
     folder = project / "film"
     call_with_keys("synthesize", [f"object={name}", *FILM, f"out={folder}"], json=False, quiet=True)
