@@ -52,7 +52,7 @@ def solve_lcp(A: Array, b: Array, mu: Array, *, n_directions: int = 8, max_pivot
     return Solved(lam, status, kkt_error, pivots, beta, gamma)
 
 
-@pytest.mark.parametrize("k", [4, pytest.param(8, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("k", [4, 8])
 def test_ten_thousand_problems_satisfy_complementarity_or_say_otherwise(k: int) -> None:
     total, unsolved = 0, 0
     for n, (A, b, mu) in draw_many(10_000, 0).items():
