@@ -13,7 +13,7 @@ from pipelines.cli.console import Console
 from pipelines.cli.progress import reported
 from pipelines.config.compose import as_plain
 from pipelines.config.schemas import DetectStageConfig
-from pipelines.execution.workers import open_workers
+from pipelines.execution.workers import submitting
 from pipelines.files.open_source import STAGES, check_stage_name, open_stage
 from tossid.code_digest import code_digest
 from tossid.errors import ConfigError, InputError, TossidError
@@ -67,15 +67,14 @@ def _run_many(config: DetectStageConfig, pattern: str, console: Console) -> dict
     missing, failed = [one for one in each if one.out not in rows], []
     with console.progress("detect", len(each), unit="recordings") as bar:
         bar.advance(len(rows))
-        if missing:
-            with open_workers(config.launcher, config.workers) as pool:
-                for one, outcome in as_done(_detected, missing, pool.submit):
-                    if isinstance(outcome, TossidError):
-                        failed.append({"recording": str(one.recording), "error": str(outcome)})
-                        console.warn(str(outcome))
-                    else:
-                        rows[one.out] = outcome
-                    bar.advance(1, note=Path(str(one.recording)).name)
+        with submitting(config.launcher, config.workers, len(missing)) as submit:
+            for one, outcome in as_done(_detected, missing, submit):
+                if isinstance(outcome, TossidError):
+                    failed.append({"recording": str(one.recording), "error": str(outcome)})
+                    console.warn(str(outcome))
+                else:
+                    rows[one.out] = outcome
+                bar.advance(1, note=Path(str(one.recording)).name)
     if not rows:
         raise InputError(f"all {len(failed)} recordings failed; the first: {failed[0]['error']}")
     found = [rows[one.out] for one in each if one.out in rows]
@@ -132,10 +131,10 @@ def _stored(one: DetectStageConfig) -> dict[str, Any] | None:
 def _digest(one: DetectStageConfig) -> str:
     """Of all that detections depend on."""
     assert one.recording is not None
-    told = {
+    inputs = {
         "recording": source_sha256(one.recording),
         "object": None if one.object is None else asdict(one.object),
         "detect": as_plain(one.detect),
         "code": code_digest("tossid.vision.stages"),
     }
-    return digest_of(told)
+    return digest_of(inputs)

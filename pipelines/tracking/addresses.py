@@ -52,7 +52,7 @@ def _secrets(uri: str) -> set[str]:
 
 
 def check_address(uri: str) -> None:
-    """Refuse an address whose password cannot be told from its host.
+    """Refuse an address whose password cannot be distinguished from its host.
 
     Args:
         uri: Of a server, a database or a file.

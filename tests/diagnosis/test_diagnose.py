@@ -37,6 +37,7 @@ def dataset(cube: ObjectModel) -> Dataset:
     return Dataset(cube, tuple(tosses), 148.0, "made", {})
 
 
+@pytest.mark.slow
 def test_friction_is_found_and_its_report_saved(dataset: Dataset, cube: ObjectModel, tmp_path: Path) -> None:
     reported: list[float] = []
     gap = diagnose(

@@ -31,13 +31,15 @@ def test_nothing_is_named_of_nothing(cube: ObjectModel) -> None:
     assert found.rollouts is None
 
 
-def test_two_effects_are_both_named(cube: ObjectModel) -> None:
+@pytest.mark.parametrize("repeats", [0, pytest.param(2, marks=pytest.mark.slow)])
+def test_two_effects_are_both_named(cube: ObjectModel, repeats: int) -> None:
     truth = EFFECTS["gravity"].at(EFFECTS["friction"].at(World(cube), np.array([0.25])), np.array([9.2]))
-    settings = DiagnoseSettings(repeats=2)
+    settings = DiagnoseSettings(repeats=repeats)
     found = explain(Problem(seen(truth, cube, 16, seed=4), World(cube), library=FEW, settings=settings))
     assert set(found.named) == {"friction", "gravity"}
-    assert {each.name for each in found.findings if each.frequency == 1.0} >= {"friction", "gravity"}
-    assert found.as_json()["explanation"]["probability_none"] == 0.0
+    if repeats:
+        assert {each.name for each in found.findings if each.frequency == 1.0} >= {"friction", "gravity"}
+        assert found.as_json()["explanation"]["probability_none"] == 0.0
     assert next(finding.verdict for finding in found.findings if finding.name == "friction") == "identified"
     assert found.gap_closed.value > 0.8
     assert found.rollouts is not None
@@ -73,7 +75,11 @@ def test_recording_effects_move_what_is_recorded(cube: ObjectModel) -> None:
 
 @pytest.mark.parametrize(
     ("name", "values"),
-    [("joint_damping", [2e-3]), ("joint_offset", [0.15]), ("joint_stiffness", [0.02, 0.5])],
+    [
+        ("joint_damping", [2e-3]),
+        pytest.param("joint_offset", [0.15], marks=pytest.mark.slow),
+        pytest.param("joint_stiffness", [0.02, 0.5], marks=pytest.mark.slow),
+    ],
 )
 def test_an_effect_of_the_joint_is_named_in_flight(elbow: ObjectModel, name: str, values: list[float]) -> None:
     tosses = seen_with_joint(with_effect(elbow, name, values), elbow, 14, seed=4, frames=36, height=1.0)
@@ -118,6 +124,7 @@ def test_an_effect_that_moves_no_toss_is_no_headline(cube: ObjectModel) -> None:
     assert any(line.startswith("Also seen, too small to matter: friction (mu") for line in sentences(found))
 
 
+@pytest.mark.slow
 def test_what_makes_whole_tosses_worse_is_a_candidate_at_most(cube: ObjectModel) -> None:
     """The adhesion is right, and helps short windows. The bounce that went with it is in no effect of the library."""
     truth = hypothesis(cube, restitution=[0.3], adhesion=[0.8]).world()

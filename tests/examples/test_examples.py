@@ -53,6 +53,7 @@ def test_study_as_loop(tmp_path: Path) -> None:
     assert [row.split()[:2] for row in rows] == [["2", "9.81"], ["2", "0.00"], ["3", "9.81"], ["3", "0.00"]]
 
 
+@pytest.mark.slow
 def test_study_by_processes(tmp_path: Path) -> None:
     lines = output_of("study_by_processes.py", tmp_path, "1").splitlines()
     assert sum(line.startswith("done: ") for line in lines) == 4

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tossid.physics.effects import Effect, World
-from tossid.physics.effects.fields import acceleration_of_forces, airborne, learned_field
+from tossid.physics.effects.fields import acceleration_of_motions, airborne, learned_field
+from tossid.physics.effects.in_mujoco import body_motions
 from tossid.settings.diagnosis.diagnose import LearnedSettings
 from tossid.types import Toss
 
@@ -103,16 +104,17 @@ def learned_forces(
     whole = float(np.square(weight * target).sum(axis=1).mean())
     if np.sqrt(whole) < settings.least_acceleration:
         return LearnedForces(linear, angular, small=True)
-    given = acceleration_of_forces(world, q, v)
+    motions = body_motions(world.object, q, v)  # the same with every force
+    given = acceleration_of_motions(world, q, motions)
 
-    def misses(effects: Sequence[Effect], values: Array) -> Array:
-        changed = acceleration_of_forces(_with(world, effects, values), q, v) - given
+    def errors(effects: Sequence[Effect], values: Array) -> Array:
+        changed = acceleration_of_motions(_with(world, effects, values), q, motions) - given
         return np.asarray(weight * (changed - target))
 
     candidates = [effect for effect in library if _is_force(world, effect)]
     best, n, shares = _Fit((), np.zeros(0), whole), len(tosses), list[float]()
     while len(best.effects) < settings.effects:
-        fits = [_fitted(world, best, e, misses) for e in candidates if all(e is not other for other in best.effects)]
+        fits = [_fitted(world, best, e, errors) for e in candidates if all(e is not other for other in best.effects)]
         if not fits:
             break
         found = min(fits, key=lambda fit: _criterion(fit, n))
@@ -158,7 +160,7 @@ def _with(world: World, effects: Sequence[Effect], values: Array) -> World:
     return world
 
 
-def _fitted(world: World, before: _Fit, effect: Effect, misses: Callable[[Sequence[Effect], Array], Array]) -> _Fit:
+def _fitted(world: World, before: _Fit, effect: Effect, errors: Callable[[Sequence[Effect], Array], Array]) -> _Fit:
     """The fit with one effect more, from each of the effect's starts."""
     effects = (*before.effects, effect)
     every = [p for each in effects for p in each.parameters]
@@ -170,8 +172,8 @@ def _fitted(world: World, before: _Fit, effect: Effect, misses: Callable[[Sequen
         values = np.array([start[p.name] for p in effect.parameters])
         moved = np.where(values == nominal, values + sign * np.array([p.step for p in effect.parameters]), values)
         x = np.clip(np.concatenate([before.values, moved]), low + 1e-6 * scale, high - 1e-6 * scale)
-        found = least_squares(lambda x: misses(effects, x).ravel(), x, bounds=(low, high), x_scale=scale)
-        left = float(np.square(misses(effects, found.x)).sum(axis=1).mean())
+        found = least_squares(lambda x: errors(effects, x).ravel(), x, bounds=(low, high), x_scale=scale)
+        left = float(np.square(errors(effects, found.x)).sum(axis=1).mean())
         if best is None or left < best.left:
             best = _Fit(effects, found.x, left)
     assert best is not None

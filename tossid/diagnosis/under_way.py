@@ -1,4 +1,4 @@
-"""What a diagnosis knows while it is under way: told as it becomes known, and kept for one that is interrupted."""
+"""What a diagnosis knows while it is under way: reported as it becomes known, and kept for one that is interrupted."""
 
 from __future__ import annotations
 

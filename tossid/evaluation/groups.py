@@ -95,13 +95,12 @@ def toss_groups(dataset: Dataset) -> dict[str, Labels]:
     return found
 
 
-def compare_groups(scores: Array, labels: Sequence[str], *, seed: int = 0) -> Comparison:
+def compare_groups(scores: Array, labels: Sequence[str]) -> Comparison:
     """Scores by group, and whether groups differ by more than chance.
 
     Args:
         scores: One a toss (n,); NaN counts nowhere.
         labels: Of each toss's group.
-        seed: Of the draws for the intervals.
     """
     known = np.isfinite(scores)
     by_name: Mapping[str, Array] = {
@@ -110,7 +109,7 @@ def compare_groups(scores: Array, labels: Sequence[str], *, seed: int = 0) -> Co
     groups = []
     for name, values in by_name.items():
         if len(values):
-            summary = summarize(values, seed=seed)
+            summary = summarize(values)
             groups.append(Group(name, len(values), summary["mean"], tuple(summary["ci95"])))
     parts = [values for values in by_name.values() if len(values)]
     differ = len(parts) > 1 and np.ptp(np.concatenate(parts)) > 0

@@ -157,7 +157,7 @@ def phases_of_motion(
 ) -> NDArray[np.uint8]:
     """Phase of every frame by motion alone, (n,) of `Phase`: flight, impact and rest; unknown where it is in contact.
 
-    Without a shape, sliding cannot be told from rolling.
+    Without a shape, sliding cannot be distinguished from rolling.
 
     Args:
         parabola: Of the recording.

@@ -178,7 +178,7 @@ def find_ground(tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings = DE
 def height_is_wrong(tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings = DEFAULT) -> bool:
     """Whether a polytope over a ground of another height explains frames better than any shape over z = 0 does.
 
-    To a round shape, height and radius look alike: then z = 0 is believed.
+    To a round shape, height and radius look alike: then z = 0 is taken.
 
     Args:
         tosses: Of one rigid body, over level ground.

@@ -90,7 +90,7 @@ def levelled(
         model: One rigid body, or two links on a hinge, of which nothing else is stated.
         path: Where they come from.
         settings: Whether the world is levelled.
-        report: Is told of a ground that is off.
+        report: Takes the remark that the ground is off.
     """
     found_tracks, ground = level_by_hull(tracks, tree=model)
     if ground is None:

@@ -11,10 +11,11 @@ from tossid.diagnosis.explain import explain
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.selection.cross_validation import CrossValidator
-from tossid.diagnosis.selection.flight_search import search_flight
+from tossid.diagnosis.selection.flight_search import power_law_of, search_flight
+from tossid.diagnosis.selection.refinement import intervals
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.objects import ObjectModel
-from tossid.physics.effects import Effect, Forces, World
+from tossid.physics.effects import OTHER_POWER, Effect, Forces, World
 from tossid.physics.forces import DRAG
 from tossid.types import Toss
 
@@ -39,7 +40,18 @@ def of_flight(tosses: list[Toss], cube: ObjectModel, library: list[Effect]) -> S
     return found
 
 
-def test_a_drag_of_another_power_has_no_name(cube: ObjectModel) -> None:
+def test_a_drag_of_another_power_is_found_to_be_another_law(cube: ObjectModel) -> None:
+    found = of_flight(dragged(cube, 2.0), cube, DRAGS)
+    assert found.present.hypothesis.names == ("quadratic_drag",)
+    ((name, other),) = found.other_laws.items()
+    assert name == "quadratic_drag"
+    law = power_law_of(other, name)
+    further = intervals(other.fitted, 16)[law.name][OTHER_POWER]
+    assert further.low < 1.0 < further.high
+
+
+@pytest.mark.slow
+def test_a_drag_of_another_power_has_no_name_in_the_end(cube: ObjectModel) -> None:
     """Its nearest in the library closes most of the gap, and is not it."""
     found = explain(Problem(dragged(cube, 2.0), World(cube), library=DRAGS, settings=ONCE))
     assert (found.named, found.verdict) == ((), "unexplained")

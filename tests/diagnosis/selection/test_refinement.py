@@ -17,7 +17,7 @@ from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 
 
-@pytest.mark.parametrize("begin", [1.01, 1.05])
+@pytest.mark.parametrize("begin", [1.05, pytest.param(1.01, marks=pytest.mark.slow)])
 def test_an_effect_that_a_fit_cannot_reach_is_found_by_line_search(cube: ObjectModel, begin: float) -> None:
     nominal = World(cube)
     geometry = EFFECTS["geometry"]

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from tests.physics.solvers.contact_problems import landing
+from tests.physics.solvers.contact_problems import draw_many, landing
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.physics import ExactCone, PolyhedralCone, make_system, register_solver, simulate
-from tossid.physics.solvers import SolverStatus
+from tossid.physics.solvers import SolverStatus, solve_contacts
 from tossid.physics.solvers.cone import cone_solve
 from tossid.physics.solvers.workspace import TOP, gather, gather_matrix, scatter, work_arrays
 
@@ -37,6 +37,16 @@ def _from_zero(solver: FromZero, A: Any, b: Any, mu: Any, lam: Any, tolerance: f
     return SolverStatus.SOLVED, kkt_error
 
 
+def test_a_registered_solver_solves_problems_like_the_exact_cone() -> None:
+    A, b, mu = draw_many(300, 2, ("slide", "point"))[1]
+    own, exact = (solve_contacts(A, b, mu, solver=solver, tolerance=1e-11) for solver in (FromZero(), ExactCone()))
+    assert own.unsolved == 0
+    np.testing.assert_allclose(own.lam, exact.lam, atol=1e-9)
+    cut_short = solve_contacts(A, b, mu, solver=FromZero(0), tolerance=1e-11)
+    assert (cut_short.status == SolverStatus.INACCURATE).any()
+
+
+@pytest.mark.slow
 def test_a_registered_solver_tosses_like_the_exact_cone(cube: ObjectModel) -> None:
     """A step's problem reaches it row for row: its impulses are those that the library's solver finds."""
     system, (q, v) = make_system(cube), landing(cube, np.random.default_rng(0), 20)

@@ -9,12 +9,15 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from pipelines.cli import app
+from pipelines.cli.console import Console
+from pipelines.commands import diagnose
 from pipelines.tracking.runs import find_runs
 from tests.pipelines.conftest import one_line
 from tossid.diagnosis.problem import Problem
@@ -67,14 +70,12 @@ def spoilt(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "spoilt.h5"
 
 
-@pytest.mark.parametrize("earlier", [False, True])
-def test_ctrl_c_leaves_what_is_known(spoilt: Path, tmp_path: Path, earlier: bool) -> None:
+def test_ctrl_c_leaves_what_is_known(spoilt: Path, tmp_path: Path) -> None:
     out = tmp_path / "gap"
-    if earlier:
-        out.mkdir()
-        (out / MARKER).touch()
-        (out / "gap.json").write_text("of before")
-    command = [sys.executable, "-m", "pipelines.cli.app", "diagnose", f"data={spoilt}", f"out={out}", "threads=1"]
+    out.mkdir()
+    (out / MARKER).touch()
+    (out / "gap.json").write_text("of before")
+    command = [sys.executable, "-m", "pipelines.cli.app", "diagnose", f"data={spoilt}", f"out={out}", "threads=1", FEW]
     with subprocess.Popen(
         command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=tmp_path, start_new_session=True
     ) as running:
@@ -89,7 +90,7 @@ def test_ctrl_c_leaves_what_is_known(spoilt: Path, tmp_path: Path, earlier: bool
     assert code == 130, rest
     assert any("the gap is" in line and "most in slide" in line for line in lines)
     assert "Traceback" not in rest
-    where = tmp_path / ("gap-interrupted" if earlier else "gap")
+    where = tmp_path / "gap-interrupted"
     assert f"what was known by then is in {where / 'gap.html'}" in rest.strip().splitlines()[-1]
     gap = json.loads((where / "gap.json").read_text())
     assert gap["complete"] is False
@@ -99,7 +100,18 @@ def test_ctrl_c_leaves_what_is_known(spoilt: Path, tmp_path: Path, earlier: bool
     assert max(gap["gap"]["by_phase"], key=lambda each: each["share"])["phase"] == "slide"
     assert "friction" in gap["interrupted"]["suspects"][0]["name"]
     assert "was interrupted" in (where / "gap.html").read_text()
-    assert not earlier or (out / "gap.json").read_text() == "of before"
+    assert (out / "gap.json").read_text() == "of before"
+
+
+def test_what_is_known_lies_in_the_folder_asked_for_unless_a_report_is_there(
+    project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(diagnose, "_say", lambda *args: None)
+    known: Any = SimpleNamespace(save=lambda folder: (folder / "gap.html").write_text("known"))
+    for name in ("gap", "gap-interrupted"):
+        said = diagnose._save_so_far(known, Path("gap"), Console(quiet=True))
+        assert said.endswith(f"is in {name}/gap.html")
+        assert (project / name / "gap.html").read_text() == "known"
 
 
 def refused(args: list[str], capfd: pytest.CaptureFixture[str]) -> str:

@@ -202,7 +202,7 @@ def test_a_dataset_must_be_named_as_one(project: Path, capfd: pytest.CaptureFixt
     assert "Did you mean 'notes.h5'?" in one_line(capfd.readouterr().err)
 
 
-@pytest.mark.parametrize("after", ["reading", "detect"])
+@pytest.mark.parametrize("after", [pytest.param("reading", marks=pytest.mark.slow), "detect"])
 def test_ctrl_c_during_ingest(film: Path, tmp_path: Path, after: str) -> None:
     out = tmp_path / "a.h5"
     out.write_text("old")

@@ -55,13 +55,9 @@ def interrupt(
     with subprocess.Popen(
         [sys.executable, "-c", SLOW, "train", *keys, "data=tosses"], stderr=subprocess.PIPE, text=True, cwd=folder
     ) as running:
-        deadline, seen = time.monotonic() + 300, 0
-        while time.monotonic() < deadline and running.poll() is None:
-            for state in folder.glob("outputs/train/*/under_way/state.pt"):
-                if (written := state.stat().st_mtime_ns) != seen:  # to read it takes as long as an epoch
-                    seen, kept = written, len(torch.load(state, weights_only=True)["history"])
-            if seen and kept >= epochs:
-                break
+        deadline, kept = time.monotonic() + 300, set[int]()  # the times at which an epoch was kept
+        while time.monotonic() < deadline and running.poll() is None and len(kept) < epochs:
+            kept |= {state.stat().st_mtime_ns for state in folder.glob("outputs/train/*/under_way/state.pt")}
             time.sleep(0.02)
         running.send_signal(number)
         err = running.communicate(timeout=30)[1]

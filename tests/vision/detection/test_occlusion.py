@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 import numpy as np
 import pytest
 
@@ -41,12 +39,12 @@ def _seen(tagged: ObjectModel, turn: float, *, level: float | None, over: float)
 @pytest.mark.parametrize("level", [90.0, 115.0])
 def test_an_occluder_at_an_edge_is_detected(tagged: ObjectModel, turn: float, level: float) -> None:
     image, true = _seen(tagged, turn, level=level, over=0.3)
-    tally: Counter[str] = Counter()
-    (found,) = (d for d in TagFinder(CAMERA, tagged, tally=tally).find(Frame("c", 0.0, image)) if d.tag_id == 0)
+    finder = TagFinder(CAMERA, tagged)
+    (found,) = (d for d in finder.find(Frame("c", 0.0, image)) if d.tag_id == 0)
     hidden, cell = hidden_edges(image, found.corners)
     np.testing.assert_array_equal(hidden, [False, True, False, False])  # bottom, right, top, left
     assert cell == pytest.approx(CELL, rel=0.12)
-    assert tally["edges that may not be the tag's"] > 0
+    assert finder.tally["edges that may not be the tag's"] > 0
     error = np.linalg.norm(found.corners - true, axis=1)
     sigma = np.sqrt(np.trace(found.corner_cov, axis1=1, axis2=2) / 2)
     assert error[1:3].max() > 0.3

@@ -16,7 +16,7 @@ from tossid.vision.cameras.rig import default_rig
 
 
 def _suspects(tagged: ObjectModel, filmed: ObjectModel, cameras: tuple[Camera, ...], filming: tuple[Camera, ...]):
-    detections, _ = filmed_tumble(filming, filmed, np.random.default_rng(2), n=160)
+    detections, _ = filmed_tumble(filming, filmed, np.random.default_rng(2), n=100)
     return track(detections, cameras, tagged)[1].suspects
 
 

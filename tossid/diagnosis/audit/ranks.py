@@ -22,7 +22,7 @@ LEVELS = (0.5, 0.9)
 """Coverages that are counted beside that of the stated 95 % intervals."""
 
 _FAR = 6.0
-"""Standard normal number beyond which a rank is no longer told from 0 or 1."""
+"""Standard normal number beyond which a rank cannot be distinguished from 0 or 1."""
 _SPREAD = 2.0
 """Standard deviation of the balls' centres, in standard deviations of what is stated."""
 
@@ -78,17 +78,16 @@ def joint_rank(ranks: Sequence[float], correlation: Sequence[Sequence[float]], r
     return float(ncx2.cdf(((truth - centre) ** 2).sum(), len(truth), (centre**2).sum()))
 
 
-def band(n: int, level: float = 0.95) -> float:
-    """Half width of the band that holds the whole cumulative distribution of `n` uniform numbers (Kolmogorov).
+def band(n: int) -> float:
+    """Half width of the 95 % band of the whole cumulative distribution of `n` uniform numbers (Kolmogorov).
 
     Args:
         n: How many independent numbers.
-        level: Probability that it does.
 
     Returns:
         The half width.
     """
-    return float(kstwo.ppf(level, n))
+    return float(kstwo.ppf(0.95, n))
 
 
 def ranks_of(parameters: Sequence[Mapping[str, Any]], led: bool | None = None) -> NDArray[np.float64]:

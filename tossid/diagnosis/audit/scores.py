@@ -25,9 +25,7 @@ _LEAST_PROBABILITY = 0.02
 """Distance from 0 and 1 at which probabilities enter the logarithmic score."""
 
 
-def closable_share(
-    tosses: Sequence[Toss], world: World, effects: Mapping[str, Values], *, seed: int, n_threads: int = 1
-) -> float:
+def closable_share(tosses: Sequence[Toss], world: World, effects: Mapping[str, Values], *, seed: int) -> float:
     """The share of the gap that the true effects close; no diagnosis can be asked to close more.
 
     Args:
@@ -35,12 +33,11 @@ def closable_share(
         world: The stated world.
         effects: The true effects and their values.
         seed: Seed of the folds.
-        n_threads: Threads of the simulator.
 
     Returns:
         The share of the gap above the noise floor.
     """
-    validator = CrossValidator.of(tosses, world.object, seed=seed, n_threads=n_threads)
+    validator = CrossValidator.of(tosses, world.object, seed=seed)
     validator, best = validator.with_contact_law(world_with(world, effects))
     world = replace(world, law=world.law._replace(lifting=best.law.lifting))
     first, last = validator.evaluate(Hypothesis(world)), validator.evaluate(Hypothesis(world_with(world, effects)))

@@ -41,7 +41,6 @@ def errors_over_tosses(
     scores: Mapping[str, TossScores],
     names: Sequence[str],
     *,
-    title: str = "Errors over held-out tosses",
     settings: FigureSettings = FigureSettings(),
 ) -> Figure:
     """Every toss's mean position and rotation error as a dot, the mean with its 95 % interval, outliers by name.
@@ -52,7 +51,6 @@ def errors_over_tosses(
     Args:
         scores: Scores by model, one value a toss (B,).
         names: Names of the tosses (B,).
-        title: The figure's title.
         settings: Which outliers are named, and when axes are logarithmic.
 
     Returns:
@@ -67,7 +65,8 @@ def errors_over_tosses(
     if not scores:
         raise InputError("no scores to draw")
     count = f"{len(names)} tosses" if len(names) != 1 else "1 toss"
-    figure = new_figure(title, f"{count}, open-loop rollouts; each dot is a toss's mean over its frames.", height=7.2)
+    subtitle = f"{count}, open-loop rollouts; each dot is a toss's mean over its frames."
+    figure = new_figure("Errors over held-out tosses", subtitle, height=7.2)
     axes = panel_grid(figure, 2, 1, left=0.75, right=0.3, top=1.05, bottom=0.95, above=0.95)[:, 0]
     missing = 0
     for ax, kind, label in (
@@ -247,14 +246,12 @@ def mean_band(values: Array) -> tuple[Array, Array, Array]:
 def errors_along_rollout(
     errors: Mapping[str, ErrorsAlong],
     *,
-    title: str = "How errors grow along a rollout",
     settings: FigureSettings = FigureSettings(),
 ) -> Figure:
     """Mean position and rotation error against time since first contact, with 95 % bands over tosses.
 
     Args:
         errors: What `errors_along` returned, by model.
-        title: The figure's title.
         settings: From how many tosses on times and bands are drawn.
 
     Returns:
@@ -268,7 +265,8 @@ def errors_along_rollout(
     n_tosses = max(len(one.position_error_pct) for one in errors.values())
     few = n_tosses < settings.fewest_for_band
     words = "Thick: mean, thin: single tosses." if few else "Mean, band: 95 % over tosses."
-    figure = new_figure(title, f"{n_tosses} tosses, lined up at their first contact (time 0). {words}", height=6.9)
+    subtitle = f"{n_tosses} tosses, lined up at their first contact (time 0). {words}"
+    figure = new_figure("How errors grow along a rollout", subtitle, height=6.9)
     axes = panel_grid(figure, 3, 1, left=0.75, right=1.05, top=1.05, bottom=0.85, above=0.5, heights=[1, 1, 0.28])[:, 0]
     start, end = np.inf, -np.inf
     ends: dict[str, list[tuple[float, float, str, str]]] = {"position_error_pct": [], "rotation_error_deg": []}

@@ -22,12 +22,7 @@ _GREEN = "#dcefe4"
 
 
 @styled
-def inertia_study(
-    cells: Sequence[Cell],
-    *,
-    title: str = "From a wrong inertia to the true one",
-    settings: FigureSettings = FigureSettings(),
-) -> Figure:
+def inertia_study(cells: Sequence[Cell], *, settings: FigureSettings = FigureSettings()) -> Figure:
     """For each parameterisation: the error each start had (open) and the error that was learned (filled).
 
     Upper row: relative error of the inertia against the start's scale. Lower row: error of the centre of mass against
@@ -38,7 +33,6 @@ def inertia_study(
         cells: Dictionaries with `parameterisation`, `seed`, `inertia_scale` (start: learned from scale times the truth)
             [1], `com_offset_m` (start) [m], and what was learned: `inertia_error_rel` [1], `com_error_m` [m], each a
             number or {"mean", "ci95"}.
-        title: The figure's title.
         settings: Up to which error a start has reached the truth.
 
     Returns:
@@ -56,7 +50,8 @@ def inertia_study(
         max([reached_inertia, *[v for c in cells for v in _inertia(c)[:2] if np.isfinite(v)]]),
         max([reached_com, *[v for c in cells for v in _com(c)[:2] if np.isfinite(v)]]),
     ]
-    figure = new_figure(title, "Every start's error before learning (open) and after (filled).", height=7.2)
+    subtitle = "Every start's error before learning (open) and after (filled)."
+    figure = new_figure("From a wrong inertia to the true one", subtitle, height=7.2)
     axes = panel_grid(figure, 2, len(kinds), left=0.8, right=0.25, top=1.55, bottom=0.9, between=0.3, above=0.85)
     entries = [
         (Line2D([], [], ls="none", marker="o", mfc="white", mec=MUTED, ms=5.5), "start"),

@@ -38,9 +38,7 @@ def gravity_sweep(
     cells: Sequence[Cell],
     *,
     measured_penetration_mm: float | None = None,
-    simulators: dict[str, dict[str, float]] | None = None,
     from_flight: bool = False,
-    title: str = "Wrong gravity given: who repairs it?",
 ) -> Figure:
     """The four metrics against the gravity that the given model has (Bianchini and Posa 2023, Figure 4).
 
@@ -48,9 +46,7 @@ def gravity_sweep(
         cells: Dictionaries with `model`, `seed`, `gravity` (the given model's [m/s²]) and the metrics of an evaluation
             as {"mean", "ci95"}.
         measured_penetration_mm: Penetration of the measured motions themselves, as a reference [mm].
-        simulators: Reference levels by name and metric.
         from_flight: Whether to draw the metrics under each cell's `from_flight`.
-        title: The figure's title.
 
     Returns:
         The figure.
@@ -71,7 +67,7 @@ def gravity_sweep(
     )
     if slopes:
         subtitle += f"\nGravity recovered per gravity given (1: no repair, 0: full repair): {',  '.join(slopes)}"
-    figure = new_figure(title, subtitle, height=7.4)
+    figure = new_figure("Wrong gravity given: who repairs it?", subtitle, height=7.4)
     axes = panel_grid(figure, 2, 2, left=0.7, right=1.0, top=1.35, bottom=0.95, between=1.5, above=0.85)
     span = max(float(np.ptp(shares)), 0.1)
     for ax, (metric, (name, label)) in zip(axes.flat, METRICS.items(), strict=True):
@@ -80,12 +76,12 @@ def gravity_sweep(
         ax.set_ylabel(label)
         ax.set_xlabel("given gravity / 9.81 m/s² [1]")
         ax.set_xlim(shares.min() - 0.05 * span, shares.max() + 0.05 * span)
-        references = {n: levels[metric] for n, levels in (simulators or {}).items() if metric in levels}
+        references: dict[str, float] = {}
         if metric == "penetration_mm" and measured_penetration_mm is not None:
-            references = {"measured": measured_penetration_mm, **references}
+            references["measured"] = measured_penetration_mm
         if metric == "gravity_ms2":
-            references = {"true 9.81": GRAVITY, **references}
-            limits_from_zero(ax, series, also=[*references.values(), GRAVITY * shares.max()])
+            references["true 9.81"] = GRAVITY
+            limits_from_zero(ax, series, also=[GRAVITY, GRAVITY * shares.max()])
             _no_repair(ax, float(shares.max()))
         else:
             limits_from_zero(ax, series, also=list(references.values()))
@@ -128,7 +124,6 @@ def data_efficiency(
     *,
     swept: str = "n_tosses",
     from_flight: bool = False,
-    title: str = "How many tosses does it take?",
 ) -> Figure:
     """Metrics against the number of training tosses, on a base-2 logarithmic axis.
 
@@ -137,7 +132,6 @@ def data_efficiency(
             evaluation as {"mean", "ci95"}.
         swept: Key of the number of training tosses.
         from_flight: Whether to draw the metrics under each cell's `from_flight`.
-        title: The figure's title.
 
     Returns:
         The figure.
@@ -148,7 +142,8 @@ def data_efficiency(
     cells = chosen(cells, from_flight=from_flight)
     models = models_in(cells)
     counts = np.unique([float(cell[swept]) for cell in cells])
-    figure = new_figure(title, "Rollouts on held-out tosses, after training on more and more tosses.", height=7.0)
+    subtitle = "Rollouts on held-out tosses, after training on more and more tosses."
+    figure = new_figure("How many tosses does it take?", subtitle, height=7.0)
     axes = panel_grid(figure, 2, 2, left=0.7, right=1.0, top=1.1, bottom=0.95, between=1.5, above=0.85)
     order = ("position_error_pct", "rotation_error_deg", "penetration_mm", "gravity_ms2")
     for ax, metric in zip(axes.flat, order, strict=True):

@@ -27,8 +27,22 @@ def acceleration_of_forces(world: World, q: Array, v: Array) -> Array:
         (B, 6): acceleration of the common centre of mass along the world's axes [m/s²], and angular acceleration by
         torques in the body's axes [rad/s²]; (B, 3), the first alone, for an object with joints.
     """
+    return acceleration_of_motions(world, q, body_motions(world.object, q, v))
+
+
+def acceleration_of_motions(world: World, q: Array, motions: tuple[Array, Array, Array]) -> Array:
+    """The same from the motions of an object's bodies, which need not be computed anew for other forces.
+
+    Args:
+        world: the simulator.
+        q: (B, nq) true configurations.
+        motions: what `body_motions` gives.
+
+    Returns:
+        As of `acceleration_of_forces`.
+    """
     model, wrench, total = world.object, wrench_of_world(world), float(world.object.mass.sum())
-    p, u, omega = body_motions(model, q, v)
+    p, u, omega = motions
     linear = np.tile(world.gravity_on_ground(), (len(q), 1))
     for b in range(model.n_bodies):
         force, torque = wrench(p[:, b], u[:, b], omega[:, b])

@@ -45,7 +45,6 @@ class TagFinder:
         camera: Camera,
         model: ObjectModel | None,
         settings: DetectSettings = DEFAULT,
-        tally: Counter[str] | None = None,
         layout: TagLayout | None = None,
     ) -> None:
         """Look for tags in the images of a camera.
@@ -54,7 +53,6 @@ class TagFinder:
             camera: Whose images they are.
             model: The object, with its tags; None for a scene of any tags, whose images are then searched whole.
             settings: How tags are looked for.
-            tally: Filled with counts, by reason, of what was rejected, and of how often was searched where.
             layout: Says which families the tags are of; None: all are 36h11.
         """
         self.camera = camera
@@ -65,7 +63,7 @@ class TagFinder:
         ids = self._family if self.tag_ids is None else self.tag_ids
         names = {self._family.get(tag_id, self._usual) for tag_id in ids}
         self._families = tuple(sorted(names | {self._usual} if self.tag_ids is None else names))
-        self.tally: Counter[str] = Counter() if tally is None else tally
+        self.tally: Counter[str] = Counter()  # of what was rejected, by reason, and of how often was searched where
         self._predictor = (
             Predictor(camera, model, settings=settings.prediction) if model is not None and settings.predict else None
         )

@@ -26,6 +26,8 @@ SCALE = 2
 """Virtual pixels along a pixel."""
 LIFT = 5e-5
 """Height of the tags' pictures over the faces [m]."""
+EXPOSURES = 4
+"""Images whose mean is the motion blur."""
 TEXELS = 32
 """Texels along a tag's cell."""
 
@@ -58,7 +60,7 @@ class MujocoRenderer:
     """Draws an object with MuJoCo, with the same call as `render.Renderer`. To be used from one thread.
 
     A wider image without distortion is drawn at twice the resolution and then
-    seen through the camera's lens model. Motion blur is the mean of `exposures` images.
+    seen through the camera's lens model. Motion blur is the mean of `EXPOSURES` images.
     """
 
     def __init__(
@@ -66,8 +68,6 @@ class MujocoRenderer:
         model: ObjectModel,
         cameras: Sequence[Camera],
         settings: RenderSettings = DEFAULT_IMAGES,
-        *,
-        exposures: int = 4,
     ) -> None:
         """Compile the scene and open a context.
 
@@ -75,7 +75,6 @@ class MujocoRenderer:
             model: The object; its tags are drawn on its faces.
             cameras: Cameras of known pose.
             settings: How images look; this renderer draws no glare, depth of field, texture, litter or hand.
-            exposures: Images whose mean is the motion blur.
 
         Raises:
             InputError: Neither EGL nor OSMesa is there.
@@ -83,7 +82,6 @@ class MujocoRenderer:
         self.model = model
         self.settings = settings
         self.cameras = {camera.name: camera for camera in cameras}
-        self.exposures = exposures
         self._views = {camera.name: _view(camera) for camera in cameras}
         width = max(view[0] for view in self._views.values())
         height = max(view[1] for view in self._views.values())
@@ -170,7 +168,7 @@ class MujocoRenderer:
         if camera not in self.cameras:
             raise InputError(f"no camera '{camera}' among {', '.join(self.cameras)}")
         q0, q1 = np.asarray(q0, dtype=float), np.asarray(q1, dtype=float)
-        n = 1 if np.array_equal(q0, q1) else self.exposures
+        n = 1 if np.array_equal(q0, q1) else EXPOSURES
         width, height, _, map_x, map_y = self._views[camera]
         total = np.zeros((height, width), dtype=np.float32)
         pixels = np.empty((height, width, 3), dtype=np.uint8)

@@ -83,11 +83,10 @@ def plane_axes(normal: Array) -> tuple[Array, Array]:
     return right, np.cross(normal, right)
 
 
-def default_tags(model: ObjectModel, *, first_id: int = 0, fill: float = TAG_FILL) -> tuple[Tag, ...]:
+def default_tags(model: ObjectModel, *, first_id: int = 0) -> tuple[Tag, ...]:
     """One tag centred on each face, upright, with ids counted from `first_id`.
 
-    fill: black border edge over the widest square that fits there. The cube
-    gets six tags of 0.08 m, ids 0 to 5 on +x, -x, +y, -y, +z, -z.
+    The cube gets six tags of 0.08 m, ids 0 to 5 on +x, -x, +y, -y, +z, -z.
     """
     tags = []
     for index, face in enumerate(object_faces(model)):
@@ -100,7 +99,7 @@ def default_tags(model: ObjectModel, *, first_id: int = 0, fill: float = TAG_FIL
         T = np.eye(4)
         T[:3, :3] = np.stack([right, up, face.normal], axis=1)
         T[:3, 3] = face.center
-        tags.append(Tag(first_id + index, fill * 2 * half, face.body, T))
+        tags.append(Tag(first_id + index, TAG_FILL * 2 * half, face.body, T))
     return tuple(tags)
 
 

@@ -173,11 +173,12 @@ class TagLayout:
         return next((body for body in self.bodies if body.name == name), None)
 
 
-def layout_of(model: ObjectModel, *, rigs: Sequence[str] = ("rig",)) -> TagLayout:
-    """The scene of an object among fixed camera rigs that sit at the world's origin."""
-    static = [Body(name, True, np.eye(4)) for name in rigs]
+def layout_of(model: ObjectModel) -> TagLayout:
+    """The scene of an object and a fixed rig of cameras at the world's origin."""
     moving = [Body(name, False, tags=body_tags(model, b)) for b, name in enumerate(model.body_names)]
-    return TagLayout((*static, *moving), parameters={"pixel_noise": 1.0, "minimum_viewing_angle": 12.0})
+    return TagLayout(
+        (Body("rig", True, np.eye(4)), *moving), parameters={"pixel_noise": 1.0, "minimum_viewing_angle": 12.0}
+    )
 
 
 def body_tags(model: ObjectModel, body: int) -> tuple[BodyTag, ...]:
