@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +35,9 @@ from tossid.diagnosis.localisation.rollouts import first_states, rollout_errors
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.selection.cross_validation import Candidate
-from tossid.diagnosis.sessions.changes import EffectOverOrder
 from tossid.diagnosis.sessions.heights import ending_at_origin
 from tossid.diagnosis.sessions.looking import Corrections, Looked, TossOrder, look, undo_changes
+from tossid.diagnosis.sessions.stretches import EffectOverOrder
 from tossid.motion.sessions.change_points import fewest_items
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Phase, Toss
@@ -269,9 +270,11 @@ def over_order(each: EffectOverOrder, tosses: Sequence[Toss]) -> OverOrder:
         each: The effect.
         tosses: In their order.
     """
+    n = len(tosses)
+    ranges = ((0, 1), (n - 1, n)) if each.form == "drift" else tuple(pairwise(each.edges))
     stretches = tuple(
         Stretch(tosses[a].name, tosses[b - 1].name, b - a, parameters)
-        for a, b, parameters in zip(each.edges[:-1], each.edges[1:], each.stretches, strict=True)
+        for (a, b), parameters in zip(ranges, each.stretches, strict=True)
     )
     return OverOrder(each.form, stretches, each.rate, each.p_value, each.correctable)
 
