@@ -4,7 +4,7 @@ Each toss says by itself what an effect's parameters are (`values`). Where these
 tested as changes of a recording are (`tossid.motion.sessions.change_points`): by permutation, for all effects together.
 Many effects seem to change where one does. What each that may be the cause gains from session to session is compared by
 likelihood (`suspects`), and the promising ones are fitted. What happens is one of two things: steps at the changes, or
-a drift. The first of the suspects is fitted to each toss alone; its values follow steps or a line (`drift`).
+a drift. Each effect that gains is fitted to each toss alone; its values follow steps or a line (`drift`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.fitting import fit
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
-from tossid.diagnosis.sessions.drift import Alone, drifting, fitted_alone, follows_line
+from tossid.diagnosis.sessions.drift import drifting, fitted_alone, follows_line
 from tossid.diagnosis.sessions.moments import at_sessions, clearest_steps
 from tossid.diagnosis.sessions.stretches import EffectOverOrder, fitted_stretches, rows_of, with_steps
 from tossid.diagnosis.sessions.suspects import (
@@ -109,25 +109,19 @@ def effect_over_order(
         fits = fitted_stretches(present, effect, steps, validator, near=near(effect, steps))
         return with_steps(effect, steps, fits, p_of(effect))
 
-    def alone(effect: Effect) -> Alone:
-        return fitted_alone(present, effect, validator, near(effect, range(n + 1)))
+    def in_its_form(each: EffectOverOrder) -> EffectOverOrder:
+        alone = fitted_alone(present, each.effect, validator, near(each.effect, range(n + 1)))
+        line = follows_line(alone.values, alone.info, at, settings, known=boundaries)
+        return drifting(alone, validator, settings, each.p_value) if line else each
 
     gains = dict(zip((each.name for each in suspects), validator.map(screened, suspects), strict=True))
     suspects = sorted(suspects, key=lambda each: -gains[each.name])[: settings.candidates]
-    # (what changes with the dataset's sessions alone does not drift)
-    first = None if set(at) <= set(boundaries) or not suspects else alone(suspects[0])
-    if first is not None and follows_line(first.values, first.info, at, settings):
-        others = validator.map(alone, suspects[1:])
-        found = [drifting(each, validator, settings, p_of(each.effect)) for each in (first, *others)]
-    else:
-        found = validator.map(stepping, suspects)
-    judged = _gaining(present, found, settings)
-    if judged and judged[0][-1].form == "drift":
-        return _chosen(present, judged, validator, settings)
+    found = validator.map(stepping, suspects)
+    found = validator.map(in_its_form, [each for *_, each in _gaining(present, found, settings)])
     unfelt = [each for each in library if unfelt_in_part(witnesses.get(each.name), steps)]
     from_starts = fits_from_starts(present, unfelt, steps, validator, count=settings.from_starts)
     found += [with_steps(effect, steps, fits, max(p.values())) for effect, fits in from_starts]
-    judged = _gaining(present, found, settings) if from_starts else judged
+    judged = _gaining(present, found, settings)
     return _chosen(present, judged, validator, settings) if judged else None
 
 

@@ -7,7 +7,7 @@ same scatter between tosses, and compared by their cost.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,7 +65,9 @@ def fitted_alone(present: Candidate, effect: Effect, validator: CrossValidator, 
     return Alone(effect, edges, fits, values, info)
 
 
-def follows_line(values: Array, info: Array, at: Sequence[int], settings: OrderSettings) -> bool:
+def follows_line(
+    values: Array, info: Array, at: Sequence[int], settings: OrderSettings, *, known: Collection[int] = ()
+) -> bool:
     """Whether values of tosses follow a line rather than steps.
 
     Both are robust regressions, with the scatter between tosses of that which leaves less. Twice their costs are
@@ -77,13 +79,14 @@ def follows_line(values: Array, info: Array, at: Sequence[int], settings: OrderS
         info: (n, P, P) their information.
         at: First tosses after the steps; each is moved to where it is likeliest.
         settings: From which distance on a toss counts no more, and how far a moment may move.
+        known: First tosses of sessions of the dataset. A step at one does not cost its moment.
     """
-    n, outlier = len(values), settings.outlier
+    n, outlier, moments = len(values), settings.outlier, len(set(at) - set(known))
     at = moments_of_steps((values, info, np.empty((n, 0))), at, settings)
     designs = (_line(n), steps_at(at, n))
     scatter = min(robust_regression(values, info, design, outlier=outlier).scatter for design in designs)
     line, steps = (robust_regression(values, info, each, outlier=outlier, scatter=scatter) for each in designs)
-    return line.cost < steps.cost + len(at) * float(np.log(steps.n))
+    return line.cost < steps.cost + moments * float(np.log(steps.n))
 
 
 def drifting(alone: Alone, validator: CrossValidator, settings: OrderSettings, p_value: float) -> EffectOverOrder:
