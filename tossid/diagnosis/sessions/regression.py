@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.motion.sessions.change_points import scatter_between
+from tossid.motion.sessions.change_points import variance_between
 
 Array = NDArray[np.float64]
 
@@ -59,8 +59,8 @@ def robust_regression(
     p = X.shape[1] * d
     off = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
     for _ in range(3 if scatter is None else 1):
-        tau = scatter_between(off, A, rank) if scatter is None else scatter
-        W = A @ np.linalg.inv(np.eye(d) + tau**2 * A)
+        tau2 = variance_between(off, A, rank) if scatter is None else scatter**2
+        W = A @ np.linalg.inv(np.eye(d) + tau2 * A)
         u = np.ones(n)
         for _ in range(20):
             H = np.einsum("n,ni,nj,nkl->ikjl", u, X, X, W).reshape(p, p)
@@ -71,7 +71,7 @@ def robust_regression(
     g = np.einsum("n,ni,nkl,nl->nik", u, X, W, off).reshape(n, p)
     inverse = np.linalg.pinv(H, rcond=1e-10, hermitian=True)
     covariance = (inverse @ (g.T @ g) @ inverse * n / max(n - X.shape[1], 1)).reshape(X.shape[1], d, X.shape[1], d)
-    return Regression(B, covariance, tau, float(2 * huber(size, outlier).sum() + p * np.log(n)), n)
+    return Regression(B, covariance, float(np.sqrt(tau2)), float(2 * huber(size, outlier).sum() + p * np.log(n)), n)
 
 
 def huber(size: Array, outlier: float) -> Array:

@@ -92,8 +92,8 @@ def robust_mean(values: Array, info: Array, *, outlier: float = DEFAULT.outlier)
     eye = np.eye(d)
     center = np.median(y, axis=0)
     for _ in range(3):
-        tau = scatter_between(y - center, A, rank)
-        W = A @ np.linalg.inv(eye + tau**2 * A)
+        tau2 = variance_between(y - center, A, rank)
+        W = A @ np.linalg.inv(eye + tau2 * A)
         for _ in range(20):
             off = y - center
             size = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", off, W, off), 1e-300))
@@ -108,11 +108,11 @@ def robust_mean(values: Array, info: Array, *, outlier: float = DEFAULT.outlier)
     w, Q = np.linalg.eigh(W)
     scores = np.zeros((n, d))
     scores[seen] = u[:, None] * np.einsum("nij,nj,nkj,nk->ni", Q, np.sqrt(np.maximum(w, 0.0)), Q, y - center)
-    return Mean(center, inverse @ (g.T @ g) @ inverse, scores, tau, int(seen.sum()))
+    return Mean(center, inverse @ (g.T @ g) @ inverse, scores, float(np.sqrt(tau2)), int(seen.sum()))
 
 
-def scatter_between(off: Array, info: Array, rank: NDArray[np.int64]) -> float:
-    """The scatter between items that makes the median of their squared whitened distances that of χ².
+def variance_between(off: Array, info: Array, rank: NDArray[np.int64]) -> float:
+    """The variance between items that makes the median of their squared whitened distances that of χ².
 
     Args:
         off: Distances of the items from what they scatter about, (n, d).
@@ -131,7 +131,7 @@ def scatter_between(off: Array, info: Array, rank: NDArray[np.int64]) -> float:
     for _ in range(30):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if median(middle) > 0.5 else (low, middle)
-    return float(np.sqrt(high))
+    return high
 
 
 def split_statistics(scores: Array, fewest: int) -> Array:
