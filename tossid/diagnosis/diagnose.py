@@ -20,7 +20,7 @@ from tossid.diagnosis.problem import Problem, session_starts
 from tossid.diagnosis.release import bound_frames
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.sessions.correction import corrections
-from tossid.diagnosis.sessions.explained import Explained, explain_over_order
+from tossid.diagnosis.sessions.explained import Explained, explain_over_order, fewest_over_order
 from tossid.diagnosis.sessions.heights import have_own_heights
 from tossid.diagnosis.simulators import (
     Simulator,
@@ -153,7 +153,7 @@ class Task:
             data={"object": self.recorded.name},
             next_toss=following,
             patch=patch,
-            remarks=(*of_number, *self.remarks, *_of_contact(found, self.simulator)),
+            remarks=(*of_number, *self.remarks, *_of_order(found, self), *_of_contact(found, self.simulator)),
             order=self.order,
             learned=learned_forces(self.simulator.world, self.tosses, self.library, self.settings.learned),
             report=self.settings.report,
@@ -323,6 +323,17 @@ def _patch(found: Diagnosis, task: Task, tosses: Sequence[Toss], threads: int) -
         except TossidError as error:
             report["rerun"] = {"problem": str(error)}
     return report
+
+
+def _of_order(found: Diagnosis, task: Task) -> tuple[str, ...]:
+    """A remark where too few tosses took part for a change over their order."""
+    if found.changes_left is not None:
+        return ()
+    least = fewest_over_order(task.library, task.settings)
+    return (
+        f"{len(found.tosses)} tosses are too few for a change of an effect over their order to be seen; it takes "
+        f"{least}.",
+    )
 
 
 def _of_contact(found: Diagnosis, simulator: Simulator) -> tuple[str, ...]:

@@ -229,7 +229,7 @@ class OverOrder:
 
     Attributes:
         form: It takes steps between sessions, or drifts.
-        stretches: The sessions, or equal parts of a drift.
+        stretches: The sessions; of a drift, the first toss and the last.
         rate: Of a drift, the change of each parameter from toss to toss.
         p_value: Probability of such a change in an order that means nothing, corrected for all that was looked at.
         undone: Whether the tosses were corrected for it before other effects were sought.
@@ -248,7 +248,7 @@ class OverOrder:
         if self.form == "steps":
             return {"sessions": stretches, "over_order": about}
         rate = {name: value.as_json() for name, value in self.rate.items()}
-        return {"drift": {"per_toss": rate, "parts": stretches}, "over_order": about}
+        return {"drift": {"per_toss": rate, "ends": stretches}, "over_order": about}
 
 
 @dataclass(frozen=True)

@@ -111,7 +111,7 @@ def test_of_nothing_nothing_is_right_and_a_drift_has_its_rate() -> None:
         assert not score_over_order(truth(form), answer(left=("5",)))["right"]
     drift = {
         "name": "friction",
-        "drift": {"per_toss": {"mu": {"value": 0.0022, "ci95": [0.0018, 0.0026]}}, "parts": []},
+        "drift": {"per_toss": {"mu": {"value": 0.0022, "ci95": [0.0018, 0.0026]}}, "ends": []},
     }
     found = score_over_order(truth(DRIFT, friction={"mu": 0.26}), answer(drift))
     assert found["right"]

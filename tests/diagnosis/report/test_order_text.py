@@ -47,7 +47,7 @@ def test_two_recordings_in_words(cube: ObjectModel) -> None:
 def test_a_drift_has_a_rate(cube: ObjectModel) -> None:
     order = OverOrder(
         "drift",
-        (Stretch("0", "9", 10, {}), Stretch("10", "19", 10, {})),
+        (Stretch("0", "0", 1, {}), Stretch("19", "19", 1, {})),
         {"mu": Interval(1e-3, 9e-4, 1.1e-3)},
         0.001,
         undone=False,

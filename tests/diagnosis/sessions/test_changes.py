@@ -1,21 +1,14 @@
-"""Effects that take a step or drift are told apart, and where nothing changes nothing is found."""
+"""Changes are found where they are, and where nothing changes nothing is found."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from tossid.diagnosis.findings import Interval
-from tossid.diagnosis.likelihood.evidence import Hypothesis
-from tossid.diagnosis.sessions.changes import EffectOverOrder, changes_over_order, follows_line, values_differ
+from tossid.diagnosis.sessions.changes import changes_over_order
 from tossid.diagnosis.sessions.moments import moments_of_steps
 from tossid.diagnosis.sessions.values import RESIDUAL
 from tossid.motion.sessions.change_points import Witness
-from tossid.objects import ObjectModel
-from tossid.physics.effects import World, effect_named
 from tossid.settings.diagnosis.order import OrderSettings
 
 N = 40
@@ -43,57 +36,6 @@ def test_a_step_is_found_where_it_is_and_in_nothing_else(at: int) -> None:
     (moment,) = moments_of_steps(seen["tilt"], (change.at,), SETTINGS)
     assert abs(moment - at) <= 1
     assert set(change.p) == {"tilt"}
-
-
-def in_parts(values: list[float], sigma: float) -> EffectOverOrder:
-    """A clock that was fitted to five parts of 40 tosses."""
-    stretches = tuple({"rate_rel": Interval(x, x - 2 * sigma, x + 2 * sigma)} for x in values)
-    edges = tuple(range(0, N + 1, N // 5))
-    return EffectOverOrder(
-        effect_named("time_base"), "drift", edges, np.ones((N, 1)), 0.001, stretches[0], stretches, {}, ()
-    )
-
-
-@pytest.mark.parametrize(
-    ("values", "at"),
-    [([0, 0, 0, 1, 1], (24,)), ([0, 0, 0.2, 1, 1], (20,)), ([0, 1, 1, 1, 1], (9,)), ([0, 1, 1, 0.4, 0], (8, 27))],
-)
-def test_values_that_step_follow_no_line(values: list[float], at: tuple[int, ...]) -> None:
-    assert not follows_line(in_parts(values, 0.02), at)
-
-
-@pytest.mark.parametrize("at", [(7, 27), (20,), (16, 24)])
-def test_values_that_drift_follow_a_line(at: tuple[int, ...]) -> None:
-    assert follows_line(in_parts([0.01, 0.24, 0.51, 0.75, 0.99], 0.02), at)
-
-
-@dataclass(frozen=True)
-class AsFitted:
-    """A fit of which only the values and their covariance are asked for."""
-
-    hypothesis: Hypothesis
-    cov: np.ndarray
-
-    def covariance(self) -> np.ndarray:
-        return self.cov
-
-
-def test_values_differ_by_the_scatter_of_tosses(cube: ObjectModel) -> None:
-    effect = effect_named("world_tilt")
-    rng, cov = np.random.default_rng(0), np.array([[4.0, 1.0], [1.0, 2.0]]) * 1e-6
-    root = np.linalg.cholesky(cov)
-
-    def probability(step: list[float]) -> float:
-        fits: list[Any] = [
-            AsFitted(Hypothesis(World(cube)).plus(effect, root @ rng.normal(size=2) + k * np.array(step)), cov)
-            for k in range(2)
-        ]
-        each = in_parts([0.0, 0.0], 1.0)
-        return values_differ(replace(each, effect=effect, fitted=tuple(fits)))
-
-    same = [probability([0.0, 0.0]) for _ in range(300)]
-    assert np.mean(np.array(same) < 0.1) == pytest.approx(0.1, abs=0.05)
-    assert max(probability([0.012, -0.006]) for _ in range(20)) < 1e-3
 
 
 def test_what_depends_on_place_does_not_change() -> None:

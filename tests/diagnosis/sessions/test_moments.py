@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tests.diagnosis.sessions.test_changes import SETTINGS, step, witness
 from tossid.diagnosis.sessions.changes import changes_over_order
-from tossid.diagnosis.sessions.moments import at_sessions, clearest_steps, moments_of_steps, parts_between
+from tossid.diagnosis.sessions.moments import at_sessions, clearest_steps, moments_of_steps
 
 
 def test_the_witness_that_changes_most_clearly_says_when() -> None:
@@ -26,10 +26,3 @@ def test_steps_are_at_sessions_that_begin_nearby() -> None:
     assert at_sessions((9, 30), (8, 11, 20), 3) == (8, 30)
     assert at_sessions((9, 10), (11,), 3) == (11,)
     assert at_sessions((2,), (0,), 3) == ()
-
-
-def test_no_part_has_a_step_in_it() -> None:
-    assert parts_between(20, 4, ()) == (0, 5, 10, 15, 20)
-    assert parts_between(20, 4, (9,)) == (0, 5, 9, 15, 20)
-    assert parts_between(20, 4, (2, 18)) == (0, 2, 10, 18, 20)
-    assert parts_between(12, 2, (10,)) == (0, 10, 12)

@@ -30,6 +30,12 @@ def test_what_does_the_same_as_a_changing_effect_is_a_suspect_too() -> None:
     assert suspects_among(library, {"residual"}) == []
 
 
+def test_a_special_case_of_a_changing_effect_is_a_suspect_too() -> None:
+    library = [effect_named(name) for name in ("velocity_friction", "friction", "gravity")]
+    assert [each.name for each in suspects_among(library, {"velocity_friction"})] == ["velocity_friction", "friction"]
+    assert [each.name for each in suspects_among(library, {"friction"})] == ["friction"]
+
+
 def test_the_effect_that_changes_gains_where_it_changes(cube: ObjectModel) -> None:
     tosses = tilted_from(cube, 9, 20)
     problem = Problem(tosses, World(cube))

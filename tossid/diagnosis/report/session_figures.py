@@ -81,7 +81,8 @@ def gap_over_order(diagnosis: Diagnosis, settings: ReportSettings) -> Figure:
     for color, gap in ((BEFORE, diagnosis.gap), (AFTER, diagnosis.left)):
         ax.plot(np.arange(n), toss_excess(gap, n), ".", color=color, markersize=4)
     ax.set_yscale("symlog", linthresh=1.0)
-    starts = {s.first for f in diagnosis.findings if f.over_order is not None for s in f.over_order.stretches[1:]}
+    steps = [f.over_order for f in diagnosis.findings if f.over_order is not None and f.over_order.form == "steps"]
+    starts = {stretch.first for each in steps for stretch in each.stretches[1:]}
     for at in (i for i, name in enumerate(diagnosis.tosses) if name in starts):
         ax.axvline(at - 0.5, color=MUTED, linewidth=1.0)
     ax.set_xlabel("toss, in the order of recording")

@@ -95,6 +95,7 @@ def corrections(found: Diagnosis) -> dict[str, str]:
             parts = []
             for stretch in order.stretches:
                 values = np.array([stretch.parameters[p.name].value for p in effect.parameters])
-                parts.append(f"tosses {stretch.first} to {stretch.last}: {effect.mjcf.text(effect.at(base, values))}")
-            out[finding.name] = "; ".join(parts)
+                some = f"toss {stretch.first}" if order.form == "drift" else f"tosses {stretch.first} to {stretch.last}"
+                parts.append(f"{some}: {effect.mjcf.text(effect.at(base, values))}")
+            out[finding.name] = "; ".join(parts) + ("; between them along a line" if order.form == "drift" else "")
     return out

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,10 +35,11 @@ from tossid.diagnosis.localisation.rollouts import first_states, rollout_errors
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.selection.cross_validation import Candidate
-from tossid.diagnosis.sessions.changes import EffectOverOrder
 from tossid.diagnosis.sessions.heights import ending_at_origin
 from tossid.diagnosis.sessions.looking import Corrections, Looked, TossOrder, look, undo_changes
+from tossid.diagnosis.sessions.stretches import EffectOverOrder
 from tossid.motion.sessions.change_points import fewest_items
+from tossid.physics.effects import Effect
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Phase, Toss
 
@@ -69,8 +71,7 @@ def explain_over_order(problem: Problem) -> Explained:
     """
     problem = problem.in_order()
     recorded, library, settings = tuple(problem.tosses), problem.library, problem.settings
-    few = len(recorded) < fewest_items(len(library) + 1, settings.order.changes)
-    if few:
+    if len(recorded) < fewest_over_order(library, settings):
         found = search_once(problem)
         made = _of_tosses(found.diagnosis, recorded)
         return Explained(made, recorded, tuple(problem.unseen), lambda: _of_tosses(found.repeated(), recorded))
@@ -89,6 +90,16 @@ def explain_over_order(problem: Problem) -> Explained:
         return _with(made, recorded, now, first, undone, varies, settings) if undone or varies is not None else made
 
     return Explained(over_all(found.diagnosis), now, corrections.unseen, lambda: over_all(found.repeated()))
+
+
+def fewest_over_order(library: Sequence[Effect], settings: DiagnoseSettings) -> int:
+    """How many tosses it takes for a change of an effect, or of the size of the gap, to be seen at all.
+
+    Args:
+        library: The effects.
+        settings: Of the diagnosis.
+    """
+    return fewest_items(len(library) + 1, settings.order.changes)
 
 
 def _beside(found: Diagnosis, corrections: Corrections, problem: Problem) -> Looked:
@@ -269,9 +280,11 @@ def over_order(each: EffectOverOrder, tosses: Sequence[Toss]) -> OverOrder:
         each: The effect.
         tosses: In their order.
     """
+    n = len(tosses)
+    ranges = ((0, 1), (n - 1, n)) if each.form == "drift" else tuple(pairwise(each.edges))
     stretches = tuple(
         Stretch(tosses[a].name, tosses[b - 1].name, b - a, parameters)
-        for a, b, parameters in zip(each.edges[:-1], each.edges[1:], each.stretches, strict=True)
+        for (a, b), parameters in zip(ranges, each.stretches, strict=True)
     )
     return OverOrder(each.form, stretches, each.rate, each.p_value, each.correctable)
 

@@ -14,8 +14,9 @@ from tossid.diagnosis.localisation.gap import by_toss, deviance
 from tossid.diagnosis.localisation.noise import Floor, noise_floor
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
-from tossid.diagnosis.sessions.changes import EffectOverOrder, changes_over_order, effect_over_order
+from tossid.diagnosis.sessions.changes import changes_over_order, effect_over_order
 from tossid.diagnosis.sessions.correction import corrected_tosses
+from tossid.diagnosis.sessions.stretches import EffectOverOrder
 from tossid.diagnosis.sessions.values import witnesses_of
 from tossid.motion.sessions.change_points import Change
 from tossid.physics.effects import Effect

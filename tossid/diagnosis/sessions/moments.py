@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.diagnosis.sessions.regression import huber, robust_regression
 from tossid.motion.sessions.change_points import Change, Witness, robust_mean, without_covariates
 from tossid.settings.diagnosis.order import OrderSettings
 
@@ -37,33 +38,22 @@ def clearest_steps(
         values, n = without_covariates(recorded, info, covariates, outlier=outlier), len(recorded)
         parts = [slice(a, b) for a, b in pairwise((0, *at, n))]
         scatter = max(robust_mean(values[part], info[part], outlier=outlier).scatter for part in parts)
-        W = info @ np.linalg.inv(np.eye(values.shape[1]) + scatter**2 * info)
-        steps = (np.arange(n)[:, None] >= np.asarray(at)).astype(float)
-        gained = _robust_cost(values, W, steps[:, :0], outlier) - _robust_cost(values, W, steps, outlier)
-        judged.append((gained, name, at))
+        constant, steps = (
+            robust_regression(values, info, design, outlier=outlier, scatter=scatter).cost
+            for design in (np.empty((n, 0)), steps_at(at, n))
+        )
+        judged.append((constant - steps, name, at))
     return max(judged)[2]
 
 
-def _robust_cost(values: Array, W: Array, design: Array, outlier: float) -> float:
-    """Twice the cost of a robust regression of values (n, d) on a design (n, p), with log n for each number."""
-    n, d = values.shape
-    seen = np.trace(W, axis1=1, axis2=2) > 0
-    y, W = values[seen], W[seen]
-    X = np.column_stack([np.ones(len(y)), design[seen]])
-    p = X.shape[1] * d
-    u = np.ones(len(y))
-    for _ in range(20):
-        H = np.einsum("n,ni,nj,nkl->ikjl", u, X, X, W).reshape(p, p)
-        g = np.einsum("n,ni,nkl,nl->ik", u, X, W, y).reshape(p)
-        off = y - X @ np.linalg.lstsq(H, g, rcond=1e-10)[0].reshape(-1, d)
-        size = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", off, W, off), 1e-300))
-        u = np.minimum(1.0, outlier / size)
-    return float(2 * _huber(size, outlier).sum() + p * np.log(n))
+def steps_at(at: Sequence[int], n: int) -> Array:
+    """(n, k) whether each of n tosses is after each of k steps, as 0 and 1.
 
-
-def _huber(size: Array, outlier: float) -> Array:
-    """Huber's cost of distances in standard deviations."""
-    return np.where(size < outlier, 0.5 * size**2, outlier * (size - 0.5 * outlier))
+    Args:
+        at: First tosses after the steps.
+        n: How many tosses.
+    """
+    return (np.arange(n)[:, None] >= np.asarray(at)).astype(float)
 
 
 def moments_of_steps(witness: Witness, at: Sequence[int], settings: OrderSettings) -> tuple[int, ...]:
@@ -91,7 +81,7 @@ def moments_of_steps(witness: Witness, at: Sequence[int], settings: OrderSetting
         for side in sides:
             off = np.where(np.trace(info, axis1=1, axis2=2)[:, None] > 0, values - side.value, 0.0)
             size = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", off, W, off), 0.0))
-            cost.append(_huber(size, outlier))
+            cost.append(huber(size, outlier))
         saved = np.cumsum(cost[0] - cost[1])
         near = np.arange(max(low + 1, now - settings.largest_move), min(high - 1, now + settings.largest_move) + 1)
         edges[k] = int(near[np.argmin(saved[near - 1])])
@@ -110,19 +100,3 @@ def at_sessions(at: Sequence[int], boundaries: Sequence[int], near: int) -> tupl
         min((b for b in boundaries if abs(b - each) <= near), key=lambda b: abs(b - each), default=each) for each in at
     }
     return tuple(sorted(moved - {0}))
-
-
-def parts_between(n: int, parts: int, at: Sequence[int]) -> tuple[int, ...]:
-    """First tosses of about equal parts of n tosses, and n. Each step has the part nearest to it begin there.
-
-    A part with a step in it has no value of its own: a fit gives that of either side, and not their mean.
-
-    Args:
-        n: How many tosses.
-        parts: How many parts.
-        at: First tosses after the steps.
-    """
-    edges = np.array([round(n * k / parts) for k in range(parts + 1)])
-    for step in at:
-        edges[1 + int(np.argmin(np.abs(edges[1:-1] - step)))] = step
-    return tuple(np.unique(edges).tolist())

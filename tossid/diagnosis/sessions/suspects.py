@@ -26,16 +26,17 @@ _UNFELT = 0.01
 
 
 def suspects_among(library: Sequence[Effect], changing: Collection[str]) -> list[Effect]:
-    """The effects whose values change, and those that do the same as some of these together.
+    """The effects whose values change, those that do the same as some of these together, and special cases of these.
 
     Args:
         library: The effects.
         changing: Names of those whose values change.
     """
+    special = frozenset[str]().union(*(effect.contains for effect in library if effect.name in changing))
     return [
         effect
         for effect in library
-        if effect.name in changing or (effect.made_of and effect.made_of <= frozenset(changing))
+        if effect.name in special | frozenset(changing) or (effect.made_of and effect.made_of <= frozenset(changing))
     ]
 
 

@@ -92,7 +92,7 @@ def robust_mean(values: Array, info: Array, *, outlier: float = DEFAULT.outlier)
     eye = np.eye(d)
     center = np.median(y, axis=0)
     for _ in range(3):
-        tau2 = _scatter(y - center, A, rank)
+        tau2 = variance_between(y - center, A, rank)
         W = A @ np.linalg.inv(eye + tau2 * A)
         for _ in range(20):
             off = y - center
@@ -111,8 +111,14 @@ def robust_mean(values: Array, info: Array, *, outlier: float = DEFAULT.outlier)
     return Mean(center, inverse @ (g.T @ g) @ inverse, scores, float(np.sqrt(tau2)), int(seen.sum()))
 
 
-def _scatter(off: Array, info: Array, rank: NDArray[np.int64]) -> float:
-    """The variance between items that makes the median of their squared whitened distances that of χ²."""
+def variance_between(off: Array, info: Array, rank: NDArray[np.int64]) -> float:
+    """The variance between items that makes the median of their squared whitened distances that of χ².
+
+    Args:
+        off: Distances of the items from what they scatter about, (n, d).
+        info: Inverse covariances of the items' own errors, (n, d, d).
+        rank: Of these, (n,).
+    """
 
     def median(tau2: float) -> float:
         W = info @ np.linalg.inv(np.eye(off.shape[1]) + tau2 * info)

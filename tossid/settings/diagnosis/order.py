@@ -45,8 +45,6 @@ class OrderSettings:
     unchanging: Fraction = 0.5
     """share of the best gain of log-likelihood from which on another effect is preferred to a change of the object or
     of gravity, which stay the same from toss to toss"""
-    drift_parts: Count = 5
-    """most stretches to which a drift is fitted"""
     same_change: Count = 3
     """tosses between a change and one between sessions of the dataset within which both are one"""
 
