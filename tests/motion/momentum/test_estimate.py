@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from tossid.motion.momentum.estimate import momentum_balance
+from tossid.physics.identifiable import inertia_error
 from tossid.rotations import quat_to_matrix
 
 
@@ -15,6 +16,16 @@ def test_inertia_and_friction_of_an_uneven_start(wedge):
     assert found.inertia_deviation < 0.05
     assert found.friction == pytest.approx(wedge.true.friction, abs=0.01)
     assert found.friction_deviation < 0.01
+
+
+@pytest.mark.slow
+def test_inertia_and_friction_of_two_links_from_an_uneven_start(elbow):
+    start = elbow.true.with_changes(inertia=np.array([1.3, 0.8])[:, None, None] * elbow.true.inertia, friction=0.4)
+    found = momentum_balance(elbow.tosses, start)
+    assert inertia_error(start, elbow.true) > 0.15
+    assert inertia_error(elbow.true.with_changes(inertia=found.inertia), elbow.true) < 0.02
+    assert found.inertia_deviation < 0.01
+    assert found.friction == pytest.approx(elbow.true.friction, abs=0.01)
 
 
 def test_flight_alone_shows_no_friction(wedge):
