@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from tests.physics.trees import random_tree
 from tossid.objects import OBJECT_FILES, ObjectModel, load_object
 from tossid.physics import make_system, tree
-from tossid.physics.identifiable import base_parameters, inertial_parameters
+from tossid.physics.identifiable import base_parameters, inertia_error, inertial_parameters
 
 
 def mass_matrix(model: ObjectModel, q: np.ndarray) -> np.ndarray:
@@ -63,3 +64,25 @@ def test_equal_base_parameters_are_equal_mass_matrices() -> None:
     heavier = model.with_changes(mass=2 * model.mass, inertia=2 * model.inertia)
     np.testing.assert_allclose(base.values(heavier), base.values(model))
     np.testing.assert_allclose(base.rows @ whole / model.mass.sum(), base.values(model))
+
+
+def test_no_combination_has_large_factors_where_a_hinge_is_nearly_along_an_axis() -> None:
+    """A tracker's frame: the axis is 0.003 degrees from y, and the origin is off it."""
+    elbow = load_object(OBJECT_FILES / "elbow.xml")
+    axis = np.array([4e-5, 1.0, -4e-5])
+    tracked = elbow.with_changes(
+        joint_axis=np.array([np.zeros(3), axis / np.linalg.norm(axis)]),
+        joint_pos=np.array([np.zeros(3), [0.01, -0.043, -0.02]]),
+    )
+    base = base_parameters(tracked)
+    assert len(base.names) == 17
+    assert np.abs(base.rows).max() < 10
+
+
+def test_error_of_inertia_is_that_of_the_kinetic_energy() -> None:
+    elbow = load_object(OBJECT_FILES / "elbow.xml")
+    assert inertia_error(elbow, elbow) < 1e-12
+    # about the line through both centres of mass, nothing else turns
+    assert inertia_error(elbow.with_changes(inertia=1.04 * elbow.inertia), elbow) == pytest.approx(0.04)
+    cube = load_object(OBJECT_FILES / "cube.xml")
+    assert inertia_error(cube.with_changes(inertia=1.3 * cube.inertia), cube) == pytest.approx(0.3)

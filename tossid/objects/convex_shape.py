@@ -189,7 +189,7 @@ def height_is_wrong(tosses: Sequence[Toss | PoseTrack], settings: ShapeSettings 
     """
     seen, chosen, corners, _ = polytope(half_spaces(tosses), settings)
     sharp = fit_vertices(seen, chosen.vertices, np.zeros(3), settings, gap=settings.first_gap, level=True)
-    scale, price = price_of(seen, chosen, settings)
+    scale, price = price_of(chosen.gap, seen.free, settings)
     lifted = chosen.loss / scale + (3 * len(chosen.vertices) + 1) * price
     level = sharp.loss / scale + 3 * len(sharp.vertices) * price
     return lifted < level and _rounder(seen, chosen, corners, settings) is None
@@ -274,26 +274,35 @@ def _fewest(spaces: HalfSpaces, fits: Sequence[Fit], settings: ShapeSettings) ->
     return min(fits, key=lambda fit: fit.loss / scale + price * len(fit.vertices))
 
 
-def price_of(spaces: HalfSpaces, fit: Fit, settings: ShapeSettings) -> tuple[float, float]:
+def price_of(gap: Array, free: NDArray[np.bool_], settings: ShapeSettings) -> tuple[float, float]:
     """Scale of a fit's loss and price of a number of it, for the Bayesian information criterion.
 
     Args:
-        spaces: Frames near the ground.
-        fit: To them.
+        gap: (n,) distance of the fit's lowest point from the ground in each frame [m].
+        free: (n,) frames that are no contacts.
         settings: Noise, and what is a contact.
     """
-    touches = (np.abs(fit.gap) < settings.contact_gap) & ~spaces.free
-    spread = 1.4826 * float(np.median(np.abs(fit.gap[touches]))) if touches.any() else settings.noise
+    touches = _touches(gap, free, settings)
+    spread = 1.4826 * float(np.median(np.abs(gap[touches]))) if touches.any() else settings.noise
     return max(1.0, (spread / settings.noise) ** 2), float(np.log(max(2, touches.sum())))
+
+
+def _touches(gap: Array, free: NDArray[np.bool_], settings: ShapeSettings) -> NDArray[np.bool_]:
+    return (np.abs(gap) < settings.contact_gap) & ~free
 
 
 def _rounder(spaces: HalfSpaces, sharp: Fit, hull: Array, settings: ShapeSettings) -> RoundShape | None:
     """The round shape that explains the frames better than the polytope does; None where none does."""
-    scale, price = price_of(spaces, sharp, settings)
-    best, least = None, sharp.loss / scale + 3 * len(sharp.vertices) * price
-    drawn = spaces.chosen(evenly(len(spaces.height), settings.round_frames))
+    which = evenly(len(spaces.height), settings.round_frames)
+    drawn = spaces.chosen(which)
     thinned = len(spaces.height) / len(drawn.height)
-    for shape in round_shapes(drawn, hull, settings, loss=loss_of, weights=weights_of):
+    shapes = list(round_shapes(drawn, hull, settings, loss=loss_of, weights=weights_of))
+    # a shape that does not fit shows few contacts: noise and number are those of the one that shows the most
+    fits = [sharp.gap[which], *(shape.gap for shape in shapes)]
+    scale, price = price_of(max(fits, key=lambda gap: _touches(gap, drawn.free, settings).sum()), drawn.free, settings)
+    price += np.log(thinned)
+    best, least = None, sharp.loss / scale + 3 * len(sharp.vertices) * price
+    for shape in shapes:
         criterion = thinned * shape.loss / scale + shape.size * price
         if criterion < least:
             best, least = shape, criterion

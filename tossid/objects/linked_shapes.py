@@ -143,7 +143,7 @@ def _without_explained(
     frames: Sequence[HalfSpaces], vertices: list[Array], fits: Sequence[Fit], seen: HalfSpaces, settings: ShapeSettings
 ) -> list[Array]:
     """Vertices of each link without those whose frames other vertices, of any link, explain as well."""
-    scale, price = price_of(seen, fits[0], settings)
+    scale, price = price_of(fits[0].gap, seen.free, settings)
     free = frames[0].free
 
     def loss(gap: Array) -> Array:

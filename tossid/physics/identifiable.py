@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.objects import ObjectModel
-from tossid.physics.batch import tree_batch
+from tossid.physics.batch import TreeBatch, tree_batch
 from tossid.physics.system import make_system
+from tossid.rotations import skew
 
 Array = NDArray[np.float64]
 
@@ -27,6 +28,9 @@ STATES = 40
 """Random states for each parameter."""
 SMALL = 1e-7
 """Share of a parameter's own effect below which it counts as depending on others."""
+PREFERRED = 0.3
+"""The first parameter is chosen whose share is not much below the largest. So no combination has large factors, of a
+hinge that lies nearly along a body's axis, or off its origin, either."""
 
 
 @dataclass(frozen=True)
@@ -74,14 +78,15 @@ def base_parameters(model: ObjectModel) -> BaseParameters:
     W = W / np.linalg.norm(W, axis=0)  # each parameter by its own effect
     scale = np.linalg.norm(_energies(model), axis=0)
     chosen: list[int] = []
-    dependent: list[int] = []
-    for j in range(W.shape[1]):
-        if not chosen:
-            chosen.append(j)
-            continue
-        known = W[:, chosen]
-        left = W[:, j] - known @ np.linalg.lstsq(known, W[:, j], rcond=None)[0]
-        (chosen if np.linalg.norm(left) > SMALL else dependent).append(j)
+    left = W.copy()  # of each column, what the chosen ones do not have
+    while (size := np.linalg.norm(left, axis=0)).max() > SMALL:
+        j = int(np.argmax(size > PREFERRED * size.max()))
+        chosen.append(j)
+        unit = left[:, j] / size[j]
+        left -= np.outer(unit, unit @ left)
+        left[:, chosen] = 0.0
+    chosen.sort()
+    dependent = [j for j in range(W.shape[1]) if j not in chosen]
     shares = np.linalg.lstsq(W[:, chosen], W[:, dependent], rcond=None)[0] if dependent else np.zeros((len(chosen), 0))
     rows = np.zeros((len(chosen), W.shape[1]))
     rows[np.arange(len(chosen)), chosen] = 1.0
@@ -93,6 +98,46 @@ def base_parameters(model: ObjectModel) -> BaseParameters:
         rest = [(row[j], words[j]) for j in np.flatnonzero(row) if j != first]
         names.append(" ".join([words[first], *(f"{'+' if x > 0 else '-'} {abs(x):.4g} {word}" for x, word in rest)]))
     return BaseParameters(tuple(names), rows)
+
+
+def energy_rows(motion: TreeBatch, model: ObjectModel, inertia: Array) -> Array:
+    """Rows (N, 6 n_b, nv) whose squares, applied to a velocity, are twice the kinetic energy.
+
+    Args:
+        motion: Of `tree_batch`.
+        model: Its masses and centres of mass.
+        inertia: (n_b, 3, 3) of each body about its centre of mass, in its frame [kg m²].
+    """
+    turning, going = motion.X[:, :, :3], motion.X[:, :, 3:]
+    by_mass = np.sqrt(model.mass)[:, None, None] * (going - skew(model.com) @ turning)
+    by_inertia = np.linalg.cholesky(inertia).swapaxes(-1, -2) @ turning
+    rows = np.concatenate([by_mass, by_inertia], axis=2)
+    return rows.reshape(len(rows), 6 * len(inertia), rows.shape[-1])
+
+
+def inertia_about_com(model: ObjectModel) -> Array:
+    """The mass matrix of spin and joint rates about the common centre of mass, (n, 3 + n_j, 3 + n_j) [kg m²].
+
+    At random joint positions, the same for all objects. Of one rigid body it is its inertia.
+    """
+    n = STATES * model.n_joints if model.n_joints else 1
+    q = np.zeros((n, model.nq))
+    q[:, 3], q[:, 7:] = 1.0, np.random.default_rng(0).uniform(-np.pi, np.pi, (n, model.n_joints))
+    rows = energy_rows(tree_batch(make_system(model), q, np.zeros((n, model.nv))), model, model.inertia)
+    M = rows.swapaxes(-1, -2) @ rows
+    across = M[:, :3, 3:]
+    return np.asarray(M[:, 3:, 3:] - across.swapaxes(-1, -2) @ np.linalg.solve(M[:, :3, :3], across))
+
+
+def inertia_error(model: ObjectModel, truth: ObjectModel) -> float:
+    """Largest relative error of the kinetic energy about the common centre of mass, over motions and joint positions.
+
+    Args:
+        model: An object.
+        truth: The same tree, in the same frames, of the same mass.
+    """
+    ratios = np.linalg.eigvals(np.linalg.solve(inertia_about_com(truth), inertia_about_com(model)))
+    return float(np.abs(ratios - 1).max())
 
 
 def _energies(model: ObjectModel) -> Array:

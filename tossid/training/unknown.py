@@ -5,8 +5,7 @@ fall (`tossid.motion.free_fall`), inertia and friction from the balance of momen
 determines them; where not, the inertia is that of an evenly filled shape. Training refines what is not sure.
 
 Of two links on a hinge, each has a shape, and flight shows the parts of their common centre of mass
-(`tossid.motion.links`). The mass ratio, on which no motion depends, is that of the volumes; inertia starts from evenly
-filled shapes and friction from the stated value.
+(`tossid.motion.links`). The mass ratio, on which no motion depends, is that of the volumes.
 """
 
 from __future__ import annotations
@@ -37,11 +36,9 @@ sure, whatever their standard error [m]: edges are round, or the recording has e
 ASSUMED = (
     "mass ratio: that of the volumes (no motion depends on it)",
     "centres of mass along the hinge: as nearly in the middle of the shapes as flight lets them be",
-    "inertia: evenly filled shapes, where training starts",
-    "friction: where training starts",
     "corners without contacts: within the extent of the others",
 )
-"""What no toss has shown of two links, before training."""
+"""What no toss shows of two links."""
 
 
 class UnknownObject(NamedTuple):
@@ -52,7 +49,7 @@ class UnknownObject(NamedTuple):
         shapes: Of each link: its corners with their certainty, and where it may reach further.
         alone: How many contacts show each corner of each link while no other link touches.
         fall: Its centre of mass and gravity.
-        momentum: Its inertia and friction; None of two links.
+        momentum: Its inertia and friction.
         off: How far the shape is above the ground at the end of each toss that rests elsewhere, by the toss's name [m].
     """
 
@@ -60,7 +57,7 @@ class UnknownObject(NamedTuple):
     shapes: tuple[ConvexShape, ...]
     alone: tuple[NDArray[np.int64], ...]
     fall: FreeFall
-    momentum: Momentum | None
+    momentum: Momentum
     off: Mapping[str, float]
 
     def kept(self, settings: UnknownObjectSettings) -> dict[str, bool]:
@@ -71,9 +68,8 @@ class UnknownObject(NamedTuple):
         """
         com = self.fall.com_deviation.max() < settings.sure
         sure = {"learn_geometry": all(_is_sure(shape, settings) for shape in self.shapes), "learn_com": com}
-        if self.momentum is not None:
-            sure["learn_inertia"] = com and self.momentum.inertia_deviation < settings.sure_inertia
-            sure["learn_friction"] = self.momentum.friction_deviation < settings.sure_friction
+        sure["learn_inertia"] = com and self.momentum.inertia_deviation < settings.sure_inertia
+        sure["learn_friction"] = self.momentum.friction_deviation < settings.sure_friction
         return {name: False for name, is_sure in sure.items() if is_sure}
 
     def as_json(self) -> dict[str, Any]:
@@ -82,12 +78,12 @@ class UnknownObject(NamedTuple):
         `corners_m` are where training starts; `contacts` says how many different contacts show each of them, and
         `corner_deviation_m` how sure it is. `unseen_m` are points that the object may reach and no contact decides. Of
         two links, these are in an entry a link under `links`, with `contacts_alone`: contacts while the other link is
-        off the ground. `assumed` then names what no toss has shown.
+        off the ground. `assumed` then names what no toss shows.
         """
         fall, momentum = self.fall, self.momentum
         links = [_link_json(*each) for each in zip(self.shapes, self.alone, strict=True)]
         ground = np.mean([shape.ground for shape in self.shapes], axis=0)
-        if momentum is None:
+        if len(links) > 1:
             own: dict[str, Any] = {
                 "shape": f"{len(links)} links",
                 "links": links,
@@ -101,12 +97,12 @@ class UnknownObject(NamedTuple):
                 **{name: value for name, value in links[0].items() if name != "contacts_alone"},
                 "com_m": fall.com[0].round(6).tolist(),
                 "com_deviation_m": fall.com_deviation[0].round(6).tolist(),
-                "inertia_deviation_rel": momentum.inertia_deviation,
-                "friction": momentum.friction,
-                "friction_deviation": None if momentum.friction is None else momentum.friction_deviation,
             }
         return {
             **own,
+            "inertia_deviation_rel": momentum.inertia_deviation,
+            "friction": momentum.friction,
+            "friction_deviation": None if momentum.friction is None else momentum.friction_deviation,
             "rest_off_ground_m": dict(self.off),
             "ground_height_m": float(ground[0]),
             "ground_slope": ground[1:].round(6).tolist(),
@@ -152,11 +148,9 @@ def unknown_object(
 
     fall = free_fall(tosses, tree, clearance)
     model = _filled(tree, shapes, fall, settings)
-    if model.n_joints:
-        return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shapes, alone, fall, None, off)
     momentum = momentum_balance(tosses, model, gravity=fall.gravity)
     if momentum.inertia_deviation < settings.sure_inertia:
-        model = model.with_changes(inertia=momentum.inertia[None])
+        model = model.with_changes(inertia=momentum.inertia)
     if momentum.friction is not None and momentum.friction_deviation < settings.sure_friction:
         model = model.with_changes(friction=momentum.friction)
     return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shapes, alone, fall, momentum, off)

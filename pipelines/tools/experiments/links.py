@@ -119,7 +119,7 @@ def _against(made: TossedLinks, dataset: Dataset, trained: TrainedModel) -> list
     import numpy as np
 
     from tossid.motion.links import determined, moments_of_com
-    from tossid.physics.identifiable import base_parameters, order
+    from tossid.physics.identifiable import inertia_error
 
     learned, (point, axis) = trained.object, made.hinge()
     true = replace(made.in_tracked_frames(dataset.object), width=learned.width)
@@ -133,9 +133,6 @@ def _against(made: TossedLinks, dataset: Dataset, trained: TrainedModel) -> list
     off = 1e3 * _nearest(learned, true)
     parts = [moments_of_com(each, each.com, each.mass) for each in (learned, true)]
     com = 1e3 * np.linalg.norm(determined(true).T @ (parts[0] - parts[1]).ravel())
-    base = base_parameters(true)
-    moments = np.array([order(name) == 2 for name in base.names])
-    inertia = 100 * base.errors(learned, true)[moments].max()
     return [
         f"{tilt:.3f}",
         f"{aside:.2f}",
@@ -145,7 +142,7 @@ def _against(made: TossedLinks, dataset: Dataset, trained: TrainedModel) -> list
         ", ".join(f"{x:.1f}" for x in off[~shown]) or "none",
         f"{learned.friction:.3f} for {true.friction:g}",
         f"{com:.2f}",
-        f"{inertia:.1f}",
+        f"{100 * inertia_error(learned, true):.1f}",
         *beside_truth(trained, true, dataset.split("test")),
     ]
 

@@ -13,12 +13,12 @@ SETTINGS = MomentumSettings()
 @pytest.fixture(scope="module")
 def balance(wedge):
     found = Balance(wedge.tosses, wedge.true, 9.81, SETTINGS)
-    found.move_reference(wedge.true.inertia[0], 2)
+    found.linearise(wedge.true.inertia)
     return found
 
 
 def test_true_body_leaves_white_noise_in_flight(balance, wedge):
-    r = balance.residuals(wedge.true.inertia[0])
+    r = balance.residuals(wedge.true.inertia)
     flying = ~balance.touching.any(axis=-1)
     first = np.cumprod(flying, axis=0).astype(bool)  # until the first contact; the first two frames start the filter
     size = (r[2:] ** 2).mean(axis=-1)[first[1:]]
@@ -27,7 +27,7 @@ def test_true_body_leaves_white_noise_in_flight(balance, wedge):
 
 
 def test_wrong_inertia_and_friction_show(balance, wedge):
-    I, mu = wedge.true.inertia[0], wedge.true.friction
+    I, mu = wedge.true.inertia, wedge.true.friction
     misfit = lambda inertia, friction=None: (balance.residuals(inertia, friction) ** 2).sum()  # noqa: E731
     assert misfit(0.85 * I) > misfit(I) + 20
     assert misfit(1.15 * I) > misfit(I) + 20

@@ -16,7 +16,7 @@ from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.refinement import intervals
 from tossid.diagnosis.selection.search_result import SearchResult
-from tossid.physics.effects import Effect, World
+from tossid.physics.effects import Effect, Parameter, World
 
 Array = NDArray[np.float64]
 Implausible = Literal["no_change", "at_bound"]
@@ -36,15 +36,20 @@ def implausible(effect: Effect, values: Mapping[str, Interval], world: World) ->
     """
     nominal = dict(zip((p.name for p in effect.parameters), effect.nominal(world), strict=True))
     sizes = [p for p in effect.parameters if not p.form]
+    if any(_at_bound(p, x := values[p.name].value, x, nominal[p.name]) for p in sizes):
+        return "at_bound"  # where a fit was stopped, its interval says little
     if all(values[p.name].low <= nominal[p.name] <= values[p.name].high for p in sizes):
         return "no_change"
-    for p in sizes:
-        near, each = _NEAR * (p.high - p.low), values[p.name]
-        at_low = each.low <= p.low + near and abs(nominal[p.name] - p.low) > near
-        at_high = each.high >= p.high - near and abs(nominal[p.name] - p.high) > near
-        if at_low or at_high:
-            return "at_bound"
-    return None
+    touches = any(_at_bound(p, values[p.name].low, values[p.name].high, nominal[p.name]) for p in sizes)
+    return "at_bound" if touches else None
+
+
+def _at_bound(parameter: Parameter, low: float, high: float, nominal: float) -> bool:
+    """Whether a range of a parameter ends at a bound that is not "no change" itself."""
+    p, near = parameter, _NEAR * (parameter.high - parameter.low)
+    return (low <= p.low + near and abs(nominal - p.low) > near) or (
+        high >= p.high - near and abs(nominal - p.high) > near
+    )
 
 
 def plausible_names(

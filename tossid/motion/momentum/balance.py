@@ -1,12 +1,12 @@
-"""Poses of a rigid body under Newton's and Euler's laws, with free impulses where it touches the ground.
+"""Poses of a rigid body, or of bodies on joints, under Newton's and Euler's laws, with free impulses at the ground.
 
-Between two frames a body flies, and at each point r (from the centre of mass, in the body's frame) that may touch the
-ground it gets an impulse of which nothing is assumed:
+Between two frames the bodies fly, and each point that may touch the ground gets an impulse of which nothing is assumed:
 
-    m Δu = -m g h e_z + Σ_c f_c,        Δ(R I ω) = Σ_c R r_c × f_c.
+    M(q) Δv = -bias(q, v) h + Σ_c J_cᵀ f_c.
 
 An impulse is white over its interval, since nothing says when in the interval it acts. This is a linear Gaussian
-system around a reference trajectory. With impulses of any size, the squared innovations of its Kalman filter are the
+system around the smoothed tosses. (Around what it finds itself, free impulses in neighbouring intervals grow against
+each other.) With impulses of any size, the squared innovations of its Kalman filter are the
 least squares of the measured poses over first states and impulses. So a parameter of the body that is wrong shows,
 and a law of contact that is unknown does not: an engine with soft contact, or with another law of friction, gives
 the same inertia.
@@ -23,10 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.motion.kinematics import corner_velocities
-from tossid.motion.smoothing.rts import LinearSystem, filter_forward, smooth
-from tossid.motion.smoothing.system import linearise, pad, retract
-from tossid.objects import ObjectModel, corner_positions, lowest_points
-from tossid.rotations import quat_exp, quat_mul, quat_rotate, quat_to_matrix, skew
+from tossid.motion.momentum.dynamics import TreeDynamics
+from tossid.motion.smoothing.rts import LinearSystem, filter_forward
+from tossid.motion.smoothing.system import difference, first_cov, moved, pad, white
+from tossid.objects import ObjectModel, body_poses, corner_positions, lowest_points
+from tossid.rotations import skew
 from tossid.settings.motion import MomentumSettings
 from tossid.types import Phase, PoseTrack, Toss
 
@@ -41,8 +42,8 @@ class Balance:
     """The measured poses of tosses against the balance of momentum.
 
     Args:
-        tosses: Of one rigid body over the ground z = 0, with smoothed velocities.
-        model: Its corners, centre of mass and mass; its inertia is where the reference starts.
+        tosses: Of one object over the ground z = 0, with smoothed velocities.
+        model: Its corners, joints, centres of mass and masses.
         gravity: Of free flight, in recorded lengths [m/s²].
         settings: What touches, and what slides.
 
@@ -53,45 +54,38 @@ class Balance:
     """
 
     def __init__(self, tosses: Sequence[Toss], model: ObjectModel, gravity: float, settings: MomentumSettings) -> None:
-        self.settings, self._gravity = settings, gravity
-        com = model.com[0]
-        # the batch's origin is the centre of mass
-        self._model = model.with_changes(com=np.zeros((1, 3)), corner_pos=model.corner_pos - com)
+        self.settings, self._gravity, self._model = settings, gravity, model
+        self._dynamics = TreeDynamics(model, gravity)
         moving = [toss.frames(slice(_until_rest(toss))) for toss in tosses]
-        measured = [toss.measured for toss in moving]
-        tracks = [PoseTrack(toss.name, toss.t, q) for toss, (q, _) in zip(moving, measured, strict=True)]
-        self._batch = pad(tracks, model, [cov for _, cov in measured])
+        tracks, covs = zip(*(self._measured(toss) for toss in moving), strict=True)
+        self._batch = pad(tracks, model.with_changes(com=np.zeros_like(model.com)), covs, touch=lambda t, _: t[1:] < 0)
         n, b = self._batch.seen.shape
-        self._q, self._v = self._batch.q.copy(), np.zeros((n, b, 6))
+        self._q, self._v = self._batch.q.copy(), np.zeros((n, b, model.nv))
         for i, toss in enumerate(moving):
-            m = len(toss.t)
-            arm, turning = quat_rotate(toss.q[:, 3:7], com), np.cross(toss.v[:, 3:6], com)
-            self._q[:m, i] = toss.q
-            self._q[:m, i, :3] += arm
-            self._q[m:, i] = self._q[m - 1, i]
-            self._v[:m, i] = toss.v
-            self._v[:m, i, :3] += quat_rotate(toss.q[:, 3:7], turning)
+            q, m = self._dynamics.about_com(toss.q), len(toss.t)
+            self._q[:m, i], self._q[m:, i] = q, q[-1]
+            self._v[:m, i, :3] = self._dynamics.com_velocity(toss.q, toss.v)
+            self._v[:m, i, 3:] = toss.v[:, 3:]
         self.frames = self._batch.seen.sum(axis=0)
-        # from the smoothed velocities: free impulses would let their own size grow
+        self._begins = self._q[:-1].reshape(-1, model.nq), self._v[:-1].reshape(-1, model.nv), self._batch.h.ravel()
+        self._F: Array | None = None
         self._size = settings.free_rel * np.maximum(self._find(), 0.5 * gravity * self._batch.h)
 
-    def move_reference(self, inertia: Array, times: int = 1) -> None:
-        """Linearise about the trajectory that fits best with free impulses; find again what touches and slides.
+    def linearise(self, inertia: Array) -> None:
+        """Take the kinematics within intervals at this inertia, and the first time derivatives by the state.
 
         Args:
-            inertia: (3, 3) about the centre of mass, in the body's frame [kg m²].
-            times: How often.
+            inertia: (n_b, 3, 3) of each body about its centre of mass, in its frame [kg m²].
         """
-        for _ in range(times):
-            mean, _, _ = smooth(self._system(inertia, None))
-            self._q, self._v = retract(self._q, self._v, mean)
-        self._find()
+        self._half_way = self._dynamics.half_way(*self._begins, inertia)
+        if self._F is None:
+            self._F = self._dynamics.transition(*self._begins, inertia)
 
     def residuals(self, inertia: Array, mu: float | None = None) -> Array:
-        """Whitened innovations (n, b, 6), zero where there is no pose; their squares are the misfit.
+        """Whitened innovations (n, b, nv), zero where there is no pose; their squares are the misfit.
 
         Args:
-            inertia: As of `move_reference`.
+            inertia: As of `linearise`, which has to be called before.
             mu: Friction of the points that slide steadily; None for free impulses there, too.
         """
         found = filter_forward(self._system(inertia, mu))
@@ -102,18 +96,24 @@ class Balance:
     def _find(self) -> Array:
         """Which points touch in an interval, and where they are then; returns changes of velocity (n - 1, b) [m/s]."""
         model, q, v, h, settings = self._model, self._q, self._v, self._batch.h, self.settings
-        height, velocity = corner_positions(model, q)[..., 2], corner_velocities(model, q, v)
+        at_origin = self._dynamics.at_origin(q, v)
+        height, velocity = corner_positions(model, at_origin[0])[..., 2], corner_velocities(model, *at_origin)
         down = np.maximum(-velocity[:-1, ..., 2], 0)
         low = np.minimum(np.minimum(height[:-1], height[1:]), height[:-1] - down * h[..., None])
         self.touching = (low < settings.near) & self._batch.inside[..., None]
         falls = (height[:-1] > RESOLVED) & (down > 1e-3)
         when = np.where(falls, height[:-1] / np.maximum(down, 1e-3), np.inf)
         when = np.where(falls, np.minimum(when, h[..., None]), 0.5 * h[..., None])
-        turn = quat_mul(q[:-1, :, None, 3:7], quat_exp(v[:-1, :, None, 3:6] * when[..., None]))
-        self._turn = quat_to_matrix(turn)
-        arm = np.broadcast_to(lowest_points(model, turn), (*turn.shape[:-1], 3))
-        self._lever = skew(arm)
-        change = v[1:, :, :3] - v[:-1, :, :3] + np.array([0.0, 0.0, self._gravity]) * h[..., None]
+        self._where = np.nonzero(self.touching)
+        k, i, corner = self._where
+        then, rate = moved(q[k, i], v[k, i] * when[self._where][:, None]), v[k, i]
+        body = model.corner_body[corner]
+        turn = body_poses(model, then)[1][:, model.corner_body]
+        point = np.broadcast_to(lowest_points(model, turn), (*turn.shape[:-1], 3))[np.arange(len(k)), corner]
+        self._then = at = self._dynamics.kinematics(then, rate)
+        X, each = at.X, np.arange(len(k))
+        self._jacobian = at.R[each, body] @ (X[each, body, 3:] - skew(point) @ X[each, body, :3])
+        change = np.diff(v[..., :3], axis=0) + np.array([0.0, 0.0, self._gravity]) * h[..., None]
         impulse = np.linalg.norm(change, axis=-1)
         self._find_sliding(velocity[..., :2], impulse)
         return impulse
@@ -134,31 +134,47 @@ class Balance:
         mean = unit[:-1] + unit[1:]
         self._way = mean / np.maximum(np.linalg.norm(mean, axis=-1), 1e-9)[..., None]
 
+    def _measured(self, toss: Toss) -> tuple[PoseTrack, Array]:
+        """A toss's measured poses, about the common centre of mass, and their covariances (n, nv, nv)."""
+        q, cov = toss.measured
+        T = np.broadcast_to(np.eye(self._model.nv), cov.shape).copy()
+        T[:, :3] = self._dynamics.com_jacobian(q)
+        return PoseTrack(toss.name, toss.t, self._dynamics.about_com(q)), T @ cov @ T.swapaxes(-1, -2)
+
     def _system(self, inertia: Array, mu: float | None) -> LinearSystem:
-        batch, h, settings = self._batch, self._batch.h, self.settings
-        model = self._model.with_changes(inertia=inertia[None])
-        density = np.array([settings.flight_density] * 3 + [settings.flight_density / settings.gyration**2] * 3)
-        S = np.broadcast_to(density, (*h.shape, 6))
-        system = linearise(model, self._q, self._v, batch, S, np.full_like(h, self._gravity))
-        # (n - 1, b, n_c, 6, 3): change of velocity by an impulse per mass in the world's axes
-        turned = model.mass[0] * np.linalg.inv(inertia) @ self._lever @ self._turn.swapaxes(-1, -2)
-        response = np.concatenate([np.broadcast_to(np.eye(3), turned.shape), turned], axis=-2)
-        free = self.touching if mu is None else self.touching & ~self.sliding
-        by_free = response * (free * self._size[..., None])[..., None, None]
-        cov = np.einsum("kbcij,kbclj->kbil", by_free, by_free)
+        batch, h, settings, nv = self._batch, self._batch.h, self.settings, self._v.shape[-1]
+        q, v = self._q, self._v
+        q_next, v_next = self._dynamics.ahead(*self._begins, inertia, self._half_way)
+        d = np.concatenate(
+            [difference(q_next.reshape(q[1:].shape), q[1:]), v_next.reshape(v[1:].shape) - v[1:]], axis=-1
+        )
+        density = np.array([settings.flight_density] * 3 + [settings.flight_density / settings.gyration**2] * (nv - 3))
+        Q = white(np.broadcast_to(density, (*h.shape, nv)), h)
+        cov, hh = self._by_contact(inertia, mu), h[..., None, None]
+        Q[..., :nv, :nv] += cov * hh**2 / 3
+        Q[..., :nv, nv:] += cov * hh / 2
+        Q[..., nv:, :nv] += cov * hh / 2
+        Q[..., nv:, nv:] += cov
+        F = np.asarray(self._F).reshape(*h.shape, 2 * nv, 2 * nv)
+        return LinearSystem(F, d, Q, difference(batch.q, q), batch.R, batch.seen, first_cov(nv))
+
+    def _by_contact(self, inertia: Array, mu: float | None) -> Array:
+        """Covariance of the changes of velocity by impulses, (n - 1, b, nv, nv)."""
+        k, i, _ = self._where
+        M = self._dynamics.mass_matrix(self._then, inertia)
+        response = self._model.mass.sum() * np.linalg.solve(M, self._jacobian.swapaxes(-1, -2))
+        response[:, :3] = np.eye(3)  # of the common centre of mass
+        directions = np.broadcast_to(np.eye(3), (len(k), 3, 3)).copy()
         if mu is not None:
-            way, zero = self._way, np.zeros((*self._way.shape[:-1], 1))
-            along = np.concatenate([-mu * way, zero + 1.0], axis=-1)
-            across = settings.across_rel * np.concatenate([-way[..., 1:], way[..., :1], zero], axis=-1)
-            sizes = (self.sliding * self._size[..., None])[..., None, None]
-            by_sliding = response @ np.stack([along, across], axis=-1) * sizes
-            cov += np.einsum("kbcij,kbclj->kbil", by_sliding, by_sliding)
-        hh = h[..., None, None]
-        system.Q[..., :6, :6] += cov * hh**2 / 3
-        system.Q[..., :6, 6:] += cov * hh / 2
-        system.Q[..., 6:, :6] += cov * hh / 2
-        system.Q[..., 6:, 6:] += cov
-        return system
+            slides, way = self.sliding[self._where], self._way[self._where]
+            along = np.stack([-mu * way[:, 0], -mu * way[:, 1], np.ones(len(k))], axis=-1)
+            across = np.stack([-way[:, 1], way[:, 0], np.zeros(len(k))], axis=-1)
+            held = np.stack([along, self.settings.across_rel * across, np.zeros((len(k), 3))], axis=-1)
+            directions[slides] = held[slides]
+        by = response @ directions * self._size[k, i][:, None, None]
+        cov = np.zeros((*self._size.shape, by.shape[1], by.shape[1]))
+        np.add.at(cov, (k, i), by @ by.swapaxes(-1, -2))
+        return cov
 
 
 def _until_rest(toss: Toss) -> int:

@@ -1,4 +1,4 @@
-"""Inertia and friction of a rigid body from the balance of momentum (`tossid.motion.momentum.balance`).
+"""Inertia and friction of a rigid body, or of bodies on joints, from `tossid.motion.momentum.balance`.
 
 Least squares over all tosses, by Gauss and Newton. Standard errors are sandwich estimates with the toss as the unit, so
 that what the balance leaves out widens them. A toss whose misfit is far above the others' counts less.
@@ -18,6 +18,7 @@ from scipy.linalg import expm
 
 from tossid.motion.momentum.balance import Balance
 from tossid.objects import GRAVITY, ObjectModel
+from tossid.physics.identifiable import inertia_about_com
 from tossid.settings.motion import MomentumSettings
 from tossid.types import Toss
 
@@ -31,8 +32,9 @@ class Momentum:
     """What the balance of momentum shows.
 
     Attributes:
-        inertia: (3, 3) about the centre of mass, in the body's frame [kg m²], for the stated mass.
-        inertia_deviation: Largest standard error of its second moments, relative.
+        inertia: (n_b, 3, 3) of each body about its centre of mass, in its frame [kg m²], for the stated masses.
+        inertia_deviation: Largest standard error of a rigid body's second moments, relative. Of a tree, that of its
+            kinetic energy about the common centre of mass.
         friction: Coulomb's coefficient of steady sliding; None where nothing slides.
         friction_deviation: Its standard error; infinite where nothing slides.
         sliding: Intervals between frames in which the body slides steadily.
@@ -54,17 +56,18 @@ def momentum_balance(
     prior's standard error, and there is no friction.
 
     Args:
-        tosses: Of one rigid body over the ground z = 0.
-        model: Its corners and centre of mass, which are taken as they are; its inertia and friction are the start.
+        tosses: Of one object over the ground z = 0.
+        model: Its corners, joints, masses and centres of mass, which are taken as they are; its inertia and friction
+            are the start.
         gravity: Of free flight, in recorded lengths [m/s²].
         settings: What touches and slides, and how many tosses take part.
     """
     drawn = np.unique(np.linspace(0, len(tosses) - 1, min(len(tosses), settings.most_tosses)).astype(int))
     balance = Balance([tosses[i] for i in drawn], model, gravity, settings)
     try:
-        inertia, deviation = _find_inertia(balance, model.inertia[0], settings)
+        inertia, deviation = _find_inertia(balance, model, settings)
     except np.linalg.LinAlgError:  # a step so far that the filter's covariances lose their rank
-        return Momentum(model.inertia[0], settings.prior, None, np.inf, 0)
+        return Momentum(model.inertia, settings.prior, None, np.inf, 0)
     sliding = int(balance.sliding.any(-1).sum())
     mu, mu_deviation = None, np.inf
     if sliding >= settings.fewest_sliding:
@@ -72,46 +75,64 @@ def momentum_balance(
     return Momentum(inertia, deviation, mu, mu_deviation, sliding)
 
 
-def _find_inertia(balance: Balance, inertia: Array, settings: MomentumSettings) -> tuple[Array, float]:
-    balance.move_reference(inertia, 2)
+def _find_inertia(balance: Balance, model: ObjectModel, settings: MomentumSettings) -> tuple[Array, float]:
+    inertia = model.inertia
     for _ in range(settings.iterations):
         x, _ = _gauss_newton(balance, inertia, settings)
         x *= min(1.0, settings.largest_step / max(np.abs(x).max(), 1e-12))
         inertia = _scaled(inertia, x)
-        balance.move_reference(inertia)
         if np.abs(x).max() < settings.converged:
             break
-    _, deviation = _gauss_newton(balance, inertia, settings)
-    return inertia, float(deviation.max())
+    _, covs = _gauss_newton(balance, inertia, settings)
+    T = _energies(model, inertia, settings.difference)
+    return inertia, float(np.sqrt(np.einsum("ij,cjk,ik->ci", T, covs, T).max()))
+
+
+def _energies(model: ObjectModel, inertia: Array, difference: float) -> Array:
+    """Derivatives of a tree's kinetic energies, in logarithms, by the numbers of `_scaled`, (m, 6 n_b).
+
+    At random joint positions, each along the principal motions of the mass matrix. Of a rigid body, the numbers are
+    themselves those of its second moments.
+    """
+    if not model.n_joints:
+        return np.eye(6)
+
+    def about_com(x: Array) -> Array:
+        return inertia_about_com(model.with_changes(inertia=_scaled(inertia, x)))
+
+    steps = difference * np.eye(6 * model.n_bodies)
+    size, motions = np.linalg.eigh(about_com(np.zeros(len(steps))))
+    energies = [np.einsum("nim,nij,njm->nm", motions, about_com(step), motions) for step in steps]
+    return np.stack([(energy / size - 1).ravel() / difference for energy in energies], axis=-1)
 
 
 def _gauss_newton(balance: Balance, inertia: Array, settings: MomentumSettings) -> tuple[Array, Array]:
-    """A step in the six numbers of `_scaled`, and their standard errors."""
+    """A step in the numbers of `_scaled`, and covariances as of `_least_squares`."""
+    balance.linearise(inertia)
     r, d = balance.residuals(inertia), settings.difference
-    steps = d * np.eye(6)
-    ends = [(balance.residuals(_scaled(inertia, s)), balance.residuals(_scaled(inertia, -s))) for s in steps]
-    J = np.stack([(ahead - behind) / (2 * d) for ahead, behind in ends], axis=-1)
+    steps = d * np.eye(6 * len(inertia))
+    J = np.stack([(balance.residuals(_scaled(inertia, step)) - r) / d for step in steps], axis=-1)
     return _least_squares(r, J, balance.frames, settings.prior)
 
 
 def _find_friction(balance: Balance, inertia: Array, mu: float, settings: MomentumSettings) -> tuple[float, float]:
-    deviation, d = np.array([np.inf]), settings.difference
+    covs, d = np.full((2, 1, 1), np.inf), settings.difference
     for _ in range(settings.iterations):
         r = balance.residuals(inertia, mu)
-        J = (balance.residuals(inertia, mu + d) - balance.residuals(inertia, mu - d)) / (2 * d)
-        step, deviation = _least_squares(r, J[..., None], balance.frames, settings.prior)
+        J = (balance.residuals(inertia, mu + d) - r) / d
+        step, covs = _least_squares(r, J[..., None], balance.frames, settings.prior)
         step = np.clip(step, -0.5 * mu, settings.largest_step)
         mu += float(step[0])
         if abs(step[0]) < settings.converged * mu:
             break
-    return mu, float(deviation[0])
+    return mu, float(np.sqrt(covs.max()))
 
 
 def _least_squares(r: Array, J: Array, frames: NDArray[np.int64], prior: float) -> tuple[Array, Array]:
-    """A Gauss-Newton step and standard errors, from whitened residuals (n, b, 6) and derivatives (n, b, 6, p).
+    """A Gauss-Newton step (p,) and two covariances (2, p, p), from whitened residuals (n, b, nv), derivatives (…, p).
 
-    Tosses with a large misfit count less, and errors are as large as the scores of tosses scatter. What the tosses do
-    not determine stays where it is, and its error is that of the prior.
+    Tosses with a large misfit count less. One covariance is as large as the scores of tosses scatter, the other as the
+    noise of poses says. What the tosses do not determine stays where it is, and its error is that of the prior.
     """
     misfit = (r**2).sum(axis=(0, 2)) / frames
     weight = 1 / np.maximum(1, misfit / (2 * np.median(misfit)))
@@ -120,14 +141,15 @@ def _least_squares(r: Array, J: Array, frames: NDArray[np.int64], prior: float) 
     score = np.einsum("b,kbip,kbi->bp", weight, J, r)
     inverse, known = np.linalg.inv(H + np.eye(p) / prior**2), np.eye(p) / prior**2
     scatter = score.T @ score * n / max(1, n - p)
-    by_scatter, by_noise = (np.diag(inverse @ (part + known) @ inverse) for part in (scatter, H))
-    return -inverse @ score.sum(axis=0), np.sqrt(np.maximum(by_scatter, by_noise))
+    covs = np.stack([inverse @ (part + known) @ inverse for part in (scatter, H)])
+    return -inverse @ score.sum(axis=0), covs
 
 
 def _scaled(inertia: Array, x: Array) -> Array:
-    """The inertia whose second moments Σ = tr(I)/2 1 - I are L exp(X) Lᵀ, with Σ = L Lᵀ and six numbers of X, (6,)."""
-    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    """Each body's inertia with second moments Σ = tr(I)/2 1 - I of L exp(X) Lᵀ, Σ = L Lᵀ; six numbers of X a body."""
+    second = 0.5 * np.trace(inertia, axis1=1, axis2=2)[:, None, None] * np.eye(3) - inertia
     root = np.linalg.cholesky(second)
-    X = np.array([[x[0], x[3], x[4]], [x[3], x[1], x[5]], [x[4], x[5], x[2]]])
-    second = root @ expm(X) @ root.T
-    return np.asarray(np.trace(second) * np.eye(3) - second)
+    a, b, c, d, e, f = x.reshape(-1, 6).T
+    X = np.stack([np.stack(row, axis=-1) for row in ((a, d, e), (d, b, f), (e, f, c))], axis=-2)
+    second = root @ expm(X) @ root.swapaxes(-1, -2)
+    return np.asarray(np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second)

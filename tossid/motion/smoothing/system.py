@@ -121,12 +121,12 @@ def _move_origin(q: Array, q_cov: Array, c: Array) -> tuple[Array, Array]:
     R = quat_to_matrix(q[:, 3:7])
     T = np.broadcast_to(np.eye(q_cov.shape[-1]), q_cov.shape).copy()
     T[:, :3, 3:6] = -R @ skew(c)
-    moved = q.copy()
-    moved[:, :3] += quat_rotate(q[:, 3:7], c)
-    return moved, T @ q_cov @ T.swapaxes(-1, -2)
+    at_c = q.copy()
+    at_c[:, :3] += quat_rotate(q[:, 3:7], c)
+    return at_c, T @ q_cov @ T.swapaxes(-1, -2)
 
 
-def _minus(a: Array, b: Array) -> Array:
+def difference(a: Array, b: Array) -> Array:
     """Difference of configurations in the tangent space at b. (*s, nq) x2 -> (*s, nv)."""
     return np.concatenate(
         [a[..., :3] - b[..., :3], quat_boxminus(a[..., 3:7], b[..., 3:7]), a[..., 7:] - b[..., 7:]], axis=-1
@@ -140,8 +140,14 @@ def differences(q: Array, h: Array) -> Array:
         q: Poses, (n, b, nq).
         h: Time steps [s], (n-1, b).
     """
-    v = _minus(q[1:], q[:-1]) / h[..., None]
+    v = difference(q[1:], q[:-1]) / h[..., None]
     return np.concatenate([v, v[-1:]])
+
+
+def moved(q: Array, by: Array) -> Array:
+    """Configurations (*s, nq) moved by tangent vectors (*s, nv)."""
+    turned = quat_normalize(quat_mul(q[..., 3:7], quat_exp(by[..., 3:6])))
+    return np.concatenate([q[..., :3] + by[..., :3], turned, q[..., 7:] + by[..., 6:]], axis=-1)
 
 
 def retract(q: Array, v: Array, delta: Array) -> tuple[Array, Array]:
@@ -153,9 +159,7 @@ def retract(q: Array, v: Array, delta: Array) -> tuple[Array, Array]:
         delta: Errors δ, (n, b, 2 nv).
     """
     nv = v.shape[-1]
-    turned = quat_normalize(quat_mul(q[..., 3:7], quat_exp(delta[..., 3:6])))
-    moved = np.concatenate([q[..., :3] + delta[..., :3], turned, q[..., 7:] + delta[..., 6:nv]], axis=-1)
-    return moved, v + delta[..., nv:]
+    return moved(q, delta[..., :nv]), v + delta[..., nv:]
 
 
 def linearise(model: ObjectModel, q: Array, v: Array, batch: Batch, S: Array, fall: Array) -> LinearSystem:
@@ -195,7 +199,7 @@ def linearise(model: ObjectModel, q: Array, v: Array, batch: Batch, S: Array, fa
     ahead_v = v[:-1].copy()
     ahead_v[..., 2] -= fall * batch.h
     ahead_v[..., 3:6] += h * alpha
-    d = np.concatenate([_minus(ahead_q, q[1:]), ahead_v - v[1:]], axis=-1)
+    d = np.concatenate([difference(ahead_q, q[1:]), ahead_v - v[1:]], axis=-1)
 
     F = np.broadcast_to(np.eye(N), (n - 1, b, N, N)).copy()
     F[..., :nv, nv:] += h[..., None] * np.eye(nv)
@@ -204,13 +208,29 @@ def linearise(model: ObjectModel, q: Array, v: Array, batch: Batch, S: Array, fa
     F[..., 3:6, nv + 3 : nv + 6] = hh * right_jacobian(phi) @ (np.eye(3) + 0.5 * hh * A)
     F[..., nv + 3 : nv + 6, nv + 3 : nv + 6] += hh * A
 
-    Q = np.zeros((n - 1, b, N, N))
+    return LinearSystem(F, d, white(S, batch.h), difference(batch.q, q), batch.R, batch.seen, first_cov(nv))
+
+
+def white(S: Array, h: Array) -> Array:
+    """Covariance of what a white acceleration does to a state in an interval, (*s, 2 nv, 2 nv).
+
+    Args:
+        S: Densities of the acceleration [m²/s³, rad²/s³], (*s, nv).
+        h: Lengths of the intervals [s], (*s).
+    """
+    nv, step = S.shape[-1], h[..., None]
+    Q = np.zeros((*S.shape[:-1], 2 * nv, 2 * nv))
     at = np.arange(nv)
-    Q[..., at, at] = S * h**3 / 3
-    Q[..., at, at + nv] = Q[..., at + nv, at] = S * h**2 / 2
-    Q[..., at + nv, at + nv] = S * h
+    Q[..., at, at] = S * step**3 / 3
+    Q[..., at, at + nv] = Q[..., at + nv, at] = S * step**2 / 2
+    Q[..., at + nv, at + nv] = S * step
+    return Q
+
+
+def first_cov(nv: int) -> Array:
+    """Covariance of the first state, (2 nv, 2 nv)."""
     prior = np.array([PRIOR[0]] * 3 + [PRIOR[1]] * (nv - 3) + [PRIOR[2]] * 3 + [PRIOR[3]] * (nv - 3))
-    return LinearSystem(F, d, Q, _minus(batch.q, q), batch.R, batch.seen, np.diag(prior**2))
+    return np.diag(prior**2)
 
 
 def noise_moments(system: LinearSystem, mean: Array, cov: Array, lag: Array) -> Array:
