@@ -158,7 +158,7 @@ class RolloutSettings:
     difference: Positive = 0.015
     """step of the differences, in the parameters' own units of order one"""
     chaotic_share: Fraction = 0.2
-    """share of the frames, those with the largest derivatives, that count neither in a step nor in whether it is taken"""
+    """share of the frames, those with the largest derivatives, that neither make a step nor judge it"""
     largest_step: Positive = 0.3
     """largest change of a parameter in one step, in its own unit"""
     least_gain: Positive = 2e-3

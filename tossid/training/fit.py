@@ -1,4 +1,4 @@
-"""The fit loop: stage by stage, each stopped early on validation tosses.
+"""The fit loop: stage by stage, those of the implicit loss stopped early on validation tosses.
 
 The model names its stages (`models.protocol.StagePlan`); for ContactNets these are
 
@@ -300,8 +300,7 @@ class Fit:
         """Whether corners that were started again are now followed to an end that does not depend on the start.
 
         With the narrow gap alone the loss has minima a millimetre apart, and validation tosses end the stage on the way
-        to one of them. All corners begin where the tosses show them, and the loss narrows pass by pass. A stage that
-        learns inertia, too, stays as it was: what this loss gives of inertia at its end makes rollouts no better.
+        to one of them. All corners begin where the tosses show them, and the loss narrows pass by pass.
         """
         widths, limits = list(self.settings.restarts.gap_widths), self.settings.restarts
         again = any(restart.what == "corners" and restart.kept for restart in self.restarts)
