@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from tossid.models.parameters import ContactLaw, Friction, Geometry, LearnedAccelerationNet
+from tossid.models.parameters import COHESION, ContactLaw, Friction, Geometry, LearnedAccelerationNet
 from tossid.models.protocol import Mechanics
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.physics import learned_accelerations, make_system, n_features, tree_batch
@@ -32,7 +32,10 @@ def test_the_contact_law_is_its_time_damping_and_cohesion(cube: ObjectModel) -> 
     mass = float(cube.mass.sum())
     expected = ((2e-3) ** 2 / mass, 0.5 * 2e-3, 0.01 * mass * GRAVITY)
     np.testing.assert_allclose(law(), expected, rtol=1e-6)
+    with torch.no_grad():
+        law.value.copy_(law.rigid())  # whose cohesion is next to nothing, and would stay so
     starts = law.starts([2.0], [0.5], simulator_step_ms=1.7)
+    assert float(starts[0][2]) == pytest.approx(log(COHESION))
     assert float(starts[0][1].exp()) == pytest.approx(sqrt(1 + 2 * 1.7) / 2)
     assert float(law.rigid()[0]) < float(starts[0][0])
 

@@ -21,7 +21,7 @@ from tossid.objects import ObjectModel
 from tossid.physics import make_system
 from tossid.settings.training import TrainSettings
 from tossid.store import Dataset
-from tossid.training.api import Epoch, fingerprint, training_tosses
+from tossid.training.api import Epoch, fingerprint, prepare, training_tosses
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +52,23 @@ def test_keys_are_settings_and_the_rest_is_the_variants(dataset: Dataset) -> Non
         tossid.train(dataset, gravty=0.0)
     with pytest.raises(ConfigError, match="cnrpi"):
         tossid.train(dataset, model="cnrip")
+
+
+def test_corners_that_tosses_contradict_have_no_say_in_lag_and_inertia(cube: ObjectModel) -> None:
+    """Begun with them, contact was taken for flight, and every start had a lag of its own."""
+    lag, found = 0.5 / 148, []
+    late = [replace(toss, v=toss.v + 9.81 * lag * np.eye(6)[2]) for toss in tosses(cube, 32, seed=3)]
+    rows = tuple(replace(toss, split="train" if i < 26 else "validation") for i, toss in enumerate(late))
+    for share, inertia in ((1.0, 1.0), (0.1, 0.3), (0.3, 3.0)):
+        corners = cube.corner_pos.copy()
+        corners[:4] *= share
+        start = cube.with_changes(corner_pos=corners, inertia=inertia * cube.inertia)
+        fit = prepare(Dataset(start, rows, 148.0, "made"), TrainSettings())
+        found.append((fit.model.measurement.velocity_lag, fit.model.object.inertia))
+    right, *wrong = found
+    np.testing.assert_array_equal(right[1], cube.inertia)
+    assert wrong[0][0] == wrong[1][0] == pytest.approx(right[0], rel=0.02)
+    np.testing.assert_array_equal(wrong[0][1], wrong[1][1])
 
 
 def test_copies_between_splits_are_noted(dataset: Dataset) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -27,8 +29,22 @@ def stage_of(cube: ObjectModel, friction: float, **keys: float) -> tuple[Contact
 def test_friction_comes_back(cube: ObjectModel) -> None:
     model, stage = stage_of(cube, 0.25)
     losses = [stage.step().train_loss for _ in range(8)]
-    assert losses == sorted(losses, reverse=True)
+    assert losses[:5] == sorted(losses[:5], reverse=True)
+    assert max(losses[5:]) < 1e-12  # there, only calm frames are sure to be predicted better
     assert model.learned_object().friction == pytest.approx(cube.friction, rel=0.01)
+
+
+def test_noisy_tosses_lead_to_one_friction_from_above_and_below(cube: ObjectModel) -> None:
+    """Where chaotic frames have a say in whether a step is taken, these four end 0.0044 apart."""
+    rng, ends = np.random.default_rng(5), []
+    made = tosses(cube, 16, seed=3, substeps=SETTINGS.substeps)
+    noisy = [replace(toss, v=toss.v + 0.06 * rng.normal(size=toss.v.shape)) for toss in made]
+    for friction in (0.14, 0.16, 0.2, 0.24):
+        model = ContactNets(cube.with_changes(friction=friction), replace(SETTINGS, horizons=(60,)))
+        records = list(Fit(model, noisy[:14], noisy[14:]).epochs())
+        assert records[-1].best  # the last step counts, whatever two tosses say
+        ends.append(model.learned_object().friction)
+    assert np.ptp(ends) < 2e-3
 
 
 def test_the_gradient_is_that_of_the_loss(cube: ObjectModel) -> None:

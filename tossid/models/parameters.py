@@ -120,7 +120,9 @@ class ContactLaw(nn.Module):
     def starts(
         self, contact_times_ms: Sequence[float], dampings: Sequence[float], *, simulator_step_ms: float
     ) -> list[Tensor]:
-        """Values to start from, with the present cohesion: the loss has ridges between little bounce and much.
+        """Values to start from: the loss has ridges between little bounce and much.
+
+        Cohesion is that of every start: from almost none, which rigid contact has, it would never come back.
 
         Args:
             contact_times_ms: Contact times [ms].
@@ -128,10 +130,9 @@ class ContactLaw(nn.Module):
             simulator_step_ms: The rollouts' time step h [ms], which damps by itself: a relaxation r is taken as
                 sqrt(r² + 2 h r).
         """
-        cohesion = float(self.value[2].detach())
         pairs = [(time, damping * time) for time in contact_times_ms for damping in dampings]
         damped = [(time, sqrt(slow**2 + 2 * simulator_step_ms * slow)) for time, slow in pairs]
-        return [torch.tensor([log(time), log(slow / time), cohesion], dtype=torch_double) for time, slow in damped]
+        return [torch.tensor([log(time), log(slow / time), log(COHESION)], dtype=torch_double) for time, slow in damped]
 
     def rigid(self) -> Tensor:
         """The value of an almost rigid contact."""

@@ -158,12 +158,12 @@ class RolloutSettings:
     difference: Positive = 0.015
     """step of the differences, in the parameters' own units of order one"""
     chaotic_share: Fraction = 0.2
-    """share of the frames, those with the largest derivatives, that count in the loss but not in the step"""
+    """share of the frames, those with the largest derivatives, that neither make a step nor judge it"""
     largest_step: Positive = 0.3
     """largest change of a parameter in one step, in its own unit"""
     least_gain: Positive = 2e-3
     """relative gain of a step below which the stage ends"""
-    trials: Count = 6
+    trials: Count = 10
     """dampings that a step tries before the stage ends"""
     damping: Positive = 1e-2
     """damping of Levenberg and Marquardt that a stage starts with, relative to the diagonal"""

@@ -16,6 +16,7 @@ from tossid.errors import InputError
 from tossid.models import EpochRecord, ModelSettings, TrainedModel, build_model, variant
 from tossid.motion import MeasurementEstimate, MeasurementModel, estimate_measurement
 from tossid.motion.sessions.copies import leak_words
+from tossid.objects import ObjectModel
 from tossid.settings.changed import changed
 from tossid.settings.training import TrainSettings
 from tossid.store import Dataset
@@ -168,17 +169,26 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
         settings = replace(settings, model=keeping(settings.model, shown.kept(settings.object)))
     measured = estimate_measurement(train, start)
     measurement = measurement_of(settings.model, measured, stated=shown is None)
-    model = build_model(settings.model, start, seed=settings.seed, measurement=measurement)
     size = size_contradiction(measured, measurement) if shown is None else None
     leak = leak_words(dataset.tosses)
-    fit = Fit(model, train, validation, settings, shown=shown, size=size, leak=leak)
+
+    def fit_with(settings: TrainSettings, measurement: MeasurementModel, start: ObjectModel = start) -> Fit:
+        model = build_model(settings.model, start, seed=settings.seed, measurement=measurement)
+        return Fit(model, train, validation, settings, shown=shown, size=size, leak=leak)
+
+    fit = fit_with(settings, measurement)
+    if fit.near is not fit.model.object:
+        # by corners that the tosses contradict, contact was taken for flight, or flight for contact
+        found = estimate_measurement(train, fit.near)
+        lag = measurement_of(settings.model, found, stated=shown is None).velocity_lag
+        if settings.model.learn_inertia and not settings.model.together:
+            start = start.with_changes(inertia=fit.near.inertia)
+        fit = fit_with(settings, replace(measurement, velocity_lag=lag), start)
     kept, is_kept = settings.model, asked.learn_friction and not settings.model.learn_friction
     if not is_kept or not kept.horizons or not fit.friction_contradicted(kept.horizons[-1]):
         return fit
     # friction in impacts is not that of sliding
-    settings = replace(settings, model=replace(kept, learn_friction=True))
-    model = build_model(settings.model, start, seed=settings.seed, measurement=measurement)
-    return Fit(model, train, validation, settings, shown=shown, leak=leak)
+    return fit_with(replace(settings, model=replace(kept, learn_friction=True)), fit.model.measurement)
 
 
 def keeping(model: ModelSettings, kept: Mapping[str, Any]) -> ModelSettings:

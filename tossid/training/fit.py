@@ -1,4 +1,4 @@
-"""The fit loop: stage by stage, each stopped early on validation tosses.
+"""The fit loop: stage by stage, those of the implicit loss stopped early on validation tosses.
 
 The model names its stages (`models.protocol.StagePlan`); for ContactNets these are
 
@@ -57,6 +57,7 @@ class Fit:
     Attributes:
         evidence: The frames against which corners are held, those of validation tosses among them, or why there are
             none.
+        near: The object that says which frames may involve contact: the model's, unless tosses contradict its corners.
         restarts: What was started again.
         way: Corners before training and after each stage that moved them, each (n_c, 3) as lists [m].
     """
@@ -86,9 +87,10 @@ class Fit:
         self.way = [model.learned_object().corner_pos.tolist()]
         self._before: tuple[float, dict[str, Any]] | None = None
         self._following: Following | None = None
-        near = self._geometry_of_contact(model.object)
-        self._start_fits = near is model.object
-        self._transitions = tuple(make_transitions(near, tosses, self.settings.transitions) for tosses in self._tosses)
+        self.near = self._geometry_of_contact(model.object)
+        self._transitions = tuple(
+            make_transitions(self.near, tosses, self.settings.transitions) for tosses in self._tosses
+        )
         self._n_threads = self.settings.threads or os.cpu_count() or 1
         self.stages = model.stages()
         self.stage = 0
@@ -123,16 +125,17 @@ class Fit:
         return judges, evidence_of(train, limits, shape=known) if rationed else judges
 
     def _geometry_of_contact(self, start: ObjectModel) -> ObjectModel:
-        """The object with the corners that say which frames may involve contact.
+        """The object that says which frames may involve contact: the start, unless tosses contradict its corners.
 
-        Those that it starts with, unless the tosses contradict them.
+        Then it has the corners that they show, and an inertia that does not depend on the start: evenly filled.
         """
         if isinstance(self._source, str) or not self._contradicts(start.corner_pos):
             return start
         shown = self._source.shown()
         if len(shown) < 4:
             return start
-        return start.with_changes(corner_pos=shown, corner_body=np.zeros(len(shown), dtype=np.int64))
+        inertia = start.mass[:, None, None] * self._source.shape.solid()[2]
+        return start.with_changes(corner_pos=shown, corner_body=np.zeros(len(shown), dtype=np.int64), inertia=inertia)
 
     def _contradicts(self, corners: Array) -> bool:
         return not isinstance(self.evidence, str) and self.evidence.contradiction(corners) is not None
@@ -144,7 +147,7 @@ class Fit:
         """A stage, when its turn comes: it starts from the model as it is then."""
         make: dict[Objective, Callable[[StagePlan], Stage]] = {
             Objective.FLIGHT_LOSS: partial(
-                self._loss_stage, choose=Transitions.in_flight if self._start_fits else Transitions.free
+                self._loss_stage, choose=Transitions.in_flight if self.near is self.model.object else Transitions.free
             ),
             Objective.LOSS: self._loss_stage,
             Objective.ROLLOUT: self._rollout_stage,
@@ -297,12 +300,11 @@ class Fit:
         """Whether corners that were started again are now followed to an end that does not depend on the start.
 
         With the narrow gap alone the loss has minima a millimetre apart, and validation tosses end the stage on the way
-        to one of them. All corners begin where the tosses show them, and the loss narrows pass by pass. A stage that
-        learns inertia, too, stays as it was: what this loss gives of inertia at its end makes rollouts no better.
+        to one of them. All corners begin where the tosses show them, and the loss narrows pass by pass.
         """
         widths, limits = list(self.settings.restarts.gap_widths), self.settings.restarts
         again = any(restart.what == "corners" and restart.kept for restart in self.restarts)
-        if not (again and widths and plan.widen is not None) or plan.held or isinstance(self._source, str):
+        if not (again and widths and plan.widen is not None) or isinstance(self._source, str):
             return False
         assert plan.corners is not None
         now = plan.corners().detach().numpy().copy()
@@ -371,7 +373,8 @@ class Fit:
         if self._following is not None:
             self._following.ends_at = loss
             loss, least = now.train_loss, self.settings.restarts.followed_to
-        better = loss < self.best_loss * (1 - least)
+        # steps of rollouts go to a root, about which losses, of validation tosses, too, are rough
+        better = isinstance(stage, RolloutStage) or loss < self.best_loss * (1 - least)
         if better:
             self.best_loss, self.best, self.stale = loss, copy.deepcopy(self.model.state_dict()), 0
         else:

@@ -39,11 +39,13 @@ class GaussNewton(NamedTuple):
         H: (n_tosses, P, P) weighted J^T J.
         g: (n_tosses, P) weighted J^T error.
         x: (P,) parameters at which they were taken.
+        calm: (S, L) marks the frames that count in them.
     """
 
     H: Array
     g: Array
     x: Array
+    calm: NDArray[np.bool_]
 
 
 class RolloutStage:
@@ -52,7 +54,8 @@ class RolloutStage:
         loss = mean over frames of d² (sqrt(1 + |error|² / d²) - 1),   d = settings.huber
 
     `shots.prediction_errors` has the error. After contact, predictions grow chaotic: frames whose derivatives
-    are among the largest count in the loss, but not in the step.
+    are among the largest, as they are where a step is taken, count neither in the step nor in whether it is accepted.
+    With them the loss is rough, and steps ended at the nearest of its many minima.
 
     Args:
         plan: What is learned.
@@ -163,33 +166,39 @@ class RolloutStage:
         errors = self._errors(self._train)
         loss = self._loss(errors, self._train)
         sums = self.gauss_newton(errors, central=self._central)
-        H, g = sums.H.sum(0), sums.g.sum(0)
         passes, done = (2 if self._central else 1) * len(x) + 1, True
-        if H.any():  # rollouts that never land, as gravity is given too weak, depend on nothing
-            loss, trials, done = self._try(x, loss, H, g)
+        if sums.H.any():  # rollouts that never land, as gravity is given too weak, depend on nothing
+            loss, trials, done = self._try(sums, errors)
             passes += trials
         validation_loss = self._loss(self._errors(self._validation), self._validation)
         return Pass(loss, validation_loss, {"prediction": loss}, passes, done)
 
-    def _try(self, x: Array, loss: float, H: Array, g: Array) -> tuple[float, int, bool]:
-        """Steps with growing damping until one lowers the loss: the loss, how many, and whether the stage is done."""
-        settings = self._settings
-        scale = np.diag(H) + 1e-6 * np.trace(H) / len(x)
-        losses: list[float] = []
+    def _try(self, sums: GaussNewton, errors: Array) -> tuple[float, int, bool]:
+        """Steps with growing damping until one lowers the loss of calm frames.
 
-        def attempt(damping: float) -> float | None:
+        Returns:
+            The loss of all frames, how many steps were tried, and whether the stage is done.
+        """
+        settings, x, H, g, trials = self._settings, sums.x, sums.H.sum(0), sums.g.sum(0), 0
+        scale = np.diag(H) + 1e-6 * np.trace(H) / len(x)
+        before = self._loss(errors, self._train, sums.calm)
+
+        def attempt(damping: float) -> Array | None:
+            nonlocal trials
+            trials += 1
             step = damped_step(H, g, damping, scale)
             self.set_parameters(x + np.clip(step, -settings.largest_step, settings.largest_step))
-            losses.append(self._loss(self._errors(self._train), self._train))
-            return losses[-1] if losses[-1] < loss else None
+            now = self._errors(self._train)
+            return now if self._loss(now, self._train, sums.calm) < before else None
 
-        lower, damping = search_damping(attempt, self._damping, SCHEDULE, trials=settings.trials)
-        if lower is None:
+        after, damping = search_damping(attempt, self._damping, SCHEDULE, trials=settings.trials)
+        if after is None:
             self.set_parameters(x)
             self._damping = settings.damping
-            return loss, len(losses), True
+            return self._loss(errors, self._train), trials, True
         self._damping = max(SCHEDULE.accepted(damping), LEAST_DAMPING)
-        return lower, len(losses), loss - lower < settings.least_gain * loss
+        gain = before - self._loss(after, self._train, sums.calm)
+        return self._loss(after, self._train), trials, gain < settings.least_gain * before
 
     def gauss_newton(self, errors: Array | None = None, *, central: bool = True) -> GaussNewton:
         """Gauss-Newton's sums at the present parameters, toss by toss.
@@ -213,7 +222,7 @@ class RolloutStage:
                 J[which, moved.shape[1] :, :, j] = 0.0
         self.set_parameters(x)
         size = np.einsum("slip,slip->sl", J, J)
-        calm = size <= np.quantile(size[shots.inside], 1 - settings.chaotic_share)
+        calm = shots.inside & (size <= np.quantile(size[shots.inside], 1 - settings.chaotic_share))
         weight = calm / np.sqrt(1 + (errors**2).sum(-1) / settings.huber**2) / shots.inside.sum()
         n = int(shots.toss.max()) + 1
         H, g = np.zeros((n, len(x), len(x))), np.zeros((n, len(x)))
@@ -221,7 +230,7 @@ class RolloutStage:
             rows, w = J[s].reshape(-1, len(x)), np.repeat(weight[s], errors.shape[-1])
             H[shots.toss[s]] += (rows * w[:, None]).T @ rows
             g[shots.toss[s]] += rows.T @ (w * errors[s].ravel())
-        return GaussNewton(H, g, x)
+        return GaussNewton(H, g, x, calm)
 
     def set_parameters(self, x: Array) -> None:
         """Put parameters into the model.
@@ -246,9 +255,10 @@ class RolloutStage:
     def _errors(self, shots: Shots) -> Array:
         return prediction_errors(self._model.simulator(), shots, n_threads=self._n_threads)
 
-    def _loss(self, errors: Array, shots: Shots) -> float:
+    def _loss(self, errors: Array, shots: Shots, counted: NDArray[np.bool_] | None = None) -> float:
         d = self._settings.huber
         size = np.where(np.isfinite(errors).all(-1), (errors**2).sum(-1), DIVERGED)
+        size = size if counted is None else np.where(counted, size, 0.0)
         return float((d**2 * (np.sqrt(1 + size / d**2) - 1)).sum() / shots.inside.sum())
 
     def state_dict(self) -> dict[str, Any]:
