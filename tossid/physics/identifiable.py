@@ -75,8 +75,8 @@ def inertial_parameters(model: ObjectModel) -> Array:
 def base_parameters(model: ObjectModel) -> BaseParameters:
     """The combinations for the object's tree; its own inertia does not enter."""
     W = _energies(model)
-    W = W / np.linalg.norm(W, axis=0)  # each parameter by its own effect
-    scale = np.linalg.norm(_energies(model), axis=0)
+    scale = np.linalg.norm(W, axis=0)
+    W = W / scale  # each parameter by its own effect
     chosen: list[int] = []
     left = W.copy()  # of each column, what the chosen ones do not have
     while (size := np.linalg.norm(left, axis=0)).max() > SMALL:

@@ -226,7 +226,7 @@ class MomentumSettings:
     prior: Positive = 0.5
     """standard deviation of inertia (relative) and friction about their start, where tosses do not determine them"""
     difference: Positive = 1e-3
-    """step of central differences in inertia (relative) and friction"""
+    """step of differences in inertia (relative) and friction"""
     iterations: Count = 4
     """most Gauss-Newton steps"""
     largest_step: Positive = 0.3
