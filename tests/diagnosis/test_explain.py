@@ -7,14 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.diagnosis.by_hand import EFFECTS, diagnosis, gap, hypothesis
+from tests.diagnosis.by_hand import EFFECTS, diagnosis, hypothesis
 from tests.diagnosis.tossed import ONCE, seen, seen_with_joint, with_effect
-from tossid.diagnosis.explain import explain, gap_verdict, verdict_by_rollouts, with_repeats
-from tossid.diagnosis.findings import Interval, Share
-from tossid.diagnosis.localisation.refusal import Growth, RolloutCheck
+from tossid.diagnosis.explain import explain, with_repeats
+from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.report.text import sentences
-from tossid.diagnosis.result import Verdict
 from tossid.diagnosis.selection.stability import Repeat, Stability
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, RecordingErrors, World, effects_for
@@ -143,63 +141,6 @@ def test_what_makes_whole_tosses_worse_is_a_candidate_at_most(cube: ObjectModel)
     assert any(line.startswith("Refused: with what was found") for line in sentences(found))
 
 
-FINE, WORSE = Growth(-4.0, -2.0, 1.0, 0.05), Growth(3.0, -0.2, 1e-4, 0.05)
-
-
-@pytest.mark.parametrize(
-    ("verdict", "whole", "effects", "after"),
-    [
-        ("explained", FINE, {"friction": FINE, "inertia": FINE}, "explained"),
-        ("explained", FINE, {"friction": FINE, "inertia": WORSE}, "partly_explained"),
-        ("partly_explained", FINE, {"friction": FINE, "inertia": WORSE}, "partly_explained"),
-        ("partly_explained", FINE, {"friction": WORSE, "inertia": WORSE}, "unexplained"),
-        ("explained", WORSE, {"friction": FINE, "inertia": FINE}, "unexplained"),
-        ("within_solver_disagreement", WORSE, {}, "within_solver_disagreement"),
-        ("no_gap", WORSE, {}, "no_gap"),
-    ],
-)
-def test_effects_that_are_refused_explain_nothing(
-    verdict: Verdict, whole: Growth, effects: dict[str, Growth], after: str
-) -> None:
-    check = RolloutCheck(20, 20, whole, tuple(effects.items()))
-    assert verdict_by_rollouts(verdict, check, tuple(effects)) == after
-    assert verdict_by_rollouts(verdict, None, tuple(effects)) == verdict
-
-
-SOME = Share("slide", Interval(0.2, 0.1, 0.3))
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "closed", "unnamed", "unexplained", "named", "verdict"),
-    [
-        (1.02, 1.02, 0.0, (), (), False, "no_gap"),
-        (3.0, 3.0, 0.0, (), (), False, "unexplained"),
-        (1.02, 1.0, 0.9, ("vortex",), (), False, "unexplained"),  # something is there, and has no name
-        (3.0, 1.01, 0.99, (), (), True, "explained"),
-        (3.0, 1.01, 0.7, (), (SOME,), True, "explained"),
-        (9.0, 1.5, 0.95, (), (), True, "explained"),
-        (9.0, 1.5, 0.95, (), (SOME,), True, "partly_explained"),
-        (3.0, 1.01, 0.99, ("vortex",), (), True, "partly_explained"),
-        (3.0, 2.0, 0.6, (), (SOME,), True, "partly_explained"),
-        (3.0, 2.5, 0.3, (), (SOME,), True, "unexplained"),
-        # a small gap is near its floor however little of it is closed
-        (1.025, 1.01, 0.3, (), (SOME,), True, "unexplained"),
-    ],
-)
-def test_verdict(
-    before: float,
-    after: float,
-    closed: float,
-    unnamed: tuple[str, ...],
-    unexplained: tuple[Share, ...],
-    named: bool,
-    verdict: str,
-) -> None:
-    share = Interval(closed, closed - 0.05, closed + 0.05)
-    found = gap_verdict(gap(before, n=8), gap(after, n=8), share, unnamed, unexplained, any_named=named)
-    assert found == verdict
-
-
 @pytest.mark.parametrize(("times", "sure"), [(10, True), (9, True), (8, False)])
 def test_what_repeats_name_too_rarely_is_a_candidate(cube: ObjectModel, times: int, sure: bool) -> None:
     made = replace(diagnosis(cube), minor=("gravity",))
@@ -212,6 +153,8 @@ def test_what_repeats_name_too_rarely_is_a_candidate(cube: ObjectModel, times: i
     assert verdicts["friction"] == ("confusable" if sure else "candidate")
     assert verdicts["gravity"] == "not_supported"
     assert next(each.frequency for each in found.findings if each.name == "friction") == times / 10
+    little = with_repeats(replace(made, gap_closed=Interval(0.3, 0.2, 0.4)), Stability(repeats), {"friction": ()})
+    assert little.verdict == ("explained" if sure else "unexplained")
 
 
 def test_without_repeats_names_stay(cube: ObjectModel) -> None:

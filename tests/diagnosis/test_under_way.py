@@ -23,7 +23,7 @@ def tosses(cube: ObjectModel) -> list[Toss]:
     return seen(World(cube.with_changes(friction=0.3)), cube, 6, seed=3)
 
 
-def test_the_same_is_not_told_twice_and_a_new_beginning_forgets(cube: ObjectModel, tosses: list[Toss]) -> None:
+def test_the_same_is_not_told_twice_and_a_new_beginning_starts_afresh(cube: ObjectModel, tosses: list[Toss]) -> None:
     told: list[str] = []
     under_way = UnderWay(news=told.append)
     under_way.suspected([(EFFECTS["gravity"], 1.0)])
@@ -44,3 +44,19 @@ def test_the_same_is_not_told_twice_and_a_new_beginning_forgets(cube: ObjectMode
     under_way.begun(tosses, validator, first)
     assert under_way.so_far.present is first
     assert under_way.so_far.suspects == ()
+
+
+def test_until_a_new_search_has_come_as_far_the_one_before_knows_more(cube: ObjectModel, tosses: list[Toss]) -> None:
+    under_way = UnderWay()
+    assert under_way.furthest is None
+    validator, first = begin(Problem(tosses, World(cube), library=(), under_way=under_way))
+    with_friction = replace(first, fitted=replace(first.fitted, hypothesis=first.hypothesis.plus(EFFECTS["friction"])))
+    under_way.reached(with_friction)
+    ended = under_way.so_far
+    under_way.begun(tosses, validator, first)
+    assert under_way.so_far is not ended
+    assert under_way.furthest is ended
+    under_way.begun(tosses, validator, first)  # a third search: the first is still the furthest
+    assert under_way.furthest is ended
+    under_way.reached(with_friction)
+    assert under_way.furthest is under_way.so_far

@@ -165,9 +165,10 @@ class Task:
         Args:
             under_way: What `run` was given. It must know the gap.
         """
-        assert under_way.so_far is not None
+        furthest = under_way.furthest
+        assert furthest is not None
         return replace(
-            known_so_far(under_way.so_far, under_way.stage),
+            known_so_far(furthest, under_way.stage),
             simulator=self.simulator,
             tosses_of=self.tosses_of,
             data={"object": self.recorded.name},

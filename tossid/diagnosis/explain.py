@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.effect_findings import NOTHING, closed_by_each, effect_findings
-from tossid.diagnosis.findings import FOUND, Finding, Gap, Interval, Share
+from tossid.diagnosis.findings import FOUND, Finding, Interval, Share
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.consequence import consequences
 from tossid.diagnosis.localisation.corners import locate
@@ -19,7 +19,7 @@ from tossid.diagnosis.localisation.disagreement import solver_disagreement
 from tossid.diagnosis.localisation.gap import measure_gap, share_left
 from tossid.diagnosis.localisation.misspecification import misspecification
 from tossid.diagnosis.localisation.noise import noise_floor
-from tossid.diagnosis.localisation.refusal import RolloutCheck, check_rollouts
+from tossid.diagnosis.localisation.refusal import check_rollouts
 from tossid.diagnosis.localisation.rollouts import rollout_errors
 from tossid.diagnosis.localisation.unseen import judge_unseen, unseen_windows
 from tossid.diagnosis.localisation.witnesses import witnesses
@@ -42,8 +42,9 @@ from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.diagnosis.selection.significance import TossesNeeded
 from tossid.diagnosis.selection.stability import Stability, repeated
 from tossid.diagnosis.under_way import UnderWay
+from tossid.diagnosis.verdict import gap_verdict, names_that_stand, verdict_by_rollouts
 from tossid.physics.effects import OTHER_POWER, Effect
-from tossid.settings.diagnosis.diagnose import StabilitySettings, VerdictSettings
+from tossid.settings.diagnosis.diagnose import StabilitySettings
 from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
@@ -163,12 +164,19 @@ def with_repeats(
     )
     return replace(
         made,
-        verdict="partly_explained" if made.verdict == "explained" and not named else made.verdict,
+        verdict=_without_names(made, stability) if not named else made.verdict,
         findings=findings,
         named=named,
         candidates=(*made.candidates, *(name for name in made.named if name in unsure)),
         stability=stability,
     )
+
+
+def _without_names(made: Diagnosis, stability: Stability) -> Verdict:
+    """A diagnosis's verdict where repeats leave no name: candidates explain a part if they close much of the gap."""
+    if made.verdict not in ("explained", "partly_explained"):
+        return made.verdict
+    return "partly_explained" if made.gap_closed.value > stability.least_closed else "unexplained"
 
 
 def _concluded(
@@ -214,9 +222,14 @@ def _concluded(
     # solvers agree in flight, so they do not explain an effect that was found there without a name
     if verdict == "unexplained" and small and not (mattering or nameless):
         verdict = "within_solver_disagreement"
+    verdict, standing = names_that_stand(verdict, found, validator, floor)
+    sure = [name for name in mattering if name in standing]
+    if verdict == "partly_explained" and not sure:
+        verdict = "unexplained"
     rollouts = check_rollouts(tosses, unseen, validator, first.hypothesis, present.hypothesis, inside, folds, theirs)
-    verdict = verdict_by_rollouts(verdict, rollouts, mattering)
-    candidates = inside if verdict == "unexplained" or rollouts is None else rollouts.refused
+    refused = frozenset() if rollouts is None else frozenset(rollouts.refused)
+    verdict = verdict_by_rollouts(verdict, rollouts, sure)
+    candidates = {*inside} if verdict == "unexplained" else {*inside} - standing | refused
     place, steps = validator.together(
         lambda: locate(tosses, first, present, gap, left, seed=seed, settings=settings),
         lambda: [
@@ -300,55 +313,6 @@ def _without_unnamed(
         others = (share for share in unexplained if share.name != "flight")
         unexplained = (Share("flight", there), *others)
     return closed, unexplained
-
-
-def gap_verdict(
-    gap: Gap,
-    left: Gap,
-    closed: Interval,
-    unnamed: Collection[str],
-    unexplained: Sequence[Share],
-    *,
-    any_named: bool,
-    settings: VerdictSettings = VerdictSettings(),
-) -> Verdict:
-    """What the named effects make of a gap.
-
-    To be near the floor is not enough where the gap was small: more than half of it has to be closed too.
-
-    Args:
-        gap: Without effects.
-        left: With effects.
-        closed: Share of the gap that the named effects close.
-        unnamed: Effects that stand in for something without a name.
-        unexplained: Phases in which clearly something is left.
-        any_named: Whether there are named effects.
-        settings: The limits.
-    """
-    if not any_named:
-        nothing = gap.total.value < settings.no_gap * gap.noise_floor or gap.total.low < gap.noise_floor
-        return "no_gap" if nothing and not unnamed else "unexplained"
-    if closed.value <= settings.partly_closed:
-        return "unexplained"
-    reached = left.total.value < settings.floor_reached * left.noise_floor
-    if not unnamed and (reached or (closed.value > settings.all_closed and not unexplained)):
-        return "explained"
-    return "partly_explained"
-
-
-def verdict_by_rollouts(verdict: Verdict, check: RolloutCheck | None, names: Sequence[str]) -> Verdict:
-    """A gap's verdict, which explains nothing by effects that make predictions of whole tosses worse.
-
-    Args:
-        verdict: By what is left of short windows.
-        check: What the effects do to whole tosses.
-        names: Of the effects that explain the gap.
-    """
-    if check is None or verdict not in ("explained", "partly_explained"):
-        return verdict
-    if not set(names) - set(check.refused):
-        return "unexplained"
-    return "partly_explained" if set(names) & set(check.refused) else verdict
 
 
 def _contact(validator: CrossValidator, found: SearchResult) -> Contact:

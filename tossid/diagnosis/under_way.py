@@ -57,6 +57,7 @@ class UnderWay:
     Attributes:
         stage: What is under way.
         so_far: What is known; None before the gap is.
+        ended: What the search before this one had found; None if there was none.
         progress: Called with what is under way, and the share that is done.
     """
 
@@ -69,6 +70,7 @@ class UnderWay:
         """
         self.stage = ""
         self.so_far: SoFar | None = None
+        self.ended: SoFar | None = None
         self.progress, self._news, self._said = progress, news, ""
 
     def __call__(self, what: str, share: float) -> None:
@@ -81,6 +83,17 @@ class UnderWay:
         self.stage = what
         self.progress(what, share)
 
+    @property
+    def furthest(self) -> SoFar | None:
+        """What is known by the search that has found most effects, by the last one of several that have found as many.
+
+        A search begins anew where tosses are corrected, or more of them taken. Until it has come as far, the one before
+        knows more.
+        """
+        if self.ended is None or self.so_far is None:
+            return self.so_far
+        return max((self.so_far, self.ended), key=lambda each: len(each.present.hypothesis.effects))
+
     def begun(self, tosses: Sequence[Toss], validator: CrossValidator, first: Candidate) -> None:
         """The gap is known.
 
@@ -89,6 +102,7 @@ class UnderWay:
             validator: Of their windows.
             first: The hypothesis without effects.
         """
+        self.ended = self.furthest
         self.so_far = SoFar(tuple(tosses), validator, first, first)
         self._say(in_short(first))
 

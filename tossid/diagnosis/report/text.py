@@ -142,7 +142,8 @@ def _how_sure(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.candidates:
         text += (
             f" Not sure, although significant: {listed(diagnosis.candidates)}. Repeated searches name such an effect "
-            "too rarely, or most of the gap stays with it, or whole tosses are predicted worse with it."
+            "too rarely, or most of the gap, or of its part in contact, stays with it, or whole tosses are predicted "
+            "worse with it."
         )
     return [text]
 

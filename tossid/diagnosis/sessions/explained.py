@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.explain import gap_verdict, search_once, verdict_by_rollouts
+from tossid.diagnosis.explain import search_once
 from tossid.diagnosis.findings import (
     ChangeLeft,
     Consequence,
@@ -38,6 +38,7 @@ from tossid.diagnosis.selection.cross_validation import Candidate
 from tossid.diagnosis.sessions.heights import ending_at_origin
 from tossid.diagnosis.sessions.looking import Corrections, Looked, TossOrder, look, undo_changes
 from tossid.diagnosis.sessions.stretches import EffectOverOrder
+from tossid.diagnosis.verdict import gap_verdict, verdict_by_rollouts
 from tossid.motion.sessions.change_points import fewest_items
 from tossid.physics.effects import Effect
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
@@ -172,6 +173,8 @@ def _with(
     verdict = gap_verdict(
         gap, left, closed, nameless, unexplained, any_named=bool(named or candidates), settings=settings.verdict
     )
+    if verdict == "unexplained" and found.verdict == "partly_explained" and found.named:
+        verdict = found.verdict  # forces that flight makes sure, however much contact leaves
     verdict = verdict_by_rollouts(verdict, found.rollouts, (*named, *candidates))
     return replace(
         found,

@@ -219,6 +219,11 @@ class Effect:
         if not self.parameters:
             raise InputError(f"effect '{self.name}' has no parameters")
 
+    @property
+    def is_force(self) -> bool:
+        """Whether it is a force of the air or of a field, which changes nothing but accelerations."""
+        return self.family in ("fluid", "field")
+
     def bounded(self, model: ObjectModel) -> Effect:
         """The effect with bounds that an object's size allows; itself where they are no narrower.
 

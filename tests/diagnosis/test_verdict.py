@@ -1,0 +1,95 @@
+"""The verdict follows from what is left, and forces that flight makes sure do not hang on the law of contact."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.diagnosis.by_hand import EFFECTS, gap, hypothesis
+from tests.diagnosis.tossed import ONCE, seen
+from tossid.diagnosis.explain import explain
+from tossid.diagnosis.findings import Interval, Share
+from tossid.diagnosis.localisation.refusal import Growth, RolloutCheck
+from tossid.diagnosis.problem import Problem
+from tossid.diagnosis.result import Verdict
+from tossid.diagnosis.verdict import gap_verdict, verdict_by_rollouts
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World
+
+FINE, WORSE = Growth(-4.0, -2.0, 1.0, 0.05), Growth(3.0, -0.2, 1e-4, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "whole", "effects", "after"),
+    [
+        ("explained", FINE, {"friction": FINE, "inertia": FINE}, "explained"),
+        ("explained", FINE, {"friction": FINE, "inertia": WORSE}, "partly_explained"),
+        ("partly_explained", FINE, {"friction": FINE, "inertia": WORSE}, "partly_explained"),
+        ("partly_explained", FINE, {"friction": WORSE, "inertia": WORSE}, "unexplained"),
+        ("explained", WORSE, {"friction": FINE, "inertia": FINE}, "unexplained"),
+        ("within_solver_disagreement", WORSE, {}, "within_solver_disagreement"),
+        ("no_gap", WORSE, {}, "no_gap"),
+    ],
+)
+def test_effects_that_are_refused_explain_nothing(
+    verdict: Verdict, whole: Growth, effects: dict[str, Growth], after: str
+) -> None:
+    check = RolloutCheck(20, 20, whole, tuple(effects.items()))
+    assert verdict_by_rollouts(verdict, check, tuple(effects)) == after
+    assert verdict_by_rollouts(verdict, None, tuple(effects)) == verdict
+
+
+SOME = Share("slide", Interval(0.2, 0.1, 0.3))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "closed", "unnamed", "unexplained", "named", "verdict"),
+    [
+        (1.02, 1.02, 0.0, (), (), False, "no_gap"),
+        (3.0, 3.0, 0.0, (), (), False, "unexplained"),
+        (1.02, 1.0, 0.9, ("vortex",), (), False, "unexplained"),  # something is there, and has no name
+        (3.0, 1.01, 0.99, (), (), True, "explained"),
+        (3.0, 1.01, 0.7, (), (SOME,), True, "explained"),
+        (9.0, 1.5, 0.95, (), (), True, "explained"),
+        (9.0, 1.5, 0.95, (), (SOME,), True, "partly_explained"),
+        (3.0, 1.01, 0.99, ("vortex",), (), True, "partly_explained"),
+        (3.0, 2.0, 0.6, (), (SOME,), True, "partly_explained"),
+        (3.0, 2.5, 0.3, (), (SOME,), True, "unexplained"),
+        # a small gap is near its floor however little of it is closed
+        (1.025, 1.01, 0.3, (), (SOME,), True, "unexplained"),
+    ],
+)
+def test_verdict(
+    before: float,
+    after: float,
+    closed: float,
+    unnamed: tuple[str, ...],
+    unexplained: tuple[Share, ...],
+    named: bool,
+    verdict: str,
+) -> None:
+    share = Interval(closed, closed - 0.05, closed + 0.05)
+    found = gap_verdict(gap(before, n=8), gap(after, n=8), share, unnamed, unexplained, any_named=named)
+    assert found == verdict
+
+
+def test_a_force_is_named_although_contact_stays_unexplained(cube: ObjectModel) -> None:
+    """The bounce is in no effect of the library, and leaves most of the gap."""
+    truth = hypothesis(cube, restitution=[0.6], uniform_force=[0.06, -0.03, 0.0]).world()
+    library = [EFFECTS[name] for name in ("uniform_force", "friction", "inertia")]
+    found = explain(Problem(seen(truth, cube, 14, seed=5), World(cube), library=library, settings=ONCE))
+    assert found.verdict == "partly_explained"
+    assert found.gap_closed.value < 0.5
+    assert found.named == ("uniform_force",)
+    force = next(each for each in found.findings if each.name == "uniform_force")
+    assert force.verdict == "identified"
+    assert force.parameters["x_n"].low < 0.06 < force.parameters["x_n"].high
+    assert set(found.candidates) == set(found.hypothesis.names) - {"uniform_force"} - set(found.minor)
+
+
+def test_what_also_moves_the_body_s_points_needs_contact_to_agree(cube: ObjectModel) -> None:
+    """In flight a frame that is off looks like a centre of mass that is off. Contact contradicts that."""
+    truth = hypothesis(cube, body_frame_offset=[0.012, -0.008, 0.01]).world()
+    library = [EFFECTS[name] for name in ("com_offset", "friction")]
+    found = explain(Problem(seen(truth, cube, 14, seed=5), World(cube), library=library, settings=ONCE))
+    assert found.verdict == "unexplained"
+    assert found.named == ()

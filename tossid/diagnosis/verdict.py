@@ -1,0 +1,111 @@
+"""What is said of a gap: whether effects explain it, and which names stand although much of it stays."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from tossid.diagnosis.findings import Gap, Interval, Share
+from tossid.diagnosis.localisation.gap import cross_fitted, share_left
+from tossid.diagnosis.localisation.noise import Floor
+from tossid.diagnosis.localisation.refusal import RolloutCheck
+from tossid.diagnosis.result import Verdict
+from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.selection.search_result import SearchResult
+from tossid.settings.diagnosis.diagnose import VerdictSettings
+
+
+def gap_verdict(
+    gap: Gap,
+    left: Gap,
+    closed: Interval,
+    unnamed: Collection[str],
+    unexplained: Sequence[Share],
+    *,
+    any_named: bool,
+    settings: VerdictSettings = VerdictSettings(),
+) -> Verdict:
+    """What the named effects make of a gap.
+
+    To be near the floor is not enough where the gap was small: more than half of it has to be closed too.
+
+    Args:
+        gap: Without effects.
+        left: With effects.
+        closed: Share of the gap that the named effects close.
+        unnamed: Effects that stand in for something without a name.
+        unexplained: Phases in which clearly something is left.
+        any_named: Whether there are named effects.
+        settings: The limits.
+    """
+    if not any_named:
+        nothing = gap.total.value < settings.no_gap * gap.noise_floor or gap.total.low < gap.noise_floor
+        return "no_gap" if nothing and not unnamed else "unexplained"
+    if closed.value <= settings.partly_closed:
+        return "unexplained"
+    reached = left.total.value < settings.floor_reached * left.noise_floor
+    if not unnamed and (reached or (closed.value > settings.all_closed and not unexplained)):
+        return "explained"
+    return "partly_explained"
+
+
+def verdict_by_rollouts(verdict: Verdict, check: RolloutCheck | None, names: Sequence[str]) -> Verdict:
+    """A gap's verdict, which explains nothing by effects that make predictions of whole tosses worse.
+
+    Args:
+        verdict: By what is left of short windows.
+        check: What the effects do to whole tosses.
+        names: Of the effects that explain the gap.
+    """
+    if check is None or verdict not in ("explained", "partly_explained"):
+        return verdict
+    if not set(names) - set(check.refused):
+        return "unexplained"
+    return "partly_explained" if set(names) & set(check.refused) else verdict
+
+
+def names_that_stand(
+    verdict: Verdict, found: SearchResult, validator: CrossValidator, floor: Floor
+) -> tuple[Verdict, frozenset[str]]:
+    """The effects whose part of the gap is explained, and the verdict that follows.
+
+    Flight and contact are judged apart, since a large effect in one of them closes most of the whole gap, and says
+    nothing of the other:
+
+    - **Forces that flight reveals stand if they leave nothing there.** The model of flight is right but for the effects
+      that are sought, and a force does in contact what it does in flight. So a wrong law of contact says nothing
+      against it. Effects that also move the body's points, or change lengths and times, contact could contradict.
+    - **Effects of contact stand if they close much of the gap that those of flight leave.**
+
+    Args:
+        verdict: By the whole gap.
+        found: What the search found.
+        validator: Of all windows.
+        floor: The noise floor.
+
+    Returns:
+        The verdict, partly explained instead of unexplained where forces stand, and the names that stand.
+    """
+    names = found.present.hypothesis.names
+    flight, contact = names[: found.n_flight], names[found.n_flight :]
+    if verdict == "unexplained":
+        sure = _forces_in_flight(found, validator, floor)
+        return ("partly_explained" if sure else verdict), sure
+    if verdict == "partly_explained" and flight and contact:
+        closed, _ = share_left(found.history[found.n_flight], found.present, validator, floor)
+        if closed.value <= validator.settings.verdict.partly_closed:
+            return verdict, frozenset(flight)
+    return verdict, frozenset(names)
+
+
+def _forces_in_flight(found: SearchResult, validator: CrossValidator, floor: Floor) -> frozenset[str]:
+    """Forces that flight reveals; none where the gap in free flight is above the floor."""
+    present, settings = found.present, validator.settings.verdict
+    windows, density = present.evidence.windows, present.evidence.density
+    squares = np.minimum(cross_fitted(present, validator)[windows.free] ** 2, density.largest_residual**2)
+    left = squares[windows.inside[windows.free]]
+    if not left.size or not float(np.sqrt(left.mean())) < settings.floor_reached * floor.rms:
+        return frozenset()
+    in_flight = present.hypothesis.effects[: found.n_flight]
+    return frozenset(effect.name for effect in in_flight if effect.is_force and effect.name not in found.unnamed)
