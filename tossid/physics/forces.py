@@ -124,6 +124,8 @@ class Law(NamedTuple):
         rounding: radius of the corners, spheres that touch the faces of a box with sharp ones [m].
         added_mass: of each corner in contact that yields [kg]: its force is that of its spring and damper, less this
             mass times its acceleration (MuJoCo's 1 / R, by which contact holds most of a load at once).
+        margin: height of a corner at the beginning of a step from which on it is not in contact within the step, for
+            contact that yields [m]. MuJoCo has 0 by default; without a limit, it is in contact where it comes down.
     """
 
     static_rel: float = 1.0
@@ -135,6 +137,7 @@ class Law(NamedTuple):
     lifting: float = 0.0
     rounding: float = 0.0
     added_mass: float = 0.0
+    margin: float = math.inf
 
     @property
     def acts(self) -> bool:
@@ -155,7 +158,7 @@ def law_of(numbers: Array) -> Law:
     """The law of contact that a system's numbers stand for.
 
     Args:
-        numbers: (9,) the fields of `Law` in their order, or (0,) for the nominal law.
+        numbers: (10,) the fields of `Law` in their order, or (0,) for the nominal law.
     """
     return Law(*map(float, numbers))
 

@@ -22,9 +22,11 @@ h + (relaxation - h)). That is the complementarity of a rigid one with another g
 
 as in Castro, Permenter and Han, "An unconstrained convex formulation of compliant contact", T-RO 2022 (whose convex
 friction is not used here). The damper does not act at a distance: a corner above the ground that would not reach it in
-free motion, and is pushed there by others, has phi / h for its gap. Its tangential rows have a thousandth of the slack
-(their sigma): several compliant corners that stick would else leave only slips of 1e-6 m/s to balance their loads,
-which no solver finds soon. A sticking corner creeps by that slack times lam_t, 1e-5 m/s for a newton at 33 kN/m.
+free motion, and is pushed there by others, has phi / h for its gap. With a margin (`Law.margin`), it acts only on
+corners that are that low when a step begins, as engines have it that look for contacts first. Its tangential rows have
+a thousandth of the slack (their sigma): several compliant corners that stick would else leave only slips of 1e-6 m/s to
+balance their loads, which no solver finds soon. A sticking corner creeps by that slack times lam_t, 1e-5 m/s for a
+newton at 33 kN/m.
 
 Where a toss begins with a corner in rigid ground, the ground is as deep below that corner and rises at 2 cm/s
 (`ContactSettings.recovery_speed`): recorded states are noisy, and phi / h of a depth that is noise would be a kick.

@@ -201,3 +201,26 @@ def test_relaxed_friction_lifts_what_slides(cube: ObjectModel) -> None:
     assert 0.5 < height[1e-4] / theirs < 1.5
     np.testing.assert_allclose(speed[1e-4], v[0, -1, 0], atol=0.04)
     np.testing.assert_allclose(speed[1e-4], speed[0.0], atol=0.05)
+
+
+@pytest.mark.parametrize(("rise", "pushed"), [(0.05, True), (0.15, True), (0.21, False)])
+def test_relaxed_friction_pushes_what_leaves_slower_than_mu_times_its_slip(
+    cube: ObjectModel, rise: float, pushed: bool
+) -> None:
+    """At a slip of 1 m/s and friction of 0.18, up to 0.18 m/s; Coulomb's law pushes nothing that leaves."""
+    soft = cube.with_changes(friction=0.18, compliance=1e-4, relaxation=0.02)
+    sunk, v0 = FLAT - np.eye(7)[2] * 1e-6, np.array([[1.0, 0, rise, 0, 0, 0]])
+    for lifting in (0.0, 1e-4):
+        run = simulate(World(soft, law=Law(lifting=lifting)).system(), sunk, v0, n_steps=1, dt=1e-4)
+        assert (run.lam_n.sum() > 0) == (pushed and lifting > 0)
+
+
+def test_beyond_its_margin_a_corner_is_not_in_contact(cube: ObjectModel) -> None:
+    """What comes down within a step is met by contact in that step, or falls through it and is met in the next."""
+    soft, h = cube.with_changes(compliance=1e-4, relaxation=0.02), 1e-3
+    q0, v0 = FLAT + np.eye(7)[2] * 2e-4, np.array([[0, 0, -1.0, 0, 0, 0]])
+    for margin, first in ((np.inf, True), (3e-4, True), (0.0, False)):
+        run = simulate(World(soft, law=Law(margin=margin)).system(), q0, v0, n_steps=2, dt=h)
+        assert (run.lam_n[0, 0].sum() > 0) == first
+        assert run.lam_n[0, 1].sum() > 0
+        assert (run.v[0, 1, 2] == pytest.approx(-1.0 - 9.81 * h)) == (not first)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
+from tossid.diagnosis.likelihood.first_frames import first_frames
 from tossid.diagnosis.likelihood.innovations import costs, factorise, gauss_newton, whiten
 from tossid.diagnosis.likelihood.states import difference, moved_state, of_state
-from tossid.diagnosis.likelihood.until_contact import until_contact
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.errors import SolverError
 from tossid.least_squares import Damping
@@ -126,8 +126,8 @@ def linearise(
         windows: At first states from which to begin.
         world: The simulator.
         refine: Most Gauss-Newton steps of the first states, damped as by Marquardt.
-        restarts: How often windows that fit poorly are restarted, from first states that flight determines, from
-            recorded or from perturbed ones: where contact opens or closes, the posterior has several modes.
+        restarts: How often windows that fit poorly are restarted, from what their first frames determine, then from
+            perturbed first states: where contact opens or closes, the posterior has several modes.
         near: The whitening under a world and first states near by. Its derivatives are used in all steps; at the end
             they are computed anew only for windows whose predictions have moved.
         update: Whether they are computed anew at the end.
@@ -184,17 +184,13 @@ def linearised(
         if not len(poor):
             break
         some = best.windows.rows(poor)
-        # the recorded first state is tried once, if another hypothesis has moved the first states away from it
-        if turn == 0 and not np.array_equal(windows.at_v, windows.v):
-            at_q, at_v, steps = some.q, some.v, settings.recorded_restart_steps
+        if turn == 0:
+            begun = _followed(some, world, n_threads)
         else:
             at_q, at_v = moved_state(some.at_q, some.at_v, _perturbations(some, best.by_state[poor], rng))
-            steps = settings.restart_steps
-        begun = replace(some, at_q=at_q, at_v=at_v)
-        if turn == 0:
-            begun = _from_flight(begun, world, settings.recorded_restart_steps, n_threads)
+            begun = replace(some, at_q=at_q, at_v=at_v)
         # nearly right derivatives do not lead from one mode of an impact to another
-        tried = _estimate(begun, world, (other[poor], center), steps, None, n_threads, exact=True)
+        tried = _estimate(begun, world, (other[poor], center), settings.restart_steps, None, n_threads, exact=True)
         better = tried.cost < best.cost[poor]
         given_up[poor] = np.where(better, np.inf, best.cost[poor])
         best = best.with_rows(poor[better], tried, better)
@@ -206,14 +202,16 @@ def linearised(
     return best.windows, replace(whitening, given_up=given_up), best.residuals.reshape(W, L, K)
 
 
-def _from_flight(windows: Windows, world: World, steps: int, n_threads: int) -> Windows:
-    """Windows at first states that their frames before contact determine, where they have some."""
-    index, part = until_contact(replace(windows, at_q=windows.q, at_v=windows.v))
-    if not len(index):
-        return windows
-    nothing = np.zeros((len(index), windows.inside[0].size * windows.channels))
-    part = _estimate(part, world, (nothing, 0.0), steps, None, n_threads).windows
-    return _with_states(windows, index, part.at_q, part.at_v)
+def _followed(windows: Windows, world: World, n_threads: int) -> Windows:
+    """Windows at first states that are followed from recorded ones while more and more of their frames take part."""
+    windows, settings = replace(windows, at_q=windows.q, at_v=windows.v), windows.settings.whitening
+    index = np.flatnonzero(~windows.steady)
+    for share in settings.first_frames if len(index) else ():
+        part = first_frames(windows.rows(index), share)
+        nothing = np.zeros((len(index), windows.inside[0].size * windows.channels))
+        part = _estimate(part, world, (nothing, 0.0), settings.followed_steps, None, n_threads, exact=True).windows
+        windows = _with_states(windows, index, part.at_q, part.at_v)
+    return windows
 
 
 def _with_derivatives(

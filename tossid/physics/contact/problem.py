@@ -10,6 +10,7 @@ and the problem is w = A lam + b, with the law that `stepping` writes out.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -154,7 +155,8 @@ def find_gaps(law, corners, rigid, strike, whole, h, step):  # type: ignore[no-u
 def set_target(law, s, corners, c, n, nx, h, cold, bounces):  # type: ignore[no-untyped-def]
     """V[B] and V[MU] of candidate n, corner c, from its free velocity in V[B]; whether it would touch.
 
-    b_n = phi / h + J_n v_free, or by the law of restitution or compliance; b_t = J_t v_free.
+    b_n = phi / h + J_n v_free, or by the law of restitution or compliance; b_t = J_t v_free. In the ground, relaxed
+    contact pushes unless b is in the dual of the friction cone, b_n >= mu |b_t|.
     """
     r, tau, V = 3 * n, corners.tau, corners.V
     free, kept_across = V[B, r], 0.0
@@ -180,6 +182,8 @@ def set_target(law, s, corners, c, n, nx, h, cold, bounces):  # type: ignore[no-
     if law.cohesion > 0.0 and not cold and corners.warm[c, 0] > 0.0:
         mu = min(2.0 * mu, mu + law.cohesion * h / corners.warm[c, 0])  # |lam_t| <= mu lam_n + c h
     V[MU, n] = mu
+    if corners.gap[c] < 0.0 < law.beyond.lifting:
+        return target < mu * math.sqrt(V[B, r + 1] ** 2 + V[B, r + 2] ** 2)
     return target < 0.0
 
 
@@ -285,6 +289,8 @@ def resolve_contact(model, law, solver, work, s, corners, h, tolerance, cold, st
     """
     nx, n, touched, status, kkt_error = n_rates(model), np.int64(0), False, 0, 0.0
     for c in range(corners.state.shape[0]):
+        if corners.gap[c] >= law.beyond.margin:
+            corners.state[c] = FAR
         if corners.state[c] != FAR:
             vn = velocity(corners.tau, c, 0, s.u, s.xi, nx)
             corners.state[c] = CANDIDATE if corners.gap[c] / h + vn < CLOSING_SPEED else LOW

@@ -70,9 +70,11 @@ class WhiteningSettings:
     as_poor: Fraction = 0.1
     """relative difference of a window's cost to that at which a restart has failed, within which none is tried again"""
     restart_steps: Count = 4
-    """Gauss-Newton steps of a restart from a perturbed first state"""
-    recorded_restart_steps: Count = 6
-    """the same from the recorded first state"""
+    """Gauss-Newton steps of a restart"""
+    first_frames: tuple[Fraction, ...] = (0.2, 0.4, 0.6, 0.8)
+    """shares of a window's frames from which the first restart finds its first state, one after the other"""
+    followed_steps: Count = 2
+    """Gauss-Newton steps for each of them"""
     least_decrease: Positive = 0.02
     """decrease of a window's cost below which its steps end"""
     most_damping: Positive = 1e3
