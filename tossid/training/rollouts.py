@@ -257,7 +257,8 @@ class RolloutStage:
         self.set_parameters(sums.x + np.clip(step, -settings.largest_step, settings.largest_step))
         standard_errors = np.linalg.norm(sums.g @ np.linalg.inv(H + ridge), axis=0)  # the toss is the unit
         short = np.sqrt(np.mean((step / np.maximum(standard_errors, LEAST_ERROR)) ** 2)) < settings.settled
-        done = bool(short) or averaged.count >= settings.settling
+        most = settings.settling if self.central else settings.settling_many
+        done = bool(short) or averaged.count >= most
         return self._loss(self._errors(self._train), self._train), 1, done
 
     def gauss_newton(self, errors: Array | None = None, *, central: bool = True) -> GaussNewton:
