@@ -12,7 +12,7 @@ import torch
 
 from tossid.errors import FileError
 from tossid.models import EpochRecord, TrainedModel, build_model, variant
-from tossid.models.checkpoints import OLDER, checkpoint_bytes
+from tossid.models.checkpoints import LOG_COHESION, OLDER, checkpoint_bytes
 from tossid.objects import ObjectModel
 from tossid.settings.plain import to_plain
 from tossid.settings.training import TrainSettings
@@ -83,7 +83,7 @@ def test_a_checkpoint_of_the_schema_before_opens(cube: ObjectModel, tmp_path: Pa
         "data": "/data/tosses.h5",
         "sha256": "a" * 64,
         "object": content["object"],
-        "model": {key.replace("k_res.", "residual."): value for key, value in content["model"].items()},
+        "model": {key.replace("k_res.", "residual."): value for key, value in with_log(content["model"]).items()},
         "fit": {},
     }
     torch.save(old, tmp_path / "old.pt")
@@ -92,6 +92,21 @@ def test_a_checkpoint_of_the_schema_before_opens(cube: ObjectModel, tmp_path: Pa
     assert opened.data == Path("/data/tosses.h5")
     assert opened.parameters == opened.model.parameters_report()
     same_motion(now, opened)
+
+
+def with_log(model: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """Weights with the logarithm of cohesion, as schemas 2 and 3 have them."""
+    law = model.get("contact_law.value")
+    return model if law is None else {**model, "contact_law.value": torch.cat([law[:2], law[2:].log()])}
+
+
+def test_a_checkpoint_with_the_logarithm_of_cohesion_opens(cube: ObjectModel, tmp_path: Path) -> None:
+    now = trained(cube, "cnrpi")
+    content = torch.load(_bytes(checkpoint_bytes(now), tmp_path), weights_only=True)
+    torch.save({**content, "schema": LOG_COHESION, "model": with_log(content["model"])}, tmp_path / "old.pt")
+    cohesion = TrainedModel.load(tmp_path / "old.pt").object.cohesion
+    assert cohesion == pytest.approx(now.object.cohesion, rel=1e-12)
+    assert cohesion > 0
 
 
 def test_a_checkpoint_without_versions_opens(cube: ObjectModel, tmp_path: Path) -> None:

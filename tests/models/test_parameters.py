@@ -28,14 +28,21 @@ def test_the_contact_law_is_its_time_damping_and_cohesion(cube: ObjectModel) -> 
     assert ContactLaw(given, learn=False)() == (1e-5, 2e-3, 0.1)
     law = ContactLaw(cube, learn=True)
     with torch.no_grad():
-        law.value.copy_(torch.tensor([log(2.0), log(0.5), log(0.1)]))
+        law.value.copy_(torch.tensor([log(2.0), log(0.5), 0.1]))
     mass = float(cube.mass.sum())
     expected = ((2e-3) ** 2 / mass, 0.5 * 2e-3, 0.01 * mass * GRAVITY)
     np.testing.assert_allclose(law(), expected, rtol=1e-6)
     with torch.no_grad():
-        law.value.copy_(law.rigid())  # whose cohesion is next to nothing, and would stay so
+        law.value[2] = -0.2  # as differences beside none may leave it
+    assert law()[2] == 0.0
+    assert float(law.starts([2.0], [0.5], simulator_step_ms=1.7)[0][2]) == COHESION
+    with torch.no_grad():
+        law.value[2] = 0.2
+    assert float(law.starts([2.0], [0.5], simulator_step_ms=1.7)[0][2]) == pytest.approx(0.2)
+    with torch.no_grad():
+        law.value.copy_(law.rigid())
     starts = law.starts([2.0], [0.5], simulator_step_ms=1.7)
-    assert float(starts[0][2]) == pytest.approx(log(COHESION))
+    assert float(starts[0][2]) == COHESION
     assert float(starts[0][1].exp()) == pytest.approx(sqrt(1 + 2 * 1.7) / 2)
     assert float(law.rigid()[0]) < float(starts[0][0])
 

@@ -12,7 +12,7 @@ from tossid.models.contactnets import ContactNets
 from tossid.objects import ObjectModel
 from tossid.settings.training import ModelSettings, RolloutSettings, TrainSettings
 from tossid.training.fit import Fit
-from tossid.training.rollouts import RolloutStage
+from tossid.training.rollouts import Averaged, RolloutStage
 
 SETTINGS = ModelSettings(learn_geometry=False, implicit=False, horizons=(20,))
 
@@ -75,3 +75,34 @@ def test_a_race_on_some_tosses_chooses_the_start_that_all_of_them_choose(cube: O
         assert stage.friction_restarted
         found.append(model.learned_object().friction)
     assert found[0] == found[1] == pytest.approx(0.15)
+
+
+def test_averaged_quadratics_have_the_weighted_mean_of_their_minima() -> None:
+    H, minima = np.diag([2.0, 5.0]), np.array([[1.0, 0.0], [0.0, 3.0], [-1.0, 1.0]])
+    averaged = Averaged(np.zeros((2, 2)), np.zeros(2))
+    for minimum in minima:
+        averaged = averaged.with_quadratic(H, H @ minimum)
+    np.testing.assert_allclose(np.linalg.solve(averaged.H, averaged.b), np.array([1, 2, 3]) @ minima / 6)
+
+
+def test_where_contact_yields_the_last_stage_settles_and_resumes(cube: ObjectModel) -> None:
+    truth = cube.with_changes(compliance=1 / 30e3, relaxation=3e-3, cohesion=0.05)
+    rng, made = np.random.default_rng(5), tosses(truth, 8, seed=1, substeps=SETTINGS.substeps)
+    noisy = [replace(toss, v=toss.v + 0.03 * rng.normal(size=toss.v.shape)) for toss in made]
+    rollouts = RolloutSettings(least_gain=1.0, settling=3, settled=1e-9)  # one step, and then averaged ones
+
+    def fresh() -> tuple[ContactNets, Fit]:
+        model = ContactNets(cube, replace(SETTINGS, learn_contact_law=True))
+        return model, Fit(model, noisy[:6], noisy[6:], TrainSettings(rollouts=rollouts))
+
+    model, whole = fresh()
+    assert len(list(whole.epochs())) == 1 + 3
+    _, first = fresh()
+    steps = first.epochs()
+    for _ in range(2):
+        next(steps)
+    other, second = fresh()
+    second.load_state_dict(first.state_dict())
+    assert len(list(second.epochs())) == 2
+    assert other.learned_object().friction == model.learned_object().friction
+    assert model.learned_object().compliance > 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from dataclasses import asdict, replace
+from math import exp
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,12 @@ from tossid.settings.plain import from_plain, to_plain
 from tossid.settings.training import TrainSettings
 from tossid.store.object_text import text_of_model
 
-SCHEMA = "tossid.checkpoint/3"
+SCHEMA = "tossid.checkpoint/4"
 """What is written: settings, history and parameters with the weights."""
+LOG_COHESION = "tossid.checkpoint/3"
+"""What is read, too: the same with the logarithm of cohesion."""
 OLDER = "tossid.checkpoint/2"
-"""What is read, too: the model's keys, its seed, and the weights."""
+"""What is read, too: the model's keys, its seed, and the weights, with the logarithm of cohesion."""
 _STATED = ("name", "friction", "restitution", "compliance", "relaxation", "cohesion", "width")
 """What of an object its MJCF does not say."""
 
@@ -69,7 +72,7 @@ def read_checkpoint(path: Path) -> TrainedModel:
     """The trained model of a checkpoint file.
 
     Args:
-        path: The file, of this schema or of the one before.
+        path: The file, of this schema or of one of the two before.
 
     Raises:
         FileError: It is no checkpoint, or damaged.
@@ -80,10 +83,11 @@ def read_checkpoint(path: Path) -> TrainedModel:
     except Exception as error:
         raise FileError(path, f"not a readable checkpoint ({type(error).__name__})") from error
     schema = content.get("schema") if isinstance(content, dict) else None
-    if schema not in (SCHEMA, OLDER):
-        raise FileError(path, f"not a checkpoint of schema {SCHEMA} or {OLDER}")
+    if schema not in (SCHEMA, LOG_COHESION, OLDER):
+        raise FileError(path, f"not a checkpoint of schema {OLDER} to {SCHEMA.split('/')[1]}")
     try:
-        return _trained(_renewed(content) if schema == OLDER else content)
+        content = _renewed(content) if schema == OLDER else content
+        return _trained(content if schema == SCHEMA else _with_linear_cohesion(content))
     except InputError as error:
         raise FileError(path, f"a checkpoint that cannot be used: {error}") from error
     except Exception as error:  # what is damaged may be anywhere in it
@@ -137,3 +141,12 @@ def _renewed(content: dict[str, Any]) -> dict[str, Any]:
     model = {name.replace("residual.", "k_res.", 1): value for name, value in content["model"].items()}
     settings = {"model": content["config"], "seed": content["seed"]}
     return {**content, "settings": settings, "model": model, "parameters": {}, "history": [], "seconds": 0.0}
+
+
+def _with_linear_cohesion(content: dict[str, Any]) -> dict[str, Any]:
+    """The content of a checkpoint that has the logarithm of cohesion, with cohesion itself."""
+    model, name = dict(content["model"]), "contact_law.value"
+    if name in model:
+        time, damping, log_cohesion = model[name].tolist()
+        model[name] = torch.tensor([time, damping, exp(min(log_cohesion, 3.0))], dtype=torch.float64)
+    return {**content, "model": model}

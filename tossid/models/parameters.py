@@ -82,8 +82,8 @@ class Friction(nn.Module):
 class ContactLaw(nn.Module):
     """Spring, damper and cohesion of a corner on the ground; learned from rollouts only.
 
-    The law is in `physics.stepping`. Three numbers of order one: the logarithms of the contact time t_c [ms], of the
-    damping ratio zeta, and of the cohesion in tenths of the object's weight. With the object's mass m,
+    The law is in `physics.stepping`. Three numbers: the logarithms of the contact time t_c [ms] and of the
+    damping ratio zeta, and the cohesion in tenths of the object's weight, which may be none. With the object's mass m,
 
         compliance = t_c² / m,   relaxation = zeta t_c:
 
@@ -95,8 +95,8 @@ class ContactLaw(nn.Module):
         learn: True starts from a contact that is almost rigid.
     """
 
-    RIGID = (0.05, 0.02, 1e-4)
-    """Contact time [ms], damping, and cohesion in tenths of the weight, of a contact as stiff as the law can be.
+    RIGID = (0.05, 0.02)
+    """Contact time [ms] and damping of a contact as stiff as the law can be.
 
     Where contact is rigid (simulated tosses), a softer one would have its effect explained by a wrong inertia."""
 
@@ -104,9 +104,7 @@ class ContactLaw(nn.Module):
         super().__init__()
         self.mass = float(model.mass.sum())
         self.given = (model.compliance, model.relaxation, model.cohesion)
-        self.value = nn.Parameter(
-            torch.tensor([log(0.5), log(0.5), log(COHESION)], dtype=torch_double), requires_grad=learn
-        )
+        self.value = nn.Parameter(torch.tensor([log(0.5), log(0.5), COHESION], dtype=torch_double), requires_grad=learn)
 
     def forward(self) -> tuple[float, float, float]:
         """Compliance [m/N], relaxation [s], cohesion [N]."""
@@ -115,14 +113,14 @@ class ContactLaw(nn.Module):
         time, damping, cohesion = self.value.detach().tolist()
         t_c = 1e-3 * exp(min(max(time, log(0.05)), log(50.0)))
         zeta = exp(min(max(damping, log(0.02)), log(20.0)))
-        return t_c**2 / self.mass, zeta * t_c, 0.1 * self.mass * GRAVITY * exp(min(cohesion, 3.0))
+        return t_c**2 / self.mass, zeta * t_c, 0.1 * self.mass * GRAVITY * min(max(cohesion, 0.0), 20.0)
 
     def starts(
         self, contact_times_ms: Sequence[float], dampings: Sequence[float], *, simulator_step_ms: float
     ) -> list[Tensor]:
         """Values to start from: the loss has ridges between little bounce and much.
 
-        Cohesion is that of every start: from almost none, which rigid contact has, it would never come back.
+        Cohesion is the present one, but at least that of every start.
 
         Args:
             contact_times_ms: Contact times [ms].
@@ -132,11 +130,13 @@ class ContactLaw(nn.Module):
         """
         pairs = [(time, damping * time) for time in contact_times_ms for damping in dampings]
         damped = [(time, sqrt(slow**2 + 2 * simulator_step_ms * slow)) for time, slow in pairs]
-        return [torch.tensor([log(time), log(slow / time), log(COHESION)], dtype=torch_double) for time, slow in damped]
+        cohesion = max(COHESION, float(self.value.detach()[2]))
+        return [torch.tensor([log(time), log(slow / time), cohesion], dtype=torch_double) for time, slow in damped]
 
     def rigid(self) -> Tensor:
         """The value of an almost rigid contact."""
-        return torch.tensor(self.RIGID).double().log()
+        time, damping = self.RIGID
+        return torch.tensor([log(time), log(damping), 0.0], dtype=torch_double)
 
 
 class LearnedAccelerationNet(nn.Module):

@@ -163,6 +163,12 @@ class RolloutSettings:
     """largest change of a parameter in one step, in its own unit"""
     least_gain: Positive = 2e-3
     """relative gain of a step below which the stage ends"""
+    settling: Count = 6
+    """most averaged steps, with which the last stage of a rigid body goes on where learned contact yields"""
+    settling_many: Count = 4
+    """the same of many tosses, whose differences go to one side: what is left open is less"""
+    settled: Positive = 0.15
+    """averaged step below which that stage ends, in standard errors (rms over the parameters)"""
     trials: Count = 10
     """dampings that a step tries before the stage ends"""
     damping: Positive = 1e-2

@@ -163,9 +163,15 @@ class Fit:
 
     def _rollout_stage(self, plan: StagePlan) -> RolloutStage:
         make = partial(self._shots, plan.horizon)
-        settings = self.settings
+        settings, last = self.settings, plan.horizon == self.stages[-1].horizon
         return RolloutStage(
-            plan, self.model, make, settings.rollouts, restarts=settings.restarts, n_threads=self._n_threads
+            plan,
+            self.model,
+            make,
+            settings.rollouts,
+            restarts=settings.restarts,
+            settles=last and self.model.object.n_joints == 0,
+            n_threads=self._n_threads,
         )
 
     def longest_rollout(self) -> RolloutStage | None:

@@ -4,11 +4,16 @@ Prediction error is what a user wants small, but its gradient through contact is
 (friction, contact law, inertia), so the Jacobian is taken by differences of whole rollouts to both sides. Of many
 tosses of a rigid body they go to one side, ahead for every second toss and back for the others: the error of second
 order then has no sign in the sum over tosses.
+
+Where contact yields, the last stage goes on when single steps gain nothing any more. Long rollouts are rough, and each
+Gauss-Newton step from nearly the same place ends elsewhere, by as much as the tosses leave open. The minimum of the sum
+of their quadratics, later ones counting more, does not. Where contact is rigid, few rollouts jump, and lead away.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from math import log
 from typing import Any, NamedTuple
@@ -28,6 +33,8 @@ Array = NDArray[np.float64]
 
 SCHEDULE, LEAST_DAMPING = Damping(grow=5.0, fall=0.2), 1e-4
 """Damping after steps that lower the loss, not below the least, and after steps that do not."""
+LEAST_ERROR = 1e-4
+"""Standard error of a parameter, in its own unit of order one, below which no step needs to be shorter."""
 DIVERGED = 1e6
 """Squared error of a frame whose prediction is not finite."""
 
@@ -48,6 +55,31 @@ class GaussNewton(NamedTuple):
     calm: NDArray[np.bool_]
 
 
+@dataclass(frozen=True)
+class Averaged:
+    """The sum of quadratics x^T H x / 2 - b^T x, the k-th weighted with k.
+
+    Attributes:
+        H: (P, P).
+        b: (P,).
+        count: How many.
+    """
+
+    H: Array
+    b: Array
+    count: int = 0
+
+    def with_quadratic(self, H: Array, b: Array) -> Averaged:
+        """The sum with one more.
+
+        Args:
+            H: (P, P) of it.
+            b: (P,) of it.
+        """
+        k = self.count + 1
+        return Averaged(self.H + k * H, self.b + k * b, k)
+
+
 class RolloutStage:
     """Minimises the pseudo-Huber prediction error of open-loop rollouts.
 
@@ -64,10 +96,12 @@ class RolloutStage:
             a flight gives depends on the centre of mass.
         settings: Steps, differences, limits.
         restarts: Values of friction that are compared with its present one.
+        settles: Whether to go on by averaged steps, where contact yields.
         n_threads: For rollouts.
 
     Attributes:
         friction_restarted: Whether another friction was clearly better when the stage began.
+        central: Whether differences go to both sides: they do with few tosses, and with joints.
     """
 
     def __init__(
@@ -78,6 +112,7 @@ class RolloutStage:
         settings: RolloutSettings,
         *,
         restarts: RestartSettings | None = None,
+        settles: bool = False,
         n_threads: int = 1,
     ) -> None:
         self.name, self.epochs = plan.name, settings.epochs
@@ -85,9 +120,10 @@ class RolloutStage:
         self._make_shots = make_shots
         self._train, self._validation = make_shots()
         self._n_threads = n_threads
-        self._damping = settings.damping
+        self._damping, self._settles = settings.damping, settles
+        self._averaged: Averaged | None = None
         few = self._train.of_tosses(settings.raced_tosses) is self._train
-        self._central = few or model.object.n_joints > 0
+        self.central = few or model.object.n_joints > 0
         self._restarts = restarts or RestartSettings()
         self.friction_restarted = False
 
@@ -165,11 +201,13 @@ class RolloutStage:
         x = self._get()
         errors = self._errors(self._train)
         loss = self._loss(errors, self._train)
-        sums = self.gauss_newton(errors, central=self._central)
-        passes, done = (2 if self._central else 1) * len(x) + 1, True
+        sums = self.gauss_newton(errors, central=self.central)
+        passes, done = (2 if self.central else 1) * len(x) + 1, True
         if sums.H.any():  # rollouts that never land, as gravity is given too weak, depend on nothing
-            loss, trials, done = self._try(sums, errors)
+            loss, trials, done = self._try(sums, errors) if self._averaged is None else self._settle(sums)
             passes += trials
+            if done and self._averaged is None and self._settles and self._yields():
+                self._averaged, done = Averaged(0 * sums.H[0], 0 * x), False
         validation_loss = self._loss(self._errors(self._validation), self._validation)
         return Pass(loss, validation_loss, {"prediction": loss}, passes, done)
 
@@ -199,6 +237,29 @@ class RolloutStage:
         self._damping = max(SCHEDULE.accepted(damping), LEAST_DAMPING)
         gain = before - self._loss(after, self._train, sums.calm)
         return self._loss(after, self._train), trials, gain < settings.least_gain * before
+
+    def _yields(self) -> bool:
+        """Whether a contact law is learned that is not as good as rigid."""
+        law = self._plan.starts
+        return law is not None and float(law.value.detach()[0]) > log(self._settings.rigid_time_ms)
+
+    def _settle(self, sums: GaussNewton) -> tuple[float, int, bool]:
+        """To the minimum of the sum of the quadratics so far, the k-th of which counts k times.
+
+        Returns:
+            As of `_try`; done where the step is short beside what the tosses leave open.
+        """
+        settings, averaged, H = self._settings, self._averaged, sums.H.sum(0)
+        assert averaged is not None
+        averaged = self._averaged = averaged.with_quadratic(H, H @ sums.x - sums.g.sum(0))
+        ridge = 1e-6 * np.trace(averaged.H) / len(H) * np.eye(len(H))
+        step = np.linalg.solve(averaged.H + ridge, averaged.b - averaged.H @ sums.x)
+        self.set_parameters(sums.x + np.clip(step, -settings.largest_step, settings.largest_step))
+        standard_errors = np.linalg.norm(sums.g @ np.linalg.inv(H + ridge), axis=0)  # the toss is the unit
+        short = np.sqrt(np.mean((step / np.maximum(standard_errors, LEAST_ERROR)) ** 2)) < settings.settled
+        most = settings.settling if self.central else settings.settling_many
+        done = bool(short) or averaged.count >= most
+        return self._loss(self._errors(self._train), self._train), 1, done
 
     def gauss_newton(self, errors: Array | None = None, *, central: bool = True) -> GaussNewton:
         """Gauss-Newton's sums at the present parameters, toss by toss.
@@ -262,9 +323,14 @@ class RolloutStage:
         return float((d**2 * (np.sqrt(1 + size / d**2) - 1)).sum() / shots.inside.sum())
 
     def state_dict(self) -> dict[str, Any]:
-        """The damping."""
-        return {"damping": self._damping}
+        """The damping and the averaged quadratics."""
+        average = self._averaged
+        summed = None if average is None else [average.H.tolist(), average.b.tolist(), average.count]
+        return {"damping": self._damping, "averaged": summed}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from `state_dict()` of an equal stage."""
         self._damping = float(state["damping"])
+        if state["averaged"] is not None:
+            H, b, count = state["averaged"]
+            self._averaged = Averaged(np.array(H), np.array(b), count)

@@ -41,7 +41,7 @@ def parameter_intervals(fit: Fit, *, seed: int = 0) -> dict[str, Any] | None:
     stage = fit.longest_rollout()
     if stage is None:
         return None
-    sums = stage.gauss_newton()
+    sums = stage.gauss_newton(central=stage.central)
     n, size = sums.g.shape
     if n < 2 or not sums.H.any():  # rollouts that never land depend on nothing that is learned
         return None

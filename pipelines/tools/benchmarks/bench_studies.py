@@ -3,6 +3,7 @@
 python -m pipelines.tools.benchmarks.bench_studies         # the real cube's trainings and the sample's study
 python -m pipelines.tools.benchmarks.bench_studies cnrpi   # the training of one model, at gravity 9.81
 python -m pipelines.tools.benchmarks.bench_studies cnrpi 0 19.62   # at these gravities
+python -m pipelines.tools.benchmarks.bench_studies --unknown cnrpi   # from nothing
 """
 
 from __future__ import annotations
@@ -32,8 +33,10 @@ SCORES = ("model", "gravity", "CPU s in all", "position %", "rotation deg", "fro
 def main() -> None:
     """Print the tables."""
     console = Console()
-    model, *gravities = sys.argv[1:] or [""]
-    trainings(console, models=(model,) if model else MODELS, gravities=[_gravity(g) for g in gravities] or [GRAVITY])
+    unknown, rest = "--unknown" in sys.argv, [word for word in sys.argv[1:] if word != "--unknown"]
+    model, *words = rest or [""]
+    gravities = [_gravity(word) for word in words] or [GRAVITY]
+    trainings(console, models=(model,) if model else MODELS, gravities=gravities, unknown=unknown)
     if not model:
         sample_study(console)
 
@@ -45,13 +48,20 @@ def _gravity(text: str) -> float:
         raise ConfigError("gravity", f"'{text}' is no number [m/s²]; one model is named, then gravities.") from error
 
 
-def trainings(console: Console, *, models: Sequence[str] = MODELS, gravities: Sequence[float] = (GRAVITY,)) -> None:
+def trainings(
+    console: Console,
+    *,
+    models: Sequence[str] = MODELS,
+    gravities: Sequence[float] = (GRAVITY,),
+    unknown: bool = False,
+) -> None:
     """Train on the real cube's training tosses, on one thread, and evaluate on its held-out tosses.
 
     Args:
         console: Gets the tables.
         models: Variants by name.
         gravities: That the models are given [m/s²].
+        unknown: Whether to learn the object from nothing; errors are then in % of the learned object's width.
     """
     if not CUBE.is_file():
         console.say(f"no trainings: {CUBE} is missing")
@@ -63,7 +73,7 @@ def trainings(console: Console, *, models: Sequence[str] = MODELS, gravities: Se
     stages, scores = [["all", "", "read", "", "", f"{time.process_time() - started:.1f}"]], []
     for model in models:
         for gravity in gravities:
-            rows, score = _trained(dataset, model, gravity)
+            rows, score = _trained(dataset, model, gravity, unknown)
             stages += rows
             scores.append(score)
     count = len(dataset.of_split("train"))
@@ -71,10 +81,11 @@ def trainings(console: Console, *, models: Sequence[str] = MODELS, gravities: Se
     console.table(SCORES, scores, title=f"Held-out errors, {len(dataset.of_split('test'))} tosses")
 
 
-def _trained(dataset: Any, model: str, gravity: float) -> tuple[list[list[str]], list[str]]:
+def _trained(dataset: Any, model: str, gravity: float, unknown: bool) -> tuple[list[list[str]], list[str]]:
     """Rows of a training's stages, and the row of its scores."""
     from tossid.evaluation.evaluate import evaluate
     from tossid.models import variant
+    from tossid.settings.objects import UnknownObjectSettings
     from tossid.settings.training import TrainSettings
     from tossid.training.api import Epoch, fit_model, prepare
 
@@ -84,7 +95,8 @@ def _trained(dataset: Any, model: str, gravity: float) -> tuple[list[list[str]],
         at.append(time.process_time())
         return at[-1] - at[-2]
 
-    settings = TrainSettings(model=replace(variant(model), gravity=gravity), threads=1)
+    nothing = UnknownObjectSettings(mass=float(dataset.object.mass[0])) if unknown else None
+    settings = TrainSettings(model=replace(variant(model), gravity=gravity), object=nothing, threads=1)
     fit = prepare(dataset, settings)
     name = f"{gravity:g}"
     rows = [[model, name, "prepare", "", "", f"{lap():.1f}"]]
@@ -101,7 +113,7 @@ def _trained(dataset: Any, model: str, gravity: float) -> tuple[list[list[str]],
     rows.append([model, name, "intervals", "", "", f"{lap():.1f}"])
     scores = evaluate(trained, dataset.split("test")).as_json()
     rows.append([model, name, "evaluate", "", "", f"{lap():.1f}"])
-    return rows, [model, name, f"{at[-1] - at[0]:.1f}", *_errors(scores), f"{trained.parameters['friction']:.4f}"]
+    return rows, [model, name, f"{at[-1] - at[0]:.1f}", *_errors(scores), f"{trained.object.friction:.4f}"]
 
 
 def _errors(scores: dict[str, Any]) -> Iterator[str]:

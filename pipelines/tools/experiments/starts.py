@@ -34,6 +34,7 @@ class Study:
         restarts: Most times that corners are started again.
         starts: How many.
         first: Number of the first of them, where a study goes on.
+        seed: Draws the tosses.
     """
 
     model: str
@@ -41,6 +42,7 @@ class Study:
     restarts: int
     starts: int
     first: int = 0
+    seed: int = 0
 
     def train(self, dataset: Dataset, gravity: float) -> tuple[TrainedModel, float]:
         """A model that starts from a dataset's object, with lengths as recorded, and its processor time [s]."""
@@ -53,7 +55,7 @@ class Study:
 
         model = replace(variant(self.model), gravity=gravity, length_scale=1.0)
         restarts, began = RestartSettings(corners=self.restarts), time.process_time()
-        trained = tossid.train(dataset, model=model, tosses=self.tosses, restarts=restarts)
+        trained = tossid.train(dataset, model=model, tosses=self.tosses, restarts=restarts, seed=self.seed)
         return trained, time.process_time() - began
 
 
@@ -142,7 +144,7 @@ def row(
     restarts = len(trained.parameters["convergence"]["restarts"])
     cells = [
         f"`{study.model}`",
-        f"{study.tosses}",
+        f"{study.tosses}" if study.seed == 0 else f"{study.tosses}, seed {study.seed}",
         number,
         corners,
         f"{friction:.3f}",
@@ -162,8 +164,9 @@ def parsed(arguments: list[str]) -> tuple[Path, Study]:
     parser.add_argument("--restarts", type=int, default=3)
     parser.add_argument("--starts", type=int, default=20, help="so many, from the first on")
     parser.add_argument("--first", type=int, default=0, help="leave out those before this one")
+    parser.add_argument("--seed", type=int, default=0, help="draws the tosses")
     found = parser.parse_args(arguments)
-    return found.folder, Study(found.model, found.tosses, found.restarts, found.starts, found.first)
+    return found.folder, Study(found.model, found.tosses, found.restarts, found.starts, found.first, found.seed)
 
 
 if __name__ == "__main__":

@@ -52,3 +52,15 @@ def test_a_gravity_that_is_no_number_is_named(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("sys.argv", ["bench_studies", "cn", "cnrpi"])
     with pytest.raises(ConfigError, match="'cnrpi' is no number"):
         bench_studies.main()
+
+
+def test_a_training_from_nothing_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[dict[str, object]] = []
+    monkeypatch.setattr(bench_studies, "trainings", lambda _, **keys: asked.append(keys))
+    for words in (["--unknown", "cnrpi"], ["cn", "0"]):
+        monkeypatch.setattr("sys.argv", ["bench_studies", *words])
+        bench_studies.main()
+    assert asked == [
+        {"models": ("cnrpi",), "gravities": [9.81], "unknown": True},
+        {"models": ("cn",), "gravities": [0.0], "unknown": False},
+    ]
