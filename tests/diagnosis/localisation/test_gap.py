@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.diagnosis.tossed import seen
+from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.gap import (
     bootstrap_ratio,
@@ -57,6 +60,18 @@ def test_friction_closes_the_gap_that_it_makes(
     nothing, everything = share_left(first, first, validator, floor)
     assert nothing.value == pytest.approx(0.0, abs=1e-12)
     assert "slide" in [share.name for share in everything]
+
+
+def test_a_gap_below_the_floor_is_closed_by_what_leaves_less(cube: ObjectModel, validator: CrossValidator) -> None:
+    stated = Hypothesis(World(cube))
+    first, last = validator.evaluate(stated), validator.evaluate(stated.plus(FRICTION, np.array([0.3])))
+    floor = noise_floor(validator.windows)
+    high = replace(floor, deviance=20.0 * floor.deviance)
+    closed, unexplained = share_left(first, last, validator, high)
+    assert closed.value == pytest.approx(1.0)
+    assert unexplained == ()
+    for one, other in ((first, first), (last, first)):  # nothing is better than what was there
+        assert share_left(one, other, validator, high) == (Interval(0.0, 0.0, 0.0), ())
 
 
 def test_sums_by_toss_are_those_of_its_windows(cube: ObjectModel, validator: CrossValidator) -> None:

@@ -148,7 +148,8 @@ def share_left(
 ) -> tuple[Interval, tuple[Share, ...]]:
     """The share of the first gap that is closed, and phases with some left; each toss at the other folds' values.
 
-    Where nothing lies above the noise floor, nothing can be closed.
+    What is left below the noise floor is all closed. So where the first gap lies below the floor too, as that of a
+    small effect can, its share is taken above what is left.
 
     Args:
         first: The hypothesis without effects.
@@ -159,10 +160,14 @@ def share_left(
     n, settings = validator.n, validator.settings.localisation
     before = deviance(first.evidence, first.fitted.residuals) - floor.deviance
     after = deviance(last.evidence, cross_fitted(last, validator)) - floor.deviance
-    whole = by_toss(first.evidence, before, n)
+    whole, rest = by_toss(first.evidence, before, n), by_toss(last.evidence, after, n)
+    if not whole.sum() > 0:
+        rows = by_toss(last.evidence, last.evidence.windows.counted.astype(float), n)
+        below = float(rest.sum()) / max(float(rows.sum()), 1.0) * rows
+        whole, rest = whole - below, rest - below
     if not whole.sum() > 0:
         return Interval(0.0, 0.0, 0.0), ()
-    closed = bootstrap_ratio(whole - by_toss(last.evidence, after, n), whole, resamples=settings.resamples)
+    closed = bootstrap_ratio(whole - rest, whole, resamples=settings.resamples)
     # below the floor is no more than all
     closed = Interval(*(min(1.0, x) for x in (closed.value, closed.low, closed.high)))
     left = []
