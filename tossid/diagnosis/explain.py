@@ -222,10 +222,8 @@ def _concluded(
     # solvers agree in flight, so they do not explain an effect that was found there without a name
     if verdict == "unexplained" and small and not (mattering or nameless):
         verdict = "within_solver_disagreement"
-    verdict, standing = names_that_stand(verdict, found, validator, floor)
+    verdict, standing = names_that_stand(verdict, mattering, found, validator, floor)
     sure = [name for name in mattering if name in standing]
-    if verdict == "partly_explained" and not sure:
-        verdict = "unexplained"
     rollouts = check_rollouts(tosses, unseen, validator, first.hypothesis, present.hypothesis, inside, folds, theirs)
     refused = frozenset() if rollouts is None else frozenset(rollouts.refused)
     verdict = verdict_by_rollouts(verdict, rollouts, sure)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-import numpy as np
-
 from tossid.diagnosis.findings import Gap, Interval, Share
-from tossid.diagnosis.localisation.gap import cross_fitted, share_left
+from tossid.diagnosis.localisation.gap import cross_fitted, limited_rms, share_left
 from tossid.diagnosis.localisation.noise import Floor
 from tossid.diagnosis.localisation.refusal import RolloutCheck
 from tossid.diagnosis.result import Verdict
@@ -66,7 +64,7 @@ def verdict_by_rollouts(verdict: Verdict, check: RolloutCheck | None, names: Seq
 
 
 def names_that_stand(
-    verdict: Verdict, found: SearchResult, validator: CrossValidator, floor: Floor
+    verdict: Verdict, mattering: Collection[str], found: SearchResult, validator: CrossValidator, floor: Floor
 ) -> tuple[Verdict, frozenset[str]]:
     """The effects whose part of the gap is explained, and the verdict that follows.
 
@@ -80,32 +78,34 @@ def names_that_stand(
 
     Args:
         verdict: By the whole gap.
+        mattering: Names of the effects that whole tosses notice.
         found: What the search found.
         validator: Of all windows.
         floor: The noise floor.
 
     Returns:
-        The verdict, partly explained instead of unexplained where forces stand, and the names that stand.
+        The verdict, and the names that stand. A gap that is not all explained is partly explained if one of those that
+        matter stands.
     """
-    names = found.present.hypothesis.names
-    flight, contact = names[: found.n_flight], names[found.n_flight :]
+    names = frozenset(found.present.hypothesis.names)
+    if verdict not in ("unexplained", "partly_explained"):
+        return verdict, names
+    flight = found.present.hypothesis.names[: found.n_flight]
     if verdict == "unexplained":
-        sure = _forces_in_flight(found, validator, floor)
-        return ("partly_explained" if sure else verdict), sure
-    if verdict == "partly_explained" and flight and contact:
+        names = _forces_in_flight(found, validator, floor)
+    elif 0 < len(flight) < len(names):
         closed, _ = share_left(found.history[found.n_flight], found.present, validator, floor)
         if closed.value <= validator.settings.verdict.partly_closed:
-            return verdict, frozenset(flight)
-    return verdict, frozenset(names)
+            names = frozenset(flight)
+    return ("unexplained" if names.isdisjoint(mattering) else "partly_explained"), names
 
 
 def _forces_in_flight(found: SearchResult, validator: CrossValidator, floor: Floor) -> frozenset[str]:
     """Forces that flight reveals; none where the gap in free flight is above the floor."""
-    present, settings = found.present, validator.settings.verdict
-    windows, density = present.evidence.windows, present.evidence.density
-    squares = np.minimum(cross_fitted(present, validator)[windows.free] ** 2, density.largest_residual**2)
-    left = squares[windows.inside[windows.free]]
-    if not left.size or not float(np.sqrt(left.mean())) < settings.floor_reached * floor.rms:
+    present, windows = found.present, found.present.evidence.windows
+    left = cross_fitted(present, validator)[windows.inside & windows.free[:, None]]
+    reached = validator.settings.verdict.floor_reached * floor.rms
+    if not left.size or not limited_rms(present.evidence, left) < reached:
         return frozenset()
     in_flight = present.hypothesis.effects[: found.n_flight]
     return frozenset(effect.name for effect in in_flight if effect.is_force and effect.name not in found.unnamed)

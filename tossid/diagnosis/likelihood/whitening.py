@@ -206,9 +206,9 @@ def _followed(windows: Windows, world: World, n_threads: int) -> Windows:
     """Windows at first states that are followed from recorded ones while more and more of their frames take part."""
     windows, settings = replace(windows, at_q=windows.q, at_v=windows.v), windows.settings.whitening
     index = np.flatnonzero(~windows.steady)
+    nothing = np.zeros((len(index), windows.inside[0].size * windows.channels))
     for share in settings.first_frames if len(index) else ():
         part = first_frames(windows.rows(index), share)
-        nothing = np.zeros((len(index), windows.inside[0].size * windows.channels))
         part = _estimate(part, world, (nothing, 0.0), settings.followed_steps, None, n_threads, exact=True).windows
         windows = _with_states(windows, index, part.at_q, part.at_v)
     return windows

@@ -139,8 +139,17 @@ def _rms_of(tosses: Sequence[Toss], length: int, state: Candidate, validator: Cr
     kept, whitening = linearise(windows, world, n_threads=validator.n_threads)
     evidence = Evidence(kept, whitening, validator.n_threads)
     evidence = validator.with_engine_difference(evidence, state.hypothesis, restarts=0)
-    r = evidence.residuals(world)[evidence.windows.inside]
-    return float(np.sqrt(np.minimum(r**2, evidence.density.largest_residual**2).mean()))
+    return limited_rms(evidence, evidence.residuals(world)[evidence.windows.inside])
+
+
+def limited_rms(evidence: Evidence, residuals: Array) -> float:
+    """Root mean square of residuals, none of which counts more than the largest that the density allows.
+
+    Args:
+        evidence: Whose residuals they are.
+        residuals: Whitened.
+    """
+    return float(np.sqrt(np.minimum(residuals**2, evidence.density.largest_residual**2).mean()))
 
 
 def share_left(
