@@ -1,6 +1,6 @@
 """A planar die analysed by hand, from TUM files of drops in the x-z plane.
 
-    python -m pipelines.tools.experiments.die FOLDER
+    python -m pipelines.tools.experiments.by_hand.die FOLDER
 
 Nothing of the diagnosis takes part: lines and parabolas are fitted to stretches of flight either side of each impact of
 a lone corner. From them follow gravity, drag, rebound, sliding friction and the radius of gyration. The unit is the

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipelines.tools.experiments.die import (
+from pipelines.tools.experiments.by_hand.die import (
     corners,
     impacts,
     of_flight,
