@@ -13,6 +13,7 @@ from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.likelihood.fitting import fit
 from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.diagnosis.selection.cross_validation import CrossValidator, draw_folds
+from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 
@@ -77,3 +78,11 @@ def test_folds_are_a_partition() -> None:
     assert len(parts) == 8
     np.testing.assert_array_equal(np.sum(parts, axis=0), 1)
     assert len(draw_folds(3, np.random.default_rng(0))) == 3
+
+
+def test_tosses_whose_frames_are_missing_everywhere_are_refused(cube: ObjectModel) -> None:
+    rng, tosses = np.random.default_rng(0), seen(World(cube), cube, 4, seed=0)
+    # steps of one, two and three frames in turn
+    uneven = [replace(toss, t=toss.t[0] + 0.002 * np.cumsum(rng.permutation(len(toss)) % 3 + 1)) for toss in tosses]
+    with pytest.raises(InputError, match="none of 4 tosses has 11 frames in a row at one time step"):
+        CrossValidator.of(uneven, cube, seed=0)

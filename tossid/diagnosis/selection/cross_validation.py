@@ -16,6 +16,7 @@ from tossid.diagnosis.likelihood.fitting import Fitted, fit, perturbed
 from tossid.diagnosis.likelihood.whitening import linearised
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.diagnosis.selection.significance import part_p_value
+from tossid.errors import InputError
 from tossid.motion.resting import rest_scatter
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, World
@@ -133,11 +134,20 @@ class CrossValidator:
             engine: The other engine; near-rigid MuJoCo if None.
             over_order: As of `rest_scatter`: what changes over the order of the tosses is then no tracker's slow error.
             settings: Of the diagnosis.
+
+        Raises:
+            InputError: No stretch of frames is long enough without a missing one.
         """
         n = len(tosses)
         folds = draw_folds(n, np.random.default_rng(seed), settings.cross_validation.folds)
         scatter = rest_scatter(tosses, model, over_order=over_order)
         windows = make_windows(tosses, model, settings=settings.likelihood, scatter=scatter)
+        if not len(windows.q):
+            least = settings.likelihood.windows.length // 2 + 1
+            raise InputError(
+                f"none of {n} tosses has {least} frames in a row at one time step: frames are missing, or their times "
+                "are uneven, and a diagnosis compares motions over such stretches"
+            )
         return CrossValidator(windows, n, folds, n_threads, engine or Engine(), settings=settings)
 
     def map(self, made: Callable[[Item], Made], items: Iterable[Item]) -> list[Made]:

@@ -2,9 +2,9 @@
 
     python -m pipelines.tools.experiments.by_hand.ball FOLDER
 
-Nothing of the diagnosis takes part. One linear fit to all bounces gives gravity, quadratic drag, the ball's centre in the
-tracked frame, and the velocities either side of each bounce. From these and the spins follow rebound, tangential rebound,
-radius of gyration and the time on the ground. The unit is the bounce: intervals are of medians over resampled bounces.
+Nothing of the diagnosis takes part. One linear fit to all bounces gives gravity, quadratic drag, the ball's centre in
+the tracked frame, and the velocities either side of each bounce. From these and the spins follow rebound, tangential
+rebound, radius of gyration and the time on the ground. The unit is the bounce: intervals are over resampled bounces.
 docs/experiments/ball.md has the result.
 """
 
@@ -95,12 +95,14 @@ def fit_flight(some: list[Bounce], offset: bool = True) -> Flight:
                 blocks.append(block)
                 values.append(p[:, axis])
     a, y = np.concatenate(blocks), np.concatenate(values)
-    w, x, r = np.ones(len(y)), np.zeros(a.shape[1]), y
+    w: Array = np.ones(len(y))
+    x: Array = np.zeros(a.shape[1])
+    r: Array = y
     for _ in range(20):
         # Cauchy's weights: single frames are off by more than a millimetre
         x = np.linalg.lstsq(a * w[:, None], y * w, rcond=None)[0]
         r = y - a @ x
-        w = 1 / np.sqrt(1 + (r / (2 * 1.4826 * np.median(np.abs(r)) + 1e-12)) ** 2)
+        w = np.asarray(1 / np.sqrt(1 + (r / (2 * 1.4826 * np.median(np.abs(r)) + 1e-12)) ** 2), dtype=np.float64)
     lines = {b.name: x[12 * k : 12 * k + 12].reshape(2, 3, 2).transpose(0, 2, 1) for k, b in enumerate(some)}
     return Flight(float(x[count]), float(x[count + 1]), -x[count + 2 :], lines, np.sqrt(np.mean(r**2)))
 
@@ -123,7 +125,7 @@ def spin(bounce: Bounce, side: int) -> Array:
 def of_bounce(bounce: Bounce, flight: Flight, radius: float) -> dict[str, float]:
     """The figures of one bounce, at the times when the centre passes the height of the radius."""
     times, speeds = [], []
-    for side, (place, v) in enumerate(flight.lines[bounce.name]):
+    for place, v in flight.lines[bounce.name]:
         s = np.linspace(-0.03, 0.03, 6001)
         rate = -flight.drag * np.linalg.norm(v) * v - np.array([0.0, 0.0, flight.gravity])
         height = place[2] + s * v[2] + 0.5 * s**2 * rate[2]
@@ -178,9 +180,8 @@ def main() -> None:
     bounces = [read_bounce(path, given.radius) for path in sorted(given.folder.glob("*.txt"))]
     kept = [bounce for bounce in bounces if not jumps(bounce)]
     print(f"left out: {', '.join(b.name for b in bounces if jumps(b)) or 'none'}")  # noqa: T201
-    flight = fit_flight(kept)
-    rows = [of_bounce(bounce, flight, given.radius) for bounce in kept]
-    sizes = [1e3 * each.residual for each in (fit_flight(kept, offset=False), flight)]
+    flight, fixed = fit_flight(kept), fit_flight(kept, offset=False)
+    sizes = [1e3 * each.residual for each in (fixed, flight)]
     print(f"residual [mm]: {sizes[0]:.3f}, with the centre free {sizes[1]:.3f}")  # noqa: T201
     rng = np.random.default_rng(0)
     drawn = [fit_flight([kept[i] for i in sorted(rng.integers(0, len(kept), len(kept)))]) for _ in range(100)]
@@ -188,10 +189,13 @@ def main() -> None:
     for name, of in COMMON.items():
         low, high = np.percentile([of(each) for each in drawn], [2.5, 97.5])
         print(f"| {name} | {of(flight):.3g} | {low:.3g} to {high:.3g} |")  # noqa: T201
-    print("\n| figure | value | 95 % interval | least | most |\n|---|---|---|---|---|")  # noqa: T201
-    for name, (value, low, high) in with_interval(rows).items():
-        each = np.array([row[name] for row in rows])
-        print(f"| {name} | {value:.3g} | {low:.3g} to {high:.3g} | {np.nanmin(each):.3g} | {np.nanmax(each):.3g} |")  # noqa: T201
+    for where, fitted in (("at the tracked frame's origin", fixed), ("free", flight)):
+        print(f"\n| centre {where} | value | 95 % interval | least | most |\n|---|---|---|---|---|")  # noqa: T201
+        rows = [of_bounce(bounce, fitted, given.radius) for bounce in kept]
+        for name, (value, low, high) in with_interval(rows).items():
+            each = np.array([row[name] for row in rows])
+            ends = f"{np.nanmin(each):.3g} | {np.nanmax(each):.3g}"
+            print(f"| {name} | {value:.3g} | {low:.3g} to {high:.3g} | {ends} |")  # noqa: T201
 
 
 if __name__ == "__main__":
