@@ -100,7 +100,7 @@ def fit_flight(some: list[Bounce], offset: bool = True) -> Flight:
     r: Array = y
     for _ in range(20):
         # Cauchy's weights: single frames are off by more than a millimetre
-        x = np.linalg.lstsq(a * w[:, None], y * w, rcond=None)[0]
+        x = np.asarray(np.linalg.lstsq(a * w[:, None], y * w, rcond=None)[0], dtype=np.float64)
         r = y - a @ x
         w = np.asarray(1 / np.sqrt(1 + (r / (2 * 1.4826 * np.median(np.abs(r)) + 1e-12)) ** 2), dtype=np.float64)
     lines = {b.name: x[12 * k : 12 * k + 12].reshape(2, 3, 2).transpose(0, 2, 1) for k, b in enumerate(some)}
