@@ -19,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipelines.tools.experiments.by_hand.fits import robust_line, with_interval
+
 Array = NDArray[np.float64]
 
 CLEAR = 5e-3
@@ -95,14 +97,8 @@ def fit_flight(some: list[Bounce], offset: bool = True) -> Flight:
                 blocks.append(block)
                 values.append(p[:, axis])
     a, y = np.concatenate(blocks), np.concatenate(values)
-    w: Array = np.ones(len(y))
-    x: Array = np.zeros(a.shape[1])
-    r: Array = y
-    for _ in range(20):
-        # Cauchy's weights: single frames are off by more than a millimetre
-        x = np.asarray(np.linalg.lstsq(a * w[:, None], y * w, rcond=None)[0], dtype=np.float64)
-        r = y - a @ x
-        w = np.asarray(1 / np.sqrt(1 + (r / (2 * 1.4826 * np.median(np.abs(r)) + 1e-12)) ** 2), dtype=np.float64)
+    x = robust_line(a, y)  # single frames are off by more than a millimetre
+    r = y - a @ x
     lines = {b.name: x[12 * k : 12 * k + 12].reshape(2, 3, 2).transpose(0, 2, 1) for k, b in enumerate(some)}
     return Flight(float(x[count]), float(x[count + 1]), -x[count + 2 :], lines, np.sqrt(np.mean(r**2)))
 
@@ -151,14 +147,9 @@ def of_bounce(bounce: Bounce, flight: Flight, radius: float) -> dict[str, float]
     }
 
 
-def with_interval(rows: list[dict[str, float]], resamples: int = 2000) -> dict[str, Array]:
-    """(3,) median and its 95 % interval of each figure, over resampled bounces."""
-    drawn = np.random.default_rng(0).integers(0, len(rows), (resamples, len(rows)))
-    out = {}
-    for name in rows[0]:
-        values = np.array([row[name] for row in rows])
-        out[name] = np.array([np.nanmedian(values), *np.percentile(np.nanmedian(values[drawn], axis=1), [2.5, 97.5])])
-    return out
+def medians(rows: list[dict[str, float]]) -> dict[str, float]:
+    """The median of each figure over bounces."""
+    return {name: float(np.nanmedian([row[name] for row in rows])) for name in rows[0]}
 
 
 COMMON: dict[str, Callable[[Flight], float]] = {
@@ -192,7 +183,7 @@ def main() -> None:
     for where, fitted in (("at the tracked frame's origin", fixed), ("free", flight)):
         print(f"\n| centre {where} | value | 95 % interval | least | most |\n|---|---|---|---|---|")  # noqa: T201
         rows = [of_bounce(bounce, fitted, given.radius) for bounce in kept]
-        for name, (value, low, high) in with_interval(rows).items():
+        for name, (value, low, high) in with_interval([[row] for row in rows], medians, 2000).items():
             each = np.array([row[name] for row in rows])
             ends = f"{np.nanmin(each):.3g} | {np.nanmax(each):.3g}"
             print(f"| {name} | {value:.3g} | {low:.3g} to {high:.3g} | {ends} |")  # noqa: T201

@@ -11,11 +11,15 @@ from __future__ import annotations
 
 import argparse
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pipelines.tools.experiments.by_hand.fits import robust_line, with_interval
 
 Array = NDArray[np.float64]
 
@@ -79,6 +83,9 @@ class Impact:
     spin: float
     arm: Array
     lag: float
+
+
+Shown = TypeVar("Shown", Piece, Impact)
 
 
 def read_drop(path: Path) -> Drop:
@@ -180,17 +187,6 @@ def _impact(name: str, before: Array, after: Array, half: float, drag: float) ->
 # ---------------------------------------------------------------- what follows
 
 
-def robust_line(columns: Array, y: Array) -> Array:
-    """(P,) least squares with Cauchy's weights."""
-    w, b = np.ones(len(y)), np.zeros(columns.shape[1])
-    for _ in range(30):
-        b = np.asarray(np.linalg.lstsq(columns * w[:, None], y * w, rcond=None)[0], dtype=np.float64)
-        r = y - columns @ b
-        size = 2 * 1.4826 * np.median(np.abs(r)) + 1e-12
-        w = np.asarray(1 / np.sqrt(1 + (r / size) ** 2), dtype=np.float64)
-    return b
-
-
 def of_flight(some: list[Piece]) -> dict[str, float]:
     """Gravity and the rates of linear drag along x and z and about y, from pieces of flight."""
     v, a = np.array([p.v for p in some]), np.array([p.a for p in some])
@@ -234,20 +230,9 @@ def scatter_of_impacts(some: list[Impact]) -> dict[str, Array]:
     return {name: np.percentile(each, [5, 25, 50, 75, 95]) for name, each in values.items()}
 
 
-def with_interval(some: list[Piece] | list[Impact], statistic: object, resamples: int = 500) -> dict[str, Array]:
-    """(3,) value and 95 % interval of each figure, over resampled drops."""
-    assert callable(statistic)
-    drops = sorted({each.drop for each in some})
-    by_drop = {name: [each for each in some if each.drop == name] for name in drops}
-    rng = np.random.default_rng(0)
-    drawn = [
-        statistic([each for i in rng.integers(0, len(drops), len(drops)) for each in by_drop[drops[i]]])
-        for _ in range(resamples)
-    ]
-    return {
-        name: np.array([value, *np.nanpercentile([each[name] for each in drawn], [2.5, 97.5])])
-        for name, value in statistic(some).items()
-    }
+def by_drop(some: Sequence[Shown]) -> list[list[Shown]]:
+    """Pieces or impacts, those of a drop together."""
+    return [[each for each in some if each.drop == name] for name in sorted({each.drop for each in some})]
 
 
 def main() -> None:
@@ -269,13 +254,15 @@ def main() -> None:
     }
     print("| of | figure | value | 95 % interval | drops |\n|---|---|---|---|---|")  # noqa: T201
     for where, some in parts.items():
-        rows = with_interval(some, of_flight)
+        rows = with_interval(by_drop(some), of_flight)
         if where.startswith("before"):
             # all fall at nearly one speed, so gravity and drag are one number there
-            fall = with_interval(some, lambda part: {"falls at [m/s²]": -float(np.median([p.a[1] for p in part]))})
+            fall = with_interval(
+                by_drop(some), lambda part: {"falls at [m/s²]": -float(np.median([p.a[1] for p in part]))}
+            )
             rows = {**fall, **{name: rows[name] for name in ("drag, x [1/s]", "drag, spin [1/s]")}}
         _print(where, rows, len({p.drop for p in some}))
-    _print("impacts of a lone corner", with_interval(hits, of_impacts), len({h.drop for h in hits}))
+    _print("impacts of a lone corner", with_interval(by_drop(hits), of_impacts), len({h.drop for h in hits}))
     print("\n| over impacts | 5 % | 25 % | 50 % | 75 % | 95 % |\n|---|---|---|---|---|---|")  # noqa: T201
     for name, quantiles in scatter_of_impacts(hits).items():
         print(f"| {name} | {' | '.join(f'{x:.3g}' for x in quantiles)} |")  # noqa: T201

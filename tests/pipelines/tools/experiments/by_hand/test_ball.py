@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipelines.tools.experiments.by_hand.ball import fit_flight, jumps, of_bounce, read_bounce, with_interval
+from pipelines.tools.experiments.by_hand.ball import fit_flight, jumps, medians, of_bounce, read_bounce
+from pipelines.tools.experiments.by_hand.fits import with_interval
 
 RADIUS, DT, GRAVITY, DRAG = 0.12, 1 / 360, 9.7, 0.02
 REBOUND, SLIP_REBOUND, GYRATION, CONTACT = 0.8, 0.25, 0.6, 0.012
@@ -65,7 +66,7 @@ def test_what_made_bounces_is_found_in_them(tmp_path: Path) -> None:
     assert flight.centre == pytest.approx(CENTRE, abs=2e-3)
     assert flight.residual == pytest.approx(1e-4, rel=0.3)
     assert flight.residual < 0.5 * fit_flight(bounces, offset=False).residual
-    rows = with_interval([of_bounce(bounce, flight, RADIUS) for bounce in bounces])
+    rows = with_interval([[of_bounce(bounce, flight, RADIUS)] for bounce in bounces], medians, 2000)
     assert rows["rebound"][0] == pytest.approx(REBOUND, abs=0.01)
     assert rows["tangential rebound"][0] == pytest.approx(SLIP_REBOUND, abs=0.04)
     assert rows["radius of gyration² over radius²"][0] == pytest.approx(GYRATION, abs=0.03)

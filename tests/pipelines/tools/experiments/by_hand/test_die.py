@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pipelines.tools.experiments.by_hand.die import (
+    by_drop,
     corners,
     impacts,
     of_flight,
@@ -15,8 +16,8 @@ from pipelines.tools.experiments.by_hand.die import (
     pieces,
     read_drop,
     scatter_of_impacts,
-    with_interval,
 )
+from pipelines.tools.experiments.by_hand.fits import with_interval
 
 HALF, DT, GRAVITY, DRAG = 0.03, 0.004, 9.7, 0.4
 REBOUND, FRICTION, GYRATION = 0.45, 0.1, 550e-6
@@ -60,7 +61,7 @@ def test_what_made_drops_is_found_in_them(tmp_path: Path) -> None:
     assert flight["drag, spin [1/s]"] == pytest.approx(DRAG, abs=0.1)
     hits = [hit for drop in drops for hit in impacts(drop, HALF, DRAG)]
     assert len(hits) > 10
-    found = with_interval(hits, of_impacts, resamples=50)
+    found = with_interval(by_drop(hits), of_impacts, resamples=50)
     assert found["rebound"][0] == pytest.approx(REBOUND, abs=0.02)
     assert found["sliding friction"][0] == pytest.approx(FRICTION, abs=0.01)
     assert found["radius of gyration² [mm²]"][0] == pytest.approx(1e6 * GYRATION, rel=0.05)
