@@ -52,14 +52,16 @@ class MujocoEngine:
 
 @dataclass(frozen=True)
 class DrakeEngine:
-    """Drake's multibody plant in discrete steps, with its default contact model. `pip install 'tossid[engines]'`."""
+    """Drake's multibody plant in discrete steps. `pip install 'tossid[engines]'`."""
 
     name: Literal["drake"] = "drake"
     """Drake"""
-    substeps: Count = 32
-    """time steps a frame: with eight, motions are 20 mm off soon after an impact"""
+    substeps: Count = 128
+    """time steps a frame"""
     radius: Positive = 1e-3
     """radius of the spheres at the corners [m]"""
+    approximation: Literal["tamsi", "sap", "similar", "lagged"] = "tamsi"
+    """Drake's approximation of contact in a step; its default, lagged, needs far shorter steps than tamsi"""
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 What a world has and an engine has too is the engine's own: gravity, mass, inertia, friction. Forces of the state are
 applied from outside, each held for a step: Bullet's own damping is neither linear nor quadratic drag. Contact is as
-these engines have it, which is what an audit wants of them: Drake's is slightly soft and regularised, with spheres at
-the corners; Bullet's is a box on a plane, by sequential impulses.
+these engines have it, which is what an audit wants of them: Drake's is regularised, with spheres at the corners;
+Bullet's is a box on a plane, by sequential impulses.
 """
 
 from __future__ import annotations
@@ -118,6 +118,8 @@ def toss_in_drake(
     ground = plant.world_body()
     plant.RegisterCollisionGeometry(ground, drake.RigidTransform(), drake.HalfSpace(), "ground", friction)
     plant.mutable_gravity_field().set_gravity_vector(world.gravity_on_ground())
+    approximation = f"k{engine.approximation.capitalize()}"
+    plant.set_discrete_contact_approximation(getattr(drake.DiscreteContactApproximation, approximation))
     plant.Finalize()
     diagram = builder.Build()
     push = _push(world, step)
