@@ -58,7 +58,7 @@ class DrakeEngine:
     """Drake"""
     substeps: Count = 128
     """time steps a frame"""
-    radius: Positive = 1e-3
+    radius: Positive = 1e-4
     """radius of the spheres at the corners [m]"""
     approximation: Literal["tamsi", "sap", "similar", "lagged"] = "tamsi"
     """Drake's approximation of contact in a step; its default, lagged, needs far shorter steps than tamsi"""
