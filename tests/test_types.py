@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tossid.errors import MotionError
-from tossid.types import OnDemand, PoseTrack, Toss, check_motion
+from tossid.types import OnDemand, PoseTrack, Toss, check_motion, frame_time
 
 N = 5
 
@@ -80,6 +82,24 @@ def test_a_track_checks_itself() -> None:
 def test_one_frame_is_no_motion() -> None:
     with pytest.raises(MotionError, match="n >= 2"):
         check_motion(np.zeros(1), np.array([[0, 0, 0, 1, 0, 0, 0.0]]))
+
+
+@given(st.integers(0, 2**31))
+def test_the_time_between_frames_is_that_of_the_clock_whichever_frames_are_missing(seed: int) -> None:
+    rng, dt = np.random.default_rng(seed), 1 / 360
+    steps = rng.choice([1, 2, 3], p=[0.43, 0.40, 0.17], size=200)
+    t = np.concatenate([[0], np.cumsum(steps)]) * dt + rng.normal(0, 0.02 * dt, 201)
+    q, cov = np.tile([0, 0, 0, 1.0, 0, 0, 0], (201, 1)), np.tile(np.eye(6), (201, 1, 1))
+    toss = Toss("a", t, q, np.zeros((201, 6)), cov, cov, np.ones(201, dtype=np.uint8))
+    assert frame_time([toss]) == pytest.approx(dt, rel=0.01)
+    np.testing.assert_array_equal(toss.ticks(dt), np.concatenate([[0], np.cumsum(steps)]))
+
+
+def test_uneven_times_have_their_median() -> None:
+    t = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, 100))
+    q, cov = np.tile([0, 0, 0, 1.0, 0, 0, 0], (100, 1)), np.tile(np.eye(6), (100, 1, 1))
+    toss = Toss("a", t, q, np.zeros((100, 6)), cov, cov, np.ones(100, dtype=np.uint8))
+    assert frame_time([toss]) == float(np.median(np.diff(t)))
 
 
 def test_items_on_demand_are_read_when_asked_for_and_the_last_few_kept() -> None:

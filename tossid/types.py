@@ -30,6 +30,11 @@ Progress = Callable[[str, float], None]
 QUAT_NORM_TOLERANCE = 1e-3
 SPLITS = ("train", "validation", "test")
 
+_OFF_CLOCK, _ON_CLOCK = 0.2, 0.95
+"""Share of a frame by which time steps may miss a whole number of frames, and share of them that must not."""
+_MOST_PARTS = 4
+"""Most frames of the median time step."""
+
 
 class Phase(IntEnum):
     """What the object does during a frame."""
@@ -184,6 +189,15 @@ class Toss:
         if self.q_measured is None or self.q_measured_cov is None:
             return self.q, self.q_cov
         return self.q_measured, self.q_measured_cov
+
+    def ticks(self, dt: float) -> NDArray[np.int64]:
+        """(n,) place of each frame on a clock that starts at the first: missing frames are skipped.
+
+        Args:
+            dt: Between ticks [s], best the `frame_time` of the dataset.
+        """
+        steps = np.maximum(np.rint(np.diff(self.t) / dt), 1.0)
+        return np.concatenate([[0], np.cumsum(steps)]).astype(np.int64)
 
     def frames(self, which: slice) -> Toss:
         """A stretch of it."""
@@ -360,12 +374,18 @@ def _check_cov(name: str, cov: Array, n: int, nv: int) -> None:
 
 
 def frame_time(tosses: Sequence[Toss]) -> float:
-    """The median time between frames of all tosses [s].
+    """The time between frames of all tosses [s]: the median, or a whole part of it where many frames are missing.
 
     Args:
         tosses: At least one.
     """
-    return float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
+    steps = np.concatenate([np.diff(toss.t) for toss in tosses])
+    median, usual = float(np.median(steps)), float(np.percentile(steps, 50, method="lower"))
+    for dt in (median, *(usual / parts for parts in range(1, _MOST_PARTS + 1))):
+        count = np.maximum(np.rint(steps / dt), 1.0)
+        if np.mean(np.abs(steps / dt - count) < _OFF_CLOCK) >= _ON_CLOCK:
+            return float(np.median(steps / count))
+    return median
 
 
 def silent(what: str, share: float) -> None:

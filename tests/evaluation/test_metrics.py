@@ -43,6 +43,17 @@ def test_the_truth_has_no_error_and_whole_turns_do_not_count(elbow: ObjectModel,
             np.testing.assert_allclose(value, 0, atol=1e-4)
 
 
+def test_missing_frames_are_rolled_out_and_not_compared(elbow: ObjectModel, flights: list[Toss]) -> None:
+    there = np.setdiff1d(np.arange(41), [3, 10, 11, 30])
+    some = [
+        Toss(toss.name, *(each[there] for each in (toss.t, toss.q, toss.v, toss.q_cov, toss.v_cov, toss.phase)))
+        for toss in flights
+    ]
+    scores = score_tosses(Simulator(make_system(elbow)), elbow, some)
+    np.testing.assert_allclose(scores.position_error_pct, 0, atol=1e-4)
+    np.testing.assert_allclose(scores.link_error_deg, 0, atol=1e-4)
+
+
 def test_the_error_in_flight_is_that_of_gravity(elbow: ObjectModel, flights: list[Toss]) -> None:
     q, v = flights[0].q, 0 * flights[0].v
     still = Toss("still", flights[0].t, q, v, flights[0].q_cov, flights[0].v_cov, flights[0].phase)

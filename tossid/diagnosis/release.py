@@ -32,10 +32,10 @@ def bound_frames(tosses: Sequence[Toss], model: ObjectModel, settings: ReleaseSe
     changes = []
     for toss in tosses:
         n = flight_frames(toss, model)
-        step = float(np.median(np.diff(toss.t)))
-        poses = toss.measured[0][:n, :3]
         # to the last but one frame: the landing may be in the last
-        accelerations = np.diff(poses[:-1], n=2, axis=0) / step**2
+        poses, t = toss.measured[0][: max(n - 1, 0), :3], toss.t[: max(n - 1, 0)]
+        velocities = np.diff(poses, axis=0) / np.diff(t)[:, None]
+        accelerations = np.diff(velocities, axis=0) / (0.5 * (t[2:] - t[:-2]))[:, None]
         count = len(accelerations) - _SOON - _AFTER + 1
         changes.append(
             [accelerations[k] - accelerations[k + _SOON : k + _SOON + _AFTER].mean(axis=0) for k in range(count)]

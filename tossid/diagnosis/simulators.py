@@ -292,8 +292,8 @@ def check_runs(
         InputError: More of them diverge.
     """
     q, v = np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses])
-    steps = np.array([len(toss) - 1 for toss in tosses])
     dt = frame_time(tosses)
+    steps = np.array([toss.ticks(dt)[-1] for toss in tosses])
     how = steps_of(world, settings.likelihood.simulation)
     run = world.roll_out(q, v, n_steps=steps, dt=dt, **how, n_threads=n_threads)
     far = np.nanmax(np.abs(np.where(np.isfinite(run[..., :3]), run[..., :3], np.inf)), axis=(1, 2))
@@ -320,9 +320,10 @@ def with_nearest_contact(
     if not isinstance(world, UsersWorld):
         return simulator, []
     first = State(np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses]))
-    steps = np.array([len(toss) - 1 for toss in tosses])
+    dt = frame_time(tosses)
+    steps = np.array([toss.ticks(dt)[-1] for toss in tosses])
     how = steps_of(world, settings.likelihood.simulation)
-    ready = world.prepared(first, steps, frame_time(tosses), most_lost=settings.checks.most_lost, **how)
+    ready = world.prepared(first, steps, dt, most_lost=settings.checks.most_lost, **how)
     if ready.by_frame:
         return replace(simulator, world=ready), []
     return replace(simulator, world=ready), [

@@ -86,13 +86,13 @@ def roll_out(
     if from_flight:
         states = flight_states(true, model)
         q0, v0 = np.stack([s.q for s in states]), np.stack([s.v for s in states])
-    length = np.array([len(toss) for toss in tosses])
     dt = dt or frame_time(tosses)
-    run = predictor.rollout(q0, v0, n_steps=length - 1, dt=dt, n_threads=n_threads)
+    ticks = [toss.ticks(dt) for toss in tosses]
+    run = predictor.rollout(q0, v0, n_steps=np.array([each[-1] for each in ticks]), dt=dt, n_threads=n_threads)
     q, lam_n = measurement.recorded_q(run.q), np.pad(run.lam_n, ((0, 0), (1, 0), (0, 0)))
     return tuple(
-        Rollout(toss.t, q[i, :n], run.v[i, :n], lam_n[i, :n], int(run.unsolved[i]), not run.finite[i])
-        for i, (toss, n) in enumerate(zip(tosses, length, strict=True))
+        Rollout(toss.t, q[i, at], run.v[i, at], lam_n[i, at], int(run.unsolved[i]), not run.finite[i])
+        for i, (toss, at) in enumerate(zip(tosses, ticks, strict=True))
     )
 
 

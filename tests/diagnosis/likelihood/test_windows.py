@@ -26,7 +26,7 @@ def test_first_flights_end_before_the_ground_wherever_it_is(cube: ObjectModel, r
     for i in np.flatnonzero(windows.free):
         last = windows.y[i, windows.steps[i] - 1]
         assert corner_positions(cube, last)[:, 2].min() > raised - 1e-3
-        assert windows.frame[i, 0] == 1
+        assert windows.first[i] == 0
     assert not windows.counted[windows.free].any()
 
 
@@ -87,3 +87,36 @@ def test_windows_of_some_tosses_are_theirs(cube: ObjectModel) -> None:
     assert set(some.toss.tolist()) == {0, 1}
     for number, i in enumerate(chosen):
         np.testing.assert_array_equal(some.y[some.toss == number], windows.y[windows.toss == i])
+
+
+def with_missing(tosses: list[Toss], share: float, seed: int) -> list[Toss]:
+    """The tosses without some of their frames, at most two in a row."""
+    rng, out = np.random.default_rng(seed), []
+    for toss in tosses:
+        there = rng.uniform(size=len(toss)) > share
+        there[::3] = True
+        out.append(
+            replace(
+                toss,
+                **{name: getattr(toss, name)[there] for name in ("t", "q", "v", "q_cov", "v_cov", "phase")},
+            )
+        )
+    return out
+
+
+def test_missing_frames_are_simulated_and_are_in_no_row(cube: ObjectModel) -> None:
+    world = World(cube)
+    complete = seen(world, cube, 16, seed=2, frames=120)
+    tosses = with_missing(complete, 0.6, seed=0)
+    windows = make_windows(tosses, cube)
+    assert windows.dt == pytest.approx(float(np.median(np.diff(complete[0].t))))
+    assert (windows.steps > windows.present.sum(axis=1)).mean() > 0.9
+    for w in range(len(windows.q)):
+        toss = tosses[windows.toss[w]]
+        ticks = np.rint((toss.t - toss.t[0]) / windows.dt)
+        at = np.searchsorted(ticks, windows.first[w] + 1 + np.flatnonzero(windows.present[w]))
+        np.testing.assert_array_equal(windows.y[w, windows.present[w]], toss.q[at])
+        np.testing.assert_array_equal(ticks[at], windows.first[w] + 1 + np.flatnonzero(windows.present[w]))
+    kept, whitening = linearise(windows, world, refine=6)
+    r = whitening(kept.residuals(kept.predicted(world)))[kept.inside]
+    assert np.sqrt(np.mean(np.minimum(r**2, 9))) == pytest.approx(0.99, abs=0.03)

@@ -71,7 +71,7 @@ def test_no_frame_of_flight_is_in_two_windows(cube: ObjectModel) -> None:
     w = evidence.windows
     flying, touching = phase_groups(w)
     assert not np.any(flying & touching)
-    frames = [(w.toss[i], w.frame[i, 0] + k) for i in np.flatnonzero(flying) for k in range(w.steps[i])]
+    frames = [(w.toss[i], w.first[i] + k) for i in np.flatnonzero(flying) for k in range(w.steps[i])]
     assert len(frames) == len(set(frames))
     assert np.all((w.phase == Phase.FLIGHT)[flying] | ~w.inside[flying])
 

@@ -21,14 +21,15 @@ def first_frames(windows: Windows, share: float) -> Windows:
         windows: Any, but for long ones, in which a row is more than a frame (`Windows.steady`).
         share: Of the frames of each that are left, rounded up.
     """
-    W, L = windows.inside.shape
-    frames = np.ceil(share * windows.inside.sum(axis=1)).astype(np.int64)
-    later = np.arange(L) >= frames[:, None]
+    (W, L), F = windows.inside.shape, windows.mix.shape[2]
+    rows = np.ceil(share * windows.inside.sum(axis=1)).astype(np.int64)
+    later = np.arange(L) >= rows[:, None]
+    mix = np.where(later[..., None], 0.0, windows.mix)
     beyond = np.append(np.zeros((W, 1), dtype=bool), later, axis=1)
     return replace(
         windows,
-        steps=frames,
-        mix=np.where(later[..., None], 0.0, windows.mix),
+        steps=(np.arange(1, F + 1) * mix.any(axis=1)).max(axis=1),
+        mix=mix,
         inside=windows.inside & ~later,
         noise=np.where(later[..., None], 1.0, windows.noise),
         # rows beyond are nobody's: neither residuals nor the errors of earlier rows enter them

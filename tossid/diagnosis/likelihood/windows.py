@@ -14,7 +14,6 @@ simulator is right, whatever the first state was.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TypedDict
@@ -22,17 +21,16 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.diagnosis.likelihood.cuts import FrameClock, cut_consecutively, cut_first_flight, pose_std
 from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.residuals import mean_residuals
 from tossid.diagnosis.likelihood.slow_errors import inverse_factors, slow_covariance
-from tossid.diagnosis.likelihood.states import difference
-from tossid.motion.flight import flight_frames
 from tossid.motion.resting import rest_scatter
-from tossid.objects import GRAVITY, ObjectModel, corner_positions
+from tossid.objects import ObjectModel, corner_positions
 from tossid.physics.effects import World
 from tossid.settings.contact import ContactSettings
-from tossid.settings.diagnosis.likelihood import LikelihoodSettings, SimulationSettings, WindowSettings
-from tossid.types import Phase, Toss
+from tossid.settings.diagnosis.likelihood import LikelihoodSettings, SimulationSettings
+from tossid.types import Toss, frame_time
 
 Array = NDArray[np.float64]
 
@@ -64,9 +62,10 @@ def steps_of(world: World, settings: SimulationSettings = SimulationSettings()) 
 
 @dataclass(frozen=True)
 class Windows:
-    """W windows of tosses: a first frame, and at most F frames after it, in at most L rows of K = nv channels.
+    """W windows of tosses: a first frame, and at most F ticks after it, in at most L rows of K = nv channels.
 
-    In contact a row is a frame. In flight and at rest, where nothing is sudden, windows are longer and a row is the
+    A tick is a frame of the camera's clock. Where frames are missing, their ticks are simulated and are in no row. In
+    contact a row is a frame. In flight and at rest, where nothing is sudden, windows are longer and a row is the
     mean of a few frames: a weak force shows only over the whole of it. Channels are the base's position and rotation,
     and each joint.
 
@@ -75,16 +74,17 @@ class Windows:
         v: (W, K) recorded first velocities.
         at_q: (W, K + 1) first poses around which predictions are linearised.
         at_v: (W, K) first velocities around which predictions are linearised.
-        y: (W, F, K + 1) measured poses.
+        y: (W, F, K + 1) measured poses; where a frame is missing, and after the last, the one before.
         y_noise: (W, F, K) standard deviations of these [m, rad].
-        steps: (W,) frames after the first.
-        mix: (W, L, F) weights with which a row is the mean of frames.
+        steps: (W,) ticks after the first frame.
+        mix: (W, L, F) weights with which a row is the mean of ticks; 0 where a frame is missing.
         noise: (W, L, K) standard deviations of rows [m, rad].
         inside: (W, L) whether a row exists.
         toss: (W,) number of the toss.
-        frame: (W, L) number of a row's first frame in its toss.
+        first: (W,) tick of the first frame in its toss.
+        tick: (W, L) of a row's first frame in its toss.
         phase: (W, L) a row's `Phase`.
-        dt: Time between frames [s].
+        dt: Time between ticks [s].
         prior: (W, 2 K) standard deviations of the recorded first states.
         slow: (W, K, L + 1, L + 1) each channel's covariances, between the first pose and all rows, of errors that
             change slowly with the object's attitude: a tracker's calibration. Zeros where there are none.
@@ -106,7 +106,8 @@ class Windows:
     noise: Array
     inside: NDArray[np.bool_]
     toss: NDArray[np.int64]
-    frame: NDArray[np.int64]
+    first: NDArray[np.int64]
+    tick: NDArray[np.int64]
     phase: NDArray[np.uint8]
     dt: float
     prior: Array
@@ -129,7 +130,12 @@ class Windows:
     @property
     def steady(self) -> NDArray[np.bool_]:
         """(W,) whether a window is a long one, all flight or all rest."""
-        return np.asarray(self.inside.sum(1) < self.steps)
+        return np.asarray((self.mix > 0).sum(axis=2).max(axis=1, initial=0) > 1)
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """(W, F) ticks that have a frame."""
+        return np.asarray(self.mix.any(axis=1))
 
     def feels(self, world: World, other: World) -> NDArray[np.bool_]:
         """(W,) whether a window's motion can differ between two worlds: not where it stays above the ground of both.
@@ -231,7 +237,7 @@ def make_windows(
     first_flights: bool = True,
     scatter: tuple[float, float] | None = None,
 ) -> Windows:
-    """Tosses cut into consecutive windows, which end where frames are missing.
+    """Tosses cut into consecutive windows, which end where many frames are missing or times are uneven.
 
     What is left at the end of a stretch is kept if it is half a window long.
 
@@ -240,39 +246,51 @@ def make_windows(
         model: The object, from whose first flights windows of their own are made and from whose poses at rest a
             tracker's slow errors are estimated; without it there are neither.
         settings: Of the likelihood.
-        length: Most rows of a window, and frames of one in contact; the settings' if None.
-        long: Frames of a window that is all flight or all rest; the settings' if None.
+        length: Most rows of a window, and ticks of one in contact; the settings' if None.
+        long: Ticks of a window that is all flight or all rest; the settings' if None.
         shift: Frames of each toss that are left out at its beginning, which shifts all windows.
         first_flights: Whether first flights get windows of their own.
         scatter: Sizes of a tracker's slow errors [m], [rad], as other tosses show them; these tosses' own if None.
     """
     cut = settings.windows
     length, long = (cut.length if length is None else length), (cut.long if long is None else long)
-    dt = float(np.median(np.concatenate([np.diff(toss.t) for toss in tosses])))
+    dt = frame_time(tosses)
     most, K = max(length, long), tosses[0].v.shape[1]
-    cuts = [(i, *each) for i, toss in enumerate(tosses) for each in _cuts(toss, dt, length, long, shift, cut)]
+    clocks = [FrameClock.of(toss, dt, min(cut.most_missing + 1, length), cut.time_step_tolerance) for toss in tosses]
+    cuts = [
+        (i, *each)
+        for i, (toss, clock) in enumerate(zip(tosses, clocks, strict=True))
+        for each in cut_consecutively(toss, clock, length, long, shift, cut)
+    ]
     consecutive = len(cuts)
     if scatter is None:
         scatter = (0.0, 0.0) if model is None else rest_scatter(tosses, model)
     if model is not None and first_flights:
-        cuts += [(i, *each) for i, toss in enumerate(tosses) for each in _first_flight(toss, model, dt, long, cut)]
+        cuts += [
+            (i, *each)
+            for i, (toss, clock) in enumerate(zip(tosses, clocks, strict=True))
+            for each in cut_first_flight(toss, clock, model, long, cut)
+        ]
     W = len(cuts)
     q, v, y = np.empty((W, K + 1)), np.empty((W, K)), np.empty((W, most, K + 1))
     y_noise, first_noise = np.empty((W, most, K)), np.empty((W, K))
-    mix, frame, phase = np.zeros((W, length, most)), np.zeros((W, length), int), np.zeros((W, length), np.uint8)
+    mix, tick, phase = np.zeros((W, length, most)), np.zeros((W, length), int), np.zeros((W, length), np.uint8)
+    first, steps = np.empty(W, int), np.empty(W, int)
     least_std = np.array([cut.least_position_std] * 3 + [cut.least_rotation_std] * (K - 3))
-    for w, (i, first, n) in enumerate(cuts):
-        toss = tosses[i]
+    for w, (i, begin, end) in enumerate(cuts):
+        toss, ticks = tosses[i], clocks[i].tick[begin : end + 1]
         poses, cov = toss.measured
-        at = np.minimum(np.arange(first + 1, first + most + 1), first + n)
-        std = np.maximum(_std(cov[first : first + n + 1]), least_std)
-        q[w], v[w], y[w] = poses[first], toss.v[first], poses[at]
-        first_noise[w], y_noise[w] = std[0], std[at - first]
-        each = -(-n // length)
-        for row in range(-(-n // each)):
-            some = np.arange(row * each, min((row + 1) * each, n))
-            mix[w, row, some] = 1 / len(some)
-            frame[w, row], phase[w, row] = first + 1 + some[0], toss.phase[first + 1 + some[0]]
+        first[w], steps[w] = ticks[0], ticks[-1] - ticks[0]
+        later = ticks[1:] - ticks[0] - 1
+        at = begin + np.searchsorted(later, np.arange(most), side="right")
+        std = np.maximum(pose_std(cov[begin : end + 1]), least_std)
+        q[w], v[w], y[w] = poses[begin], toss.v[begin], poses[at]
+        first_noise[w], y_noise[w] = std[0], std[at - begin]
+        each = -(-int(steps[w]) // length)
+        for row, block in enumerate(np.unique(later // each)):
+            some = np.flatnonzero(later // each == block)
+            mix[w, row, later[some]] = 1 / len(some)
+            tick[w, row], phase[w, row] = ticks[1 + some[0]], toss.phase[begin + 1 + some[0]]
     inside = np.asarray(mix.any(axis=2))
     slow_std = np.array([scatter[0]] * 3 + [scatter[1]] * (K - 3))
     slow = slow_covariance(q[:, 3:7], y[..., 3:7], mix, slow_std, cut.attitude_scale)
@@ -285,12 +303,13 @@ def make_windows(
         at_v=v.copy(),
         y=y,
         y_noise=y_noise,
-        steps=np.array([n for _, _, n in cuts]),
+        steps=steps,
         mix=mix,
         noise=noise,
         inside=inside,
         toss=np.array([i for i, _, _ in cuts]),
-        frame=frame,
+        first=first,
+        tick=tick,
         phase=phase,
         dt=dt,
         prior=np.concatenate([first_noise, speeds], axis=1),
@@ -309,57 +328,3 @@ def _clearance(model: ObjectModel | None, q: Array, y: Array) -> Array:
     poses = np.concatenate([q[:, None], y], axis=1)
     low: Array = corner_positions(model, poses)[..., 2].min(axis=(1, 2))
     return low
-
-
-def _std(cov: Array) -> Array:
-    """(n, K) standard deviations of covariances (n, K, K)."""
-    out: Array = np.sqrt(np.maximum(np.einsum("nii->ni", cov), 0.0))
-    return out
-
-
-def _first_flight(toss: Toss, model: ObjectModel, dt: float, long: int, cut: WindowSettings) -> list[tuple[int, int]]:
-    """First frames and numbers of further frames of windows over the flight that a toss begins with.
-
-    The flight ends where the stated object may touch the stated ground, or, as neither may be right, where the velocity
-    jumps or a frame is missing.
-    """
-    end = flight_frames(toss, model) - 1
-    missing = np.flatnonzero(np.abs(np.diff(toss.t[: end + 1]) / dt - 1) > cut.time_step_tolerance)
-    end = min(end, int(missing[0])) if len(missing) else end
-    if end < cut.shortest_flight:
-        return []
-    poses, cov = toss.measured
-    # change of velocity over three frames
-    position, s = poses[: end + 1, :3], 3
-    change = (position[2 * s :] - 2 * position[s:-s] + position[: -2 * s]) / (s * dt)
-    noise = np.sqrt(6 * np.maximum(np.einsum("nii->ni", cov[: end + 1])[:, :3].max(), 0.0)) / (s * dt)
-    far = np.linalg.norm(change - np.median(change, axis=0), axis=1)
-    jumped = np.flatnonzero(far > cut.velocity_jump * GRAVITY * dt + 6 * noise)
-    end = min(end, s + int(jumped[0])) if len(jumped) else end
-    if end < cut.shortest_flight:
-        return []
-    parts = -(-end // long)
-    edges = [end * k // parts for k in range(parts + 1)]
-    return [(first, last - first) for first, last in itertools.pairwise(edges)]
-
-
-def _cuts(toss: Toss, dt: float, length: int, long: int, shift: int, cut: WindowSettings) -> list[tuple[int, int]]:
-    """First frames and numbers of further frames of a toss's consecutive windows."""
-    missing = np.flatnonzero(np.abs(np.diff(toss.t) / dt - 1) > cut.time_step_tolerance)
-    flying = toss.phase == Phase.FLIGHT
-    poses, cov = toss.measured
-    std = _std(cov)
-    out = []
-    for begin, end in itertools.pairwise([-1, *missing.tolist(), len(toss) - 1]):
-        first = max(begin + 1, shift)
-        while end - first >= length // 2:
-            landing = int(np.argmin(np.append(flying[first : end + 1], False)))
-            near = slice(first, min(end, first + long) + 1)
-            away = np.abs(difference(poses[near], poses[first])) > cut.rest_tolerance * std[near]
-            moving = int(np.argmax(np.append(away.any(axis=1), True)))
-            n = min(max(landing - 1 - cut.frames_before_landing, moving - 1), long)
-            if n <= length:
-                n = min(length, end - first)
-            out.append((first, n))
-            first += n
-    return out

@@ -64,7 +64,7 @@ def matters(position: float, rotation: float, closed: Interval, settings: Verdic
 
 
 def whole_motions(world: World, tosses: Sequence[Toss], q: Array, v: Array, validator: CrossValidator) -> Array:
-    """(B, T + 1, nq) whole tosses as a world has them; NaN where it diverges.
+    """(B, T, nq) whole tosses as a world has them, in their frames; NaN where it diverges, and past a toss's end.
 
     Args:
         world: The simulator.
@@ -73,9 +73,14 @@ def whole_motions(world: World, tosses: Sequence[Toss], q: Array, v: Array, vali
         v: (B, nv) first velocities.
         validator: Of their windows.
     """
-    steps = np.array([len(toss) - 1 for toss in tosses])
-    how = steps_of(world, validator.settings.likelihood.simulation)
-    return world.roll_out(q, v, n_steps=steps, dt=validator.windows.dt, **how, n_threads=validator.n_threads)
+    how, dt = steps_of(world, validator.settings.likelihood.simulation), validator.windows.dt
+    ticks = [toss.ticks(dt) for toss in tosses]
+    steps = np.array([each[-1] for each in ticks])
+    run = world.roll_out(q, v, n_steps=steps, dt=dt, **how, n_threads=validator.n_threads)
+    out = np.full((len(tosses), max(map(len, tosses)), run.shape[2]), np.nan)
+    for row, each in enumerate(ticks):
+        out[row, : len(each)] = run[row, each]
+    return out
 
 
 def changed(one: Array, other: Array, tosses: Sequence[Toss], width: float) -> tuple[float, float]:
@@ -84,7 +89,7 @@ def changed(one: Array, other: Array, tosses: Sequence[Toss], width: float) -> t
     Medians, because contact turns any change into a large one in a few tosses.
 
     Args:
-        one: (B, T + 1, nq) motions.
+        one: (B, T, nq) motions, in the tosses' frames.
         other: Likewise.
         tosses: B, whose lengths count.
         width: Of the object [m].

@@ -87,8 +87,8 @@ def measure_gap(tosses: Sequence[Toss], state: Candidate, validator: CrossValida
 
     phases = tuple(share(phase.name.lower(), np.where((w.phase == phase)[..., None], excess, 0.0)) for phase in PHASES)
     channels = tuple(share(name, excess[..., c]) for c, name in enumerate(channels_of(residuals.shape[-1])))
-    toss = np.broadcast_to(w.toss[:, None], w.frame.shape)
-    rows = np.stack([toss, w.frame * w.dt, w.phase, excess.mean(-1)], axis=-1)[w.counted]
+    toss = np.broadcast_to(w.toss[:, None], w.tick.shape)
+    rows = np.stack([toss, w.tick * w.dt, w.phase, excess.mean(-1)], axis=-1)[w.counted]
     mean = per_toss / np.maximum(count, 1)
     middle = np.median(mean)
     far = middle + 8 * np.median(np.abs(mean - middle)) + 1.0

@@ -28,6 +28,8 @@ _OF_THIRD_DIFFERENCES = math.sqrt(20.0)
 """Standard deviation of a third difference of independent errors over theirs: 1, -3, 3, -1."""
 _OF_MEDIAN = 0.6745
 """Median of the absolute value of a standard normal variable."""
+_ORDER = 3
+"""Order of the differences."""
 _FEWEST = 30
 """Third differences from which noise is measured."""
 
@@ -88,10 +90,13 @@ def measure_noise(windows: Windows) -> MeasuredNoise:
     for w in np.flatnonzero(windows.free):
         n = int(windows.steps[w])
         q, std = windows.y[w, :n], windows.y_noise[w, :n].mean(axis=0)
-        position.append((np.diff(q[:, :3], n=3, axis=0) / std[:3])[:, ~still[:3]].ravel())
-        if n > 1:
-            turns = quat_boxminus(q[1:, 3:7], q[:-1, 3:7])
-            rotation.append((np.diff(turns, n=2, axis=0) / std[3:6])[:, ~still[3:6]].ravel())
+        if n <= _ORDER:
+            continue
+        # differences of frames that follow each other
+        there = np.lib.stride_tricks.sliding_window_view(windows.present[w, :n], _ORDER + 1).all(axis=1)
+        position.append((np.diff(q[:, :3], n=_ORDER, axis=0) / std[:3])[there][:, ~still[:3]].ravel())
+        turns = quat_boxminus(q[1:, 3:7], q[:-1, 3:7])
+        rotation.append((np.diff(turns, n=_ORDER - 1, axis=0) / std[3:6])[there][:, ~still[3:6]].ravel())
     return MeasuredNoise(_size(position), _size(rotation), tuple(map(bool, still)) if still.any() else ())
 
 

@@ -66,12 +66,13 @@ def toss_errors(tosses: Sequence[Toss], world: World, windows: Windows | None = 
     """
     dt = frame_time(tosses)
     q0, v0 = first_states(tosses, world, windows, n_threads=n_threads)
-    steps = np.array([len(toss) - 1 for toss in tosses])
+    ticks = [toss.ticks(dt) for toss in tosses]
+    steps = np.array([each[-1] for each in ticks])
     how = steps_of(world) if windows is None else steps_of(world, windows.settings.simulation)
     run = world.roll_out(q0, v0, n_steps=steps, dt=dt, **how, n_threads=n_threads)
     out = np.empty((len(tosses), 2))
     for row, toss in enumerate(tosses):
-        q = run[row, : len(toss)]
+        q = run[row, ticks[row]]
         out[row, 0] = 100 * np.linalg.norm(q[:, :3] - toss.q[:, :3], axis=1).mean() / world.object.width
         out[row, 1] = np.rad2deg(geodesic_angle(q[:, 3:7], toss.q[:, 3:7])).mean()
     return out
@@ -100,7 +101,7 @@ def first_states(
     """
     if windows is None:
         windows = make_windows(tosses, world.object)
-    begin = np.flatnonzero(windows.frame[:, 0] == 1)
+    begin = np.flatnonzero(windows.first == 0)
     if world.object.n_joints:
         # of the windows that begin with a toss, that of its first flight is the last
         begin = np.array([begin[windows.toss[begin] == i][-1] for i in range(len(tosses))])

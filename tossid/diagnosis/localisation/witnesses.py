@@ -118,9 +118,10 @@ def lone_impacts(tosses: Sequence[Toss], world: World, settings: WitnessSettings
     shape = _Shape(rounded_corner_centres(world.object.corner_pos, radius) - com, radius, world.object.width)
     rows: list[tuple[int, Array]] = []
     for number, toss in enumerate(tosses):
-        q, dt, noise = _true(toss, world)
+        q, t, noise = _true(toss, world)
         place = q[:, :3] + quat_rotate(q[:, 3:], com)
-        jumps = np.linalg.norm(np.diff(np.diff(place, axis=0) / dt, axis=0) - gravity * dt, axis=1)
+        velocities, dt = np.diff(place, axis=0) / np.diff(t)[:, None], float(np.median(np.diff(t)))
+        jumps = np.linalg.norm(np.diff(velocities, axis=0) - gravity * (0.5 * (t[2:] - t[:-2]))[:, None], axis=1)
         blur = np.sqrt(6.0) * noise / dt
         struck = np.flatnonzero(jumps > settings.jump + 8 * blur) + 1
         for group in np.split(struck, np.flatnonzero(np.diff(struck) > 1) + 1):
@@ -132,7 +133,7 @@ def lone_impacts(tosses: Sequence[Toss], world: World, settings: WitnessSettings
             beside = np.concatenate([jumps[last - n : last - 1], jumps[first : first + n - 1]])
             if beside.max() > settings.quiet + 4 * blur:
                 continue
-            row = _impact(q, place, (last, first), dt, gravity, shape, settings)
+            row = _impact(q, place, t, (last, first), gravity, shape, settings)
             if row is not None:
                 rows.append((number, row))
     values = np.array([row for _, row in rows]).reshape(len(rows), 19)
@@ -151,21 +152,21 @@ class _Shape(NamedTuple):
 def _impact(
     q: Array,
     place: Array,
+    t: Array,
     frames: tuple[int, int],
-    dt: float,
     gravity: Array,
     shape: _Shape,
     settings: WitnessSettings,
 ) -> Array | None:
     """(19,) arm, dv, dw, before, after and attitude of an impact between two frames; None if no lone corner is hit."""
     last, first = frames
-    middle = 0.5 * (last + first)
+    middle = 0.5 * (t[last] + t[first])
 
     def flown(frames: NDArray[np.integer]) -> tuple[Array, Array, Array]:
         """Position, velocity and spin of a flight at the middle."""
-        t = (frames - middle) * dt
-        line = np.polynomial.polynomial.polyfit(t, place[frames] - 0.5 * np.outer(t**2, gravity), 1)
-        turns = quat_rotate(q[frames[:-1], 3:], quat_boxminus(q[frames[1:], 3:], q[frames[:-1], 3:]) / dt)
+        s, h = t[frames] - middle, np.diff(t[frames])[:, None]
+        line = np.polynomial.polynomial.polyfit(s, place[frames] - 0.5 * np.outer(s**2, gravity), 1)
+        turns = quat_rotate(q[frames[:-1], 3:], quat_boxminus(q[frames[1:], 3:], q[frames[:-1], 3:]) / h)
         return line[0], line[1], turns.mean(axis=0)
 
     p, v, w = flown(np.arange(last - settings.flight, last + 1))
@@ -173,9 +174,9 @@ def _impact(
     jump = v_after - v
     # both parabolas pass through the impact
     when = float(jump @ (p - p_after) / (jump @ jump))
-    if abs(when) > 1.5 * dt:
+    if abs(when) > max(1.5 * float(np.diff(t[last : first + 1]).min()), 0.5 * (t[first] - t[last])):
         return None
-    attitude = quat_mul(quat_exp(w * ((middle - last) * dt + when)), q[last, 3:])
+    attitude = quat_mul(quat_exp(w * (middle - t[last] + when)), q[last, 3:])
     arms = quat_rotate(attitude, shape.corners)
     order = np.argsort(arms[:, 2])
     arm = arms[order[0]] - [0.0, 0.0, shape.radius]
@@ -198,13 +199,15 @@ def sliding(tosses: Sequence[Toss], world: World, settings: WitnessSettings = Wi
     x = np.arange(length) - length // 2
     rows: list[tuple[int, float, float]] = []
     for number, toss in enumerate(tosses):
-        q, dt, noise = _true(toss, world)
+        q, t, noise = _true(toss, world)
+        dt = float(np.median(np.diff(t)))
         fit = np.linalg.pinv(np.stack([np.ones(length), x * dt, 0.5 * (x * dt) ** 2], axis=1))
         heights = np.sort(q[:, 2:3] + quat_rotate(q[:, None, 3:], corners)[..., 2], axis=1)
         flat = heights[:, 2] - heights[:, 0] < settings.flat * width
         for first in range(0, len(q) - length + 1, length // 2):
             part = slice(first, first + length)
-            if not flat[part].all() or np.ptp(q[part, 2]) > 4e-4 + 6 * noise:
+            uneven = np.abs(np.diff(t[part]) / dt - 1).max() > settings.uneven
+            if uneven or not flat[part].all() or np.ptp(q[part, 2]) > 4e-4 + 6 * noise:
                 continue
             turn = quat_boxminus(q[part][-1, 3:], q[part][0, 3:]) / ((length - 1) * dt)
             _, v, a = fit @ q[part, :2]
@@ -214,12 +217,12 @@ def sliding(tosses: Sequence[Toss], world: World, settings: WitnessSettings = Wi
     return np.array(rows).reshape(len(rows), 3)
 
 
-def _true(toss: Toss, world: World) -> tuple[Array, float, float]:
-    """True poses (n, 7) in the ground's frame, time between frames [s], and the positions' noise [m]."""
+def _true(toss: Toss, world: World) -> tuple[Array, Array, float]:
+    """True poses (n, 7) in the ground's frame, their times (n,) [s], and the positions' noise [m]."""
     poses, cov = toss.measured
     q, _ = world.to_ground(poses, np.zeros((len(poses), 6)))
     noise = float(np.sqrt(np.maximum(np.einsum("nii->ni", cov)[:, :3].max(), 0.0)))
-    return q, float(np.median(np.diff(toss.t))) / world.recording.clock_rate, noise
+    return q, (toss.t - toss.t[0]) / world.recording.clock_rate, noise
 
 
 def _mu(world: World, speed: float) -> float:

@@ -160,9 +160,9 @@ def phase_groups(windows: Windows) -> tuple[Flags, Flags]:
     """
     airborne = ~(windows.inside & (windows.phase != Phase.FLIGHT)).any(1)
     end = np.full(int(windows.toss.max(initial=-1)) + 1, -1)
-    last = windows.frame[:, 0] + windows.steps - 1
+    last = windows.first + windows.steps
     np.maximum.at(end, windows.toss[windows.free], last[windows.free])
-    later = ~windows.free & airborne & (windows.frame[:, 0] > end[windows.toss])
+    later = ~windows.free & airborne & (windows.first >= end[windows.toss])
     return windows.free | later, ~windows.free & ~airborne
 
 
@@ -181,7 +181,7 @@ def _states(windows: Windows, model: ObjectModel) -> tuple[Array, Array, Array, 
     place = np.where(there[..., None], windows.y[..., :3], 0.0).sum(1) / n[:, None]
     states = np.stack(
         [
-            (windows.frame[:, 0] + 0.5 * (n - 1)) * dt,
+            (windows.first + 0.5 * (n + 1)) * dt,
             *place.T,
             np.where(there, low, np.inf).min(1),
             *velocity.T,

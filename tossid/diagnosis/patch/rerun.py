@@ -128,11 +128,12 @@ def _rollouts(
 ) -> tuple[Array, Array]:
     """Mean position error [% of width] and rotation error [deg] of each toss (B,); NaN where MuJoCo gave up."""
     dt = frame_time(tosses)
-    steps = np.array([len(toss) - 1 for toss in tosses])
+    ticks = [toss.ticks(dt) for toss in tosses]
+    steps = np.array([each[-1] for each in ticks])
     run = simulated.roll_out(q0, v0, n_steps=steps, dt=dt, n_threads=n_threads)
     position, rotation = np.empty(len(tosses)), np.empty(len(tosses))
     for i, toss in enumerate(tosses):
-        q = run[i, : len(toss)]
+        q = run[i, ticks[i]]
         far = np.linalg.norm(center_positions(stated, q) - center_positions(stated, toss.q), axis=1)
         position[i] = 100 * far.mean() / stated.width
         rotation[i] = np.rad2deg(geodesic_angle(q[:, 3:7], toss.q[:, 3:7])).mean()

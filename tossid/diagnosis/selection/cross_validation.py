@@ -136,17 +136,18 @@ class CrossValidator:
             settings: Of the diagnosis.
 
         Raises:
-            InputError: No stretch of frames is long enough without a missing one.
+            InputError: No stretch of frames is long enough.
         """
         n = len(tosses)
         folds = draw_folds(n, np.random.default_rng(seed), settings.cross_validation.folds)
         scatter = rest_scatter(tosses, model, over_order=over_order)
         windows = make_windows(tosses, model, settings=settings.likelihood, scatter=scatter)
         if not len(windows.q):
-            least = settings.likelihood.windows.length // 2 + 1
+            cut = settings.likelihood.windows
             raise InputError(
-                f"none of {n} tosses has {least} frames in a row at one time step: frames are missing, or their times "
-                "are uneven, and a diagnosis compares motions over such stretches"
+                f"none of {n} tosses has a stretch of {cut.length // 2} time steps of {1e3 * windows.dt:.3g} ms in which "
+                f"times are even and at most {cut.most_missing} frames in a row are missing: a diagnosis compares "
+                "motions over such stretches"
             )
         return CrossValidator(windows, n, folds, n_threads, engine or Engine(), settings=settings)
 

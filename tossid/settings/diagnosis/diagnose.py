@@ -167,6 +167,8 @@ class WitnessSettings:
     """frames of a local parabola"""
     flat: Fraction = 0.015
     """share of the object's width within which three corners are as low, on a face"""
+    uneven: Positive = 0.3
+    """share by which a time step while sliding may differ from the median one"""
     slow: Span = (0.05, 0.1)
     """slow sliding [m/s]"""
     fast: Span = (0.3, 0.6)

@@ -39,7 +39,9 @@ class WindowSettings:
     rest_tolerance: Positive = 6.0
     """standard deviations of a pose by which poses at rest may differ"""
     time_step_tolerance: Positive = 0.3
-    """share by which a time step may differ from the median one before a frame counts as missing"""
+    """share of a frame by which a time step may miss a whole number of frames; beyond, a window ends"""
+    most_missing: Annotated[int, Bounds(low=0)] = 3
+    """frames in a row that may be missing in a window; beyond, it ends"""
     attitude_scale: Positive = 1.0
     """rotation over which a tracker's slow errors decorrelate [rad]: other tags come into view"""
 
