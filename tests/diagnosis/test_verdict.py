@@ -15,7 +15,7 @@ from tossid.diagnosis.verdict import gap_verdict, verdict_by_rollouts
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 
-FINE, WORSE = Growth(-4.0, -2.0, 1.0, 0.05), Growth(3.0, -0.2, 1e-4, 0.05)
+FINE, WORSE = Growth(-4.0, -2.0, -5.7, 1.0, 0.05), Growth(3.0, -0.2, 2.8, 1e-4, 0.05)
 
 
 @pytest.mark.parametrize(

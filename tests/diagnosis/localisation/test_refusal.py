@@ -114,10 +114,20 @@ def test_rollouts_that_diverge_are_worse_than_any(cube: ObjectModel) -> None:
 
 
 def test_one_of_many_effects_is_refused_at_a_stricter_level() -> None:
-    fine, worse = (Growth(x, 0.0, p, 0.05) for x, p in ((-5.0, 1.0), (3.0, 0.03)))
+    fine, worse = (Growth(x, 0.0, x, p, 0.05) for x, p in ((-5.0, 1.0), (3.0, 0.03)))
     check = RolloutCheck(20, 20, fine, (("friction", fine), ("inertia", worse)))
     assert check.refused == ("inertia",)
     assert RolloutCheck(20, 20, worse, check.effects).refused == ("friction", "inertia")
     kept = check.as_json()
     assert kept["refused"] is False
     assert [each["refused"] for each in kept["effects"]] == [False, True]
+
+
+def test_a_turn_that_gets_worse_is_borne_for_a_larger_gain_in_place() -> None:
+    """A ball that bounces at last is where it should be, with the wrong spin. One that only spins worse is refused."""
+    before = np.column_stack([RNG.uniform(120, 150, 12), RNG.uniform(15, 25, 12)])
+    bounces = np.column_stack([RNG.uniform(15, 30, 12), RNG.uniform(35, 50, 12)])
+    assert not Growth.of(bounces, before, 0.05).refused
+    assert Growth.of(bounces, before, 0.05).p_value < 0.05
+    spins = np.column_stack([before[:, 0] - 1.0, bounces[:, 1]])
+    assert Growth.of(spins, before, 0.05).refused

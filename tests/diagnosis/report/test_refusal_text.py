@@ -10,7 +10,7 @@ from tossid.diagnosis.report.refusal_text import refusal_sentences, refusal_word
 from tossid.diagnosis.report.text import headline, sentences
 from tossid.objects import ObjectModel
 
-FINE, WORSE = Growth(-4.0, -2.0, 1.0, 0.05), Growth(3.87, -0.2, 2.4e-5, 0.05)
+FINE, WORSE = Growth(-4.0, -2.0, -5.7, 1.0, 0.05), Growth(3.87, -0.2, 3.7, 2.4e-5, 0.05)
 
 
 def test_what_is_refused_as_a_whole_is_in_the_headline(cube: ObjectModel) -> None:
@@ -22,8 +22,8 @@ def test_what_is_refused_as_a_whole_is_in_the_headline(cube: ObjectModel) -> Non
     )
     (said,) = [line for line in sentences(refused) if line.startswith("Refused")]
     assert "30 tosses that took no part in the fits are predicted worse" in said
-    assert "+3.9 % of the width" in said
-    assert "-0.2 deg (p = 2.4e−05)" in said
+    assert "the position error grows by 3.9 % of the width" in said
+    assert "the rotation error falls by 0.20 deg (p = 2.4e−05)" in said
 
 
 def test_an_effect_that_is_refused_alone_is_named() -> None:

@@ -28,6 +28,8 @@ from tossid.settings.diagnosis.diagnose import VerdictSettings
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
+_POINT = np.array([1.0, 0.5 * 100 * np.pi / 180])
+"""How far distance [% of the width] and angle [deg] move a point half a width from the centre, at most."""
 _LOST = 1e6
 """Error of a rollout that diverged [% of the width], [deg]: beyond any other."""
 
@@ -39,12 +41,14 @@ class Growth:
     Attributes:
         position_pct: Median over tosses [% of the width]; negative where they fall.
         rotation_deg: The same [deg].
+        points_pct: The same of a point half a width from the centre [% of the width]: of distance and turn together.
         p_value: One-sided, that position or rotation grows by more than its tolerance (Bonferroni over both).
         level: Below which that is refused.
     """
 
     position_pct: float
     rotation_deg: float
+    points_pct: float
     p_value: float
     level: float
 
@@ -61,18 +65,20 @@ class Growth:
         grown = np.nan_to_num(errors, nan=_LOST) - np.nan_to_num(before, nan=_LOST)
         tolerance = np.array([settings.matters_position_pct, settings.matters_rotation_deg])
         position, rotation = np.median(grown, axis=0).tolist()
-        return Growth(position, rotation, part_p_value((grown - tolerance).T), level)
+        points = float(np.median(grown @ _POINT))
+        return Growth(position, rotation, points, part_p_value((grown - tolerance).T), level)
 
     @property
     def refused(self) -> bool:
-        """Whether predictions are clearly worse."""
-        return self.p_value < self.level
+        """Whether predictions are clearly worse: position or rotation, and not for a larger gain of the other."""
+        return self.p_value < self.level and self.points_pct > 0
 
     def as_json(self) -> dict[str, Any]:
         """A part of gap.json's "rollouts"."""
         return {
             "position_pct": self.position_pct,
             "rotation_deg": self.rotation_deg,
+            "points_pct": self.points_pct,
             "p_value": self.p_value,
             "refused": self.refused,
         }

@@ -21,28 +21,30 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
 from tossid.diagnosis.findings import Interval, Witness
+from tossid.objects import ObjectModel, Roundness
 from tossid.physics.body import rounded_corner_centres
 from tossid.physics.effects import World
-from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_rotate, quat_to_matrix
+from tossid.rotations import quat_boxminus, quat_conj, quat_exp, quat_mul, quat_rotate, quat_to_matrix
 from tossid.settings.diagnosis.diagnose import WitnessSettings
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+_DOWN = np.array([0.0, 0.0, -1.0])
 
 
 @dataclass(frozen=True)
 class Impacts:
-    """n impacts on a lone corner between two flights, in the ground's axes.
+    """n impacts on a lone corner, or on a round object's lowest point, between two flights, in the ground's axes.
 
     Attributes:
         toss: (n,) number of the toss.
-        arm: (n, 3) corner minus centre of mass [m].
+        arm: (n, 3) place of contact minus centre of mass [m].
         dv: (n, 3) jump of the centre of mass's velocity [m/s].
         dw: (n, 3) jump of the spin [rad/s].
-        before: (n, 3) velocity of the corner before [m/s].
-        after: (n, 3) velocity of the corner after [m/s].
+        before: (n, 3) velocity there before [m/s].
+        after: (n, 3) velocity there after [m/s].
         q: (n, 4) attitudes, wxyz.
     """
 
@@ -68,12 +70,12 @@ def witnesses(
         settings: Which impacts and slides are measured.
 
     Returns:
-        None of an object with joints, whose impacts move its links in more complicated ways, and of a round one, which
-        has no corner that is hit alone.
+        None of an object with joints, whose impacts move its links in more complicated ways.
     """
-    if found.object.n_joints or found.object.roundness is not None:
+    if found.object.n_joints:
         return ()
-    hit, slides = lone_impacts(tosses, found, settings), sliding(tosses, found, settings)
+    part = "a lone corner" if found.object.roundness is None else "the lowest point"
+    hit = lone_impacts(tosses, found, settings)
     model, other = found.object, stated.object
     out: list[Witness | None] = []
 
@@ -90,13 +92,19 @@ def witnesses(
 
     bounced = -hit.after[:, 2] / hit.before[:, 2]
     everywhere = np.ones(len(bounced), bool)
-    bounce = (other.restitution, model.restitution)
-    add("rebound of a lone corner", "restitution", bounce, bounced, hit.toss, everywhere)
+    bounce = (_rebound(stated, hit), _rebound(found, hit))
+    add(f"rebound of {part}", "restitution", bounce, bounced, hit.toss, everywhere)
+
+    if found.object.roundness is not None:
+        # a round object sticks in most impacts, and has no face to slide on
+        return tuple(each for each in out if each is not None)
 
     load = found.gravity * float(model.mass[0])
     slips = np.linalg.norm(hit.after[:, :2], axis=1) > settings.least_slip
+    slips &= (hit.before[:, :2] * hit.after[:, :2]).sum(axis=1) > 0  # what springs back has stuck
     ratio = np.linalg.norm(hit.dv[:, :2], axis=1) / np.maximum(hit.dv[:, 2], 1e-9)
     add("friction of a hit corner", "friction", (other.friction, _mu(found, 1.0)), ratio, hit.toss, slips)
+    slides = sliding(tosses, found, settings)
     for name, (low, high) in (("slow", settings.slow), ("fast", settings.fast)):
         inside = (slides[:, 1] >= low) & (slides[:, 1] < high)
         says = f"friction of {name} sliding ({low:g} to {high:g} m/s)"
@@ -115,23 +123,25 @@ def lone_impacts(tosses: Sequence[Toss], world: World, settings: WitnessSettings
     """
     gravity, radius = world.gravity_on_ground(), world.law.rounding
     com, n = world.object.com[0], settings.flight
-    shape = _Shape(rounded_corner_centres(world.object.corner_pos, radius) - com, radius, world.object.width)
+    shape = _Shape.of(world.object, radius)
+    most = 2 if shape.roundness is None else settings.longest_round
     rows: list[tuple[int, Array]] = []
     for number, toss in enumerate(tosses):
         q, t, noise = _true(toss, world)
         place = q[:, :3] + quat_rotate(q[:, 3:], com)
-        velocities, dt = np.diff(place, axis=0) / np.diff(t)[:, None], float(np.median(np.diff(t)))
+        h = np.diff(t)
+        velocities = np.diff(place, axis=0) / h[:, None]
         jumps = np.linalg.norm(np.diff(velocities, axis=0) - gravity * (0.5 * (t[2:] - t[:-2]))[:, None], axis=1)
-        blur = np.sqrt(6.0) * noise / dt
+        blur = noise * np.sqrt(h[1:] ** -2 + (1 / h[1:] + 1 / h[:-1]) ** 2 + h[:-1] ** -2)
         struck = np.flatnonzero(jumps > settings.jump + 8 * blur) + 1
         for group in np.split(struck, np.flatnonzero(np.diff(struck) > 1) + 1):
-            if not 0 < len(group) <= 2:
+            if not 0 < len(group) <= most:
                 continue
             last, first = int(group[0]) - 1, int(group[-1]) + 1
             if last < n or first + n >= len(q):
                 continue
-            beside = np.concatenate([jumps[last - n : last - 1], jumps[first : first + n - 1]])
-            if beside.max() > settings.quiet + 4 * blur:
+            beside = np.concatenate([np.arange(last - n, last - 1), np.arange(first, first + n - 1)])
+            if (jumps[beside] > settings.quiet + 4 * blur[beside]).any():
                 continue
             row = _impact(q, place, t, (last, first), gravity, shape, settings)
             if row is not None:
@@ -142,11 +152,25 @@ def lone_impacts(tosses: Sequence[Toss], world: World, settings: WitnessSettings
 
 
 class _Shape(NamedTuple):
-    """The corners (n_c, 3) of an object from its centre of mass [m], and their radius [m]."""
+    """An object's corners (n_c, 3) from its centre of mass [m], and their radius [m] or what stands there."""
 
     corners: Array
     radius: float
+    roundness: Roundness | None
     width: float
+
+    @classmethod
+    def of(cls, model: ObjectModel, radius: float) -> _Shape:
+        corners = model.corner_pos if model.roundness is not None else rounded_corner_centres(model.corner_pos, radius)
+        return cls(corners - model.com[0], radius, model.roundness, model.width)
+
+    def arms(self, attitude: Array) -> Array:
+        """(n_c, 3) from the centre of mass to where each corner would touch [m], lowest first."""
+        at = self.corners
+        if self.roundness is not None:
+            at = at + self.roundness.offset(np.tile(quat_rotate(quat_conj(attitude), _DOWN), (len(at), 1)))
+        arms = quat_rotate(attitude, at) + self.radius * _DOWN
+        return np.asarray(arms[np.argsort(arms[:, 2])])
 
 
 def _impact(
@@ -177,12 +201,12 @@ def _impact(
     if abs(when) > max(1.5 * float(np.diff(t[last : first + 1]).min()), 0.5 * (t[first] - t[last])):
         return None
     attitude = quat_mul(quat_exp(w * (middle - t[last] + when)), q[last, 3:])
-    arms = quat_rotate(attitude, shape.corners)
-    order = np.argsort(arms[:, 2])
-    arm = arms[order[0]] - [0.0, 0.0, shape.radius]
+    arms = shape.arms(attitude)
+    arm = arms[0]
     before = v + gravity * when + np.cross(w, arm)
-    lone = arms[order[1], 2] - arms[order[0], 2] >= settings.lone * shape.width
-    if not lone or before[2] > -settings.least_closing:
+    if len(arms) > 1 and arms[1, 2] - arm[2] < settings.lone * shape.width:
+        return None
+    if before[2] > -settings.least_closing:
         return None
     return np.concatenate([arm, jump, w_after - w, before, v_after + gravity * when + np.cross(w_after, arm), attitude])
 
@@ -223,6 +247,24 @@ def _true(toss: Toss, world: World) -> tuple[Array, Array, float]:
     q, _ = world.to_ground(poses, np.zeros((len(poses), 6)))
     noise = float(np.sqrt(np.maximum(np.einsum("nii->ni", cov)[:, :3].max(), 0.0)))
     return q, (toss.t - toss.t[0]) / world.recording.clock_rate, noise
+
+
+def _rebound(world: World, hit: Impacts) -> float:
+    """Speed after an impact over speed before it at a world's place of contact, whose mass is the impacts' median.
+
+    A spring and a damper only push: Schwager and Poeschel, Granular Matter 9 (2007).
+    """
+    model = world.object
+    if model.compliance == 0 or not len(hit.toss):
+        return model.restitution
+    lever = (quat_to_matrix(hit.q).swapaxes(1, 2) @ np.cross(hit.arm, _DOWN)[..., None])[..., 0]
+    yields = 1 / float(model.mass[0]) + np.einsum("ni,ij,nj->n", lever, np.linalg.inv(model.inertia[0]), lever)
+    mass = 1 / float(np.median(yields)) + world.law.added_mass
+    damping = 0.5 * model.relaxation / np.sqrt(model.compliance * mass)
+    if damping >= 1:
+        return 0.0
+    root = np.sqrt(1 - damping**2)
+    return float(np.exp(-damping / root * (np.pi - np.arctan2(2 * damping * root, 1 - 2 * damping**2))))
 
 
 def _mu(world: World, speed: float) -> float:

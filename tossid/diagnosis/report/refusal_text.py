@@ -40,7 +40,11 @@ def refusal_sentences(check: RolloutCheck | None) -> list[str]:
 
 
 def _grown(growth: Growth) -> str:
+    position, rotation = (
+        f"error {'grows' if change > 0 else 'falls'} by {short(abs(change), 2)}"
+        for change in (growth.position_pct, growth.rotation_deg)
+    )
     return (
-        f"At the median, the position error changes by {growth.position_pct:+.2g} % of the width, and the rotation "
-        f"error by {growth.rotation_deg:+.2g} deg (p = {short(growth.p_value, 2)})."
+        f"At the median, the position {position} % of the width, and the rotation {rotation} deg "
+        f"(p = {short(growth.p_value, 2)})."
     )

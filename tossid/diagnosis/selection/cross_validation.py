@@ -145,9 +145,9 @@ class CrossValidator:
         if not len(windows.q):
             cut = settings.likelihood.windows
             raise InputError(
-                f"none of {n} tosses has a stretch of {cut.length // 2} time steps of {1e3 * windows.dt:.3g} ms in which "
-                f"times are even and at most {cut.most_missing} frames in a row are missing: a diagnosis compares "
-                "motions over such stretches"
+                f"none of {n} tosses has a stretch of {cut.length // 2} time steps of {1e3 * windows.dt:.3g} ms in "
+                f"which times are even and at most {cut.most_missing} frames in a row are missing: a diagnosis "
+                "compares motions over such stretches"
             )
         return CrossValidator(windows, n, folds, n_threads, engine or Engine(), settings=settings)
 

@@ -157,6 +157,8 @@ class WitnessSettings:
     """change of velocity between frames that is an impact at least, beyond noise [m/s]"""
     quiet: Positive = 0.04
     """change of velocity between frames that is no impact at most, beyond noise [m/s]"""
+    longest_round: Count = 5
+    """frames in which the velocity jumps, of an impact of a round object, which may be soft; of a corner two"""
     lone: Fraction = 0.1
     """share of the object's width by which all other corners are higher than a lone one"""
     least_closing: Positive = 0.3
