@@ -6,7 +6,7 @@ from typing import Any
 
 from tossid.diagnosis.audit.cases import Case, draw_cases, draw_spoilt
 from tossid.diagnosis.audit.unknown_forces import UNKNOWN_FORCES
-from tossid.physics.effects import LIBRARY
+from tossid.physics.effects import LIBRARY, effect_named
 from tossid.settings.diagnosis.audit import AuditSettings
 
 KINDS = AuditSettings().kinds
@@ -37,6 +37,18 @@ def test_every_ten_cases_have_all_kinds_and_the_library_is_gone_through() -> Non
         assert all(8 <= target <= 300 for target in case.targets)
         if case.kind == "pair":
             assert family[case.effects[0]] != family[case.effects[1]]
+
+
+def test_several_effects_at_once_are_no_two_forms_of_one() -> None:
+    cases = drawn(40, kinds=("four", "eight"))
+    assert {len(case.effects) for case in cases if case.kind == "eight"} == {8}
+    assert {len(case.effects) for case in cases if case.kind == "four"} == {4}
+    for case in cases:
+        assert len(set(case.effects)) == len(case.targets) == len(case.effects)
+        assert len({"restitution", "compliance"} & set(case.effects)) < 2
+        for name in case.effects:
+            effect = effect_named(name)
+            assert not ({*effect.contains, *effect.made_of, *effect.one_of_group} - {name}) & set(case.effects)
 
 
 def test_only_kinds_that_are_asked_for_are_drawn() -> None:

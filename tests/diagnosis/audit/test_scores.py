@@ -94,6 +94,18 @@ def test_both_of_a_pair_must_be_named() -> None:
     assert score(both, answer("gravity"))["missed"] == ["friction"]
 
 
+def test_of_several_at_once_three_quarters_must_be_named_and_nothing_else() -> None:
+    four = truth("four", friction={"mu": 0.3}, gravity={"g_ms2": 9.0}, magnus={}, inertia={"scale_rel": 1.2})
+    right = score(four, answer("gravity", "friction", "magnus"))
+    assert right["right"]
+    assert not score(four, answer("gravity", "friction"))["right"]
+    assert not score(four, answer("gravity", "friction", "magnus", "vortex"))["right"]
+    found = summarise([right])
+    assert (found["four_found"]["count"], found["four_found"]["of"]) == (3, 4)
+    assert found["four_right"]["share"] == 1.0
+    assert "eight_found" not in found
+
+
 def test_without_its_effect_a_gap_must_stay_unexplained() -> None:
     found = score(truth("without", restitution={"e": 0.3}), answer(verdict="unexplained"))
     assert found["right"]

@@ -20,6 +20,11 @@ from tossid.settings.diagnosis.audit import CaseKind
 
 Kind = CaseKind | Literal["spoilt", "order"]
 
+SEVERAL: dict[str, int] = {"four": 4, "eight": 8}
+"""How many effects at once."""
+_NOT_BOTH = ("restitution", "compliance")
+"""Contact rebounds by a coefficient or yields: the later one takes the earlier one's place."""
+
 
 @dataclass(frozen=True)
 class Case:
@@ -89,6 +94,7 @@ def draw_cases(
     rng = np.random.default_rng([seed, 1])
     order = {kind: _endless(list(effects), rng) for kind in ("effect", "without")}
     pairs, outside = _endless(list(effects), rng), _endless(list(UNKNOWN_FORCES), rng)
+    several = {kind: _endless(list(effects), rng) for kind in SEVERAL if kind in kinds}
     left: list[CaseKind] = []
     cases = []
     turn = dict.fromkeys(kinds, 0)
@@ -101,6 +107,8 @@ def draw_cases(
             names = (next(order[kind]),)
         elif kind == "pair":
             names = _pair(pairs)
+        elif kind in several:
+            names = _together(several[kind], SEVERAL[kind])
         elif kind == "outside":
             names = (next(outside),)
         engine = engines[turn[kind] % len(engines)]
@@ -193,3 +201,16 @@ def _pair(names: Iterator[str]) -> tuple[str, str]:
         one, other = effect_named(first), effect_named(second)
         if one.family != other.family and second not in one.contains and first not in other.contains:
             return first, second
+
+
+def _together(names: Iterator[str], count: int) -> tuple[str, ...]:
+    """Some effects of which none contains another, is made of others, or does what another one does."""
+    chosen: list[str] = []
+    while len(chosen) < count:
+        name = next(names)
+        effect, others = effect_named(name), [effect_named(each) for each in chosen]
+        alike = {*effect.contains, *effect.made_of, *effect.one_of_group, name}
+        alike |= set(_NOT_BOTH) if name in _NOT_BOTH else set()
+        if all(other.name not in alike and name not in (*other.contains, *other.made_of) for other in others):
+            chosen.append(name)
+    return tuple(chosen)

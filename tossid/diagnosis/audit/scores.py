@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from tossid.diagnosis.audit.cases import SEVERAL
 from tossid.diagnosis.audit.over_order import DRIFT, NULLS, STEP
 from tossid.diagnosis.audit.ranks import joint_rank, rank, share_of, summarise_ranks
 from tossid.diagnosis.audit.strengths import world_with
@@ -89,7 +90,7 @@ def score(
         settings: What counts as right.
 
     Returns:
-        `right`: by the measure of the case's kind. `named`: in order. `false`: names that neither are true nor share a
+        `right`: by the measure of the case's kind. `true` and `named`: in order. `false`: names that neither are true nor share a
         class with a true one. `missed`: true ones that were not found. `parameters`: true values and estimates, with
         the `rank` of the true one and whether the effect `led` its class. `joint_ranks`: of true effects (`ranks`).
         `claims`: probabilities that were stated, and whether what they speak of is true (`claims`). `closed`: closed
@@ -105,6 +106,7 @@ def score(
     out: dict[str, Any] = {
         "kind": kind,
         "verdict": verdict,
+        "true": list(true),
         "named": named,
         "classes": classes,
         "false": [name for name, group in classes.items() if not set(group) & set(true)],
@@ -131,6 +133,8 @@ def score(
     if kind in ("pair", "spoilt"):
         # beside a spoilt parameter, what no simulator has of real tosses may be found too
         right = all(inside.values())
+    if kind in SEVERAL:
+        right = sum(inside.values()) >= settings.several * len(true) and not out["false"]
     shares = [share for share in gap["gap"]["by_phase"] if share["share"] is not None]
     largest = max(shares, key=lambda share: share["share"])["phase"] if shares else None
     estimated = {name: found[name] for name in true if inside[name] and name in found}
@@ -268,6 +272,7 @@ def summarise(
             "wanted": settings.closed,
         },
         "pairs_both_named": share_of([s["right"] for s in of["pair"]], settings.pairs),
+        **_several(of),
         "outside_not_named": share_of([s["right"] for s in of["outside"]], settings.outside),
         "outside_not_explained": share_of([s["hedged"] for s in of["outside"]], None),
         "without_unexplained": share_of([s["right"] for s in of["without"]], None),
@@ -284,6 +289,16 @@ def summarise(
     if of["spoilt"]:
         out["spoilt_named"] = share_of([s["right"] for s in of["spoilt"]], 1.0)
         out["spoilt_restored"] = share_of([p["restored"] for s in of["spoilt"] for p in s["parameters"]], 1.0)
+    return out
+
+
+def _several(of: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, dict[str, Any]]:
+    """The measures of cases with several effects at once, where there are any."""
+    out = {}
+    for kind in (kind for kind in SEVERAL if of[kind]):
+        found = [name not in s["missed"] for s in of[kind] for name in s["true"]]
+        out[f"{kind}_found"] = share_of(found, None)
+        out[f"{kind}_right"] = share_of([s["right"] for s in of[kind]], None)
     return out
 
 

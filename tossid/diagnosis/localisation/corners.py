@@ -117,7 +117,7 @@ def _by_toss(tosses: Sequence[Toss], world: World, gap: Gap, dt: float, touching
         rows = gap.frames[(gap.frames[:, 0] == i) & (gap.frames[:, 2] > Phase.FLIGHT)]
         if not len(rows):
             continue
-        q = toss.measured[0][np.rint(rows[:, 1] / dt).astype(int)]
+        q = toss.measured[0][np.searchsorted(toss.ticks(dt), np.rint(rows[:, 1] / dt))]
         height = corner_positions(world.object, world.to_ground(q, np.zeros((len(q), world.object.nv)))[0])[..., 2]
         low = height < height.min(1, keepdims=True) + touching_height
         part = low / low.sum(1, keepdims=True)

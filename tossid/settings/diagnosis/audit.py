@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 from tossid.settings.kinds import Bounds, Count, Fraction, Ordered, Positive, Seed, Span, advanced_part
 
-CaseKind = Literal["effect", "null", "pair", "outside", "without"]
-"""What is in a drawn case: an effect of the library, nothing, two effects, a force that the library lacks, or an effect
-that is then taken out of the library."""
+CaseKind = Literal["effect", "null", "pair", "four", "eight", "outside", "without"]
+"""What is in a drawn case: an effect of the library, nothing, two, four or eight effects at once, a force that the
+library lacks, or an effect that is then taken out of the library."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +52,8 @@ class ScoreSettings:
     """wanted median share of the closable gap that is closed"""
     pairs: Fraction = 0.7
     """wanted share of pairs of which both effects are named"""
+    several: Fraction = 0.75
+    """wanted share of four or eight effects at once that are named, with none that is not there"""
     outside: Fraction = 0.75
     """wanted share of forces outside the library for which nothing is named"""
     same_moment: Count = 3
