@@ -68,13 +68,13 @@ def main() -> None:
     parser.add_argument("data", type=Path)
     parser.add_argument("--gap", type=Path, help="gap.json of a diagnosis")
     parser.add_argument("--effects", help="values by effect and parameter, as JSON")
-    parser.add_argument("--split", default="test")
+    parser.add_argument("--split", nargs="+", default=["test"])
     given = parser.parse_args()
     if (given.gap is None) == (given.effects is None):
         raise InputError("expected either --gap or --effects")
     effects = json.loads(given.effects) if given.gap is None else found_effects(json.loads(given.gap.read_text()))
     dataset = read_dataset(given.data)
-    tosses, stated = dataset.of_split(given.split), World(dataset.object)
+    tosses, stated = [toss for split in given.split for toss in dataset.of_split(split)], World(dataset.object)
     print(f"effects: {json.dumps(effects)}")  # noqa: T201
     rng = np.random.default_rng(0)
     for name, world in (("stated", stated), ("found", world_with(stated, effects))):

@@ -23,6 +23,7 @@ from pipelines.tools.experiments.by_hand.die_impacts import (
     MOST_LOST,
     Impact,
     contacts,
+    correlations_of_impacts,
     impacts,
     of_impacts,
     radius_by_spin,
@@ -103,6 +104,9 @@ def main() -> None:
     print("\n| over impacts | 5 % | 25 % | 50 % | 75 % | 95 % |\n|---|---|---|---|---|---|")  # noqa: T201
     for name, quantiles in scatter_of_impacts(hits).items():
         print(f"| {name} | {' | '.join(f'{x:.3g}' for x in quantiles)} |")  # noqa: T201
+    print("\n| rank correlation with | rebound | change of spin less that of its impulse |\n|---|---|---|")  # noqa: T201
+    for name, (rebound, spin) in correlations_of_impacts(hits).items():
+        print(f"| {name} | {rebound:.2f} | {spin:.2f} |")  # noqa: T201
     print("\n| x of the impact [m] | rebound: first ones | later ones |\n|---|---|---|")  # noqa: T201
     for begin, each in by_place(hits).items():
         print(f"| {begin:.2f} to {begin + PLACES:.2f} | {' | '.join(map(_spread, each))} |")  # noqa: T201

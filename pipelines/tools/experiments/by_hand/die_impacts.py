@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import spearmanr
 
 from pipelines.tools.experiments.by_hand.die_recording import SIGNS, Drop, flights, floor_of, turned
 from pipelines.tools.experiments.by_hand.fits import robust_line
@@ -217,34 +218,37 @@ def radius_by_spin(some: list[Impact]) -> tuple[float, float]:
     return float(radius), float(gyration)
 
 
-def radius_by_depth(some: list[Impact]) -> tuple[float, float]:
-    """Radius of the corners [m] by depth, and the time from touching to half of the impulse [s].
+def radius_by_depth(some: list[Impact], power: float = 1.0) -> tuple[float, Array]:
+    """Radius of the corners [m] by depth, and what of the depths (n,) it leaves [m].
 
     The tip of a rounded corner is higher than that of a sharp one. Lines of flight meet when half of the impulse has
-    passed. Until then the corner has moved on, as far as its speed says.
+    passed. Until then the corner is pressed in, by an amount that grows with a power of its speed.
     """
     known = [i for i in some if np.isfinite(i.depth)]
-    speed = -contacts(known, 0.0).before[:, 1]
-    higher = np.array([i.inward[1] for i in known])
-    radius, time = robust_line(np.column_stack([higher, speed]), np.array([i.depth for i in known]))
-    return float(radius), float(time)
+    speed, depth = -contacts(known, 0.0).before[:, 1], np.array([i.depth for i in known])
+    columns = np.column_stack([[i.inward[1] for i in known], speed**power])
+    both = robust_line(columns, depth)
+    return float(both[0]), np.asarray(depth - columns @ both)
 
 
 def of_impacts(some: list[Impact]) -> dict[str, float]:
-    """Radius of the corners, rebound, friction and radius of gyration of impacts that join."""
+    """Speed, rebound, friction, radius of gyration and that of the corners of impacts that join."""
     radius, gyration = radius_by_spin(some)
-    deep, time = radius_by_depth(some)
-    hit = contacts(some, radius)
+    deep = radius_by_depth(some)[0]
+    hit, sharp, round_ = (contacts(some, each) for each in (radius, 0.0, deep))
     slides, lifts = hit.slides, hit.impulse[:, 1]
     law = robust_line(np.column_stack([np.ones(slides.sum()), np.log(lifts[slides])]), np.log(hit.friction[slides]))
     return {
+        "closing speed [m/s]": -float(np.median(hit.before[:, 1])),
         "rebound": float(np.median(hit.rebound)),
         "sliding friction": float(np.median(hit.friction[slides])),
         "friction goes with the impulse to the power": float(law[1]),
         "radius of gyration² [mm²]": 1e6 * gyration,
         "radius of corners, by spin [mm]": 1e3 * radius,
         "radius of corners, by depth [mm]": 1e3 * deep,
-        "half of the impulse takes [ms]": 1e3 * time,
+        "the same, pressed in by the root of the speed [mm]": 1e3 * radius_by_depth(some, 0.5)[0],
+        "radius of gyration², were corners sharp [mm²]": 1e6 * float(robust_line(sharp.spin[:, None], sharp.moment)[0]),
+        "the same, by the radius by depth [mm²]": 1e6 * float(robust_line(round_.spin[:, None], round_.moment)[0]),
     }
 
 
@@ -258,6 +262,32 @@ def scatter_of_impacts(some: list[Impact]) -> dict[str, Array]:
         "sliding friction": hit.friction[hit.slides],
         "change of spin less that of its impulse [rad/s]": spin,
         "the same, as an error of the arm [mm]": 1e3 * gyration * spin / hit.impulse[:, 1],
+        "depth less that of round corners [mm]": 1e3 * radius_by_depth(some)[1],
         "frames lost, less the whole number": np.array([i.skip - (i.lost or 0) for i in some]),
     }
     return {name: np.percentile(each, [5, 25, 50, 75, 95]) for name, each in values.items()}
+
+
+def correlations_of_impacts(some: list[Impact]) -> dict[str, tuple[float, float]]:
+    """Rank correlations of rebounds, and of changes of spin less those of impulses, with what differs by impact."""
+    radius, gyration = radius_by_spin(some)
+    hit, left = contacts(some, radius), np.array([i.inward[0] for i in some])
+    spin, order = hit.spin - hit.moment / gyration, sorted({i.drop for i in some})
+    against = {
+        "place": np.array([i.place for i in some]),
+        "side": np.sign(left),
+        "tilt": left,
+        "closing speed": -hit.before[:, 1],
+        "slip before": hit.before[:, 0],
+        "size of the slip over the closing speed": np.abs(hit.before[:, 0] / hit.before[:, 1]),
+        "spin before": np.array([i.before[2] for i in some]),
+        "change of spin": hit.spin,
+        "order of the drops": np.array([order.index(i.drop) for i in some]),
+        "first or later": np.array([float(i.first) for i in some]),
+        "frames lost": np.array([i.lost for i in some]),
+    }
+    return {
+        name: (float(spearmanr(each, hit.rebound).statistic), float(spearmanr(each, spin).statistic))
+        for name, each in against.items()
+        if np.ptp(each) > 0
+    }

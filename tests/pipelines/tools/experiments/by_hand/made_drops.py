@@ -14,8 +14,8 @@ from pipelines.tools.experiments.by_hand.die_recording import SIGNS, Drop, read_
 Array = NDArray[np.float64]
 
 DT = 0.004
-NOISE = np.array([1e-5, 2e-5, 3e-4])
-"""Standard deviations of x and z [m] and of the angle [rad]."""
+NOISE = np.array([1.4e-5, 3.5e-5, 7e-4])
+"""Standard deviations of x and z [m] and of the angle [rad], as third differences of the real recordings have them."""
 LEAST = 25
 """Frames that a drop flies at least after its impact: others are thrown anew."""
 

@@ -11,6 +11,7 @@ import pytest
 from pipelines.tools.experiments.by_hand.die_impacts import (
     Impact,
     contacts,
+    correlations_of_impacts,
     impacts,
     of_impacts,
     radius_by_depth,
@@ -40,12 +41,27 @@ def test_what_made_impacts_is_found_in_them(tmp_path: Path) -> None:
     assert found["radius of gyration² [mm²]"] == pytest.approx(1e6 * LAW.gyration, rel=0.02)
     assert found["radius of corners, by spin [mm]"] == pytest.approx(1e3 * LAW.radius, abs=0.2)
     assert found["radius of corners, by depth [mm]"] == pytest.approx(1e3 * LAW.radius, abs=0.2)
-    assert found["half of the impulse takes [ms]"] == pytest.approx(0, abs=0.05)
+    assert found["the same, pressed in by the root of the speed [mm]"] == pytest.approx(1e3 * LAW.radius, abs=0.4)
     scatter = scatter_of_impacts(hits)
-    assert np.ptp(scatter["rebound"][[1, 3]]) < 0.01
+    assert np.ptp(scatter["rebound"]) < 0.01
+    assert np.ptp(scatter["sliding friction"]) < 0.01
+    assert np.abs(scatter["depth less that of round corners [mm]"]).max() < 0.1
     assert np.abs(scatter["change of spin less that of its impulse [rad/s]"]).max() < 0.3
     assert np.abs(scatter["the same, as an error of the arm [mm]"]).max() < 0.05
     assert np.abs(scatter["frames lost, less the whole number"]).max() < 0.1
+
+
+def test_a_rebound_that_depends_on_the_place_correlates_with_it(tmp_path: Path) -> None:
+    rng, hits = np.random.default_rng(5), []
+    for k in range(30):
+        place = 0.02 * k
+        drop = make_drop(tmp_path / f"drop_{k:02d}.txt", rng, replace(LAW, rebound=0.3 + 0.4 * place))
+        moved = replace(drop, x=drop.x + place)
+        hits += impacts(moved, np.array(LAW.half), np.array(LAW.centre), LAW.drag)
+    found = correlations_of_impacts(hits)
+    assert found["place"][0] > 0.9
+    assert max(abs(spin) for _, spin in found.values()) < 0.5
+    assert "frames lost" not in found
 
 
 def test_sharp_corners_and_whole_recordings_are_found_as_such(tmp_path: Path) -> None:
