@@ -51,13 +51,14 @@ def errors(tosses: Sequence[Toss], world: World) -> Array:
     """(n, 2) mean distance [% of the width] and mean angle [deg] of each toss until its second impact."""
     windows = make_windows(tosses, world.object)
     q, v = first_states(tosses, world, windows)
-    steps = np.array([frames_until_second_impact(toss) - 1 for toss in tosses])
-    run = world.roll_out(q, v, n_steps=steps, dt=windows.dt, **steps_of(world))
+    # a recording that lost frames has longer steps between some
+    at = [np.rint((toss.t[: frames_until_second_impact(toss)] - toss.t[0]) / windows.dt).astype(int) for toss in tosses]
+    run = world.roll_out(q, v, n_steps=np.array([frames[-1] for frames in at]), dt=windows.dt, **steps_of(world))
     out = []
-    for row, toss, n in zip(run, tosses, steps + 1, strict=True):
-        poses = toss.measured[0][:n]
-        distance = np.linalg.norm(row[:n, :3] - poses[:, :3], axis=1).mean() / world.object.width
-        out.append([100 * distance, np.rad2deg(geodesic_angle(row[:n, 3:7], poses[:, 3:7])).mean()])
+    for row, toss, frames in zip(run, tosses, at, strict=True):
+        found, poses = row[frames], toss.measured[0][: len(frames)]
+        distance = np.linalg.norm(found[:, :3] - poses[:, :3], axis=1).mean() / world.object.width
+        out.append([100 * distance, np.rad2deg(geodesic_angle(found[:, 3:7], poses[:, 3:7])).mean()])
     return np.array(out)
 
 
@@ -67,13 +68,13 @@ def main() -> None:
     parser.add_argument("data", type=Path)
     parser.add_argument("--gap", type=Path, help="gap.json of a diagnosis")
     parser.add_argument("--effects", help="values by effect and parameter, as JSON")
-    parser.add_argument("--split", default="test")
+    parser.add_argument("--split", nargs="+", default=["test"])
     given = parser.parse_args()
     if (given.gap is None) == (given.effects is None):
         raise InputError("expected either --gap or --effects")
     effects = json.loads(given.effects) if given.gap is None else found_effects(json.loads(given.gap.read_text()))
     dataset = read_dataset(given.data)
-    tosses, stated = dataset.of_split(given.split), World(dataset.object)
+    tosses, stated = [toss for split in given.split for toss in dataset.of_split(split)], World(dataset.object)
     print(f"effects: {json.dumps(effects)}")  # noqa: T201
     rng = np.random.default_rng(0)
     for name, world in (("stated", stated), ("found", world_with(stated, effects))):

@@ -35,3 +35,12 @@ def test_the_right_friction_predicts_better(cube: ObjectModel) -> None:
     tosses = seen(right, cube, 6, seed=3, frames=60)
     stated, found = (np.median(errors(tosses, world), axis=0) for world in (World(cube), right))
     assert (found < 0.5 * stated).all()
+
+
+def test_frames_that_a_recording_lost_are_no_error_of_the_prediction(cube: ObjectModel) -> None:
+    world = World(cube)
+    tosses = seen(world, cube, 6, seed=3, frames=60)
+    kept = np.setdiff1d(np.arange(61), [30, 31])
+    by_frame = ("t", "q", "v", "q_cov", "v_cov", "phase")
+    lossy = [replace(toss, **{name: getattr(toss, name)[kept] for name in by_frame}) for toss in tosses]
+    np.testing.assert_allclose(errors(lossy, world), errors(tosses, world), rtol=0.2)
