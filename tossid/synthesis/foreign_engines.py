@@ -124,29 +124,31 @@ def toss_in_drake(
     diagram = builder.Build()
     push = _push(world, step)
 
-    def toss(q: Array, v: Array) -> tuple[Array, Array]:
-        simulator = drake.Simulator(diagram)
-        context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-        plant.SetPositions(context, np.concatenate([q[3:7], q[:3]]))
-        plant.SetVelocities(context, np.concatenate([quat_rotate(q[3:7], v[3:]), v[:3]]))
+    simulator = drake.Simulator(diagram)
+    root = simulator.get_mutable_context()
+    context = plant.GetMyMutableContextFromRoot(root)
+    first = np.concatenate([q0[:, 3:7], q0[:, :3], quat_rotate(q0[:, 3:7], v0[:, 3:]), v0[:, :3]], axis=1)
+    runs = np.empty((len(q0), n_steps + 1, 13))
+    runs[:, 0] = first
+    for row, one in enumerate(first):
+        root.SetTime(0.0)
+        plant.SetPositionsAndVelocities(context, one)
         simulator.Initialize()
-        out_q, out_v = np.empty((n_steps + 1, 7)), np.empty((n_steps + 1, 6))
-        out_q[0], out_v[0] = q, v
         for frame in range(1, n_steps + 1):
             if push is None:
                 simulator.AdvanceTo(frame * dt)
             else:
                 for part in range(1, engine.substeps + 1):
-                    force, torque = push(*_drake_state(plant, context))
+                    force, torque = push(*_from_drake(plant.GetPositionsAndVelocities(context)))
                     applied = drake.ExternallyAppliedSpatialForce()
                     applied.body_index, applied.p_BoBq_B = body.index(), model.com[0]
                     applied.F_Bq_W = drake.SpatialForce(torque, force)
                     plant.get_applied_spatial_force_input_port().FixValue(context, [applied])
                     simulator.AdvanceTo((frame - 1) * dt + part * step)
-            out_q[frame], out_v[frame] = _drake_state(plant, context)
-        return out_q, out_v
-
-    return _each(toss, q0, v0)
+            runs[row, frame] = plant.GetPositionsAndVelocities(context)
+    q, v = _from_drake(runs)
+    q[:, 0], v[:, 0] = q0, v0
+    return q, v
 
 
 def _rotational(drake: Any, inertia: Array) -> Any:
@@ -155,10 +157,10 @@ def _rotational(drake: Any, inertia: Array) -> Any:
     )
 
 
-def _drake_state(plant: Any, context: Any) -> tuple[Array, Array]:
-    """q (7,) and v (6,) in our order: Drake has quaternions first, and spin in the world before velocity."""
-    q, v = plant.GetPositions(context), plant.GetVelocities(context)
-    return np.concatenate([q[4:], q[:4]]), np.concatenate([v[3:], quat_rotate(quat_conj(q[:4]), v[:3])])
+def _from_drake(state: Array) -> tuple[Array, Array]:
+    """q (..., 7) and v (..., 6) in our order: Drake has quaternions first, and spin in the world before velocity."""
+    turn, place, spin, velocity = np.split(state, [4, 7, 10], axis=-1)
+    return np.concatenate([place, turn], -1), np.concatenate([velocity, quat_rotate(quat_conj(turn), spin)], -1)
 
 
 def toss_in_bullet(
@@ -206,36 +208,48 @@ def toss_in_bullet(
             physicsClientId=client,
         )
 
-        def state() -> tuple[Array, Array]:
+        def state() -> list[float]:
             place, turn = bullet.getBasePositionAndOrientation(box, physicsClientId=client)
-            velocity, spin = (np.array(x) for x in bullet.getBaseVelocity(box, physicsClientId=client))
-            turn = np.roll(np.array(turn), 1)
-            arm = quat_rotate(turn, com)
-            linear = velocity - np.cross(spin, arm)
-            return np.concatenate([place - arm, turn]), np.concatenate([linear, quat_rotate(quat_conj(turn), spin)])
+            velocity, spin = bullet.getBaseVelocity(box, physicsClientId=client)
+            return [*place, *turn, *velocity, *spin]
 
-        def toss(q: Array, v: Array) -> tuple[Array, Array]:
-            arm, spin = quat_rotate(q[3:7], com), quat_rotate(q[3:7], v[3:])
-            turn = np.roll(q[3:7], -1)
-            bullet.resetBasePositionAndOrientation(box, q[:3] + arm, turn, physicsClientId=client)
-            bullet.resetBaseVelocity(box, v[:3] + np.cross(spin, arm), spin, physicsClientId=client)
-            out_q, out_v = np.empty((n_steps + 1, 7)), np.empty((n_steps + 1, 6))
-            out_q[0], out_v[0] = q, v
+        first = _to_bullet(q0, v0, com).tolist()
+        runs = np.empty((len(q0), n_steps + 1, 13))
+        for row, one in enumerate(first):
+            bullet.resetBasePositionAndOrientation(box, one[:3], one[3:7], physicsClientId=client)
+            bullet.resetBaseVelocity(box, one[7:10], one[10:], physicsClientId=client)
+            runs[row, 0] = one
             for frame in range(1, n_steps + 1):
                 for _ in range(engine.substeps):
                     if push is not None:
-                        force, torque = push(*state())
-                        at = bullet.getBasePositionAndOrientation(box, physicsClientId=client)[0]
+                        there = np.array(state())
+                        force, torque = push(*_from_bullet(there, com))
                         flag = bullet.WORLD_FRAME
-                        bullet.applyExternalForce(box, -1, force, at, flag, physicsClientId=client)
+                        bullet.applyExternalForce(box, -1, force, there[:3], flag, physicsClientId=client)
                         bullet.applyExternalTorque(box, -1, torque, flag, physicsClientId=client)
                     bullet.stepSimulation(physicsClientId=client)
-                out_q[frame], out_v[frame] = state()
-            return out_q, out_v
-
-        return _each(toss, q0, v0)
+                runs[row, frame] = state()
+        q, v = _from_bullet(runs, com)
+        q[:, 0], v[:, 0] = q0, v0
+        return q, v
     finally:
         bullet.disconnect(client)
+
+
+def _to_bullet(q: Array, v: Array, com: Array) -> Array:
+    """(..., 13) place of the centre of mass, quaternion xyzw, velocity there and spin, all in the world."""
+    arm, spin = quat_rotate(q[..., 3:7], com), quat_rotate(q[..., 3:7], v[..., 3:])
+    velocity = v[..., :3] + np.cross(spin, arm)
+    return np.concatenate([q[..., :3] + arm, np.roll(q[..., 3:7], -1, axis=-1), velocity, spin], axis=-1)
+
+
+def _from_bullet(state: Array, com: Array) -> tuple[Array, Array]:
+    """q (..., 7) and v (..., 6) of such a state."""
+    place, turn, velocity, spin = np.split(state, [3, 7, 10], axis=-1)
+    turn = np.roll(turn, 1, axis=-1)
+    arm = quat_rotate(turn, com)
+    linear = velocity - np.cross(spin, arm)
+    return np.concatenate([place - arm, turn], -1), np.concatenate([linear, quat_rotate(quat_conj(turn), spin)], -1)
 
 
 def _push(world: World, step: float) -> Push | None:
@@ -248,12 +262,6 @@ def _push(world: World, step: float) -> Push | None:
         return wrench[:3], wrench[3:]
 
     return push
-
-
-def _each(toss: Callable[[Array, Array], tuple[Array, Array]], q0: Array, v0: Array) -> tuple[Array, Array]:
-    """All tosses, one after another."""
-    done = [toss(q, v) for q, v in zip(q0, v0, strict=True)]
-    return np.array([q for q, _ in done]), np.array([v for _, v in done])
 
 
 def box_of(model: ObjectModel) -> tuple[Array, Array]:

@@ -90,11 +90,11 @@ def score(
         settings: What counts as right.
 
     Returns:
-        `right`: by the measure of the case's kind. `true` and `named`: in order. `false`: names that neither are true nor share a
-        class with a true one. `missed`: true ones that were not found. `parameters`: true values and estimates, with
-        the `rank` of the true one and whether the effect `led` its class. `joint_ranks`: of true effects (`ranks`).
-        `claims`: probabilities that were stated, and whether what they speak of is true (`claims`). `closed`: closed
-        share of the closable gap. `phase_right`: whether the effect acts in the phase in which the gap
+        `right`: by the measure of the case's kind. `true` and `named`: in order. `false`: names that neither are true
+        nor share a class with a true one. `missed`: true ones that were not found. `parameters`: true values and
+        estimates, with the `rank` of the true one and whether the effect `led` its class. `joint_ranks`: of true
+        effects (`ranks`). `claims`: probabilities that were stated, and whether what they speak of is true (`claims`).
+        `closed`: closed share of the closable gap. `phase_right`: whether the effect acts in the phase in which the gap
         is largest (for a gap that must stay unexplained: in a phase in which something remains). What does not apply is
         None.
     """
