@@ -70,7 +70,7 @@ def rows(tosses: int, seed: int) -> Iterator[str]:
         try:
             far = distances(engine, LcpEngine(substeps=64), tosses=tosses, seed=seed)
         except ConfigError as missing:
-            print(missing, file=sys.stderr)
+            sys.stderr.write(f"{missing}\n")
             continue
         yield f"| {name} | {np.median(far):.1f} | {far.min():.1f} to {far.max():.1f} |"
 
