@@ -72,18 +72,23 @@ def test_verdict(
     assert found == verdict
 
 
-def test_a_force_is_named_although_contact_stays_unexplained(cube: ObjectModel) -> None:
+@pytest.mark.parametrize(
+    ("name", "values", "key"), [("uniform_force", [0.06, -0.03, 0.0], "x_n"), ("gravity", [9.6], "g_ms2")]
+)
+def test_a_force_is_named_although_contact_stays_unexplained(
+    cube: ObjectModel, name: str, values: list[float], key: str
+) -> None:
     """The bounce is in no effect of the library, and leaves most of the gap."""
-    truth = hypothesis(cube, restitution=[0.6], uniform_force=[0.06, -0.03, 0.0]).world()
-    library = [EFFECTS[name] for name in ("uniform_force", "friction", "inertia")]
+    truth = hypothesis(cube, restitution=[0.6], **{name: values}).world()
+    library = [EFFECTS[each] for each in (name, "friction", "inertia")]
     found = explain(Problem(seen(truth, cube, 14, seed=5), World(cube), library=library, settings=ONCE))
     assert found.verdict == "partly_explained"
     assert found.gap_closed.value < 0.5
-    assert found.named == ("uniform_force",)
-    force = next(each for each in found.findings if each.name == "uniform_force")
+    assert found.named == (name,)
+    force = next(each for each in found.findings if each.name == name)
     assert force.verdict == "identified"
-    assert force.parameters["x_n"].low < 0.06 < force.parameters["x_n"].high
-    assert set(found.candidates) == set(found.hypothesis.names) - {"uniform_force"} - set(found.minor)
+    assert force.parameters[key].low < values[0] < force.parameters[key].high
+    assert set(found.candidates) == set(found.hypothesis.names) - {name} - set(found.minor)
 
 
 def test_what_also_moves_the_body_s_points_needs_contact_to_agree(cube: ObjectModel) -> None:

@@ -221,8 +221,8 @@ class Effect:
 
     @property
     def is_force(self) -> bool:
-        """Whether it is a force of the air or of a field, which changes nothing but accelerations."""
-        return self.family in ("fluid", "field")
+        """Whether it is a force of the air or of a field, gravity too, which changes nothing but accelerations."""
+        return self.family in ("fluid", "field") or self.name == "gravity"
 
     def bounded(self, model: ObjectModel) -> Effect:
         """The effect with bounds that an object's size allows; itself where they are no narrower.
