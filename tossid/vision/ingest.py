@@ -26,7 +26,7 @@ from tossid.store.provenance import provenance_of
 from tossid.types import LongTrack, PoseTrack
 from tossid.vision import stages
 from tossid.vision.dataset_output import DatasetOutput, dataset_output
-from tossid.vision.imported import ImportedPoses, levelled, read_links, read_poses
+from tossid.vision.imported import ImportedPoses, levelled, lost_frames, read_links, read_poses
 from tossid.vision.pose_graph.report import TrackReport
 from tossid.vision.progress import Progress, Reporter
 from tossid.vision.recordings.disk_buffer import pose_spool
@@ -294,6 +294,8 @@ def _import_poses(
         report.message("import", f"{path}: {len(tracks)} tosses, {sum(len(track.t) for track in tracks)} frames")
         if not model.is_stated:
             tracks = levelled(tracks, model, path, settings, report)
+        lost = lost_frames(tracks, model, path, settings, report)
+        tracks = tracks if lost is None else lost.mended(tracks)
         flying = model if model.is_stated else find_parabola(tracks, model, gravity=settings.gravity).body()
         _check_measured(tracks, flying, path, settings, report)
         order, copies = None, find_copies(tracks, settings=settings.same)
@@ -309,7 +311,7 @@ def _import_poses(
             # of what was recorded: levelling changes neither defects nor, with them, the draw of splits
             defects += find_defects([as_recorded(toss, order)], flying, gravity=settings.gravity)
             advance(1)
-        set_aside = _set_aside(defects, len(tracks), settings, report)
+        set_aside = _set_aside(defects, len(tracks), settings, report) | (lost.unjudged if lost else set())
         kept = [name for name in names if name not in set_aside]
         sink.finish(
             rate_hz=read.rate_hz or median_rate(tracks),
