@@ -129,6 +129,8 @@ class LostSettings:
 
     clear_height: Positive = 0.04
     """height of the lowest stated corner above which nothing touches, in widths of the object"""
+    jump: Positive = 0.03
+    """change of velocity times a frame's time beyond which something has touched nevertheless, in widths"""
     fewest_flight: Count = 5
     """frames of flight from which on an impact at its end is looked at"""
     most_flight: Count = 13
@@ -143,9 +145,7 @@ class LostSettings:
     """distance at which two flights meet, and beyond which they do not, in widths of the object"""
     apart: Positive = 4.0
     """an impact is judged where any other number of frames leaves a distance so many times as large"""
-    fewest: Count = 5
-    """impacts that lost frames from which on a recording did"""
     least_share: Fraction = 0.1
-    """share of such impacts among those that are judged from which on it did"""
-    significance: Fraction = 0.001
+    """share of impacts that lost frames among those that are judged from which on a recording did"""
+    significance: Fraction = 0.005
     """probability of such impacts by chance, which joins with frames too many as often"""

@@ -108,27 +108,25 @@ def levelled(
 def lost_frames(
     tracks: Sequence[PoseTrack], model: ObjectModel, path: Path, settings: IngestSettings, report: Reporter
 ) -> LostFrames | None:
-    """Frames that were lost at impacts and are to be made up for in the times.
+    """Frames that were lost at impacts; reports these.
 
     Args:
         tracks: As recorded.
-        model: The object. With joints, or where nothing of it is stated, its flight is not looked at.
+        model: The object.
         path: Where they come from.
-        settings: `lost` says whether times are mended.
+        settings: `lost` says whether times are to be mended.
         report: Takes findings and problems.
 
     Returns:
-        What was lost; None where nothing was, or it is kept.
+        What was lost; None for objects with joints, or of which nothing is stated.
     """
     if model.n_joints or not model.is_stated:
         return None
     found = find_lost_frames(tracks, model, gravity=settings.gravity, settings=settings.losses)
     said = lost_words(found)
-    if said is None:
-        return None
-    if settings.lost == "keep":
+    if said is not None and settings.lost == "keep":
         report.problem("import", f"{path}: {said}; kept so (lost=undo mends the times)")
-        return None
-    aside = f"{len(found.unjudged)} of {len(tracks)} tosses, with an impact that cannot be judged, get no split"
-    report.problem("import", f"{path}: {said}; times are mended, as lost=undo asks; {aside}")
+    elif said is not None:
+        aside = f"{len(found.unjudged)} of {len(tracks)} tosses have such an impact that cannot be judged, and no split"
+        report.problem("import", f"{path}: {said}; times are mended, as lost=undo asks; {aside}")
     return found

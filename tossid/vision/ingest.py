@@ -15,6 +15,7 @@ from tossid.motion.parabola import find_parabola
 from tossid.motion.segmentation import Stretch
 from tossid.motion.sessions import as_recorded
 from tossid.motion.sessions.copies import Copy, copy_words, find_copies
+from tossid.motion.sessions.lost_frames import LostFrames
 from tossid.motion.sessions.smoothing import WHITE, look_for_smoothing
 from tossid.objects import ObjectModel, load_object, recorded_object
 from tossid.settings.changed import changed
@@ -54,6 +55,8 @@ class IngestReport:
     """stretches of the recording that are no toss, and why; None where the source is ready tosses"""
     defects: tuple[Defect, ...] = ()
     """imported tosses that break a rule of motion"""
+    lost: LostFrames | None = None
+    """frames that imported tosses lost at impacts; None where that is not looked for"""
     problems: tuple[str, ...] = ()
     """messages that a person should not miss"""
 
@@ -295,7 +298,8 @@ def _import_poses(
         if not model.is_stated:
             tracks = levelled(tracks, model, path, settings, report)
         lost = lost_frames(tracks, model, path, settings, report)
-        tracks = tracks if lost is None else lost.mended(tracks)
+        mended = lost if settings.lost == "undo" else None
+        tracks = tracks if mended is None else mended.mended(tracks)
         flying = model if model.is_stated else find_parabola(tracks, model, gravity=settings.gravity).body()
         _check_measured(tracks, flying, path, settings, report)
         order, copies = None, find_copies(tracks, settings=settings.same)
@@ -311,7 +315,8 @@ def _import_poses(
             # of what was recorded: levelling changes neither defects nor, with them, the draw of splits
             defects += find_defects([as_recorded(toss, order)], flying, gravity=settings.gravity)
             advance(1)
-        set_aside = _set_aside(defects, len(tracks), settings, report) | (lost.unjudged if lost else set())
+        set_aside = _set_aside(defects, len(tracks), settings, report)
+        set_aside |= set() if mended is None else mended.unjudged
         kept = [name for name in names if name not in set_aside]
         sink.finish(
             rate_hz=read.rate_hz or median_rate(tracks),
@@ -323,11 +328,12 @@ def _import_poses(
                 "source_sha256": source_sha256(path),
                 "covariance_source": covariance_source(tracks),
                 "defects": "; ".join(f"{d.toss}: {d.rule} {d.value:.1f}" for d in defects),
+                **({} if mended is None else {"lost_frames": mended.facts()}),
             },
             splits=_splits(kept, copies, settings, report),
             order=order,
         )
-    return IngestReport(defects=tuple(defects), problems=tuple(report.problems))
+    return IngestReport(defects=tuple(defects), lost=lost, problems=tuple(report.problems))
 
 
 def _check_measured(

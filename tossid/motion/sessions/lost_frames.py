@@ -13,8 +13,10 @@ frames too many (k < 0) as often as lost ones, which is what a verdict on a reco
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,11 +44,13 @@ class Impact:
 
     Attributes:
         toss: In which toss.
-        first: Whether it is the toss's first.
-        t: When it was, in recorded time before it [s]; NaN where it cannot be judged.
-        lost: Frames that were lost there; negative where it only joins with frames too many; None where it cannot be
+        first: Whether it is the toss's first contact.
+        t: When it was [s]; NaN where it cannot be judged.
+        lost: Frames that were lost there; negative where flights join with frames too many; None where it cannot be
             judged.
-        frame: Number of the last frame before the loss; of the last of flight where nothing was lost.
+        last: Number of the last frame before the loss; of the last of flight where nothing was lost.
+        frame_time: Time of a frame [s].
+        skip: What times leave out, if it need be no whole number of frames [s].
         misfit: Distance of the two flights at the impact [m].
         next_misfit: The same with the number of frames that fits second best [m].
     """
@@ -55,7 +59,9 @@ class Impact:
     first: bool
     t: float = float("nan")
     lost: int | None = None
-    frame: int = -1
+    last: int = -1
+    frame_time: float = float("nan")
+    skip: float = float("nan")
     misfit: float = float("nan")
     next_misfit: float = float("nan")
 
@@ -86,25 +92,23 @@ class Verdict:
         return f"of {sum(self.counts) + self.chance} {which} impacts that can be judged (of {self.impacts}), {lost}"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class LostFrames:
     """The impacts of a recording, and the frames that it lost there.
 
     Attributes:
-        impacts: All impacts that end a flight, in the order of the tosses and of time.
+        impacts: All that end a flight, in the order of tosses and of time.
         first: What the first impacts of tosses say.
         later: What the others say.
-        frame_time: Time of a frame in each toss [s].
     """
 
     impacts: tuple[Impact, ...]
     first: Verdict
     later: Verdict
-    frame_time: dict[str, float]
 
     @property
     def losses(self) -> tuple[Impact, ...]:
-        """The impacts at which frames were lost; none of a kind of impact that is not lossy."""
+        """The impacts at which frames were lost; none where the recording shows no loss at such impacts."""
         return tuple(impact for impact in self.impacts if self._is_lossy(impact) and (impact.lost or 0) > 0)
 
     @property
@@ -113,25 +117,33 @@ class LostFrames:
         return frozenset(i.toss for i in self.impacts if self._is_lossy(i) and (i.lost is None or i.lost < 0))
 
     def mended(self, tracks: Sequence[PoseTrack]) -> Sequence[PoseTrack]:
-        """The tracks with times that show the losses: what follows a loss is later by the time of the lost frames.
+        """The tracks, with what follows a loss later by the time of the lost frames; as they are where nothing is lost.
 
-        Velocities that came with the tracks are left out, because they are of the times that were wrong.
+        Recorded velocities are left out where anything is lost, because they were made of the wrong times.
 
         Args:
             tracks: As recorded.
         """
-        losses: dict[str, list[Impact]] = {}
-        for impact in self.losses:
-            losses.setdefault(impact.toss, []).append(impact)
+        if not self.losses:
+            return tracks
 
         def mend(i: int) -> PoseTrack:
-            track = tracks[i]
-            t = track.t.copy()
-            for impact in losses.get(track.name, []):
-                t[impact.frame + 1 :] += (impact.lost or 0) * self.frame_time[track.name]
-            return replace(track, t=t, v=None)
+            t = tracks[i].t.copy()
+            for impact in self.losses:
+                if impact.toss == tracks[i].name:
+                    t[impact.last + 1 :] += (impact.lost or 0) * impact.frame_time
+            return replace(tracks[i], t=t, v=None)
 
         return OnDemand(mend, len(tracks), kept=_KEPT)
+
+    def facts(self) -> str:
+        """What was lost after which frame of which toss, in a line for a dataset's provenance."""
+        return "; ".join(f"{i.toss}: {i.lost} after frame {i.last}" for i in self.losses)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The verdicts, and the impacts that could be judged, as reports have them."""
+        judged = [asdict(impact) for impact in self.impacts if impact.lost is not None]
+        return {"first": asdict(self.first), "later": asdict(self.later), "judged": judged}
 
     def _is_lossy(self, impact: Impact) -> bool:
         return (self.first if impact.first else self.later).is_lossy
@@ -148,13 +160,10 @@ def find_lost_frames(
         gravity: Of free flight [m/s²].
         settings: What is judged.
     """
-    impacts: list[Impact] = []
-    frame_time = {}
-    for track in tracks:
-        frame_time[track.name] = float(np.median(np.diff(track.t))) if len(track.t) > 1 else float("nan")
-        impacts += _impacts(track, model, gravity, settings)
+    long = (track for track in tracks if len(track.t) > settings.fewest_flight)
+    impacts = tuple(impact for track in long for impact in _impacts(track, model, gravity, settings))
     first, later = (_verdict([i for i in impacts if i.first is which], settings) for which in (True, False))
-    return LostFrames(tuple(impacts), first, later, frame_time)
+    return LostFrames(impacts, first, later)
 
 
 def lost_words(found: LostFrames) -> str | None:
@@ -174,8 +183,7 @@ def _verdict(impacts: Sequence[Impact], settings: LostSettings) -> Verdict:
     counts = tuple(judged.count(k) for k in range(settings.most_lost + 1))
     lost, chance = sum(counts[1:]), len(judged) - sum(counts)
     significant = float(binom.sf(lost - 1, lost + chance, 0.5)) < settings.significance
-    is_lossy = significant and lost >= max(settings.fewest, settings.least_share * len(judged))
-    return Verdict(len(impacts), counts, chance, is_lossy)
+    return Verdict(len(impacts), counts, chance, significant and lost >= settings.least_share * len(judged))
 
 
 # ---------------------------------------------------------------- one toss
@@ -184,19 +192,46 @@ def _verdict(impacts: Sequence[Impact], settings: LostSettings) -> Verdict:
 def _impacts(track: PoseTrack, model: ObjectModel, gravity: float, settings: LostSettings) -> list[Impact]:
     """The impacts of a toss."""
     clear = lowest_corner(model, track.q) > settings.clear_height * model.width
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], clear.astype(int), [0]])))
-    out: list[Impact] = []
-    # a flight's first and last frame may hide an impact
-    runs = [(int(a) + 1, int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    is_long = [stop - start >= settings.fewest_flight for start, stop in runs]
-    for i, (start, stop) in enumerate(runs):
-        if stop + 1 >= len(track.t) or not (is_long[i] or i == 0):
+    hit = _impacts_between(track, model, gravity, settings)
+    flies = clear & ~hit
+    # a frame beside contact may hide an impact, and a recording's first frame is that of a filter
+    flies[1:-1] &= clear[:-2] & clear[2:]
+    flies[[0, -1]] = False
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flies.astype(int), [0]])))
+    runs = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    touches = np.flatnonzero(np.maximum.accumulate(clear) & (hit | ~clear))
+    if not len(touches):
+        return []
+    long = [run for run in runs if run[1] - run[0] >= settings.fewest_flight]
+    out = []
+    if not long or long[0][0] > touches[0]:
+        out.append(Impact(track.name, first=True))
+    for before, after in itertools.zip_longest(runs, runs[1:]):
+        if before not in long or before[1] > touches[-1]:
             continue
-        after = next((run for run, long in zip(runs[i + 1 :], is_long[i + 1 :], strict=True) if long), None)
         found = None
-        if is_long[i] and after is not None and track.t[after[0]] - track.t[stop - 1] <= settings.longest_contact:
-            found = _judged(track, (start, stop), after, model, gravity, settings)
-        out.append(Impact(track.name, not out) if found is None else replace(found, first=not out))
+        if after in long and track.t[after[0]] - track.t[before[1] - 1] <= settings.longest_contact:
+            found = _judged(track, before, after, model, gravity, settings)
+        out.append(replace(found or Impact(track.name, False), first=not out))
+    return out
+
+
+def _impacts_between(track: PoseTrack, model: ObjectModel, gravity: float, settings: LostSettings) -> NDArray[np.bool_]:
+    """Frames beside an impact between two frames that are both clear of the ground, (n,).
+
+    It shows in the velocity, where the object could reach the ground if frames were lost there.
+    """
+    h, out = np.diff(track.t)[:, None], np.zeros(len(track.t), dtype=bool)
+    v = np.diff(track.q[:, :3] + quat_rotate(track.q[:, 3:7], model.com[0]), axis=0) / h
+    spin = quat_boxminus(track.q[1:, 3:7], track.q[:-1, 3:7]) / h
+    jump = np.hstack([np.diff(v, axis=0), gyration(model) * np.diff(spin, axis=0)])
+    jump[:, 2:3] += 0.5 * gravity * (h[1:] + h[:-1])
+    low = lowest_corner(model, track.q)
+    # how fast it fell or rose, by the intervals next to the two beside a frame
+    fall = np.pad(np.abs(np.diff(low)), 1)
+    reach = settings.clear_height * model.width + (1 + settings.most_lost) * np.maximum(fall[:-3], fall[3:])
+    moved = np.linalg.norm(jump, axis=1) * np.median(h) > settings.jump * model.width
+    out[1:-1] = moved & (low[1:-1] < reach)
     return out
 
 
@@ -215,19 +250,23 @@ def _judged(
     new = _fitted(track, [slice(after[0], min(after[1], after[0] + n)) for n in counts], model, gravity, settings)
     if old is None or new is None:
         return None
-    numbers = np.arange(-settings.most_lost, settings.most_lost + 1)
+    # one number more either side, so that the best has neighbours
+    numbers = range(-settings.most_lost - 1, settings.most_lost + 2)
     joins = [_join(old, new, k * h, track.t[before[1] - 1], track.t[after[0]] + max(0, k) * h, arm) for k in numbers]
-    misfits = np.array([misfit for _, misfit in joins])
-    best, second = (int(i) for i in np.argsort(misfits)[:2])
+    misfit = np.array([each for _, each in joins])
+    best, second = (int(i) for i in np.argsort(misfit)[:2])
     tolerance = settings.tolerance * model.width
-    if not misfits[best] < tolerance < misfits[second] or misfits[second] < settings.apart * misfits[best]:
+    if not misfit[best] < tolerance < misfit[second] or misfit[second] < settings.apart * misfit[best]:
         return None
-    k, at = int(numbers[best]), joins[best][0]
-    frame = before[1] - 1
+    k, at, last = numbers[best], joins[best][0], before[1] - 1
+    if abs(k) > settings.most_lost:
+        return None
     if k > 0:
-        outlier = settings.apart * tolerance
-        frame = _last_before(track, old, new, range(frame, after[0]), k * h, at, arm, outlier)
-    return Impact(track.name, False, at, k, frame, float(misfits[best]), float(misfits[second]))
+        frames, outlier = range(last, after[0]), settings.apart * tolerance
+        last = _last_before(track, old, new, frames, k * h, at, arm, outlier)
+    less, least, more = misfit[best - 1 : best + 2] ** 2
+    skip = (k + 0.5 * (less - more) / (less - 2 * least + more)) * h
+    return Impact(track.name, False, at, k, last, h, float(skip), float(misfit[best]), float(misfit[second]))
 
 
 def _fitted(
