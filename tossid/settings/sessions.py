@@ -142,7 +142,7 @@ class LostSettings:
     flight_tolerance: Positive = 0.0075
     """root mean square distance of frames of a flight from it, in widths of the object"""
     tolerance: Positive = 0.015
-    """distance at which two flights meet, and beyond which they do not, in widths of the object"""
+    """distance at which two flights meet, in widths of the object"""
     apart: Positive = 4.0
     """an impact is judged where any other number of frames leaves a distance so many times as large"""
     least_share: Fraction = 0.1

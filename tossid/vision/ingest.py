@@ -316,7 +316,6 @@ def _import_poses(
             defects += find_defects([as_recorded(toss, order)], flying, gravity=settings.gravity)
             advance(1)
         set_aside = _set_aside(defects, len(tracks), settings, report)
-        set_aside |= set() if mended is None else mended.unjudged
         kept = [name for name in names if name not in set_aside]
         sink.finish(
             rate_hz=read.rate_hz or median_rate(tracks),
@@ -330,7 +329,7 @@ def _import_poses(
                 "defects": "; ".join(f"{d.toss}: {d.rule} {d.value:.1f}" for d in defects),
                 **({} if mended is None else {"lost_frames": mended.facts()}),
             },
-            splits=_splits(kept, copies, settings, report),
+            splits=_splits(kept, copies, frozenset() if mended is None else mended.unjudged, settings, report),
             order=order,
         )
     return IngestReport(defects=tuple(defects), lost=lost, problems=tuple(report.problems))
@@ -369,16 +368,21 @@ def _set_aside(defects: list[Defect], n_tosses: int, settings: IngestSettings, r
 
 
 def _splits(
-    names: Sequence[str], copies: tuple[Copy, ...], settings: IngestSettings, report: Reporter
+    names: Sequence[str],
+    copies: tuple[Copy, ...],
+    unjudged: frozenset[str],
+    settings: IngestSettings,
+    report: Reporter,
 ) -> dict[str, str]:
-    """The splits of tosses of which some may be copies; reports these."""
+    """The splits of tosses of which some may be copies; reports these. Those that are left out change no other's."""
     of = {copy.name: copy.of for copy in copies}
     splits = drawn_splits(names, fractions=settings.splits, seed=settings.seed, copies=of)
     said, is_aside = copy_words(copies), settings.copies == "set_aside"
     if said is not None:
         done = "left out of the splits" if is_aside else "kept, each in the split of its first"
         report.problem("import", f"{said}: {done}")
-    return {name: split for name, split in splits.items() if not (is_aside and name in of)}
+    left_out = unjudged | (set(of) if is_aside else set())
+    return {name: split for name, split in splits.items() if name not in left_out}
 
 
 def _model(object: Named | None, folder: Path | None = None) -> ObjectModel | None:

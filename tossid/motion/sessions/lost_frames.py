@@ -256,7 +256,7 @@ def _judged(
     misfit = np.array([each for _, each in joins])
     best, second = (int(i) for i in np.argsort(misfit)[:2])
     tolerance = settings.tolerance * model.width
-    if not misfit[best] < tolerance < misfit[second] or misfit[second] < settings.apart * misfit[best]:
+    if misfit[best] > tolerance or misfit[second] < settings.apart * misfit[best]:
         return None
     k, at, last = numbers[best], joins[best][0], before[1] - 1
     if abs(k) > settings.most_lost:
