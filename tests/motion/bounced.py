@@ -52,7 +52,7 @@ def bounced(
         pose = np.concatenate([[0.0, 0.0, 0.0], quat])
         pose[2] -= corner_positions(model, pose)[:, 2].min()
         sideways = rng.normal(size=(2, 3)) * [0.4, 0.0 if planar else 0.4, 0.0]
-        u = sideways + [[0, 0, -rng.uniform(1.5, 3.0)], [0, 0, rng.uniform(0.7, 1.5)]]
+        u = sideways + np.array([[0, 0, -rng.uniform(1.5, 3.0)], [0, 0, rng.uniform(0.7, 1.5)]])
         w = rng.normal(size=(2, 3)) * 5.0 * flat
         w[1] += 10.0 * flat * rng.normal(size=3)
         late = rng.uniform(0.05, 0.95)

@@ -59,11 +59,12 @@ def test_whole_recordings_lost_nothing(cube: ObjectModel, seed: int) -> None:
 
 
 def test_bodies_that_tumble_are_judged_too(cube: ObjectModel) -> None:
-    """With a constant spin in place of Euler's equations, flights of seven hundredths of a second do not fit."""
+    """With a constant spin in place of Euler's equations, flights of a twentieth of a second do not meet."""
     slab = cube.with_changes(inertia=cube.inertia * np.diag([1.0, 1.4, 0.6]))
     tosses = drawn(slab, 3)
     tracks = [without(toss.track, [toss.last + 1])[0] for toss in tosses]
-    assert find_lost_frames(tracks, slab).first.counts[1] > 0.9 * TOSSES
+    assert find_lost_frames(tracks, slab).first.counts[1] > 0.8 * TOSSES
+    assert find_lost_frames(tracks, cube).first.counts[1] < 0.5 * TOSSES
 
 
 def test_times_that_show_the_gap_are_true(cube: ObjectModel) -> None:
@@ -122,7 +123,7 @@ def test_tosses_without_flight_after_their_impact_cannot_be_judged(cube: ObjectM
     found = find_lost_frames([toss.track for toss in tosses], cube)
     assert [i.lost for i in found.impacts] == [None] * len(found.impacts)
     assert found.first.impacts == 6
-    for frames in range(1, 8):
+    for frames in range(2, 8):
         assert find_lost_frames([tosses[1].track.frames(slice(frames))], cube).impacts == ()
 
 
@@ -156,4 +157,4 @@ def test_impacts_that_take_time_or_come_in_pairs_are_no_lost_frames(
         assert sum(verdict.counts[1:]) + verdict.chance <= 1
         assert not verdict.is_lossy
     if effects.get("restitution"):
-        assert found.later.counts[0] + found.first.counts[0] >= 8
+        assert found.later.counts[0] + found.first.counts[0] >= 5

@@ -227,9 +227,10 @@ def _impacts_between(track: PoseTrack, model: ObjectModel, gravity: float, setti
     jump = np.hstack([np.diff(v, axis=0), gyration(model) * np.diff(spin, axis=0)])
     jump[:, 2:3] += 0.5 * gravity * (h[1:] + h[:-1])
     low = lowest_corner(model, track.q)
-    # how fast it fell or rose, by the intervals next to the two beside a frame
-    fall = np.pad(np.abs(np.diff(low)), 1)
-    reach = settings.clear_height * model.width + (1 + settings.most_lost) * np.maximum(fall[:-3], fall[3:])
+    # by how much it falls up to a frame, or rises from it on, in each of two intervals: one wrong pose does neither
+    rise = np.pad(np.diff(low), 1)
+    falls, rises = np.minimum(-rise[:-3], -rise[1:-2]), np.minimum(rise[2:-1], rise[3:])
+    reach = settings.clear_height * model.width + (1 + settings.most_lost) * np.maximum(falls, rises)
     moved = np.linalg.norm(jump, axis=1) * np.median(h) > settings.jump * model.width
     out[1:-1] = moved & (low[1:-1] < reach)
     return out
