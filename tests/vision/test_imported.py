@@ -12,11 +12,14 @@ import tossid
 from tests.models.made import tosses
 from tossid.errors import ConfigError, FileError, InputError
 from tossid.motion.links import body_tracks
-from tossid.objects import ObjectModel
+from tossid.objects import ObjectModel, unstated_object
 from tossid.rotations import quat_exp, quat_mul
+from tossid.settings.ingestion import IngestSettings
 from tossid.settings.objects import UnknownObjectSettings
 from tossid.store import read_dataset, write_tum
 from tossid.types import PoseTrack
+from tossid.vision.imported import lost_frames
+from tossid.vision.progress import Reporter
 
 LINKS = UnknownObjectSettings(links=2)
 
@@ -77,3 +80,9 @@ def test_a_source_with_one_body_is_refused(links: list[list[PoseTrack]], tmp_pat
         tossid.ingest(tmp_path, source="tum", object=LINKS)
     with pytest.raises(ConfigError, match="source=pll does not give the poses of a second link; expected source=tum"):
         tossid.ingest(tmp_path, source="pll", object=LINKS)
+
+
+def test_lost_frames_are_not_looked_for_where_flight_is_not_that_of_one_stated_body(elbow: ObjectModel) -> None:
+    poses = [PoseTrack("still", 0.01 * np.arange(30), np.tile([0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0], (30, 1)))]
+    assert lost_frames(poses, elbow, Path("elbow"), IngestSettings(), Reporter()) is None
+    assert lost_frames(poses, unstated_object(), Path("unknown"), IngestSettings(), Reporter()) is None

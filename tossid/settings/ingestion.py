@@ -9,7 +9,14 @@ from typing import Annotated, Literal
 from tossid.settings.kinds import Bounds, Checked, Count, Fraction, NonNegative, Positive, Seed, advanced, advanced_part
 from tossid.settings.limits import LARGEST_GRAVITY
 from tossid.settings.segmentation import SegmentSettings
-from tossid.settings.sessions import CopySettings, SessionSettings, SmoothingSettings, TurnSettings, WitnessSettings
+from tossid.settings.sessions import (
+    CopySettings,
+    LostSettings,
+    SessionSettings,
+    SmoothingSettings,
+    TurnSettings,
+    WitnessSettings,
+)
 from tossid.settings.tracking import TrackSettings
 
 
@@ -147,10 +154,15 @@ class IngestSettings(TossSettings):
     copies: Literal["keep", "set_aside"] = "keep"
     """imported tosses that are earlier ones turned about the vertical. keep: each goes to the split of its first, so
     that no model is tested on what it was trained on. set_aside: they get no split"""
+    lost: Literal["keep", "undo"] = "keep"
+    """imported recordings that lost frames at impacts without a gap in their times. undo: what follows a loss is moved
+    later by the time of the lost frames, and tosses whose loss cannot be judged get no split"""
     turns: TurnSettings = advanced_part(TurnSettings)
     """when recordings are taken to have been turned"""
     same: CopySettings = advanced_part(CopySettings)
     """when tosses are taken to be copies"""
+    losses: LostSettings = advanced_part(LostSettings)
+    """when frames are taken to have been lost"""
     threads: Count | None = None
     """images searched at the same time; null: one a core"""
     detect: DetectSettings = field(default_factory=DetectSettings)

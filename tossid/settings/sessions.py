@@ -121,3 +121,31 @@ class CopySettings:
     """greatest distance of a copy's positions [m]; noise is at least ten times as much"""
     same_angle: Positive = 1e-5
     """greatest difference of its attitudes, and of its joints [rad, m]"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LostSettings:
+    """When frames are taken to have been lost at impacts (`tossid.motion.sessions.lost_frames`)."""
+
+    clear_height: Positive = 0.04
+    """height of the lowest stated corner above which nothing touches, in widths of the object"""
+    jump: Positive = 0.03
+    """change of velocity times a frame's time beyond which something has touched nevertheless, in widths"""
+    fewest_flight: Count = 5
+    """frames of flight from which on an impact at its end is looked at"""
+    most_flight: Count = 13
+    """frames of flight next to an impact that are fitted at most"""
+    longest_contact: Positive = 0.05
+    """longest time between two flights that belong to one impact [s]"""
+    most_lost: Count = 3
+    """frames that an impact is taken to have lost at most"""
+    flight_tolerance: Positive = 0.0075
+    """root mean square distance of frames of a flight from it, in widths of the object"""
+    tolerance: Positive = 0.015
+    """distance at which two flights meet, in widths of the object"""
+    apart: Positive = 4.0
+    """an impact is judged where any other number of frames leaves a distance so many times as large"""
+    least_share: Fraction = 0.1
+    """share of impacts that lost frames among those that are judged from which on a recording did"""
+    significance: Fraction = 0.005
+    """probability of such impacts by chance, which joins with frames too many as often"""

@@ -12,6 +12,7 @@ import numpy as np
 from tossid.errors import ConfigError
 from tossid.motion.hinge import find_hinge, hinged_tracks
 from tossid.motion.hull_ground import level_by_hull
+from tossid.motion.sessions.lost_frames import LostFrames, find_lost_frames, lost_words
 from tossid.objects import ObjectModel, unstated_object
 from tossid.settings.ingestion import IngestSettings
 from tossid.store.importers.registry import FORMATS, InputFormat
@@ -102,3 +103,30 @@ def levelled(
         return tracks
     report.problem("level", f"{found}; the world is turned and shifted so that it is z = 0 (level=never leaves it)")
     return found_tracks
+
+
+def lost_frames(
+    tracks: Sequence[PoseTrack], model: ObjectModel, path: Path, settings: IngestSettings, report: Reporter
+) -> LostFrames | None:
+    """Frames that were lost at impacts; reports these.
+
+    Args:
+        tracks: As recorded.
+        model: The object.
+        path: Where they come from.
+        settings: `lost` says whether times are to be mended.
+        report: Takes findings and problems.
+
+    Returns:
+        What was lost; None for objects with joints, or of which nothing is stated.
+    """
+    if model.n_joints or not model.is_stated:
+        return None
+    found = find_lost_frames(tracks, model, gravity=settings.gravity, settings=settings.losses)
+    said = lost_words(found)
+    if said is not None and settings.lost == "keep":
+        report.problem("import", f"{path}: {said}; kept so (lost=undo mends the times)")
+    elif said is not None:
+        aside = f"{len(found.unjudged)} of {len(tracks)} tosses have such an impact that cannot be judged, and no split"
+        report.problem("import", f"{path}: {said}; times are mended, as lost=undo asks; {aside}")
+    return found

@@ -15,6 +15,7 @@ from tossid.motion.parabola import find_parabola
 from tossid.motion.segmentation import Stretch
 from tossid.motion.sessions import as_recorded
 from tossid.motion.sessions.copies import Copy, copy_words, find_copies
+from tossid.motion.sessions.lost_frames import LostFrames
 from tossid.motion.sessions.smoothing import WHITE, look_for_smoothing
 from tossid.objects import ObjectModel, load_object, recorded_object
 from tossid.settings.changed import changed
@@ -26,7 +27,7 @@ from tossid.store.provenance import provenance_of
 from tossid.types import LongTrack, PoseTrack
 from tossid.vision import stages
 from tossid.vision.dataset_output import DatasetOutput, dataset_output
-from tossid.vision.imported import ImportedPoses, levelled, read_links, read_poses
+from tossid.vision.imported import ImportedPoses, levelled, lost_frames, read_links, read_poses
 from tossid.vision.pose_graph.report import TrackReport
 from tossid.vision.progress import Progress, Reporter
 from tossid.vision.recordings.disk_buffer import pose_spool
@@ -54,6 +55,8 @@ class IngestReport:
     """stretches of the recording that are no toss, and why; None where the source is ready tosses"""
     defects: tuple[Defect, ...] = ()
     """imported tosses that break a rule of motion"""
+    lost: LostFrames | None = None
+    """frames that imported tosses lost at impacts; None where that is not looked for"""
     problems: tuple[str, ...] = ()
     """messages that a person should not miss"""
 
@@ -294,6 +297,9 @@ def _import_poses(
         report.message("import", f"{path}: {len(tracks)} tosses, {sum(len(track.t) for track in tracks)} frames")
         if not model.is_stated:
             tracks = levelled(tracks, model, path, settings, report)
+        lost = lost_frames(tracks, model, path, settings, report)
+        mended = lost if settings.lost == "undo" else None
+        tracks = tracks if mended is None else mended.mended(tracks)
         flying = model if model.is_stated else find_parabola(tracks, model, gravity=settings.gravity).body()
         _check_measured(tracks, flying, path, settings, report)
         order, copies = None, find_copies(tracks, settings=settings.same)
@@ -321,11 +327,12 @@ def _import_poses(
                 "source_sha256": source_sha256(path),
                 "covariance_source": covariance_source(tracks),
                 "defects": "; ".join(f"{d.toss}: {d.rule} {d.value:.1f}" for d in defects),
+                **({} if mended is None else {"lost_frames": mended.facts()}),
             },
-            splits=_splits(kept, copies, settings, report),
+            splits=_splits(kept, copies, frozenset() if mended is None else mended.unjudged, settings, report),
             order=order,
         )
-    return IngestReport(defects=tuple(defects), problems=tuple(report.problems))
+    return IngestReport(defects=tuple(defects), lost=lost, problems=tuple(report.problems))
 
 
 def _check_measured(
@@ -361,16 +368,21 @@ def _set_aside(defects: list[Defect], n_tosses: int, settings: IngestSettings, r
 
 
 def _splits(
-    names: Sequence[str], copies: tuple[Copy, ...], settings: IngestSettings, report: Reporter
+    names: Sequence[str],
+    copies: tuple[Copy, ...],
+    unjudged: frozenset[str],
+    settings: IngestSettings,
+    report: Reporter,
 ) -> dict[str, str]:
-    """The splits of tosses of which some may be copies; reports these."""
+    """The splits of tosses of which some may be copies; reports these. Those that are left out change no other's."""
     of = {copy.name: copy.of for copy in copies}
     splits = drawn_splits(names, fractions=settings.splits, seed=settings.seed, copies=of)
     said, is_aside = copy_words(copies), settings.copies == "set_aside"
     if said is not None:
         done = "left out of the splits" if is_aside else "kept, each in the split of its first"
         report.problem("import", f"{said}: {done}")
-    return {name: split for name, split in splits.items() if not (is_aside and name in of)}
+    left_out = unjudged | (set(of) if is_aside else set())
+    return {name: split for name, split in splits.items() if name not in left_out}
 
 
 def _model(object: Named | None, folder: Path | None = None) -> ObjectModel | None:

@@ -261,3 +261,27 @@ def test_copies_and_turns_of_the_real_cube_are_reported_and_undone_where_asked(
     (session,) = back.order.sessions
     assert session.level is not None
     assert np.rad2deg(session.level[1]) == pytest.approx(-0.5, abs=0.15)
+
+
+def test_the_real_die_lost_a_frame_at_the_first_impact(project: Path, shared_data: Path, answer: Any) -> None:
+    data, folder = shared_data / "mit_die", project / "some"
+    folder.mkdir()
+    for path in sorted((data / "levelled").glob("drop_[01]*.txt")):
+        (folder / path.name).symlink_to(path)
+    keys = ["source=tum", f"source.path={folder}", "object=custom", "object.name=die", "object.friction=0.3"]
+    made = answer("ingest", *keys, f"object.path={data / 'die.xml'}", "out=die.h5", "lost=undo")
+    first, later = made["lost"]["first"], made["lost"]["later"]
+    assert first["is_lossy"]
+    assert not later["is_lossy"]
+    assert first["counts"][1] > 12
+    assert first["chance"] + later["chance"] + sum(first["counts"][2:]) + sum(later["counts"][1:]) <= 1
+    lost = [impact for impact in made["lost"]["judged"] if impact["first"] and impact["lost"] == 1]
+    skips = [1e3 * impact["skip"] for impact in lost]
+    assert 3.6 < min(skips) < np.median(skips) < max(skips) < 4.5
+    assert np.median(skips) == pytest.approx(4.0, abs=0.2)
+    assert np.median([1e3 * impact["misfit"] for impact in lost]) < 0.2
+    steps = {toss.name: np.diff(toss.t) for toss in read_dataset(project / "die.h5").tosses}
+    for impact in lost:
+        assert steps[impact["toss"]][impact["last"]] == pytest.approx(8e-3)
+    assert sum(np.count_nonzero(h > 5e-3) for h in steps.values()) == len(lost)
+    assert made["splits"]["none"] == first["impacts"] - sum(first["counts"])
