@@ -133,6 +133,8 @@ class LostSettings:
     """change of velocity times a frame's time beyond which something has touched nevertheless, in widths"""
     fewest_flight: Count = 5
     """frames of flight from which on an impact at its end is looked at"""
+    fewest_beside: Count = 3
+    """frames of flight either side of an uneven step in flight from which on it is looked at"""
     most_flight: Count = 13
     """frames of flight next to an impact that are fitted at most"""
     longest_contact: Positive = 0.05

@@ -158,3 +158,27 @@ def test_impacts_that_take_time_or_come_in_pairs_are_no_lost_frames(
         assert not verdict.is_lossy
     if effects.get("restitution"):
         assert found.later.counts[0] + found.first.counts[0] >= 5
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_frames_that_are_lost_in_flight_are_found_and_mended(cube: ObjectModel, seed: int) -> None:
+    """One or two frames in the middle of a flight, and a jump of the tracker, which is no loss."""
+    rng, tracks, times = np.random.default_rng(200 + seed), [], {}
+    for i in range(TOSSES):
+        whole = bounced(cube, rng, name=str(i), noise=NOISE, before=26).track
+        if i % 4 == 3:
+            q = whole.q.copy()
+            q[12:, 0] += 0.03
+            tracks.append(replace(whole, q=q))
+        else:
+            track, times[str(i)] = without(whole, [12, 13][: 1 + i % 2])
+            tracks.append(track)
+    found = find_lost_frames(tracks, cube)
+    assert found.in_flight.is_lossy
+    lost = {impact.toss for impact in found.losses if impact.in_flight}
+    assert len(lost) > 0.9 * len(times)
+    assert lost <= set(times)
+    assert not found.unjudged
+    for track in found.mended(tracks):
+        if track.name in lost:
+            np.testing.assert_allclose(track.t, times[track.name], atol=1e-9)

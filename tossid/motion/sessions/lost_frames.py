@@ -1,4 +1,4 @@
-"""Frames that a recording lost at impacts, and whose loss its times do not show.
+"""Frames that a recording lost at impacts or in flight, and whose loss its times do not show.
 
 Flight before and after an impact is fitted, and continued to the impact. If times are true, the two meet in one pose:
 a single impact changes velocities and no pose. If k frames were lost between the two flights and times do not say so,
@@ -8,7 +8,8 @@ flight after the impact meets that before it only when it is moved later by k fr
 
 are six equations for the time s of the impact and the whole number k. An impact that takes time still meets with k = 0
 if all parts of its impulse have one mean time. Several impacts close together meet nowhere, or by chance. Chance finds
-frames too many (k < 0) as often as lost ones, which is what a verdict on a recording is tested against.
+frames too many (k < 0) as often as lost ones, which is what a verdict on a recording is tested against. A step in
+flight that is unlike its neighbours is looked at in the same way: both parts are one flight.
 """
 
 from __future__ import annotations
@@ -23,9 +24,10 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from tossid.motion.contact import lowest_corner
+from tossid.motion.sessions.fitted_flight import FittedFlight
 from tossid.motion.smoothing.smoother import gyration
 from tossid.objects import GRAVITY, ObjectModel
-from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_rotate
+from tossid.rotations import quat_boxminus, quat_rotate
 from tossid.settings.sessions import LostSettings
 from tossid.types import OnDemand, PoseTrack
 
@@ -40,11 +42,12 @@ _GRID = 64
 
 @dataclass(frozen=True)
 class Impact:
-    """An impact that ends a flight.
+    """An impact that ends a flight, or a step in flight that is unlike its neighbours.
 
     Attributes:
         toss: In which toss.
         first: Whether it is the toss's first contact.
+        in_flight: Whether it is no impact.
         t: When it was [s]; NaN where it cannot be judged.
         lost: Frames that were lost there; negative where flights join with frames too many; None where it cannot be
             judged.
@@ -57,6 +60,7 @@ class Impact:
 
     toss: str
     first: bool
+    in_flight: bool = False
     t: float = float("nan")
     lost: int | None = None
     last: int = -1
@@ -89,7 +93,7 @@ class Verdict:
             which: What impacts they are.
         """
         lost = ", ".join(f"{n} lost {k}" for k, n in enumerate(self.counts) if k and n) or "0 lost any"
-        return f"of {sum(self.counts) + self.chance} {which} impacts that can be judged (of {self.impacts}), {lost}"
+        return f"of {sum(self.counts) + self.chance} {which} that can be judged (of {self.impacts}), {lost}"
 
 
 @dataclass(frozen=True)
@@ -97,14 +101,16 @@ class LostFrames:
     """The impacts of a recording, and the frames that it lost there.
 
     Attributes:
-        impacts: All that end a flight, in the order of tosses and of time.
+        impacts: All that end a flight, and steps in flight that stand out, in the order of tosses.
         first: What the first impacts of tosses say.
         later: What the others say.
+        in_flight: What steps in flight say.
     """
 
     impacts: tuple[Impact, ...]
     first: Verdict
     later: Verdict
+    in_flight: Verdict
 
     @property
     def losses(self) -> tuple[Impact, ...]:
@@ -114,7 +120,8 @@ class LostFrames:
     @property
     def unjudged(self) -> frozenset[str]:
         """Names of the tosses that may have lost frames at an impact that cannot be judged."""
-        return frozenset(i.toss for i in self.impacts if self._is_lossy(i) and (i.lost is None or i.lost < 0))
+        hit = [impact for impact in self.impacts if not impact.in_flight]
+        return frozenset(i.toss for i in hit if self._is_lossy(i) and (i.lost is None or i.lost < 0))
 
     def mended(self, tracks: Sequence[PoseTrack]) -> Sequence[PoseTrack]:
         """The tracks, with what follows a loss later by the time of the lost frames; as they are where nothing is lost.
@@ -143,16 +150,22 @@ class LostFrames:
     def as_dict(self) -> dict[str, Any]:
         """The verdicts, and the impacts that could be judged, as reports have them."""
         judged = [asdict(impact) for impact in self.impacts if impact.lost is not None]
-        return {"first": asdict(self.first), "later": asdict(self.later), "judged": judged}
+        verdicts = {name: asdict(getattr(self, name)) for name in ("first", "later", "in_flight")}
+        return {**verdicts, "judged": judged}
+
+    @property
+    def is_lossy(self) -> bool:
+        """Whether frames were lost."""
+        return self.first.is_lossy or self.later.is_lossy or self.in_flight.is_lossy
 
     def _is_lossy(self, impact: Impact) -> bool:
-        return (self.first if impact.first else self.later).is_lossy
+        return (self.in_flight if impact.in_flight else self.first if impact.first else self.later).is_lossy
 
 
 def find_lost_frames(
     tracks: Sequence[PoseTrack], model: ObjectModel, *, gravity: float = GRAVITY, settings: LostSettings = DEFAULT
 ) -> LostFrames:
-    """The frames that were lost at impacts.
+    """The frames that were lost at impacts and in flight.
 
     Args:
         tracks: As recorded, z up, the ground near z = 0.
@@ -162,8 +175,9 @@ def find_lost_frames(
     """
     long = (track for track in tracks if len(track.t) > settings.fewest_flight)
     impacts = tuple(impact for track in long for impact in _impacts(track, model, gravity, settings))
-    first, later = (_verdict([i for i in impacts if i.first is which], settings) for which in (True, False))
-    return LostFrames(impacts, first, later)
+    hit = [impact for impact in impacts if not impact.in_flight]
+    first, later = (_verdict([i for i in hit if i.first is which], settings) for which in (True, False))
+    return LostFrames(impacts, first, later, _verdict([i for i in impacts if i.in_flight], settings))
 
 
 def lost_words(found: LostFrames) -> str | None:
@@ -172,10 +186,12 @@ def lost_words(found: LostFrames) -> str | None:
     Args:
         found: Of a recording.
     """
-    if not (found.first.is_lossy or found.later.is_lossy):
+    if not found.is_lossy:
         return None
-    first, later = found.first.words("first"), found.later.words("later")
-    return f"frames were lost at impacts, and times do not show it: {first}; {later}"
+    said = [found.first.words("first impacts"), found.later.words("later impacts")]
+    if found.in_flight.impacts:
+        said.append(found.in_flight.words("uneven steps in flight"))
+    return f"frames were lost, and times do not show it: {'; '.join(said)}"
 
 
 def _verdict(impacts: Sequence[Impact], settings: LostSettings) -> Verdict:
@@ -200,8 +216,9 @@ def _impacts(track: PoseTrack, model: ObjectModel, gravity: float, settings: Los
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flies.astype(int), [0]])))
     runs = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     touches = np.flatnonzero(np.maximum.accumulate(clear) & (hit | ~clear))
+    uneven = [each for run in runs for each in _uneven_steps(track, run, model, gravity, settings)]
     if not len(touches):
-        return []
+        return uneven
     long = [run for run in runs if run[1] - run[0] >= settings.fewest_flight]
     out = []
     if not long or long[0][0] > touches[0]:
@@ -213,6 +230,31 @@ def _impacts(track: PoseTrack, model: ObjectModel, gravity: float, settings: Los
         if after in long and track.t[after[0]] - track.t[before[1] - 1] <= settings.longest_contact:
             found = _judged(track, before, after, model, gravity, settings)
         out.append(replace(found or Impact(track.name, False), first=not out))
+    return out + uneven
+
+
+def _uneven_steps(
+    track: PoseTrack, run: tuple[int, int], model: ObjectModel, gravity: float, settings: LostSettings
+) -> list[Impact]:
+    """Steps of a flight that are as long as several, and single steps that stand out."""
+    begin, end = run
+    if end - begin < 2 * settings.fewest_beside:
+        return []
+    t = track.t[begin:end]
+    place = track.q[begin:end, :3] + quat_rotate(track.q[begin:end, 3:7], model.com[0])
+    v = np.diff(place, axis=0) / np.diff(t)[:, None]
+    v[:, 2] += gravity * (0.5 * (t[1:] + t[:-1]) - t[0])
+    usual = np.median(v, axis=0)
+    far = np.linalg.norm(v - usual, axis=1)
+    stands_out = far > np.maximum(0.5 * np.linalg.norm(usual), settings.tolerance * model.width / np.diff(t))
+    out = []
+    edges = [begin, *(begin + 1 + np.flatnonzero(stands_out)).tolist(), end]
+    for a, b, c in zip(edges, edges[1:], edges[2:], strict=False):
+        found = None
+        if min(b - a, c - b) >= settings.fewest_beside:
+            beside = replace(settings, fewest_flight=settings.fewest_beside)
+            found = _judged(track, (a, b), (b, c), model, gravity, beside)
+        out.append(replace(found or Impact(track.name, False), in_flight=True))
     return out
 
 
@@ -267,21 +309,24 @@ def _judged(
         last = _last_before(track, old, new, frames, k * h, at, arm, outlier)
     less, least, more = misfit[best - 1 : best + 2] ** 2
     skip = (k + 0.5 * (less - more) / (less - 2 * least + more)) * h
-    return Impact(track.name, False, at, k, last, h, float(skip), float(misfit[best]), float(misfit[second]))
+    distances = float(misfit[best]), float(misfit[second])
+    return Impact(track.name, False, False, at, k, last, h, float(skip), *distances)
 
 
 def _fitted(
     track: PoseTrack, stretches: Sequence[slice], model: ObjectModel, gravity: float, settings: LostSettings
-) -> _Flight | None:
+) -> FittedFlight | None:
     """The flight of the longest stretch that is one."""
     for some in stretches:
-        flight = _Flight.fitted(track, some, model, gravity)
+        flight = FittedFlight.fitted(track, some, model, gravity)
         if flight.misfit(track, some, gyration(model)) < settings.flight_tolerance * model.width:
             return flight
     return None
 
 
-def _join(old: _Flight, new: _Flight, skip: float, first: float, last: float, arm: float) -> tuple[float, float]:
+def _join(
+    old: FittedFlight, new: FittedFlight, skip: float, first: float, last: float, arm: float
+) -> tuple[float, float]:
     """Time at which two flights are nearest when the new one is later by `skip`, and their distance there [m]."""
     s = np.linspace(first, last, _GRID)
     off = old.distance(new, s, s - skip, arm)
@@ -293,7 +338,14 @@ def _join(old: _Flight, new: _Flight, skip: float, first: float, last: float, ar
 
 
 def _last_before(
-    track: PoseTrack, old: _Flight, new: _Flight, frames: range, skip: float, at: float, arm: float, outlier: float
+    track: PoseTrack,
+    old: FittedFlight,
+    new: FittedFlight,
+    frames: range,
+    skip: float,
+    at: float,
+    arm: float,
+    outlier: float,
 ) -> int:
     """The last frame before the loss: that for which the frames of the contact lie nearest to the two flights.
 
@@ -307,62 +359,3 @@ def _last_before(
         off = np.where(flies[:, None], old.off(t, track.q[some], arm), new.off(t - skip, track.q[some], arm))
         costs.append(np.minimum(np.linalg.norm(off, axis=1), outlier).sum())
     return frames[int(np.argmin(costs))]
-
-
-@dataclass(frozen=True, eq=False)
-class _Flight:
-    """Free flight of a rigid body: x = c + u s - g s²/2 e_z, R = R_0 exp(w s + a s²/2), s = t - t_0.
-
-    Attributes:
-        t: t_0 [s].
-        line: c and u, (2, 3).
-        quat: R_0, (4,).
-        turn: Rotation vector at t_0 and w, in the body's frame, (2, 3).
-        spin_rate: a: what Euler's equations make of w, (3,).
-        gravity: g [m/s²].
-        com: Centre of mass in the body's frame [m], (3,).
-    """
-
-    t: float
-    line: Array
-    quat: Array
-    turn: Array
-    spin_rate: Array
-    gravity: float
-    com: Array
-
-    @classmethod
-    def fitted(cls, track: PoseTrack, some: slice, model: ObjectModel, gravity: float) -> _Flight:
-        """The flight that is nearest to some frames, in least squares of places and of attitudes."""
-        t, q, I = track.t[some], track.q[some], model.inertia[0]
-        middle, quat = float(t.mean()), q[len(q) // 2, 3:7]
-        s = (t - middle)[:, None]
-        line = np.linalg.pinv(np.hstack([np.ones_like(s), s]))
-        c = q[:, :3] + quat_rotate(q[:, 3:7], model.com[0])
-        c[:, 2:] += 0.5 * gravity * s**2
-        turned, spin_rate = quat_boxminus(q[:, 3:7], quat), np.zeros(3)
-        for _ in range(3):
-            turn = line @ (turned - 0.5 * spin_rate * s**2)
-            spin_rate = np.linalg.solve(I, np.cross(I @ turn[1], turn[1]))
-        return cls(middle, line @ c, quat, turn, spin_rate, gravity, model.com[0])
-
-    def at(self, t: Array) -> tuple[Array, Array]:
-        """Centre of mass (m, 3) and attitude (m, 4) at times (m,)."""
-        s = (t - self.t)[:, None]
-        c = self.line[0] + s * self.line[1]
-        c[:, 2:] -= 0.5 * self.gravity * s**2
-        return c, quat_mul(self.quat, quat_exp(self.turn[0] + s * self.turn[1] + 0.5 * s**2 * self.spin_rate))
-
-    def distance(self, other: _Flight, t: Array, other_t: Array, arm: float) -> Array:
-        """From another flight at other times, rotations times an arm [m], (m, 6)."""
-        (c, quat), (other_c, other_quat) = self.at(t), other.at(other_t)
-        return np.hstack([other_c - c, arm * quat_boxminus(other_quat, quat)])
-
-    def off(self, t: Array, q: Array, arm: float) -> Array:
-        """How far poses (m, 7) at times (m,) are from the flight, rotations times an arm [m], (m, 6)."""
-        c, quat = self.at(t)
-        return np.hstack([q[:, :3] + quat_rotate(q[:, 3:7], self.com) - c, arm * quat_boxminus(q[:, 3:7], quat)])
-
-    def misfit(self, track: PoseTrack, some: slice, arm: float) -> float:
-        """Root mean square distance of frames from the flight [m]."""
-        return float(np.sqrt((self.off(track.t[some], track.q[some], arm) ** 2).sum(axis=1).mean()))
