@@ -51,8 +51,7 @@ def errors(tosses: Sequence[Toss], world: World) -> Array:
     """(n, 2) mean distance [% of the width] and mean angle [deg] of each toss until its second impact."""
     windows = make_windows(tosses, world.object)
     q, v = first_states(tosses, world, windows)
-    # a recording that lost frames has longer steps between some
-    at = [np.rint((toss.t[: frames_until_second_impact(toss)] - toss.t[0]) / windows.dt).astype(int) for toss in tosses]
+    at = [toss.ticks(windows.dt)[: frames_until_second_impact(toss)] for toss in tosses]
     run = world.roll_out(q, v, n_steps=np.array([frames[-1] for frames in at]), dt=windows.dt, **steps_of(world))
     out = []
     for row, toss, frames in zip(run, tosses, at, strict=True):

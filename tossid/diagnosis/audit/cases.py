@@ -22,6 +22,8 @@ Kind = CaseKind | Literal["spoilt", "order"]
 
 SEVERAL: dict[str, int] = {"four": 4, "eight": 8}
 """How many effects at once."""
+OF_LIBRARY = ("effect", "pair", *SEVERAL)
+"""Kinds of cases whose effects are in the library."""
 _NOT_BOTH = ("restitution", "compliance")
 """Contact rebounds by a coefficient or yields: the later one takes the earlier one's place."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from tossid.diagnosis.audit.cases import SEVERAL
+from tossid.diagnosis.audit.cases import OF_LIBRARY, SEVERAL
 from tossid.diagnosis.audit.ranks import band, ranks_of
 from tossid.diagnosis.audit.scores import calibration
 from tossid.evaluation.figures.style import INK, MUTED, footnote, key_row, new_figure, panel_grid, styled
@@ -140,9 +140,7 @@ def confusion(rows: Sequence[Row]) -> Figure:
             j = names.index(name)
             head = name == (row["first"] or NOTHING)
             (first if head else member)[i, j] += 1
-            good[i, j] |= (
-                name in row["effects"] if row["kind"] in ("effect", "pair", *SEVERAL, "spoilt") else name == NOTHING
-            )
+            good[i, j] |= name in row["effects"] if row["kind"] in (*OF_LIBRARY, "spoilt") else name == NOTHING
     height = 2.6 + 0.26 * len(truths)
     figure = new_figure(
         "Audit: true effects and named effects",
@@ -198,7 +196,7 @@ def detection(rows: Sequence[Row], *, settings: ScoreSettings = ScoreSettings())
     Returns:
         The figure.
     """
-    drawn = [row for row in rows if row["kind"] in ("effect", "pair", *SEVERAL) and row["displacement"]]
+    drawn = [row for row in rows if row["kind"] in OF_LIBRARY and row["displacement"]]
     figure = new_figure(
         "Audit: right names by displacement",
         f"{len(drawn)} cases with effects of the library; of several, the smallest displacement",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tossid.diagnosis.audit.cases import SEVERAL, Case
+from tossid.diagnosis.audit.cases import OF_LIBRARY, Case
 from tossid.diagnosis.audit.making import TOSSES, make_case
 from tossid.diagnosis.audit.over_order import score_over_order
 from tossid.diagnosis.audit.scores import closable_share, score
@@ -133,7 +133,7 @@ def score_case(job: Job, folder: Path, truth: dict[str, Any], gap: dict[str, Any
         `truth`, `score`, `closable` and `gap`, as result.json has them.
     """
     closable = None
-    if job.case.kind in ("effect", "pair", *SEVERAL):
+    if job.case.kind in OF_LIBRARY:
         tosses, world = read_case_tosses(folder / TOSSES)
         closable = closable_share(tosses, world, truth["effects"], seed=job.case.seed % 1000)
     scored = score(truth, gap, closable=closable, settings=job.settings.scoring)
