@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 
-import numpy as np
-
 from tests.diagnosis.by_hand import EFFECTS, finding, with_place
-from tossid.diagnosis.findings import Consequence, Corner, Interval, Step, Witness
+from tossid.diagnosis.findings import Consequence, Corner, Interval, Step
 from tossid.objects import ObjectModel
 
 ONE = Interval(1.0, 0.5, 1.5)
@@ -49,12 +47,6 @@ def test_errors_on_unseen_tosses_are_null_where_there_are_none() -> None:
     seen = Step(("friction",), ONE, ONE, ONE)
     assert seen.as_json()["unseen_position_error_pct"] is None
     assert Step((), ONE, ONE, ONE, ONE, ONE).as_json()["unseen_rotation_error_deg"] == ONE.as_json()
-
-
-def test_a_witness_has_three_values(cube: ObjectModel) -> None:
-    found = Witness("restitution", "restitution", 0.0, 0.31, Interval(0.3, 0.25, 0.35), 7).as_json()
-    values = found["stated"], found["found"], found["measured"]["value"]
-    np.testing.assert_array_equal(values, (0.0, 0.31, 0.3))
 
 
 def test_a_headline_is_found_and_matters() -> None:

@@ -14,6 +14,12 @@ from tossid.diagnosis.effect_findings import NOTHING, closed_by_each, effect_fin
 from tossid.diagnosis.findings import FOUND, Finding, Interval, Share
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.consequence import consequences
+from tossid.diagnosis.localisation.contradictions import (
+    ask_tosses,
+    contradicted_names,
+    contradicted_values,
+    decided_by_witnesses,
+)
 from tossid.diagnosis.localisation.corners import locate
 from tossid.diagnosis.localisation.disagreement import solver_disagreement
 from tossid.diagnosis.localisation.gap import measure_gap, share_left
@@ -22,7 +28,6 @@ from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.localisation.refusal import check_rollouts
 from tossid.diagnosis.localisation.rollouts import rollout_errors
 from tossid.diagnosis.localisation.unseen import judge_unseen, unseen_windows
-from tossid.diagnosis.localisation.witnesses import witnesses
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.result import Contact, Diagnosis, Verdict
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
@@ -43,7 +48,7 @@ from tossid.diagnosis.selection.significance import TossesNeeded
 from tossid.diagnosis.selection.stability import Stability, repeated
 from tossid.diagnosis.under_way import UnderWay
 from tossid.diagnosis.verdict import gap_verdict, names_that_stand, verdict_by_rollouts
-from tossid.physics.effects import OTHER_POWER, Effect
+from tossid.physics.effects import OTHER_POWER, Effect, World
 from tossid.settings.diagnosis.diagnose import StabilitySettings
 from tossid.types import Phase, Toss
 
@@ -103,8 +108,14 @@ class Searched:
         """The diagnosis with how often repeats of the search name each effect."""
         self.under_way("repeated searches", 0.93)
         model, settings = self.found.first.hypothesis.base.object, self.validator.settings.stability
-        stability = repeated(self.tosses, model, self.validator, self.found, self.library, seed=self.seed)
+        stability = repeated(
+            self.tosses, model, self.validator, self.found, self.library, measured=self._measured, seed=self.seed
+        )
         return with_repeats(self.diagnosis, stability, self.found.classes, settings)
+
+    def _measured(self, tosses: Sequence[Toss], at: World) -> dict[str, float]:
+        """What tosses say of the effects whose values in a world they contradict."""
+        return contradicted_values(ask_tosses(tosses, self.found.first.hypothesis.world(), at, self.validator))
 
 
 def search_once(problem: Problem) -> Searched:
@@ -117,7 +128,9 @@ def search_once(problem: Problem) -> Searched:
     validator, first = begin(problem)
     world = first.hypothesis.base
     shown, plane = in_plane(tosses, world, problem.library, settings=problem.settings, n_threads=problem.n_threads)
-    found = search(validator, shown, first, under_way)
+    asked = partial(ask_tosses, tosses, world, validator=validator)
+    found = search(validator, shown, first, under_way, lambda at: contradicted_values(asked(at)))
+    found = decided_by_witnesses(found, validator, asked)
     under_way("line search", 0.85)
     found = line_searched(validator, found)
     under_way("shifted windows", 0.87)
@@ -227,7 +240,11 @@ def _concluded(
     rollouts = check_rollouts(tosses, unseen, validator, first.hypothesis, present.hypothesis, inside, folds, theirs)
     refused = frozenset() if rollouts is None else frozenset(rollouts.refused)
     verdict = verdict_by_rollouts(verdict, rollouts, sure)
-    candidates = {*inside} if verdict == "unexplained" else {*inside} - standing | refused
+    said = ask_tosses(unseen or tosses, first.hypothesis.world(), present.hypothesis.world(), validator, theirs)
+    contradicted = frozenset() if verdict == "explained" else contradicted_names(said, inside)
+    if verdict == "partly_explained" and not set(sure) - contradicted:
+        verdict = "unexplained"
+    candidates = {*inside} if verdict == "unexplained" else {*inside} - standing | refused | contradicted
     place, steps = validator.together(
         lambda: locate(tosses, first, present, gap, left, seed=seed, settings=settings),
         lambda: [
@@ -265,7 +282,7 @@ def _concluded(
         noise=floor.noise,
         misspecification=misspecified,
         place=place,
-        witnesses=witnesses(unseen or tosses, first.hypothesis.world(), present.hypothesis.world(), settings.witnesses),
+        witnesses=said,
     )
 
 

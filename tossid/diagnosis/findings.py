@@ -359,35 +359,3 @@ class Step:
         }
         plain = {name: None if value is None else value.as_json() for name, value in values.items()}
         return {"effects": list(self.effects), **plain}
-
-
-@dataclass(frozen=True)
-class Witness:
-    """A quantity that tosses reveal without a simulator (`localisation.witnesses`).
-
-    Attributes:
-        quantity: In words.
-        effect: Name of the effect of which it speaks.
-        stated: Its value in the stated simulator.
-        found: Its value with the effects that the diagnosis found.
-        measured: Its value in the tosses.
-        tosses: How many reveal it.
-    """
-
-    quantity: str
-    effect: str
-    stated: float
-    found: float
-    measured: Interval
-    tosses: int
-
-    def as_json(self) -> dict[str, Any]:
-        """One of gap.json's "witnesses"."""
-        return {
-            "quantity": self.quantity,
-            "effect": self.effect,
-            "stated": self.stated,
-            "found": self.found,
-            "measured": self.measured.as_json(),
-            "tosses": self.tosses,
-        }

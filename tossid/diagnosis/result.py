@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import ChangeLeft, Finding, Gap, Interval, Place, Share, Step, Witness
+from tossid.diagnosis.findings import ChangeLeft, Finding, Gap, Interval, Place, Share, Step
 from tossid.diagnosis.learned import LearnedForces
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.disagreement import SolverDisagreement
@@ -21,6 +21,7 @@ from tossid.diagnosis.localisation.unseen import Unseen
 from tossid.diagnosis.selection.plane import Plane
 from tossid.diagnosis.selection.significance import TossesNeeded
 from tossid.diagnosis.selection.stability import Stability
+from tossid.diagnosis.witness import Witness
 from tossid.settings.diagnosis.report import ReportSettings
 from tossid.types import RecordingOrder
 
@@ -188,6 +189,7 @@ class Diagnosis:
                 "minor": list(self.minor),
                 "refused": [] if self.rollouts is None else list(self.rollouts.refused),
                 "no_name": [{"like": name, "why": why} for name, why in self.implausible],
+                "hypothesis": {effect.name: effect.named(x) for effect, x in self.hypothesis.items()},
             },
             "steps": [step.as_json() for step in self.steps],
             "witnesses": [witness.as_json() for witness in self.witnesses],

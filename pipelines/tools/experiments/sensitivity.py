@@ -1,6 +1,7 @@
 """How much an answer depends on the settings: a diagnosis with each of ten of them halved and doubled.
 
-    python -m pipelines.tools.experiments.sensitivity FILE.h5 out=LINES.jsonl [tosses=24] [seed=0] [repeats=0]
+    python -m pipelines.tools.experiments.sensitivity FILE.h5 out=LINES.jsonl [split=train] [tosses=24]
+        [seed=0] [repeats=0]
     python -m pipelines.tools.experiments.sensitivity table=LINES.jsonl
 
 One JSON line a diagnosis: what was changed, the verdict, names, values with 95 % intervals, and the share of the gap
@@ -110,17 +111,23 @@ def table(lines: list[dict[str, Any]]) -> str:
     Args:
         lines: As `run` writes them.
     """
-    rows = ["| setting | value | named (95 %) | cannot be told from | closed [%] |", "|---|---|---|---|---|"]
+    rows = [
+        "| setting | value | verdict | named, or (candidates) | 95 % | cannot be told from | closed [%] |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for line in lines:
         key, value = next(iter(line["settings"].items()), ("as it is", ""))
         values: dict[str, list[str]] = {}
         for name, (middle, low, high) in line["values"].items():
             effect, parameter = name.split(".")
             values.setdefault(effect, []).append(f"{parameter} {middle:.4g} ({low:.4g} to {high:.4g})")
-        named = "; ".join(f"{each}: {', '.join(values[each])}" for each in line["named"]) or "nothing"
-        others = "; ".join(", ".join(line["alternatives"].get(each, [])) for each in line["named"])
+        found = [*line["named"], *line["candidates"]]
+        names = ", ".join([*line["named"], *(f"({each})" for each in line["candidates"])]) or "nothing"
+        sizes = "; ".join(f"{each}: {', '.join(values[each])}" for each in found)
+        others = "; ".join(", ".join(line["alternatives"][each]) for each in found if each in line["alternatives"])
         closed = [f"{100 * each:.0f}" for each in (line["closed"]["value"], *line["closed"]["ci95"])]
-        rows.append(f"| {key} | {value} | {named} | {others} | {closed[0]} ({closed[1]} to {closed[2]}) |")
+        share = f"{closed[0]} ({closed[1]} to {closed[2]})"
+        rows.append(f"| {key} | {value} | {line['verdict']} | {names} | {sizes} | {others} | {share} |")
     return "\n".join(rows)
 
 
@@ -131,7 +138,8 @@ def main(arguments: list[str]) -> None:
         sys.stdout.write(table([json.loads(line) for line in Path(keys["table"]).read_text().splitlines()]) + "\n")
         return
     (file,) = (each for each in arguments if "=" not in each)
-    chosen = {name: int(keys[name]) for name in ("tosses", "seed") if name in keys}
+    chosen: dict[str, Any] = {name: int(keys[name]) for name in ("tosses", "seed") if name in keys}
+    chosen |= {"split": keys["split"]} if "split" in keys else {}
     run(read_dataset(file), Path(keys["out"]), threads=1, repeats=int(keys.get("repeats", 0)), **chosen)
 
 

@@ -3,15 +3,15 @@
     python -m pipelines.tools.experiments.until_impact FILE.h5 --gap gap.json
 
 Two simulators are rolled out from first states that the first window determines under each: the stated object, and
-the same with what a diagnosis found (`--gap`) or with given effects (`--effects '{"friction": {"mu": 0.1}}'`). Later
-impacts are left out, as contact amplifies any error.
+the same with all that a diagnosis found, whether it has a name or not (`--gap`), or with given effects
+(`--effects '{"friction": {"mu": 0.1}}'`). Later impacts are left out, as contact amplifies any error.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +27,6 @@ from tossid.store import read_dataset
 from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
-Values = Mapping[str, Mapping[str, float]]
 
 
 def frames_until_second_impact(toss: Toss) -> int:
@@ -35,16 +34,6 @@ def frames_until_second_impact(toss: Toss) -> int:
     touching = toss.phase != Phase.FLIGHT
     begins = np.flatnonzero(touching[1:] & ~touching[:-1]) + 1
     return int(begins[1]) if len(begins) > 1 else len(toss)
-
-
-def found_effects(gap: Mapping[str, object]) -> Values:
-    """Values of the effects that a gap.json has found, whether sure or not, large or small."""
-    explanation, effects = gap["explanation"], gap["effects"]
-    assert isinstance(explanation, dict)
-    assert isinstance(effects, list)
-    names = [*explanation["effects"], *explanation["candidates"], *explanation["minor"]]
-    by_name = {effect["name"]: effect["parameters"] for effect in effects}
-    return {name: {key: value["value"] for key, value in by_name[name].items()} for name in names}
 
 
 def errors(tosses: Sequence[Toss], world: World) -> Array:
@@ -71,7 +60,10 @@ def main() -> None:
     given = parser.parse_args()
     if (given.gap is None) == (given.effects is None):
         raise InputError("expected either --gap or --effects")
-    effects = json.loads(given.effects) if given.gap is None else found_effects(json.loads(given.gap.read_text()))
+    if given.gap is None:
+        effects = json.loads(given.effects)
+    else:
+        effects = json.loads(given.gap.read_text())["explanation"]["hypothesis"]
     dataset = read_dataset(given.data)
     tosses, stated = [toss for split in given.split for toss in dataset.of_split(split)], World(dataset.object)
     print(f"effects: {json.dumps(effects)}")  # noqa: T201

@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.diagnosis.tossed import seen
-from tossid.diagnosis.findings import Witness
+from tests.diagnosis.tossed import recorded, seen
+from tests.models.made import DT
+from tossid.diagnosis.localisation.rollouts import made_by
 from tossid.diagnosis.localisation.witnesses import witnesses
+from tossid.diagnosis.witness import Witness
 from tossid.objects import ObjectModel, load_object
 from tossid.physics.effects import World, effect_named
 from tossid.physics.forces import Law
@@ -74,3 +76,47 @@ def test_a_soft_ball_rebounds_by_its_spring_and_damper(tmp_path: Path, impedance
     if impedance == 0:
         assert said["inertia over the stated"].measured.value == pytest.approx(1.0, abs=0.03)
     assert set(said) <= {"inertia over the stated", "rebound of the lowest point"}
+
+
+def test_made_tosses_show_what_biases_a_measurement(cube: ObjectModel) -> None:
+    """Lone corners that fly on after an impact are chosen, and so rebound without restitution. Made tosses do alike."""
+    truth = World(cube)
+    tosses = seen(truth, cube, 40, seed=3, frames=120)
+    said = {w.quantity: w for w in witnesses(tosses, truth, truth, made=made_by(tosses, truth, draws=2))}
+    rebound = said["rebound of a lone corner"]
+    assert rebound.found == 0.0
+    assert rebound.measured.value > 0.03
+    assert rebound.predicted is not None
+    assert rebound.predicted.value == pytest.approx(rebound.measured.value, abs=0.02)
+    assert not any(each.contradicts for each in said.values())
+
+
+def test_a_wrong_rebound_is_contradicted(cube: ObjectModel) -> None:
+    truth, wrong = (World(cube.with_changes(restitution=e)) for e in (0.4, 0.5))
+    tosses = seen(truth, cube, 40, seed=3, frames=120)
+    said = {w.quantity: w for w in witnesses(tosses, World(cube), wrong, made=made_by(tosses, wrong, draws=2))}
+    assert said["rebound of a lone corner"].contradicts
+    assert not said["inertia over the stated"].contradicts
+
+
+def test_sliding_feels_the_pull_of_the_ground(cube: ObjectModel) -> None:
+    """Each of four corners is pulled with 0.3 N, a third of the weight together."""
+    truth = effect_named("adhesion").at(World(cube), np.array([0.3]))
+    sliding = found(truth, cube)["friction of slow sliding (0.05 to 0.1 m/s)"]
+    assert sliding.found == pytest.approx(0.18 * (1 + 1.2 / (0.37 * 9.81)), rel=1e-3)
+    assert sliding.measured.value == pytest.approx(sliding.found, abs=0.025)
+
+
+def test_what_moves_in_a_plane_hits_with_an_edge(cube: ObjectModel) -> None:
+    """No corner of it is ever alone: the middle of the edge is hit."""
+    truth = World(cube.with_changes(restitution=0.5, inertia=1.2 * cube.inertia, friction=0.1))
+    rng = np.random.default_rng(4)
+    count, nothing = 24, np.zeros(24)
+    tilt, spin = rng.uniform(0.2, 1.2, count), rng.uniform(-12, 12, count)
+    q = np.stack([nothing, nothing, nothing + 0.25, np.cos(tilt / 2), nothing, np.sin(tilt / 2), nothing], axis=1)
+    v = np.stack([rng.uniform(0.5, 1.5, count), nothing, nothing, nothing, spin, nothing], axis=1)
+    run = truth.roll_out(q, v, n_steps=90, dt=DT, substeps=32, impact_parts=8)
+    tosses = recorded(run, cube, rng)
+    said = {w.quantity: w for w in witnesses(tosses, World(cube), truth)}
+    assert said["inertia over the stated"].measured.value == pytest.approx(1.2, rel=0.04)
+    assert said["rebound of a lone corner"].measured.value == pytest.approx(0.5, abs=0.03)

@@ -8,8 +8,9 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 from tests.diagnosis.by_hand import diagnosis, without_effects
-from tossid.diagnosis.findings import Interval, Witness
+from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.report import report_figures, report_html
+from tossid.diagnosis.witness import Witness
 from tossid.objects import ObjectModel
 
 
@@ -131,10 +132,11 @@ def test_a_patch_that_was_not_run_says_why(cube: ObjectModel) -> None:
 
 
 def test_witnesses_are_listed_with_where_they_come_from(cube: ObjectModel) -> None:
-    found = replace(
-        diagnosis(cube), witnesses=(Witness("friction", "friction", 0.18, 0.3, Interval(0.29, 0.2, 0.4), 7),)
-    )
-    page = Page(report_html(found, {}))
+    said = Witness("friction", "friction", 0.18, 0.3, Interval(0.29, 0.2, 0.4), 7)
+    page = Page(report_html(replace(diagnosis(cube), witnesses=(said,)), {}))
     assert "friction 0.180 0.300 0.290 (0.200 to 0.400) 7" in page.text
+    made = replace(said, predicted=Interval(0.31, 0.3, 0.32))
+    page = Page(report_html(replace(diagnosis(cube), witnesses=(made,)), {}))
+    assert "friction 0.180 0.300 0.310 (0.300 to 0.320) 0.290 (0.200 to 0.400) 7" in page.text
     assert "The values come from the same tosses." in page.text
     assert "without a simulator" not in Page(report_html(diagnosis(cube), {})).text

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tests.diagnosis.by_hand import diagnosis
+from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.localisation.refusal import Growth, RolloutCheck
-from tossid.diagnosis.report.refusal_text import refusal_sentences, refusal_words
+from tossid.diagnosis.report.refusal_text import contradiction_sentences, refusal_sentences, refusal_words
 from tossid.diagnosis.report.text import headline, sentences
+from tossid.diagnosis.witness import Witness
 from tossid.objects import ObjectModel
 
 FINE, WORSE = Growth(-4.0, -2.0, -5.7, 1.0, 0.05), Growth(3.87, -0.2, 3.7, 2.4e-5, 0.05)
@@ -36,3 +38,19 @@ def test_an_effect_that_is_refused_alone_is_named() -> None:
 def test_nothing_is_said_where_nothing_is_refused(cube: ObjectModel) -> None:
     assert refusal_sentences(None) == refusal_sentences(RolloutCheck(30, 0, FINE, (("friction", FINE),))) == []
     assert "worse" not in headline(diagnosis(cube))
+
+
+def test_what_tosses_contradict_is_said_with_both_values(cube: ObjectModel) -> None:
+    sliding = Witness("friction of fast sliding", "friction", 0.18, 0.3, Interval(0.2, 0.19, 0.21), 9)
+    against = replace(sliding, predicted=Interval(0.3, 0.29, 0.31), contradicts=True)
+    found = replace(diagnosis(cube), verdict="unexplained", named=(), candidates=("friction",), witnesses=(against,))
+    (said,) = contradiction_sentences(found)
+    assert said == (
+        "The friction of fast sliding is 0.200 (0.190 to 0.210) in 9 tosses, measured without a simulator. "
+        "Tosses that the simulator makes with what was found have 0.300 (0.290 to 0.310). "
+        "This contradicts friction: a candidate at most."
+    )
+    (said,) = contradiction_sentences(replace(found, witnesses=(replace(against, effect="inertia"),)))
+    assert said.endswith("Nothing that was found accounts for it.")
+    for silent in (replace(found, witnesses=(sliding,)), replace(found, verdict="explained")):
+        assert contradiction_sentences(silent) == []

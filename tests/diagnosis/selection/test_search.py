@@ -10,9 +10,14 @@ import pytest
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import ONCE, seen
 from tossid.diagnosis.explain import explain
+from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.problem import Problem
+from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.selection.search import search
+from tossid.diagnosis.under_way import UnderWay
 from tossid.objects import ObjectModel
 from tossid.physics.effects import RecordingErrors, World
+from tossid.settings.changed import changed
 
 
 @pytest.mark.slow
@@ -28,3 +33,29 @@ def test_contact_decides_what_flight_cannot_distinguish(cube: ObjectModel) -> No
     # steps eight times as long as those of the tosses bias it by 0.6 %, which is as much as its interval's half-width
     assert bounce.value == pytest.approx(0.35, rel=0.01)
     assert found.left.total.value < 1.3
+
+
+def test_a_search_that_ends_too_early_begins_again_where_tosses_say(cube: ObjectModel) -> None:
+    """Two effects, and one round of forward selection: the second search begins with what tosses say of both.
+
+    What they say wrongly is given up again.
+    """
+    truth = World(cube.with_changes(restitution=0.4, inertia=1.4 * cube.inertia))
+    tosses = seen(truth, cube, 14, seed=2)
+    settings = changed(ONCE, {"selection.most_rounds": 1, "selection.most_joint_refits": 1})
+    validator = CrossValidator.of(tosses, cube, seed=0, settings=settings)
+    library = [EFFECTS[name] for name in ("inertia", "friction", "restitution")]
+    first = validator.evaluate(Hypothesis(World(cube)))
+    asked: list[World] = []
+
+    def measured(at: World) -> dict[str, float]:
+        asked.append(at)
+        return {"restitution": 0.35, "inertia": 1.3, "friction": 0.2}
+
+    alone = search(validator, library, first, UnderWay())
+    assert len(alone.present.hypothesis.effects) == 1
+    found = search(validator, library, first, UnderWay(), measured).present.hypothesis
+    assert len(asked) == 1
+    assert set(found.names) == {"restitution", "inertia"}
+    assert found.values_of("restitution")[0] == pytest.approx(0.4, abs=0.01)
+    assert found.values_of("inertia")[0] == pytest.approx(1.4, rel=0.03)

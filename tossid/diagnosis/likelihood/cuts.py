@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.states import difference
-from tossid.motion.flight import flight_frames
+from tossid.motion.contact import may_touch
+from tossid.motion.local_motion import runs
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.settings.diagnosis.likelihood import WindowSettings
 from tossid.types import Phase, Toss
@@ -66,13 +67,14 @@ class FrameClock:
         return min(end, int(np.searchsorted(self.tick, self.tick[first] + ticks, side="right")) - 1)
 
 
-def cut_first_flight(
+def cut_flights(
     toss: Toss, clock: FrameClock, model: ObjectModel, long: int, cut: WindowSettings
 ) -> list[tuple[int, int]]:
-    """First and last frames of windows over the flight that a toss begins with.
+    """First and last frames of windows over the flight that a toss begins with, and over those after bounces.
 
-    The flight ends where the stated object may touch the stated ground, or, as neither may be right, where the velocity
-    jumps or time is uneven.
+    A flight ends where the stated object may touch the stated ground, or, as neither may be right, where the velocity
+    jumps or time is uneven. A later one falls as the first one does: what slides or rests on a ground that is higher
+    than the stated one does not.
 
     Args:
         toss: As recorded.
@@ -81,25 +83,47 @@ def cut_first_flight(
         long: Most ticks of a window.
         cut: Where windows end.
     """
-    end = flight_frames(toss, model) - 1
-    end = min(end, int(clock.breaks[0])) if len(clock.breaks) else end
-    if end < cut.shortest_flight:
-        return []
-    poses, cov = toss.measured
-    # change of velocity over three frames
-    position, s, t = poses[: end + 1, :3], 3, toss.t[: end + 1]
+    ended = may_touch(model, toss.t, toss.q)
+    ended[clock.breaks] = True
+    out: list[tuple[int, int]] = []
+    falls = None
+    for begin, end in runs(~ended):
+        first = begin + cut.frames_after_contact if begin else 0
+        last = _before_jump(toss, clock, first, end + 1, cut)
+        if last - first < (cut.shortest_later_flight if begin else cut.shortest_flight):
+            continue
+        acceleration = _acceleration(toss, first, last)
+        if not begin:
+            falls = acceleration
+        elif falls is None or np.linalg.norm(acceleration - falls) > cut.falls_alike * GRAVITY:
+            continue
+        tick = clock.tick[first : last + 1] - clock.tick[first]
+        parts = -(-int(tick[-1]) // long)
+        edges = [first + int(np.searchsorted(tick, tick[-1] * k // parts)) for k in range(parts + 1)]
+        out += itertools.pairwise(edges)
+    return out
+
+
+def _acceleration(toss: Toss, first: int, last: int) -> Array:
+    """(3,) of the tracked point between two frames, by the parabola nearest to its places."""
+    t = toss.t[first : last + 1] - toss.t[first]
+    out: Array = 2 * np.polyfit(t, toss.measured[0][first : last + 1, :3], 2)[0]
+    return out
+
+
+def _before_jump(toss: Toss, clock: FrameClock, first: int, last: int, cut: WindowSettings) -> int:
+    """The last frame of a flight before its velocity jumps, by its change over three frames."""
+    s, (poses, cov) = 3, toss.measured
+    if last - first < 2 * s:
+        return last
+    position, t = poses[first : last + 1, :3], toss.t[first : last + 1]
     velocity, middle = (position[s:] - position[:-s]) / (t[s:] - t[:-s])[:, None], 0.5 * (t[s:] + t[:-s])
     change = velocity[s:] - velocity[:-s]
     change[:, 2] += GRAVITY * (middle[s:] - middle[:-s])
-    noise = np.sqrt(6 * np.maximum(np.einsum("nii->ni", cov[: end + 1])[:, :3].max(), 0.0)) / (s * clock.dt)
+    largest = max(0.0, np.einsum("nii->ni", cov[first : last + 1])[:, :3].max())
     far = np.linalg.norm(change - np.median(change, axis=0), axis=1)
-    jumped = np.flatnonzero(far > cut.velocity_jump * GRAVITY * clock.dt + 6 * noise)
-    end = min(end, s + int(jumped[0])) if len(jumped) else end
-    if end < cut.shortest_flight:
-        return []
-    parts = -(-int(clock.tick[end]) // long)
-    edges = [int(np.searchsorted(clock.tick, clock.tick[end] * k // parts)) for k in range(parts + 1)]
-    return [(first, last) for first, last in itertools.pairwise(edges)]
+    jumped = np.flatnonzero(far > cut.velocity_jump * GRAVITY * clock.dt + 6 * np.sqrt(6 * largest) / (s * clock.dt))
+    return first + s + int(jumped[0]) if len(jumped) else last
 
 
 def cut_consecutively(

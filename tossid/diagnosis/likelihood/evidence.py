@@ -7,6 +7,7 @@ must not outweigh what flight says.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -58,6 +59,10 @@ class Hypothesis:
     def names(self) -> tuple[str, ...]:
         """Names of the effects."""
         return tuple(effect.name for effect in self.effects)
+
+    def items(self) -> Iterator[tuple[Effect, Array]]:
+        """Its effects, each with its values."""
+        return zip(self.effects, self.values, strict=True)
 
     def plus(self, effect: Effect, values: Array | None = None) -> Hypothesis:
         """With one more effect.

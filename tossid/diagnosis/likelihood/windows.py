@@ -1,6 +1,6 @@
 """Windows: short stretches of tosses that are predicted from uncertain first states.
 
-A toss is cut into consecutive windows, and its first flight is in one more. In each, the simulator f starts from a
+A toss is cut into consecutive windows, and its flights are in others besides. In each, the simulator f starts from a
 state x that is a nuisance parameter: its pose is known as well as poses are measured, its velocity hardly at all
 (recorded velocities lag, and are smeared over impacts). With S = df/dx and measured poses y with noise R, to first
 order around x_0,
@@ -21,7 +21,7 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.likelihood.cuts import FrameClock, cut_consecutively, cut_first_flight, pose_std
+from tossid.diagnosis.likelihood.cuts import FrameClock, cut_consecutively, cut_flights, pose_std
 from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.residuals import mean_residuals
 from tossid.diagnosis.likelihood.slow_errors import inverse_factors, slow_covariance
@@ -90,8 +90,8 @@ class Windows:
             change slowly with the object's attitude: a tracker's calibration. Zeros where there are none.
         root: (W, K, L + 1, L + 1) inverse Cholesky factors of each channel's whole covariance: slow errors and noise.
         clearance: (W,) least height of the stated object's corners over z = 0 [m]; minus infinity without an object.
-        free: (W,) windows of first flights, which end before the landing. Their frames are in other windows too: what
-            flight alone shows needs no model of contact.
+        free: (W,) windows of flights, which end before the landing. Their frames are in other windows too: what flight
+            alone shows needs no model of contact.
         settings: Of the likelihood that is made of these windows.
     """
 
@@ -234,7 +234,7 @@ def make_windows(
     length: int | None = None,
     long: int | None = None,
     shift: int = 0,
-    first_flights: bool = True,
+    flights: bool = True,
     scatter: tuple[float, float] | None = None,
 ) -> Windows:
     """Tosses cut into consecutive windows, which end where many frames are missing or times are uneven.
@@ -243,13 +243,13 @@ def make_windows(
 
     Args:
         tosses: Of one object.
-        model: The object, from whose first flights windows of their own are made and from whose poses at rest a
-            tracker's slow errors are estimated; without it there are neither.
+        model: The object, from whose flights windows of their own are made and from whose poses at rest a tracker's
+            slow errors are estimated; without it there are neither.
         settings: Of the likelihood.
         length: Most rows of a window, and ticks of one in contact; the settings' if None.
         long: Ticks of a window that is all flight or all rest; the settings' if None.
         shift: Frames of each toss that are left out at its beginning, which shifts all windows.
-        first_flights: Whether first flights get windows of their own.
+        flights: Whether flights get windows of their own.
         scatter: Sizes of a tracker's slow errors [m], [rad], as other tosses show them; these tosses' own if None.
     """
     cut = settings.windows
@@ -265,11 +265,11 @@ def make_windows(
     consecutive = len(cuts)
     if scatter is None:
         scatter = (0.0, 0.0) if model is None else rest_scatter(tosses, model)
-    if model is not None and first_flights:
+    if model is not None and flights:
         cuts += [
             (i, *each)
             for i, (toss, clock) in enumerate(zip(tosses, clocks, strict=True))
-            for each in cut_first_flight(toss, clock, model, long, cut)
+            for each in cut_flights(toss, clock, model, long, cut)
         ]
     W = len(cuts)
     q, v, y = np.empty((W, K + 1)), np.empty((W, K)), np.empty((W, most, K + 1))

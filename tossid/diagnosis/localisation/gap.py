@@ -133,7 +133,7 @@ def _counted_squares(evidence: Evidence, residuals: Array) -> tuple[Array, Array
 def _rms_of(tosses: Sequence[Toss], length: int, state: Candidate, validator: CrossValidator) -> float:
     """Root mean square of whitened residuals in windows of so many frames."""
     world, model, settings = state.hypothesis.world(), state.hypothesis.base.object, validator.settings.likelihood
-    windows = make_windows(tosses, model, settings=settings, length=length, long=0, first_flights=False)
+    windows = make_windows(tosses, model, settings=settings, length=length, long=0, flights=False)
     # of short windows some are enough
     windows = windows.rows(np.arange(0, len(windows.toss), max(1, settings.windows.length // length)))
     kept, whitening = linearise(windows, world, n_threads=validator.n_threads)

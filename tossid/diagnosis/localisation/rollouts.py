@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Interval, Step
+from tossid.diagnosis.likelihood.states import moved_pose
 from tossid.diagnosis.likelihood.whitening import linearise
 from tossid.diagnosis.likelihood.windows import Windows, make_windows, steps_of
 from tossid.diagnosis.localisation.gap import bootstrap_ratio, mean_square
@@ -64,17 +65,56 @@ def toss_errors(tosses: Sequence[Toss], world: World, windows: Windows | None = 
     Returns:
         Means over frames; NaN where a rollout diverged.
     """
+    out = np.empty((len(tosses), 2))
+    for row, (toss, q) in enumerate(zip(tosses, _rolled_out(tosses, world, windows, n_threads), strict=True)):
+        out[row, 0] = 100 * np.linalg.norm(q[:, :3] - toss.q[:, :3], axis=1).mean() / world.object.width
+        out[row, 1] = np.rad2deg(geodesic_angle(q[:, 3:7], toss.q[:, 3:7])).mean()
+    return out
+
+
+def _rolled_out(tosses: Sequence[Toss], world: World, windows: Windows | None, n_threads: int) -> list[Array]:
+    """Poses (n, nq) of each toss's frames in the world, as of `toss_errors`."""
     dt = frame_time(tosses)
     q0, v0 = first_states(tosses, world, windows, n_threads=n_threads)
     ticks = [toss.ticks(dt) for toss in tosses]
     steps = np.array([each[-1] for each in ticks])
     how = steps_of(world) if windows is None else steps_of(world, windows.settings.simulation)
     run = world.roll_out(q0, v0, n_steps=steps, dt=dt, **how, n_threads=n_threads)
-    out = np.empty((len(tosses), 2))
-    for row, toss in enumerate(tosses):
-        q = run[row, ticks[row]]
-        out[row, 0] = 100 * np.linalg.norm(q[:, :3] - toss.q[:, :3], axis=1).mean() / world.object.width
-        out[row, 1] = np.rad2deg(geodesic_angle(q[:, 3:7], toss.q[:, 3:7])).mean()
+    return [run[row, each] for row, each in enumerate(ticks)]
+
+
+def made_by(
+    tosses: Sequence[Toss],
+    world: World,
+    windows: Windows | None = None,
+    *,
+    draws: int,
+    seed: int = 0,
+    n_threads: int = 1,
+) -> list[Toss]:
+    """Tosses that a world makes from the first states of others, measured with the same noise.
+
+    Args:
+        tosses: As recorded.
+        world: The simulator.
+        windows: Of these tosses, where they are at hand.
+        draws: How often each is measured.
+        seed: Of the noise.
+        n_threads: Of the simulator.
+
+    Returns:
+        Each with the name of the toss whose first state it has; without those that diverged.
+    """
+    rng, out = np.random.default_rng(seed), []
+    for toss, q in zip(tosses, _rolled_out(tosses, world, windows, n_threads), strict=True):
+        if not np.isfinite(q).all():
+            continue
+        cov = toss.measured[1]
+        root = np.linalg.cholesky(cov + 1e-18 * np.eye(cov.shape[1]))
+        for _ in range(draws):
+            noise = (root @ rng.normal(size=(*cov.shape[:2], 1)))[..., 0]
+            q_seen = moved_pose(q, noise)
+            out.append(Toss(toss.name, toss.t, q_seen, toss.v, cov, toss.v_cov, toss.phase))
     return out
 
 

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
-from tossid.diagnosis.findings import Interval, Witness
+from tossid.diagnosis.findings import Interval
+from tossid.diagnosis.witness import Witness
 from tossid.objects import ObjectModel, Roundness
 from tossid.physics.body import rounded_corner_centres
 from tossid.physics.effects import World
@@ -57,8 +58,48 @@ class Impacts:
     q: Array
 
 
+class Measurement(NamedTuple):
+    """A quantity in n impacts or stretches of sliding.
+
+    Attributes:
+        says: What it is, in words.
+        effect: Name of the effect of which it speaks.
+        values: In the stated and in the found world.
+        measured: (n,) each.
+        toss: (n,) numbers of the tosses.
+    """
+
+    says: str
+    effect: str
+    values: tuple[float, float]
+    measured: Array
+    toss: Index
+
+    def interval(self, fewest: int) -> tuple[Interval, int] | None:
+        """The median over tosses of their medians, with its percentile interval (bootstrap over tosses).
+
+        Args:
+            fewest: Tosses that it takes.
+
+        Returns:
+            It, and how many tosses; None where they are too few.
+        """
+        numbers = np.unique(self.toss)
+        if len(numbers) < fewest:
+            return None
+        medians = np.array([np.median(self.measured[self.toss == i]) for i in numbers])
+        ends = bootstrap(
+            (medians,), np.median, confidence_level=0.95, method="percentile", rng=np.random.default_rng(0)
+        ).confidence_interval
+        return Interval(float(np.median(medians)), float(ends.low), float(ends.high)), len(numbers)
+
+
 def witnesses(
-    tosses: Sequence[Toss], stated: World, found: World, settings: WitnessSettings = WitnessSettings()
+    tosses: Sequence[Toss],
+    stated: World,
+    found: World,
+    settings: WitnessSettings = WitnessSettings(),
+    made: Sequence[Toss] = (),
 ) -> tuple[Witness, ...]:
     """What tosses, best others than those diagnosed, say of inertia, restitution and friction.
 
@@ -68,19 +109,40 @@ def witnesses(
         found: The world after it. Its recording errors, centre of mass and corners are used; its other values are only
             compared.
         settings: Which impacts and slides are measured.
+        made: Tosses that the found world makes. Those of equal name are draws of one toss.
 
     Returns:
         None of an object with joints, whose impacts move its links in more complicated ways.
     """
     if found.object.n_joints:
         return ()
+    predicted = {each.says: each.interval(settings.fewest_tosses) for each in _measured(made, stated, found, settings)}
+    out = []
+    for each in _measured(tosses, stated, found, settings):
+        value = each.interval(settings.fewest_tosses)
+        if value is not None:
+            theirs = predicted.get(each.says)
+            against = theirs is not None and _apart(value[0], theirs[0], settings.solver_error)
+            out.append(Witness(each.says, each.effect, *each.values, *value, theirs and theirs[0], against))
+    return tuple(out)
+
+
+def _apart(one: Interval, other: Interval, tolerance: float) -> bool:
+    """Whether two intervals are further apart than a share of the first value."""
+    return max(one.low - other.high, other.low - one.high) > tolerance * abs(one.value)
+
+
+def _measured(tosses: Sequence[Toss], stated: World, found: World, settings: WitnessSettings) -> list[Measurement]:
+    """All quantities in impacts and slides, as of `witnesses`."""
     part = "a lone corner" if found.object.roundness is None else "the lowest point"
     hit = lone_impacts(tosses, found, settings)
     model, other = found.object, stated.object
-    out: list[Witness | None] = []
+    number = {name: i for i, name in enumerate(dict.fromkeys(toss.name for toss in tosses))}
+    of_toss = np.array([number[toss.name] for toss in tosses], dtype=np.int64)
+    out: list[Measurement] = []
 
     def add(says: str, effect: str, values: tuple[float, float], measured: Array, toss: Index, chosen: Flags) -> None:
-        out.append(_witness(says, effect, values, measured, toss, chosen, settings.fewest_tosses))
+        out.append(Measurement(says, effect, values, measured[chosen], of_toss[toss[chosen]]))
 
     turned = np.linalg.norm(hit.dw, axis=1) > settings.least_spin_change
     back = quat_to_matrix(hit.q).swapaxes(1, 2)
@@ -97,20 +159,20 @@ def witnesses(
 
     if found.object.roundness is not None:
         # a round object sticks in most impacts, and has no face to slide on
-        return tuple(each for each in out if each is not None)
+        return out
 
-    load = found.gravity * float(model.mass[0])
     slips = np.linalg.norm(hit.after[:, :2], axis=1) > settings.least_slip
     slips &= (hit.before[:, :2] * hit.after[:, :2]).sum(axis=1) > 0  # what springs back has stuck
     ratio = np.linalg.norm(hit.dv[:, :2], axis=1) / np.maximum(hit.dv[:, 2], 1e-9)
     add("friction of a hit corner", "friction", (other.friction, _mu(found, 1.0)), ratio, hit.toss, slips)
-    slides = sliding(tosses, found, settings)
+    slides, load = sliding(tosses, found, settings), found.gravity * float(model.mass[0])
     for name, (low, high) in (("slow", settings.slow), ("fast", settings.fast)):
         inside = (slides[:, 1] >= low) & (slides[:, 1] < high)
         says = f"friction of {name} sliding ({low:g} to {high:g} m/s)"
-        expected = _mu(found, 0.5 * (low + high)) + 4 * model.cohesion / load
-        add(says, "friction", (other.friction, expected), slides[:, 2], slides[:, 0].astype(int), inside)
-    return tuple(each for each in out if each is not None)
+        # each of the four corners of a face is held, and holds
+        expected = _mu(found, 0.5 * (low + high)) * (1 + 4 * found.law.adhesion / load) + 4 * model.cohesion / load
+        add(says, "friction", (other.friction, expected), slides[:, 2], slides[:, 0].astype(np.int64), inside)
+    return out
 
 
 def lone_impacts(tosses: Sequence[Toss], world: World, settings: WitnessSettings = WitnessSettings()) -> Impacts:
@@ -201,7 +263,7 @@ def _impact(
     if abs(when) > max(1.5 * float(np.diff(t[last : first + 1]).min()), 0.5 * (t[first] - t[last])):
         return None
     attitude = quat_mul(quat_exp(w * (middle - t[last] + when)), q[last, 3:])
-    arms = shape.arms(attitude)
+    arms = _merged(shape.arms(attitude), (w, w_after), settings.lone * shape.width, settings.along_edge)
     arm = arms[0]
     before = v + gravity * when + np.cross(w, arm)
     if len(arms) > 1 and arms[1, 2] - arm[2] < settings.lone * shape.width:
@@ -209,6 +271,21 @@ def _impact(
     if before[2] > -settings.least_closing:
         return None
     return np.concatenate([arm, jump, w_after - w, before, v_after + gravity * when + np.cross(w_after, arm), attitude])
+
+
+def _merged(arms: Array, spins: tuple[Array, Array], near: float, along: float) -> Array:
+    """Places of contact, lowest first, with the two ends of an edge as its middle where the body turns about the edge.
+
+    So does a body that moves in a plane, of which no corner is ever alone.
+
+    arms: (n_c, 3) from the centre of mass [m], lowest first. spins: before and after the impact [rad/s]. near: height
+    below which two corners are hit together [m]. along: largest sine of the angle between the edge and a spin.
+    """
+    if len(arms) < 3 or arms[1, 2] - arms[0, 2] > near:
+        return arms
+    edge = arms[1] - arms[0]
+    across = max(float(np.linalg.norm(np.cross(w, edge)) / (np.linalg.norm(w) * np.linalg.norm(edge))) for w in spins)
+    return np.concatenate([[0.5 * (arms[0] + arms[1])], arms[2:]]) if across < along else arms
 
 
 def sliding(tosses: Sequence[Toss], world: World, settings: WitnessSettings = WitnessSettings()) -> Array:
@@ -271,27 +348,3 @@ def _mu(world: World, speed: float) -> float:
     """Friction at a sliding speed [m/s]."""
     law = world.law
     return float(world.object.friction * (1 + (law.static_rel - 1) * np.exp(-((speed / law.slip_speed) ** 2))))
-
-
-def _witness(
-    says: str,
-    effect: str,
-    values: tuple[float, float],
-    measured: Array,
-    toss: NDArray[np.int64],
-    chosen: NDArray[np.bool_],
-    fewest: int,
-) -> Witness | None:
-    """The median over tosses of their medians, with its percentile interval (bootstrap over tosses).
-
-    values: the stated one and the found one.
-    """
-    numbers = np.unique(toss[chosen])
-    if len(numbers) < fewest:
-        return None
-    medians = np.array([np.median(measured[chosen & (toss == i)]) for i in numbers])
-    ends = bootstrap(
-        (medians,), np.median, confidence_level=0.95, method="percentile", rng=np.random.default_rng(0)
-    ).confidence_interval
-    value = Interval(float(np.median(medians)), float(ends.low), float(ends.high))
-    return Witness(says, effect, *values, value, len(numbers))

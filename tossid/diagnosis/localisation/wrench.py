@@ -156,14 +156,13 @@ def phase_groups(windows: Windows) -> tuple[Flags, Flags]:
     """(W,) windows that are all flight, in which no frame is twice, and (W,) windows with contact.
 
     Args:
-        windows: Consecutive ones and those of first flights.
+        windows: Consecutive ones and those of flights.
     """
     airborne = ~(windows.inside & (windows.phase != Phase.FLIGHT)).any(1)
-    end = np.full(int(windows.toss.max(initial=-1)) + 1, -1)
-    last = windows.first + windows.steps
-    np.maximum.at(end, windows.toss[windows.free], last[windows.free])
-    later = ~windows.free & airborne & (windows.first >= end[windows.toss])
-    return windows.free | later, ~windows.free & ~airborne
+    last, same = windows.first + windows.steps, windows.toss[:, None] == windows.toss
+    overlap = same & (windows.first[:, None] < last) & (windows.first < last[:, None])
+    again = (overlap & windows.free).any(axis=1)
+    return windows.free | (airborne & ~again), ~windows.free & ~airborne
 
 
 def _states(windows: Windows, model: ObjectModel) -> tuple[Array, Array, Array, Array]:

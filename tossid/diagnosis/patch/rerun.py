@@ -62,7 +62,7 @@ def rerun(
     worlds = {"before": hypothesis.base, "after": hypothesis.world()}
     models = {"before": patch.before, "after": patch.after}
     tosses = _affordable(tosses, min(float(model.opt.timestep) for model in models.values()), settings)
-    windows = make_windows(tosses, stated, first_flights=False)
+    windows = make_windows(tosses, stated, flights=False)
     n = len(tosses)
     q0, v0 = first_states(tosses, worlds["after"], n_threads=n_threads)
     out: dict[str, Any] = {

@@ -31,6 +31,7 @@ from tossid.diagnosis.report.units import (
     span,
 )
 from tossid.diagnosis.result import Diagnosis
+from tossid.diagnosis.witness import Witness
 
 _TEMPLATES = Environment(
     loader=PackageLoader("tossid.diagnosis.report"), autoescape=True, trim_blocks=True, undefined=StrictUndefined
@@ -86,9 +87,7 @@ def _content(diagnosis: Diagnosis, figures: Mapping[str, Figure]) -> dict[str, A
             ]
             for step in diagnosis.steps
         ],
-        "witnesses": [
-            [w.quantity, short(w.stated), short(w.found), span(w.measured), w.tosses] for w in diagnosis.witnesses
-        ],
+        "witnesses": [_witness(each) for each in diagnosis.witnesses],
         "witnesses_from": "the same tosses" if place is None else "tosses that were not used for the fit",
         "shares": [
             [share.name, percent(share.share.value), f"{percent(share.share.low)} to {percent(share.share.high)}"]
@@ -102,6 +101,12 @@ def _about(diagnosis: Diagnosis) -> str:
     """Which simulator, and which tosses."""
     simulator = "" if diagnosis.simulator is None else f"Simulator: {diagnosis.simulator.about}. "
     return f"{simulator}Tosses: {diagnosis.n_tosses}" + (f" of {diagnosis.tosses_of}." if diagnosis.tosses_of else ".")
+
+
+def _witness(said: Witness) -> list[str | int]:
+    """A row of the table of witnesses."""
+    made = "" if said.predicted is None else span(said.predicted)
+    return [said.quantity, short(said.stated), short(said.found), made, span(said.measured), said.tosses]
 
 
 def _figure(name: str, figure: Figure, diagnosis: Diagnosis) -> dict[str, Any]:

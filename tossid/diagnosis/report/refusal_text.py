@@ -1,9 +1,11 @@
-"""What effects do to whole tosses, in sentences, where they are refused for it."""
+"""Why effects are refused, or candidates at most: what they do to whole tosses, and what tosses show against them."""
 
 from __future__ import annotations
 
+from tossid.diagnosis.localisation.contradictions import CONCERNS
 from tossid.diagnosis.localisation.refusal import Growth, RolloutCheck
-from tossid.diagnosis.report.units import short
+from tossid.diagnosis.report.units import listed, short, span
+from tossid.diagnosis.result import Diagnosis
 
 
 def refusal_words(check: RolloutCheck | None) -> str:
@@ -37,6 +39,28 @@ def refusal_sentences(check: RolloutCheck | None) -> list[str]:
         for name, growth in check.effects
         if growth.refused
     ]
+
+
+def contradiction_sentences(diagnosis: Diagnosis) -> list[str]:
+    """What tosses show by themselves against what was found.
+
+    Args:
+        diagnosis: What was found.
+    """
+    text = []
+    for each in diagnosis.witnesses:
+        if not each.contradicts or each.predicted is None or diagnosis.verdict == "explained":
+            continue
+        concerned = [name for name in diagnosis.found if name in CONCERNS[each.effect]]
+        said = (
+            f"The {each.quantity} is {span(each.measured)} in {each.tosses} tosses, measured without a simulator. "
+            f"Tosses that the simulator makes with what was found have {span(each.predicted)}. "
+        )
+        if concerned:
+            text.append(f"{said}This contradicts {listed(concerned, 'or')}: a candidate at most.")
+        else:
+            text.append(f"{said}Nothing that was found accounts for it.")
+    return text
 
 
 def _grown(growth: Growth) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from tossid.diagnosis.findings import Finding, Interval, Share
 from tossid.diagnosis.report.interruption_text import interruption_sentences
 from tossid.diagnosis.report.order_text import over_order_sentences
-from tossid.diagnosis.report.refusal_text import refusal_sentences, refusal_words
+from tossid.diagnosis.report.refusal_text import contradiction_sentences, refusal_sentences, refusal_words
 from tossid.diagnosis.report.units import (
     closed_share,
     in_units,
@@ -94,7 +94,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.found:
         text.append(_how_far(diagnosis))
         text += _confusable(diagnosis)
-    text += refusal_sentences(diagnosis.rollouts)
+    text += [*refusal_sentences(diagnosis.rollouts), *contradiction_sentences(diagnosis)]
     text += [_another_law(name, power) for name, power in diagnosis.other_laws]
     text += [_unsteady(diagnosis, name) for name in diagnosis.unsteady]
     text += [_IMPLAUSIBLE[why].format(name=name) for name, why in diagnosis.implausible]
@@ -143,7 +143,7 @@ def _how_sure(diagnosis: Diagnosis) -> list[str]:
         text += (
             f" Not sure, although significant: {listed(diagnosis.candidates)}. Repeated searches name such an effect "
             "too rarely, or most of the gap, or of its part in contact, stays with it, or whole tosses are predicted "
-            "worse with it."
+            "worse with it, or what tosses show without a simulator contradicts it."
         )
     return [text]
 

@@ -3,28 +3,47 @@
 What flight reveals is found and named there. Then it is in, and contact decides between effects of a confusable class,
 and reveals what does not act in flight. The values that flight has determined are held in these rounds, but for a refit
 of all whenever an effect has joined.
+
+Where tosses contradict what the search has found and much of the gap is left, it begins once more in contact, at what
+impacts and slides say by themselves (`localisation.witnesses`). Forward selection takes one effect at a time, and where
+no hypothesis is near the noise it ends where it happens to go.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from types import MappingProxyType
+
+import numpy as np
 
 from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.localisation.gap import share_left
+from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.flight_search import search_flight
 from tossid.diagnosis.selection.forward_selection import ForwardSelection
 from tossid.diagnosis.selection.search_result import SearchResult, replaced
 from tossid.diagnosis.under_way import UnderWay
-from tossid.physics.effects import Effect
+from tossid.physics.effects import Effect, World
 from tossid.types import Phase
 
 Needed = dict[str, Candidate]
 Classes = dict[str, tuple[Candidate, ...]]
 
 
-def search(validator: CrossValidator, library: Sequence[Effect], first: Candidate, under_way: UnderWay) -> SearchResult:
+Measured = Callable[[World], dict[str, float]]
+"""What tosses say by themselves of the effects whose values in a world they contradict, by name."""
+
+
+def search(
+    validator: CrossValidator,
+    library: Sequence[Effect],
+    first: Candidate,
+    under_way: UnderWay,
+    measured: Measured = lambda world: {},
+) -> SearchResult:
     """The effects that tosses reveal, selected from a library.
 
     Args:
@@ -32,10 +51,11 @@ def search(validator: CrossValidator, library: Sequence[Effect], first: Candidat
         library: The effects to choose from.
         first: The hypothesis without effects.
         under_way: Told what is known.
+        measured: What tosses say without a simulator.
     """
     under_way("flight alone", 0.1)
     flight = search_flight(validator, library, first.hypothesis)
-    return _Search(validator, library, first, under_way).run(flight)
+    return _Search(validator, library, first, under_way, measured).run(flight)
 
 
 @dataclass(frozen=True)
@@ -46,6 +66,7 @@ class _Search:
     library: Sequence[Effect]
     first: Candidate
     under_way: UnderWay
+    measured: Measured
 
     @property
     def _rounds(self) -> ForwardSelection:
@@ -58,10 +79,39 @@ class _Search:
         base = self.first.hypothesis.base if flight is None else flight.present.hypothesis.base
         hypothesis = self._with_contact_law(Hypothesis(base), flight)
         first, history, needed, classes = self._with_flight(hypothesis, flight)
-        n_flight = len(history[-1].hypothesis.effects)
+        found = self._in_contact(flight, first, history, needed, classes)
+        begun = self._begun_as_measured(first, found)
+        if begun is not None:
+            history = [*found.history[: found.n_flight + 1], begun[0]]
+            other = self._in_contact(flight, first, history, needed, classes, begun[1])
+            if self.validator.p_value_over(other.present, found.present) < self._rounds.level:
+                found = replace(other, first_round=found.first_round)
+        return found
+
+    def _in_contact(
+        self,
+        flight: SearchResult | None,
+        first: Candidate,
+        history: Sequence[Candidate],
+        needed: Needed,
+        classes: Classes,
+        rivals: Mapping[str, tuple[Effect, ...]] = MappingProxyType({}),
+    ) -> SearchResult:
+        """What all windows reveal beside what flight does.
+
+        Args:
+            flight: What flight reveals.
+            first: The hypothesis without effects.
+            history: The hypotheses on the way, of which the last one is where rounds begin.
+            needed: Each effect of flight against the hypothesis without it.
+            classes: The confusable classes of these.
+            rivals: For each further effect with which rounds begin, what may stand in for it.
+        """
+        n_flight = 0 if flight is None else len(flight.present.hypothesis.effects)
         library = self._library_beside(flight, classes)
         contact = self._holding(history[-1], n_flight, library)
         path = contact.run(first, history, 0.2)
+        path = replace(path, classes={**rivals, **path.classes})
         replacements = self.validator.settings.selection.most_replacements
         while True:
             path = contact.refit_until_stable(first, path)
@@ -91,6 +141,44 @@ class _Search:
             {} if flight is None else {name: each for name, each in flight.other_laws.items() if name in needed},
             () if flight is None else tuple(name for name in flight.unsteady if name in needed),
         )
+
+    def _begun_as_measured(
+        self, first: Candidate, found: SearchResult
+    ) -> tuple[Candidate, dict[str, tuple[Effect, ...]]] | None:
+        """What flight reveals, with effects at the values that tosses say by themselves, and what may replace each.
+
+        None where tosses do not contradict what was found, or little of the gap is left.
+
+        Args:
+            first: The hypothesis without effects.
+            found: By forward selection from what flight reveals.
+        """
+        closed, _ = share_left(first, found.present, self.validator, noise_floor(self.validator.windows))
+        if not self._rounds.can_name or closed.value > self.validator.settings.verdict.all_closed:
+            return None
+        said = self.measured(found.present.hypothesis.world())
+        flown = found.history[found.n_flight]
+        hypothesis = flown.hypothesis
+        for effect in self.library:
+            if effect.name in said and effect.name not in hypothesis.names and len(effect.parameters) == 1:
+                value = np.array([said[effect.name]])
+                hypothesis = Hypothesis(hypothesis.base, (*hypothesis.effects, effect), (*hypothesis.values, value))
+        if len(hypothesis.effects) == found.n_flight:
+            return None
+        self.under_way("again, from what impacts and slides say", 0.5)
+        contact = self._holding(flown, found.n_flight, self.library)
+        begun, without = contact.pruned(first, contact.refitted(self.validator.evaluate(hypothesis)))
+        names = begun.hypothesis.names[found.n_flight :]
+        if not names:
+            return None
+        self.under_way.reached(begun)
+        return begun, {name: self._rivals(contact, first, without[name], name) for name in names}
+
+    def _rivals(self, contact: ForwardSelection, first: Candidate, without: Candidate, name: str) -> tuple[Effect, ...]:
+        """What gains much where an effect is left out, as in the round in which it would have joined."""
+        fitted = contact.round(first, without)
+        least = contact.settings.class_gain * max((each.total for each in fitted), default=0.0)
+        return tuple(each.effect for each in fitted if each.effect and each.name != name and each.total > least)
 
     def _with_flight(
         self, hypothesis: Hypothesis, flight: SearchResult | None

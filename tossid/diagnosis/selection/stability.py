@@ -15,7 +15,7 @@ frequencies add to the search's own tests, and do not replace them.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -34,9 +34,12 @@ from tossid.diagnosis.selection.search import search
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.diagnosis.under_way import UnderWay
 from tossid.objects import ObjectModel
-from tossid.physics.effects import Effect
+from tossid.physics.effects import Effect, World
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings, StabilitySettings
 from tossid.types import Toss
+
+MeasuredOf = Callable[[Sequence[Toss], World], dict[str, float]]
+"""What tosses say by themselves of the effects whose values in a world they contradict, by name."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,7 @@ def repeated(
     library: Sequence[Effect],
     *,
     seed: int,
+    measured: MeasuredOf = lambda tosses, at: {},
 ) -> Stability:
     """The search repeated, as often as the settings say.
 
@@ -109,6 +113,7 @@ def repeated(
         found: What the search found.
         library: The effects that it chose from.
         seed: Of all draws; repeats of a smaller number are the first of them.
+        measured: What drawn tosses say by themselves.
     """
     settings = validator.settings
     least = settings.verdict.partly_closed
@@ -117,7 +122,7 @@ def repeated(
     some = shortlist(validator, found, library, settings.stability.shortlist)
     if not some:  # no effect gains by a step, so that no repeat has anything to choose from
         return Stability((Repeat((), 0.0),) * settings.repeats, least)
-    one = partial(_repeat, tosses, model, validator, found.first.hypothesis, some, len(library))
+    one = partial(_repeat, tosses, model, validator, found.first.hypothesis, some, len(library), measured)
     draws = np.random.default_rng([seed, 7]).spawn(settings.repeats)
     return Stability(tuple(validator.map(one, draws)), least)
 
@@ -157,6 +162,7 @@ def _repeat(
     nothing: Hypothesis,
     library: Sequence[Effect],
     whole: int,
+    measured: MeasuredOf,
     rng: np.random.Generator,
 ) -> Repeat:
     """One repeat.
@@ -168,6 +174,7 @@ def _repeat(
         nothing: The hypothesis without effects, with the contact law that the tosses follow.
         library: The effects that may be named.
         whole: How many effects the library has from which these were chosen.
+        measured: What drawn tosses say by themselves, as of `repeated`.
         rng: Of this repeat.
     """
     settings = _of_repeat(validator.settings, len(library) / whole, rng)
@@ -176,7 +183,7 @@ def _repeat(
     drawn = [tosses[i] for i in draw]
     windows = make_windows(drawn, model, settings=settings.likelihood, shift=int(rng.integers(length)))
     own = replace(validator, windows=windows, folds=folds, n_threads=1, settings=settings)
-    found = search(own, library, own.evaluate(nothing), UnderWay())
+    found = search(own, library, own.evaluate(nothing), UnderWay(), partial(measured, drawn))
     found, spread = pruned_by_wald_test(own, found, np.zeros(len(found.present.hypothesis.flat())))
     found, _ = plausible_names(own, found, spread)
     names = tuple(name for name in found.present.hypothesis.names if name not in found.unnamed)

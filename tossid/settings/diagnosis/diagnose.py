@@ -161,6 +161,8 @@ class WitnessSettings:
     """frames in which the velocity jumps, of an impact of a round object, which may be soft; of a corner two"""
     lone: Fraction = 0.1
     """share of the object's width by which all other corners are higher than a lone one"""
+    along_edge: Fraction = 0.05
+    """sine of the angle to the spin below which an edge is hit as one place, at its middle"""
     least_closing: Positive = 0.3
     """speed at which a corner hits at least [m/s]"""
     least_slip: Positive = 0.3
@@ -181,6 +183,10 @@ class WitnessSettings:
     """largest spin about the vertical in sliding [rad/s]"""
     fewest_tosses: Count = 5
     """tosses that a measurement needs"""
+    draws: Count = 4
+    """tosses that the found simulator makes of each first state, each with other noise"""
+    solver_error: Fraction = 0.05
+    """share of a value within which made tosses may differ from recorded ones by how finely they are simulated"""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,6 +19,12 @@ class WindowSettings:
     """frames of a window that is all flight or all rest: a weak force shows only over many frames"""
     shortest_flight: Count = 6
     """frames that a toss's first flight needs to get a window of its own"""
+    shortest_later_flight: Count = 12
+    """the same for flights after a bounce, of which short ones show no weak force"""
+    frames_after_contact: Annotated[int, Bounds(low=0)] = 2
+    """frames after an object has left the ground that do not count as flight: a tracker smears poses over an impact"""
+    falls_alike: Positive = 0.25
+    """largest difference of a later flight's acceleration to the first one's, over gravity"""
     velocity_jump: Positive = 3.0
     """a flight ends where the velocity jumps by so many times gravity's change of velocity in a frame, beyond noise"""
     flight_weight: Positive = 100.0

@@ -48,15 +48,28 @@ def test_what_is_there_is_not_computed_again(
 def test_the_table_has_a_row_for_each_line() -> None:
     shares = Interval(0.5, 0.4, 0.6).as_json()
     lines = [
-        {"settings": {}, "named": [], "values": {}, "alternatives": {}, "closed": shares},
         {
+            "settings": {},
+            "verdict": "no_gap",
+            "named": [],
+            "candidates": [],
+            "values": {},
+            "alternatives": {},
+            "closed": shares,
+        },
+        {
+            "verdict": "explained",
+            "candidates": ["inertia"],
             "settings": {"selection.level": 0.1},
             "named": ["friction"],
-            "values": {"friction.mu": [0.3, 0.29, 0.31]},
+            "values": {"friction.mu": [0.3, 0.29, 0.31], "inertia.scale_rel": [1.1, 1, 1.2]},
             "alternatives": {"friction": ["cohesion"]},
             "closed": shares,
         },
     ]
     rows = table(lines).splitlines()[2:]
-    assert rows[0] == "| as it is |  | nothing |  | 50 (40 to 60) |"
-    assert rows[1] == "| selection.level | 0.1 | friction: mu 0.3 (0.29 to 0.31) | cohesion | 50 (40 to 60) |"
+    assert rows[0] == "| as it is |  | no_gap | nothing |  |  | 50 (40 to 60) |"
+    assert rows[1] == (
+        "| selection.level | 0.1 | explained | friction, (inertia) | friction: mu 0.3 (0.29 to 0.31); "
+        "inertia: scale_rel 1.1 (1 to 1.2) | cohesion | 50 (40 to 60) |"
+    )

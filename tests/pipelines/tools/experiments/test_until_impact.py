@@ -1,4 +1,4 @@
-"""Tosses until their second impact: how long that is, which effects a report has, and what a right world predicts."""
+"""Tosses until their second impact: how long that is, and what a right world predicts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipelines.tools.experiments.until_impact import errors, found_effects, frames_until_second_impact
+from pipelines.tools.experiments.until_impact import errors, frames_until_second_impact
 from tests.diagnosis.tossed import seen
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
@@ -20,14 +20,6 @@ def test_the_second_impact_ends_a_prediction(cube: ObjectModel) -> None:
     assert frames_until_second_impact(replace(toss, phase=phase)) == 20
     phase[20:] = Phase.FLIGHT
     assert frames_until_second_impact(replace(toss, phase=phase)) == 41
-
-
-def test_found_effects_are_the_sure_the_unsure_and_the_small() -> None:
-    names = {"effects": ["friction"], "candidates": ["inertia"], "minor": []}
-    effects = [
-        {"name": name, "parameters": {"x": {"value": k}}} for k, name in enumerate(("friction", "inertia", "wind"))
-    ]
-    assert found_effects({"explanation": names, "effects": effects}) == {"friction": {"x": 0}, "inertia": {"x": 1}}
 
 
 def test_the_right_friction_predicts_better(cube: ObjectModel) -> None:

@@ -1,0 +1,79 @@
+"""What tosses contradict is sought again, decided or demoted; what they do not is left alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.tossed import seen
+from tossid.diagnosis.findings import Interval
+from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.localisation.contradictions import (
+    ask_tosses,
+    contradicted_names,
+    contradicted_values,
+    decided_by_witnesses,
+)
+from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.selection.search_result import SearchResult
+from tossid.diagnosis.witness import Witness
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World, effect_named
+from tossid.types import Toss
+
+SAID = Witness("rebound of a lone corner", "restitution", 0.0, 0.5, Interval(0.4, 0.39, 0.41), 20, None, True)
+SLOW = Witness("friction of slow sliding", "friction", 0.18, 0.3, Interval(0.2, 0.19, 0.21), 9, None, True)
+FAST = replace(SLOW, quantity="friction of fast sliding", measured=Interval(0.25, 0.24, 0.26), tosses=12)
+
+
+def test_the_witness_of_most_tosses_says_the_value() -> None:
+    fine = replace(SAID, effect="inertia", contradicts=False)
+    assert contradicted_values([FAST, SAID, SLOW, fine]) == {"friction": 0.25, "restitution": 0.4}
+    assert contradicted_values([fine]) == {}
+
+
+def test_a_witness_speaks_of_all_laws_of_its_phenomenon() -> None:
+    names = ["cohesion", "compliance", "inertia", "wind"]
+    assert contradicted_names([SAID, SLOW], names) == {"cohesion", "compliance"}
+    assert contradicted_names([replace(SAID, contradicts=False)], names) == frozenset()
+
+
+@pytest.fixture(scope="module")
+def bouncing(cube: ObjectModel) -> list[Toss]:
+    """Tosses with a restitution of 0.4."""
+    return seen(World(cube.with_changes(restitution=0.4)), cube, 24, seed=3, frames=120)
+
+
+def test_objects_with_joints_have_no_witnesses(elbow: ObjectModel, bouncing: list[Toss], cube: ObjectModel) -> None:
+    validator = CrossValidator.of(bouncing, cube, seed=0)
+    assert ask_tosses(bouncing, World(elbow), World(elbow), validator) == ()
+
+
+def test_a_class_is_led_by_what_tosses_do_not_contradict(cube: ObjectModel, bouncing: list[Toss]) -> None:
+    """A restitution of 0.6 leads over one of 0.4 in a made search result."""
+    validator = CrossValidator.of(bouncing, cube, seed=0)
+    base, bounce = World(cube), effect_named("restitution")
+    other = replace(bounce, name="another_law_of_restitution")
+
+    def fitted(effect: object, e: float) -> object:
+        hypothesis = Hypothesis(base, (effect,), (np.array([e]),))  # type: ignore[arg-type]
+        return replace(validator.evaluate(hypothesis), effect=effect)  # type: ignore[type-var]
+
+    first, leads, rival = validator.evaluate(Hypothesis(base)), fitted(bounce, 0.6), fitted(other, 0.4)
+    found = SearchResult(
+        first, leads, (first, leads), {}, {}, {bounce.name: leads}, {bounce.name: (rival,)}  # type: ignore[arg-type,dict-item]
+    )  # fmt: skip
+
+    def asked(at: World) -> tuple[Witness, ...]:
+        return ask_tosses(bouncing, base, at, validator)
+
+    assert contradicted_values(asked(leads.hypothesis.world()))["restitution"] == pytest.approx(0.4, abs=0.02)  # type: ignore[attr-defined]
+    decided = decided_by_witnesses(found, validator, asked)
+    assert decided.present.hypothesis.names == (other.name,)
+    assert [each.name for each in decided.classes[other.name]] == [bounce.name]
+    assert set(decided.classes) == {other.name}
+    assert set(decided.needed) == {other.name}
+    same = decided_by_witnesses(decided, validator, asked)
+    assert same is decided

@@ -1,0 +1,102 @@
+"""What tosses say by themselves against a hypothesis.
+
+A hypothesis makes tosses from the same first states. What witnesses measure in these must be what they measure in the
+recorded ones: a posterior predictive check. Where it is not, the search begins once more at what they measure, another
+member of a class may lead, and what they contradict is no name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+
+from tossid.diagnosis.likelihood.windows import Windows
+from tossid.diagnosis.localisation.rollouts import made_by
+from tossid.diagnosis.localisation.witnesses import witnesses
+from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.selection.search_result import SearchResult, replaced
+from tossid.diagnosis.witness import Witness
+from tossid.physics.effects import World
+from tossid.types import Toss
+
+Asked = Callable[[World], tuple[Witness, ...]]
+"""What tosses say, given the world that was found."""
+
+CONCERNS: dict[str, frozenset[str]] = {
+    "inertia": frozenset({"inertia", "rounded_corners"}),
+    "restitution": frozenset({"restitution", "compliance"}),
+    "friction": frozenset({"friction", "velocity_friction", "anisotropic_friction", "cohesion", "adhesion"}),
+}
+"""The effects on which a witness of an effect bears."""
+
+
+def ask_tosses(
+    tosses: Sequence[Toss], stated: World, found: World, validator: CrossValidator, windows: Windows | None = None
+) -> tuple[Witness, ...]:
+    """What tosses say by themselves, beside what the found world's own tosses say.
+
+    A user's simulator is not asked for whole tosses, and objects with joints have no witnesses.
+
+    Args:
+        tosses: As recorded.
+        stated: The world before the diagnosis.
+        found: The world after it.
+        validator: With settings, and threads for the simulator.
+        windows: Of these tosses, where they are at hand.
+    """
+    settings, made = validator.settings.witnesses, list[Toss]()
+    if not (validator.engine.of_user or found.object.n_joints):
+        made = made_by(tosses, found, windows, draws=settings.draws, n_threads=validator.n_threads)
+    return witnesses(tosses, stated, found, settings, made)
+
+
+def contradicted_values(said: Sequence[Witness]) -> dict[str, float]:
+    """What tosses say of the effects whose found values they contradict, by the effect's name.
+
+    Of several such witnesses of an effect the one that most tosses reveal counts.
+
+    Args:
+        said: The witnesses of a hypothesis.
+    """
+    against = [each for each in said if each.contradicts]
+    return {each.effect: each.measured.value for each in sorted(against, key=lambda each: each.tosses)}
+
+
+def contradicted_names(said: Sequence[Witness], names: Collection[str]) -> frozenset[str]:
+    """Those of some effects of a hypothesis that tosses contradict.
+
+    Args:
+        said: The witnesses of the hypothesis.
+        names: Of the effects.
+    """
+    against = [CONCERNS[each.effect] for each in said if each.contradicts]
+    return frozenset(names) & frozenset().union(*against)
+
+
+def decided_by_witnesses(found: SearchResult, validator: CrossValidator, asked: Asked) -> SearchResult:
+    """The search's result with the member of each confusable class that tosses contradict least.
+
+    The one that leads stays unless tosses contradict it in more than another.
+
+    Args:
+        found: What the search found.
+        validator: Of all windows.
+        asked: What tosses say.
+    """
+
+    def against(world: World) -> int:
+        return sum(each.contradicts for each in asked(world))
+
+    for name, group in found.classes.items():
+        present = found.present
+        least, chosen = (against(present.hypothesis.world()) if group else 0), None
+        for each in group if least else ():
+            if (count := against(replaced(present.hypothesis, name, each).world())) < least:
+                least, chosen = count, each
+        if chosen is not None:
+            instead = validator.cross_validate(present, None, replaced(present.hypothesis, name, chosen))
+            needed = {**found.needed, chosen.name: chosen}
+            others = tuple(each for each in (needed.pop(name), *group) if each is not chosen)
+            classes = {other: each for other, each in found.classes.items() if other != name}
+            found = replace(found.ending_in(instead), needed=needed, classes={**classes, chosen.name: others})
+    return found
