@@ -73,20 +73,26 @@ def test_verdict(
 
 
 @pytest.mark.parametrize(
-    ("name", "values", "key"), [("uniform_force", [0.06, -0.03, 0.0], "x_n"), ("gravity", [9.6], "g_ms2")]
+    ("name", "values", "key", "others"),
+    [
+        ("uniform_force", [0.06, -0.03, 0.0], "x_n", []),
+        ("gravity", [9.6], "g_ms2", []),
+        ("time_base", [1.012], "rate_rel", ["gravity"]),
+    ],
 )
-def test_a_force_is_named_although_contact_stays_unexplained(
-    cube: ObjectModel, name: str, values: list[float], key: str
+def test_a_force_or_its_class_is_named_although_contact_stays_unexplained(
+    cube: ObjectModel, name: str, values: list[float], key: str, others: list[str]
 ) -> None:
     """The bounce is in no effect of the library, and leaves most of the gap."""
     truth = hypothesis(cube, restitution=[0.6], **{name: values}).world()
-    library = [EFFECTS[each] for each in (name, "friction", "inertia")]
+    library = [EFFECTS[each] for each in (name, "friction", "inertia", *others)]
     found = explain(Problem(seen(truth, cube, 14, seed=5), World(cube), library=library, settings=ONCE))
     assert found.verdict == "partly_explained"
     assert found.gap_closed.value < 0.5
     assert found.named == (name,)
     force = next(each for each in found.findings if each.name == name)
-    assert force.verdict == "identified"
+    assert force.verdict == ("confusable" if others else "identified")
+    assert list(force.confusable_with) == others
     assert force.parameters[key].low < values[0] < force.parameters[key].high
     assert set(found.candidates) == set(found.hypothesis.names) - {name} - set(found.minor)
 

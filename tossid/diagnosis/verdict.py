@@ -73,7 +73,8 @@ def names_that_stand(
 
     - **Forces that flight reveals stand if they leave nothing there.** The model of flight is right but for the effects
       that are sought, and a force does in contact what it does in flight. So a wrong law of contact says nothing
-      against it. Effects that also move the body's points, or change lengths and times, contact could contradict.
+      against it. Effects that also move the body's points, or change lengths and times, contact could contradict. They
+      stand where a force may be the cause in their place.
     - **Effects of contact stand if they close much of the gap that those of flight leave.**
 
     Args:
@@ -108,4 +109,11 @@ def _forces_in_flight(found: SearchResult, validator: CrossValidator, floor: Flo
     if not left.size or not limited_rms(present.evidence, left) < reached:
         return frozenset()
     in_flight = present.hypothesis.effects[: found.n_flight]
-    return frozenset(effect.name for effect in in_flight if effect.is_force and effect.name not in found.unnamed)
+    return frozenset(
+        effect.name
+        for effect in in_flight
+        if effect.name not in found.unnamed
+        and (
+            effect.is_force or any(each.effect and each.effect.is_force for each in found.classes.get(effect.name, ()))
+        )
+    )
