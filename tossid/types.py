@@ -381,10 +381,11 @@ def frame_time(tosses: Sequence[Toss]) -> float:
     """
     steps = np.concatenate([np.diff(toss.t) for toss in tosses])
     median, usual = float(np.median(steps)), float(np.percentile(steps, 50, method="lower"))
-    for dt in (median, *(usual / parts for parts in range(1, _MOST_PARTS + 1))):
-        count = np.maximum(np.rint(steps / dt), 1.0)
+    for guess in (median, *(usual / parts for parts in range(1, _MOST_PARTS + 1))):
+        count = np.maximum(np.rint(steps / guess), 1.0)
+        dt = float(np.median(steps / count))
         if np.mean(np.abs(steps / dt - count) < _OFF_CLOCK) >= _ON_CLOCK:
-            return float(np.median(steps / count))
+            return dt
     return median
 
 
