@@ -161,13 +161,13 @@ class _Search:
         hypothesis = flown.hypothesis
         for effect in self.library:
             if effect.name in said and effect.name not in hypothesis.names and len(effect.parameters) == 1:
-                value = np.array([said[effect.name]])
-                hypothesis = Hypothesis(hypothesis.base, (*hypothesis.effects, effect), (*hypothesis.values, value))
+                hypothesis = hypothesis.plus(effect, np.array([said[effect.name]]))
         if len(hypothesis.effects) == found.n_flight:
             return None
         self.under_way("again, from what impacts and slides say", 0.5)
         contact = self._holding(flown, found.n_flight, self.library)
-        begun, without = contact.pruned(first, contact.refitted(self.validator.evaluate(hypothesis)))
+        begun = self.validator.evaluate(hypothesis.clipped(hypothesis.flat()))
+        begun, without = contact.pruned(first, contact.refitted(begun))
         names = begun.hypothesis.names[found.n_flight :]
         if not names:
             return None
