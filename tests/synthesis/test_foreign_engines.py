@@ -80,6 +80,16 @@ def test_friction_brakes_what_slides(cube: ObjectModel, toss: Any, engine: Any) 
 
 
 @pytest.mark.parametrize(("toss", "engine"), BOTH)
+def test_a_motion_depends_on_its_first_state_alone(cube: ObjectModel, toss: Any, engine: Any) -> None:
+    q0, v0 = one(place=[0.0, 0.0, 0.12], velocity=[1.0, 0.0, -1.0], spin=[6.0, 2.0, 0.0])
+    q, v = toss(engine, World(cube), q0, v0, n_steps=60, dt=DT)
+    # frames in contact, in the order of the motion and against it
+    frames = [toss(engine, World(cube), q[0, ::way], v[0, ::way], n_steps=1, dt=DT) for way in (1, -1)]
+    for ahead, back in zip(*frames, strict=True):
+        np.testing.assert_array_equal(ahead, back[::-1])
+
+
+@pytest.mark.parametrize(("toss", "engine"), BOTH)
 def test_drag_is_applied_from_outside(cube: ObjectModel, toss: Any, engine: Any) -> None:
     q0, v0 = one(place=[0.0, 0.0, 2.0], velocity=[2.0, 0.0, 0.0])
     _, v = toss(engine, with_effect(cube, "linear_drag", 0.2), q0, v0, n_steps=STEPS, dt=DT)

@@ -31,7 +31,7 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +64,7 @@ from tossid.settings.synthesis import (
     SynthesizeSettings,
 )
 from tossid.synthesis.engines import engine_of
+from tossid.synthesis.foreign_engines import BulletScene
 from tossid.synthesis.tosses import draw_releases, world_of
 
 Array = NDArray[np.float64]
@@ -126,6 +127,14 @@ def users_function(engine: Engine, stated: World) -> BatchFunction:
         engine: Its settings.
         stated: The object.
     """
+    if isinstance(engine, BulletEngine):
+        # made by the first call, in the process that calls
+        made = lru_cache(partial(BulletScene, engine, stated))
+
+        def bullet(q0: Array, v0: Array, n_steps: int, dt: float) -> tuple[Array, Array]:
+            return made().toss(q0, v0, n_steps=n_steps, dt=dt)
+
+        return bullet
     if not isinstance(engine, MujocoEngine):
 
         def other(q0: Array, v0: Array, n_steps: int, dt: float) -> tuple[Array, Array]:
