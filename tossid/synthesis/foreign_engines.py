@@ -102,55 +102,87 @@ def toss_in_drake(
     Returns:
         q (B, n_steps + 1, 7) and v (B, n_steps + 1, 6), true, in the ground's frame.
     """
-    drake: Any = importlib.import_module("pydrake.all")
-    step, model = dt / engine.substeps, world.object
-    builder = drake.DiagramBuilder()
-    plant, _ = drake.AddMultibodyPlantSceneGraph(builder, time_step=step)
-    about_origin = drake.SpatialInertia.MakeFromCentralInertia(
-        float(model.mass[0]), model.com[0], _rotational(drake, model.inertia[0])
-    )
-    body = plant.AddRigidBody("box", about_origin)
-    friction = drake.CoulombFriction(model.friction, model.friction)
-    radius = max(engine.radius, world.law.rounding)
-    middle, half = box_of(model)
-    for corner in model.corner_pos:
-        inner = middle + np.sign(corner - middle) * (half - radius)
-        name = f"corner {len(plant.GetCollisionGeometriesForBody(body))}"
-        plant.RegisterCollisionGeometry(body, drake.RigidTransform(inner), drake.Sphere(radius), name, friction)
-    ground = plant.world_body()
-    plant.RegisterCollisionGeometry(ground, drake.RigidTransform(), drake.HalfSpace(), "ground", friction)
-    plant.mutable_gravity_field().set_gravity_vector(world.gravity_on_ground())
-    approximation = f"k{engine.approximation.capitalize()}"
-    plant.set_discrete_contact_approximation(getattr(drake.DiscreteContactApproximation, approximation))
-    plant.Finalize()
-    diagram = builder.Build()
-    push = _push(world, step)
+    return DrakeScene(engine, world).toss(q0, v0, n_steps=n_steps, dt=dt)
 
-    simulator = drake.Simulator(diagram)
-    root = simulator.get_mutable_context()
-    context = plant.GetMyMutableContextFromRoot(root)
-    first = np.concatenate([q0[:, 3:7], q0[:, :3], quat_rotate(q0[:, 3:7], v0[:, 3:]), v0[:, :3]], axis=1)
-    runs = np.empty((len(q0), n_steps + 1, 13))
-    runs[:, 0] = first
-    for row, one in enumerate(first):
-        root.SetTime(0.0)
-        plant.SetPositionsAndVelocities(context, one)
-        simulator.Initialize()
-        for frame in range(1, n_steps + 1):
-            if push is None:
-                simulator.AdvanceTo(frame * dt)
-            else:
-                for part in range(1, engine.substeps + 1):
-                    force, torque = push(*_from_drake(plant.GetPositionsAndVelocities(context)))
-                    applied = drake.ExternallyAppliedSpatialForce()
-                    applied.body_index, applied.p_BoBq_B = body.index(), model.com[0]
-                    applied.F_Bq_W = drake.SpatialForce(torque, force)
-                    plant.get_applied_spatial_force_input_port().FixValue(context, [applied])
-                    simulator.AdvanceTo((frame - 1) * dt + part * step)
-            runs[row, frame] = plant.GetPositionsAndVelocities(context)
-    q, v = _from_drake(runs)
-    q[:, 0], v[:, 0] = q0, v0
-    return q, v
+
+class DrakeScene:
+    """A world's box above the ground in Drake. It is made for a length of time steps, and kept for the same."""
+
+    def __init__(self, engine: DrakeEngine, world: World) -> None:
+        """Nothing is made yet.
+
+        Args:
+            engine: Its settings.
+            world: The simulator; how motion is recorded does not enter.
+        """
+        self.engine, self.world = engine, world
+        self._drake: Any = importlib.import_module("pydrake.all")
+        self._step = 0.0
+        self._plant: Any = None
+        self._box: Any = None
+        self._simulator: Any = None
+
+    def toss(self, q0: Array, v0: Array, *, n_steps: int, dt: float) -> tuple[Array, Array]:
+        """q (B, n_steps + 1, 7) and v (B, n_steps + 1, 6), true, in the ground's frame.
+
+        Args:
+            q0: (B, 7) first poses.
+            v0: (B, 6) first velocities.
+            n_steps: Frames after the first.
+            dt: Between frames, true time [s].
+        """
+        drake, step, com = self._drake, dt / self.engine.substeps, self.world.object.com[0]
+        if step != self._step:
+            self._make(step)
+        plant, simulator, push = self._plant, self._simulator, _push(self.world, step)
+        root = simulator.get_mutable_context()
+        context = plant.GetMyMutableContextFromRoot(root)
+        first = np.concatenate([q0[:, 3:7], q0[:, :3], quat_rotate(q0[:, 3:7], v0[:, 3:]), v0[:, :3]], axis=1)
+        runs = np.empty((len(q0), n_steps + 1, 13))
+        runs[:, 0] = first
+        for row, one in enumerate(first):
+            root.SetTime(0.0)
+            plant.SetPositionsAndVelocities(context, one)
+            simulator.Initialize()
+            for frame in range(1, n_steps + 1):
+                if push is None:
+                    simulator.AdvanceTo(frame * dt)
+                else:
+                    for part in range(1, self.engine.substeps + 1):
+                        force, torque = push(*_from_drake(plant.GetPositionsAndVelocities(context)))
+                        applied = drake.ExternallyAppliedSpatialForce()
+                        applied.body_index, applied.p_BoBq_B = self._box.index(), com
+                        applied.F_Bq_W = drake.SpatialForce(torque, force)
+                        plant.get_applied_spatial_force_input_port().FixValue(context, [applied])
+                        simulator.AdvanceTo((frame - 1) * dt + part * step)
+                runs[row, frame] = plant.GetPositionsAndVelocities(context)
+        q, v = _from_drake(runs)
+        q[:, 0], v[:, 0] = q0, v0
+        return q, v
+
+    def _make(self, step: float) -> None:
+        """The plant with time steps so long [s]."""
+        drake, model = self._drake, self.world.object
+        builder = drake.DiagramBuilder()
+        plant, _ = drake.AddMultibodyPlantSceneGraph(builder, time_step=step)
+        about_origin = drake.SpatialInertia.MakeFromCentralInertia(
+            float(model.mass[0]), model.com[0], _rotational(drake, model.inertia[0])
+        )
+        box = plant.AddRigidBody("box", about_origin)
+        friction = drake.CoulombFriction(model.friction, model.friction)
+        radius = max(self.engine.radius, self.world.law.rounding)
+        middle, half = box_of(model)
+        for corner in model.corner_pos:
+            inner = middle + np.sign(corner - middle) * (half - radius)
+            name = f"corner {len(plant.GetCollisionGeometriesForBody(box))}"
+            plant.RegisterCollisionGeometry(box, drake.RigidTransform(inner), drake.Sphere(radius), name, friction)
+        ground = plant.world_body()
+        plant.RegisterCollisionGeometry(ground, drake.RigidTransform(), drake.HalfSpace(), "ground", friction)
+        plant.mutable_gravity_field().set_gravity_vector(self.world.gravity_on_ground())
+        approximation = f"k{self.engine.approximation.capitalize()}"
+        plant.set_discrete_contact_approximation(getattr(drake.DiscreteContactApproximation, approximation))
+        plant.Finalize()
+        self._step, self._plant, self._box, self._simulator = step, plant, box, drake.Simulator(builder.Build())
 
 
 def _rotational(drake: Any, inertia: Array) -> Any:
@@ -276,6 +308,10 @@ class BulletScene:
         place, turn = self._bullet.getBasePositionAndOrientation(self._box, **self._client)
         velocity, spin = self._bullet.getBaseVelocity(self._box, **self._client)
         return [*place, *turn, *velocity, *spin]
+
+
+SCENES: dict[str, Callable[..., Any]] = {"drake": DrakeScene, "bullet": BulletScene}
+"""What tosses one world's box many times: of settings of the engine and a world, by the engine's name."""
 
 
 def _to_bullet(q: Array, v: Array, com: Array) -> Array:
