@@ -97,6 +97,10 @@ def test_motions_are_as_long_as_they_are_needed_and_the_latest_are_kept(
     np.testing.assert_array_equal(motions.next(State(q[::-1], v[::-1]), DT).v, frame.v[::-1])
     assert asked[3:] == [(4, 1)]
 
+    monkeypatch.setattr(users_world, "_MOST_AT_ONCE", 40)
+    motions(q, v + 0.1, np.full(4, 20), DT)
+    assert asked[4:] == [(2, 20), (2, 20)]
+
     monkeypatch.setattr(users_world, "_MOST_KEPT", 3)
     monkeypatch.setattr(users_world, "_MOST_FRAMES", 3)
     motions(State(q, v).shifted(np.array([0.1, 0.0, 0.0])).q, v, np.full(4, 1), DT)

@@ -30,6 +30,8 @@ _MOST_KEPT, _MOST_FRAMES = 30_000, 60_000
 """Motions, and single frames, that are kept by their first states, the latest: fits ask for the same ones again."""
 _TOGETHER = 2
 """Frames by which motions that are asked for in one call differ in length at most."""
+_MOST_AT_ONCE = 10_000
+"""Frames that are asked for in one call at most: how long a call may take is limited."""
 _NEAR_GROUND = 5e-3
 """Height of the lowest corner [m] below which a motion is changed frame by frame, from two frames before on."""
 _AT_REST, _QUIET = 3e-4, 4
@@ -67,10 +69,11 @@ class Motions:
         lacking = np.array([run is None or len(run.q) <= n for run, n in zip(known, steps, strict=True)])
         asked = -(-steps // _TOGETHER) * _TOGETHER
         for length in np.unique(asked[lacking]).tolist():
-            rows = np.flatnonzero(lacking & (asked == length))
-            made = State(*self.process(q[rows], v[rows], length, dt))
-            for i, row in enumerate(rows.tolist()):
-                known[row] = self._kept[keys[row]] = made.rows(i)
+            every = np.flatnonzero(lacking & (asked == length))
+            for rows in np.array_split(every, max(1, -(-len(every) * length // _MOST_AT_ONCE))):
+                made = State(*self.process(q[rows], v[rows], length, dt))
+                for i, row in enumerate(rows.tolist()):
+                    known[row] = self._kept[keys[row]] = made.rows(i)
         _forget_oldest(self._kept, _MOST_KEPT)
         for row, (run, last) in enumerate(zip(known, steps.tolist(), strict=True)):
             assert run is not None
