@@ -72,11 +72,28 @@ def test_a_spinning_body_turns_about_its_centre_of_mass(cube: ObjectModel, toss:
 
 
 @pytest.mark.parametrize(("toss", "engine"), BOTH)
+def test_quaternions_are_of_unit_length(cube: ObjectModel, toss: Any, engine: Any) -> None:
+    q0, v0 = one(place=[0.0, 0.0, 5.0], velocity=[0.0, 0.0, 0.0], spin=[10.0, 5.0, 10.0])
+    q, _ = toss(replace(engine, substeps=4), World(cube), q0, v0, n_steps=60, dt=DT)
+    np.testing.assert_allclose(np.linalg.norm(q[..., 3:], axis=-1), 1.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("toss", "engine"), BOTH)
 def test_friction_brakes_what_slides(cube: ObjectModel, toss: Any, engine: Any) -> None:
     q0, v0 = one(place=[0.0, 0.0, 0.0524], velocity=[1.0, 0.0, 0.0])
     _, v = toss(engine, World(cube), q0, v0, n_steps=2 * STEPS, dt=DT)
     braked = (v[0, STEPS, 0] - v[0, -1, 0]) / (STEPS * DT)
     assert braked == pytest.approx(cube.friction * 9.81, rel=0.03)
+
+
+@pytest.mark.parametrize(("toss", "engine"), BOTH)
+def test_a_motion_depends_on_its_first_state_alone(cube: ObjectModel, toss: Any, engine: Any) -> None:
+    q0, v0 = one(place=[0.0, 0.0, 0.12], velocity=[1.0, 0.0, -1.0], spin=[6.0, 2.0, 0.0])
+    q, v = toss(engine, World(cube), q0, v0, n_steps=60, dt=DT)
+    # frames in contact, in the order of the motion and against it
+    frames = [toss(engine, World(cube), q[0, ::way], v[0, ::way], n_steps=1, dt=DT) for way in (1, -1)]
+    for ahead, back in zip(*frames, strict=True):
+        np.testing.assert_array_equal(ahead, back[::-1])
 
 
 @pytest.mark.parametrize(("toss", "engine"), BOTH)

@@ -15,7 +15,7 @@ from tossid.physics.effects.in_mujoco import toss_in_mujoco
 
 Array = NDArray[np.float64]
 HOW = {"substeps": 4, "impact_parts": 8, "tolerance": 1e-5}
-SOFT = Contact(compliance=1e-4, relaxation=0.02, added_mass=2.0)
+SOFT = Contact(compliance=1e-4, relaxation=0.02, added_mass=2.0, step_count=4)
 
 
 def frames(contact: Contact, cube: ObjectModel, *, forgets: float = 0.0) -> Frames:
@@ -68,6 +68,11 @@ def test_mujoco_s_default_contact_is_known_by_its_steps(cube: ObjectModel, subst
 
 def test_rigid_contact_stays_rigid(cube: ObjectModel) -> None:
     assert nearest_contact(frames(Contact(), cube), World(cube), DT, **HOW) == Contact()
+
+
+def test_the_steps_of_rigid_contact_are_found(cube: ObjectModel) -> None:
+    coarse = Contact(step_count=5)
+    assert nearest_contact(frames(coarse, cube), World(cube), DT, **HOW) == coarse
 
 
 def test_a_simulator_that_does_not_go_on_from_a_state_is_noticed(cube: ObjectModel) -> None:

@@ -53,7 +53,7 @@ def test_gravity_changes_flight_whole_and_rest_not(cube: ObjectModel) -> None:
 
 
 def test_an_effect_of_bounce_is_relative_to_rigid_contact(cube: ObjectModel) -> None:
-    soft = Contact(compliance=1e-4, relaxation=0.02)
+    soft = Contact(compliance=1e-4, relaxation=0.02, step_count=4)
     bouncing = StepChanges(effect_named("restitution").at(World(cube), np.array([0.5])), World(cube), DT, HOW, soft)
     assert bouncing.plain.compliance == 0.0
     rubbing = StepChanges(effect_named("friction").at(World(cube), np.array([0.5])), World(cube), DT, HOW, soft)

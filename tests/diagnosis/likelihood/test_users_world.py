@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.models.made import DT, thrown
+from tossid.diagnosis.likelihood import users_world
 from tossid.diagnosis.likelihood.simulator_process import Given, SimulatorProcess
 from tossid.diagnosis.likelihood.step_changes import State
 from tossid.diagnosis.likelihood.users_world import Motions, UsersWorld
@@ -72,6 +73,39 @@ def test_a_motion_is_asked_for_once(world: UsersWorld) -> None:
     assert asked == [4]
     world.roll_out(q, v, n_steps=12, dt=DT, **HOW)
     assert asked == [4, 4]
+
+
+def test_motions_are_as_long_as_they_are_needed_and_the_latest_are_kept(
+    world: UsersWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert world.motions is not None
+    asked: list[tuple[int, int]] = []
+    process = world.motions.process
+
+    def counting(q: np.ndarray, v: np.ndarray, n_steps: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        asked.append((len(q), n_steps))
+        return process(q, v, n_steps, dt)
+
+    motions = Motions(counting)  # type: ignore[arg-type]
+    q, v = thrown(np.random.default_rng(8), 4)
+    run = motions(q, v, np.array([9, 40, 10, 3]), DT)
+    assert sorted(asked) == [(1, 4), (1, 40), (2, 10)]
+    wanted = motions(q[::-1], v[::-1], np.array([3, 10, 40, 9]), DT)
+    np.testing.assert_array_equal(run.q, wanted.q[::-1])
+    frame = motions.next(State(q, v), DT)
+    np.testing.assert_array_equal(frame.v, run.v[:, 1])
+    np.testing.assert_array_equal(motions.next(State(q[::-1], v[::-1]), DT).v, frame.v[::-1])
+    assert asked[3:] == [(4, 1)]
+
+    monkeypatch.setattr(users_world, "_MOST_AT_ONCE", 40)
+    motions(q, v + 0.1, np.full(4, 20), DT)
+    assert asked[4:] == [(2, 20), (2, 20)]
+
+    monkeypatch.setattr(users_world, "_MOST_KEPT", 3)
+    monkeypatch.setattr(users_world, "_MOST_FRAMES", 3)
+    motions(State(q, v).shifted(np.array([0.1, 0.0, 0.0])).q, v, np.full(4, 1), DT)
+    np.testing.assert_array_equal(motions(q, v, np.array([9, 40, 10, 3]), DT).q, run.q)
+    np.testing.assert_array_equal(motions.next(State(q, v), 2 * DT).q, motions(q, v, np.full(4, 1), 2 * DT).q[:, 1])
 
 
 def test_a_change_is_composed_frame_by_frame_in_contact(cube: ObjectModel) -> None:

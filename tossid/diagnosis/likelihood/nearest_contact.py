@@ -32,8 +32,8 @@ BEGINNINGS = ((2e3, 40.0, 0.9), (2e4, 60.0, 0.1))
 """Stiffness [N/m] and damping [N s/m] of a corner and its impedance, from which contact that yields is fitted."""
 MOST_EVALUATIONS = 80
 """Of each such fit (Nelder and Mead)."""
-MOST_STEPS = 16
-"""Of a frame, where contact yields."""
+MOST_STEPS, FIRST_STEPS = 16, 4
+"""Of a frame, and those with which contact that yields is fitted first."""
 SHORT = 0.5
 """Share of the error of rigid contact below which contact that yields is taken. MuJoCo's leaves a seventh. Bullet's 0.8
 and Drake's 0.7 are a damper's that stands in for the order of impacts, and predict effects no better than rigid ones.
@@ -111,12 +111,16 @@ def nearest_contact(frames: Frames, world: World, dt: float, **how: Any) -> Cont
         # square roots: a frame in which the order of impacts differs is no reason to yield
         return float(np.sqrt(np.abs(scale * np.nan_to_num(run.v[:, 1] - frames.after.v, nan=1e3))).mean())
 
+    def in_steps(contact: Contact) -> list[Contact]:
+        return [replace(contact, step_count=1 + n) for n in range(MOST_STEPS)]
+
     rigid = [Contact(lifting=lifting) for lifting in (0.0, LIFTING)]
     best = min(rigid, key=error)
-    soft = [_fitted(begin, Contact(lifting=each.lifting), error, world) for each in rigid for begin in BEGINNINGS]
+    best = min([best, *in_steps(best)], key=error)
+    first = [replace(each, step_count=FIRST_STEPS) for each in rigid]
+    soft = [_fitted(begin, each, error, world) for each in first for begin in BEGINNINGS]
     softest, begin = min(soft, key=lambda found: error(found[0]))
-    softest = min((replace(softest, step_count=1 + n) for n in range(MOST_STEPS)), key=error)
-    softest, _ = _fitted(begin, softest, error, world)
+    softest, _ = _fitted(begin, min(in_steps(softest), key=error), error, world)
     return softest if error(softest) < SHORT * error(best) else best
 
 

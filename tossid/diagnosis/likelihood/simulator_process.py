@@ -196,7 +196,7 @@ class SimulatorProcess:
                 raise InputError(f"{self.about}: returns {name} of {largest:.3g}, expected at most {limit:g}")
         length = np.linalg.norm(q[..., 3:7], axis=-1)
         if np.abs(length - 1.0).max() > _FIRST_STATE:
-            raise InputError(f"{self.about}: returns quaternions of length {length.min():.3g} to {length.max():.3g}")
+            raise InputError(f"{self.about}: returns quaternions of length {length.min():.4f} to {length.max():.4f}")
         sign = np.sign((q[:, 0, 3:7] * q0[:, 3:7]).sum(-1, keepdims=True))
         begun = np.concatenate([q[:, 0, :3], sign * q[:, 0, 3:7], q[:, 0, 7:]], axis=1)
         off = float(np.abs(begun - q0).max())

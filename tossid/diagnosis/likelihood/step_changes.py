@@ -94,14 +94,15 @@ class Contact:
         relaxation: [s].
         added_mass: [kg].
         lifting: [m].
-        step_count: Steps a frame, where contact yields. Soft contact chatters in steps, so that their length matters.
+        step_count: Steps a frame, which no impact cuts; None for those of tossid's own, where impacts end steps. Soft
+            contact chatters in steps, and rigid one meets corners one after the other, so that their length matters.
     """
 
     compliance: float = 0.0
     relaxation: float = 0.0
     added_mass: float = 0.0
     lifting: float = 0.0
-    step_count: int = 4
+    step_count: int | None = None
 
     def of(self, world: World) -> World:
         """A world with it.
@@ -115,12 +116,12 @@ class Contact:
         return replace(world, object=yields, law=law)
 
     def steps(self, how: dict[str, Any]) -> dict[str, Any]:
-        """Arguments of `simulate`: where contact yields, steps of a length of its own, that no impact cuts.
+        """Arguments of `simulate`.
 
         Args:
-            how: The same for rigid contact.
+            how: The same for tossid's own steps.
         """
-        return {**how, "substeps": self.step_count, "impact_parts": 1} if self.compliance > 0 else how
+        return how if self.step_count is None else {**how, "substeps": self.step_count, "impact_parts": 1}
 
 
 @dataclass(frozen=True)

@@ -26,12 +26,12 @@ from tossid.physics.effects import World
 
 Array = NDArray[np.float64]
 
-_MOST_KEPT = 20_000
-"""Motions that are kept, by their first states: fits ask for the same ones with other values of effects."""
-_LONG = 24
-"""Frames beyond which motions are asked for in a call of their own."""
-_TOGETHER = 5
+_MOST_KEPT, _MOST_FRAMES = 30_000, 60_000
+"""Motions, and single frames, that are kept by their first states, the latest: fits ask for the same ones again."""
+_TOGETHER = 2
 """Frames by which motions that are asked for in one call differ in length at most."""
+_MOST_AT_ONCE = 10_000
+"""Frames that are asked for in one call at most: how long a call may take is limited."""
 _NEAR_GROUND = 5e-3
 """Height of the lowest corner [m] below which a motion is changed frame by frame, from two frames before on."""
 _AT_REST, _QUIET = 3e-4, 4
@@ -51,7 +51,8 @@ class Motions:
     """
 
     process: SimulatorProcess
-    _kept: dict[bytes, tuple[Array, Array]] = field(default_factory=dict)
+    _kept: dict[bytes, State] = field(default_factory=dict)
+    _frames: dict[bytes, State] = field(default_factory=dict)
 
     def __call__(self, q: Array, v: Array, steps: NDArray[np.int64], dt: float) -> State:
         """(B, T + 1, nq) configurations, (B, T + 1, nv) velocities; each stays beyond its own number of steps.
@@ -62,22 +63,22 @@ class Motions:
             steps: (B,) frames after the first; T is the most of them.
             dt: Between frames [s].
         """
-        frames = int(steps.max()) + 1
+        frames, keys = int(steps.max()) + 1, _keys(q, v, dt)
         out = State(np.empty((len(q), frames, q.shape[1])), np.empty((len(q), frames, v.shape[1])))
-        keys = [np.append(np.concatenate([a, b]), dt).tobytes() for a, b in zip(q, v, strict=True)]
-        for chosen in (steps <= _LONG, steps > _LONG):
-            kept, rows = self._kept, np.flatnonzero(chosen).tolist()
-            missing = [row for row in rows if keys[row] not in kept or len(kept[keys[row]][0]) <= steps[row]]
-            if missing:
-                if len(kept) + len(missing) > _MOST_KEPT:
-                    kept = self._kept = {}
-                    missing = rows
-                made = self.process(q[missing], v[missing], int(steps[missing].max()), dt)
-                kept.update((keys[row], (one, speed)) for row, one, speed in zip(missing, *made, strict=True))
-            for row in rows:
-                last = steps[row]
-                for whole, part in zip((out.q, out.v), kept[keys[row]], strict=True):
-                    whole[row, : last + 1], whole[row, last + 1 :] = part[: last + 1], part[last]
+        known = [self._kept.get(key) for key in keys]
+        lacking = np.array([run is None or len(run.q) <= n for run, n in zip(known, steps, strict=True)])
+        asked = -(-steps // _TOGETHER) * _TOGETHER
+        for length in np.unique(asked[lacking]).tolist():
+            every = np.flatnonzero(lacking & (asked == length))
+            for rows in np.array_split(every, max(1, -(-len(every) * length // _MOST_AT_ONCE))):
+                made = State(*self.process(q[rows], v[rows], length, dt))
+                for i, row in enumerate(rows.tolist()):
+                    known[row] = self._kept[keys[row]] = made.rows(i)
+        _forget_oldest(self._kept, _MOST_KEPT)
+        for row, (run, last) in enumerate(zip(known, steps.tolist(), strict=True)):
+            assert run is not None
+            for whole, part in ((out.q, run.q), (out.v, run.v)):
+                whole[row, : last + 1], whole[row, last + 1 :] = part[: last + 1], part[last]
         return out
 
     def next(self, at: State, dt: float) -> State:
@@ -87,8 +88,29 @@ class Motions:
             at: (B, nq) configurations and (B, nv) velocities.
             dt: Of the frame [s].
         """
-        q, v = self.process(at.q, at.v, 1, dt)
-        return State(q[:, 1], v[:, 1])
+        keys = _keys(at.q, at.v, dt)
+        known = [self._frames.get(key) for key in keys]
+        rows = [row for row, then in enumerate(known) if then is None]
+        if rows:
+            made = State(*self.process(at.q[rows], at.v[rows], 1, dt))
+            for i, row in enumerate(rows):
+                known[row] = self._frames[keys[row]] = made.rows((i, 1))
+            _forget_oldest(self._frames, _MOST_FRAMES)
+        then = [each for each in known if each is not None]
+        return State(np.stack([each.q for each in then]), np.stack([each.v for each in then]))
+
+
+def _keys(q: Array, v: Array, dt: float) -> list[bytes]:
+    """By which motions from first states are kept."""
+    rows = np.column_stack([q, v, np.full(len(q), dt)])
+    return [row.tobytes() for row in rows]
+
+
+def _forget_oldest(kept: dict[bytes, State], most: int) -> None:
+    """Forget the older half where there are more than `most`."""
+    if len(kept) > most:
+        for key in list(kept)[: len(kept) // 2]:
+            kept.pop(key, None)
 
 
 @dataclass(frozen=True)
@@ -255,15 +277,16 @@ class UsersWorld(World):
         return run
 
     def _go_on(self, run: State, begins: NDArray[np.int64], steps: NDArray[np.int64], dt: float) -> None:
-        """Motions of the user's simulator from frames `begins` on, in place. They are asked for once and not kept."""
+        """Motions of the user's simulator from frames `begins` on, in place."""
         assert self.motions is not None
-        left = -(-(steps - begins) // _TOGETHER) * _TOGETHER
-        for frames in np.unique(left[left > 0]).tolist():
-            rows = np.flatnonzero(left == frames)
-            parts = self.motions.process(run.q[rows, begins[rows]], run.v[rows, begins[rows]], frames, dt)
-            for whole, part in zip((run.q, run.v), parts, strict=True):
-                for i, row in enumerate(rows.tolist()):
-                    whole[row, begins[row] + 1 : steps[row] + 1] = part[i, 1 : steps[row] - begins[row] + 1]
+        rows = np.flatnonzero(begins < steps)
+        if not len(rows):
+            return
+        at, left = run.rows((rows, begins[rows])), (steps - begins)[rows]
+        parts = self.motions(at.q, at.v, left, dt)
+        for i, row in enumerate(rows.tolist()):
+            some = slice(begins[row] + 1, steps[row] + 1)
+            run.q[row, some], run.v[row, some] = parts.q[i, 1 : left[i] + 1], parts.v[i, 1 : left[i] + 1]
 
     def _first_contact(self, motions: Sequence[State], steps: NDArray[np.int64]) -> NDArray[np.int64]:
         """(B,) frames from which motions are changed frame by frame; `steps` where they stay in the air until then."""
