@@ -218,6 +218,8 @@ def convert(hint: Any, value: Any, *, key: str) -> Any:
     if is_dataclass(hint) and isinstance(hint, type):
         return _convert_dataclass(hint, value, key)
     if origin is Literal:
+        if value is None and "null" in get_args(hint):
+            return "null"  # YAML reads this word as nothing where it has no quotes
         if value in get_args(hint) and not (isinstance(value, bool) and True not in get_args(hint)):
             return value
     elif origin is tuple and isinstance(value, (list, tuple)):

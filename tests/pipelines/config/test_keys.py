@@ -30,3 +30,9 @@ def test_a_number_that_nothing_can_hold_is_refused(hint: type) -> None:
         convert(hint, 1 << 20_000, key="x")
     assert convert(float, 10**300, key="x") == 1e300
     assert convert(Path, "a" * 255, key="out") == Path("a" * 255)
+
+
+def test_null_is_a_word_where_it_is_one_of_the_words() -> None:
+    assert convert(tuple[Literal["effect", "null"], ...], ["effect", None], key="kinds") == ("effect", "null")
+    with pytest.raises(ConfigError, match="None will not do; expected one of a, b"):
+        convert(Literal["a", "b"], None, key="x")
