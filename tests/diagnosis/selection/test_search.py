@@ -54,8 +54,9 @@ def test_a_search_that_ends_too_early_begins_again_where_tosses_say(cube: Object
 
     alone = search(validator, library, first, UnderWay())
     assert len(alone.present.hypothesis.effects) == 1
-    found = search(validator, library, first, UnderWay(), measured).present.hypothesis
-    assert len(asked) == 1
+    again = search(validator, library, first, UnderWay(), measured)
+    assert (len(asked), again.begun_as_measured, alone.begun_as_measured) == (1, True, False)
+    found = again.present.hypothesis
     assert set(found.names) == {"restitution", "inertia"}
     assert found.values_of("restitution")[0] == pytest.approx(0.4, abs=0.01)
     assert found.values_of("inertia")[0] == pytest.approx(1.4, rel=0.03)

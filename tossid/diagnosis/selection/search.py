@@ -85,7 +85,7 @@ class _Search:
             history = [*found.history[: found.n_flight + 1], begun[0]]
             other = self._in_contact(flight, first, history, needed, classes, begun[1])
             if self.validator.p_value_over(other.present, found.present) < self._rounds.level:
-                found = replace(other, first_round=found.first_round)
+                found = replace(other, first_round=found.first_round, begun_as_measured=True)
         return found
 
     def _in_contact(

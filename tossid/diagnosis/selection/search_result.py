@@ -24,6 +24,7 @@ class SearchResult:
         other_laws: Effects that stand in for a force of another law, each beside its fitted power of the state.
         unsteady: Effects that flight reveals, but not the same in all tosses.
         implausible: Effects whose intervals hold no change or touch a bound (`selection.plausibility`).
+        begun_as_measured: Whether it is that of the search that began at what tosses say by themselves.
     """
 
     first: Candidate
@@ -37,6 +38,7 @@ class SearchResult:
     other_laws: dict[str, Candidate] = field(default_factory=dict)
     unsteady: tuple[str, ...] = ()
     implausible: tuple[str, ...] = ()
+    begun_as_measured: bool = False
 
     @property
     def unnamed(self) -> frozenset[str]:

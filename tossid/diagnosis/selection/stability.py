@@ -42,6 +42,10 @@ MeasuredOf = Callable[[Sequence[Toss], World], dict[str, float]]
 """What tosses say by themselves of the effects whose values in a world they contradict, by name."""
 
 
+def _nothing_measured(tosses: Sequence[Toss], at: World) -> dict[str, float]:
+    return {}
+
+
 @dataclass(frozen=True)
 class Repeat:
     """What one repeat of the search found.
@@ -102,7 +106,7 @@ def repeated(
     library: Sequence[Effect],
     *,
     seed: int,
-    measured: MeasuredOf = lambda tosses, at: {},
+    measured: MeasuredOf = _nothing_measured,
 ) -> Stability:
     """The search repeated, as often as the settings say.
 
@@ -122,6 +126,8 @@ def repeated(
     some = shortlist(validator, found, library, settings.stability.shortlist)
     if not some:  # no effect gains by a step, so that no repeat has anything to choose from
         return Stability((Repeat((), 0.0),) * settings.repeats, least)
+    if not found.begun_as_measured:
+        measured = _nothing_measured  # the first search stands, and its repeats take as long as it did
     one = partial(_repeat, tosses, model, validator, found.first.hypothesis, some, len(library), measured)
     draws = np.random.default_rng([seed, 7]).spawn(settings.repeats)
     return Stability(tuple(validator.map(one, draws)), least)
