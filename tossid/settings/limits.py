@@ -51,7 +51,7 @@ class ReadLimits:
     """contact corners of an object"""
     tags: Count = 5_000
     """tags of a layout"""
-    yaml_values: Count = 60_000
+    yaml_values: Count = 40_000
     """values and names that are written in a YAML file: a thousand take PyYAML some 25 ms"""
     yaml_nodes: Count = 200_000
     """values of a YAML file, with all that its aliases repeat"""
