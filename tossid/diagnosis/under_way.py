@@ -140,5 +140,5 @@ def _with_values(present: Candidate) -> list[str]:
     hypothesis = present.hypothesis
     return [
         f"{effect.name} ({', '.join(f'{p.name} {x:.3g}' for p, x in zip(effect.parameters, values, strict=True))})"
-        for effect, values in zip(hypothesis.effects, hypothesis.values, strict=True)
+        for effect, values in hypothesis.items()
     ]

@@ -10,7 +10,7 @@ import pytest
 
 from tests.models.made import DT, thrown
 from tossid.diagnosis.likelihood import users_world
-from tossid.diagnosis.likelihood.simulator_process import Given, SimulatorProcess
+from tossid.diagnosis.likelihood.simulator_process import BatchFunction, Given, SimulatorProcess
 from tossid.diagnosis.likelihood.step_changes import State
 from tossid.diagnosis.likelihood.users_world import Motions, UsersWorld
 from tossid.objects import ObjectModel
@@ -32,6 +32,17 @@ def world(cube: ObjectModel) -> Iterator[UsersWorld]:
     process = SimulatorProcess(Given(simulate), about="moon", seconds=60.0)
     yield UsersWorld.of(World(cube), process)
     process.close()
+
+
+def counted(process: BatchFunction) -> tuple[BatchFunction, list[tuple[int, int]]]:
+    """A simulator that counts how many motions of how many frames it is asked for."""
+    asked: list[tuple[int, int]] = []
+
+    def counting(q: np.ndarray, v: np.ndarray, n_steps: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        asked.append((len(q), n_steps))
+        return process(q, v, n_steps, dt)
+
+    return counting, asked
 
 
 def test_without_effects_it_is_the_simulator(world: UsersWorld, cube: ObjectModel) -> None:
@@ -58,34 +69,22 @@ def test_an_effect_changes_it_as_it_changes_the_stated_object(world: UsersWorld,
 
 def test_a_motion_is_asked_for_once(world: UsersWorld) -> None:
     assert world.motions is not None
-    asked: list[int] = []
-    process = world.motions.process
-
-    def counting(q: np.ndarray, v: np.ndarray, n_steps: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        asked.append(len(q))
-        return process(q, v, n_steps, dt)
-
+    counting, asked = counted(world.motions.process)
     world.motions.process = counting  # type: ignore[assignment]
     q, v = thrown(np.random.default_rng(2), 4)
     first = world.roll_out(q, v, n_steps=10, dt=DT, **HOW)
     again = world.roll_out(q, v, n_steps=np.array([10, 4, 10, 7]), dt=DT, **HOW)
     np.testing.assert_array_equal(again[1, :5], first[1, :5])
-    assert asked == [4]
+    assert [rows for rows, _ in asked] == [4]
     world.roll_out(q, v, n_steps=12, dt=DT, **HOW)
-    assert asked == [4, 4]
+    assert [rows for rows, _ in asked] == [4, 4]
 
 
 def test_motions_are_as_long_as_they_are_needed_and_the_latest_are_kept(
     world: UsersWorld, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert world.motions is not None
-    asked: list[tuple[int, int]] = []
-    process = world.motions.process
-
-    def counting(q: np.ndarray, v: np.ndarray, n_steps: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        asked.append((len(q), n_steps))
-        return process(q, v, n_steps, dt)
-
+    counting, asked = counted(world.motions.process)
     motions = Motions(counting)  # type: ignore[arg-type]
     q, v = thrown(np.random.default_rng(8), 4)
     run = motions(q, v, np.array([9, 40, 10, 3]), DT)
@@ -153,13 +152,8 @@ def test_derivatives_by_first_states_are_those_of_the_simulator(world: UsersWorl
 
 def test_motions_near_others_are_not_asked_for_in_the_air(world: UsersWorld) -> None:
     assert world.motions is not None
-    asked: list[tuple[int, int]] = []
     process = world.motions.process
-
-    def counting(q: np.ndarray, v: np.ndarray, n_steps: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        asked.append((len(q), n_steps))
-        return process(q, v, n_steps, dt)
-
+    counting, asked = counted(process)
     q, v = thrown(np.random.default_rng(6), 4)
     q[:2, 2] += 5.0  # these stay in the air
     other, faster = q + np.array([0.0, 0.0, 1e-3, 0.0, 0.0, 0.0, 0.0]), v + 0.01

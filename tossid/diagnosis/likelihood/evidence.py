@@ -51,7 +51,7 @@ class Hypothesis:
     @cached_property
     def _world(self) -> World:
         world = self.base
-        for effect, values in zip(self.effects, self.values, strict=True):
+        for effect, values in self.items():
             world = effect.at(world, values)
         return world
 
@@ -81,7 +81,7 @@ class Hypothesis:
         Args:
             name: Of the effect.
         """
-        kept = [(e, v) for e, v in zip(self.effects, self.values, strict=True) if e.name != name]
+        kept = [(e, v) for e, v in self.items() if e.name != name]
         return Hypothesis(self.base, tuple(e for e, _ in kept), tuple(v for _, v in kept))
 
     def values_of(self, name: str) -> Array:
@@ -90,7 +90,7 @@ class Hypothesis:
         Args:
             name: Of the effect.
         """
-        return next(values for effect, values in zip(self.effects, self.values, strict=True) if effect.name == name)
+        return next(values for effect, values in self.items() if effect.name == name)
 
     def place_of(self, name: str) -> slice:
         """Where the parameters of one effect are in `flat`.

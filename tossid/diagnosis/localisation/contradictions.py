@@ -87,9 +87,9 @@ def decided_by_witnesses(found: SearchResult, validator: CrossValidator, asked: 
     def against(world: World) -> int:
         return sum(each.contradicts for each in asked(world))
 
+    least = against(found.present.hypothesis.world()) if any(found.classes.values()) else 0
     for name, group in found.classes.items():
-        present = found.present
-        least, chosen = (against(present.hypothesis.world()) if group else 0), None
+        present, chosen = found.present, None
         for each in group if least else ():
             if (count := against(replaced(present.hypothesis, name, each).world())) < least:
                 least, chosen = count, each
@@ -99,4 +99,5 @@ def decided_by_witnesses(found: SearchResult, validator: CrossValidator, asked: 
             others = tuple(each for each in (needed.pop(name), *group) if each is not chosen)
             classes = {other: each for other, each in found.classes.items() if other != name}
             found = replace(found.ending_in(instead), needed=needed, classes={**classes, chosen.name: others})
+            least = against(instead.hypothesis.world())
     return found

@@ -94,7 +94,7 @@ def make_patch(
         edit.effect = "rigid contact"
         write_rigid_contact(edit)
     world = before
-    for effect, values in zip(hypothesis.effects, hypothesis.values, strict=True):
+    for effect, values in hypothesis.items():
         after = effect.at(world, values)
         edit.effect = effect.name
         effect.mjcf.write(edit, world, after)

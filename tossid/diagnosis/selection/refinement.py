@@ -171,7 +171,7 @@ def intervals(fitted: Fitted, n: int, spread: Array | None = None, n_flight: int
     quantile = float(student.ppf(0.975, max(1, n - len(error))))
     low, high = fitted.hypothesis.bounds
     k = 0
-    for effect, values in zip(fitted.hypothesis.effects, fitted.hypothesis.values, strict=True):
+    for effect, values in fitted.hypothesis.items():
         named = {}
         for parameter, value in zip(effect.parameters, values, strict=True):
             value = float(np.clip(value, low[k], high[k]))
