@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
-from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.screening import _beyond, screen
 from tossid.objects import ObjectModel
@@ -40,3 +43,21 @@ def test_a_size_far_off_is_reached(cube: ObjectModel, size: float) -> None:
     found = screen(judge, judge.evaluate(Hypothesis(World(cube))), EFFECTS["geometry"])
     assert found.gain > 100
     assert found.start.values[-1][0] == pytest.approx(size, abs=0.012)
+
+
+@pytest.mark.parametrize(("hopeless", "restarted"), [(10.0, False), (1e9, True)])
+def test_windows_are_not_restarted_at_a_start_that_loses_much(
+    cube: ObjectModel, monkeypatch: pytest.MonkeyPatch, hopeless: float, restarted: bool
+) -> None:
+    judge = CrossValidator.of(seen(World(cube), cube, 8, seed=5), cube, seed=0)
+    selection = replace(judge.settings.selection, hopeless=hopeless)
+    judge = replace(judge, settings=replace(judge.settings, selection=selection))
+    present, asked, original = judge.evaluate(Hypothesis(World(cube))), [], Evidence.relinearised
+
+    def counted(self: Evidence, world: World, **keys: Any) -> Evidence:
+        asked.append(keys.get("restarts", 0))
+        return original(self, world, **keys)
+
+    monkeypatch.setattr(Evidence, "relinearised", counted)
+    assert not screen(judge, present, EFFECTS["geometry"]).from_start
+    assert (1 in asked) == restarted

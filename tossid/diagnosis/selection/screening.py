@@ -87,17 +87,26 @@ def screen(validator: CrossValidator, present: Candidate, effect: Effect) -> Scr
         gain = _gain(e.gains(e.log_likelihood_of(hypothesis.world(), now.scales), base), e)
         return _Start(hypothesis, e, base, gain)
 
-    def with_own_states(hypothesis: Hypothesis, near: Evidence) -> _Start:
-        e = near.relinearised(hypothesis.world(), refine=4, restarts=1)
+    def gained(hypothesis: Hypothesis, e: Evidence) -> tuple[Array, Array]:
         before = np.maximum(base, e.log_likelihood_of(now.hypothesis.world(), now.scales))
         after = np.maximum(*(each.log_likelihood_of(hypothesis.world(), now.scales) for each in (part, e)))
-        return _Start(hypothesis, e, before, _gain(e.gains(after, before), e))
+        return e.gains(after, before), before
+
+    def with_own_states(hypothesis: Hypothesis, near: Evidence) -> _Start | None:
+        e = near.relinearised(hypothesis.world(), refine=4, update=False)
+        if gained(hypothesis, e)[0].sum() < -validator.settings.selection.hopeless:
+            return None  # windows that are restarted make up for less
+        e = e.relinearised(hypothesis.world(), refine=0, restarts=1)
+        gain, before = gained(hypothesis, e)
+        return _Start(hypothesis, e, before, _gain(gain, e))
 
     nearest = max((roughly(each) for each in starts), key=lambda each: each.gain)
     begin = with_own_states(nearest.hypothesis, nearest.evidence)
+    if begin is None:
+        return best
     for farther in _beyond(begin.hypothesis, starts, nominal):
         tried = with_own_states(farther, begin.evidence)
-        if tried.gain <= begin.gain:
+        if tried is None or tried.gain <= begin.gain:
             break
         begin = tried
     far = _step(validator, now.scales, begin, effect)

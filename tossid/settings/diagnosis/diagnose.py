@@ -58,6 +58,8 @@ class SelectionSettings:
     """level at which an effect that is worse than the best leaves its confusable class, ..."""
     class_closed: Fraction = 0.8
     """... if it also closes less than this share of what the best closes"""
+    hopeless: Positive = 300.0
+    """loss of log-likelihood from which a start is given up before windows that fit poorly are restarted"""
     class_gain: Fraction = 0.4
     """share of the best's gain of log-likelihood that an effect needs to be in its class"""
     general_level: Fraction = 0.2
