@@ -1,10 +1,12 @@
-"""A case's tosses come through TUM files, and nothing that the diagnosis gets names the effect."""
+"""A case's tosses come through files of poses or a film, and nothing that the diagnosis gets names the effect."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tossid.diagnosis.audit.cases import Case
 from tossid.diagnosis.audit.making import make_case
@@ -27,6 +29,17 @@ def test_what_the_diagnosis_gets_came_through_tum_files_and_does_not_name_the_ef
     everything = b"".join(path.read_bytes() for path in tmp_path.rglob("*") if path.is_file())
     assert b"linear_drag" not in everything
     assert b"c_nspm" not in everything
+
+
+@pytest.mark.slow  # three cameras film six tosses, a minute
+def test_filmed_tosses_are_tracked_and_the_film_does_not_stay(tmp_path: Path) -> None:
+    case = Case(3, "effect", "lcp", ("linear_drag",), (40.0,), 11)
+    make_case(case, load_object("cube"), replace(SETTINGS, filmed=True), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["tosses.h5"]
+    dataset = read_dataset(tmp_path / "tosses.h5")
+    assert dataset.source == "frames"
+    assert len(dataset.tosses) == 6
+    assert b"linear_drag" not in (tmp_path / "tosses.h5").read_bytes()
 
 
 def test_a_force_outside_the_library_moves_the_tosses(tmp_path: Path) -> None:

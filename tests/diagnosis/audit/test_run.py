@@ -92,11 +92,15 @@ def test_an_audit_without_a_result_is_an_error(cube: ObjectModel, tmp_path: Path
         audit(cube, out=tmp_path, settings=SETTINGS, each=refused)
 
 
-def test_bad_settings_are_refused(elbow: ObjectModel, tmp_path: Path) -> None:
+def test_bad_settings_are_refused(cube: ObjectModel, elbow: ObjectModel, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="is empty"):
         audit(elbow, out=tmp_path, engines=())
     with pytest.raises(ConfigError, match="single bodies"):
         audit(elbow, out=tmp_path, data=tmp_path / "real.h5")
+    with pytest.raises(ConfigError, match="recorded already"):
+        audit(cube, out=tmp_path, data=tmp_path / "real.h5", filmed=True)
+    with pytest.raises(ConfigError, match="no tags"):
+        audit(replace(cube, tags=()), out=tmp_path, filmed=True)
 
 
 def test_a_case_is_known_again_by_all_that_it_depends_on(cube: ObjectModel, tmp_path: Path) -> None:
@@ -116,10 +120,11 @@ def test_digests_follow_the_object_the_settings_and_the_code(cube: ObjectModel) 
     others = [
         plan(cube.with_changes(friction=0.2), SETTINGS),
         plan(cube, replace(SETTINGS, tosses=7)),
+        plan(cube, replace(SETTINGS, filmed=True)),
         plan(cube, replace(SETTINGS, scoring=ScoreSettings(restored=0.1))),
         plan(cube, SETTINGS, code="other"),
     ]
-    assert len({plain, *(jobs[0].digest for jobs in others)}) == 5
+    assert len({plain, *(jobs[0].digest for jobs in others)}) == 6
 
 
 def test_jobs_one_by_one_end_in_results_or_errors(cube: ObjectModel) -> None:

@@ -1,10 +1,13 @@
-"""The tosses of a case: simulated with its effects, written as TUM files, and read back as a dataset.
+"""The tosses of a case: simulated with its effects, recorded, and read back as a dataset.
 
-What a diagnosis then gets has passed through files that hold poses only, so that it cannot know the effect.
+They are recorded as TUM files of poses with normal noise, or as a film in which tags are tracked. What a diagnosis then
+gets has passed through files that hold poses or images only, so that it cannot know the effect.
 """
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,16 +28,18 @@ from tossid.settings.synthesis import Engine, LcpEngine, NoiseSettings, Synthesi
 from tossid.store import write_tum
 from tossid.store.importers import TumSource
 from tossid.synthesis.engines import ENGINES
+from tossid.synthesis.film import film
 from tossid.synthesis.tosses import add_noise, draw_releases, frames_until_rest, make_tosses
 from tossid.types import Toss
 from tossid.vision.ingest import ingest_source
+from tossid.vision.recordings.formats.frames import FramesSource
 
 TOSSES = "tosses.h5"
 """The dataset that a diagnosis gets, in a case's folder."""
 
 
 def make_case(case: Case, model: ObjectModel, settings: AuditSettings, folder: Path) -> dict[str, Any]:
-    """Write a case's tosses: `tum/` with a file each, and tosses.h5, which is read from these.
+    """Write a case's tosses: tosses.h5, and `tum/` from which it is read. A film is not kept.
 
     Args:
         case: The case.
@@ -56,18 +61,39 @@ def make_case(case: Case, model: ObjectModel, settings: AuditSettings, folder: P
         tosses = _pushed_tosses(name, values, case, model, synthesis, settings, motions)
     else:
         tosses, _ = make_tosses(replace(synthesis, effects=effects), model, motions)
-    stated = NoiseSettings(
-        position=settings.position_noise, rotation=settings.rotation_noise, joint=settings.rotation_noise
-    )
-    write_tum(folder / "tum", add_noise(tosses, model, stated, noise))
-    # (the diagnosis shall find what the ingest would level)
-    as_recorded = IngestSettings() if case.order is None else IngestSettings(level="never")
-    source = TumSource(path=folder / "tum")
-    ingest_source(source, object=model, settings=as_recorded, out=folder / TOSSES, progress=lambda progress: None)
+    _record(tosses, case, model, settings, synthesis, noise, folder)
     truth = {"case": case.as_json(), "effects": effects, "displacement": reached}
     if case.order is None or case.order.form != DRIFT:
         return truth
     return {**truth, "rates": rates(effects, World(model, gravity=synthesis.gravity), settings.tosses)}
+
+
+def _record(
+    tosses: Sequence[Toss],
+    case: Case,
+    model: ObjectModel,
+    settings: AuditSettings,
+    synthesis: SynthesizeSettings,
+    rng: np.random.Generator,
+    folder: Path,
+) -> None:
+    """Write true tosses to a case's folder as they are recorded."""
+    # (the diagnosis shall find what the ingest would level)
+    as_recorded = IngestSettings(level="never" if settings.filmed or case.order is not None else "auto")
+
+    def ingest(source: Any) -> None:
+        ingest_source(source, object=model, settings=as_recorded, out=folder / TOSSES, progress=lambda progress: None)
+
+    if settings.filmed:
+        with tempfile.TemporaryDirectory(dir=folder) as place:
+            film(tosses, model, Path(place), replace(synthesis, seed=case.seed), rng=rng)
+            ingest(FramesSource(path=Path(place)))
+        return
+    stated = NoiseSettings(
+        position=settings.position_noise, rotation=settings.rotation_noise, joint=settings.rotation_noise
+    )
+    write_tum(folder / "tum", add_noise(tosses, model, stated, rng))
+    ingest(TumSource(path=folder / "tum"))
 
 
 def _synthesis(case: Case, settings: AuditSettings) -> SynthesizeSettings:

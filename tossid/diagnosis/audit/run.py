@@ -100,8 +100,8 @@ def audit(
         The audit: a row for each case, and how many were right. `save()` writes its tables and figures.
 
     Raises:
-        ConfigError: A key is no setting, no engine is named, one is not installed, or the simulator of an object with
-            joints is to be spoilt.
+        ConfigError: A key is no setting, no engine is named, one is not installed, the simulator of an object with
+            joints is to be spoilt, or tosses cannot be filmed.
         InputError: All cases failed.
     """
     model, settings, out = load_object(object), changed(settings, keys), Path(out)
@@ -110,6 +110,12 @@ def audit(
         raise ConfigError("engines", "is empty; an audit needs at least one.")
     for engine in settings.engines:
         check_installed(engine, "engines")
+    if settings.filmed and data is not None:
+        raise ConfigError(
+            "filmed", "is of cases that are made; tosses of data= are recorded already. Omit one of both."
+        )
+    if settings.filmed and not model.tags:
+        raise ConfigError("filmed", f"'{model.name}' has no tags that a camera could see; give them.")
     if data is not None and model.n_joints:
         raise ConfigError("data", "only simulators of single bodies are spoilt; omit it to make cases of the object.")
     report, code = progress or silent, code_digest(steps.__name__)
@@ -245,7 +251,7 @@ def _dependencies(model: ObjectModel, settings: AuditSettings, data: Path | None
     if data is not None:
         return {**depends, "data": file_sha256(data), "seed": settings.seed}
     noise = {"position_noise": settings.position_noise, "rotation_noise": settings.rotation_noise}
-    return {**depends, **noise, "making": settings.making}
+    return {**depends, **noise, "filmed": settings.filmed, "making": settings.making}
 
 
 def only_in_lcp(model: ObjectModel, engines: Sequence[str]) -> list[str]:

@@ -83,6 +83,8 @@ class AuditSettings:
     """how often a diagnosis repeats its search (as of `diagnose`)"""
     kinds: tuple[CaseKind, ...] = ("effect",) * 5 + ("null",) * 2 + ("pair", "outside", "without")
     """what is in cases: every so many cases are these, in a drawn order"""
+    filmed: bool = False
+    """film the tosses with three cameras and track the tags in their images; false: poses with normal noise"""
     position_noise: Positive = 1.5e-4
     """standard deviation of recorded positions [m]"""
     rotation_noise: Positive = 1.5e-3
