@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from tossid.models.predictor import Simulator
 from tossid.objects import ObjectModel
-from tossid.physics import make_system, simulate
+from tossid.physics import make_system
+from tossid.settings.training import ModelSettings
 from tossid.types import Toss
 
 DT = 1 / 148
@@ -23,9 +25,11 @@ def thrown(rng: np.random.Generator, count: int, n_joints: int = 0) -> tuple[np.
 
 
 def tosses(model: ObjectModel, count: int, *, seed: int, frames: int = 70, substeps: int = 1) -> list[Toss]:
-    """Tosses by the LCP engine, without noise."""
+    """Tosses by the LCP engine, without noise: of one step a frame as in the implicit loss, else as in rollouts."""
     q, v = thrown(np.random.default_rng(seed), count, model.n_joints)
-    run = simulate(make_system(model), q, v, n_steps=frames, dt=DT, substeps=substeps)
+    parts = 1 if substeps == 1 else ModelSettings.impact_parts
+    simulator = Simulator(make_system(model), substeps=substeps, impact_parts=parts)
+    run = simulator.rollout(q, v, n_steps=frames, dt=DT)
     zero, phase = np.zeros((frames + 1, model.nv, model.nv)), np.zeros(frames + 1, dtype=np.uint8)
     t = np.arange(frames + 1) * DT
     return [Toss(str(i), t, run.q[i], run.v[i], zero, zero, phase) for i in range(count)]

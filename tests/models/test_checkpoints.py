@@ -70,7 +70,9 @@ OLD_KEYS = [
 @pytest.mark.parametrize("name", ["cn", "cnrp", "cnrpi", "diffsim", "e2e"])
 def test_a_checkpoint_of_the_schema_before_opens(cube: ObjectModel, tmp_path: Path, name: str) -> None:
     now = trained(cube, name)
-    now = replace(now, settings=replace(now.settings, model=replace(now.settings.model, start_corners=0.0)))
+    now = replace(
+        now, settings=replace(now.settings, model=replace(now.settings.model, start_corners=0.0, impact_parts=1))
+    )
     model = build_model(now.settings.model, cube, seed=3)
     model.load_state_dict(now.model.state_dict())
     now = replace(now, model=model)

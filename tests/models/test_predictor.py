@@ -10,12 +10,19 @@ from tossid.objects import ObjectModel
 from tossid.physics import make_system, simulate
 
 
-def test_rollouts_take_the_simulators_substeps(cube: ObjectModel) -> None:
+def test_rollouts_take_the_simulators_substeps_and_impacts_where_they_happen(cube: ObjectModel) -> None:
     system = make_system(cube)
     q, v = thrown(np.random.default_rng(0), 3)
     found = Simulator(system, substeps=4).rollout(q, v, n_steps=60, dt=DT)
-    np.testing.assert_array_equal(found.q, simulate(system, q, v, n_steps=60, dt=DT, substeps=4).q)
+    np.testing.assert_array_equal(found.q, simulate(system, q, v, n_steps=60, dt=DT, substeps=4, impact_parts=8).q)
     assert np.abs(found.q - Simulator(system, substeps=1).rollout(q, v, n_steps=60, dt=DT).q).max() > 1e-6
+
+
+def test_impacts_that_last_happen_where_steps_end(cube: ObjectModel) -> None:
+    system = make_system(cube.with_changes(compliance=1e-4, relaxation=1e-3))
+    q, v = thrown(np.random.default_rng(0), 3)
+    found = Simulator(system, substeps=4).rollout(q, v, n_steps=60, dt=DT)
+    np.testing.assert_array_equal(found.q, simulate(system, q, v, n_steps=60, dt=DT, substeps=4).q)
 
 
 def test_acceleration_is_gravity_and_eulers_equations(cube: ObjectModel) -> None:

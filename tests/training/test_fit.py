@@ -84,7 +84,7 @@ def test_contact_stays_rigid_where_a_softer_one_explains_little(cube: ObjectMode
     list(Fit(model, made[:30], made[30:]).epochs())
     learned = model.learned_object()
     assert learned.compliance < 1e-7
-    assert learned.cohesion < 1e-3
+    assert learned.cohesion < 2e-3
     assert np.abs(learned.com - COM).max() < 2e-4
     np.testing.assert_allclose(learned.inertia[0], cube.inertia[0], atol=0.01 * cube.inertia[0, 0, 0])
 

@@ -116,7 +116,8 @@ def test_an_interrupted_fit_resumes_within_a_restart(cube: ObjectModel, made: li
 
 
 @pytest.mark.parametrize("friction", [1e-4, 30.0])
-def test_friction_without_a_gradient_is_started_again(cube: ObjectModel, made: list[Toss], friction: float) -> None:
+def test_friction_without_a_gradient_is_started_again(cube: ObjectModel, friction: float) -> None:
+    made = tosses(cube, 10, seed=0, substeps=ModelSettings.substeps)
     settings = ModelSettings(learn_geometry=False, implicit=False, horizons=(20,))
     model = ContactNets(cube.with_changes(friction=friction), settings)
     fit = Fit(model, made[:8], made[8:10])

@@ -223,7 +223,8 @@ class ContactNets(nn.Module):
     def simulator(self) -> Simulator:
         """The learned simulator."""
         cone = {"exact": ExactCone(), "polyhedral": PolyhedralCone()}[self.settings.cone]
-        return Simulator(self.mechanics().system(), substeps=self.settings.substeps, solver=cone)
+        steps = {"substeps": self.settings.substeps, "impact_parts": self.settings.impact_parts}
+        return Simulator(self.mechanics().system(), **steps, solver=cone)
 
     def parameters_report(self) -> dict[str, Any]:
         """What was learned and what was given, with units."""
@@ -234,8 +235,9 @@ class ContactNets(nn.Module):
         if self.settings.learn_friction:
             report["friction"] = learned.friction
         if self.settings.learn_contact_law:
-            report["stiffness_npm"] = 1 / learned.compliance
-            report["relaxation_s"] = learned.relaxation
+            if learned.compliance > 0.0:  # contact is not rigid
+                report["stiffness_npm"] = 1 / learned.compliance
+                report["relaxation_s"] = learned.relaxation
             report["cohesion_n"] = learned.cohesion
         if self.learns_corners:
             report["corners_m"] = learned.corner_pos.round(6).tolist()

@@ -92,13 +92,16 @@ class ContactLaw(nn.Module):
 
     Args:
         model: The object; what it states is kept unless `learn`.
-        learn: True starts from a contact that is almost rigid.
+        learn: True learns all three.
     """
 
     RIGID = (0.05, 0.02)
-    """Contact time [ms] and damping of a contact as stiff as the law can be.
+    """Contact time [ms] and damping of a contact that is rigid.
 
     Where contact is rigid (simulated tosses), a softer one would have its effect explained by a wrong inertia."""
+    RIGID_UP_TO = 0.1
+    """Contact time up to which contact is rigid [ms]: no time step resolves so stiff a spring, and the steps of rigid
+    contact end at impacts, which those of a spring do not."""
 
     def __init__(self, model: ObjectModel, *, learn: bool) -> None:
         super().__init__()
@@ -111,9 +114,12 @@ class ContactLaw(nn.Module):
         if not self.value.requires_grad:
             return self.given
         time, damping, cohesion = self.value.detach().tolist()
-        t_c = 1e-3 * exp(min(max(time, log(0.05)), log(50.0)))
+        cohesion = 0.1 * self.mass * GRAVITY * min(max(cohesion, 0.0), 20.0)
+        if time <= log(self.RIGID_UP_TO):
+            return 0.0, 0.0, cohesion
+        t_c = 1e-3 * exp(min(time, log(50.0)))
         zeta = exp(min(max(damping, log(0.02)), log(20.0)))
-        return t_c**2 / self.mass, zeta * t_c, 0.1 * self.mass * GRAVITY * min(max(cohesion, 0.0), 20.0)
+        return t_c**2 / self.mass, zeta * t_c, cohesion
 
     def starts(
         self, contact_times_ms: Sequence[float], dampings: Sequence[float], *, simulator_step_ms: float
@@ -134,7 +140,7 @@ class ContactLaw(nn.Module):
         return [torch.tensor([log(time), log(slow / time), cohesion], dtype=torch_double) for time, slow in damped]
 
     def rigid(self) -> Tensor:
-        """The value of an almost rigid contact."""
+        """The value of a rigid contact."""
         time, damping = self.RIGID
         return torch.tensor([log(time), log(damping), 0.0], dtype=torch_double)
 

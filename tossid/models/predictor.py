@@ -48,11 +48,13 @@ class Simulator:
     Attributes:
         system: The numbers.
         substeps: Steps a frame.
+        impact_parts: As of `physics.simulate`, where contact is rigid. Where it yields, impacts last for some steps.
         solver: Of contact.
     """
 
     system: System
     substeps: int = ModelSettings.substeps
+    impact_parts: int = ModelSettings.impact_parts
     solver: ContactSolver = ExactCone()
 
     @property
@@ -72,6 +74,7 @@ class Simulator:
             dt: Length of a frame [s].
             n_threads: For the batch.
         """
+        rigid = self.system.compliance == 0.0 and self.system.relaxation == 0.0
         return simulate(
             self.system,
             q0,
@@ -79,6 +82,7 @@ class Simulator:
             n_steps=n_steps,
             dt=dt,
             substeps=self.substeps,
+            impact_parts=self.impact_parts if rigid else 1,
             solver=self.solver,
             n_threads=n_threads,
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from tossid.code_digest import note_registered
@@ -94,7 +94,7 @@ def settings_from(values: Mapping[str, Any]) -> ModelSettings:
 
     Args:
         values: What `tossid.settings.plain.to_plain` gave. What an earlier version did not know is taken from the
-            variant of that name.
+            variant of that name, but for `impact_parts`: impacts happened where steps end.
 
     Raises:
         ConfigError: There is no such kind.
@@ -102,7 +102,7 @@ def settings_from(values: Mapping[str, Any]) -> ModelSettings:
     start = VARIANTS.get(values["name"])
     if start is None or start.kind != values.get("kind", start.kind):
         start = _kind(values["kind"]).settings()
-    return from_plain(start, values)
+    return from_plain(replace(start, impact_parts=values.get("impact_parts", 1)), values)
 
 
 def _kind(name: str) -> _Kind:

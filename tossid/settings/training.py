@@ -93,6 +93,9 @@ class ModelSettings(Checked):
     term"""
     substeps: Count = advanced(4)
     """steps of the simulator a frame, in training and in evaluation"""
+    impact_parts: Count = advanced(8)
+    """more than 1: steps of rigid contact end where a corner strikes, and a strike of some duration has so many parts;
+    1: impacts happen where steps end"""
 
 
 CN = ModelSettings(name="cn")
@@ -189,7 +192,7 @@ class RolloutSettings:
     race_margin: Positive = 1.25
     """ratio to the lowest loss on these tosses up to which a start is compared on all of them"""
     softer_share: Fraction = 0.97
-    """share of the almost rigid contact's loss that a softer start must stay below to be preferred: what a softer
+    """share of rigid contact's loss that a softer start must stay below to be preferred: what a softer
     contact gains at a wrong inertia is the inertia's"""
 
 

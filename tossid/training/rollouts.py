@@ -130,7 +130,7 @@ class RolloutStage:
     def begin(self) -> None:
         """Choose where the contact law and friction start, where they are learned.
 
-        Contact is almost rigid, unless a softer start is clearly better. Friction stays, unless another value is:
+        Contact is rigid, unless a softer start is clearly better. Friction stays, unless another value is:
         near zero and far above the slope of flight paths, rollouts no longer depend on it.
         """
         self._begin_contact_law()

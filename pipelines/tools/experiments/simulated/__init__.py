@@ -1,0 +1,1 @@
+"""Experiments on simulated tosses, whose truth is known."""
