@@ -61,7 +61,7 @@ experiments: $(STAMP)  ## the studies on published recordings, hours: make DATA=
 	$(BIN)/python -m pipelines.tools.experiments.run_all $(DATA)
 
 calibration: $(STAMP)  ## are intervals right? diagnoses of effects drawn at random, hours; goes on where it was
-	$(BIN)/tossid audit cases=200 seed=1 'kinds=[effect]' 'engines=[lcp]' tosses=24 repeats=0 $(OPTIONS)
+	$(BIN)/tossid audit cases=200 seed=1 'kinds=[effect]' 'engines=[lcp]' tosses=16 repeats=0 $(OPTIONS)
 
 unknown: $(STAMP)  ## the published cube learned from nothing, beside its stated object: make DATA=FOLDER unknown
 	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.unknown $(DATA)
