@@ -25,9 +25,9 @@ def thrown(rng: np.random.Generator, count: int, n_joints: int = 0) -> tuple[np.
 
 
 def tosses(model: ObjectModel, count: int, *, seed: int, frames: int = 70, substeps: int = 1) -> list[Toss]:
-    """Tosses by the LCP engine, without noise: of one step a frame as in the implicit loss, else as in rollouts."""
+    """Tosses by the LCP engine, without noise. Impacts happen where steps end, unless rollouts take these steps."""
     q, v = thrown(np.random.default_rng(seed), count, model.n_joints)
-    parts = 1 if substeps == 1 else ModelSettings.impact_parts
+    parts = ModelSettings.impact_parts if substeps == ModelSettings.substeps else 1
     simulator = Simulator(make_system(model), substeps=substeps, impact_parts=parts)
     run = simulator.rollout(q, v, n_steps=frames, dt=DT)
     zero, phase = np.zeros((frames + 1, model.nv, model.nv)), np.zeros(frames + 1, dtype=np.uint8)

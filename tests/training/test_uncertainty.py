@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from tests.models.made import tosses
 from tossid.models.contactnets import ContactNets
 from tossid.objects import ObjectModel
 from tossid.settings.training import ModelSettings
 from tossid.training.fit import Fit
-from tossid.training.uncertainty import parameter_intervals
+from tossid.training.uncertainty import _readings, parameter_intervals
 from tossid.types import Toss
 
 
@@ -53,3 +54,11 @@ def test_a_model_without_rollouts_has_none(cube: ObjectModel) -> None:
     fit = Fit(ContactNets(cube, ModelSettings()), made[:2], made[2:])
     fit.stages = fit.stages[:1]
     assert parameter_intervals(fit) is None
+
+
+def test_resampled_rigid_contact_is_the_stiffest_spring_where_fitted_contact_yields(cube: ObjectModel) -> None:
+    soft, rigid = _readings(cube.with_changes(compliance=1e-4), yields=True), _readings(cube, yields=True)
+    assert soft.keys() == rigid.keys()
+    assert soft["stiffness_npm"] == pytest.approx(1e4)
+    assert rigid["stiffness_npm"] == pytest.approx(float(cube.mass.sum()) / 1e-4**2)
+    assert "stiffness_npm" not in _readings(cube, yields=False)

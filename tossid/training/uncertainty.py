@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.models.parameters import ContactLaw
 from tossid.objects import ObjectModel
 from tossid.settings.training import IntervalSettings
 from tossid.training.fit import Fit
@@ -47,13 +48,14 @@ def parameter_intervals(fit: Fit, *, seed: int = 0) -> dict[str, Any] | None:
         return None
     rng, settings = np.random.default_rng(seed), fit.settings.intervals
     ridge = 1e-6 * np.trace(sums.H.sum(0)) / size * np.eye(size)
-    value = _readings(fit.model.learned_object())
-    drawn = []
+    fitted = fit.model.learned_object()
+    yields = fitted.compliance > 0
+    value, drawn = _readings(fitted, yields=yields), []
     for _ in range(settings.draws):
         counts = rng.multinomial(n, np.full(n, 1 / n))
         H, g = np.tensordot(counts, sums.H, 1) + ridge, counts @ sums.g - sums.g.sum(0)
         stage.set_parameters(sums.x - np.linalg.solve(H, g))
-        drawn.append(list(_readings(fit.model.learned_object()).values()))
+        drawn.append(list(_readings(fit.model.learned_object(), yields=yields).values()))
     stage.set_parameters(sums.x)
     low, high = np.percentile(np.array(drawn), [2.5, 97.5], axis=0)
     intervals, weak = {}, ["total mass: tosses over a fixed ground show ratios of masses only"]
@@ -81,12 +83,12 @@ def _limit(name: str, value: float, settings: IntervalSettings) -> float:
     return next(limit for kind, limit in limits.items() if kind in name)
 
 
-def _readings(model: ObjectModel) -> dict[str, float]:
-    """What the parameters mean, by name."""
-    values = {"friction": model.friction}
-    if model.compliance > 0:
-        values |= {"stiffness_npm": 1 / model.compliance, "relaxation_s": model.relaxation}
-        values["cohesion_n"] = model.cohesion
+def _readings(model: ObjectModel, *, yields: bool) -> dict[str, float]:
+    """What the parameters mean, by name. Where fitted contact yields, rigid contact counts as the stiffest spring."""
+    values = {"friction": model.friction, "cohesion_n": model.cohesion}
+    if yields:
+        stiffest = float(model.mass.sum()) / (1e-3 * ContactLaw.RIGID_UP_TO) ** 2
+        values |= {"stiffness_npm": 1 / max(model.compliance, 1 / stiffest), "relaxation_s": model.relaxation}
     for b, body in enumerate(model.body_names):
         prefix = "" if model.n_bodies == 1 else f"{body}_"
         for i, axis in enumerate("xyz"):
