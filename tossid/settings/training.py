@@ -94,8 +94,7 @@ class ModelSettings(Checked):
     substeps: Count = advanced(4)
     """steps of the simulator a frame, in training and in evaluation"""
     impact_parts: Count = advanced(8)
-    """more than 1: steps of rigid contact end where a corner strikes, and a strike of some duration has so many parts;
-    1: impacts happen where steps end"""
+    """from 2 on, steps of rigid contact end where a corner strikes; 1: impacts happen where steps end"""
 
 
 CN = ModelSettings(name="cn")
