@@ -14,7 +14,7 @@ from tossid.diagnosis.likelihood.fitting import toss_sums
 from tossid.diagnosis.localisation.gap import share_left
 from tossid.diagnosis.localisation.noise import Floor
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
-from tossid.diagnosis.selection.refinement import correlations, intervals
+from tossid.diagnosis.selection.refinement import correlations, intervals, stated_intervals
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.physics.effects import Effect
 from tossid.types import Phase
@@ -50,7 +50,7 @@ def effect_findings(
         consequence: What each of them does to whole tosses, by name.
         candidates: Names of effects that are significant, and not sure enough to be identified.
     """
-    known = intervals(found.present.fitted, validator.n, spread, found.n_flight)
+    known = stated_intervals(found, validator.n, spread)
     related = correlations(found.present.fitted, validator.n, spread, found.n_flight)
     stands_for = {each.name: (name, each) for name, group in found.classes.items() for each in group}
     out = []
@@ -99,6 +99,7 @@ def effect_findings(
                 sizes,
                 consequence.get(stands_for[effect.name][0] if effect.name in stands_for else effect.name),
                 correlation=correlation,
+                saturated=effect.name in named and effect.name in found.saturated,
             )
         )
     order = {name: i for i, name in enumerate(named)}

@@ -41,6 +41,7 @@ from tossid.diagnosis.selection.refinement import (
     pruned_by_wald_test,
     refitted_on_shifted_windows,
 )
+from tossid.diagnosis.selection.saturation import with_saturated_effects
 from tossid.diagnosis.selection.screening import predicted_gain
 from tossid.diagnosis.selection.search import search
 from tossid.diagnosis.selection.search_result import SearchResult
@@ -132,7 +133,7 @@ def search_once(problem: Problem) -> Searched:
     found = search(validator, shown, first, under_way, lambda at: contradicted_values(asked(at)))
     found = decided_by_witnesses(found, validator, asked)
     under_way("line search", 0.85)
-    found = line_searched(validator, found)
+    found = with_saturated_effects(validator, line_searched(validator, found))
     under_way("shifted windows", 0.87)
     found, spread = refitted_on_shifted_windows(tosses, world.object, validator, found)
     found, spread = pruned_by_wald_test(validator, found, spread)

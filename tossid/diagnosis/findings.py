@@ -269,6 +269,7 @@ class Finding:
         frequency: Share of the repeated searches that name it; None if none were made.
         over_order: How it goes over the order of recording; None if it is the same in all tosses.
         correlation: (P, P) of the errors of its parameters, where they have values.
+        saturated: Whether more of it changes nothing, so that its interval ends where its range does.
     """
 
     name: str
@@ -284,6 +285,7 @@ class Finding:
     frequency: float | None = None
     over_order: OverOrder | None = None
     correlation: tuple[tuple[float, ...], ...] = ()
+    saturated: bool = False
 
     @property
     def headline(self) -> bool:
@@ -299,6 +301,7 @@ class Finding:
             "phases": list(self.phases),
             "parameters": {name: value.as_json() for name, value in self.parameters.items()},
             "correlation": [list(row) for row in self.correlation],
+            "saturated": self.saturated,
             "evidence": self.evidence,
             "gap_closed": self.gap_closed.as_json(),
             "confusable_with": list(self.confusable_with),

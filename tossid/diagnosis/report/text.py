@@ -8,15 +8,7 @@ from tossid.diagnosis.findings import Finding, Interval, Share
 from tossid.diagnosis.report.interruption_text import interruption_sentences
 from tossid.diagnosis.report.order_text import over_order_sentences
 from tossid.diagnosis.report.refusal_text import contradiction_sentences, refusal_sentences, refusal_words
-from tossid.diagnosis.report.units import (
-    closed_share,
-    in_units,
-    listed,
-    parameter,
-    percent,
-    quantity,
-    short,
-)
+from tossid.diagnosis.report.units import closed_share, in_units, listed, parameter, percent, quantity, short
 from tossid.diagnosis.result import Diagnosis
 from tossid.physics.effects import effect_named
 
@@ -48,6 +40,7 @@ _IMPLAUSIBLE = {
     "stands in for something else and is no name.",
     "no_change": "Something acts like {name}, but the interval of its values includes no change, so it is no name.",
 }
+_SATURATED = " More of it changes nothing in these tosses, so the interval ends where the plausible range does."
 
 
 def headline(diagnosis: Diagnosis) -> str:
@@ -248,7 +241,8 @@ def _one_effect(diagnosis: Diagnosis, name: str) -> str:
     text = f"{name}: {finding.says}."
     if finding.over_order is not None:
         return f"{text} It is not the same in all tosses."
-    return f"{text} Estimate with 95 % interval: {'; '.join(values)}." if values else text
+    text += f" Estimate with 95 % interval: {'; '.join(values)}." if values else ""
+    return text + (_SATURATED if finding.saturated else "")
 
 
 def _estimate(key: str, value: Interval, stated: float | None) -> str:

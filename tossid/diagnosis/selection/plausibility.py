@@ -1,7 +1,8 @@
 """Which fitted effects are no names: their interval holds "no change", or touches a bound of what is possible.
 
 A parameter at the end of its physical range is where a fit was stopped, not what the tosses say: the effect stands in
-for something else. It stays in the hypothesis, as it predicts better than nothing, and loses its name.
+for something else. It stays in the hypothesis, as it predicts better than nothing, and loses its name. Where more of an
+effect changes nothing (`saturation`), no fit was stopped there.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.selection.cross_validation import CrossValidator
-from tossid.diagnosis.selection.refinement import intervals
+from tossid.diagnosis.selection.refinement import intervals, stated_intervals
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.physics.effects import Effect, Parameter, World
 
@@ -66,9 +67,10 @@ def plausible_names(
         The result, and why effects of the last hypothesis have no name.
     """
     hypothesis, out = found.present.hypothesis, {}
-    known = intervals(found.present.fitted, validator.n, spread, found.n_flight)
+    known = stated_intervals(found, validator.n, spread)
     for effect in hypothesis.effects:
-        why = None if effect.name in found.unnamed else implausible(effect, known[effect.name], hypothesis.base)
+        settled = effect.name in found.unnamed or effect.name in found.saturated
+        why = None if settled else implausible(effect, known[effect.name], hypothesis.base)
         if why is not None:
             out[effect.name] = why
     classes = {}

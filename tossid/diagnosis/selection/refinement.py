@@ -147,7 +147,7 @@ def _least_clear(validator: CrossValidator, found: SearchResult, spread: Array) 
         away = (hypothesis.values_of(effect.name) - effect.nominal(hypothesis.base)) / size
         correlation = cov[own, own] / np.outer(size, size)
         p_value = float(chi2.sf(away @ np.linalg.pinv(correlation, hermitian=True) @ away, len(away)))
-        if not effect.near_nothing and p_value > least:
+        if not effect.near_nothing and effect.name not in found.saturated and p_value > least:
             least, name = p_value, effect.name
     return name
 
@@ -179,6 +179,24 @@ def intervals(fitted: Fitted, n: int, spread: Array | None = None, n_flight: int
             named[parameter.name] = Interval(value, *ends.tolist())
             k += 1
         out[effect.name] = named
+    return out
+
+
+def stated_intervals(found: SearchResult, n: int, spread: Array | None) -> dict[str, dict[str, Interval]]:
+    """What is stated of a search's last hypothesis: `intervals`, but of sizes that tosses bound on one side only.
+
+    Args:
+        found: What the search found.
+        n: How many tosses.
+        spread: (P,) standard deviations over shifted windows.
+    """
+    out = intervals(found.present.fitted, n, spread, found.n_flight)
+    for effect in found.present.hypothesis.effects:
+        if effect.name in found.saturated:
+            whole = found.saturated[effect.name]
+            (size,) = (each.name for each in effect.parameters if not each.form)
+            value = out[effect.name][size].value
+            out[effect.name][size] = Interval(value, min(whole.low, value), max(whole.high, value))
     return out
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.selection.cross_validation import Candidate
 
@@ -25,6 +26,7 @@ class SearchResult:
         unsteady: Effects that flight reveals, but not the same in all tosses.
         implausible: Effects whose intervals hold no change or touch a bound (`selection.plausibility`).
         begun_as_measured: Whether it is that of the search that began at what tosses say by themselves.
+        saturated: Ranges of the sizes that tosses bound on one side only, by effect (`selection.saturation`).
     """
 
     first: Candidate
@@ -39,6 +41,7 @@ class SearchResult:
     unsteady: tuple[str, ...] = ()
     implausible: tuple[str, ...] = ()
     begun_as_measured: bool = False
+    saturated: dict[str, Interval] = field(default_factory=dict)
 
     @property
     def unnamed(self) -> frozenset[str]:

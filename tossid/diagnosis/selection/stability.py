@@ -29,6 +29,7 @@ from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator, draw_folds
 from tossid.diagnosis.selection.plausibility import plausible_names
 from tossid.diagnosis.selection.refinement import pruned_by_wald_test
+from tossid.diagnosis.selection.saturation import with_saturated_effects
 from tossid.diagnosis.selection.screening import screen
 from tossid.diagnosis.selection.search import search
 from tossid.diagnosis.selection.search_result import SearchResult
@@ -190,6 +191,7 @@ def _repeat(
     windows = make_windows(drawn, model, settings=settings.likelihood, shift=int(rng.integers(length)))
     own = replace(validator, windows=windows, folds=folds, n_threads=1, settings=settings)
     found = search(own, library, own.evaluate(nothing), UnderWay(), partial(measured, drawn))
+    found = with_saturated_effects(own, found)
     found, spread = pruned_by_wald_test(own, found, np.zeros(len(found.present.hypothesis.flat())))
     found, _ = plausible_names(own, found, spread)
     names = tuple(name for name in found.present.hypothesis.names if name not in found.unnamed)
