@@ -78,9 +78,10 @@ def test_verdict(
         ("uniform_force", [0.06, -0.03, 0.0], "x_n", []),
         ("gravity", [9.6], "g_ms2", []),
         ("time_base", [1.012], "rate_rel", ["gravity"]),
+        ("com_offset", [0.004, -0.003, 0.003], "x_m", ["body_frame_offset"]),
     ],
 )
-def test_a_force_or_its_class_is_named_although_contact_stays_unexplained(
+def test_what_flight_makes_certain_is_named_although_contact_stays_unexplained(
     cube: ObjectModel, name: str, values: list[float], key: str, others: list[str]
 ) -> None:
     """The bounce is in no effect of the library, and leaves most of the gap."""

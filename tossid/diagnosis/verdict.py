@@ -13,6 +13,9 @@ from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.settings.diagnosis.diagnose import VerdictSettings
 
+CENTRE_IN_FRAME = frozenset({"com_offset", "body_frame_offset"})
+"""Flight shows where the centre of mass is in the recorded frame. It is one of these that is off, or both."""
+
 
 def gap_verdict(
     gap: Gap,
@@ -74,7 +77,7 @@ def names_that_stand(
     - **Forces that flight reveals stand if they leave nothing there.** The model of flight is right but for the effects
       that are sought, and a force does in contact what it does in flight. So a wrong law of contact says nothing
       against it. Effects that also move the body's points, or change lengths and times, contact could contradict. They
-      stand where a force may be the cause in their place.
+      stand where a force may be the cause in their place, or as a class that has all possible causes.
     - **Effects of contact stand if they close much of the gap that those of flight leave.**
 
     Args:
@@ -93,7 +96,7 @@ def names_that_stand(
         return verdict, names
     flight = found.present.hypothesis.names[: found.n_flight]
     if verdict == "unexplained":
-        names = _forces_in_flight(found, validator, floor)
+        names = _certain_in_flight(found, validator, floor)
     elif 0 < len(flight) < len(names):
         closed, _ = share_left(found.history[found.n_flight], found.present, validator, floor)
         if closed.value <= validator.settings.verdict.partly_closed:
@@ -101,19 +104,17 @@ def names_that_stand(
     return ("unexplained" if names.isdisjoint(mattering) else "partly_explained"), names
 
 
-def _forces_in_flight(found: SearchResult, validator: CrossValidator, floor: Floor) -> frozenset[str]:
-    """Forces that flight reveals; none where the gap in free flight is above the floor."""
+def _certain_in_flight(found: SearchResult, validator: CrossValidator, floor: Floor) -> frozenset[str]:
+    """What flight makes certain whatever contact says; nothing where the gap in free flight is above the floor."""
     present, windows = found.present, found.present.evidence.windows
     left = cross_fitted(present, validator)[windows.inside & windows.free[:, None]]
     reached = validator.settings.verdict.floor_reached * floor.rms
     if not left.size or not limited_rms(present.evidence, left) < reached:
         return frozenset()
-    in_flight = present.hypothesis.effects[: found.n_flight]
-    return frozenset(
-        effect.name
-        for effect in in_flight
-        if effect.name not in found.unnamed
-        and (
-            effect.is_force or any(each.effect and each.effect.is_force for each in found.classes.get(effect.name, ()))
-        )
-    )
+    names = set()
+    for effect in present.hypothesis.effects[: found.n_flight]:
+        group = (effect, *(each.effect for each in found.classes.get(effect.name, ()) if each.effect))
+        complete = {each.name for each in group} >= CENTRE_IN_FRAME
+        if effect.name not in found.unnamed and (complete or any(each.is_force for each in group)):
+            names.add(effect.name)
+    return frozenset(names)
