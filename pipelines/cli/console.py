@@ -117,16 +117,25 @@ class Console:
 
     @contextmanager
     def shares(self, what: str) -> Iterator[Callable[[str, float], None]]:
-        """A callback for the library that shows what is under way and which share is done, while the block lasts."""
+        """A callback for the library that shows what is under way and which share is done, while the block lasts.
+
+        A share that is much less than before says that work begins again.
+        """
         done = 0.0
         with self.progress(what, 100, unit="%") as bar:
 
             def report(text: str, share: float) -> None:
                 nonlocal done
-                bar.advance(max(0.0, 100 * share - done), note=text)
-                done = max(done, 100 * share)
+                more = 100 * share - done
+                more = 0.0 if -_BEGINS_AGAIN < more < 0 else more
+                bar.advance(more, note=text)
+                done += more
 
             yield report
+
+
+_BEGINS_AGAIN = 10.0
+"""Points of a hundred by which a share falls where work begins again."""
 
 
 class _Bar:
@@ -142,14 +151,16 @@ class _Lines:
 
     def __init__(self, console: Console, what: str, total: float | None, unit: str) -> None:
         self._console, self._what, self._total, self._unit = console, what, total, unit
-        self._done = 0.0
-        self._start = self._last = time.monotonic()
+        self._done = self._before = 0.0
+        self._start = self._last = self._begun = time.monotonic()
         self._note = ""
 
     def advance(self, count: float = 1, *, note: str = "") -> None:
         self._done += count
         self._note = note or self._note
         now = time.monotonic()
+        if count < 0:
+            self._begun, self._before = now, self._done
         if now - self._last >= self._console.interval:
             self._last = now
             self._console.say(self._line(now))
@@ -164,8 +175,8 @@ class _Lines:
 
     def _line(self, now: float) -> str:
         line = f"{self._what}: {self._count()}"
-        if self._total and self._done:
-            left = (now - self._start) * (self._total - self._done) / self._done
+        if self._total and self._done > self._before:
+            left = (now - self._begun) * (self._total - self._done) / (self._done - self._before)
             line += f", about {max(left, 0):.0f} s left"
         return f"{line}, {self._note}" if self._note else line
 

@@ -37,3 +37,19 @@ def test_plain_progress_lines_come_now_and_then(capfd: pytest.CaptureFixture[str
     with Console().progress("detect", 4) as progress:
         progress.advance(4)
     assert capfd.readouterr().err == ""  # too quick to speak of
+
+
+def test_work_that_begins_again_is_estimated_anew(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = iter((0.0, 80.0, 82.0, 90.0, 100.0, 110.0, 110.0))
+    monkeypatch.setattr("pipelines.cli.console.time.monotonic", lambda: next(clock))
+    with Console(interval=0.0).shares("search") as report:
+        for share in (0.8, 0.75, 0.9, 0.2, 0.4):
+            report("round", share)
+    lines = capfd.readouterr().err.splitlines()
+    assert lines[0] == "search: 80 of 100 %, about 20 s left, round"
+    assert lines[1].startswith("search: 80 of 100 %")  # a little less is no beginning
+    assert lines[2] == "search: 90 of 100 %, about 10 s left, round"
+    assert lines[3] == "search: 20 of 100 %, round"  # at no known pace
+    assert lines[4] == "search: 40 of 100 %, about 30 s left, round"

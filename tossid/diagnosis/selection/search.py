@@ -164,7 +164,7 @@ class _Search:
                 hypothesis = hypothesis.plus(effect, np.array([said[effect.name]]))
         if len(hypothesis.effects) == found.n_flight:
             return None
-        self.under_way("again, from what impacts and slides say", 0.5)
+        self.under_way("again, from what impacts and slides say", 0.2)
         contact = self._holding(flown, found.n_flight, self.library)
         begun = self.validator.evaluate(hypothesis.clipped(hypothesis.flat()))
         begun, without = contact.pruned(first, contact.refitted(begun))
