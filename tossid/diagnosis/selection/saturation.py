@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from tossid.diagnosis.findings import Interval
+from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.physics.effects import Effect
@@ -21,6 +22,8 @@ LEVEL = 0.025
 """One-sided level at which another size must predict the tosses worse to be excluded (signed ranks over tosses)."""
 LARGEST_LOSS = 0.05
 """Share of what the effect gains that another size may lose on all tosses together, whatever the level says."""
+HOPELESS = 0.5
+"""Share of that gain lost at the present first states, from which the end of the range is not looked at closer."""
 BISECTIONS = 7
 """Of the share of the size at which predictions become worse, which is then known to a hundredth of the size."""
 
@@ -50,20 +53,25 @@ def _range(validator: CrossValidator, found: SearchResult, effect: Effect) -> In
     hypothesis, values = present.hypothesis, present.hypothesis.values_of(effect.name)
     value, nominal = float(values[place]), float(effect.nominal(present.hypothesis.base)[place])
     bound = effect.parameters[place].high if value > nominal else effect.parameters[place].low
-    own: list[Candidate] = []
+
+    def at(size: float) -> Hypothesis:
+        """The hypothesis with another size."""
+        moved = values.copy()
+        moved[place] = size
+        return hypothesis.with_instead(effect.name, effect, moved)
+
+    if not _lost_at_present_states(present, at(bound)) <= HOPELESS * gained:  # no number where a motion diverges
+        return None
+    between = nominal + np.sqrt((value - nominal) * (bound - nominal)) * np.sign(bound - nominal)
+    own = validator.evaluate(hypothesis, present)
 
     def as_good(size: float) -> bool:
         """Whether another size predicts the tosses as well."""
-        if not own:
-            own.append(validator.evaluate(hypothesis, present))
-        moved = values.copy()
-        moved[place] = size
-        there = validator.evaluate(hypothesis.with_instead(effect.name, effect, moved), own[0])
-        lost = float(validator.gain_over(own[0], there).sum())
-        return lost < LARGEST_LOSS * gained and validator.p_value_over(own[0], there) > LEVEL
+        there = validator.evaluate(at(size), own)
+        lost = float(validator.gain_over(own, there).sum())
+        return lost < LARGEST_LOSS * gained and validator.p_value_over(own, there) > LEVEL
 
-    between = nominal + np.sqrt((value - nominal) * (bound - nominal)) * np.sign(bound - nominal)
-    if not (as_good(bound) and as_good(between)):
+    if not (as_good(bound) and as_good(between)) or as_good(nominal):
         return None
     worse, good = 0.0, 1.0
     for _ in range(BISECTIONS):
@@ -71,3 +79,10 @@ def _range(validator: CrossValidator, found: SearchResult, effect: Effect) -> In
         worse, good = (worse, share) if as_good(nominal + share * (value - nominal)) else (share, good)
     nearest = nominal + good * (value - nominal)
     return Interval(value, *sorted((nearest, bound)))
+
+
+def _lost_at_present_states(present: Candidate, hypothesis: Hypothesis) -> float:
+    """What a hypothesis loses in log-likelihood, limited by window, at the first states of the present one."""
+    e, scales = present.evidence, present.fitted.scales
+    before = e.log_likelihood_of(present.hypothesis.world(), scales)
+    return -float(e.gains(e.log_likelihood_of(hypothesis.world(), scales), before).sum())
