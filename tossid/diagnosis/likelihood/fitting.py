@@ -64,6 +64,17 @@ class Fitted:
         delta = -np.linalg.pinv(H + 1e-9 * np.trace(H) * np.eye(len(flat))) @ g
         return self.hypothesis.clipped(flat + np.clip(delta, -50, 50) * self.hypothesis.steps)
 
+    def gain_of(self, other: Hypothesis) -> float:
+        """What another hypothesis gains in log-likelihood at this one's first states, limited by window.
+
+        Args:
+            other: The other hypothesis.
+        """
+        before, after = (
+            self.evidence.log_likelihood_of(each.world(), self.scales) for each in (self.hypothesis, other)
+        )
+        return float(self.evidence.gains(after, before).sum())
+
     def scatter(self, name: str) -> tuple[float, float]:
         """How much an effect's values scatter from toss to toss, for evidence of free flight.
 

@@ -46,6 +46,8 @@ def line_searched(validator: CrossValidator, found: SearchResult) -> SearchResul
                 nominal, values = effect.nominal(present.hypothesis.base), present.hypothesis.values_of(effect.name)
                 moved = present.hypothesis.with_instead(effect.name, effect, nominal + share * (values - nominal))
                 moved = moved.clipped(moved.flat())
+                if present.fitted.gain_of(moved) < -settings.hopeless_at_once:
+                    continue
                 near = validator.evaluate(moved, present)
                 if validator.gain_over(near, present).sum() < -settings.hopeless:
                     continue  # first states that are sought anew make up for less

@@ -13,7 +13,7 @@ import numpy as np
 
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.evidence import Hypothesis
-from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
+from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.physics.effects import Effect
 from tossid.types import Phase
@@ -60,7 +60,7 @@ def _range(validator: CrossValidator, found: SearchResult, effect: Effect) -> In
         moved[place] = size
         return hypothesis.with_instead(effect.name, effect, moved)
 
-    if not _lost_at_present_states(present, at(bound)) <= HOPELESS * gained:  # no number where a motion diverges
+    if not present.fitted.gain_of(at(bound)) >= -HOPELESS * gained:  # no number where a motion diverges
         return None
     between = nominal + np.sqrt((value - nominal) * (bound - nominal)) * np.sign(bound - nominal)
     own = validator.evaluate(hypothesis, present)
@@ -79,10 +79,3 @@ def _range(validator: CrossValidator, found: SearchResult, effect: Effect) -> In
         worse, good = (worse, share) if as_good(nominal + share * (value - nominal)) else (share, good)
     nearest = nominal + good * (value - nominal)
     return Interval(value, *sorted((nearest, bound)))
-
-
-def _lost_at_present_states(present: Candidate, hypothesis: Hypothesis) -> float:
-    """What a hypothesis loses in log-likelihood, limited by window, at the first states of the present one."""
-    e, scales = present.evidence, present.fitted.scales
-    before = e.log_likelihood_of(present.hypothesis.world(), scales)
-    return -float(e.gains(e.log_likelihood_of(hypothesis.world(), scales), before).sum())

@@ -91,6 +91,8 @@ class RefinementSettings:
     """gain of log-likelihood that a move must bring"""
     hopeless: Positive = 30.0
     """loss of log-likelihood at first states near the present ones from which a move is given up"""
+    hopeless_at_once: Positive = 200.0
+    """the same at the present first states: of 200 to 300 lost there, others near by have made up for 90 at most"""
     shifts: tuple[Fraction, ...] = (0.25, 0.5, 0.75)
     """parts of a window's length by which windows are shifted for further fits"""
     perturbation: NonNegative = 0.1
