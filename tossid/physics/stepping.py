@@ -54,7 +54,7 @@ from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.physics.body import Body, make_body
-from tossid.physics.contact.law import make_contact_law
+from tossid.physics.contact.law import ContactLaw, make_contact_law
 from tossid.physics.contact.problem import make_corners
 from tossid.physics.links import Links, make_links
 from tossid.physics.moving import make_state
@@ -70,6 +70,9 @@ Array = NDArray[np.float64]
 
 EXACT_CONE = ExactCone()
 """The contact solver where none is named."""
+TOUCHING_SPEED = 0.03
+"""In short steps a corner touches the ground up to so many metres per second times the step, if that is less than
+`ContactSettings.touching_height`: a height that stays would have impacts the earlier, the shorter steps are."""
 TOLERANCE = 1e-7
 """KKT error [m/s] below which a step's contact problem counts as solved."""
 
@@ -121,7 +124,7 @@ def simulate(
     steps = np.array(np.broadcast_to(np.asarray(n_steps, dtype=np.int64), (count,)))  # writable, also of one toss
     if (steps < 1).any() or substeps < 1 or impact_parts < 1 or not dt > 0:
         raise InputError("a simulation needs dt > 0, and at least one step a toss, one substep a step and one part")
-    law = make_contact_law(system, contact)
+    law = _touching_in(dt / substeps, make_contact_law(system, contact))
     check_solver(solver, relaxed=law.beyond.lifting > 0)
     T, nc = int(steps.max()), system.n_corners
     out = Simulation(
@@ -142,6 +145,12 @@ def simulate(
 
     over_threads(part, count, n_threads)
     return out
+
+
+def _touching_in(step: float, law: ContactLaw) -> ContactLaw:
+    """The law with the height up to which a corner touches in steps of a length [s]."""
+    height = min(law.thresholds.touching_height, TOUCHING_SPEED * step)
+    return law._replace(thresholds=law.thresholds._replace(touching_height=height))
 
 
 class _Same:

@@ -56,6 +56,17 @@ def test_a_flat_drop_rebounds_from_where_it_touches(cube: ObjectModel, height: f
     assert run.lam_n.sum() == pytest.approx(cube.mass[0] * (1 + e) * fall.v, rel=1e-3)
 
 
+def test_impacts_are_no_earlier_in_short_steps(cube: ObjectModel) -> None:
+    """In steps of 26 µs a corner is within 50 µm of the ground for a step or two before it lands."""
+    e, heights = 0.5, np.linspace(0.03, 0.05, 21)
+    q = np.tile([0, 0, HALF, 1, 0, 0, 0.0], (21, 1))
+    q[:, 2] += heights
+    system = make_system(cube.with_changes(restitution=e, friction=0.0))
+    run = simulate(system, q, np.zeros((21, 6)), n_steps=17, dt=DT, substeps=256, impact_parts=8)
+    landing = np.sqrt(2 * G * heights)
+    np.testing.assert_allclose(run.v[:, -1, 2], e * landing - G * (17 * DT - landing / G), atol=5e-5)
+
+
 def test_heights_and_speeds_that_make_an_impact_are_the_callers(cube: ObjectModel) -> None:
     """From 0.04 mm at 0.3 m/s: struck there, or where it has come to the ground; a slow one is no impact."""
     height, speed = 4e-5, 0.3
