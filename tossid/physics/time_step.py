@@ -290,7 +290,7 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
                     for x in range(nx):
                         s.xi[x] += s.taken[x]
                 if low or uneven:
-                    uneven = find_gaps(law, corners, rigid, strike, whole, h, dt / substeps)
+                    uneven = find_gaps(law, s, corners, nx, rigid, strike, whole, h, dt / substeps)
                 n, touched, status, kkt_error = np.int64(0), False, 0, 0.0
                 if low:
                     n, touched, status, kkt_error = resolve_contact(

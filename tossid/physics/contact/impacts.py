@@ -34,7 +34,9 @@ def first_impact(model, law, work, s, corners, rigid, strikes, impact_parts, h):
         if z < touching:
             strike = strike or (vn < -fast and strikes < MOST_STRIKES)
             continue
-        speed = vn * vn - 4.0 * falling(model, work, s, corners, c) * z  # with the last velocity, as in its problem
+        corners.fall[c] = falling(model, work, s, corners, c)
+        # the relaxed problem acts on what has come to the ground: it sees the last velocity, and the step is as short
+        speed = vn * vn - (2.0 if law.beyond.lifting == 0.0 else 4.0) * corners.fall[c] * z
         if speed > fast * fast and math.sqrt(speed) - vn > 0.0:
             length = min(length, 2.0 * z / (math.sqrt(speed) - vn))
     return parts, strike, length / parts

@@ -48,6 +48,8 @@ class Corners(NamedTuple):
     Attributes:
         height: (n_c,) over z = 0 [m].
         gap: (n_c,) phi of the contact problem [m]: the height over the ground as it is below the corner.
+        fall: (n_c,) vertical acceleration without contact of corners that do not touch, where steps end at impacts
+            [m/s²].
         sunk: (n_c,) how far the ground gives way below each: 0, or less where the toss began in it [m].
         state: (n_c,) FAR, LOW or CANDIDATE.
         chosen: (n_c,) corner of each candidate.
@@ -66,6 +68,7 @@ class Corners(NamedTuple):
 
     height: Array
     gap: Array
+    fall: Array
     sunk: Array
     state: NDArray[np.int64]
     chosen: NDArray[np.int64]
@@ -87,7 +90,8 @@ def make_corners(nc, nx):  # type: ignore[no-untyped-def]
     """Scratch for n_c corners and n_x rates."""
     V, index = work_arrays(nc)
     return Corners(
-        np.zeros(nc), np.zeros(nc), np.zeros(nc), np.zeros(nc, np.int64), np.zeros(nc, np.int64), np.zeros((nc, 3)),
+        np.zeros(nc), np.zeros(nc), np.zeros(nc), np.zeros(nc),
+        np.zeros(nc, np.int64), np.zeros(nc, np.int64), np.zeros((nc, 3)),
         np.zeros((nc, 3, nx)), np.zeros((nx, 3 * nc)), np.zeros((3 * nc, 3 * nc)), np.zeros((nc, 3)), np.zeros(nc),
         np.zeros((nc, 3)), np.zeros(nx), np.zeros(nx), V, index,
     )  # fmt: skip
@@ -129,7 +133,20 @@ def find_corners(model, work, s, corners, radius, h):  # type: ignore[no-untyped
 
 
 @inlined_kernel
-def find_gaps(law, corners, rigid, strike, whole, h, step):  # type: ignore[no-untyped-def]
+def come_to(s, corners, c, nx, h):  # type: ignore[no-untyped-def]
+    """What a gap lacks for gap + h J_n v' to be where a corner in free motion comes to, z + h v_n + fall h²/2 [m].
+
+    v' is the last velocity, and J_n that of the step's start: without this, a corner that lands by turning is held
+    back before it does.
+    """
+    if corners.state[c] == FAR:
+        return 0.0
+    before, free = velocity(corners.tau, c, 0, s.u_start, s.xi_start, nx), velocity(corners.tau, c, 0, s.u, s.xi, nx)
+    return h * (before - free + 0.5 * corners.fall[c] * h)
+
+
+@inlined_kernel
+def find_gaps(law, s, corners, nx, rigid, strike, whole, h, step):  # type: ignore[no-untyped-def]
     """The gaps of a step of length h, or of a strike.
 
     whole: steps do not end at impacts. step: length of a whole one [s].
@@ -147,6 +164,8 @@ def find_gaps(law, corners, rigid, strike, whole, h, step):  # type: ignore[no-u
             z *= h / max(h, step)  # comes out within a whole step
         elif z < touching and not whole:
             z = min(z, law.thresholds.recovery_speed * h)  # is on the ground, and recovers there
+        elif not whole and law.beyond.lifting == 0.0:
+            z += come_to(s, corners, c, nx, h)
         corners.gap[c] = z
     return uneven
 
