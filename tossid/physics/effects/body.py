@@ -119,8 +119,8 @@ INERTIA = replace(
         says="the links' moments of inertia are not those stated",
         parameters=(
             Parameter("scale_rel", 1.0, 0.2, 5.0, 0.03),
-            Parameter("along_y_rel", 1.0, 0.0, 10.0, 0.05),  # none: a plate without thickness
-            Parameter("along_z_rel", 1.0, 0.0, 10.0, 0.05),
+            Parameter("along_y_rel", 1.0, 0.05, 10.0, 0.05),
+            Parameter("along_z_rel", 1.0, 0.05, 10.0, 0.05),
         ),
         phases=EVERY_PHASE,
         apply=_links_inertia,
