@@ -26,6 +26,7 @@ def first_impact(model, law, work, s, corners, rigid, strikes, impact_parts, h):
         if corners.state[c] == FAR:
             continue
         vn = corner_speed(model, work, s, corners, c)
+        corners.fall[c] = falling(model, work, s, corners, c)
         z = corners.height[c] - min(corners.sunk[c], 0.0)
         if not rigid:
             if abs(vn) > fast and z + h * min(vn, 0.0) < 0.0:
@@ -34,7 +35,6 @@ def first_impact(model, law, work, s, corners, rigid, strikes, impact_parts, h):
         if z < touching:
             strike = strike or (vn < -fast and strikes < MOST_STRIKES)
             continue
-        corners.fall[c] = falling(model, work, s, corners, c)
         # the relaxed problem acts on what has come to the ground: it sees the last velocity, and the step is as short
         speed = vn * vn - (2.0 if law.beyond.lifting == 0.0 else 4.0) * corners.fall[c] * z
         if speed > fast * fast and math.sqrt(speed) - vn > 0.0:

@@ -48,7 +48,7 @@ class Corners(NamedTuple):
     Attributes:
         height: (n_c,) over z = 0 [m].
         gap: (n_c,) phi of the contact problem [m]: the height over the ground as it is below the corner.
-        fall: (n_c,) vertical acceleration without contact of corners that do not touch, where steps end at impacts
+        fall: (n_c,) vertical acceleration without contact of corners that are not far, where steps end at impacts
             [m/s²].
         sunk: (n_c,) how far the ground gives way below each: 0, or less where the toss began in it [m].
         state: (n_c,) FAR, LOW or CANDIDATE.
@@ -133,16 +133,17 @@ def find_corners(model, work, s, corners, radius, h):  # type: ignore[no-untyped
 
 
 @inlined_kernel
-def come_to(s, corners, c, nx, h):  # type: ignore[no-untyped-def]
-    """What a gap lacks for gap + h J_n v' to be where a corner in free motion comes to, z + h v_n + fall h²/2 [m].
+def bend(s, corners, c, nx, h, flies):  # type: ignore[no-untyped-def]
+    """What a gap lacks for gap + h J_n v' to be where a corner comes to [m]: J_n is of the step's start, v' of its end.
 
-    v' is the last velocity, and J_n that of the step's start: without this, a corner that lands by turning is held
-    back before it does.
+    The corner turns, by h² dJ_n/dt v / 2. In free motion (`flies`) it moves by the mean of both velocities, too.
+    Without this, a corner that lands by turning is held back before it does.
     """
     if corners.state[c] == FAR:
         return 0.0
     before, free = velocity(corners.tau, c, 0, s.u_start, s.xi_start, nx), velocity(corners.tau, c, 0, s.u, s.xi, nx)
-    return h * (before - free + 0.5 * corners.fall[c] * h)
+    less = before - free
+    return 0.5 * h * (less + corners.fall[c] * h + (less if flies else 0.0))
 
 
 @inlined_kernel
@@ -164,8 +165,8 @@ def find_gaps(law, s, corners, nx, rigid, strike, whole, h, step):  # type: igno
             z *= h / max(h, step)  # comes out within a whole step
         elif z < touching and not whole:
             z = min(z, law.thresholds.recovery_speed * h)  # is on the ground, and recovers there
-        elif not whole and law.beyond.lifting == 0.0:
-            z += come_to(s, corners, c, nx, h)
+        if not (whole or strike) and law.beyond.lifting == 0.0:
+            z += bend(s, corners, c, nx, h, not z < touching)
         corners.gap[c] = z
     return uneven
 

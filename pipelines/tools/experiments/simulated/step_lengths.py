@@ -1,8 +1,8 @@
 """How motions after an impact depend on the length of time steps, in tossid's engine.
 
-    python -m pipelines.tools.experiments.simulated.step_lengths [tosses=400] [touching_height=5e-5]
+    python -m pipelines.tools.experiments.simulated.step_lengths [tosses=400] [restitution=0.3]
 
-Releases of the cube that bounces a little are simulated in steps of several lengths. The table has the error of the
+Releases of the cube are simulated in steps of several lengths. The table has the error of the
 height one, two and six frames after the first impact, against steps eight times as short as the shortest.
 """
 
@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from tossid.objects import corner_positions, load_object
 from tossid.physics import make_system, simulate
 from tossid.rotations import quat_exp
-from tossid.settings.contact import ContactSettings
 
 Array = NDArray[np.float64]
-DT, FRAMES, RESTITUTION = 1 / 148, 40, 0.3
+DT, FRAMES = 1 / 148, 40
 SUBSTEPS = (4, 8, 16, 64)
 AFTER = (1, 2, 6)
 """Frames after the first impact."""
@@ -46,17 +45,17 @@ def releases(count: int, rng: np.random.Generator) -> tuple[Array, Array]:
     return q, np.concatenate([across, down, spin], axis=1)
 
 
-def errors(count: int, contact: ContactSettings = ContactSettings()) -> Array:
+def errors(count: int, restitution: float = 0.3) -> Array:
     """(steps, frames after, 2) median and mean error of the height after the first impact [m].
 
     Args:
         count: How many releases.
-        contact: Speeds and heights that decide between cases of contact.
+        restitution: Of the cube.
     """
     q, v = releases(count, np.random.default_rng(0))
-    system = make_system(load_object("cube").with_changes(restitution=RESTITUTION))
+    system = make_system(load_object("cube").with_changes(restitution=restitution))
     runs = [
-        simulate(system, q, v, n_steps=FRAMES, dt=DT, substeps=substeps, impact_parts=8, contact=contact)
+        simulate(system, q, v, n_steps=FRAMES, dt=DT, substeps=substeps, impact_parts=8)
         for substeps in (*SUBSTEPS, 8 * SUBSTEPS[-1])
     ]
     reference = runs.pop()
@@ -91,10 +90,9 @@ def main(arguments: list[str]) -> None:
         arguments: `key=value` each.
     """
     given = dict(each.split("=", 1) for each in arguments)
-    height = float(given.pop("touching_height", ContactSettings().touching_height))
-    found = errors(int(given.pop("tosses", 400)), ContactSettings(touching_height=height))
+    found = errors(int(given.pop("tosses", 400)), float(given.pop("restitution", 0.3)))
     if given:
-        raise SystemExit(f"there is no key {', '.join(given)}; expected tosses, touching_height")
+        raise SystemExit(f"there is no key {', '.join(given)}; expected tosses, restitution")
     sys.stdout.write(table(found) + "\n")
 
 
