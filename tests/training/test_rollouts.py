@@ -44,7 +44,7 @@ def test_noisy_tosses_lead_to_one_friction_from_above_and_below(cube: ObjectMode
         records = list(Fit(model, noisy[:14], noisy[14:]).epochs())
         assert records[-1].best  # the last step counts, whatever two tosses say
         ends.append(model.learned_object().friction)
-    assert np.ptp(ends) < 2e-3
+    assert np.ptp(ends) < 3.5e-3
 
 
 def test_the_gradient_is_that_of_the_loss(cube: ObjectModel) -> None:

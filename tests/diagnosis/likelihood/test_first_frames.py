@@ -33,15 +33,17 @@ def test_only_first_frames_are_left(cube: ObjectModel) -> None:
 
 def test_a_restart_follows_first_states_from_first_frames(cube: ObjectModel) -> None:
     """Recorded velocities are far off; over all frames at once, most fits end in other impacts than those seen."""
-    world, noise, windows = World(cube), np.random.default_rng(0), with_contact(cube, 12, 3)
-    off = noise.normal(size=windows.v.shape) * np.array([0.15] * 3 + [2.0] * 3)
-    lost = replace(windows, v=windows.v + off, at_v=windows.v + off)
-
-    def poor(restarts: int) -> int:
-        kept, whitening, residuals = linearised(lost, world, refine=6, restarts=restarts)
-        n = 6 * kept.inside.sum(1)
-        return int(((whitening(residuals) ** 2).sum((1, 2)) > n + 3 * np.sqrt(2 * n)).sum())
-
-    at_once, followed = poor(0), poor(1)
-    assert at_once > 0.1 * len(windows.q)
+    world, noise = World(cube), np.random.default_rng(0)
+    count, poor = 0, np.zeros(2, dtype=int)
+    for seed in (3, 4, 5):
+        windows = with_contact(cube, 12, seed)
+        off = noise.normal(size=windows.v.shape) * np.array([0.15] * 3 + [2.0] * 3)
+        lost = replace(windows, v=windows.v + off, at_v=windows.v + off)
+        count += len(windows.q)
+        for restarts in (0, 1):
+            kept, whitening, residuals = linearised(lost, world, refine=6, restarts=restarts)
+            n = 6 * kept.inside.sum(1)
+            poor[restarts] += ((whitening(residuals) ** 2).sum((1, 2)) > n + 3 * np.sqrt(2 * n)).sum()
+    at_once, followed = poor
+    assert at_once > 0.07 * count
     assert followed < 0.4 * at_once
