@@ -99,7 +99,7 @@ def effect_findings(
                 sizes,
                 consequence.get(stands_for[effect.name][0] if effect.name in stands_for else effect.name),
                 correlation=correlation,
-                saturated=effect.name in named and effect.name in found.saturated,
+                saturated=effect.name in found.saturated,
             )
         )
     order = {name: i for i, name in enumerate(named)}

@@ -26,12 +26,12 @@ def first_impact(model, law, work, s, corners, rigid, strikes, impact_parts, h):
         if corners.state[c] == FAR:
             continue
         vn = corner_speed(model, work, s, corners, c)
-        corners.fall[c] = falling(model, work, s, corners, c)
         z = corners.height[c] - min(corners.sunk[c], 0.0)
         if not rigid:
             if abs(vn) > fast and z + h * min(vn, 0.0) < 0.0:
                 parts = impact_parts
             continue
+        corners.fall[c] = falling(model, work, s, corners, c)
         if z < touching:
             strike = strike or (vn < -fast and strikes < MOST_STRIKES)
             continue

@@ -49,7 +49,7 @@ class Corners(NamedTuple):
         height: (n_c,) over z = 0 [m].
         gap: (n_c,) phi of the contact problem [m]: the height over the ground as it is below the corner.
         fall: (n_c,) vertical acceleration without contact of corners that are not far, where steps end at impacts
-            [m/s²].
+            and contact is rigid [m/s²].
         sunk: (n_c,) how far the ground gives way below each: 0, or less where the toss began in it [m].
         state: (n_c,) FAR, LOW or CANDIDATE.
         chosen: (n_c,) corner of each candidate.
