@@ -45,6 +45,7 @@ class Body(NamedTuple):
         gravity: (3,) [m/s², world].
         acts: whether `forces` or `registered` act.
         h_matters: whether accelerations depend on the step's length.
+        pose_matters: whether the origin's accelerations depend on the pose.
         rests: whether a toss may end early, where the object has come to rest.
         forces: of the state.
         registered: the user's own force.
@@ -63,6 +64,7 @@ class Body(NamedTuple):
     gravity: Array
     acts: bool
     h_matters: bool
+    pose_matters: bool
     rests: bool
     forces: Forces
     registered: RegisteredForce
@@ -121,6 +123,7 @@ def make_body(system: System) -> Body | None:
         gravity=np.ascontiguousarray(system.gravity),
         acts=forces.acts or acts(system.registered),
         h_matters=forces.acts,
+        pose_matters=bool(forces.acts or acts(system.registered) or system.com[0].any()),
         rests=True,
         forces=forces,
         registered=system.registered,

@@ -47,6 +47,7 @@ class Links(NamedTuple):
         total: mass of the whole [kg].
         acts: whether joints rub.
         h_matters: whether accelerations depend on the step's length.
+        pose_matters: whether they depend on the pose; they do.
         rests: whether a toss may end early, where the object has come to rest.
         jointed: whether `joints` acts.
         joints: what acts in the joints.
@@ -64,6 +65,7 @@ class Links(NamedTuple):
     total: float
     acts: bool
     h_matters: bool
+    pose_matters: bool
     rests: bool
     jointed: bool
     joints: JointLaw
@@ -126,6 +128,7 @@ def make_links(system: System) -> Links:
         total=float(system.mass.sum()),
         acts=bool(joints.acts and joints.friction.max() > 0.0),
         h_matters=bool(forces.acts or acts(system.registered) or joints.acts),
+        pose_matters=True,
         rests=False,
         jointed=joints.acts,
         joints=joints,

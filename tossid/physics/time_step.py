@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from tossid.kernels import inlined_kernel, kernel
 from tossid.physics.contact.holding import hold_bodies, resist_spins
-from tossid.physics.contact.impacts import carry_over, first_impact
+from tossid.physics.contact.impacts import STEADY, carry_over, first_impact
 from tossid.physics.contact.law import UNKNOWN
 from tossid.physics.contact.problem import (
     find_corners,
     find_gaps,
+    find_rows,
     keep_warm,
     resolve_contact,
     velocity,
@@ -36,8 +37,6 @@ STRIKE = 1e-6
 
 Not a setting: any number gives the same that is small beside 1 and large beside rounding.
 """
-STEADY = 5e-3
-"""[m/s] below which a touching corner goes neither up nor down: its slide then is that of the mean velocity."""
 RESTING, QUIET = 100.0, 4
 """Speed [m/s] and spin [rad/s] in sum, over the solver's tolerance, below which a body in rigid contact is at rest
 after so many steps. What gives way creeps on, and is followed."""
@@ -191,6 +190,16 @@ def origin_velocity(model, work, s):  # type: ignore[no-untyped-def]
 
 
 @inlined_kernel
+def drift(q, v, h, nx, out):  # type: ignore[no-untyped-def]
+    """out = q moved along v for a time h; out may be q."""
+    for i in range(3):
+        out[i] = q[i] + h * v[i]
+    out[3], out[4], out[5], out[6] = turned(q[3], q[4], q[5], q[6], 0.5 * h * v[3], 0.5 * h * v[4], 0.5 * h * v[5])
+    for j in range(nx - 3):
+        out[7 + j] = q[7 + j] + h * v[6 + j]
+
+
+@inlined_kernel
 def between(old, new, mean):  # type: ignore[no-untyped-def]
     """The mean of two numbers if `mean`, else the new one."""
     return 0.5 * (old + new) if mean else new
@@ -237,6 +246,7 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
     beyond, learned = law.beyond, k_res.linear.shape[1] > 0
     rigid, cut = law.compliance == 0.0 and law.relaxation == 0.0, impact_parts > 1
     whole = not (cut and rigid)  # steps do not end at impacts
+    central = cut and rigid and beyond.lifting == 0.0  # contact acts along the directions of a step's middle
     held = beyond.torsional != 0.0 or beyond.rolling != 0.0 or beyond.adhesion != 0.0
     h = loaded = dt / substeps  # of a step, and of that whose impulses are in `warm`
     for toss in range(first, last):
@@ -251,27 +261,30 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
         for step in range(tosses.n_steps[toss]):
             done, left, rest, strikes, again = 0, 0, dt, np.int64(0), False
             while done < substeps:
-                rotation(s.q, s.R)
                 for x in range(nx):
                     s.xi_start[x] = s.v[3 + x]
-                kinematics(model, work, s)
-                begins, strike = cut and left == 0, False
+                begins, strike, halfway = cut and left == 0, False, False
                 if begins:
                     h = dt / substeps
                     if rigid:
                         h = rest / max(1.0, math.ceil(rest / h - 1e-6))
-                low, known = False, False  # known: how long the step is
+                low, known = False, False  # known: how long the step is, and where in it forces are found
                 while True:
+                    rotation(s.q, s.R)
+                    kinematics(model, work, s)
                     good = accelerate(model, work, s, h)
                     if learned:
                         add_learned(k_res, s, nx)
+                    start_velocity(model, work, s)
                     if known:
                         break
-                    start_velocity(model, work, s)
                     low = find_corners(model, work, s, corners, beyond.rounding, h)
                     if not begins:
                         break
-                    left, strike, length = first_impact(model, law, work, s, corners, rigid, strikes, impact_parts, h)
+                    left, strike, length, lands = first_impact(
+                        model, law, work, s, corners, rigid, strikes, impact_parts, h
+                    )
+                    halfway = not (strike or lands) and (central if low else learned or model.pose_matters)
                     if strike:
                         strikes += 1
                         length = STRIKE * dt
@@ -279,10 +292,14 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
                         loaded = carry_over(corners, length, loaded, rigid)
                     for c in range(nc):
                         corners.carried[c] = 0.0
-                    known = model.h_matters and length != h
+                    known = halfway or (model.h_matters and length != h)
                     h = length
+                    if halfway:
+                        drift(s.q, s.v, 0.5 * h, nx, s.q)
                     if not known:
                         break
+                if low:
+                    find_rows(model, work, s, corners, beyond.rounding)
                 free_velocity(model, work, s, h)
                 if held and not strike:
                     hold_bodies(model, law, work, s, corners, h, cold)
@@ -290,7 +307,7 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
                     for x in range(nx):
                         s.xi[x] += s.taken[x]
                 if low or uneven:
-                    uneven = find_gaps(law, s, corners, nx, rigid, strike, whole, h, dt / substeps)
+                    uneven = find_gaps(law, s, corners, nx, rigid, strike, whole, halfway, h, dt / substeps)
                 n, touched, status, kkt_error = np.int64(0), False, 0, 0.0
                 if low:
                     n, touched, status, kkt_error = resolve_contact(
@@ -323,7 +340,8 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
                         out.lam_n[toss, step, c] += V[LAM, 3 * i]
                         corners.carried[c] += V[LAM, 3 * i]
                         steady = steady and abs(velocity(corners.tau, c, 0, s.u_start, s.xi_start, nx)) < STEADY
-                if not (move(model, s, h, not touched or steady) and good):
+                moved = move(model, s, 0.5 * h, False) if halfway else move(model, s, h, not touched or steady)
+                if not (moved and good):
                     out.finite[toss] = False
                     break
                 speed = 0.0

@@ -8,20 +8,23 @@ from tossid.kernels import inlined_kernel
 from tossid.physics.contact.problem import FAR
 from tossid.physics.moving import corner_speed, falling
 
+STEADY = 5e-3
+"""[m/s] below which a touching corner goes neither up nor down: it slides or turns, and does not land."""
 MOST_STRIKES = 64
 """In a frame; what comes after is as in whole steps. A bound on the work of a body that rattles, and no setting."""
 
 
 @inlined_kernel
 def first_impact(model, law, work, s, corners, rigid, strikes, impact_parts, h):  # type: ignore[no-untyped-def]
-    """What becomes of a step of length h that is to begin: (parts, strike, length of each part [s]).
+    """What becomes of a step of length h that is to begin: (parts, strike, length of each part [s], lands).
 
     Rigid contact: the step ends where the first corner touches, z + v t + a t²/2 = 0; if one that comes down at more
     than `impact_speed` touches already, a strike is due, of no length. Contact that gives way: `impact_parts` parts,
-    if a corner crosses the ground. After `find_corners`.
+    if a corner crosses the ground. A corner lands if it comes to the ground in the step, too slowly for a strike.
+    After `find_corners`.
     """
-    length, parts, strike = h, 1, False
-    touching, fast = law.thresholds.touching_height, law.thresholds.impact_speed
+    length, parts, strike, lands = h, 1, False, False
+    lowest, touching, fast = 0.0, law.thresholds.touching_height, law.thresholds.impact_speed
     for c in range(corners.state.shape[0]):
         if corners.state[c] == FAR:
             continue
@@ -34,12 +37,15 @@ def first_impact(model, law, work, s, corners, rigid, strikes, impact_parts, h):
         corners.fall[c] = falling(model, work, s, corners, c)
         if z < touching:
             strike = strike or (vn < -fast and strikes < MOST_STRIKES)
+            lands = lands or vn < -STEADY
             continue
         # the relaxed problem acts on what has come to the ground: it sees the last velocity, and the step is as short
         speed = vn * vn - (2.0 if law.beyond.lifting == 0.0 else 4.0) * corners.fall[c] * z
         if speed > fast * fast and math.sqrt(speed) - vn > 0.0:
             length = min(length, 2.0 * z / (math.sqrt(speed) - vn))
-    return parts, strike, length / parts
+        else:
+            lowest = min(lowest, z + h * vn + 0.5 * h * h * corners.fall[c])
+    return parts, strike, length / parts, lands or lowest < -0.1 * STEADY * h
 
 
 @inlined_kernel

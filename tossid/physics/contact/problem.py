@@ -108,7 +108,7 @@ def velocity(tau, c, k, u, xi, nx):  # type: ignore[no-untyped-def]
 
 @inlined_kernel
 def find_corners(model, work, s, corners, radius, h):  # type: ignore[no-untyped-def]
-    """Places and heights of all corners, and the rows of those within reach; whether any is.
+    """Places and heights of all corners, and the normal rows of those within reach; whether any is.
 
     radius: of corners that are spheres [m]; they touch at their lowest point.
     """
@@ -127,16 +127,30 @@ def find_corners(model, work, s, corners, radius, h):  # type: ignore[no-untyped
             low = True
             corners.state[c] = LOW
             corners.place[c, 0], corners.place[c, 1], corners.place[c, 2] = r0, r1, r2
-            for k in range(3):
-                contact_row(model, work, s, corners, c, k)
+            contact_row(model, work, s, corners, c, 0)
     return low
 
 
 @inlined_kernel
-def bend(s, corners, c, nx, h, flies):  # type: ignore[no-untyped-def]
-    """What a gap lacks for gap + h J_n v' to be where a corner comes to [m]: J_n is of the step's start, v' of its end.
+def find_rows(model, work, s, corners, radius):  # type: ignore[no-untyped-def]
+    """Places and rows of the corners within reach, for s.R and the kinematics as they are now."""
+    up0, up1, up2 = s.R[2, 0], s.R[2, 1], s.R[2, 2]
+    for c in range(corners.state.shape[0]):
+        if corners.state[c] != FAR:
+            r0, r1, r2 = corner_place(model, work, s, c)
+            corners.place[c, 0] = r0 - radius * up0
+            corners.place[c, 1] = r1 - radius * up1
+            corners.place[c, 2] = r2 - radius * up2
+            for k in range(3):
+                contact_row(model, work, s, corners, c, k)
 
-    The corner turns, by h² dJ_n/dt v / 2. In free motion (`flies`) it moves by the mean of both velocities, too.
+
+@inlined_kernel
+def bend(s, corners, c, nx, h, flies):  # type: ignore[no-untyped-def]
+    """What a gap lacks for gap + h J_n v' to be where a corner comes to [m]: J_n is not of the step's end, v' is.
+
+    The corner turns, by h² dJ_n/dt v / 2. With J_n of the step's middle, this makes the normal velocity at the step's
+    end zero, of a corner that touches. In free motion (`flies`) it moves by the mean of both velocities, too.
     Without this, a corner that lands by turning is held back before it does.
     """
     if corners.state[c] == FAR:
@@ -147,10 +161,10 @@ def bend(s, corners, c, nx, h, flies):  # type: ignore[no-untyped-def]
 
 
 @inlined_kernel
-def find_gaps(law, s, corners, nx, rigid, strike, whole, h, step):  # type: ignore[no-untyped-def]
+def find_gaps(law, s, corners, nx, rigid, strike, whole, halfway, h, step):  # type: ignore[no-untyped-def]
     """The gaps of a step of length h, or of a strike.
 
-    whole: steps do not end at impacts. step: length of a whole one [s].
+    whole: steps do not end at impacts. halfway: rows are those of the step's middle. step: length of a whole one [s].
 
     Returns:
         Whether the ground gives way below a corner.
@@ -165,7 +179,9 @@ def find_gaps(law, s, corners, nx, rigid, strike, whole, h, step):  # type: igno
             z *= h / max(h, step)  # comes out within a whole step
         elif z < touching and not whole:
             z = min(z, law.thresholds.recovery_speed * h)  # is on the ground, and recovers there
-        if not (whole or strike) and law.beyond.lifting == 0.0:
+        if halfway and not z < touching and corners.state[c] != FAR:
+            z += z + h * velocity(corners.tau, c, 0, s.u_start, s.xi_start, nx)  # it ends at half of z + h J_n v'
+        elif not (whole or strike) and law.beyond.lifting == 0.0:
             z += bend(s, corners, c, nx, h, not z < touching)
         corners.gap[c] = z
     return uneven

@@ -56,12 +56,12 @@ class WindowSettings:
 class SimulationSettings:
     """How finely predictions are simulated."""
 
-    substeps: Count = 4
+    substeps: Count = 2
     """simulator steps a frame"""
     impact_parts: Count = 8
     """parts of a step with an impact in rigid contact"""
-    compliant_impact_parts: Count = 16
-    """the same in compliant contact: median errors after 24 frames are 0.5 to 1.9 mm, with 8 parts 0.7 to 3.3 mm"""
+    compliant_impact_parts: Count = 32
+    """the same in compliant contact: median errors after 24 frames are 0.5 to 1.9 mm, with 16 parts 0.7 to 3.3 mm"""
     tolerance: Positive = 1e-5
     """contact solver's tolerance [m/s]: nine windows in ten move by less than 5 % of the poses' noise against 1e-7,
     for half of the work"""
