@@ -275,15 +275,21 @@ def _spin_row(model, work, body, a0, a1, a2, row):  # type: ignore[no-untyped-de
 
 @implements(moving.falling, Body)
 def _falling(model, work, s, corners, c):  # type: ignore[no-untyped-def]
-    # g_z - e_z . R a + e_z . w x (w x d) + J_n dw/dt
-    w = s.xi_start
-    d0, d1, d2 = (model.corner_pos[c, 0] - model.com[0], model.corner_pos[c, 1] - model.com[1],
-                  model.corner_pos[c, 2] - model.com[2])  # fmt: skip
-    along, squared = w[0] * d0 + w[1] * d1 + w[2] * d2, w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
-    up = s.R[2, 0] * w[0] + s.R[2, 1] * w[1] + s.R[2, 2] * w[2]
-    fall = model.gravity[2] + along * up - squared * (s.R[2, 0] * d0 + s.R[2, 1] * d1 + s.R[2, 2] * d2)
+    # g_z - e_z . R (a - dw/dt x c) + J_n dw/dt
+    c0, c1, c2 = moving.common_velocity(model, work, s.rate, 0)
+    fall = model.gravity[2] + s.R[2, 0] * (c0 - s.a[0]) + s.R[2, 1] * (c1 - s.a[1]) + s.R[2, 2] * (c2 - s.a[2])
     for i in range(3):
-        fall += corners.tau[c, 0, i] * s.rate[i] - s.R[2, i] * s.a[i]
+        fall += corners.tau[c, 0, i] * s.rate[i]
+    return fall + moving.turning(model, work, s, corners, c)
+
+
+@implements(moving.turning, Body)
+def _turning(model, work, s, corners, c):  # type: ignore[no-untyped-def]
+    # e_z . R w x (w x r)
+    w, r, R = s.xi_start, model.corner_pos, s.R
+    along = w[0] * r[c, 0] + w[1] * r[c, 1] + w[2] * r[c, 2]
+    squared, up = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], R[2, 0] * w[0] + R[2, 1] * w[1] + R[2, 2] * w[2]
+    turn = along * up - squared * (R[2, 0] * r[c, 0] + R[2, 1] * r[c, 1] + R[2, 2] * r[c, 2])
     if is_round(model.shape):
-        fall -= bulge(model.shape, c, s.R[2, 0], s.R[2, 1], s.R[2, 2], w[0], w[1], w[2])
-    return fall
+        turn -= bulge(model.shape, c, R[2, 0], R[2, 1], R[2, 2], w[0], w[1], w[2])
+    return turn

@@ -239,13 +239,19 @@ def _spin_row(model, work, body, a0, a1, a2, row):  # type: ignore[no-untyped-de
 
 @implements(moving.falling, Links)
 def _falling(model, work, s, corners, c):  # type: ignore[no-untyped-def]
-    P, R, place, b = work.P, s.R, corners.place, model.corner_body[c]
+    P, R = work.P, s.R
     c0, c1, c2 = articulated.common_velocity(P, s.rate, 0)
     fall = model.gravity[2] + R[2, 0] * (c0 - s.a[0]) + R[2, 1] * (c1 - s.a[1]) + R[2, 2] * (c2 - s.a[2])
     for x in range(s.rate.shape[0]):
         fall += corners.tau[c, 0, x] * s.rate[x]
+    return fall + moving.turning(model, work, s, corners, c)
+
+
+@implements(moving.turning, Links)
+def _turning(model, work, s, corners, c):  # type: ignore[no-untyped-def]
+    P, R, place, b = work.P, s.R, corners.place, model.corner_body[c]
     s0, s1, s2 = turning_acceleration(
         P[b, ALPHA], P[b, ALPHA + 1], P[b, ALPHA + 2], P[b, SPIN], P[b, SPIN + 1], P[b, SPIN + 2],
         place[c, 0] - P[b, X], place[c, 1] - P[b, X + 1], place[c, 2] - P[b, X + 2],
     )  # fmt: skip
-    return fall + R[2, 0] * (P[b, ACCEL] + s0) + R[2, 1] * (P[b, ACCEL + 1] + s1) + R[2, 2] * (P[b, ACCEL + 2] + s2)
+    return R[2, 0] * (P[b, ACCEL] + s0) + R[2, 1] * (P[b, ACCEL + 1] + s1) + R[2, 2] * (P[b, ACCEL + 2] + s2)

@@ -145,7 +145,13 @@ def spin_row(model, work, body, a0, a1, a2, row):  # type: ignore[no-untyped-def
 
 @by_type
 def falling(model, work, s, corners, c):  # type: ignore[no-untyped-def]
-    """Vertical acceleration of corner c without contact [m/s²]: J_n dv/dt + dJ_n/dt v. After `accelerate`.
+    """Vertical acceleration of corner c without contact [m/s²]: J_n dv/dt and `turning`. After `accelerate`."""
+    raise NotImplementedError
+
+
+@by_type
+def turning(model, work, s, corners, c):  # type: ignore[no-untyped-def]
+    """Vertical acceleration of corner c at constant velocities [m/s²]: dJ_n/dt v. After `accelerate`.
 
     Of a round corner, that of its lowest point, which is not always the same one.
     """

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.kernels import inlined_kernel, kernel
-from tossid.physics.contact.holding import hold_bodies, resist_spins
+from tossid.physics.contact.holding import adhere, spins_taken
 from tossid.physics.contact.impacts import STEADY, carry_over, first_impact
 from tossid.physics.contact.law import UNKNOWN
 from tossid.physics.contact.problem import (
@@ -40,6 +40,9 @@ Not a setting: any number gives the same that is small beside 1 and large beside
 RESTING, QUIET = 100.0, 4
 """Speed [m/s] and spin [rad/s] in sum, over the solver's tolerance, below which a body in rigid contact is at rest
 after so many steps. What gives way creeps on, and is followed."""
+REPEATS = 2
+"""Times that a step is solved again for resistance to spin, which hangs on the step's own load. Where steps do not end
+at impacts, the last step's load stands for it."""
 RUNAWAY = 1e9
 """Sum of a state's numbers above which the toss has left all bounds."""
 
@@ -247,7 +250,8 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
     rigid, cut = law.compliance == 0.0 and law.relaxation == 0.0, impact_parts > 1
     whole = not (cut and rigid)  # steps do not end at impacts
     central = cut and rigid and beyond.lifting == 0.0  # contact acts along the directions of a step's middle
-    held = beyond.torsional != 0.0 or beyond.rolling != 0.0 or beyond.adhesion != 0.0
+    adhesive, resists = beyond.adhesion != 0.0, beyond.torsional != 0.0 or beyond.rolling != 0.0
+    held = adhesive or resists
     h = loaded = dt / substeps  # of a step, and of that whose impulses are in `warm`
     for toss in range(first, last):
         for i in range(nq):
@@ -259,7 +263,7 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
             corners.sunk[c] = UNKNOWN
         reached, quiet, uneven = 0, 0, nc > 0
         for step in range(tosses.n_steps[toss]):
-            done, left, rest, strikes, again = 0, 0, dt, np.int64(0), False
+            done, left, rest, strikes, again = 0, 0, dt, np.int64(0), 0
             while done < substeps:
                 for x in range(nx):
                     s.xi_start[x] = s.v[3 + x]
@@ -295,45 +299,51 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
                     known = halfway or (model.h_matters and length != h)
                     h = length
                     if halfway:
+                        for i in range(nq):
+                            s.q_next[i] = s.q[i]
                         drift(s.q, s.v, 0.5 * h, nx, s.q)
                     if not known:
                         break
                 if low:
                     find_rows(model, work, s, corners, beyond.rounding)
                 free_velocity(model, work, s, h)
-                if held and not strike:
-                    hold_bodies(model, law, work, s, corners, h, cold)
-                if again:
+                if (low or uneven) and again == 0:
+                    uneven = find_gaps(model, law, work, s, corners, rigid, strike, whole, halfway, h, dt / substeps)
+                if adhesive and not strike:
+                    adhere(model, law, work, s, corners, h, cold)
+                if resists and again == 0:
+                    spins_taken(model, law, work, s, corners, warm, not (cold or strike))
+                if resists:
                     for x in range(nx):
                         s.xi[x] += s.taken[x]
-                if low or uneven:
-                    uneven = find_gaps(law, s, corners, nx, rigid, strike, whole, halfway, h, dt / substeps)
                 n, touched, status, kkt_error = np.int64(0), False, 0, 0.0
                 if low:
                     n, touched, status, kkt_error = resolve_contact(
                         model, law, solver, work, s, corners, h, tolerance, cold, strike, strike or whole
                     )
+                if resists and (n == 0 or (again < (1 if strike else 0 if whole else REPEATS))):
+                    for x in range(nx):
+                        s.xi[x] -= s.taken[x]
+                    if n > 0:  # what resists spin hangs on the load, and the load on it
+                        for c in range(nc):
+                            corners.struck[c, 0] = 0.0
+                        for i in range(n):
+                            corners.struck[chosen[i], 0] = V[LAM, 3 * i]
+                        spins_taken(model, law, work, s, corners, corners.struck, True)
+                        if halfway:
+                            for i in range(nq):
+                                s.q[i] = s.q_next[i]
+                        again, left = again + 1, 0
+                        strikes -= 1 if strike else 0
+                        continue
                 if n == 0:
                     cold = True
                 elif not strike:
                     keep_warm(corners, n)
                     cold = False
-                elif held and not again:  # what resists spin hangs on the impulse, and the impulse on it
-                    for c in range(nc):
-                        corners.struck[c, 0] = 0.0
-                    for i in range(n):
-                        corners.struck[chosen[i], 0] = V[LAM, 3 * i]
-                    for x in range(nx):
-                        s.taken[x] = -s.xi[x]
-                    resist_spins(model, law, work, s, corners, corners.struck)
-                    for x in range(nx):
-                        s.taken[x] += s.xi[x]
-                    again, left = True, 0
-                    strikes -= 1
-                    continue
-                if n > 0 or model.acts or held or again:
+                if n > 0 or model.acts or held:
                     origin_velocity(model, work, s)
-                steady, again = not whole, False
+                steady, again = not whole, 0
                 if touched:
                     for i in range(n):
                         c = chosen[i]

@@ -91,7 +91,7 @@ class ModelSettings(Checked):
     """weight in the implicit loss of a tree's divergence from the given inertia [m²/s²]. Without it the loss prefers
     light links, which hardly constrain it: with real tosses a link went from 0.37 kg to 0.2 g. Rollouts have no such
     term"""
-    substeps: Count = advanced(4)
+    substeps: Count = advanced(3)
     """steps of the simulator a frame, in training and in evaluation"""
     impact_parts: Count = advanced(8)
     """from 2 on, steps of rigid contact end where a corner strikes; 1: impacts happen where steps end"""

@@ -2,7 +2,7 @@
 
     python -m pipelines.tools.benchmarks.profile FILE.h5 [KEY=VALUE ...]
 
-Keys are those of `tossid diagnose` that choose tosses (`tosses=40`, `skip=10`, `split=train`, `seed=1`). Without a file
+Keys are those of `tossid diagnose` (`tosses=40`, `split=train`, `likelihood.simulation.substeps=4`). Without a file
 twelve tosses are made. CPU time and simulated frames count for the innermost stage that is under way.
 """
 
@@ -18,6 +18,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 from pipelines.cli.console import Console
 
@@ -128,7 +130,7 @@ def main() -> None:
     console = Console()
     paths = [word for word in sys.argv[1:] if "=" not in word]
     keys: dict[str, Any] = dict(word.split("=", 1) for word in sys.argv[1:] if "=" in word)
-    keys = {name: int(value) if value.isdigit() else value for name, value in keys.items()}
+    keys = {name: yaml.safe_load(value) for name, value in keys.items()}
     with tempfile.TemporaryDirectory() as folder:
         dataset = read_dataset(Path(paths[0]) if paths else made(Path(folder)))
     settings = changed(DiagnoseSettings(threads=1), keys)

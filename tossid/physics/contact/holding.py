@@ -40,8 +40,8 @@ def resist(impulse, L, row, y, xi):  # type: ignore[no-untyped-def]
 
 
 @lean_kernel
-def hold_bodies(model, law, work, s, corners, h, cold):  # type: ignore[no-untyped-def]
-    """Adhesion's pull on the free s.u and s.xi, and each body's resistance to spin, by the last step's load.
+def adhere(model, law, work, s, corners, h, cold):  # type: ignore[no-untyped-def]
+    """Adhesion's pull on the free s.u and s.xi.
 
     Every corner that carried load in the last step, or is within `adhesion_reach`, is pulled down by the same force:
     u_n -= h f / m, xi -= h f S^-1 tau_n.
@@ -56,8 +56,20 @@ def hold_bodies(model, law, work, s, corners, h, cold):  # type: ignore[no-untyp
             s.u[0] -= pull * inverse_mass(model, work)
             for x in range(nx):
                 s.xi[x] -= pull * y[x]
-    if not cold:
-        resist_spins(model, law, work, s, corners, corners.warm)
+
+
+@lean_kernel
+def spins_taken(model, law, work, s, corners, carried, loaded):  # type: ignore[no-untyped-def]
+    """s.taken: what contact takes of s.xi for the loads carried[:, 0] [N s], if there is a load. s.xi stays."""
+    nx = n_rates(model)
+    for x in range(nx):
+        s.taken[x] = s.xi[x]
+    if loaded:
+        resist_spins(model, law, work, s, corners, carried)
+    for x in range(nx):
+        before = s.taken[x]
+        s.taken[x] = s.xi[x] - before
+        s.xi[x] = before
 
 
 @lean_kernel

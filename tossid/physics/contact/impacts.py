@@ -34,17 +34,17 @@ def first_impact(model, law, work, s, corners, rigid, strikes, impact_parts, h):
             if abs(vn) > fast and z + h * min(vn, 0.0) < 0.0:
                 parts = impact_parts
             continue
-        corners.fall[c] = falling(model, work, s, corners, c)
         if z < touching:
             strike = strike or (vn < -fast and strikes < MOST_STRIKES)
             lands = lands or vn < -STEADY
             continue
+        fall = falling(model, work, s, corners, c)
         # the relaxed problem acts on what has come to the ground: it sees the last velocity, and the step is as short
-        speed = vn * vn - (2.0 if law.beyond.lifting == 0.0 else 4.0) * corners.fall[c] * z
+        speed = vn * vn - (2.0 if law.beyond.lifting == 0.0 else 4.0) * fall * z
         if speed > fast * fast and math.sqrt(speed) - vn > 0.0:
             length = min(length, 2.0 * z / (math.sqrt(speed) - vn))
         else:
-            lowest = min(lowest, z + h * vn + 0.5 * h * h * corners.fall[c])
+            lowest = min(lowest, z + h * vn + 0.5 * h * h * fall)
     return parts, strike, length / parts, lands or lowest < -0.1 * STEADY * h
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tossid.kernels import fused_kernel, inlined_kernel
 from tossid.physics.contact.law import above_ground, kept_speed, recovery_time
 from tossid.physics.forces import friction_of
-from tossid.physics.moving import add_impulse, contact_row, corner_place, inverse_mass, n_rates, whiten
+from tossid.physics.moving import add_impulse, contact_row, corner_place, inverse_mass, n_rates, turning, whiten
 from tossid.physics.solvers.cone_qp import qp_solve
 from tossid.physics.solvers.registry import solve_contact
 from tossid.physics.solvers.workspace import LAM, MU, B, work_arrays
@@ -48,8 +48,6 @@ class Corners(NamedTuple):
     Attributes:
         height: (n_c,) over z = 0 [m].
         gap: (n_c,) phi of the contact problem [m]: the height over the ground as it is below the corner.
-        fall: (n_c,) vertical acceleration without contact of corners that are not far, where steps end at impacts
-            and contact is rigid [m/s²].
         sunk: (n_c,) how far the ground gives way below each: 0, or less where the toss began in it [m].
         state: (n_c,) FAR, LOW or CANDIDATE.
         chosen: (n_c,) corner of each candidate.
@@ -68,7 +66,6 @@ class Corners(NamedTuple):
 
     height: Array
     gap: Array
-    fall: Array
     sunk: Array
     state: NDArray[np.int64]
     chosen: NDArray[np.int64]
@@ -90,7 +87,7 @@ def make_corners(nc, nx):  # type: ignore[no-untyped-def]
     """Scratch for n_c corners and n_x rates."""
     V, index = work_arrays(nc)
     return Corners(
-        np.zeros(nc), np.zeros(nc), np.zeros(nc), np.zeros(nc),
+        np.zeros(nc), np.zeros(nc), np.zeros(nc),
         np.zeros(nc, np.int64), np.zeros(nc, np.int64), np.zeros((nc, 3)),
         np.zeros((nc, 3, nx)), np.zeros((nx, 3 * nc)), np.zeros((3 * nc, 3 * nc)), np.zeros((nc, 3)), np.zeros(nc),
         np.zeros((nc, 3)), np.zeros(nx), np.zeros(nx), V, index,
@@ -146,43 +143,37 @@ def find_rows(model, work, s, corners, radius):  # type: ignore[no-untyped-def]
 
 
 @inlined_kernel
-def bend(s, corners, c, nx, h, flies):  # type: ignore[no-untyped-def]
-    """What a gap lacks for gap + h J_n v' to be where a corner comes to [m]: J_n is not of the step's end, v' is.
+def find_gaps(model, law, work, s, corners, rigid, strike, whole, halfway, h, step):  # type: ignore[no-untyped-def]
+    """The gaps of a step of length h, or of a strike. With s.u and s.xi as they are in free motion.
 
-    The corner turns, by h² dJ_n/dt v / 2. With J_n of the step's middle, this makes the normal velocity at the step's
-    end zero, of a corner that touches. In free motion (`flies`) it moves by the mean of both velocities, too.
-    Without this, a corner that lands by turning is held back before it does.
-    """
-    if corners.state[c] == FAR:
-        return 0.0
-    before, free = velocity(corners.tau, c, 0, s.u_start, s.xi_start, nx), velocity(corners.tau, c, 0, s.u, s.xi, nx)
-    less = before - free
-    return 0.5 * h * (less + corners.fall[c] * h + (less if flies else 0.0))
+    Where steps end at impacts, a gap has what turning does in the step, h² dJ_n/dt v / 2, which no row has. Without it,
+    a corner that lands by turning is held back before it does. A corner that touches has no normal velocity at the
+    step's end then, if rows are those of its middle (`halfway`). One that does not moves by the mean of both
+    velocities.
 
-
-@inlined_kernel
-def find_gaps(law, s, corners, nx, rigid, strike, whole, halfway, h, step):  # type: ignore[no-untyped-def]
-    """The gaps of a step of length h, or of a strike.
-
-    whole: steps do not end at impacts. halfway: rows are those of the step's middle. step: length of a whole one [s].
+    whole: steps do not end at impacts. step: length of a whole one [s].
 
     Returns:
         Whether the ground gives way below a corner.
     """
-    uneven, touching = False, law.thresholds.touching_height
+    uneven, touching, nx = False, law.thresholds.touching_height, n_rates(model)
     for c in range(corners.state.shape[0]):
         z = above_ground(law, corners.height[c], c, corners.sunk, rigid, h)
         uneven = uneven or corners.sunk[c] < 0.0
-        if strike and z < touching:
+        flies = not z < touching
+        if strike and not flies:
             z = 0.0
         elif rigid and z < 0.0:
             z *= h / max(h, step)  # comes out within a whole step
-        elif z < touching and not whole:
+        elif not (flies or whole):
             z = min(z, law.thresholds.recovery_speed * h)  # is on the ground, and recovers there
-        if halfway and not z < touching and corners.state[c] != FAR:
-            z += z + h * velocity(corners.tau, c, 0, s.u_start, s.xi_start, nx)  # it ends at half of z + h J_n v'
-        elif not (whole or strike) and law.beyond.lifting == 0.0:
-            z += bend(s, corners, c, nx, h, not z < touching)
+        if not (whole or strike or corners.state[c] == FAR) and law.beyond.lifting == 0.0:
+            before = velocity(corners.tau, c, 0, s.u_start, s.xi_start, nx)
+            if halfway and flies:
+                z += z + h * before  # by half of z + h J_n v'
+            else:
+                z += 0.5 * h * h * turning(model, work, s, corners, c)
+                z += 0.5 * h * (before - velocity(corners.tau, c, 0, s.u, s.xi, nx)) if flies else 0.0
         corners.gap[c] = z
     return uneven
 

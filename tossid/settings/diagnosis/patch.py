@@ -13,7 +13,7 @@ class PatchSettings:
 
     steps_per_swing: Positive = 20.0
     """MuJoCo steps within 1 / omega of a contact's spring"""
-    most_steps: Count = 1_200_000
+    most_steps: Count = 400_000
     """MuJoCo steps beyond which fewer tosses are run"""
     fewest_tosses: Count = 6
     """tosses that are run in any case"""
