@@ -13,12 +13,13 @@ from tossid.models.shots import first_states, flight_starts, make_shots, make_st
 from tossid.motion import flight_frames
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import make_system
+from tossid.settings.training import ModelSettings
 from tossid.types import Toss
 
 
 @pytest.fixture(scope="module")
 def made(cube: ObjectModel) -> list[Toss]:
-    return tosses(cube, 4, seed=0, substeps=4)
+    return tosses(cube, 4, seed=0, substeps=ModelSettings.substeps)
 
 
 def test_the_simulator_that_made_them_predicts_without_error(cube: ObjectModel, made: list[Toss]) -> None:

@@ -1,4 +1,4 @@
-"""What the time step asks of an object: contact rows and J M^-1 J^T, of a body and a tree, by the plain equations."""
+"""What the time step asks of an object: contact rows, their change and J M^-1 J^T, by the plain equations."""
 
 from __future__ import annotations
 
@@ -17,10 +17,12 @@ from tossid.physics.moving import (
     common_velocity,
     contact_row,
     corner_place,
+    falling,
     inverse_mass,
     kinematics,
     make_state,
     n_rates,
+    turning,
     whiten,
 )
 from tossid.physics.time_step import rotation
@@ -28,8 +30,8 @@ from tossid.rotations import quat_exp, quat_mul
 
 
 @kernel(keep=False)
-def rows(model, work, s, corners):  # type: ignore[no-untyped-def]
-    """All corners' rows and their whitened columns; (1 / m, the common centre's velocity)."""
+def rows(model, work, s, corners, accelerations):  # type: ignore[no-untyped-def]
+    """All corners' rows, their whitened columns and (n_c, 2) accelerations; (1 / m, the common centre's velocity)."""
     rotation(s.q, s.R)
     for x in range(n_rates(model)):
         s.xi_start[x] = s.v[3 + x]
@@ -40,6 +42,8 @@ def rows(model, work, s, corners):  # type: ignore[no-untyped-def]
         for k in range(3):
             contact_row(model, work, s, corners, c, k)
             whiten(model, work, corners, c, k, 3 * c + k)
+        accelerations[c, 0] = turning(model, work, s, corners, c)
+        accelerations[c, 1] = falling(model, work, s, corners, c)
     return inverse_mass(model, work), common_velocity(model, work, s.xi_start, 0)
 
 
@@ -56,17 +60,23 @@ def test_rows_are_velocities_and_give_the_delassus_matrix(kind, n_bodies: int) -
     nc, nx = system.n_corners, system.nv - 3
     given, s, corners = kind(system), make_state(system.nq, system.nv, 0), make_corners(nc, nx)
     s.q[:], s.v[:] = q, v
-    over_m, moved = rows(given, given.make_work(), s, corners)
+    accelerations = np.zeros((nc, 2))
+    over_m, moved = rows(given, given.make_work(), s, corners, accelerations)
     assert over_m == pytest.approx(1 / model.mass.sum())
     u = v[:3] + s.R @ np.array(moved)
 
-    def corners_at(h: float) -> np.ndarray:
-        turned = quat_mul(q[3:7], quat_exp(h * v[3:6]))
-        return corner_positions(model, np.r_[q[:3] + h * v[:3], turned, q[7:] + h * v[6:]])
+    def corners_at(h: float, a: np.ndarray = np.zeros(system.nv)) -> np.ndarray:
+        mean = v + 0.5 * h * a
+        turned = quat_mul(q[3:7], quat_exp(h * mean[3:6]))
+        return corner_positions(model, np.r_[q[:3] + h * mean[:3], turned, q[7:] + h * mean[6:]])
 
     speed = (corners_at(1e-6) - corners_at(-1e-6)) / 2e-6
     for k, axis in enumerate((2, 0, 1)):  # normal, then x and y
         np.testing.assert_allclose(u[axis] + corners.tau[:, k] @ v[3:], speed[:, axis], atol=1e-7)
+    free = np.r_[given.gravity - s.R @ s.a, s.rate]
+    for i, a in enumerate((np.zeros(system.nv), free)):  # at constant velocities, and in free motion
+        bent = (corners_at(1e-4, a) - 2 * corners_at(0.0) + corners_at(-1e-4, a)) / 1e-8
+        np.testing.assert_allclose(accelerations[:, i], bent[:, 2], atol=2e-5 * np.abs(bent).max())
     # A_ij = [same direction] / m + G_i . G_j against J M^-1 J^T
     work = tree.make_work(system)
     tree.kinematics(system, q, work)

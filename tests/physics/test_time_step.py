@@ -9,6 +9,8 @@ from tests.physics.solvers.contact_problems import landing
 from tossid.kernels import kernel
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import ExactCone, PolyhedralCone, make_system, simulate, time_step
+from tossid.physics.effects import World
+from tossid.physics.forces import Law
 from tossid.physics.solvers import ContactSolver
 from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
 
@@ -85,3 +87,39 @@ def test_friction_makes_no_energy(cube: ObjectModel) -> None:
     # a step that lifts the body out of the ground works against gravity: m g times the depth
     assert np.diff(energy, axis=1).max() < cube.mass[0] * 9.81 * 1e-3
     assert (energy[:, -1] < 0.7 * energy[:, 0]).all()
+
+
+def test_errors_fall_with_the_square_of_the_step(cube: ObjectModel) -> None:
+    """Of a body whose centre of mass is off its origin, in flight and as it turns on a corner without friction."""
+    com = cube.com.copy()
+    com[0] = 0.004, 0.002, -0.003
+    spin = np.array([2.0, -1.0, 6.0])
+    on_corner, aloft = np.zeros((1, 7)), np.zeros((1, 7))
+    on_corner[:, 3:] = aloft[:, 3:] = quat_exp(np.array([0.55, 0.6, 0.1]))
+    corners = corner_positions(cube, on_corner)[0]
+    on_corner[:, 2], aloft[:, 2] = -corners[:, 2].min(), 2.0
+    arm = corners[corners[:, 2].argmin()]
+    v = np.array([[*-np.cross(quat_to_matrix(on_corner[0, 3:]) @ spin, arm), *spin]])
+    for model, q in ((cube.with_changes(com=com), aloft), (cube, on_corner)):
+        runs = [
+            simulate(
+                make_system(model, friction=0.0), q, v, n_steps=6, dt=DT, substeps=n, impact_parts=8, tolerance=1e-10
+            )
+            for n in (2, 8, 512)
+        ]
+        coarse, fine = (np.abs(run.q - runs[-1].q).max() for run in runs[:2])
+        assert (runs[-1].lam_n.sum(axis=2) > 0).all() == (q is on_corner)
+        assert 1e-9 < fine < coarse / 10
+
+
+def test_resistance_to_rolling_hardly_hangs_on_the_step(cube: ObjectModel) -> None:
+    """It is by the step's own load, also in the step after an impact, which nothing loaded before."""
+    system = World(cube, law=Law(rolling=0.03)).system()
+    q = np.array([[0, 0, 0.1, *quat_exp(np.array([0.3, 0.2, 0.0]))]])
+    v = np.array([[0.2, 0.0, -0.5, 0.0, 3.0, 0.0]])
+    coarse, fine = (
+        simulate(system, q, v, n_steps=14, dt=DT, substeps=n, impact_parts=8, tolerance=1e-9) for n in (2, 128)
+    )
+    landed = int((fine.lam_n[0].sum(axis=1) > 0).argmax())
+    assert landed < 11
+    np.testing.assert_allclose(coarse.q[0, landed + 3, :3], fine.q[0, landed + 3, :3], atol=1e-5)

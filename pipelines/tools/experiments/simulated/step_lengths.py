@@ -1,29 +1,35 @@
 """How motions after an impact depend on the length of time steps, in tossid's engine.
 
-    python -m pipelines.tools.experiments.simulated.step_lengths [tosses=400] [restitution=0.3]
+    python -m pipelines.tools.experiments.simulated.step_lengths [tosses=400] [restitution=0.3] [friction=0.18]
+                                                                 [rolling=0.05] [adhesion=1.0] [com=0.004]
 
-Releases of the cube are simulated in steps of several lengths. The table has the error of the
-height one, two and six frames after the first impact, against steps eight times as short as the shortest.
+Releases of the cube are simulated in steps of several lengths, and in steps four times as short as the shortest. One
+table has the signed error of the height some frames after the first impact, the other the distance of the centre. The
+keys are what the cube has: rolling resistance as a radius [m], adhesion [N], the centre of mass off its origin [m].
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.objects import corner_positions, load_object
-from tossid.physics import make_system, simulate
+from tossid.physics import simulate
+from tossid.physics.effects import World
+from tossid.physics.forces import Law
 from tossid.rotations import quat_exp
 
 Array = NDArray[np.float64]
 DT, FRAMES = 1 / 148, 40
-SUBSTEPS = (4, 8, 16, 64)
-AFTER = (1, 2, 6)
+SUBSTEPS = (1, 2, 4, 16, 64)
+AFTER = (2, 6, 12)
 """Frames after the first impact."""
 JUMP = 0.2
 """Change of the vertical velocity in a frame, beyond gravity's, that is an impact [m/s]."""
+DEFAULTS = {"tosses": 400.0, "restitution": 0.3, "friction": 0.18, "rolling": 0.0, "adhesion": 0.0, "com": 0.0}
 
 
 def releases(count: int, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -45,29 +51,36 @@ def releases(count: int, rng: np.random.Generator) -> tuple[Array, Array]:
     return q, np.concatenate([across, down, spin], axis=1)
 
 
-def errors(count: int, restitution: float = 0.3) -> Array:
-    """(steps, frames after, 2) median and mean error of the height after the first impact [m].
+def thrown(values: Mapping[str, float]) -> World:
+    """The cube with these values of `DEFAULTS`.
 
     Args:
-        count: How many releases.
-        restitution: Of the cube.
+        values: By name.
     """
-    q, v = releases(count, np.random.default_rng(0))
-    system = make_system(load_object("cube").with_changes(restitution=restitution))
+    cube = load_object("cube")
+    com = cube.com.copy()
+    com[0, 0] += values["com"]
+    cube = cube.with_changes(restitution=values["restitution"], friction=values["friction"], com=com)
+    return World(cube, law=Law(rolling=values["rolling"], adhesion=values["adhesion"]))
+
+
+def errors(values: Mapping[str, float]) -> Array:
+    """(steps, frames after, tosses, 3) error of the centre's position after the first impact [m].
+
+    Args:
+        values: Of `DEFAULTS`.
+    """
+    q, v = releases(int(values["tosses"]), np.random.default_rng(0))
+    system = thrown(values).system()
     runs = [
         simulate(system, q, v, n_steps=FRAMES, dt=DT, substeps=substeps, impact_parts=8)
-        for substeps in (*SUBSTEPS, 8 * SUBSTEPS[-1])
+        for substeps in (*SUBSTEPS, 4 * SUBSTEPS[-1])
     ]
     reference = runs.pop()
     jumps = np.abs(np.diff(reference.v[..., 2], axis=1) + 9.81 * DT) > JUMP
-    hit, each = jumps.argmax(axis=1), np.arange(count)
-    out = np.empty((len(SUBSTEPS), len(AFTER), 2))
-    for i, run in enumerate(runs):
-        for j, after in enumerate(AFTER):
-            frame = np.minimum(hit + after, FRAMES)
-            error = run.q[each, frame, 2] - reference.q[each, frame, 2]
-            out[i, j] = np.median(error), error.mean()
-    return out
+    hit, each = jumps.argmax(axis=1), np.arange(len(q))
+    frames = [np.minimum(hit + after, FRAMES) for after in AFTER]
+    return np.array([[(run.q - reference.q)[each, frame, :3] for frame in frames] for run in runs])
 
 
 def table(found: Array) -> str:
@@ -76,10 +89,15 @@ def table(found: Array) -> str:
     Args:
         found: As `errors` returns them.
     """
-    head = " | ".join(f"{after} frames: median, mean [µm]" for after in AFTER)
-    rows = [f"| steps a frame | {head} |", "|---" * (1 + len(AFTER)) + "|"]
-    for substeps, of in zip(SUBSTEPS, found, strict=True):
-        rows.append(f"| {substeps} | " + " | ".join(f"{1e6 * m:.1f}, {1e6 * mean:.1f}" for m, mean in of) + " |")
+    frames = [f"{after} frames" for after in AFTER]
+    heads = [f"height, {each}: median, mean [µm]" for each in frames]
+    heads += [f"distance, {each}: median, 90 % [µm]" for each in frames]
+    rows = [f"| steps a frame | {' | '.join(heads)} |", "|---" * (1 + len(heads)) + "|"]
+    for substeps, of in zip(SUBSTEPS, 1e6 * found, strict=True):
+        far = np.linalg.norm(of, axis=-1)
+        cells = [f"{np.median(each):.1f}, {each.mean():.1f}" for each in of[..., 2]]
+        cells += [f"{np.median(each):.0f}, {np.quantile(each, 0.9):.0f}" for each in far]
+        rows.append(f"| {substeps} | {' | '.join(cells)} |")
     return "\n".join(rows)
 
 
@@ -89,11 +107,10 @@ def main(arguments: list[str]) -> None:
     Args:
         arguments: `key=value` each.
     """
-    given = dict(each.split("=", 1) for each in arguments)
-    found = errors(int(given.pop("tosses", 400)), float(given.pop("restitution", 0.3)))
-    if given:
-        raise SystemExit(f"there is no key {', '.join(given)}; expected tosses, restitution")
-    sys.stdout.write(table(found) + "\n")
+    given = {name: float(value) for name, value in (each.split("=", 1) for each in arguments)}
+    if unknown := sorted(set(given) - set(DEFAULTS)):
+        raise SystemExit(f"there is no key {', '.join(unknown)}; expected {', '.join(DEFAULTS)}")
+    sys.stdout.write(table(errors({**DEFAULTS, **given})) + "\n")
 
 
 if __name__ == "__main__":
