@@ -11,6 +11,7 @@ from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import make_system, tree
 from tossid.physics.body import make_body
 from tossid.physics.contact.problem import make_corners
+from tossid.physics.forces import Law
 from tossid.physics.links import make_links
 from tossid.physics.moving import (
     accelerate,
@@ -31,7 +32,7 @@ from tossid.rotations import quat_exp, quat_mul
 
 @kernel(keep=False)
 def rows(model, work, s, corners, accelerations):  # type: ignore[no-untyped-def]
-    """All corners' rows, their whitened columns and (n_c, 2) accelerations; (1 / m, the common centre's velocity)."""
+    """Corners' rows, their whitened columns and (n_c, 3, 2) accelerations; (1 / m, the common centre's velocity)."""
     rotation(s.q, s.R)
     for x in range(n_rates(model)):
         s.xi_start[x] = s.v[3 + x]
@@ -42,25 +43,26 @@ def rows(model, work, s, corners, accelerations):  # type: ignore[no-untyped-def
         for k in range(3):
             contact_row(model, work, s, corners, c, k)
             whiten(model, work, corners, c, k, 3 * c + k)
-        accelerations[c, 0] = turning(model, work, s, corners, c)
-        accelerations[c, 1] = falling(model, work, s, corners, c)
+            accelerations[c, k, 0] = turning(model, work, s, corners, c, k)
+        accelerations[c, 0, 1] = falling(model, work, s, corners, c)
     return inverse_mass(model, work), common_velocity(model, work, s.xi_start, 0)
 
 
-@pytest.mark.parametrize("n_bodies", [1, 3])
+@pytest.mark.parametrize(("n_bodies", "rounding"), [(1, 0.0), (3, 0.0), (1, 0.004), (3, 0.004)])
 @pytest.mark.parametrize("kind", [make_body, make_links])
-def test_rows_are_velocities_and_give_the_delassus_matrix(kind, n_bodies: int) -> None:  # type: ignore[no-untyped-def]
+def test_rows_are_velocities_and_give_the_delassus_matrix(kind, n_bodies: int, rounding: float) -> None:  # type: ignore[no-untyped-def]
     if kind is make_body and n_bodies > 1:
         assert make_body(make_system(random_tree(np.random.default_rng(0), n_bodies=n_bodies))) is None
         return
     rng = np.random.default_rng(n_bodies)
     model: ObjectModel = random_tree(rng, n_bodies=n_bodies)
     q, v = random_state(rng, model)
-    system = make_system(model)
+    system = make_system(model)._replace(law=np.array(Law(rounding=rounding)))
     nc, nx = system.n_corners, system.nv - 3
     given, s, corners = kind(system), make_state(system.nq, system.nv, 0), make_corners(nc, nx)
     s.q[:], s.v[:] = q, v
-    accelerations = np.zeros((nc, 2))
+    model = model.with_changes(corner_pos=given.corner_pos)  # centres of spheres
+    system, accelerations = make_system(model), np.zeros((nc, 3, 2))
     over_m, moved = rows(given, given.make_work(), s, corners, accelerations)
     assert over_m == pytest.approx(1 / model.mass.sum())
     u = v[:3] + s.R @ np.array(moved)
@@ -76,7 +78,8 @@ def test_rows_are_velocities_and_give_the_delassus_matrix(kind, n_bodies: int) -
     free = np.r_[given.gravity - s.R @ s.a, s.rate]
     for i, a in enumerate((np.zeros(system.nv), free)):  # at constant velocities, and in free motion
         bent = (corners_at(1e-4, a) - 2 * corners_at(0.0) + corners_at(-1e-4, a)) / 1e-8
-        np.testing.assert_allclose(accelerations[:, i], bent[:, 2], atol=2e-5 * np.abs(bent).max())
+        for k, axis in enumerate((2, 0, 1) if i == 0 else (2,)):
+            np.testing.assert_allclose(accelerations[:, k, i], bent[:, axis], atol=2e-5 * np.abs(bent).max())
     # A_ij = [same direction] / m + G_i . G_j against J M^-1 J^T
     work = tree.make_work(system)
     tree.kinematics(system, q, work)

@@ -280,16 +280,16 @@ def _falling(model, work, s, corners, c):  # type: ignore[no-untyped-def]
     fall = model.gravity[2] + s.R[2, 0] * (c0 - s.a[0]) + s.R[2, 1] * (c1 - s.a[1]) + s.R[2, 2] * (c2 - s.a[2])
     for i in range(3):
         fall += corners.tau[c, 0, i] * s.rate[i]
-    return fall + moving.turning(model, work, s, corners, c)
+    return fall + moving.turning(model, work, s, corners, c, 0)
 
 
 @implements(moving.turning, Body)
-def _turning(model, work, s, corners, c):  # type: ignore[no-untyped-def]
-    # e_z . R w x (w x r)
-    w, r, R = s.xi_start, model.corner_pos, s.R
+def _turning(model, work, s, corners, c, k):  # type: ignore[no-untyped-def]
+    # e_k . R w x (w x r)
+    w, r, R, i = s.xi_start, model.corner_pos, s.R, k - 1 if k else 2
     along = w[0] * r[c, 0] + w[1] * r[c, 1] + w[2] * r[c, 2]
-    squared, up = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], R[2, 0] * w[0] + R[2, 1] * w[1] + R[2, 2] * w[2]
-    turn = along * up - squared * (R[2, 0] * r[c, 0] + R[2, 1] * r[c, 1] + R[2, 2] * r[c, 2])
-    if is_round(model.shape):
+    squared, up = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], R[i, 0] * w[0] + R[i, 1] * w[1] + R[i, 2] * w[2]
+    turn = along * up - squared * (R[i, 0] * r[c, 0] + R[i, 1] * r[c, 1] + R[i, 2] * r[c, 2])
+    if is_round(model.shape) and k == 0:
         turn -= bulge(model.shape, c, R[2, 0], R[2, 1], R[2, 2], w[0], w[1], w[2])
     return turn

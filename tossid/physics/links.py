@@ -26,7 +26,7 @@ from tossid.physics.articulated import (
     turning_acceleration,
 )
 from tossid.physics.body import rounded_corner_centres
-from tossid.physics.contact.rounds import Shape, is_round, lowest_offset
+from tossid.physics.contact.rounds import Shape, bulge, is_round, lowest_offset
 from tossid.physics.forces import Forces, forces_of, law_of
 from tossid.physics.pulls import add_forces, joint_torques, resist_joints
 from tossid.physics.registered_forces import RegisteredForce, acts
@@ -194,11 +194,16 @@ def _corner_place(model, work, s, c):  # type: ignore[no-untyped-def]
 @inlined_kernel
 def _vertical(E, b, R):  # type: ignore[no-untyped-def]
     """The world's vertical in the axes of body b."""
-    u0, u1, u2 = R[2, 0], R[2, 1], R[2, 2]
+    return _in_body(E, b, R[2, 0], R[2, 1], R[2, 2])
+
+
+@inlined_kernel
+def _in_body(E, b, x0, x1, x2):  # type: ignore[no-untyped-def]
+    """The vector E[b]^T x: from the base's axes to body b's."""
     return (
-        E[b, 0, 0] * u0 + E[b, 1, 0] * u1 + E[b, 2, 0] * u2,
-        E[b, 0, 1] * u0 + E[b, 1, 1] * u1 + E[b, 2, 1] * u2,
-        E[b, 0, 2] * u0 + E[b, 1, 2] * u1 + E[b, 2, 2] * u2,
+        E[b, 0, 0] * x0 + E[b, 1, 0] * x1 + E[b, 2, 0] * x2,
+        E[b, 0, 1] * x0 + E[b, 1, 1] * x1 + E[b, 2, 1] * x2,
+        E[b, 0, 2] * x0 + E[b, 1, 2] * x1 + E[b, 2, 2] * x2,
     )
 
 
@@ -244,14 +249,20 @@ def _falling(model, work, s, corners, c):  # type: ignore[no-untyped-def]
     fall = model.gravity[2] + R[2, 0] * (c0 - s.a[0]) + R[2, 1] * (c1 - s.a[1]) + R[2, 2] * (c2 - s.a[2])
     for x in range(s.rate.shape[0]):
         fall += corners.tau[c, 0, x] * s.rate[x]
-    return fall + moving.turning(model, work, s, corners, c)
+    return fall + moving.turning(model, work, s, corners, c, 0)
 
 
 @implements(moving.turning, Links)
-def _turning(model, work, s, corners, c):  # type: ignore[no-untyped-def]
-    P, R, place, b = work.P, s.R, corners.place, model.corner_body[c]
+def _turning(model, work, s, corners, c, k):  # type: ignore[no-untyped-def]
+    P, R, b, i, pos = work.P, s.R, model.corner_body[c], k - 1 if k else 2, model.corner_pos
+    r0, r1, r2 = articulated.rotated(work.E, b, pos[c, 0], pos[c, 1], pos[c, 2])
     s0, s1, s2 = turning_acceleration(
         P[b, ALPHA], P[b, ALPHA + 1], P[b, ALPHA + 2], P[b, SPIN], P[b, SPIN + 1], P[b, SPIN + 2],
-        place[c, 0] - P[b, X], place[c, 1] - P[b, X + 1], place[c, 2] - P[b, X + 2],
+        r0, r1, r2,
     )  # fmt: skip
-    return R[2, 0] * (P[b, ACCEL] + s0) + R[2, 1] * (P[b, ACCEL + 1] + s1) + R[2, 2] * (P[b, ACCEL + 2] + s2)
+    turn = R[i, 0] * (P[b, ACCEL] + s0) + R[i, 1] * (P[b, ACCEL + 1] + s1) + R[i, 2] * (P[b, ACCEL + 2] + s2)
+    if is_round(model.shape) and k == 0:
+        u0, u1, u2 = _vertical(work.E, b, R)
+        w0, w1, w2 = _in_body(work.E, b, P[b, SPIN], P[b, SPIN + 1], P[b, SPIN + 2])
+        turn -= bulge(model.shape, c, u0, u1, u2, w0, w1, w2)
+    return turn

@@ -150,9 +150,9 @@ def falling(model, work, s, corners, c):  # type: ignore[no-untyped-def]
 
 
 @by_type
-def turning(model, work, s, corners, c):  # type: ignore[no-untyped-def]
-    """Vertical acceleration of corner c at constant velocities [m/s²]: dJ_n/dt v. After `accelerate`.
+def turning(model, work, s, corners, c, k):  # type: ignore[no-untyped-def]
+    """Acceleration of corner c along direction k at constant velocities [m/s²]: dJ_k/dt v. After `accelerate`.
 
-    Of a round corner, that of its lowest point, which is not always the same one.
+    Of a round corner, the vertical one is that of its lowest point, which is not always the same one.
     """
     raise NotImplementedError

@@ -39,10 +39,11 @@ touches, and the impulse is felt there at once (as in event-driven schemes; Stud
 Friction", 2009). Contact that gives way has no such moment; there steps with an impact are cut in so many, which costs
 impacts' share, and the error in their time falls in proportion.
 
-Such steps of rigid contact, and those of flight, go half of their way along v, find a, J and lam there, and go the other
-half along v' (the midpoint rule of Moreau, "Numerical aspects of the sweeping process", 1999), so that errors are of
-second order where nothing strikes or sticks. A corner on the ground then has J_n v' + h/2 dJ_n/dt v >= 0, its velocity at
-the step's end. Where one comes to the ground too slowly for a strike, the step is that of above.
+Such steps of rigid contact, and those of flight, go half of their way along v, find a, J and lam there, and go the
+other half along v' (the midpoint rule of Moreau, "Numerical aspects of the sweeping process", 1999), so that errors are
+of second order but for events. A corner on the ground then has J_n v' + h/2 dJ_n/dt v >= 0, its velocity at the step's
+end. Friction of what slides on is against the mean slip, and of what may stop against that at the end. Where a corner
+comes to the ground too slowly for a strike, the step is that of above.
 
 Cohesion c lets friction grow less than in proportion to load (Mohr and Coulomb),
 |lam_t| <= mu lam_n + c h, with the load of the step before in place of this one's:

@@ -319,7 +319,7 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
                 n, touched, status, kkt_error = np.int64(0), False, 0, 0.0
                 if low:
                     n, touched, status, kkt_error = resolve_contact(
-                        model, law, solver, work, s, corners, h, tolerance, cold, strike, strike or whole
+                        model, law, solver, work, s, corners, h, tolerance, cold, strike, strike or whole, halfway
                     )
                 if resists and (n == 0 or (again < (1 if strike else 0 if whole else REPEATS))):
                     for x in range(nx):

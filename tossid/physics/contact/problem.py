@@ -38,6 +38,12 @@ TANGENTIAL = 1e-3
 """Slack of a compliant corner's tangential rows over that of its normal row: sigma of Castro et al., their value."""
 FAR, LOW, CANDIDATE = 0, 1, 2
 """State of a corner: out of reach; within reach; in the contact problem."""
+SLIDES_ON = 4.0
+"""A corner begins to count as one that slides through a step where its slip is so many times what friction under the
+last step's load would change alone, and does so at twice as much.
+
+Not a setting: friction of a corner that may stop is against its slip at the step's end, which is of first order.
+"""
 ROUNDS = 4
 """A contact problem is solved at most so many times, each with the corners that the last one left to be hit."""
 
@@ -172,14 +178,35 @@ def find_gaps(model, law, work, s, corners, rigid, strike, whole, halfway, h, st
             if halfway and flies:
                 z += z + h * before  # by half of z + h J_n v'
             else:
-                z += 0.5 * h * h * turning(model, work, s, corners, c)
+                z += 0.5 * h * h * turning(model, work, s, corners, c, 0)
                 z += 0.5 * h * (before - velocity(corners.tau, c, 0, s.u, s.xi, nx)) if flies else 0.0
         corners.gap[c] = z
     return uneven
 
 
 @inlined_kernel
-def set_target(law, s, corners, c, n, nx, h, cold, bounces):  # type: ignore[no-untyped-def]
+def across_by_the_middle(model, work, s, corners, c, n, nx, h, cold, mu):  # type: ignore[no-untyped-def]
+    """Add to V[B]'s tangential rows of candidate n, corner c, what those of the step's middle lack.
+
+    Friction of what slides on is against the mean of the slips at the step's start and end, (J_t v + J_t v') / 2. What
+    may stop has no slip at the end, J_t v' + h/2 dJ_t/dt v.
+    """
+    r, tau, V, G = 3 * n, corners.tau, corners.V, corners.G
+    slip1 = velocity(tau, c, 1, s.u_start, s.xi_start, nx)
+    slip2 = velocity(tau, c, 2, s.u_start, s.xi_start, nx)
+    mean = 0.0
+    if not cold and mu * corners.warm[c, 0] > 0.0:
+        yields = inverse_mass(model, work)
+        for x in range(nx):
+            yields += 0.5 * (G[x, r + 1] * G[x, r + 1] + G[x, r + 2] * G[x, r + 2])
+        changes = SLIDES_ON * mu * corners.warm[c, 0] * yields
+        mean = min(1.0, max(0.0, math.sqrt(slip1 * slip1 + slip2 * slip2) / changes - 1.0))
+    V[B, r + 1] += mean * slip1 + (1.0 - mean) * 0.5 * h * turning(model, work, s, corners, c, 1)
+    V[B, r + 2] += mean * slip2 + (1.0 - mean) * 0.5 * h * turning(model, work, s, corners, c, 2)
+
+
+@inlined_kernel
+def set_target(model, work, law, s, corners, c, n, nx, h, cold, bounces, halfway):  # type: ignore[no-untyped-def]
     """V[B] and V[MU] of candidate n, corner c, from its free velocity in V[B]; whether it would touch.
 
     b_n = phi / h + J_n v_free, or by the law of restitution or compliance; b_t = J_t v_free. In the ground, relaxed
@@ -209,6 +236,8 @@ def set_target(law, s, corners, c, n, nx, h, cold, bounces):  # type: ignore[no-
     if law.cohesion > 0.0 and not cold and corners.warm[c, 0] > 0.0:
         mu = min(2.0 * mu, mu + law.cohesion * h / corners.warm[c, 0])  # |lam_t| <= mu lam_n + c h
     V[MU, n] = mu
+    if halfway:
+        across_by_the_middle(model, work, s, corners, c, n, nx, h, cold, mu)
     if corners.gap[c] < 0.0 < law.beyond.lifting:
         return target < mu * math.sqrt(V[B, r + 1] ** 2 + V[B, r + 2] ** 2)
     return target < 0.0
@@ -235,7 +264,7 @@ def delassus(corners, n, nx, over_m, slack):  # type: ignore[no-untyped-def]
 
 
 @inlined_kernel
-def assemble(model, law, work, s, corners, h, cold, afresh, bounces):  # type: ignore[no-untyped-def]
+def assemble(model, law, work, s, corners, h, cold, afresh, bounces, halfway):  # type: ignore[no-untyped-def]
     """The candidates' contact problem (G, A, V[B], V[MU], warm start V[LAM]); their number, 0 if all stay open.
 
     cold: no corner carried load in the last step. afresh: no warm start. bounces: restitution acts at any approach.
@@ -253,7 +282,7 @@ def assemble(model, law, work, s, corners, h, cold, afresh, bounces):  # type: i
                 free += tau[c, k, x] * s.xi[x]
             V[B, r + k] = free + s.u[k]
             V[LAM, r + k] = 0.0 if afresh else corners.warm[c, k]
-        touches = set_target(law, s, corners, c, n, nx, h, cold, bounces) or touches
+        touches = set_target(model, work, law, s, corners, c, n, nx, h, cold, bounces, halfway) or touches
         corners.chosen[n] = c
         n += 1
     if not touches:
@@ -305,7 +334,7 @@ def apply_impulses(model, work, s, corners, n, h):  # type: ignore[no-untyped-de
 
 
 @inlined_kernel
-def resolve_contact(model, law, solver, work, s, corners, h, tolerance, cold, strike, bounces):  # type: ignore[no-untyped-def]
+def resolve_contact(model, law, solver, work, s, corners, h, tolerance, cold, strike, bounces, halfway):  # type: ignore[no-untyped-def]
     """Contact in one step: s.u and s.xi become those after it. After `find_corners` and `find_gaps`.
 
     cold: there is no last step's load. strike: the step has no length. bounces: restitution acts at any approach, not
@@ -323,7 +352,7 @@ def resolve_contact(model, law, solver, work, s, corners, h, tolerance, cold, st
             corners.state[c] = CANDIDATE if corners.gap[c] / h + vn < CLOSING_SPEED else LOW
     f0, f1, f2 = 0.0, 0.0, 0.0
     for _ in range(ROUNDS):
-        n = assemble(model, law, work, s, corners, h, cold, cold or strike, bounces)
+        n = assemble(model, law, work, s, corners, h, cold, cold or strike, bounces, halfway)
         if n == 0:
             return n, False, 0, 0.0
         if law.beyond.lifting > 0.0 and is_relaxed(law, corners, n):
