@@ -9,6 +9,7 @@ from tossid.evaluation.metrics import score_tosses, score_windows, wrapped
 from tossid.models.predictor import Simulator
 from tossid.objects import OBJECT_FILES, ObjectModel, load_object
 from tossid.physics import make_system, simulate
+from tossid.settings.training import ModelSettings
 from tossid.types import Toss
 
 DT = 1 / 148
@@ -25,7 +26,10 @@ def flights(elbow: ObjectModel) -> list[Toss]:
     rng = np.random.default_rng(0)
     q = np.concatenate([np.tile([0, 0, 5.0], (3, 1)), rng.normal(size=(3, 4)), rng.normal(size=(3, 1))], axis=1)
     q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
-    run = simulate(make_system(elbow), q, rng.normal(size=(3, 7)) * 3, n_steps=40, dt=DT, substeps=4)
+    steps = ModelSettings.substeps
+    run = simulate(
+        make_system(elbow), q, rng.normal(size=(3, 7)) * 3, n_steps=40, dt=DT, substeps=steps, impact_parts=8
+    )
     cov, phase = np.tile(1e-9 * np.eye(7), (41, 1, 1)), np.zeros(41, dtype=np.uint8)
     return [Toss(str(i), np.arange(41) * DT, run.q[i], run.v[i], cov, cov, phase) for i in range(3)]
 

@@ -127,4 +127,4 @@ def test_a_restart_that_has_failed_is_not_repeated(cube: ObjectModel, monkeypatc
     first = sum(simulated)
     assert np.isfinite(tried.whitening.given_up).sum() > 3
     tried.relinearised(world, refine=2, restarts=1)
-    assert sum(simulated) - first < 0.5 * first
+    assert sum(simulated) - first < 0.6 * first
