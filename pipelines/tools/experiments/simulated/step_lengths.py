@@ -4,7 +4,8 @@
                                                                  [rolling=0.05] [adhesion=1.0] [com=0.004]
 
 Releases of the cube are simulated in steps of several lengths, and in steps four times as short as the shortest. The
-table has the signed error of the height some frames after the first impact, and the distance of the centre. The keys are what the cube has: rolling resistance as a radius [m], adhesion [N], the centre of mass off its origin [m].
+table has the signed error of the height some frames after the first impact, and the distance of the centre. The keys
+are what the cube has: rolling resistance as a radius [m], adhesion [N], the centre of mass off its origin [m].
 """
 
 from __future__ import annotations
