@@ -26,6 +26,10 @@ def test_importing_it_takes_less_than_0_3_s_of_processor_time():
     assert float(fresh(code)) < 0.3
 
 
+def test_a_diagnosis_imports_no_torch():
+    assert fresh("import sys, tossid.diagnosis.diagnose; print('torch' in sys.modules)") == "False"
+
+
 def test_a_room_and_a_type_are_there_without_importing_them_by_hand():
     assert fresh("import tossid; print(tossid.objects.ObjectModel is tossid.ObjectModel)") == "True"
 

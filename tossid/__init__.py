@@ -16,6 +16,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from tossid.first_use import imported_at_first_use
+
 if TYPE_CHECKING:
     from tossid.diagnosis.diagnose import diagnose as diagnose
     from tossid.diagnosis.result import Diagnosis as Diagnosis
@@ -90,16 +92,11 @@ _ROOMS = (
 __all__ = [*_HOMES, *_ROOMS]
 
 if not TYPE_CHECKING:
+    _name = imported_at_first_use(__name__, _HOMES)
 
     def __getattr__(name: str) -> Any:
         """A public name or a room, imported now (PEP 562)."""
-        if name in _ROOMS:
-            return importlib.import_module(f"tossid.{name}")
-        if name not in _HOMES:
-            raise AttributeError(f"module 'tossid' has no attribute {name!r}")
-        value = getattr(importlib.import_module(_HOMES[name]), name)
-        globals()[name] = value
-        return value
+        return importlib.import_module(f"tossid.{name}") if name in _ROOMS else _name(name)
 
     def __dir__() -> list[str]:
         return sorted({*globals(), *__all__})

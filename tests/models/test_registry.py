@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -10,7 +11,7 @@ from pipelines.config.compose import load
 from pipelines.config.keys import group_members
 from pipelines.config.schemas import TrainConfig
 from tossid.errors import ConfigError
-from tossid.models import VARIANTS, Objective, build_model, variant
+from tossid.models import VARIANTS, ModelSettings, Objective, build_model, register_model, variant
 from tossid.models.registry import settings_from
 from tossid.objects import ObjectModel
 from tossid.settings.plain import to_plain
@@ -74,3 +75,11 @@ def test_an_unknown_name_is_refused(cube: ObjectModel) -> None:
         variant("cnrip")
     with pytest.raises(ConfigError, match="contactnets"):
         build_model(replace(variant("cn"), kind="contactnet"), cube)
+
+
+def test_a_builtin_kind_cannot_be_taken() -> None:
+    def build(settings: ModelSettings, given: ObjectModel, **_: object) -> Any:
+        raise AssertionError
+
+    with pytest.raises(ConfigError, match="'e2e' is already registered"):
+        register_model("e2e", ModelSettings, build)

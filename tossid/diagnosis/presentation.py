@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
-from tossid.diagnosis.report import report_figures, report_html, report_notebook
+from tossid.diagnosis.report import report_html, report_notebook, report_pngs
 from tossid.diagnosis.report.text import headline, verdict_of
 from tossid.diagnosis.report.units import closed_share, in_units, parameter
 from tossid.diagnosis.result import Diagnosis
@@ -45,13 +42,7 @@ def summary(diagnosis: Diagnosis) -> str:
 
 def notebook_html(diagnosis: Diagnosis) -> str:
     """The verdict in sentences, the effects in a table, the main figures, and the other ones folded away."""
-    return report_notebook(diagnosis, report_figures(diagnosis, settings=diagnosis.report))
-
-
-def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
+    return report_notebook(diagnosis, report_pngs(diagnosis, settings=diagnosis.report))
 
 
 def save(diagnosis: Diagnosis, folder: Path) -> Path:
@@ -67,11 +58,11 @@ def save(diagnosis: Diagnosis, folder: Path) -> Path:
     Raises:
         OutputError: The disk refuses.
     """
-    figures = report_figures(diagnosis, settings=diagnosis.report)
+    figures = report_pngs(diagnosis, settings=diagnosis.report)
     page = report_html(diagnosis, figures)
     gap = json.dumps(jsonable(diagnosis.as_json()), indent=2, allow_nan=False) + "\n"
     files = {"gap.html": page.encode(), "gap.json": gap.encode()}
-    files |= {f"figures/{name}.png": _png(figure) for name, figure in figures.items()}
+    files |= {f"figures/{name}.png": png for name, png in figures.items()}
     mjcf = (diagnosis.patch or {}).get("mjcf")
     if mjcf:
         files["patched.xml"] = mjcf.encode()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -38,6 +39,8 @@ class _Kind:
 
 
 _KINDS: dict[str, _Kind] = {}
+_BUILT_IN = {"contactnets": "tossid.models.contactnets", "e2e": "tossid.models.e2e"}
+"""The library's own kinds, and the module that registers each when it is first needed."""
 
 
 def register_model(kind: str, settings: type[ModelSettings], build: Build) -> None:
@@ -52,7 +55,8 @@ def register_model(kind: str, settings: type[ModelSettings], build: Build) -> No
         ConfigError: Another model has that name.
     """
     known = _KINDS.get(kind)
-    if known is not None and known.build is not build:
+    taken = build.__module__ != _BUILT_IN.get(kind, build.__module__)
+    if taken or (known is not None and known.build is not build):
         raise ConfigError("kind", f"'{kind}' is already registered.")
     note_registered(__name__, settings, build)
     _KINDS[kind] = _Kind(settings, build)
@@ -106,6 +110,9 @@ def settings_from(values: Mapping[str, Any]) -> ModelSettings:
 
 
 def _kind(name: str) -> _Kind:
+    if name in _BUILT_IN:
+        importlib.import_module(_BUILT_IN[name])
     if name not in _KINDS:
-        raise ConfigError("kind", f"there is no kind of model '{name}'; there are {', '.join(_KINDS)}.")
+        known = ", ".join({**_BUILT_IN, **_KINDS})
+        raise ConfigError("kind", f"there is no kind of model '{name}'; there are {known}.")
     return _KINDS[name]

@@ -6,8 +6,9 @@ room, for its help pages.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from tossid.first_use import imported_at_first_use
 
 if TYPE_CHECKING:
     from tossid.store.dataset import Dataset as Dataset
@@ -50,11 +51,4 @@ _HOMES = {
 __all__ = [*_HOMES]
 
 if not TYPE_CHECKING:
-
-    def __getattr__(name: str) -> Any:
-        """A public name, imported now (PEP 562)."""
-        if name not in _HOMES:
-            raise AttributeError(f"module '{__name__}' has no attribute {name!r}")
-        value = getattr(importlib.import_module(_HOMES[name]), name)
-        globals()[name] = value
-        return value
+    __getattr__ = imported_at_first_use(__name__, _HOMES)

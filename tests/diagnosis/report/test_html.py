@@ -9,7 +9,7 @@ from html.parser import HTMLParser
 
 from tests.diagnosis.by_hand import diagnosis, without_effects
 from tossid.diagnosis.findings import Interval
-from tossid.diagnosis.report import report_figures, report_html
+from tossid.diagnosis.report import report_html, report_pngs
 from tossid.diagnosis.witness import Witness
 from tossid.objects import ObjectModel
 
@@ -41,12 +41,12 @@ class Page(HTMLParser):
 def page_of(model: ObjectModel) -> Page:
     next_toss = {"release": None, "reason": "<none>", "between": ["friction", "cohesion"]}
     found = replace(diagnosis(model), next_toss=next_toss)
-    return Page(report_html(found, report_figures(found)))
+    return Page(report_html(found, report_pngs(found)))
 
 
 def test_the_page_is_whole_and_asks_nothing_of_the_network(cube: ObjectModel) -> None:
     found = replace(diagnosis(cube), tosses_of="a & b <c>")
-    text = report_html(found, report_figures(found))
+    text = report_html(found, report_pngs(found))
     page = Page(text)
     assert page.open == []
     assert not re.search(r"https?://|<script|<link|@import|url\(", text)
@@ -80,7 +80,7 @@ def test_sentences_come_first_and_say_all_that_was_found(cube: ObjectModel) -> N
 
 def test_details_hold_every_effect_with_its_smallest_detectable_size(cube: ObjectModel) -> None:
     found = without_effects(cube, "no_gap")
-    page = Page(report_html(found, report_figures(found)))
+    page = Page(report_html(found, report_pngs(found)))
     for f in found.findings:
         assert f.name in page.text
     assert "g 0.050 m/s²" in page.text

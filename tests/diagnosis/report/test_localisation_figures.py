@@ -13,6 +13,7 @@ from tossid.diagnosis.report import REPORT_FIGURES, report_figures, report_html
 from tossid.diagnosis.report.localisation_figures import gap_by_corner, wrench_over_state
 from tossid.diagnosis.report.units import place_of
 from tossid.diagnosis.result import Diagnosis
+from tossid.evaluation.figures.style import as_png
 from tossid.objects import OBJECT_FILES, ObjectModel, load_object
 from tossid.settings.diagnosis.report import ReportSettings
 
@@ -51,7 +52,7 @@ def test_a_body_of_other_corners_is_drawn(cube: ObjectModel) -> None:
 
 def test_the_page_has_them_in_its_details(cube: ObjectModel) -> None:
     made = with_place(cube)
-    page = report_html(made, details_of(made))
+    page = report_html(made, {name: as_png(figure) for name, figure in details_of(made).items()})
     assert page.index("The gap by corner of the object") > page.index("Details")
     assert page.count("data:image/png") == 2
     assert "the simulator lacks a force along the path that depends on the horizontal speed" in page

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from tests.diagnosis.by_hand import diagnosis
-from tossid.diagnosis.report import REPORT_FIGURES, report_figure, report_figures, report_html
+from tossid.diagnosis.report import REPORT_FIGURES, report_figure, report_figures, report_html, report_pngs
 from tossid.diagnosis.result import Diagnosis
 from tossid.evaluation.figures.style import new_figure
 from tossid.objects import ObjectModel
@@ -32,7 +32,7 @@ def test_a_figure_from_outside_is_on_the_page(cube: ObjectModel) -> None:
     found = diagnosis(cube)
     figures = report_figures(found)
     assert list(figures) == ["gap_where", "gap_when", "gap_which", "toy"]
-    page = report_html(found, figures)
+    page = report_html(found, report_pngs(found))
     assert 'alt="A toy &amp; its &lt;words&gt;."' in page
     assert page.index("A toy") < page.index("Effects found")
 
@@ -40,7 +40,7 @@ def test_a_figure_from_outside_is_on_the_page(cube: ObjectModel) -> None:
 def test_a_detail_has_its_heading_and_words(cube: ObjectModel) -> None:
     report_figure("toy", alt="", detail="A toy detail", text=lambda d: [f"{d.n_tosses} tosses."], note="A note.")(toy)
     found = diagnosis(cube)
-    page = report_html(found, report_figures(found))
+    page = report_html(found, report_pngs(found))
     detail = page[page.index("<summary>A toy detail</summary>") :]
     assert page.index("A toy detail") > page.index("<h2>Details</h2>")
     for piece in ("<p>20 tosses.</p>", "data:image/png;base64,", "A note."):

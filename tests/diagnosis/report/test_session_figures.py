@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tests.diagnosis.by_hand import diagnosis
-from tossid.diagnosis.report import report_figures, report_html
+from tossid.diagnosis.report import report_figures, report_html, report_pngs
 from tossid.evaluation.figures import recording_over_order
 from tossid.objects import ObjectModel
 from tossid.types import RecordingOrder, Session
@@ -36,7 +36,7 @@ def order() -> RecordingOrder:
 
 def test_the_page_says_the_sessions(cube: ObjectModel) -> None:
     found = replace(diagnosis(cube), order=order())
-    page = report_html(found, report_figures(found))
+    page = report_html(found, report_pngs(found))
     detail = page[page.index("<summary>The recording") :]
     assert "Session 0 to 11 (12 tosses): its world is tilted by 2.35°" in detail
     assert "normal changed before it" in detail

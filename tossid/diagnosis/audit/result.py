@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from matplotlib.figure import Figure
 from tossid.diagnosis.audit.figures import audit_figures
 from tossid.diagnosis.audit.over_order import NONE, STEP
 from tossid.diagnosis.audit.scores import summarise
+from tossid.evaluation.figures.style import as_png
 from tossid.html import html_table
 from tossid.outputs import write_whole
 from tossid.plain_json import jsonable
@@ -152,10 +152,8 @@ class Audit:
         """
         folder, paths = Path(folder), []
         for name, figure in self.figures().items():
-            buffer = io.BytesIO()
-            figure.savefig(buffer, format="png")
             paths.append(folder / "figures" / f"{name}.png")
-            write_whole(paths[-1], buffer.getvalue())
+            write_whole(paths[-1], as_png(figure))
         write_whole(folder / "table.md", self.markdown().encode())
         content = {**self.as_json(), "figures": [str(path) for path in paths]}
         write_whole(folder / "audit.json", (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())

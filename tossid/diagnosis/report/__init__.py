@@ -5,7 +5,7 @@ A figure of one's own is one function under `@report_figure(...)`; it then stand
 
 from tossid.diagnosis.report import figures, localisation_figures, session_figures
 from tossid.diagnosis.report.html import report_html, report_notebook
-from tossid.diagnosis.report.registry import REPORT_FIGURES, ReportFigure, report_figure, report_figures
+from tossid.diagnosis.report.registry import REPORT_FIGURES, ReportFigure, report_figure, report_figures, report_pngs
 
 __all__ = [
     "REPORT_FIGURES",
@@ -16,5 +16,6 @@ __all__ = [
     "report_figures",
     "report_html",
     "report_notebook",
+    "report_pngs",
     "session_figures",
 ]

@@ -6,12 +6,10 @@ The templates hold the page; this module gathers what they show.
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Mapping
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from matplotlib.figure import Figure
 
 from tossid.diagnosis.findings import Finding, Interval
 from tossid.diagnosis.report.figures import VERDICTS, gain_per_toss
@@ -38,12 +36,12 @@ _TEMPLATES = Environment(
 )
 
 
-def report_html(diagnosis: Diagnosis, figures: Mapping[str, Figure]) -> str:
+def report_html(diagnosis: Diagnosis, figures: Mapping[str, bytes]) -> str:
     """The page.
 
     Args:
         diagnosis: What was found.
-        figures: Figures by name (`report_figures`), in the order in which they are read; those that are registered
+        figures: PNGs by name (of `report_figures`), in the order in which they are read; those that are registered
             with a heading of their own stand among the details.
 
     Returns:
@@ -52,7 +50,7 @@ def report_html(diagnosis: Diagnosis, figures: Mapping[str, Figure]) -> str:
     return _TEMPLATES.get_template("gap.html.j2").render(_content(diagnosis, figures))
 
 
-def report_notebook(diagnosis: Diagnosis, figures: Mapping[str, Figure]) -> str:
+def report_notebook(diagnosis: Diagnosis, figures: Mapping[str, bytes]) -> str:
     """The same content for a cell of a notebook: effects and main figures first, everything else folded away.
 
     Args:
@@ -65,9 +63,9 @@ def report_notebook(diagnosis: Diagnosis, figures: Mapping[str, Figure]) -> str:
     return _TEMPLATES.get_template("notebook.html.j2").render(_content(diagnosis, figures))
 
 
-def _content(diagnosis: Diagnosis, figures: Mapping[str, Figure]) -> dict[str, Any]:
+def _content(diagnosis: Diagnosis, figures: Mapping[str, bytes]) -> dict[str, Any]:
     """What the templates show."""
-    drawn = [_figure(name, figure, diagnosis) for name, figure in figures.items()]
+    drawn = [_figure(name, png, diagnosis) for name, png in figures.items()]
     place = diagnosis.steps[0].unseen_position_error_pct
     return {
         "headline": headline(diagnosis),
@@ -109,12 +107,10 @@ def _witness(said: Witness) -> list[str | int]:
     return [said.quantity, short(said.stated), short(said.found), made, span(said.measured), said.tosses]
 
 
-def _figure(name: str, figure: Figure, diagnosis: Diagnosis) -> dict[str, Any]:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
+def _figure(name: str, png: bytes, diagnosis: Diagnosis) -> dict[str, Any]:
     known = REPORT_FIGURES.get(name)
     return {
-        "png": base64.b64encode(buffer.getvalue()).decode(),
+        "png": base64.b64encode(png).decode(),
         "alt": known.alt if known else name,
         "detail": known.detail if known else "",
         "text": known.text(diagnosis) if known else (),

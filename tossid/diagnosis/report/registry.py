@@ -16,6 +16,7 @@ from typing import TypeVar
 from matplotlib.figure import Figure
 
 from tossid.diagnosis.result import Diagnosis
+from tossid.evaluation.figures.style import as_png
 from tossid.settings.diagnosis.report import ReportSettings
 
 Draw = Callable[[Diagnosis, ReportSettings], Figure]
@@ -87,3 +88,13 @@ def report_figures(diagnosis: Diagnosis, *, settings: ReportSettings = ReportSet
         The figures of which the diagnosis has something to draw.
     """
     return {name: each.draw(diagnosis, settings) for name, each in REPORT_FIGURES.items() if each.applies(diagnosis)}
+
+
+def report_pngs(diagnosis: Diagnosis, *, settings: ReportSettings = ReportSettings()) -> dict[str, bytes]:
+    """What `report_figures` draws, each as the PNG that the page embeds and a folder holds.
+
+    Args:
+        diagnosis: What was found.
+        settings: What the figures draw.
+    """
+    return {name: as_png(figure) for name, figure in report_figures(diagnosis, settings=settings).items()}

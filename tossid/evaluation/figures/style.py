@@ -7,6 +7,7 @@ own.
 from __future__ import annotations
 
 import functools
+import io
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ParamSpec
@@ -146,6 +147,17 @@ def _spell_powers(figure: Figure) -> None:
             if isinstance(axis.get_major_formatter(), LogFormatter):
                 for text in (*axis.get_ticklabels(), *axis.get_ticklabels(minor=True)):
                     text.set_parse_math(True)
+
+
+def as_png(figure: Figure) -> bytes:
+    """A figure as a PNG at `DPI`, as reports embed and save it.
+
+    Args:
+        figure: Drawn in the one look.
+    """
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
 
 
 def new_figure(title: str, subtitle: str = "", *, height: float) -> Figure:
