@@ -106,11 +106,13 @@ def test_of_several_at_once_three_quarters_must_be_named_and_nothing_else() -> N
     assert "eight_found" not in found
 
 
-def test_without_its_effect_a_gap_must_stay_unexplained() -> None:
+def test_without_its_effect_a_gap_must_not_be_called_explained() -> None:
     found = score(truth("without", restitution={"e": 0.3}), answer(verdict="unexplained"))
     assert found["right"]
     assert found["phase_right"]
     assert not score(truth("without", restitution={"e": 0.3}), answer("compliance"))["right"]
+    weak = score(truth("without", restitution={"e": 0.3}), answer(verdict="no_gap"))
+    assert weak["right"] and weak["phase_right"] is None
 
 
 def test_a_spoilt_parameter_must_be_restored() -> None:

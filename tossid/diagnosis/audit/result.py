@@ -38,7 +38,7 @@ MEASURES = {
     "eight_right": "of eight effects at once, six are named, and none that is not there",
     "outside_not_named": "no effect is named for a force outside the library",
     "outside_not_explained": "such a gap is not called explained",
-    "without_unexplained": "without its effect in the library, a gap stays unexplained",
+    "without_not_explained": "without its effect in the library, a gap is not called explained",
     "phases_right": "the effect acts in the phase with the largest gap",
     "brier_names": "Brier score of the probabilities of names",
     "log_score_names": "logarithmic score of the probabilities of names",

@@ -95,7 +95,7 @@ def score(
         estimates, with the `rank` of the true one and whether the effect `led` its class. `joint_ranks`: of true
         effects (`ranks`). `claims`: probabilities that were stated, and whether what they speak of is true (`claims`).
         `closed`: closed share of the closable gap. `phase_right`: whether the effect acts in the phase in which the gap
-        is largest (for a gap that must stay unexplained: in a phase in which something remains). What does not apply is
+        is largest (without its effect in the library: in a phase in which something remains). What does not apply is
         None.
     """
     kind, true = truth["case"]["kind"], dict(truth["effects"])
@@ -126,8 +126,8 @@ def score(
         return {**out, "right": not named, "hedged": kind == "null" or verdict != "explained", "false": named}
     phases = {Phase(p).name.lower() for name in true for p in effect_named(name).phases}
     if kind == "without":
-        left = verdict in ("unexplained", "partly_explained")
-        return {**out, "right": left, "phase_right": bool(set(where) & phases), "false": named}
+        phase_right = bool(set(where) & phases) if where else None  # an effect may be too weak to leave a gap
+        return {**out, "right": verdict != "explained", "phase_right": phase_right, "false": named}
     first = classes[named[0]] if named else []
     right = bool(true) and (any(t in first for t in true) and len(first) <= settings.largest_class)
     if kind in ("pair", "spoilt"):
@@ -275,7 +275,7 @@ def summarise(
         **_several(of),
         "outside_not_named": share_of([s["right"] for s in of["outside"]], settings.outside),
         "outside_not_explained": share_of([s["hedged"] for s in of["outside"]], None),
-        "without_unexplained": share_of([s["right"] for s in of["without"]], None),
+        "without_not_explained": share_of([s["right"] for s in of["without"]], None),
         "phases_right": share_of(phase, None),
     }
     out |= summarise_ranks(scores)
