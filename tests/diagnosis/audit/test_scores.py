@@ -112,7 +112,8 @@ def test_without_its_effect_a_gap_must_not_be_called_explained() -> None:
     assert found["phase_right"]
     assert not score(truth("without", restitution={"e": 0.3}), answer("compliance"))["right"]
     weak = score(truth("without", restitution={"e": 0.3}), answer(verdict="no_gap"))
-    assert weak["right"] and weak["phase_right"] is None
+    assert weak["right"]
+    assert weak["phase_right"] is None
 
 
 def test_a_spoilt_parameter_must_be_restored() -> None:
