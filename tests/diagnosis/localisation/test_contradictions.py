@@ -16,7 +16,7 @@ from tossid.diagnosis.localisation.contradictions import (
     contradicted_values,
     decided_by_witnesses,
 )
-from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.diagnosis.witness import Witness
 from tossid.objects import ObjectModel
@@ -77,3 +77,25 @@ def test_a_class_is_led_by_what_tosses_do_not_contradict(cube: ObjectModel, boun
     assert set(decided.needed) == {other.name}
     same = decided_by_witnesses(decided, validator, asked)
     assert same is decided
+
+
+@pytest.mark.parametrize(("n_flight", "leads"), [(0, "friction"), (1, "restitution")])
+def test_a_class_of_flight_is_not_led_by_what_predicts_contact_worse(
+    cube: ObjectModel, bouncing: list[Toss], n_flight: int, leads: str
+) -> None:
+    """A witness speaks against restitution, which these tosses have, and not against friction."""
+    validator = CrossValidator.of(bouncing, cube, seed=0)
+    base = World(cube)
+
+    def of(name: str, value: float) -> Candidate:
+        hypothesis = Hypothesis(base, (effect_named(name),), (np.array([value]),))
+        return replace(validator.evaluate(hypothesis), effect=effect_named(name))
+
+    first, present, rival = validator.evaluate(Hypothesis(base)), of("restitution", 0.4), of("friction", 0.2)
+    needed, classes = {"restitution": present}, {"restitution": (rival,)}
+    found = SearchResult(first, present, (first, present), {}, {}, needed, classes, n_flight)
+
+    def asked(at: World) -> tuple[Witness, ...]:
+        return (replace(SAID, contradicts=bool(at.object.restitution > 0)),)
+
+    assert decided_by_witnesses(found, validator, asked).present.hypothesis.names == (leads,)

@@ -12,7 +12,7 @@ from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
 from tossid.diagnosis.selection.cross_validation import CrossValidator
-from tossid.diagnosis.selection.screening import _beyond, screen
+from tossid.diagnosis.selection.screening import _beside, _beyond, screen
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 
@@ -31,9 +31,23 @@ def test_starts_beyond_one_are_on_its_side_and_nearest_first(cube: ObjectModel) 
     assert _beyond(starts[0], starts, nothing) == []
 
 
+def test_values_beside_a_start_are_halfway_to_its_neighbours(cube: ObjectModel) -> None:
+    starts = [with_start(cube, "geometry", dict(each)) for each in EFFECTS["geometry"].starts]
+    nothing = Hypothesis(World(cube)).plus(EFFECTS["geometry"])
+
+    def sizes(start: Hypothesis) -> list[float]:
+        return [float(each.values[-1][0]) for each in _beside(start, starts, nothing)]
+
+    assert sizes(starts[1]) == pytest.approx([0.9475, 0.9775])
+    assert sizes(starts[2]) == pytest.approx([0.9775, 0.995])
+    assert sizes(starts[5]) == pytest.approx([1.0525])
+
+
 def test_starts_of_several_parameters_have_no_order(cube: ObjectModel) -> None:
     starts = [with_start(cube, "compliance", dict(each)) for each in EFFECTS["compliance"].starts]
-    assert _beyond(starts[0], starts, Hypothesis(World(cube)).plus(EFFECTS["compliance"])) == []
+    nothing = Hypothesis(World(cube)).plus(EFFECTS["compliance"])
+    assert _beyond(starts[0], starts, nothing) == []
+    assert _beside(starts[0], starts, nothing) == []
 
 
 @pytest.mark.parametrize("size", [0.94, 1.062])

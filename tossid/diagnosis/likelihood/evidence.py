@@ -293,6 +293,16 @@ class Evidence:
         s: Array = scales[np.where(self.windows.free[chosen, None], FREE, self.windows.phase[chosen])]
         return s[..., None]
 
+    def deviances(self, residuals: Array) -> Array:
+        """(W,) Student's deviance of windows.
+
+        Args:
+            residuals: (W, L, K) whitened.
+        """
+        deviance = student_deviance(residuals, self.density)
+        out: Array = np.where(self.windows.inside[..., None], deviance, 0.0).sum((1, 2))
+        return out
+
     def log_likelihood(self, residuals: Array, scales: Array, rows: NDArray[np.int64] | None = None) -> Array:
         """(n,) Student's log density, but for constants.
 

@@ -76,7 +76,8 @@ def contradicted_names(said: Sequence[Witness], names: Collection[str]) -> froze
 def decided_by_witnesses(found: SearchResult, validator: CrossValidator, asked: Asked) -> SearchResult:
     """The search's result with the member of each confusable class that tosses contradict least.
 
-    The one that leads stays unless tosses contradict it in more than another.
+    The one that leads stays unless tosses contradict it in more than another. A class that free flight cannot
+    distinguish is one there alone: another of its effects must not predict all held-out windows clearly worse.
 
     Args:
         found: What the search found.
@@ -89,12 +90,16 @@ def decided_by_witnesses(found: SearchResult, validator: CrossValidator, asked: 
 
     least = against(found.present.hypothesis.world()) if any(found.classes.values()) else 0
     for name, group in found.classes.items():
-        present, chosen = found.present, None
+        present, chosen, before = found.present, None, least
         for each in group if least else ():
             if (count := against(replaced(present.hypothesis, name, each).world())) < least:
                 least, chosen = count, each
         if chosen is not None:
             instead = validator.cross_validate(present, None, replaced(present.hypothesis, name, chosen))
+            flown = name in present.hypothesis.names[: found.n_flight]
+            if flown and validator.p_value_over(present, instead) < validator.settings.selection.class_level:
+                least = before
+                continue
             needed = {**found.needed, chosen.name: chosen}
             others = tuple(each for each in (needed.pop(name), *group) if each is not chosen)
             classes = {other: each for other, each in found.classes.items() if other != name}

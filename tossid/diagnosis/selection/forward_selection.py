@@ -16,7 +16,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.likelihood.evidence import Evidence, student_deviance
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.screening import Screened, screen
 from tossid.diagnosis.selection.significance import PARTS, fewest_tosses, part_p_value
@@ -167,12 +166,7 @@ class ForwardSelection:
             least_gain: By one step, from which an effect is promising; the settings' if that is more.
             share: Of the whole work that is done.
         """
-        missing = [effect for effect in self.library if effect.name not in present.hypothesis.names]
-        screened = self.validator.map(partial(screen, self.validator, present), missing)
-        self.under_way.suspected([(each.effect, each.gain) for each in screened])
-        least = max(least_gain, self.settings.least_screening_gain)
-        promising = sorted((each for each in screened if each.gain > least), key=lambda each: -each.gain)
-        promising = promising[: self.settings.candidates]
+        promising = self.promising(present, least_gain)
         if promising:
             self.under_way(f"fitting, with {promising[0].effect.name} as the first suspect", share)
         likely = sum(each.gain > self.settings.second_choice * promising[0].gain for each in promising)
@@ -180,6 +174,20 @@ class ForwardSelection:
         if not any(self.is_significant(first, present, each) for each in fitted):
             fitted += self.validator.map(partial(self._fitted, present), promising[likely:])
         return fitted
+
+    def promising(self, present: Candidate, least_gain: float = 0.0) -> list[Screened]:
+        """The effects that gain most by one step, the most promising first.
+
+        Args:
+            present: To which each is added.
+            least_gain: As of `round`.
+        """
+        missing = [effect for effect in self.library if effect.name not in present.hypothesis.names]
+        screened = self.validator.map(partial(screen, self.validator, present), missing)
+        self.under_way.suspected([(each.effect, each.gain) for each in screened])
+        least = max(least_gain, self.settings.least_screening_gain)
+        promising = sorted((each for each in screened if each.gain > least), key=lambda each: -each.gain)
+        return promising[: self.settings.candidates]
 
     def _fitted(self, present: Candidate, promising: Screened) -> Candidate:
         near = promising.evidence(present)
@@ -198,7 +206,7 @@ class ForwardSelection:
     def _closes_enough(self, first: Candidate, before: Candidate, after: Candidate) -> bool:
         """Whether a share of the deviance worth naming is closed, in free flight alone or in all other windows."""
         closed, free = _closed(before, after), self.validator.windows.free
-        whole = deviances(first.evidence, first.fitted.residuals)
+        whole = first.evidence.deviances(first.fitted.residuals)
         least = self.settings.least_closed
         return any(part.any() and closed[part].sum() > least * whole[part].sum() for part in (free, ~free))
 
@@ -378,21 +386,9 @@ class ForwardSelection:
         return tuple(out[: self.settings.largest_class - 1])
 
 
-def deviances(evidence: Evidence, residuals: Array) -> Array:
-    """(W,) Student's deviance of windows.
-
-    Args:
-        evidence: Of W windows.
-        residuals: (W, L, K) whitened.
-    """
-    deviance = student_deviance(residuals, evidence.density)
-    out: Array = np.where(evidence.windows.inside[..., None], deviance, 0.0).sum((1, 2))
-    return out
-
-
 def _closed(before: Candidate, after: Candidate) -> Array:
     """(W,) how much less deviance a hypothesis has than another."""
-    return deviances(before.evidence, before.fitted.residuals) - deviances(after.evidence, after.fitted.residuals)
+    return before.evidence.deviances(before.fitted.residuals) - after.evidence.deviances(after.fitted.residuals)
 
 
 def _without(validator: CrossValidator, present: Candidate, name: str) -> Candidate:

@@ -32,13 +32,16 @@ def line_searched(validator: CrossValidator, found: SearchResult) -> SearchResul
     """The search's result with each effect of contact that has one parameter moved to where it fits best.
 
     The parameter is moved away from its nominal value and towards it, by shares that halve, wherever that is better at
-    first states that are sought anew.
+    first states that are sought anew: for some of the tosses first, and then for all.
 
     Args:
         validator: Of all windows.
         found: What the search found.
     """
     present, settings = found.present, validator.settings.refinement
+    some = np.any(validator.folds[: validator.settings.selection.screening_folds], axis=0)
+    rows = np.flatnonzero(some[validator.windows.toss])
+    part = replace(validator, windows=validator.windows.rows(rows))
     for effect in present.hypothesis.effects[found.n_flight :]:
         move = settings.largest_move if len(effect.parameters) == 1 else 0.0
         while move > settings.smallest_move:
@@ -46,11 +49,11 @@ def line_searched(validator: CrossValidator, found: SearchResult) -> SearchResul
                 nominal, values = effect.nominal(present.hypothesis.base), present.hypothesis.values_of(effect.name)
                 moved = present.hypothesis.with_instead(effect.name, effect, nominal + share * (values - nominal))
                 moved = moved.clipped(moved.flat())
-                if present.fitted.gain_of(moved) < -settings.hopeless_at_once:
+                if present.fitted.gain_of(moved) < -settings.hopeless:
                     continue
-                near = validator.evaluate(moved, present)
-                if validator.gain_over(near, present).sum() < -settings.hopeless:
-                    continue  # first states that are sought anew make up for less
+                before = replace(present, log_likelihood=present.log_likelihood[rows])
+                if part.gain_over(part.evaluate(moved), before).sum() <= 0:
+                    continue
                 there = validator.evaluate(moved)
                 if validator.gain_over(there, present).sum() > settings.least_gain:
                     present = there

@@ -63,8 +63,9 @@ def screen(validator: CrossValidator, present: Candidate, effect: Effect) -> Scr
 
     Log-likelihoods are taken at first states that suit the present hypothesis or the start, whichever are better.
     Starts are far from the present hypothesis, and are tried with some of the tosses only. The best is chosen at first
-    states near the present ones, which favours what is near; from there, starts farther out are tried at first states
-    of their own.
+    states near the present ones, which favours what is near. From there, starts farther out and values halfway to the
+    next ones are tried at first states of their own: where no hypothesis fits, likelihoods are rough, and no fit goes
+    far.
 
     Args:
         validator: With its folds.
@@ -109,6 +110,11 @@ def screen(validator: CrossValidator, present: Candidate, effect: Effect) -> Scr
         if tried is None or tried.gain <= begin.gain:
             break
         begin = tried
+    for between in _beside(begin.hypothesis, starts, nominal) if begin.gain > 0 else ():
+        tried = with_own_states(between, begin.evidence)
+        if tried is not None and tried.gain > begin.gain:
+            begin = tried
+            break
     far = _step(validator, now.scales, begin, effect)
     return replace(far, gain=far.gain / share, from_start=True) if far.gain / share > best.gain else best
 
@@ -142,13 +148,27 @@ def _beyond(start: Hypothesis, starts: Sequence[Hypothesis], nominal: Hypothesis
     """
     if len(start.values[-1]) > 1:
         return []
+    here = _distance(start, nominal)
+    beyond = (each for each in starts if _distance(each, nominal) * np.sign(here) > abs(here))
+    return sorted(beyond, key=lambda each: abs(_distance(each, nominal)))
 
-    def distance(each: Hypothesis) -> float:
-        return float((each.values[-1] - nominal.values[-1])[0])
 
-    here = distance(start)
-    beyond = (each for each in starts if distance(each) * np.sign(here) > abs(here))
-    return sorted(beyond, key=lambda each: abs(distance(each)))
+def _beside(start: Hypothesis, starts: Sequence[Hypothesis], nominal: Hypothesis) -> list[Hypothesis]:
+    """Halfway from one of an effect's starts to the next one beyond it, and to the next one nearer to nominal.
+
+    None where the effect has several parameters.
+    """
+    if len(start.values[-1]) > 1:
+        return []
+    here = _distance(start, nominal)
+    nearer = [each for each in (nominal, *starts) if 0 <= _distance(each, nominal) * np.sign(here) < abs(here)]
+    neighbours = [*_beyond(start, starts, nominal)[:1], max(nearer, key=lambda each: abs(_distance(each, nominal)))]
+    return [start.at(0.5 * (start.flat() + each.flat())) for each in neighbours]
+
+
+def _distance(each: Hypothesis, nominal: Hypothesis) -> float:
+    """How far the one parameter of an effect, the last one, is from its nominal value."""
+    return float((each.values[-1] - nominal.values[-1])[0])
 
 
 def _step(validator: CrossValidator, scales: Array, begin: _Start, effect: Effect) -> Screened:

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from tossid.diagnosis.localisation.gap import share_left
 from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.flight_search import search_flight
-from tossid.diagnosis.selection.forward_selection import ForwardSelection
+from tossid.diagnosis.selection.forward_selection import ForwardSelection, SelectionPath
 from tossid.diagnosis.selection.search_result import SearchResult, replaced
 from tossid.diagnosis.under_way import UnderWay
 from tossid.physics.effects import Effect, World
@@ -79,42 +78,41 @@ class _Search:
         base = self.first.hypothesis.base if flight is None else flight.present.hypothesis.base
         hypothesis = self._with_contact_law(Hypothesis(base), flight)
         first, history, needed, classes = self._with_flight(hypothesis, flight)
-        found = self._in_contact(flight, first, history, needed, classes)
-        begun = self._begun_as_measured(first, found)
+        n_flight = 0 if flight is None else len(flight.present.hypothesis.effects)
+        contact = self._holding(history[-1], n_flight, self._library_beside(flight, classes))
+        path = contact.refit_until_stable(first, contact.run(first, history, 0.2))
+        begun = self._begun_as_measured(first, path, n_flight)
+        better = False
         if begun is not None:
-            history = [*found.history[: found.n_flight + 1], begun[0]]
-            other = self._in_contact(flight, first, history, needed, classes, begun[1])
-            if self.validator.p_value_over(other.present, found.present) < self._rounds.level:
-                found = replace(other, first_round=found.first_round, begun_as_measured=True)
-        return found
+            other = contact.run(first, (*path.history[: n_flight + 1], begun[0]), 0.2)
+            other = contact.refit_until_stable(first, replace(other, classes={**begun[1], **other.classes}))
+            better = self.validator.p_value_over(other.history[-1], path.history[-1]) < self._rounds.level
+            path = replace(other, first_round=path.first_round) if better else path
+        found = self._with_classes(flight, first, path, contact, needed, classes)
+        return replace(found, begun_as_measured=better)
 
-    def _in_contact(
+    def _with_classes(
         self,
         flight: SearchResult | None,
         first: Candidate,
-        history: Sequence[Candidate],
+        path: SelectionPath,
+        contact: ForwardSelection,
         needed: Needed,
         classes: Classes,
-        rivals: Mapping[str, tuple[Effect, ...]] = MappingProxyType({}),
     ) -> SearchResult:
-        """What all windows reveal beside what flight does.
+        """What all windows reveal beside what flight does, and what could stand in for each effect.
 
         Args:
             flight: What flight reveals.
             first: The hypothesis without effects.
-            history: The hypotheses on the way, of which the last one is where rounds begin.
+            path: How rounds in all windows went.
+            contact: These rounds.
             needed: Each effect of flight against the hypothesis without it.
             classes: The confusable classes of these.
-            rivals: For each further effect with which rounds begin, what may stand in for it.
         """
-        n_flight = 0 if flight is None else len(flight.present.hypothesis.effects)
-        library = self._library_beside(flight, classes)
-        contact = self._holding(history[-1], n_flight, library)
-        path = contact.run(first, history, 0.2)
-        path = replace(path, classes={**rivals, **path.classes})
+        n_flight, library = len(contact.validator.held), contact.library
         replacements = self.validator.settings.selection.most_replacements
         while True:
-            path = contact.refit_until_stable(first, path)
             present = best = path.history[-1]
             self.under_way.reached(present)
             if replacements and len(present.hypothesis.effects) > n_flight:
@@ -128,6 +126,7 @@ class _Search:
                 break
             path, replacements = path.ending_in(best), replacements - 1
             contact = self._holding(best, n_flight, library)
+            path = contact.refit_until_stable(first, path)
         needed = {**needed, **needed_too}
         return SearchResult(
             first,
@@ -143,7 +142,7 @@ class _Search:
         )
 
     def _begun_as_measured(
-        self, first: Candidate, found: SearchResult
+        self, first: Candidate, path: SelectionPath, n_flight: int
     ) -> tuple[Candidate, dict[str, tuple[Effect, ...]]] | None:
         """What flight reveals, with effects at the values that tosses say by themselves, and what may replace each.
 
@@ -151,34 +150,35 @@ class _Search:
 
         Args:
             first: The hypothesis without effects.
-            found: By forward selection from what flight reveals.
+            path: Of forward selection from what flight reveals.
+            n_flight: How many effects that is.
         """
-        closed, _ = share_left(first, found.present, self.validator, noise_floor(self.validator.windows))
+        found, flown = path.history[-1], path.history[n_flight]
+        closed, _ = share_left(first, found, self.validator, noise_floor(self.validator.windows))
         if not self._rounds.can_name or closed.value > self.validator.settings.verdict.all_closed:
             return None
-        said = self.measured(found.present.hypothesis.world())
-        flown = found.history[found.n_flight]
+        said = self.measured(found.hypothesis.world())
         hypothesis = flown.hypothesis
         for effect in self.library:
             if effect.name in said and effect.name not in hypothesis.names and len(effect.parameters) == 1:
                 hypothesis = hypothesis.plus(effect, np.array([said[effect.name]]))
-        if len(hypothesis.effects) == found.n_flight:
+        if len(hypothesis.effects) == n_flight:
             return None
         self.under_way("again, from what impacts and slides say", 0.2)
-        contact = self._holding(flown, found.n_flight, self.library)
+        contact = self._holding(flown, n_flight, self.library)
         begun = self.validator.evaluate(hypothesis.clipped(hypothesis.flat()))
         begun, without = contact.pruned(first, contact.refitted(begun))
-        names = begun.hypothesis.names[found.n_flight :]
+        names = begun.hypothesis.names[n_flight:]
         if not names:
             return None
         self.under_way.reached(begun)
-        return begun, {name: self._rivals(contact, first, without[name], name) for name in names}
+        return begun, {name: self._rivals(contact, without[name], name) for name in names}
 
-    def _rivals(self, contact: ForwardSelection, first: Candidate, without: Candidate, name: str) -> tuple[Effect, ...]:
-        """What gains much where an effect is left out, as in the round in which it would have joined."""
-        fitted = contact.round(first, without)
-        least = contact.settings.class_gain * max((each.total for each in fitted), default=0.0)
-        return tuple(each.effect for each in fitted if each.effect and each.name != name and each.total > least)
+    def _rivals(self, contact: ForwardSelection, without: Candidate, name: str) -> tuple[Effect, ...]:
+        """What gains much by one step where an effect is left out: with all others in, they are fitted in its place."""
+        promising = contact.promising(without)
+        least = contact.settings.class_gain * promising[0].gain if promising else 0.0
+        return tuple(each.effect for each in promising if each.effect.name != name and each.gain > least)
 
     def _with_flight(
         self, hypothesis: Hypothesis, flight: SearchResult | None

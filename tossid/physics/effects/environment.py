@@ -50,6 +50,7 @@ GROUND_TILT = Effect(
     apply=lambda world, p: replace(world, ground_tilt=(p["x_rad"], p["y_rad"])),
     mujoco=InMujoco(),
     mjcf=MjcfEdit(_write_ground),
+    starts=({"x_rad": 6e-3}, {"x_rad": -6e-3}, {"y_rad": 6e-3}, {"y_rad": -6e-3}),
     strength=Strength(2e-3, 0.1, directed("x_rad", "y_rad")),
     one_of_group=GROUP_OF_TILTS,
 )

@@ -58,7 +58,7 @@ class SelectionSettings:
     """level at which an effect that is worse than the best leaves its confusable class, ..."""
     class_closed: Fraction = 0.8
     """... if it also closes less than this share of what the best closes"""
-    hopeless: Positive = 300.0
+    hopeless: Positive = 1000.0
     """loss of log-likelihood from which a start is given up before windows that fit poorly are restarted"""
     class_gain: Fraction = 0.4
     """share of the best's gain of log-likelihood that an effect needs to be in its class"""
@@ -89,10 +89,8 @@ class RefinementSettings:
     """share at which the line search ends"""
     least_gain: Positive = 3.0
     """gain of log-likelihood that a move must bring"""
-    hopeless: Positive = 30.0
-    """loss of log-likelihood at first states near the present ones from which a move is given up"""
-    hopeless_at_once: Positive = 200.0
-    """the same at the present first states: of 200 to 300 lost there, others near by have made up for 90 at most"""
+    hopeless: Positive = 1000.0
+    """loss of log-likelihood at the present first states from which a move is given up"""
     shifts: tuple[Fraction, ...] = (0.25, 0.5, 0.75)
     """parts of a window's length by which windows are shifted for further fits"""
     perturbation: NonNegative = 0.1
