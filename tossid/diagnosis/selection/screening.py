@@ -110,7 +110,8 @@ def screen(validator: CrossValidator, present: Candidate, effect: Effect) -> Scr
         if tried is None or tried.gain <= begin.gain:
             break
         begin = tried
-    for between in _beside(begin.hypothesis, starts, nominal) if begin.gain > 0 else ():
+    ahead = begin.gain > share * best.gain
+    for between in _beside(begin.hypothesis, starts, nominal) if ahead else ():
         tried = with_own_states(between, begin.evidence)
         if tried is not None and tried.gain > begin.gain:
             begin = tried
