@@ -1,6 +1,6 @@
 """How far engines are from tossid's own on the same releases, by their time steps and approximations.
 
-    python -m pipelines.tools.experiments.engine_steps [tosses=12] [seed=5]
+    python -m pipelines.tools.experiments.simulated.engine_steps [tosses=12] [seed=5]
 
 A row an engine: the median over tosses of the mean distance over 75 frames [mm]. Engines that are not installed are
 left out. Contact turns small differences into large ones, so two right solvers of one rigid body differ here too.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pipelines.tools.experiments.engine_steps import distances
+from pipelines.tools.experiments.simulated.engine_steps import distances
 from tossid.settings.synthesis import LcpEngine
 
 
