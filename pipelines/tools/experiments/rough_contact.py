@@ -17,6 +17,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from tossid.diagnosis.diagnose import prepare
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World, effect_named
@@ -29,20 +30,16 @@ Array = NDArray[np.float64]
 TILTS = np.linspace(0.0, 4e-4, 41)
 """About x [rad]."""
 QUANTILES = (0.5, 0.75, 0.9)
+BOUNCING: Mapping[str, Sequence[float]] = {"restitution": [0.3]}
+FOUND: Mapping[str, Sequence[float]] = {**BOUNCING, "inertia": [1.33], "friction": [0.17]}
 WORLDS: dict[str, Mapping[str, Sequence[float]]] = {
     "as stated": {},
-    "restitution 0.3": {"restitution": [0.3]},
-    "and inertia 1.33, friction 0.17": {"restitution": [0.3], "inertia": [1.33], "friction": [0.17]},
-    "and adhesion 0.15 N": {"restitution": [0.3], "inertia": [1.33], "friction": [0.17], "adhesion": [0.15]},
-    "or cohesion 0.04 N": {"restitution": [0.3], "inertia": [1.33], "friction": [0.17], "cohesion": [0.04]},
-    "or size 0.967": {"restitution": [0.3], "inertia": [1.33], "friction": [0.17], "geometry": [0.967]},
-    "both of these": {
-        "restitution": [0.3],
-        "inertia": [1.33],
-        "friction": [0.17],
-        "cohesion": [0.04],
-        "geometry": [0.967],
-    },
+    "restitution 0.3": BOUNCING,
+    "and inertia 1.33, friction 0.17": FOUND,
+    "and adhesion 0.15 N": {**FOUND, "adhesion": [0.15]},
+    "or cohesion 0.04 N": {**FOUND, "cohesion": [0.04]},
+    "or size 0.967": {**FOUND, "geometry": [0.967]},
+    "both of these": {**FOUND, "cohesion": [0.04], "geometry": [0.967]},
 }
 """Effects of each world, with their values."""
 
@@ -94,9 +91,8 @@ def main(arguments: list[str]) -> None:
     path, *keys = arguments
     given = dict(each.split("=", 1) for each in keys)
     settings = changed(DiagnoseSettings(), {name: yaml.safe_load(value) for name, value in given.items()})
-    dataset = read_dataset(Path(path))
-    chosen = dataset.tosses if settings.split is None else dataset.of_split(settings.split)
-    sys.stdout.write(table(tuple(chosen)[: settings.tosses], dataset.object, settings) + "\n")
+    task = prepare(read_dataset(Path(path)), settings=settings)
+    sys.stdout.write(table(task.tosses, task.recorded, settings) + "\n")
 
 
 if __name__ == "__main__":

@@ -90,15 +90,14 @@ def decided_by_witnesses(found: SearchResult, validator: CrossValidator, asked: 
 
     least = against(found.present.hypothesis.world()) if any(found.classes.values()) else 0
     for name, group in found.classes.items():
-        present, chosen, before = found.present, None, least
+        present, fewest, chosen = found.present, least, None
         for each in group if least else ():
-            if (count := against(replaced(present.hypothesis, name, each).world())) < least:
-                least, chosen = count, each
+            if (count := against(replaced(present.hypothesis, name, each).world())) < fewest:
+                fewest, chosen = count, each
         if chosen is not None:
             instead = validator.cross_validate(present, None, replaced(present.hypothesis, name, chosen))
             flown = name in present.hypothesis.names[: found.n_flight]
             if flown and validator.p_value_over(present, instead) < validator.settings.selection.class_level:
-                least = before
                 continue
             needed = {**found.needed, chosen.name: chosen}
             others = tuple(each for each in (needed.pop(name), *group) if each is not chosen)

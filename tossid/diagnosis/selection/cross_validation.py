@@ -151,6 +151,11 @@ class CrossValidator:
             )
         return CrossValidator(windows, n, folds, n_threads, engine or Engine(), settings=settings)
 
+    @property
+    def screening(self) -> NDArray[np.bool_]:
+        """(n,) tosses with which values far from a hypothesis are tried first."""
+        return np.asarray(np.any(self.folds[: self.settings.selection.screening_folds], axis=0))
+
     def map(self, made: Callable[[Item], Made], items: Iterable[Item]) -> list[Made]:
         """made(item) of all items in order, several at once.
 

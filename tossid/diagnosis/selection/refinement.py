@@ -39,8 +39,7 @@ def line_searched(validator: CrossValidator, found: SearchResult) -> SearchResul
         found: What the search found.
     """
     present, settings = found.present, validator.settings.refinement
-    some = np.any(validator.folds[: validator.settings.selection.screening_folds], axis=0)
-    rows = np.flatnonzero(some[validator.windows.toss])
+    rows = np.flatnonzero(validator.screening[validator.windows.toss])
     part = replace(validator, windows=validator.windows.rows(rows))
     for effect in present.hypothesis.effects[found.n_flight :]:
         move = settings.largest_move if len(effect.parameters) == 1 else 0.0

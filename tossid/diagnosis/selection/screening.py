@@ -78,7 +78,7 @@ def screen(validator: CrossValidator, present: Candidate, effect: Effect) -> Scr
     best = _step(validator, now.scales, _Start(present.hypothesis, whole, base, 0.0), effect)
     if not effect.starts:
         return best
-    some = np.any(validator.folds[: validator.settings.selection.screening_folds], axis=0)
+    some = validator.screening
     share, part = float(some.mean()), whole.of_tosses(some)
     base = base[some[whole.windows.toss]]
     starts = [_at_start(nominal, effect, start) for start in effect.starts]
