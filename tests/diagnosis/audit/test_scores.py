@@ -184,3 +184,16 @@ def test_proper_scores_are_best_for_the_truth() -> None:
     # a certain answer that is wrong costs much, not everything
     assert of(1.0, False)["log"] == pytest.approx(-np.log(0.02))
     assert calibration([])["brier"] is None
+
+
+def test_a_right_name_that_is_too_small_to_matter_counts_unless_it_is_not_sure() -> None:
+    said = answer(verdict="no_gap", gravity={"classes": ("length_scale",), "parameters": {"g_ms2": (9.7, 9.8, 9.9)}})
+    said["explanation"]["minor"] = ["gravity"]
+    said["effects"][0]["verdict"] = "confusable"
+    found = score(truth("effect", gravity={"g_ms2": 9.79}), said)
+    assert found["right"]
+    assert (found["named"], found["minor"], found["missed"], found["false"]) == ([], ["gravity"], [], [])
+    assert [p["covered"] for p in found["parameters"]] == [True]
+    assert score(truth("null"), said)["right"]
+    said["effects"][0]["verdict"] = "candidate"
+    assert not score(truth("effect", gravity={"g_ms2": 9.79}), said)["right"]

@@ -194,8 +194,9 @@ def row_of(result: Mapping[str, Any]) -> dict[str, Any]:
         "changing": scored.get("changing", {}),
         "displacement": reached,
         "moves": ", ".join(f"{x:.0f}" for x in reached),
-        "named": ", ".join("/".join(group) for group in scored["classes"].values()) or "nothing",
-        "first": scored["named"][0] if scored["named"] else None,
+        "named": ", ".join("/".join(group) + _minor(scored, name) for name, group in scored["classes"].items())
+        or "nothing",
+        "first": next(iter(scored["classes"]), None),
         "class": first,
         "verdict": scored["verdict"],
         "right": scored["right"],
@@ -207,6 +208,10 @@ def row_of(result: Mapping[str, Any]) -> dict[str, Any]:
         "joint_ranks": scored["joint_ranks"],
         "seconds": result["seconds"],
     }
+
+
+def _minor(scored: Mapping[str, Any], name: str) -> str:
+    return " (too small to matter)" if name in scored.get("minor", ()) else ""
 
 
 def _when(case: Mapping[str, Any]) -> str:

@@ -90,7 +90,8 @@ def score(
         settings: What counts as right.
 
     Returns:
-        `right`: by the measure of the case's kind. `true` and `named`: in order. `false`: names that neither are true
+        `right`: by the measure of the case's kind; what is named as too small to matter counts after what matters.
+        `true`, `named` and `minor` (too small to matter): in order. `false`: names that matter, and neither are true
         nor share a class with a true one. `missed`: true ones that were not found. `parameters`: true values and
         estimates, with the `rank` of the true one and whether the effect `led` its class. `joint_ranks`: of true
         effects (`ranks`). `claims`: probabilities that were stated, and whether what they speak of is true (`claims`).
@@ -101,15 +102,17 @@ def score(
     kind, true = truth["case"]["kind"], dict(truth["effects"])
     found = {finding["name"]: finding for finding in gap["effects"]}
     named, verdict = list(gap["explanation"]["effects"]), gap["explanation"]["verdict"]
-    classes = {name: [name, *found[name]["confusable_with"]] for name in named}
+    minor = [name for name in gap["explanation"].get("minor", ()) if found[name]["verdict"] != "candidate"]
+    classes = {name: [name, *found[name]["confusable_with"]] for name in (*named, *minor)}
     inside = {t: any(t in group[: settings.largest_class] for group in classes.values()) for t in true}
     out: dict[str, Any] = {
         "kind": kind,
         "verdict": verdict,
         "true": list(true),
         "named": named,
+        "minor": minor,
         "classes": classes,
-        "false": [name for name, group in classes.items() if not set(group) & set(true)],
+        "false": [name for name in named if not set(classes[name]) & set(true)],
         "missed": [],
         "parameters": [],
         "joint_ranks": [],
@@ -128,7 +131,7 @@ def score(
     if kind == "without":
         phase_right = bool(set(where) & phases) if where else None  # an effect may be too weak to leave a gap
         return {**out, "right": verdict != "explained", "phase_right": phase_right, "false": named}
-    first = classes[named[0]] if named else []
+    first = next(iter(classes.values()), [])
     right = bool(true) and (any(t in first for t in true) and len(first) <= settings.largest_class)
     if kind in ("pair", "spoilt"):
         # beside a spoilt parameter, what no simulator has of real tosses may be found too
@@ -144,7 +147,7 @@ def score(
     for name, finding in estimated.items():
         freedom = max(1.0, finding["evidence"]["n_tosses"] - fitted)
         of_effect = [
-            _parameter(name, key, value, finding["parameters"][key], freedom, led=name in named, restored=restored)
+            _parameter(name, key, value, finding["parameters"][key], freedom, led=name in classes, restored=restored)
             for key, value in true[name].items()
             if key in finding["parameters"]
         ]

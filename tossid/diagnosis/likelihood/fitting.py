@@ -106,6 +106,26 @@ class Fitted:
         whole = max(float(np.median(np.einsum("i,nij,j->n", size, H, size))), 1e-12)
         return float(np.median(gain)) / noise, max(float(np.median(gain)) - noise, 0.0) / whole
 
+    def loss_by_noise(self, name: str, folds: Sequence[NDArray[np.bool_]]) -> Array:
+        """(n,) what an effect that is fitted to noise loses in log-likelihood on held-out tosses, on average.
+
+        That is half of d^T H d, where d are its values minus those that change nothing. It holds near these. Of effects
+        that are also sought from declared starts it is not known, and 0.
+
+        Args:
+            name: Of the effect.
+            folds: (n,) each, the tosses that are held out in turn.
+        """
+        hypothesis, out = self.hypothesis, np.zeros(len(self.H))
+        effect = hypothesis.effects[hypothesis.names.index(name)]
+        if effect.starts:
+            return out
+        own, nominal = hypothesis.place_of(name), effect.nominal(hypothesis.minus(name).world())
+        for held in folds:
+            d = (self.of_part(~held).flat()[own] - nominal) / hypothesis.steps[own]
+            out[held] = np.einsum("i,nij,j->n", d, self.H[held][:, own, own], d)
+        return 0.5 * self.evidence.density.curvature * out
+
     def covariance(self) -> Array:
         """(P, P) sandwich estimate over tosses, in the parameters' own units.
 

@@ -275,8 +275,8 @@ class CrossValidator:
         gain = self.gain_over(
             self._at_best_states(made, present.evidence), self._at_best_states(present, made.evidence)
         )
-        nominal = np.zeros(0) if effect is None else effect.nominal(present.hypothesis.world())
-        return replace(made, gain=gain, toss_gains=self._with_fit_loss(effect, fitted, nominal, self.by_part(gain)))
+        gains = self.by_part(gain) if effect is None else self.gains_of(effect.name, fitted, gain)
+        return replace(made, gain=gain, toss_gains=gains)
 
     def refit(self, evidence: Evidence, hypothesis: Hypothesis, rounds: int | None = None) -> Fitted:
         """All parameters of a hypothesis fitted together, and again from perturbed values while that gains.
@@ -383,17 +383,14 @@ class CrossValidator:
         gain = self.by_part(self.gain_over(one, other))
         return part_p_value(gain) if gain[0].sum() > 0 else 1.0
 
-    def _with_fit_loss(self, effect: Effect | None, fitted: Fitted, nominal: Array, gain: Array) -> Array:
-        """(G, n) gains, of which the first, of all windows, gets back what a fit to noise loses.
+    def gains_of(self, name: str, fitted: Fitted, gain: Array) -> Array:
+        """(G, n) gains by part of an effect, of which the first, of all windows, gets back what a fit to noise loses.
 
-        A fit to noise loses half of d^T H d on held-out tosses on average, where d are its values minus the nominal
-        ones. That holds near the nominal values; effects that are also sought from declared starts get nothing back.
+        Args:
+            name: Of the effect.
+            fitted: The hypothesis with it.
+            gain: (W,) of each window, over the hypothesis without it.
         """
-        if effect is None or effect.starts:
-            return gain
-        out, own, steps = gain.copy(), len(effect.parameters), fitted.hypothesis.steps
-        half = 0.5 * self.settings.likelihood.density.curvature
-        for held in self.folds:
-            d = (fitted.of_part(~held).flat()[-own:] - nominal) / steps[-own:]
-            out[0, held] += half * np.einsum("i,nij,j->n", d, fitted.H[held][:, -own:, -own:], d)
+        out = self.by_part(gain)
+        out[0] += fitted.loss_by_noise(name, self.folds)
         return out

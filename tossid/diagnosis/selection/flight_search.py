@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.selection.confusable import ConfusableClasses
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.forward_selection import ForwardSelection
 from tossid.diagnosis.selection.search_result import SearchResult
@@ -37,7 +38,7 @@ def search_flight(validator: CrossValidator, library: Sequence[Effect], hypothes
     first = rounds.validator.evaluate(hypothesis)
     path = rounds.run(first, [first])
     last = path.history[-1]
-    needed, classes = rounds.confusable_classes(last, path.without, path)
+    needed, classes = ConfusableClasses(rounds).of(last, path.without, path)
     others = _other_laws(rounds, last, classes)
     present = _with_fitted_law(rounds, _without_makeshifts(rounds, first, last, others), others)
     names = set(present.hypothesis.names)

@@ -1,10 +1,9 @@
-"""Forward selection of effects, and the confusable classes of those that were selected.
+"""Forward selection of effects.
 
 In a round every effect of the library is screened by the gain of one step, the promising ones are fitted in full, and
 cross-validated. The best joins if its gain is significant over tosses (signed ranks, Bonferroni over the library) and
-closes enough of the gap. A special case is preferred to an effect that contains it. After every round, effects that
-the others have made superfluous are pruned. Last, what gained much in the round in which an effect joined is tried in
-its place, with all other effects in: what is not clearly worse there is in its confusable class.
+closes enough of the gap. A special case is preferred to an effect that contains it, unless a second effect is needed
+where the general one does as well alone. After every round, effects that the others have made superfluous are pruned.
 """
 
 from __future__ import annotations
@@ -101,6 +100,7 @@ class ForwardSelection:
         first_round: dict[str, Candidate] = {}
         runners_up: list[Candidate] = []
         without: dict[str, Candidate] = {}
+        general: list[tuple[str, Candidate]] = []
         for turn in range(self.settings.most_rounds if self.can_name else 0):
             if len(present.hypothesis.effects) == self.settings.most_effects:
                 break
@@ -115,11 +115,26 @@ class ForwardSelection:
             best = self._simplest(significant)
             least = self.settings.class_gain * best.total
             runners_up = [each for each in fitted if each is not best and each.total > least]
-            classes[best.name] = tuple(each.effect for each in runners_up if each.effect is not None)
+            classes[best.name] = self._rivals(best, runners_up)
             known = {best.name: replace(present, gain=-best.gain)}
+            one = self._one_for_both(best, general)
+            general += [(best.name, each) for each in significant if best.name in _contained(each)]
+            if one is not None:
+                special, both = one
+                parts = [effect for effect in best.hypothesis.effects if effect.name in (special, best.name)]
+                rivals = [*parts, *(effect for part in parts for effect in classes.pop(part.name, ()))]
+                distinct = {effect.name: effect for effect in rivals if effect.name != both.name}
+                classes[both.name] = tuple(distinct.values())
+                history = [each for each in history if special not in each.hypothesis.names]
+                best, known = both, {}
             present, without = self.pruned(first, self.refitted(best), known, thorough=False)
+            again = [k for k, each in enumerate(history) if set(each.hypothesis.names) == set(present.hypothesis.names)]
             history.append(present)
             self.under_way.reached(present)
+            if again:
+                # what joins and leaves again would do so for ever
+                history.append(self._most_likely(history[again[0] :]))
+                break
         return SelectionPath(tuple(history), first_round, classes, tuple(runners_up), without)
 
     def refit_until_stable(self, first: Candidate, path: SelectionPath) -> SelectionPath:
@@ -170,9 +185,9 @@ class ForwardSelection:
         if promising:
             self.under_way(f"fitting, with {promising[0].effect.name} as the first suspect", share)
         likely = sum(each.gain > self.settings.second_choice * promising[0].gain for each in promising)
-        fitted = self.validator.map(partial(self._fitted, present), promising[:likely])
+        fitted = self.validator.map(partial(self.fitted, present), promising[:likely])
         if not any(self.is_significant(first, present, each) for each in fitted):
-            fitted += self.validator.map(partial(self._fitted, present), promising[likely:])
+            fitted += self.validator.map(partial(self.fitted, present), promising[likely:])
         return fitted
 
     def promising(self, present: Candidate, least_gain: float = 0.0) -> list[Screened]:
@@ -189,7 +204,13 @@ class ForwardSelection:
         promising = sorted((each for each in screened if each.gain > least), key=lambda each: -each.gain)
         return promising[: self.settings.candidates]
 
-    def _fitted(self, present: Candidate, promising: Screened) -> Candidate:
+    def fitted(self, present: Candidate, promising: Screened) -> Candidate:
+        """An effect fitted beside those of a hypothesis, and cross-validated.
+
+        Args:
+            present: The hypothesis.
+            promising: The effect, and where its fit begins.
+        """
         near = promising.evidence(present)
         return self.validator.cross_validate(present, promising.effect, promising.start, near=near)
 
@@ -205,7 +226,7 @@ class ForwardSelection:
 
     def _closes_enough(self, first: Candidate, before: Candidate, after: Candidate) -> bool:
         """Whether a share of the deviance worth naming is closed, in free flight alone or in all other windows."""
-        closed, free = _closed(before, after), self.validator.windows.free
+        closed, free = deviance_closed(before, after), self.validator.windows.free
         whole = first.evidence.deviances(first.fitted.residuals)
         least = self.settings.least_closed
         return any(part.any() and closed[part].sum() > least * whole[part].sum() for part in (free, ~free))
@@ -245,8 +266,8 @@ class ForwardSelection:
             asked = [name for name in present.hypothesis.names if name not in validator.held | known.keys()]
             if not thorough:
                 asked = [name for name in asked if not self._is_clearly_needed(present, name)]
-            without = dict(zip(asked, validator.map(partial(_without, validator, present), asked), strict=True))
-            gains = {name: validator.by_part(-each.gain) for name, each in without.items()}
+            without = dict(zip(asked, validator.map(partial(self.without, present), asked), strict=True))
+            gains = {name: validator.gains_of(name, present.fitted, -each.gain) for name, each in without.items()}
             superfluous = [
                 name
                 for name, gain in gains.items()
@@ -257,6 +278,15 @@ class ForwardSelection:
             if not superfluous:
                 return present, {**known, **without}
             present, known = without[min(superfluous, key=lambda name: gains[name][0].sum())], {}
+
+    def without(self, present: Candidate, name: str) -> Candidate:
+        """The hypothesis without one effect, refitted and cross-validated.
+
+        Args:
+            present: The hypothesis.
+            name: Of the effect.
+        """
+        return self.validator.cross_validate(present, None, present.hypothesis.minus(name), 5)
 
     def _is_clearly_needed(self, present: Candidate, name: str) -> bool:
         """Whether an effect's parameters are far from their nominal values (Wald's test, by its own fit)."""
@@ -272,125 +302,60 @@ class ForwardSelection:
         wald = float(away / size @ np.linalg.pinv(correlation, hermitian=True) @ (away / size))
         return not effect.near_nothing and wald > self.settings.clearly_needed
 
+    def _rivals(self, best: Candidate, runners_up: Sequence[Candidate]) -> tuple[Effect, ...]:
+        """What may stand in for an effect: what gained much beside it, and all that contains it."""
+        known = tuple(each.effect for each in runners_up if each.effect is not None)
+        names = {best.name, *best.hypothesis.names, *(effect.name for effect in known)}
+        more = (effect for effect in self.library if best.name in effect.contains and effect.name not in names)
+        return (*known, *more)
+
+    def _one_for_both(self, best: Candidate, general: Sequence[tuple[str, Candidate]]) -> tuple[str, Candidate] | None:
+        """A general effect in place of what joins and of a special case of it that joined before, if it does as well.
+
+        Args:
+            best: With what joins.
+            general: Significant effects that contain one that joined before, beside the same others, with its name.
+
+        Returns:
+            The special case, and the hypothesis with the general effect; None if there is none.
+        """
+        names = frozenset(best.hypothesis.names)
+        for special, each in general:
+            others = names - {special, best.name}
+            both = special in names and frozenset(each.hypothesis.names) == others | {each.name}
+            if both and self.validator.p_value_over(best, each) > self.settings.class_level:
+                return special, each
+        return None
+
+    def _most_likely(self, hypotheses: Sequence[Candidate]) -> Candidate:
+        """The one that predicts held-out tosses best."""
+        first, validator = hypotheses[0], self.validator
+        return max(hypotheses, key=lambda each: float(validator.by_toss(validator.gain_over(each, first)).sum()))
+
     def _simplest(self, significant: Sequence[Candidate]) -> Candidate:
         """The best, or a special case of it where the best is not significantly better."""
         best = max(significant, key=lambda each: each.total)
         while True:
-            special = () if best.effect is None else best.effect.contains
             inner = [
                 each
                 for each in significant
-                if each.name in special and self.validator.p_value_over(best, each) > self.level
+                if each.name in _contained(best) and self.validator.p_value_over(best, each) > self.level
             ]
             if not inner:
                 return best
             best = max(inner, key=lambda each: each.total)
 
-    # ------------------------------------------------------------ confusable classes
 
-    def confusable_classes(
-        self, present: Candidate, without: Mapping[str, Candidate], path: SelectionPath
-    ) -> tuple[dict[str, Candidate], dict[str, tuple[Candidate, ...]]]:
-        """Each effect against the hypothesis without it, and what of its class could stand in for it.
-
-        Args:
-            present: The hypothesis.
-            without: It without each of its effects, by name.
-            path: How it was selected.
-
-        Returns:
-            Both by name of the effects that are not held.
-        """
-        needed, classes = {}, {}
-        asked = [name for name in present.hypothesis.names if name not in self.validator.held]
-        missing = [name for name in asked if name not in without]
-        made = self.validator.map(partial(_without, self.validator, present), missing)
-        without = {**without, **dict(zip(missing, made, strict=True))}
-        for effect in present.hypothesis.effects:
-            if effect.name in self.validator.held:
-                continue
-            gain = -without[effect.name].gain
-            needed[effect.name] = replace(present, effect=effect, gain=gain, toss_gains=self.validator.by_part(gain))
-            rivals = [each for each in path.classes.get(effect.name, ()) if each.name not in present.hypothesis.names]
-            classes[effect.name] = self._stand_ins(without[effect.name], needed[effect.name], rivals, path.runners_up)
-        return needed, classes
-
-    def best_of_classes(self, present: Candidate, classes: Mapping[str, Sequence[Candidate]]) -> Candidate:
-        """The hypothesis, or the one with another effect of a class in its effect's place that is clearly better.
-
-        All are fitted from first states sought for each alone: states that have long followed one hypothesis hold the
-        others back.
-
-        Args:
-            present: The hypothesis.
-            classes: For each effect, the hypotheses with another in its place.
-        """
-        rivals = [(name, each) for name, group in classes.items() for each in group]
-        if not rivals:
-            return present
-        own, *fitted = self.validator.map(self._refitted_afresh, [present, *(each for _, each in rivals)])
-        best = own if self.validator.p_value_over(own, present) < self.settings.class_level else present
-        ahead = [
-            each
-            for (name, rival), each in zip(rivals, fitted, strict=True)
-            if self.is_better_instead(each, best, rival.effect, name)
-        ]
-        return max(ahead, key=lambda each: float(self.validator.gain_over(each, best).sum()), default=best)
-
-    def _refitted_afresh(self, one: Candidate) -> Candidate:
-        """A hypothesis refitted from first states that are sought for it alone."""
-        begun = self.validator.evaluate(one.hypothesis)
-        return self.refitted(replace(one, fitted=begun.fitted), self.validator.settings.cross_validation.refits)
-
-    def is_better_instead(self, one: Candidate, other: Candidate, effect: Effect | None, instead: str) -> bool:
-        """Whether a hypothesis with an effect in place of another is clearly better.
-
-        An effect that contains the other always fits as well, and has to be better at the level of a new effect.
-
-        Args:
-            one: The hypothesis with the effect.
-            other: The hypothesis with the other.
-            effect: The effect.
-            instead: The other's name.
-        """
-        contains = effect is not None and instead in effect.contains
-        return self.validator.p_value_over(one, other) < (self.level if contains else self.settings.class_level)
-
-    def _is_confusable(self, before: Candidate, best: Candidate, other: Candidate) -> bool:
-        """Whether the tosses cannot distinguish `other` from `best`; a more general effect always fits as well."""
-        validator, settings = self.validator, self.settings
-        if other.effect is None or other is best or not other.total > max(0.0, settings.class_gain * best.total):
-            return False
-        if best.name in other.effect.contains:
-            return validator.p_value_over(other, best) < settings.general_level
-        closed, best_closed = (float(validator.by_toss(_closed(before, each)).sum()) for each in (other, best))
-        return closed > settings.class_closed * best_closed or (
-            validator.p_value_over(best, other) > settings.class_level
-        )
-
-    def _stand_ins(
-        self, without: Candidate, best: Candidate, others: Sequence[Effect], known: Sequence[Candidate]
-    ) -> tuple[Candidate, ...]:
-        """Which others could stand in for an effect, with all the rest in.
-
-        Those that are `known` beside the same effects are taken as they were fitted.
-        """
-        beside = set(without.hypothesis.names)
-        same = {each.name: each for each in known if set(each.hypothesis.names) == beside | {each.name}}
-
-        def fitted(other: Effect) -> Candidate:
-            return same.get(other.name) or self._fitted(without, screen(self.validator, without, other))
-
-        out = [each for each in self.validator.map(fitted, others) if self._is_confusable(without, best, each)]
-        out.sort(key=lambda each: -each.total)
-        return tuple(out[: self.settings.largest_class - 1])
+def _contained(candidate: Candidate) -> tuple[str, ...]:
+    """Names of the special cases of the effect that joined last."""
+    return () if candidate.effect is None else candidate.effect.contains
 
 
-def _closed(before: Candidate, after: Candidate) -> Array:
-    """(W,) how much less deviance a hypothesis has than another."""
+def deviance_closed(before: Candidate, after: Candidate) -> Array:
+    """(W,) how much less deviance a hypothesis has than another.
+
+    Args:
+        before: The other.
+        after: The hypothesis.
+    """
     return before.evidence.deviances(before.fitted.residuals) - after.evidence.deviances(after.fitted.residuals)
-
-
-def _without(validator: CrossValidator, present: Candidate, name: str) -> Candidate:
-    """The hypothesis without one effect, refitted and cross-validated."""
-    return validator.cross_validate(present, None, present.hypothesis.minus(name), 5)

@@ -20,6 +20,7 @@ import numpy as np
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.gap import share_left
 from tossid.diagnosis.localisation.noise import noise_floor
+from tossid.diagnosis.selection.confusable import ConfusableClasses
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.flight_search import search_flight
 from tossid.diagnosis.selection.forward_selection import ForwardSelection, SelectionPath
@@ -120,8 +121,8 @@ class _Search:
                 best, needed, classes = self._decided_by_contact(present, needed, classes, afresh=True)
             if best is present:
                 self.under_way("what could stand in for each", 0.88)
-                needed_too, classes_too = contact.confusable_classes(present, path.without, path)
-                best = contact.best_of_classes(present, classes_too) if replacements else present
+                needed_too, classes_too = ConfusableClasses(contact).of(present, path.without, path)
+                best = ConfusableClasses(contact).best_of_classes(present, classes_too) if replacements else present
             if best is present:
                 break
             path, replacements = path.ending_in(best), replacements - 1
@@ -259,7 +260,7 @@ class _Search:
             The hypothesis, and the two others with the effects that it has.
         """
         validator, needed, decided = self.validator, dict(needed), {}
-        near, own = None if afresh else best, None
+        near, own, compare = None if afresh else best, None, ConfusableClasses(self._rounds)
         for name, others in classes.items():
             group, k_best = [needed.pop(name), *others], 0
             if others:
@@ -268,7 +269,7 @@ class _Search:
                 evaluated = [own, *validator.map(partial(validator.evaluate, near=near), asked)]
                 for k in range(1, len(evaluated)):
                     effect, instead = group[k].effect, group[k_best].name
-                    if self._rounds.is_better_instead(evaluated[k], evaluated[k_best], effect, instead):
+                    if compare.is_better_instead(evaluated[k], evaluated[k_best], effect, instead):
                         k_best = k
                 if k_best:
                     best = own = evaluated[k_best]

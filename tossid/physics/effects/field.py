@@ -91,7 +91,7 @@ POSITION_FORCE = Effect(
     mjcf=MjcfEdit(_write_spring, of_links=SHARED_AMONG_LINKS),
     strength=Strength(0.05, 15.0, _pull_of_size),
     contains=("uniform_force", "gravity"),
-    starts=({"k_npm": 0.5}, {"k_npm": 5.0}),
+    starts=({"k_npm": 0.05}, {"k_npm": 0.5}, {"k_npm": 5.0}),
     powered=(PoweredForce.SPRING, "distance"),
     of_place=True,
 )

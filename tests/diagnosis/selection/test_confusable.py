@@ -1,0 +1,57 @@
+"""What could stand in for an effect: what does as well, and what contains it if it is a little better."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.by_hand import EFFECTS
+from tests.diagnosis.tossed import ONCE, seen
+from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.selection.confusable import ConfusableClasses
+from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.selection.forward_selection import ForwardSelection, SelectionPath
+from tossid.diagnosis.under_way import UnderWay
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World
+
+LIBRARY = [EFFECTS[name] for name in ("gravity", "time_base", "linear_drag", "uniform_force", "position_force")]
+
+
+def in_flight(cube: ObjectModel, name: str, values: list[float]) -> tuple[ForwardSelection, SelectionPath]:
+    """Rounds on the flights of sixteen tosses with an effect, and how they went."""
+    tosses = seen(EFFECTS[name].at(World(cube), np.array(values)), cube, 16, seed=4)
+    validator = CrossValidator.of(tosses, cube, seed=0, settings=ONCE)
+    validator = replace(validator, windows=validator.windows.rows(np.flatnonzero(validator.windows.free)))
+    rounds = ForwardSelection(validator, LIBRARY, UnderWay())
+    first = validator.evaluate(Hypothesis(World(cube)))
+    return rounds, rounds.run(first, [first])
+
+
+def test_flight_cannot_distinguish_gravity_from_the_clock(cube: ObjectModel) -> None:
+    rounds, path = in_flight(cube, "gravity", [9.7])
+    needed, classes = ConfusableClasses(rounds).of(path.history[-1], path.without, path)
+    (name,) = needed
+    assert {name, *(each.name for each in classes[name])} >= {"gravity", "time_base"}
+    assert "linear_drag" not in {each.name for each in classes[name]}
+    assert needed[name].p_value < rounds.level
+
+
+@pytest.mark.parametrize("place", [[0.1, -0.2, 0.3]])
+def test_a_weak_spring_is_no_less_than_in_the_class_of_a_force(cube: ObjectModel, place: list[float]) -> None:
+    rounds, path = in_flight(cube, "position_force", [0.05, *place])
+    present = path.history[-1]
+    _, classes = ConfusableClasses(rounds).of(present, path.without, path)
+    (name,) = present.hypothesis.names
+    assert "position_force" in {name, *(each.name for each in classes[name])}
+
+
+def test_what_contains_an_effect_has_to_be_clearly_better_than_it(cube: ObjectModel) -> None:
+    rounds, path = in_flight(cube, "gravity", [9.7])
+    compare, here = ConfusableClasses(rounds), path.history[-1]
+    nothing = path.history[0]
+    assert compare.is_better_instead(here, nothing, EFFECTS["uniform_force"], "gravity")
+    assert not compare.is_better_instead(nothing, here, EFFECTS["uniform_force"], "gravity")
+    assert not compare.is_better_instead(here, here, EFFECTS["time_base"], "gravity")
