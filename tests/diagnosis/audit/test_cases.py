@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
+from tests.models.made import DT, thrown
 from tossid.diagnosis.audit.cases import Case, draw_cases, draw_spoilt
 from tossid.diagnosis.audit.unknown_forces import UNKNOWN_FORCES
-from tossid.physics.effects import LIBRARY, effect_named
+from tossid.objects import ObjectModel
+from tossid.physics.effects import LIBRARY, World, effect_named
 from tossid.settings.diagnosis.audit import AuditSettings
 
 KINDS = AuditSettings().kinds
@@ -49,6 +53,31 @@ def test_several_effects_at_once_are_no_two_forms_of_one() -> None:
         for name in case.effects:
             effect = effect_named(name)
             assert not ({*effect.contains, *effect.made_of, *effect.one_of_group} - {name}) & set(case.effects)
+
+
+def test_no_pair_is_one_effect(cube: ObjectModel) -> None:
+    pairs = [set(case.effects) for case in drawn(2000, kinds=("pair",))]
+    assert {"friction", "gravity"} in pairs
+    for one in (
+        {"gravity", "time_base"},
+        {"uniform_force", "time_base"},
+        {"position_force", "time_base"},
+        {"wind", "uniform_force"},
+        {"ground_tilt", "world_tilt"},
+    ):
+        assert one not in pairs
+
+
+def test_a_clock_beside_a_constant_force_is_another_constant_force(cube: ObjectModel) -> None:
+    """Recorded times are true times over a rate, so that recorded accelerations are true ones over its square."""
+    force, rate, weight = np.array([-0.1, -0.05, -0.08]), 0.8, 9.81 * float(cube.mass.sum())
+    both = effect_named("uniform_force").at(effect_named("time_base").at(World(cube), np.array([rate])), force)
+    one = (force - np.array([0.0, 0.0, weight])) / rate**2 + np.array([0.0, 0.0, weight])
+    alone = effect_named("uniform_force").at(World(cube), one)
+    q, v = thrown(np.random.default_rng(1), 4)
+    motions = [world.roll_out(q, v, n_steps=40, dt=DT, substeps=32) for world in (both, alone)]
+    np.testing.assert_allclose(motions[0][..., :3], motions[1][..., :3], atol=3e-4)
+    assert np.abs(motions[0] - World(cube).roll_out(q, v, n_steps=40, dt=DT, substeps=32)).max() > 0.01
 
 
 def test_only_kinds_that_are_asked_for_are_drawn() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from tossid.diagnosis.audit.over_order import CONSTANT, FORMS, NONE, OrderOfCase, draw_order
 from tossid.diagnosis.audit.strengths import SPOILT
 from tossid.diagnosis.audit.unknown_forces import UNKNOWN_FORCES
-from tossid.physics.effects import all_effects, effect_named
+from tossid.physics.effects import Effect, all_effects, effect_named
 from tossid.settings.diagnosis.audit import CaseKind
 
 Kind = CaseKind | Literal["spoilt", "order"]
@@ -196,23 +196,33 @@ def _endless(names: list[str], rng: np.random.Generator) -> Iterator[str]:
 
 
 def _pair(names: Iterator[str]) -> tuple[str, str]:
-    """Two effects of different families, of which none contains the other."""
+    """Two effects of different families that are not one."""
     first = next(names)
     while True:
         second = next(names)
         one, other = effect_named(first), effect_named(second)
-        if one.family != other.family and second not in one.contains and first not in other.contains:
+        if one.family != other.family and not _are_one(one, other):
             return first, second
 
 
 def _together(names: Iterator[str], count: int) -> tuple[str, ...]:
-    """Some effects of which none contains another, is made of others, or does what another one does."""
-    chosen: list[str] = []
+    """Some effects of which no two are one."""
+    chosen: list[Effect] = []
     while len(chosen) < count:
-        name = next(names)
-        effect, others = effect_named(name), [effect_named(each) for each in chosen]
-        alike = {*effect.contains, *effect.made_of, *effect.one_of_group, name}
-        alike |= set(_NOT_BOTH) if name in _NOT_BOTH else set()
-        if all(other.name not in alike and name not in (*other.contains, *other.made_of) for other in others):
-            chosen.append(name)
-    return tuple(chosen)
+        effect = effect_named(next(names))
+        if not any(_are_one(effect, other) for other in chosen):
+            chosen.append(effect)
+    return tuple(effect.name for effect in chosen)
+
+
+def _are_one(one: Effect, other: Effect) -> bool:
+    """Whether two effects together do no more than one of them or a third, so that no toss could tell both.
+
+    Among these are effects of which one contains what the other is made of. In rigid contact, which has no time scale,
+    a clock of another rate is more gravity. Beside a constant force, which contains gravity, it is another constant
+    force.
+    """
+    if one.name == other.name or {one.name, other.name} == set(_NOT_BOTH) or other.name in one.one_of_group:
+        return True
+    has, others = ({each.name, *each.contains} for each in (one, other))
+    return other.name in has or one.name in others or bool(one.made_of & others) or bool(other.made_of & has)
