@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
 import pytest
 
 from tests.diagnosis.by_hand import EFFECTS, gap, hypothesis
@@ -11,7 +15,7 @@ from tossid.diagnosis.findings import Interval, Share
 from tossid.diagnosis.localisation.refusal import Growth, RolloutCheck
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.result import Verdict
-from tossid.diagnosis.verdict import gap_verdict, verdict_by_rollouts
+from tossid.diagnosis.verdict import gap_verdict, names_that_stand, verdict_by_rollouts
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 
@@ -70,6 +74,34 @@ def test_verdict(
     share = Interval(closed, closed - 0.05, closed + 0.05)
     found = gap_verdict(gap(before, n=8), gap(after, n=8), share, unnamed, unexplained, any_named=named)
     assert found == verdict
+
+
+@pytest.mark.parametrize(
+    ("within", "mattering", "verdict", "standing"),
+    [
+        (False, ("friction",), "unexplained", set()),
+        (True, ("friction",), "partly_explained", {"friction"}),
+        (True, (), "unexplained", {"friction"}),
+    ],
+)
+def test_names_of_contact_stand_where_solvers_disagree_as_much_as_is_left(
+    cube: ObjectModel, within: bool, mattering: tuple[str, ...], verdict: Verdict, standing: set[str]
+) -> None:
+    windows = SimpleNamespace(inside=np.zeros((1, 1), bool), free=np.zeros(1, bool))
+    there, nothing = hypothesis(cube, friction=[0.21]), np.zeros((1, 1, 1))
+    present = SimpleNamespace(hypothesis=there, evidence=SimpleNamespace(windows=windows), judged=nothing)
+    present.fitted = SimpleNamespace(hypothesis=there, residuals=nothing)
+    found = SimpleNamespace(present=present, n_flight=0, unnamed=frozenset(), classes={})
+    floor = SimpleNamespace(rms=1.0)
+    got = names_that_stand(
+        "unexplained",
+        mattering,
+        cast(Any, found),
+        cast(Any, SimpleNamespace(settings=ONCE, n=1, folds=())),
+        cast(Any, floor),
+        within_disagreement=within,
+    )
+    assert got == (verdict, standing)
 
 
 @pytest.mark.parametrize(

@@ -123,3 +123,17 @@ def test_resistance_to_rolling_hardly_hangs_on_the_step(cube: ObjectModel) -> No
     landed = int((fine.lam_n[0].sum(axis=1) > 0).argmax())
     assert landed < 11
     np.testing.assert_allclose(coarse.q[0, landed + 3, :3], fine.q[0, landed + 3, :3], atol=1e-5)
+
+
+def test_cohesion_acts_from_the_landing_on_whatever_the_step(cube: ObjectModel) -> None:
+    """A cube lands flat at 1 m/s across: by the load of the step before, it slid on for a step without cohesion."""
+    sticky = World(cube.with_changes(cohesion=0.3))
+    q = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
+    q[0, 2] = 5e-4 - corner_positions(cube, q)[..., 2].min()
+    v = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    coarse, fine = (
+        sticky.roll_out(q, v, n_steps=12, dt=DT, substeps=substeps, impact_parts=2)[0, -1, 0] for substeps in (2, 64)
+    )
+    assert abs(coarse - fine) < 5e-4
+    plain = World(cube).roll_out(q, v, n_steps=12, dt=DT, substeps=64, impact_parts=2)[0, -1, 0]
+    assert plain - fine > 5e-3

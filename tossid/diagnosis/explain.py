@@ -233,10 +233,11 @@ def _concluded(
         lambda: misspecification(present, validator, floor, seed=seed),
     )
     small = disagreement is not None and left.total.value <= disagreement.gap
+    within = disagreement is not None and left.total.low <= disagreement.gap and closed.low > 0
     # solvers agree in flight, so they do not explain an effect that was found there without a name
     if verdict == "unexplained" and small and not (mattering or nameless):
         verdict = "within_solver_disagreement"
-    verdict, standing = names_that_stand(verdict, mattering, found, validator, floor)
+    verdict, standing = names_that_stand(verdict, mattering, found, validator, floor, within_disagreement=within)
     sure = [name for name in mattering if name in standing]
     rollouts = check_rollouts(tosses, unseen, validator, first.hypothesis, present.hypothesis, inside, folds, theirs)
     refused = frozenset() if rollouts is None else frozenset(rollouts.refused)
@@ -245,7 +246,7 @@ def _concluded(
     contradicted = frozenset() if verdict == "explained" else contradicted_names(said, inside)
     if verdict == "partly_explained" and not set(sure) - contradicted:
         verdict = "unexplained"
-    candidates = {*inside} if verdict == "unexplained" else {*inside} - standing | refused | contradicted
+    candidates = {*inside} - standing | refused | contradicted
     place, steps = validator.together(
         lambda: locate(tosses, first, present, gap, left, seed=seed, settings=settings),
         lambda: [

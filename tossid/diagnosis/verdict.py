@@ -67,7 +67,13 @@ def verdict_by_rollouts(verdict: Verdict, check: RolloutCheck | None, names: Seq
 
 
 def names_that_stand(
-    verdict: Verdict, mattering: Collection[str], found: SearchResult, validator: CrossValidator, floor: Floor
+    verdict: Verdict,
+    mattering: Collection[str],
+    found: SearchResult,
+    validator: CrossValidator,
+    floor: Floor,
+    *,
+    within_disagreement: bool = False,
 ) -> tuple[Verdict, frozenset[str]]:
     """The effects whose part of the gap is explained, and the verdict that follows.
 
@@ -78,7 +84,8 @@ def names_that_stand(
       that are sought, and a force does in contact what it does in flight. So a wrong law of contact says nothing
       against it. Effects that also move the body's points, or change lengths and times, contact could contradict. They
       stand where a force may be the cause in their place, or as a class that has all possible causes.
-    - **Effects of contact stand if they close much of the gap that those of flight leave.**
+    - **Effects of contact stand if they close much of the gap that those of flight leave,** or if what is left is not
+      clearly more than exact solvers of the same rigid body disagree on. No effect could close that.
 
     Args:
         verdict: By the whole gap.
@@ -86,6 +93,8 @@ def names_that_stand(
         found: What the search found.
         validator: Of all windows.
         floor: The noise floor.
+        within_disagreement: Whether a part of the gap is surely closed, and what is left is not clearly more than
+            solvers disagree on.
 
     Returns:
         The verdict, and the names that stand. A gap that is not all explained is partly explained if one of those that
@@ -95,9 +104,9 @@ def names_that_stand(
     if verdict not in ("unexplained", "partly_explained"):
         return verdict, names
     flight = found.present.hypothesis.names[: found.n_flight]
-    if verdict == "unexplained":
+    if verdict == "unexplained" and not within_disagreement:
         names = _certain_in_flight(found, validator, floor)
-    elif 0 < len(flight) < len(names):
+    elif 0 < len(flight) < len(names) and not within_disagreement:
         closed, _ = share_left(found.history[found.n_flight], found.present, validator, floor)
         if closed.value <= validator.settings.verdict.partly_closed:
             names = frozenset(flight)

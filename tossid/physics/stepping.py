@@ -46,9 +46,9 @@ end. Friction of what slides on is against the mean slip, and of what may stop a
 comes to the ground too slowly for a strike, the step is that of above.
 
 Cohesion c lets friction grow less than in proportion to load (Mohr and Coulomb),
-|lam_t| <= mu lam_n + c h, with the load of the step before in place of this one's:
-the friction coefficient of the step is min(2 mu, mu + c h / lam_n of the step before),
-and mu where there was no load.
+|lam_t| <= mu lam_n + c h: the friction coefficient of the step is min(2 mu, mu + c h / lam_n),
+and mu where there is no load. lam_n is first that of the step before. Where steps end at impacts,
+the step is then solved again with its own.
 """
 
 from __future__ import annotations

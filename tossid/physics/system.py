@@ -65,8 +65,7 @@ class System(NamedTuple):
         k_res: a learned acceleration.
         compliance: how far a corner sinks for each newton on it, 1 / stiffness [m/N]; 0 for rigid contact.
         relaxation: damping over stiffness of a corner [s]: what sank comes out as exp(-t / relaxation).
-        cohesion: c of |f_t| <= mu f_n + c [N], of a corner that carried load in the step before; the bound stays
-            below 2 mu f_n. The law is in `stepping`.
+        cohesion: c of |f_t| <= mu f_n + c [N]; the bound stays below 2 mu f_n. The law is in `stepping`.
         forces: (17,) the fields of `forces.Forces` in their order, (0,) for none.
         law: (10,) the fields of `forces.Law` in their order, (0,) for a constant friction.
         joints: what acts in the joints; empty arrays for nothing.

@@ -41,8 +41,8 @@ RESTING, QUIET = 100.0, 4
 """Speed [m/s] and spin [rad/s] in sum, over the solver's tolerance, below which a body in rigid contact is at rest
 after so many steps. What gives way creeps on, and is followed."""
 REPEATS = 2
-"""Times that a step is solved again for resistance to spin, which hangs on the step's own load. Where steps do not end
-at impacts, the last step's load stands for it."""
+"""Times that a step is solved again for resistance to spin, which hangs on the step's own load, and half as often for
+cohesion, which does so too. Where steps do not end at impacts, the last step's load stands for it."""
 RUNAWAY = 1e9
 """Sum of a state's numbers above which the toss has left all bounds."""
 
@@ -251,7 +251,7 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
     whole = not (cut and rigid)  # steps do not end at impacts
     central = cut and rigid and beyond.lifting == 0.0  # contact acts along the directions of a step's middle
     adhesive, resists = beyond.adhesion != 0.0, beyond.torsional != 0.0 or beyond.rolling != 0.0
-    held = adhesive or resists
+    coheres, held = law.cohesion > 0.0, adhesive or resists
     h = loaded = dt / substeps  # of a step, and of that whose impulses are in `warm`
     for toss in range(first, last):
         for i in range(nq):
@@ -316,20 +316,30 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
                 if resists:
                     for x in range(nx):
                         s.xi[x] += s.taken[x]
+                if coheres and again == 0:
+                    for c in range(nc):
+                        corners.load[c] = 0.0 if cold else warm[c, 0]
                 n, touched, status, kkt_error = np.int64(0), False, 0, 0.0
                 if low:
                     n, touched, status, kkt_error = resolve_contact(
                         model, law, solver, work, s, corners, h, tolerance, cold, strike, strike or whole, halfway
                     )
-                if resists and (n == 0 or (again < (1 if strike else 0 if whole else REPEATS))):
-                    for x in range(nx):
-                        s.xi[x] -= s.taken[x]
-                    if n > 0:  # what resists spin hangs on the load, and the load on it
+                repeats = 0
+                if resists:
+                    repeats = 1 if strike else 0 if whole else REPEATS
+                elif coheres and not (strike or whole):
+                    repeats = REPEATS // 2
+                if (resists or coheres) and (n == 0 or again < repeats):
+                    if resists:
+                        for x in range(nx):
+                            s.xi[x] -= s.taken[x]
+                    if n > 0:  # what resists spin and cohesion hang on the load, and the load on them
                         for c in range(nc):
-                            corners.struck[c, 0] = 0.0
+                            corners.struck[c, 0] = corners.load[c] = 0.0
                         for i in range(n):
-                            corners.struck[chosen[i], 0] = V[LAM, 3 * i]
-                        spins_taken(model, law, work, s, corners, corners.struck, True)
+                            corners.struck[chosen[i], 0] = corners.load[chosen[i]] = V[LAM, 3 * i]
+                        if resists:
+                            spins_taken(model, law, work, s, corners, corners.struck, True)
                         if halfway:
                             for i in range(nq):
                                 s.q[i] = s.q_next[i]

@@ -64,6 +64,7 @@ class Corners(NamedTuple):
         warm: (n_c, 3) impulses of the last step [N s].
         carried: (n_c,) normal impulses over the parts of a step [N s].
         struck: (n_c, 3) impulses of a strike [N s].
+        load: (n_c,) normal impulses on which cohesion hangs, of the last step or the last solution of this one [N s].
         g: (n_x,) sum of G lam; scratch.
         xi: (n_x,) rates after the impulses.
         V: problem, answer and scratch of the solver, see `solvers.workspace`.
@@ -82,6 +83,7 @@ class Corners(NamedTuple):
     warm: Array
     carried: Array
     struck: Array
+    load: Array
     g: Array
     xi: Array
     V: Array
@@ -96,7 +98,7 @@ def make_corners(nc, nx):  # type: ignore[no-untyped-def]
         np.zeros(nc), np.zeros(nc), np.zeros(nc),
         np.zeros(nc, np.int64), np.zeros(nc, np.int64), np.zeros((nc, 3)),
         np.zeros((nc, 3, nx)), np.zeros((nx, 3 * nc)), np.zeros((3 * nc, 3 * nc)), np.zeros((nc, 3)), np.zeros(nc),
-        np.zeros((nc, 3)), np.zeros(nx), np.zeros(nx), V, index,
+        np.zeros((nc, 3)), np.zeros(nc), np.zeros(nx), np.zeros(nx), V, index,
     )  # fmt: skip
 
 
@@ -233,8 +235,8 @@ def set_target(model, work, law, s, corners, c, n, nx, h, cold, bounces, halfway
         mu = friction_of(law.beyond, mu, slip1, slip2, V[B, r + 1], V[B, r + 2])
         V[B, r + 1] -= kept_across * slip1
         V[B, r + 2] -= kept_across * slip2
-    if law.cohesion > 0.0 and not cold and corners.warm[c, 0] > 0.0:
-        mu = min(2.0 * mu, mu + law.cohesion * h / corners.warm[c, 0])  # |lam_t| <= mu lam_n + c h
+    if law.cohesion > 0.0 and corners.load[c] > 0.0:
+        mu = min(2.0 * mu, mu + law.cohesion * h / corners.load[c])  # |lam_t| <= mu lam_n + c h
     V[MU, n] = mu
     if halfway:
         across_by_the_middle(model, work, s, corners, c, n, nx, h, cold, mu)
