@@ -99,8 +99,8 @@ def test_an_effect_is_taken_out_with_all_that_contain_it() -> None:
     assert set(Case(0, "without", "lcp", ("ground_tilt",), (20.0,), 0).without) == tilted
     windless = tilted | {"position_force", "wind", "linear_drag"}
     assert set(Case(0, "without", "lcp", ("wind",), (20.0,), 0).without) == windless
-    for name in ("time_base", "gravity"):
+    for name in ("time_base", "gravity", "length_scale"):
         left_out = Case(0, "without", "lcp", (name,), (20.0,), 0).without
-        assert set(left_out) == {"time_base", "gravity", "uniform_force", "position_force"}
+        assert set(left_out) == {"time_base", "gravity", "length_scale", "uniform_force", "position_force"}
     assert Case(0, "without", "lcp", ("joint_friction",), (20.0,), 0).without == ("joint_friction",)
     assert Case(0, "effect", "lcp", ("linear_drag",), (20.0,), 0).without == ()

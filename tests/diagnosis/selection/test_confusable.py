@@ -13,6 +13,7 @@ from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.selection.confusable import ConfusableClasses
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.forward_selection import ForwardSelection, SelectionPath
+from tossid.diagnosis.selection.screening import screen
 from tossid.diagnosis.under_way import UnderWay
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
@@ -46,6 +47,15 @@ def test_a_weak_spring_is_no_less_than_in_the_class_of_a_force(cube: ObjectModel
     _, classes = ConfusableClasses(rounds).of(present, path.without, path)
     (name,) = present.hypothesis.names
     assert "position_force" in {name, *(each.name for each in classes[name])}
+
+
+def test_a_spring_leads_although_a_whole_step_from_its_starts_goes_too_far(cube: ObjectModel) -> None:
+    """Force is strength times place: from a third of the strength, a step to the force triples it once more."""
+    rounds, path = in_flight(cube, "position_force", [0.156, 0.25, 0.1, 0.54])
+    assert path.history[-1].hypothesis.names == ("position_force",)
+    screened = screen(rounds.validator, path.history[0], EFFECTS["position_force"])
+    assert screened.from_start
+    assert screened.gain > 50
 
 
 def test_what_contains_an_effect_has_to_be_clearly_better_than_it(cube: ObjectModel) -> None:

@@ -27,6 +27,10 @@ OF_LIBRARY = ("effect", "pair", *SEVERAL)
 _NOT_BOTH = ("restitution", "compliance")
 """Contact rebounds by a coefficient or yields: the later one takes the earlier one's place."""
 
+_WITH_ANOTHER_SIZE = frozenset({"gravity", "time_base", "length_scale"})
+"""Each does nearly what another does beside an object of another size: recorded lengths that are too long are a larger
+gravity and a larger object."""
+
 
 @dataclass(frozen=True)
 class Case:
@@ -62,6 +66,8 @@ class Case:
         true = frozenset(self.effects).union(*(effect_named(name).made_of for name in self.effects))
         out = {e.name for e in all_effects() if e.name in true or true & set(e.contains)}
         out = out.union(*(effect_named(name).one_of_group for name in true))
+        if true & _WITH_ANOTHER_SIZE:
+            out |= _WITH_ANOTHER_SIZE | {e.name for e in all_effects() if _WITH_ANOTHER_SIZE & set(e.contains)}
         return tuple(e.name for e in all_effects() if e.name in out)
 
     def as_json(self) -> dict[str, Any]:

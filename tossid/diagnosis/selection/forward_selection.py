@@ -191,7 +191,7 @@ class ForwardSelection:
         return fitted
 
     def promising(self, present: Candidate, least_gain: float = 0.0) -> list[Screened]:
-        """The effects that gain most by one step, the most promising first.
+        """The effects that gain most by one step, the most promising first, and those that contain the first of them.
 
         Args:
             present: To which each is added.
@@ -202,7 +202,9 @@ class ForwardSelection:
         self.under_way.suspected([(each.effect, each.gain) for each in screened])
         least = max(least_gain, self.settings.least_screening_gain)
         promising = sorted((each for each in screened if each.gain > least), key=lambda each: -each.gain)
-        return promising[: self.settings.candidates]
+        count = self.settings.candidates
+        general = (each for each in promising[count:] if promising[0].effect.name in each.effect.contains)
+        return [*promising[:count], *general]
 
     def fitted(self, present: Candidate, promising: Screened) -> Candidate:
         """An effect fitted beside those of a hypothesis, and cross-validated.

@@ -188,8 +188,8 @@ def _step(validator: CrossValidator, scales: Array, begin: _Start, effect: Effec
         gain = _gain(e.gains(e.log_likelihood_of(moved.world(), scales), begin.before), e)
         if gain > best.gain:
             best = Screened(gain, effect, moved)
-        elif gain > begin.gain:
-            break
+        elif best.start is not hypothesis:
+            break  # a larger part of the step gained more
     return best
 
 
