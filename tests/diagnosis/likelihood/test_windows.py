@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from tossid.diagnosis.likelihood.states import difference
 from tossid.diagnosis.likelihood.whitening import linearise
 from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.objects import ObjectModel, corner_positions
-from tossid.physics.effects import World
+from tossid.physics.effects import RecordingErrors, World
 from tossid.rotations import quat_exp, quat_mul
 from tossid.settings.diagnosis.likelihood import WindowSettings
 from tossid.types import Phase, Toss
@@ -120,3 +121,25 @@ def test_missing_frames_are_simulated_and_are_in_no_row(cube: ObjectModel) -> No
     kept, whitening = linearise(windows, world, refine=6)
     r = whitening(kept.residuals(kept.predicted(world)))[kept.inside]
     assert np.sqrt(np.mean(np.minimum(r**2, 9))) == pytest.approx(0.99, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    "far",
+    [
+        lambda cube: World(cube.resized(1.12)),
+        lambda cube: World(cube, recording=RecordingErrors(frame_offset=(0.0, 0.0, -0.02))),
+        lambda cube: World(cube, recording=RecordingErrors(length_scale=1.12)),
+    ],
+)
+def test_what_lies_on_the_ground_feels_friction_however_wrong_the_stated_object_is(
+    cube: ObjectModel, far: Callable[[ObjectModel], World]
+) -> None:
+    """At recorded poses the stated object stays millimetres above the ground on which the real one slides."""
+    world = far(cube)
+    windows = make_windows(seen(world, cube, 8, seed=3), cube)
+    slippery = replace(world, object=world.object.with_changes(friction=0.05))
+    with_contact = np.flatnonzero((windows.inside & (windows.phase != Phase.FLIGHT)).any(axis=1) & ~windows.free)
+    assert len(with_contact) > 8
+    change = np.abs(windows.predicted(world) - windows.predicted(slippery)).max(axis=(1, 2))
+    assert windows.feels(slippery, world)[change > 1e-9].all()
+    assert (change[with_contact] > 1e-3).mean() > 0.5

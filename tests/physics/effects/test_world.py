@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tests.physics.worlds import DT, STRANGE_RECORDING, states
 from tossid.objects import OBJECT_FILES, ObjectModel, load_object
 from tossid.physics import simulate
-from tossid.physics.effects import Forces, World
+from tossid.physics.effects import Forces, RecordingErrors, World
 from tossid.rotations import quat_boxminus
 
 Array = NDArray[np.float64]
@@ -72,7 +72,18 @@ def test_worlds_that_differ_in_contact_alone_fly_alike(cube: ObjectModel) -> Non
     assert not World(cube, forces=drag).flies_like(World(cube.with_changes(inertia=1.3 * cube.inertia), forces=drag))
 
 
-def test_how_far_apart_contact_begins(cube: ObjectModel) -> None:
-    larger = cube.with_changes(corner_pos=1.1 * cube.corner_pos)
-    far = 0.1 * np.linalg.norm(cube.corner_pos, axis=1).max()
-    np.testing.assert_allclose(World(cube).contact_apart(World(larger, ground_height=0.02)), far + 0.02)
+def test_how_far_below_the_stated_object_corners_may_be(cube: ObjectModel) -> None:
+    arm = float(np.linalg.norm(cube.corner_pos, axis=1).max())
+    high, far, spin = np.array([0.5, 0.1]), np.array([0.3, 0.0]), np.array([10.0, 0.0])
+
+    def below(world: World) -> np.ndarray:
+        return world.lower_corners(cube, high, far, spin)
+
+    np.testing.assert_allclose(below(World(cube)), 0.0)
+    np.testing.assert_allclose(below(World(cube.resized(1.1))), 0.1 * arm)
+    np.testing.assert_allclose(below(World(cube, ground_tilt=(0.01, 0.0))), [0.003, 0.0])
+    offset = World(cube, recording=RecordingErrors(frame_offset=(0.0, 0.02, 0.0)))
+    np.testing.assert_allclose(below(offset), 0.02)
+    np.testing.assert_allclose(below(World(cube, recording=RecordingErrors(length_scale=1.25))), 0.2 * high)
+    delayed = World(cube, recording=RecordingErrors(rotation_delay=-0.003))
+    np.testing.assert_allclose(below(delayed), [0.03 * arm, 0.0])

@@ -89,9 +89,10 @@ class Windows:
         slow: (W, K, L + 1, L + 1) each channel's covariances, between the first pose and all rows, of errors that
             change slowly with the object's attitude: a tracker's calibration. Zeros where there are none.
         root: (W, K, L + 1, L + 1) inverse Cholesky factors of each channel's whole covariance: slow errors and noise.
-        clearance: (W,) least height of the stated object's corners over z = 0 [m]; minus infinity without an object.
+        clearance: (W,) least height of the stated object's corners over z = 0, at recorded poses [m].
         free: (W,) windows of flights, which end before the landing. Their frames are in other windows too: what flight
             alone shows needs no model of contact.
+        stated: The stated object; None without one.
         settings: Of the likelihood that is made of these windows.
     """
 
@@ -115,6 +116,7 @@ class Windows:
     root: Array
     clearance: Array
     free: NDArray[np.bool_]
+    stated: ObjectModel | None
     settings: LikelihoodSettings
 
     @property
@@ -144,13 +146,13 @@ class Windows:
             world: One.
             other: Another, whose free motion may be the same.
         """
-        if not world.flies_like(other):
+        if self.stated is None or not world.flies_like(other):
             return np.ones(len(self.steps), dtype=bool)
-        height = max(world.ground_height, other.ground_height, 0.0) + world.contact_apart(other)
-        if world.ground_tilt != (0.0, 0.0):
-            far = np.linalg.norm(self.y[..., :2], axis=-1).max(axis=1)
-            height = height + float(np.hypot(*world.ground_tilt)) * far
-        return np.asarray(self.clearance < self.settings.windows.clearance + height)
+        far = np.linalg.norm(self.y[..., :2], axis=-1).max(axis=1)
+        high, spin = np.abs(self.y[..., 2]).max(axis=1), np.linalg.norm(self.v[:, 3:6], axis=1)
+        ground = max(world.ground_height, other.ground_height, 0.0)
+        below = np.maximum(*(each.lower_corners(self.stated, high, far, spin) for each in (world, other)))
+        return np.asarray(self.clearance < self.settings.windows.clearance + ground + below)
 
     @property
     def weights(self) -> Array:
@@ -211,7 +213,7 @@ class Windows:
         Args:
             index: (n,) their numbers.
         """
-        names = (field.name for field in fields(self) if field.name not in ("dt", "settings"))
+        names = (field.name for field in fields(self) if field.name not in ("dt", "stated", "settings"))
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     def of_tosses(self, index: NDArray[np.int64]) -> Windows:
@@ -317,12 +319,13 @@ def make_windows(
         root=inverse_factors(slow, np.concatenate([first_noise[:, None], noise], axis=1)),
         clearance=_clearance(model, q, y),
         free=np.arange(W) >= consecutive,
+        stated=model,
         settings=settings,
     )
 
 
 def _clearance(model: ObjectModel | None, q: Array, y: Array) -> Array:
-    """(W,) least height of an object's corners [m] at first poses (W, K + 1) and in frames (W, F, K + 1)."""
+    """(W,) least height of an object's corners [m] at first poses (W, K + 1) and frames (W, F, K + 1); -inf if None."""
     if model is None:
         return np.full(len(q), -np.inf)
     poses = np.concatenate([q[:, None], y], axis=1)

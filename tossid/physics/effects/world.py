@@ -130,14 +130,25 @@ class World:
         alike = alike and not (self.registered or other.registered) and type(self) is type(other)
         return alike and _moves_freely_like(self.object, other.object, forced=self.has_forces)
 
-    def contact_apart(self, other: World) -> float:
-        """How far apart the heights are at which corners of this world and of another touch the ground, at most [m].
+    def lower_corners(self, stated: ObjectModel, high: Array, far: Array, spin: Array) -> Array:
+        """How far below the corners of the stated object, at recorded poses, corners of this world may be [m].
 
         Args:
-            other: Another world, with an object of as many corners.
+            stated: The object, with as many corners as this world's.
+            high: (W,) how far from the recorded origin poses are [m], along the vertical.
+            far: (W,) the same across it.
+            spin: (W,) how fast the object turns [rad/s].
+
+        Returns:
+            (W,) distances.
         """
-        corners = np.linalg.norm(self.object.corner_pos - other.object.corner_pos, axis=-1)
-        return float(corners.max(initial=0.0)) + abs(self.ground_height - other.ground_height)
+        recording, arm = self.recording, float(np.linalg.norm(stated.corner_pos, axis=-1).max(initial=0.0))
+        moved = float(np.linalg.norm(self.object.corner_pos - stated.corner_pos, axis=-1).max(initial=0.0))
+        moved += float(np.linalg.norm(recording.frame_offset)) + abs(recording.joint_offset) * max(1.0, 2 * arm)
+        tilted = float(np.hypot(*recording.world_tilt)) + float(np.hypot(*self.ground_tilt))
+        longer = abs(1.0 - 1.0 / recording.length_scale)
+        below: Array = moved + longer * high + tilted * far + abs(recording.rotation_delay) * spin * arm
+        return below
 
     @property
     def by_first_states(self) -> World:
