@@ -73,7 +73,7 @@ def names_that_stand(
     validator: CrossValidator,
     floor: Floor,
     *,
-    within_disagreement: bool = False,
+    within_disagreement: bool,
 ) -> tuple[Verdict, frozenset[str]]:
     """The effects whose part of the gap is explained, and the verdict that follows.
 
@@ -103,14 +103,21 @@ def names_that_stand(
     names = frozenset(found.present.hypothesis.names)
     if verdict not in ("unexplained", "partly_explained"):
         return verdict, names
-    flight = found.present.hypothesis.names[: found.n_flight]
-    if verdict == "unexplained" and not within_disagreement:
-        names = _certain_in_flight(found, validator, floor)
-    elif 0 < len(flight) < len(names) and not within_disagreement:
-        closed, _ = share_left(found.history[found.n_flight], found.present, validator, floor)
-        if closed.value <= validator.settings.verdict.partly_closed:
-            names = frozenset(flight)
+    if not within_disagreement:
+        names = _standing_apart(verdict, found, validator, floor)
     return ("unexplained" if names.isdisjoint(mattering) else "partly_explained"), names
+
+
+def _standing_apart(verdict: Verdict, found: SearchResult, validator: CrossValidator, floor: Floor) -> frozenset[str]:
+    """The names that stand where flight and contact are judged apart."""
+    names, n_flight = found.present.hypothesis.names, found.n_flight
+    if verdict == "unexplained":
+        return _certain_in_flight(found, validator, floor)
+    if 0 < n_flight < len(names):
+        closed, _ = share_left(found.history[n_flight], found.present, validator, floor)
+        if closed.value <= validator.settings.verdict.partly_closed:
+            return frozenset(names[:n_flight])
+    return frozenset(names)
 
 
 def _certain_in_flight(found: SearchResult, validator: CrossValidator, floor: Floor) -> frozenset[str]:

@@ -90,6 +90,8 @@ class Windows:
             change slowly with the object's attitude: a tracker's calibration. Zeros where there are none.
         root: (W, K, L + 1, L + 1) inverse Cholesky factors of each channel's whole covariance: slow errors and noise.
         clearance: (W,) least height of the stated object's corners over z = 0, at recorded poses [m].
+        extent: (W, 3) farthest from the recorded origin, along the vertical and across it [m], and recorded first spin
+            [rad/s].
         free: (W,) windows of flights, which end before the landing. Their frames are in other windows too: what flight
             alone shows needs no model of contact.
         stated: The stated object; None without one.
@@ -115,6 +117,7 @@ class Windows:
     slow: Array
     root: Array
     clearance: Array
+    extent: Array
     free: NDArray[np.bool_]
     stated: ObjectModel | None
     settings: LikelihoodSettings
@@ -148,10 +151,8 @@ class Windows:
         """
         if self.stated is None or not world.flies_like(other):
             return np.ones(len(self.steps), dtype=bool)
-        far = np.linalg.norm(self.y[..., :2], axis=-1).max(axis=1)
-        high, spin = np.abs(self.y[..., 2]).max(axis=1), np.linalg.norm(self.v[:, 3:6], axis=1)
         ground = max(world.ground_height, other.ground_height, 0.0)
-        below = np.maximum(*(each.lower_corners(self.stated, high, far, spin) for each in (world, other)))
+        below = np.maximum(*(each.lower_corners(self.stated, *self.extent.T) for each in (world, other)))
         return np.asarray(self.clearance < self.settings.windows.clearance + ground + below)
 
     @property
@@ -318,6 +319,14 @@ def make_windows(
         slow=slow,
         root=inverse_factors(slow, np.concatenate([first_noise[:, None], noise], axis=1)),
         clearance=_clearance(model, q, y),
+        extent=np.stack(
+            [
+                np.abs(y[..., 2]).max(axis=1),
+                np.linalg.norm(y[..., :2], axis=-1).max(axis=1),
+                np.linalg.norm(v[:, 3:6], axis=1),
+            ],
+            axis=1,
+        ),
         free=np.arange(W) >= consecutive,
         stated=model,
         settings=settings,

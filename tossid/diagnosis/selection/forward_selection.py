@@ -134,6 +134,7 @@ class ForwardSelection:
             if again:
                 # what joins and leaves again would do so for ever
                 history.append(self._most_likely(history[again[0] :]))
+                without = {}  # they are of the one that rounds came back to
                 break
         return SelectionPath(tuple(history), first_round, classes, tuple(runners_up), without)
 
