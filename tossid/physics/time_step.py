@@ -311,14 +311,14 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
                     uneven = find_gaps(model, law, work, s, corners, rigid, strike, whole, halfway, h, dt / substeps)
                 if adhesive and not strike:
                     adhere(model, law, work, s, corners, h, cold)
+                if (resists or coheres) and again == 0:
+                    for c in range(nc):
+                        corners.load[c] = 0.0 if cold else warm[c, 0]
                 if resists and again == 0:
-                    spins_taken(model, law, work, s, corners, warm, not (cold or strike))
+                    spins_taken(model, law, work, s, corners, not (cold or strike))
                 if resists:
                     for x in range(nx):
                         s.xi[x] += s.taken[x]
-                if coheres and again == 0:
-                    for c in range(nc):
-                        corners.load[c] = 0.0 if cold else warm[c, 0]
                 n, touched, status, kkt_error = np.int64(0), False, 0, 0.0
                 if low:
                     n, touched, status, kkt_error = resolve_contact(
@@ -335,11 +335,11 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
                             s.xi[x] -= s.taken[x]
                     if n > 0:  # what resists spin and cohesion hang on the load, and the load on them
                         for c in range(nc):
-                            corners.struck[c, 0] = corners.load[c] = 0.0
+                            corners.load[c] = 0.0
                         for i in range(n):
-                            corners.struck[chosen[i], 0] = corners.load[chosen[i]] = V[LAM, 3 * i]
+                            corners.load[chosen[i]] = V[LAM, 3 * i]
                         if resists:
-                            spins_taken(model, law, work, s, corners, corners.struck, True)
+                            spins_taken(model, law, work, s, corners, True)
                         if halfway:
                             for i in range(nq):
                                 s.q[i] = s.q_next[i]

@@ -59,13 +59,13 @@ def adhere(model, law, work, s, corners, h, cold):  # type: ignore[no-untyped-de
 
 
 @lean_kernel
-def spins_taken(model, law, work, s, corners, carried, loaded):  # type: ignore[no-untyped-def]
-    """s.taken: what contact takes of s.xi for the loads carried[:, 0] [N s], if there is a load. s.xi stays."""
+def spins_taken(model, law, work, s, corners, loaded):  # type: ignore[no-untyped-def]
+    """s.taken: what contact takes of s.xi for its corners' loads, if there are any. s.xi stays."""
     nx = n_rates(model)
     for x in range(nx):
         s.taken[x] = s.xi[x]
     if loaded:
-        resist_spins(model, law, work, s, corners, carried)
+        resist_spins(model, law, work, s, corners)
     for x in range(nx):
         before = s.taken[x]
         s.taken[x] = s.xi[x] - before
@@ -73,8 +73,8 @@ def spins_taken(model, law, work, s, corners, carried, loaded):  # type: ignore[
 
 
 @lean_kernel
-def resist_spins(model, law, work, s, corners, carried):  # type: ignore[no-untyped-def]
-    """Take from s.xi what contact resists of each body's spin, in proportion to its corners' carried[:, 0] [N s].
+def resist_spins(model, law, work, s, corners):  # type: ignore[no-untyped-def]
+    """Take from s.xi what contact resists of each body's spin, in proportion to its corners' loads [N s].
 
     About the vertical by `torsional`, about the horizontal by `rolling`: a torque stops spin and never turns it.
     """
@@ -86,7 +86,7 @@ def resist_spins(model, law, work, s, corners, carried):  # type: ignore[no-unty
         load = 0.0
         for c in range(corners.state.shape[0]):
             if model.corner_body[c] == b:
-                load += carried[c, 0]
+                load += corners.load[c]
         if load == 0.0:
             continue
         spin_row(model, work, b, R[2, 0], R[2, 1], R[2, 2], row)

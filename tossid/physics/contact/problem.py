@@ -63,8 +63,8 @@ class Corners(NamedTuple):
         A: (3 n_c, 3 n_c) Delassus matrix.
         warm: (n_c, 3) impulses of the last step [N s].
         carried: (n_c,) normal impulses over the parts of a step [N s].
-        struck: (n_c, 3) impulses of a strike [N s].
-        load: (n_c,) normal impulses on which cohesion hangs, of the last step or the last solution of this one [N s].
+        load: (n_c,) normal impulses on which resistance to spin and cohesion hang, of the last step or of the last
+            solution of this one [N s].
         g: (n_x,) sum of G lam; scratch.
         xi: (n_x,) rates after the impulses.
         V: problem, answer and scratch of the solver, see `solvers.workspace`.
@@ -82,7 +82,6 @@ class Corners(NamedTuple):
     A: Array
     warm: Array
     carried: Array
-    struck: Array
     load: Array
     g: Array
     xi: Array
@@ -98,7 +97,7 @@ def make_corners(nc, nx):  # type: ignore[no-untyped-def]
         np.zeros(nc), np.zeros(nc), np.zeros(nc),
         np.zeros(nc, np.int64), np.zeros(nc, np.int64), np.zeros((nc, 3)),
         np.zeros((nc, 3, nx)), np.zeros((nx, 3 * nc)), np.zeros((3 * nc, 3 * nc)), np.zeros((nc, 3)), np.zeros(nc),
-        np.zeros((nc, 3)), np.zeros(nc), np.zeros(nx), np.zeros(nx), V, index,
+        np.zeros(nc), np.zeros(nx), np.zeros(nx), V, index,
     )  # fmt: skip
 
 
