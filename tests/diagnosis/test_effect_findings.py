@@ -37,6 +37,17 @@ def test_more_tosses_reveal_less(cube: ObjectModel, validator: CrossValidator) -
     assert 1e-3 < whole["g_ms2"] < 0.5
 
 
+def test_a_size_that_tosses_reveal_is_four_standard_errors(cube: ObjectModel, validator: CrossValidator) -> None:
+    truth = World(cube.with_changes(friction=0.3))
+    with_gravity = Hypothesis(truth).plus(EFFECTS["gravity"], np.array([9.0]))
+    present = validator.evaluate(with_gravity)
+    fitted = validator.refit(present.evidence, with_gravity, 2)
+    at = replace(present, fitted=fitted)
+    sizes, _ = detectable_sizes(validator, at, EFFECTS["gravity"])
+    error = float(np.sqrt(fitted.covariance()[0, 0]))
+    assert 0.5 < sizes["g_ms2"] / (validator.settings.verdict.detectable * error) < 2.0
+
+
 def test_an_effect_closes_what_it_closed_beyond_those_before_it(cube: ObjectModel, validator: CrossValidator) -> None:
     nothing = Hypothesis(World(cube))
     friction = nothing.plus(EFFECTS["friction"], np.array([0.3]))

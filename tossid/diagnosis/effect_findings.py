@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Consequence, EffectVerdict, Finding, Interval
 from tossid.diagnosis.likelihood.derivatives import effect_derivatives
-from tossid.diagnosis.likelihood.fitting import toss_sums
+from tossid.diagnosis.likelihood.fitting import standard_errors
 from tossid.diagnosis.localisation.gap import share_left
 from tossid.diagnosis.localisation.noise import Floor
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
@@ -142,12 +142,11 @@ def detectable_sizes(validator: CrossValidator, present: Candidate, effect: Effe
     """
     residuals, settings = present.fitted.residuals, validator.settings.verdict
     _, _, J = effect_derivatives(present.evidence, present.hypothesis, effect, residuals)
-    H, _ = toss_sums(present.evidence, residuals, J, present.fitted.scales, validator.n)
-    total = H.sum(0)
+    errors = standard_errors(present.evidence, residuals, J, present.fitted.scales)
     sizes, detectable = {}, False
-    for i, parameter in enumerate(effect.parameters):
-        if total[i, i] > 0:
-            size = settings.detectable * parameter.step / float(np.sqrt(total[i, i]))
+    for parameter, error in zip(effect.parameters, errors, strict=True):
+        if np.isfinite(error):
+            size = settings.detectable * parameter.step * float(error)
             sizes[parameter.name] = size
             detectable = detectable or size < settings.detectable_range * (parameter.high - parameter.low)
     return sizes, detectable

@@ -156,10 +156,7 @@ def toss_sums(evidence: Evidence, residuals: Array, J: Array, scales: Array, n_t
         scales: (N_PHASES,) of the phases.
         n_tosses: n, of which windows may be missing.
     """
-    w, nu = evidence.windows, evidence.density.degrees_of_freedom
-    s = evidence.entry_scales(scales)
-    weight = (nu + 1) / (nu + (residuals / s) ** 2) / s**2
-    weight = np.where(w.inside[..., None], weight, 0.0)
+    w, weight = evidence.windows, _entry_weights(evidence, residuals, scales)
     H_w = np.einsum("wlc,wlci,wlcj->wij", weight, J, J, optimize=True)
     g_w = np.einsum("wlc,wlci,wlc->wi", weight, J, residuals, optimize=True)
     share = _bounded_leverage(np.einsum("wii->wi", H_w), w.settings.fit) * w.weights
@@ -168,6 +165,32 @@ def toss_sums(evidence: Evidence, residuals: Array, J: Array, scales: Array, n_t
     np.add.at(H, w.toss, H_w)
     np.add.at(g, w.toss, g_w)
     return H, g
+
+
+def standard_errors(evidence: Evidence, residuals: Array, J: Array, scales: Array) -> Array:
+    """Standard errors that noise gives to a fit of each parameter alone, with the weights of `toss_sums`.
+
+    Args:
+        evidence: Of W windows.
+        residuals: (W, L, K) whitened.
+        J: (W, L, K, P) their derivatives, by the parameters' steps.
+        scales: (N_PHASES,) of the phases.
+
+    Returns:
+        (P,) in the parameters' steps; infinite for a parameter that moves nothing.
+    """
+    w, weight = evidence.windows, _entry_weights(evidence, residuals, scales)
+    information = np.einsum("wlc,wlci->wi", weight, J**2, optimize=True)
+    share = _bounded_leverage(information, w.settings.fit) * w.weights
+    spread, total = np.sqrt(share**2 @ information), share @ information
+    return np.where(total > 0, spread / np.maximum(total, 1e-300), np.inf)
+
+
+def _entry_weights(evidence: Evidence, residuals: Array, scales: Array) -> Array:
+    """(W, L, K) Student's weights of whitened residuals, over their variance."""
+    nu, s = evidence.density.degrees_of_freedom, evidence.entry_scales(scales)
+    weight = (nu + 1) / (nu + (residuals / s) ** 2) / s**2
+    return np.where(evidence.windows.inside[..., None], weight, 0.0)
 
 
 def _bounded_leverage(information: Array, settings: EffectFitSettings) -> Array:
