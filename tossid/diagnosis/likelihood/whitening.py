@@ -174,6 +174,8 @@ def linearised(
     other, center = (np.zeros((W, L, K)), 0.0) if difference is None else (difference.values, difference.expected)
     other = other.reshape(W, K * L)
     best = _estimate(windows, world, (other, center), refine, near, n_threads, known, moving)
+    if near is None:
+        best, _ = _with_derivatives(best, world, np.arange(W), n_threads)
     n = K * windows.inside.sum(1)
     rng = np.random.default_rng(0)
     fresh = np.full(W, near is None)
@@ -192,6 +194,7 @@ def linearised(
         # nearly right derivatives do not lead from one mode of an impact to another
         tried = _estimate(begun, world, (other[poor], center), settings.restart_steps, None, n_threads, exact=True)
         better = tried.cost < best.cost[poor]
+        tried, _ = _with_derivatives(tried, world, np.flatnonzero(better), n_threads, exact=True)
         given_up[poor] = np.where(better, np.inf, best.cost[poor])
         best = best.with_rows(poor[better], tried, better)
         fresh[poor[better]] = True
@@ -273,6 +276,8 @@ def _estimate(
 ) -> _Estimate:
     """Windows at refined first states. A window whose cost falls no more is left as it is.
 
+    Derivatives are computed anew before a further step only, so that those at the end may be of the states before it.
+
     engine: the difference to the other engine (W, K L), and how many times it is expected in the residuals.
     known: (W, L, K) residuals at the windows' own first states. moving: (W,) windows that are refined, all if None.
     exact: as of `_derivatives`.
@@ -304,7 +309,7 @@ def _estimate(
         by_state = near.by_state
     best = _Estimate(windows, cost, residuals, taken_at, by_state)
     rows = rows if moving is None else np.flatnonzero(moving)
-    for _ in range(refine if len(rows) else 0):
+    for turn in range(refine if len(rows) else 0):
         here, step = best.windows, np.empty((len(rows), 2 * K))
         q, v = here.at_q[rows], here.at_v[rows]
         gauss_newton(
@@ -324,11 +329,11 @@ def _estimate(
             residuals=_with(best.residuals, index, trial[better]),
             cost=_with(best.cost, index, trial_cost[better]),
         )
-        if near is None:
-            best, _ = _with_derivatives(best, world, index, n_threads, exact)
-        rows = rows[falls | (~better & (damping[rows] < settings.most_damping))]
+        again, rows = rows[better & falls], rows[falls | (~better & (damping[rows] < settings.most_damping))]
         if not len(rows):
             break
+        if near is None and turn < refine - 1:
+            best, _ = _with_derivatives(best, world, again, n_threads, exact)
     return best
 
 
