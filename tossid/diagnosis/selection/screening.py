@@ -62,10 +62,10 @@ def screen(validator: CrossValidator, present: Candidate, effect: Effect) -> Scr
     """The gain of a Gauss-Newton step or a part of it, from the effect's nominal values or from its best start.
 
     Log-likelihoods are taken at first states that suit the present hypothesis or the start, whichever are better.
-    Starts are far from the present hypothesis, and are tried with some of the tosses only. The best is chosen at first
-    states near the present ones, which favours what is near. From there, starts farther out and values halfway to the
-    next ones are tried at first states of their own: where no hypothesis fits, likelihoods are rough, and no fit goes
-    far.
+    Starts are far from the present hypothesis, and are tried with some of the tosses only. The best is chosen at
+    first states near the present ones, which favours what is near. If it gains there, starts farther out and values
+    halfway to the next ones are tried at first states of their own: where no hypothesis fits, likelihoods are rough,
+    and no fit goes far.
 
     Args:
         validator: With its folds.
@@ -105,7 +105,7 @@ def screen(validator: CrossValidator, present: Candidate, effect: Effect) -> Scr
     begin = with_own_states(nearest.hypothesis, nearest.evidence)
     if begin is None:
         return best
-    for farther in _beyond(begin.hypothesis, starts, nominal):
+    for farther in _beyond(begin.hypothesis, starts, nominal) if begin.gain > 0 else ():
         tried = with_own_states(farther, begin.evidence)
         if tried is None or tried.gain <= begin.gain:
             break
