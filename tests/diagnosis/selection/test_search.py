@@ -60,3 +60,15 @@ def test_a_search_that_ends_too_early_begins_again_where_tosses_say(cube: Object
     assert set(found.names) == {"restitution", "inertia"}
     assert found.values_of("restitution")[0] == pytest.approx(0.4, abs=0.01)
     assert found.values_of("inertia")[0] == pytest.approx(1.4, rel=0.03)
+
+
+def test_contact_decides_by_what_would_explain_it_beside_either(cube: ObjectModel) -> None:
+    """Beside the wrong ground neither place of the mass fits; the ground is found beside the right one."""
+    truth = World(cube.with_changes(restitution=0.17))
+    for name, values in (("ground_height", [0.0285]), ("body_frame_offset", [-0.012, 0.0146, 0.0105])):
+        truth = EFFECTS[name].at(truth, np.array(values))
+    validator = CrossValidator.of(seen(truth, cube, 14, seed=2), cube, seed=0, settings=ONCE)
+    library = [EFFECTS[name] for name in ("com_offset", "body_frame_offset", "ground_height", "restitution")]
+    found = search(validator, library, validator.evaluate(Hypothesis(World(cube))), UnderWay()).present.hypothesis
+    assert set(found.names) == {"body_frame_offset", "ground_height", "restitution"}
+    assert found.values_of("ground_height")[0] == pytest.approx(0.0285, rel=0.03)

@@ -193,9 +193,53 @@ class _Search:
         for k in range(1, len(effects) + 1):
             history.append(self.validator.evaluate(Hypothesis(hypothesis.base, effects[:k], values[:k]), history[-1]))
         best, needed, classes = self._decided_by_contact(history[-1], flight.needed, flight.classes)
+        closed, _ = share_left(first, best, self.validator, noise_floor(self.validator.windows))
+        if self._rounds.can_name and closed.value < self.validator.settings.verdict.all_closed:
+            library = self._library_beside(flight, classes)
+            best, needed, classes = self._looking_ahead(first, best, needed, classes, library)
         history[-1] = self._rounds.refitted(best)
         self.under_way.reached(history[-1])
         return first, history, needed, classes
+
+    def _looking_ahead(
+        self, first: Candidate, best: Candidate, needed: Needed, classes: Classes, library: Sequence[Effect]
+    ) -> tuple[Candidate, Needed, Classes]:
+        """What flight cannot distinguish, decided with the most promising effect of contact beside each alternative.
+
+        While contact is not explained, the wrong alternative may fit it better by chance. Then the effects that would
+        explain contact are not found beside it.
+
+        Args:
+            first: The hypothesis without effects.
+            best: The hypothesis.
+            needed: Each effect of flight against the hypothesis without it.
+            classes: The confusable classes of these.
+            library: The effects that are sought beside them.
+
+        Returns:
+            As of `_decided_by_contact`.
+        """
+        compare, n_flight = ConfusableClasses(self._rounds), len(best.hypothesis.effects)
+
+        def ahead(each: Candidate) -> Candidate:
+            rounds = self._holding(each, n_flight, library)
+            fitted = [rounds.fitted(each, one) for one in rounds.promising(each)[:1]]
+            return next((one for one in fitted if rounds.is_significant(first, each, one)), each)
+
+        needed, decided = dict(needed), {}
+        for name, others in classes.items():
+            group, k_best = [needed.pop(name), *others], 0
+            if others:
+                asked = [replaced(best.hypothesis, name, other) for other in others]
+                evaluated = [best, *self.validator.map(partial(self.validator.evaluate, near=best), asked)]
+                with_one = [ahead(each) for each in evaluated]
+                for k in range(1, len(group)):
+                    if compare.is_better_instead(with_one[k], with_one[k_best], group[k].effect, group[k_best].name):
+                        k_best = k
+                best = evaluated[k_best]
+            needed[group[k_best].name] = group[k_best]
+            decided[group[k_best].name] = tuple(each for each in group if each is not group[k_best])
+        return best, needed, decided
 
     def _evaluated(self, hypothesis: Hypothesis) -> Candidate:
         """A hypothesis at its values; the first one is known."""
