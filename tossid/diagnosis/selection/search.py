@@ -193,10 +193,11 @@ class _Search:
         for k in range(1, len(effects) + 1):
             history.append(self.validator.evaluate(Hypothesis(hypothesis.base, effects[:k], values[:k]), history[-1]))
         best, needed, classes = self._decided_by_contact(history[-1], flight.needed, flight.classes)
-        closed, _ = share_left(first, best, self.validator, noise_floor(self.validator.windows))
-        if self._rounds.can_name and closed.value < self.validator.settings.verdict.all_closed:
-            library = self._library_beside(flight, classes)
-            best, needed, classes = self._looking_ahead(first, best, needed, classes, library)
+        if any(classes.values()) and self._rounds.can_name:
+            closed, _ = share_left(first, best, self.validator, noise_floor(self.validator.windows))
+            if closed.value < self.validator.settings.verdict.all_closed:
+                library = self._library_beside(flight, classes)
+                best, needed, classes = self._looking_ahead(first, best, needed, classes, library)
         history[-1] = self._rounds.refitted(best)
         self.under_way.reached(history[-1])
         return first, history, needed, classes
