@@ -220,7 +220,7 @@ class _Search:
         Returns:
             As of `_decided_by_contact`.
         """
-        compare, n_flight = ConfusableClasses(self._rounds), len(best.hypothesis.effects)
+        n_flight = len(best.hypothesis.effects)
 
         def ahead(each: Candidate) -> Candidate:
             rounds = self._holding(each, n_flight, library)
@@ -233,14 +233,20 @@ class _Search:
             if others:
                 asked = [replaced(best.hypothesis, name, other) for other in others]
                 evaluated = [best, *self.validator.map(partial(self.validator.evaluate, near=best), asked)]
-                with_one = [ahead(each) for each in evaluated]
-                for k in range(1, len(group)):
-                    if compare.is_better_instead(with_one[k], with_one[k_best], group[k].effect, group[k_best].name):
-                        k_best = k
+                k_best = self._clearly_best(group, [ahead(each) for each in evaluated])
                 best = evaluated[k_best]
-            needed[group[k_best].name] = group[k_best]
-            decided[group[k_best].name] = tuple(each for each in group if each is not group[k_best])
+            chosen = group[k_best]
+            needed[chosen.name] = chosen
+            decided[chosen.name] = tuple(each for each in group if each is not chosen)
         return best, needed, decided
+
+    def _clearly_best(self, group: Sequence[Candidate], hypotheses: Sequence[Candidate]) -> int:
+        """Which member of a class it is whose hypothesis is clearly better than those of the members before it."""
+        compare, k_best = ConfusableClasses(self._rounds), 0
+        for k in range(1, len(group)):
+            if compare.is_better_instead(hypotheses[k], hypotheses[k_best], group[k].effect, group[k_best].name):
+                k_best = k
+        return k_best
 
     def _evaluated(self, hypothesis: Hypothesis) -> Candidate:
         """A hypothesis at its values; the first one is known."""
@@ -305,17 +311,14 @@ class _Search:
             The hypothesis, and the two others with the effects that it has.
         """
         validator, needed, decided = self.validator, dict(needed), {}
-        near, own, compare = None if afresh else best, None, ConfusableClasses(self._rounds)
+        near, own = None if afresh else best, None
         for name, others in classes.items():
             group, k_best = [needed.pop(name), *others], 0
             if others:
                 own = own or validator.evaluate(best.hypothesis, near)
                 asked = [replaced(best.hypothesis, name, other) for other in others]
                 evaluated = [own, *validator.map(partial(validator.evaluate, near=near), asked)]
-                for k in range(1, len(evaluated)):
-                    effect, instead = group[k].effect, group[k_best].name
-                    if compare.is_better_instead(evaluated[k], evaluated[k_best], effect, instead):
-                        k_best = k
+                k_best = self._clearly_best(group, evaluated)
                 if k_best:
                     best = own = evaluated[k_best]
             chosen = group[k_best]
