@@ -13,7 +13,8 @@ from tossid.diagnosis.explain import explain
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.selection.cross_validation import CrossValidator
-from tossid.diagnosis.selection.search import search
+from tossid.diagnosis.selection.plausibility import implausible_alone
+from tossid.diagnosis.selection.search import _Search, search
 from tossid.diagnosis.under_way import UnderWay
 from tossid.objects import ObjectModel
 from tossid.physics.effects import RecordingErrors, World
@@ -72,3 +73,23 @@ def test_contact_decides_by_what_would_explain_it_beside_either(cube: ObjectMode
     found = search(validator, library, validator.evaluate(Hypothesis(World(cube))), UnderWay()).present.hypothesis
     assert set(found.names) == {"body_frame_offset", "ground_height", "restitution"}
     assert found.values_of("ground_height")[0] == pytest.approx(0.0285, rel=0.03)
+
+
+def test_a_more_general_force_that_flight_cannot_tell_does_not_lead(cube: ObjectModel) -> None:
+    """A pull towards a point stands for a uniform force, and what is missing in contact seems to prefer it."""
+    truth = EFFECTS["uniform_force"].at(World(cube), np.array([0.05, -0.03, 0.06]))
+    validator = CrossValidator.of(seen(truth, cube, 14, seed=2), cube, seed=0, settings=ONCE)
+    flights = replace(validator, windows=validator.windows.rows(np.flatnonzero(validator.windows.free)))
+    none = Hypothesis(World(cube))
+    first = flights.evaluate(none)
+    uniform, pull = EFFECTS["uniform_force"], EFFECTS["position_force"]
+    group = [
+        flights.cross_validate(first, uniform, none.plus(uniform)),
+        flights.cross_validate(first, pull, none.plus(pull, np.array([0.05, 1.0, -0.6, 1.2]))),
+    ]
+    assert [implausible_alone(each, flights.n) for each in group] == [None, "no_change"]
+    evaluated = validator.evaluate(group[0].hypothesis)
+    better = replace(evaluated, log_likelihood=evaluated.log_likelihood + 5.0)
+    decide = _Search(validator, [uniform, pull], validator.evaluate(none), UnderWay(), lambda world: {})._clearly_best
+    assert decide(group, [evaluated, better]) == 0
+    assert decide(group[::-1], [evaluated, better]) == 1

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Interval
-from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.refinement import intervals, stated_intervals
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.physics.effects import Effect, Parameter, World
@@ -43,6 +43,17 @@ def implausible(effect: Effect, values: Mapping[str, Interval], world: World) ->
         return "no_change"
     touches = any(_at_bound(p, values[p.name].low, values[p.name].high, nominal[p.name]) for p in sizes)
     return "at_bound" if touches else None
+
+
+def implausible_alone(each: Candidate, n: int) -> Implausible | None:
+    """Why the intervals of the effect that a hypothesis has added give it no name, by its own fit; None if they do.
+
+    Args:
+        each: The hypothesis, with the effect.
+        n: How many tosses it is fitted to.
+    """
+    assert each.effect is not None
+    return implausible(each.effect, intervals(each.fitted, n)[each.name], each.hypothesis.base)
 
 
 def _at_bound(parameter: Parameter, low: float, high: float, nominal: float) -> bool:
@@ -75,11 +86,6 @@ def plausible_names(
             out[effect.name] = why
     classes = {}
     for name, group in found.classes.items():
-        kept = []
-        for each in group:
-            assert each.effect is not None
-            values = intervals(each.fitted, validator.n)[each.name]
-            if implausible(each.effect, values, each.hypothesis.base) is None:
-                kept.append(each)
-        classes[name] = () if name in out else tuple(kept)
+        kept = tuple(each for each in group if implausible_alone(each, validator.n) is None)
+        classes[name] = () if name in out else kept
     return found.with_names(classes, tuple(out)), out

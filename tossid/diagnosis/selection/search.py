@@ -24,6 +24,7 @@ from tossid.diagnosis.selection.confusable import ConfusableClasses
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.flight_search import search_flight
 from tossid.diagnosis.selection.forward_selection import ForwardSelection, SelectionPath
+from tossid.diagnosis.selection.plausibility import implausible_alone
 from tossid.diagnosis.selection.search_result import SearchResult, replaced
 from tossid.diagnosis.under_way import UnderWay
 from tossid.physics.effects import Effect, World
@@ -241,10 +242,15 @@ class _Search:
         return best, needed, decided
 
     def _clearly_best(self, group: Sequence[Candidate], hypotheses: Sequence[Candidate]) -> int:
-        """Which member of a class it is whose hypothesis is clearly better than those of the members before it."""
+        """Which member of a class it is whose hypothesis is clearly better than those of the members before it.
+
+        What flight alone gives no name does not lead: a force whose law is more general than flight can tell would make
+        up for what is missing in contact.
+        """
         compare, k_best = ConfusableClasses(self._rounds), 0
         for k in range(1, len(group)):
-            if compare.is_better_instead(hypotheses[k], hypotheses[k_best], group[k].effect, group[k_best].name):
+            better = compare.is_better_instead(hypotheses[k], hypotheses[k_best], group[k].effect, group[k_best].name)
+            if better and implausible_alone(group[k], self.validator.n) is None:
                 k_best = k
         return k_best
 
