@@ -126,6 +126,9 @@ class Law(NamedTuple):
             mass times its acceleration (MuJoCo's 1 / R, by which contact holds most of a load at once).
         margin: height of a corner at the beginning of a step from which on it is not in contact within the step, for
             contact that yields [m]. MuJoCo has 0 by default; without a limit, it is in contact where it comes down.
+        impulse_parts: parts in which the impulse of a rigid impact is found, each with friction against the slip as it
+            is then (Routh; Keller, "Impact with friction", J. Appl. Mech. 53, 1986). 1: all at once, against the slip
+            after the impact.
     """
 
     static_rel: float = 1.0
@@ -138,11 +141,12 @@ class Law(NamedTuple):
     rounding: float = 0.0
     added_mass: float = 0.0
     margin: float = math.inf
+    impulse_parts: float = 1.0
 
     @property
     def acts(self) -> bool:
         """Whether contact differs from that of a constant friction; the slip speed alone does not."""
-        return self != Law(slip_speed=self.slip_speed)
+        return self != Law(slip_speed=self.slip_speed, impulse_parts=self.impulse_parts)
 
 
 def forces_of(numbers: Array) -> Forces:
@@ -158,7 +162,7 @@ def law_of(numbers: Array) -> Law:
     """The law of contact that a system's numbers stand for.
 
     Args:
-        numbers: (10,) the fields of `Law` in their order, or (0,) for the nominal law.
+        numbers: (11,) the fields of `Law` in their order, or (0,) for the nominal law.
     """
     return Law(*map(float, numbers))
 

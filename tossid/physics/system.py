@@ -67,7 +67,7 @@ class System(NamedTuple):
         relaxation: damping over stiffness of a corner [s]: what sank comes out as exp(-t / relaxation).
         cohesion: c of |f_t| <= mu f_n + c [N]; the bound stays below 2 mu f_n. The law is in `stepping`.
         forces: (17,) the fields of `forces.Forces` in their order, (0,) for none.
-        law: (10,) the fields of `forces.Law` in their order, (0,) for a constant friction.
+        law: (11,) the fields of `forces.Law` in their order, (0,) for a constant friction.
         joints: what acts in the joints; empty arrays for nothing.
         registered: the user's own force (`registered_forces`).
         shape: what stands at the corners (`rounds`).

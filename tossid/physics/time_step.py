@@ -12,14 +12,8 @@ from tossid.kernels import inlined_kernel, kernel
 from tossid.physics.contact.holding import adhere, spins_taken
 from tossid.physics.contact.impacts import STEADY, carry_over, first_impact
 from tossid.physics.contact.law import UNKNOWN
-from tossid.physics.contact.problem import (
-    find_corners,
-    find_gaps,
-    find_rows,
-    keep_warm,
-    resolve_contact,
-    velocity,
-)
+from tossid.physics.contact.problem import find_corners, find_gaps, find_rows, velocity
+from tossid.physics.contact.resolve import keep_warm, resolve_contact
 from tossid.physics.moving import (
     accelerate,
     act_on_free,

@@ -19,21 +19,11 @@ from numpy.typing import NDArray
 from tossid.kernels import fused_kernel, inlined_kernel
 from tossid.physics.contact.law import above_ground, kept_speed, recovery_time
 from tossid.physics.forces import friction_of
-from tossid.physics.moving import add_impulse, contact_row, corner_place, inverse_mass, n_rates, turning, whiten
-from tossid.physics.solvers.cone_qp import qp_solve
-from tossid.physics.solvers.registry import solve_contact
+from tossid.physics.moving import contact_row, corner_place, inverse_mass, n_rates, turning, whiten
 from tossid.physics.solvers.workspace import LAM, MU, B, work_arrays
 
 Array = NDArray[np.float64]
 
-MAX_ITERATIONS = 40
-"""Of the convex programme that relaxed friction is solved by."""
-CLOSING_SPEED = 1.0
-"""A corner joins the contact problem at once if it would touch within this speed [m/s]; others when they are hit.
-
-Not a setting: those left out are looked at again once impulses are known, so that it decides how soon a problem is
-solved, and not what the motion is.
-"""
 TANGENTIAL = 1e-3
 """Slack of a compliant corner's tangential rows over that of its normal row: sigma of Castro et al., their value."""
 FAR, LOW, CANDIDATE = 0, 1, 2
@@ -44,8 +34,6 @@ last step's load would change alone, and does so at twice as much.
 
 Not a setting: friction of a corner that may stop is against its slip at the step's end, which is of first order.
 """
-ROUNDS = 4
-"""A contact problem is solved at most so many times, each with the corners that the last one left to be hit."""
 
 
 class Corners(NamedTuple):
@@ -63,6 +51,7 @@ class Corners(NamedTuple):
         A: (3 n_c, 3 n_c) Delassus matrix.
         warm: (n_c, 3) impulses of the last step [N s].
         carried: (n_c,) normal impulses over the parts of a step [N s].
+        struck: (n_c,) normal impulses over the parts of an impact [N s].
         load: (n_c,) normal impulses on which resistance to spin and cohesion hang, of the last step or of the last
             solution of this one [N s].
         g: (n_x,) sum of G lam; scratch.
@@ -82,6 +71,7 @@ class Corners(NamedTuple):
     A: Array
     warm: Array
     carried: Array
+    struck: Array
     load: Array
     g: Array
     xi: Array
@@ -97,7 +87,7 @@ def make_corners(nc, nx):  # type: ignore[no-untyped-def]
         np.zeros(nc), np.zeros(nc), np.zeros(nc),
         np.zeros(nc, np.int64), np.zeros(nc, np.int64), np.zeros((nc, 3)),
         np.zeros((nc, 3, nx)), np.zeros((nx, 3 * nc)), np.zeros((3 * nc, 3 * nc)), np.zeros((nc, 3)), np.zeros(nc),
-        np.zeros(nc), np.zeros(nx), np.zeros(nx), V, index,
+        np.zeros(nc), np.zeros(nc), np.zeros(nx), np.zeros(nx), V, index,
     )  # fmt: skip
 
 
@@ -207,16 +197,23 @@ def across_by_the_middle(model, work, s, corners, c, n, nx, h, cold, mu):  # typ
 
 
 @inlined_kernel
-def set_target(model, work, law, s, corners, c, n, nx, h, cold, bounces, halfway):  # type: ignore[no-untyped-def]
+def set_target(model, work, law, s, corners, c, n, done, h, cold, bounces, halfway):  # type: ignore[no-untyped-def]
     """V[B] and V[MU] of candidate n, corner c, from its free velocity in V[B]; whether it would touch.
 
     b_n = phi / h + J_n v_free, or by the law of restitution or compliance; b_t = J_t v_free. In the ground, relaxed
     contact pushes unless b is in the dual of the friction cone, b_n >= mu |b_t|.
+
+    done: share of an impact that a part of it ends with, if it is resolved in parts; else 0.
     """
-    r, tau, V = 3 * n, corners.tau, corners.V
+    r, tau, V, nx = 3 * n, corners.tau, corners.V, n_rates(model)
     free, kept_across = V[B, r], 0.0
     target = corners.gap[c] / h + free
-    if law.restitution > 0.0 and target < 0.0:
+    if done > 0.0 and corners.gap[c] <= 0.0:
+        before = min(0.0, velocity(tau, c, 0, s.u_start, s.xi_start, nx))
+        target = free - (1.0 - done) * before
+        if before < -law.thresholds.bounce_speed:
+            target += done * law.restitution * before
+    elif law.restitution > 0.0 and target < 0.0:
         before = velocity(tau, c, 0, s.u_start, s.xi_start, nx)
         if before < -law.thresholds.bounce_speed and (bounces or before > -law.thresholds.impact_speed):
             target = min(target, free + law.restitution * before)  # Newton: J_n v' >= -e J_n v
@@ -229,8 +226,10 @@ def set_target(model, work, law, s, corners, c, n, nx, h, cold, bounces, halfway
     V[B, r] = target
     mu = law.mu[c]
     if law.varied:
-        slip1 = velocity(tau, c, 1, s.u_start, s.xi_start, nx)
-        slip2 = velocity(tau, c, 2, s.u_start, s.xi_start, nx)
+        slip1, slip2 = V[B, r + 1], V[B, r + 2]
+        if done == 0.0:
+            slip1 = velocity(tau, c, 1, s.u_start, s.xi_start, nx)
+            slip2 = velocity(tau, c, 2, s.u_start, s.xi_start, nx)
         mu = friction_of(law.beyond, mu, slip1, slip2, V[B, r + 1], V[B, r + 2])
         V[B, r + 1] -= kept_across * slip1
         V[B, r + 2] -= kept_across * slip2
@@ -265,10 +264,11 @@ def delassus(corners, n, nx, over_m, slack):  # type: ignore[no-untyped-def]
 
 
 @inlined_kernel
-def assemble(model, law, work, s, corners, h, cold, afresh, bounces, halfway):  # type: ignore[no-untyped-def]
+def assemble(model, law, work, s, corners, h, cold, afresh, bounces, halfway, done):  # type: ignore[no-untyped-def]
     """The candidates' contact problem (G, A, V[B], V[MU], warm start V[LAM]); their number, 0 if all stay open.
 
     cold: no corner carried load in the last step. afresh: no warm start. bounces: restitution acts at any approach.
+    done: as of `set_target`.
     """
     nx, V, tau = n_rates(model), corners.V, corners.tau
     n, touches = np.int64(0), False  # a literal zero would have Numba compile what it is handed to twice
@@ -283,7 +283,7 @@ def assemble(model, law, work, s, corners, h, cold, afresh, bounces, halfway):  
                 free += tau[c, k, x] * s.xi[x]
             V[B, r + k] = free + s.u[k]
             V[LAM, r + k] = 0.0 if afresh else corners.warm[c, k]
-        touches = set_target(model, work, law, s, corners, c, n, nx, h, cold, bounces, halfway) or touches
+        touches = set_target(model, work, law, s, corners, c, n, done, h, cold, bounces, halfway) or touches
         corners.chosen[n] = c
         n += 1
     if not touches:
@@ -291,91 +291,3 @@ def assemble(model, law, work, s, corners, h, cold, afresh, bounces, halfway):  
     slack = law.compliance / (h * recovery_time(law, h))
     delassus(corners, n, nx, inverse_mass(model, work), slack)
     return n
-
-
-@inlined_kernel
-def is_relaxed(law, corners, n):  # type: ignore[no-untyped-def]
-    """Whether a candidate is so near the ground that the problem is the convex relaxation of Coulomb's law."""
-    relaxed = False
-    for i in range(n):
-        relaxed = relaxed or corners.gap[corners.chosen[i]] < law.beyond.lifting
-    return relaxed
-
-
-@inlined_kernel
-def apply_impulses(model, work, s, corners, n, h):  # type: ignore[no-untyped-def]
-    """u + sum lam / m and xi + W sum G lam, and corners that this would drive into the ground become candidates.
-
-    Returns:
-        (whether there are such corners, whether any impulse is not zero, the sums over m along z, x and y).
-    """
-    nx, V, G, g, xi, tau = n_rates(model), corners.V, corners.G, corners.g, corners.xi, corners.tau
-    touched, f0, f1, f2 = False, 0.0, 0.0, 0.0
-    for r in range(0, 3 * n, 3):
-        f0, f1, f2 = f0 + V[LAM, r], f1 + V[LAM, r + 1], f2 + V[LAM, r + 2]
-        touched = touched or V[LAM, r] != 0.0 or V[LAM, r + 1] != 0.0 or V[LAM, r + 2] != 0.0
-    for x in range(nx):
-        total = 0.0
-        for r in range(0, 3 * n, 3):
-            total += G[x, r] * V[LAM, r] + G[x, r + 1] * V[LAM, r + 1] + G[x, r + 2] * V[LAM, r + 2]
-        g[x] = total
-    add_impulse(model, work, g, s.xi, xi)
-    over_m = inverse_mass(model, work)
-    f0, f1, f2 = over_m * f0, over_m * f1, over_m * f2
-    hit = False
-    for c in range(corners.state.shape[0]):
-        if corners.state[c] == LOW:
-            vn = s.u[0] + f0
-            for x in range(nx):
-                vn += tau[c, 0, x] * xi[x]
-            if corners.gap[c] / h + vn < 0.0:
-                corners.state[c] = CANDIDATE
-                hit = True
-    return hit, touched, f0, f1, f2
-
-
-@inlined_kernel
-def resolve_contact(model, law, solver, work, s, corners, h, tolerance, cold, strike, bounces, halfway):  # type: ignore[no-untyped-def]
-    """Contact in one step: s.u and s.xi become those after it. After `find_corners` and `find_gaps`.
-
-    cold: there is no last step's load. strike: the step has no length. bounces: restitution acts at any approach, not
-    only below `impact_speed`.
-
-    Returns:
-        (candidates, 0 if none is hit; touched; status; KKT error); the candidates' impulses are V[LAM].
-    """
-    nx, n, touched, status, kkt_error = n_rates(model), np.int64(0), False, 0, 0.0
-    for c in range(corners.state.shape[0]):
-        if corners.gap[c] >= law.beyond.margin:
-            corners.state[c] = FAR
-        if corners.state[c] != FAR:
-            vn = velocity(corners.tau, c, 0, s.u, s.xi, nx)
-            corners.state[c] = CANDIDATE if corners.gap[c] / h + vn < CLOSING_SPEED else LOW
-    f0, f1, f2 = 0.0, 0.0, 0.0
-    for _ in range(ROUNDS):
-        n = assemble(model, law, work, s, corners, h, cold, cold or strike, bounces, halfway)
-        if n == 0:
-            return n, False, 0, 0.0
-        if law.beyond.lifting > 0.0 and is_relaxed(law, corners, n):
-            status, kkt_error, _ = qp_solve(
-                corners.A, corners.V, corners.solver_index, n, tolerance, np.int64(MAX_ITERATIONS)
-            )
-        else:
-            status, kkt_error = solve_contact(solver, corners.A, corners.V, corners.solver_index, n, tolerance)
-        hit, touched, f0, f1, f2 = apply_impulses(model, work, s, corners, n, h)
-        if not hit:
-            break
-    s.u[0], s.u[1], s.u[2] = s.u[0] + f0, s.u[1] + f1, s.u[2] + f2
-    for x in range(nx):
-        s.xi[x] = corners.xi[x]
-    return n, touched, status, kkt_error
-
-
-@inlined_kernel
-def keep_warm(corners, n):  # type: ignore[no-untyped-def]
-    """The impulses of this step's n candidates become the next one's warm start."""
-    for c in range(corners.warm.shape[0]):
-        corners.warm[c, 0], corners.warm[c, 1], corners.warm[c, 2] = 0.0, 0.0, 0.0
-    for i in range(n):
-        for k in range(3):
-            corners.warm[corners.chosen[i], k] = corners.V[LAM, 3 * i + k]
