@@ -60,6 +60,8 @@ class Gap:
         by_length: (frames, root mean square, floor) for windows of several lengths.
         frames: (m, 4) toss, time [s], phase and excess of each row of a window, for figures.
         odd: Names of tosses whose residuals are far larger than the others'.
+        after_impacts: The share in frames that follow an impact within the same window, whatever phase they are in:
+            what a prediction gets wrong in an impact it carries on to them.
     """
 
     total: Interval
@@ -69,6 +71,7 @@ class Gap:
     by_length: tuple[tuple[int, float, float], ...]
     frames: Array
     odd: tuple[str, ...]
+    after_impacts: Share = Share("after_impacts", Interval(0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True)

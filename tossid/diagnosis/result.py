@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 SCHEMA = "tossid.gap/1"
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained", "within_solver_disagreement", "incomplete"]
-Contact = Literal["coulomb", "relaxed", "own"]
+Contact = Literal["coulomb", "routh", "relaxed", "own"]
 
 
 @dataclass(frozen=True)
@@ -157,6 +157,7 @@ class Diagnosis:
             "by_phase": [{"phase": s.name, **_share(s)} for s in self.gap.by_phase],
             "by_channel": [{"channel": s.name, **_share(s)} for s in self.gap.by_channel],
             "by_length": [{"frames": n, "rms": rms, "floor": floor} for n, rms, floor in self.gap.by_length],
+            "after_impacts": _share(self.gap.after_impacts),
             "odd_tosses": list(self.gap.odd),
             "by_corner": [corner.as_json() for corner in self.place.corners],
             "wrench": [relation.as_json() for relation in self.place.wrench],
@@ -164,6 +165,7 @@ class Diagnosis:
         left = {
             **self.left.total.as_json(),
             "noise_floor": self.left.noise_floor,
+            "after_impacts": _share(self.left.after_impacts),
             "by_corner": [corner.as_json() for corner in self.place.corners_left],
             "wrench": [relation.as_json() for relation in self.place.wrench_left],
         }

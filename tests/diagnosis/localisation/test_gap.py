@@ -41,6 +41,14 @@ def validator(cube: ObjectModel, tosses: list[Toss]) -> CrossValidator:
     return CrossValidator.of(tosses, cube, seed=0, settings=changed(DiagnoseSettings(), {"other_lengths": (10,)}))
 
 
+def test_what_an_impact_gets_wrong_is_seen_after_it(cube: ObjectModel) -> None:
+    """A missing bounce leaves nothing in flight before and little at the impact itself: most is in what follows it."""
+    made = seen(World(cube.with_changes(restitution=0.5)), cube, COUNT, seed=4)
+    validator = CrossValidator.of(made, cube, seed=0, settings=changed(DiagnoseSettings(), {"other_lengths": (10,)}))
+    gap = measure_gap(made, validator.evaluate(Hypothesis(World(cube))), validator, noise_floor(validator.windows))
+    assert gap.after_impacts.share.value > 0.6
+
+
 def test_friction_closes_the_gap_that_it_makes(
     cube: ObjectModel, tosses: list[Toss], validator: CrossValidator
 ) -> None:
@@ -54,6 +62,7 @@ def test_friction_closes_the_gap_that_it_makes(
     assert sum(share.share.value for share in gap.by_channel) == pytest.approx(1.0)
     assert next(share.share.value for share in gap.by_phase if share.name == "slide") > 0.4
     assert [frames for frames, _, _ in gap.by_length] == [10, 20]
+    assert 0.1 < gap.after_impacts.share.value < 0.9
     closed, unexplained = share_left(first, last, validator, floor)
     assert closed.value > 0.8
     assert unexplained == ()

@@ -41,6 +41,10 @@ def test_what_is_left_is_said_with_its_place(cube: ObjectModel) -> None:
         "40 % of the gap remains, a significant part of it at impacts (30 % of the original gap)"
         in sentences(found)[-1]
     )
+    assert "follow an impact" not in sentences(found)[-1]
+    carried = replace(found.left, after_impacts=Share("after_impacts", Interval(0.5, 0.4, 0.6)))
+    said = sentences(replace(found, left=carried))[-1]
+    assert "50 % lies in frames that follow an impact within the same short window" in said
 
 
 def test_what_is_not_the_same_in_all_tosses_is_said_with_its_size(cube: ObjectModel) -> None:

@@ -97,7 +97,10 @@ def measure_gap(tosses: Sequence[Toss], state: Candidate, validator: CrossValida
     of_others = validator.map(lambda length: _rms_of(tosses, length, state, validator), others)
     rms = {own: total.value} | dict(zip(others, of_others, strict=True))
     lengths = tuple((length, rms[length], floor.rms) for length in sorted(rms))
-    return Gap(total, floor.rms, phases, channels, lengths, rows, odd)
+    impact = w.phase == Phase.IMPACT
+    followed = np.logical_or.accumulate(impact & w.inside, axis=1) & ~impact
+    after = share("after_impacts", np.where(followed[..., None], excess, 0.0))
+    return Gap(total, floor.rms, phases, channels, lengths, rows, odd, after)
 
 
 def in_short(state: Candidate) -> str:

@@ -38,7 +38,26 @@ _STATES = {
 }
 
 
+_CARRIED = 0.25
+"""Share of what remains, after impacts, that is worth a sentence."""
+
+
 # ---------------------------------------------------------------- where the gap is
+
+
+def carried_on(diagnosis: Diagnosis) -> str:
+    """How much of what remains follows impacts, if it is much, with a space before it.
+
+    Args:
+        diagnosis: Of which something remains.
+    """
+    share = diagnosis.left.after_impacts.share.value
+    if share < _CARRIED:
+        return ""
+    return (
+        f" Of what remains, {percent(share)} lies in frames that follow an impact within the same short window: "
+        "predictions carry on what they get wrong in an impact."
+    )
 
 
 def wrench_words(component: str) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from tossid.diagnosis.findings import Finding, Interval, Share
 from tossid.diagnosis.report.interruption_text import interruption_sentences
+from tossid.diagnosis.report.localisation_text import carried_on
 from tossid.diagnosis.report.order_text import over_order_sentences
 from tossid.diagnosis.report.refusal_text import contradiction_sentences, refusal_sentences, refusal_words
 from tossid.diagnosis.report.units import closed_share, in_units, listed, parameter, percent, quantity, short
@@ -340,7 +341,10 @@ def _what_remains(diagnosis: Diagnosis) -> str:
             f"{_PHASES.get(share.name, share.name)} ({percent(share.share.value)} of the original gap)"
             for share in diagnosis.unexplained
         ]
-        return f"{left}, a significant part of it {listed(where)}. The library has no effect that explains this part."
+        return (
+            f"{left}, a significant part of it {listed(where)}.{carried_on(diagnosis)} The library has no effect that "
+            "explains this part."
+        )
     if diagnosis.verdict == "explained":
         return f"{left}; no single phase of the motion holds a significant part of it."
     return f"{left}; no effect of the library explains it."
