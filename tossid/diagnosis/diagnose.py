@@ -344,6 +344,12 @@ def _of_contact(found: Diagnosis, simulator: Simulator) -> tuple[str, ...]:
             "These tosses follow MuJoCo's relaxed friction, in which a sliding contact lifts off, more closely than "
             "Coulomb's law. The effects are fitted with relaxed friction.",
         )
+    if found.contact == "routh" and simulator.mjcf is None:
+        return (
+            "In these tosses, friction of an impact is against the slip as it turns meanwhile (Routh's law), more than "
+            "against the slip after the impact, as in simulators that resolve impacts at once. The effects are fitted "
+            "with Routh's law.",
+        )
     if found.contact != "own" and simulator.mjcf is not None:
         return (
             "These tosses follow rigid contact more closely than your model's own contact. The effects are fitted "

@@ -130,7 +130,13 @@ def search_once(problem: Problem) -> Searched:
     world = first.hypothesis.base
     shown, plane = in_plane(tosses, world, problem.library, settings=problem.settings, n_threads=problem.n_threads)
     asked = partial(ask_tosses, tosses, world, validator=validator)
-    found = search(validator, shown, first, under_way, lambda at: contradicted_values(asked(at)))
+    searched = partial(
+        search, validator, shown, under_way=under_way, measured=lambda at: contradicted_values(asked(at))
+    )
+    found = searched(first)
+    other = with_other_impacts(validator, found.present)
+    if other is not None:
+        found = searched(validator.evaluate(Hypothesis(other)))
     found = decided_by_witnesses(found, validator, asked)
     under_way("line search", 0.85)
     found = with_saturated_effects(validator, line_searched(validator, found))
@@ -142,6 +148,25 @@ def search_once(problem: Problem) -> Searched:
     made = _concluded(tosses, problem.unseen, shown, validator, found, spread, why, started, problem.seed)
     made = made if plane is None else _with_plane(made, plane, problem.library)
     return Searched(tuple(tosses), tuple(shown), validator, found, made, problem.seed, under_way)
+
+
+def with_other_impacts(validator: CrossValidator, present: Candidate) -> World | None:
+    """The world without effects, with the other law of friction in impacts, if the tosses clearly follow that one.
+
+    The law was chosen without effects, which may have hidden which one the tosses follow.
+
+    Args:
+        validator: Of all windows.
+        present: The hypothesis that was found under the law that was chosen.
+    """
+    base, settings = present.hypothesis.base, validator.settings
+    if validator.engine.of_user or base.law.lifting > 0 or not present.hypothesis.effects:
+        return None
+    parts = settings.likelihood.engine.impulse_parts if base.law.impulse_parts == 1 else 1
+    other = replace(base, law=base.law._replace(impulse_parts=float(parts)))
+    asked = [present.hypothesis, replace(present.hypothesis, base=other)]
+    own, theirs = validator.map(validator.evaluate, asked)
+    return other if validator.p_value_over(theirs, own) < settings.selection.class_level else None
 
 
 def with_repeats(
@@ -336,4 +361,5 @@ def _contact(validator: CrossValidator, found: SearchResult) -> Contact:
     """The contact law that the tosses follow most."""
     if validator.engine.of_user:
         return "own"
-    return "relaxed" if found.first.hypothesis.base.law.lifting > 0 else "coulomb"
+    law = found.first.hypothesis.base.law
+    return "relaxed" if law.lifting > 0 else "routh" if law.impulse_parts > 1 else "coulomb"

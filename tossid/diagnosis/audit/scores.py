@@ -40,7 +40,8 @@ def closable_share(tosses: Sequence[Toss], world: World, effects: Mapping[str, V
     """
     validator = CrossValidator.of(tosses, world.object, seed=seed)
     validator, best = validator.with_contact_law(world_with(world, effects))
-    world = replace(world, law=world.law._replace(lifting=best.law.lifting))
+    law = world.law._replace(lifting=best.law.lifting, impulse_parts=best.law.impulse_parts)
+    world = replace(world, law=law)
     first, last = validator.evaluate(Hypothesis(world)), validator.evaluate(Hypothesis(world_with(world, effects)))
     floor = noise_floor(validator.windows)
     return share_left(first, last, validator, floor)[0].value

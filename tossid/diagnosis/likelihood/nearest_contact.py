@@ -3,9 +3,9 @@
 Changes of a frame by effects (`step_changes`) are those of the stated object in tossid's simulator. They are the better
 the more its contact is like that of the simulator that is judged. Motions of the latter from the tosses' first states
 show what one frame does to states near the ground. Candidates are rigid contact, contact that yields (a spring, a
-damper and an added mass, as MuJoCo has it), and each of them as the convex relaxation of Coulomb's law. The velocities
-after a frame decide. They also show how many steps a frame the simulator takes, where contact yields: what slides over
-soft ground leaves it and comes back within a few steps.
+damper and an added mass, as MuJoCo has it), each of them as the convex relaxation of Coulomb's law, and rigid contact
+whose impacts are resolved in parts. The velocities after a frame decide. They also show how many steps a frame the
+simulator takes, where contact yields: what slides over soft ground leaves it and comes back within a few steps.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ MOST_MOTIONS, MOST_STATES = 16, 300
 """Motions, and states of them near the ground, that are looked at."""
 LIFTING = 1e-4
 """Height of a corner below which contact is relaxed [m], where it is (`EngineSettings.lifting`)."""
+PARTS = 8.0
+"""Parts of an impact whose friction is against the slip as it turns (`EngineSettings.impulse_parts`)."""
 BEGINNINGS = ((2e3, 40.0, 0.9), (2e4, 60.0, 0.1))
 """Stiffness [N/m] and damping [N s/m] of a corner and its impedance, from which contact that yields is fitted."""
 MOST_EVALUATIONS = 80
@@ -115,7 +117,7 @@ def nearest_contact(frames: Frames, world: World, dt: float, **how: Any) -> Cont
         return [replace(contact, step_count=1 + n) for n in range(MOST_STEPS)]
 
     rigid = [Contact(lifting=lifting) for lifting in (0.0, LIFTING)]
-    best = min(rigid, key=error)
+    best = min([*rigid, Contact(impulse_parts=PARTS)], key=error)
     best = min([best, *in_steps(best)], key=error)
     first = [replace(each, step_count=FIRST_STEPS) for each in rigid]
     soft = [_fitted(begin, each, error, world) for each in first for begin in BEGINNINGS]

@@ -94,6 +94,7 @@ class Contact:
         relaxation: [s].
         added_mass: [kg].
         lifting: [m].
+        impulse_parts: Of an impact, where it does not yield.
         step_count: Steps a frame, which no impact cuts; None for those of tossid's own, where impacts end steps. Soft
             contact chatters in steps, and rigid one meets corners one after the other, so that their length matters.
     """
@@ -102,6 +103,7 @@ class Contact:
     relaxation: float = 0.0
     added_mass: float = 0.0
     lifting: float = 0.0
+    impulse_parts: float = 1.0
     step_count: int | None = None
 
     def of(self, world: World) -> World:
@@ -112,7 +114,9 @@ class Contact:
         """
         yields = world.object.with_changes(compliance=self.compliance, relaxation=self.relaxation)
         margin = 0.0 if self.compliance > 0 else math.inf
-        law = world.law._replace(added_mass=self.added_mass, lifting=self.lifting, margin=margin)
+        law = world.law._replace(
+            added_mass=self.added_mass, lifting=self.lifting, impulse_parts=self.impulse_parts, margin=margin
+        )
         return replace(world, object=yields, law=law)
 
     def steps(self, how: dict[str, Any]) -> dict[str, Any]:

@@ -187,16 +187,19 @@ class CrossValidator:
     def with_contact_law(self, world: World) -> tuple[CrossValidator, World]:
         """The world with the contact law that the tosses follow most, and the validator that belongs to it.
 
-        The law is Coulomb's, its relaxation, or, where a user's MuJoCo model is diagnosed, that model's own; the last
-        only together with its engine. Any other simulator of a user has its own.
+        The law is Coulomb's with friction of an impact against the slip after it, the same against the slip as it turns
+        in the impact (`Law.impulse_parts`), the relaxation of the first, or, where a user's MuJoCo model is diagnosed,
+        that model's own; the last only together with its engine. Any other simulator of a user has its own.
 
         Args:
             world: The simulator.
         """
         if self.engine.none:
             return self, world
-        relaxed = replace(world, law=world.law._replace(lifting=self.settings.likelihood.engine.lifting))
-        tried = [(replace(self, engine=Engine()), each) for each in (world, relaxed)]
+        engine = self.settings.likelihood.engine
+        relaxed = replace(world, law=world.law._replace(lifting=engine.lifting))
+        turning = replace(world, law=world.law._replace(impulse_parts=engine.impulse_parts))
+        tried = [(replace(self, engine=Engine()), each) for each in (world, turning, relaxed)]
         if self.engine.model is not None:
             tried.append((self, relaxed))
 
