@@ -230,27 +230,30 @@ class _Search:
 
         needed, decided = dict(needed), {}
         for name, others in classes.items():
-            group, k_best = [needed.pop(name), *others], 0
-            if others:
-                asked = [replaced(best.hypothesis, name, other) for other in others]
+            rivals, chosen = self._may_lead(others), needed.pop(name)
+            group = chosen, *others
+            if rivals:
+                asked = [replaced(best.hypothesis, name, other) for other in rivals]
                 evaluated = [best, *self.validator.map(partial(self.validator.evaluate, near=best), asked)]
-                k_best = self._clearly_best(group, [ahead(each) for each in evaluated])
-                best = evaluated[k_best]
-            chosen = group[k_best]
+                k_best = self._clearly_best([chosen, *rivals], [ahead(each) for each in evaluated])
+                best, chosen = evaluated[k_best], [chosen, *rivals][k_best]
             needed[chosen.name] = chosen
             decided[chosen.name] = tuple(each for each in group if each is not chosen)
         return best, needed, decided
 
-    def _clearly_best(self, group: Sequence[Candidate], hypotheses: Sequence[Candidate]) -> int:
-        """Which member of a class it is whose hypothesis is clearly better than those of the members before it.
+    def _may_lead(self, group: Sequence[Candidate]) -> list[Candidate]:
+        """Which members of a class flight alone gives a name.
 
-        What flight alone gives no name does not lead: a force whose law is more general than flight can tell would make
-        up for what is missing in contact.
+        Others, such as a force whose law is more general than flight can tell, would make up for what is missing in
+        contact.
         """
+        return [each for each in group if implausible_alone(each, self.validator.n) is None]
+
+    def _clearly_best(self, group: Sequence[Candidate], hypotheses: Sequence[Candidate]) -> int:
+        """Which member of a class it is whose hypothesis is clearly better than those of the members before it."""
         compare, k_best = ConfusableClasses(self._rounds), 0
         for k in range(1, len(group)):
-            better = compare.is_better_instead(hypotheses[k], hypotheses[k_best], group[k].effect, group[k_best].name)
-            if better and implausible_alone(group[k], self.validator.n) is None:
+            if compare.is_better_instead(hypotheses[k], hypotheses[k_best], group[k].effect, group[k_best].name):
                 k_best = k
         return k_best
 
@@ -319,15 +322,16 @@ class _Search:
         validator, needed, decided = self.validator, dict(needed), {}
         near, own = None if afresh else best, None
         for name, others in classes.items():
-            group, k_best = [needed.pop(name), *others], 0
-            if others:
+            rivals, chosen = self._may_lead(others), needed.pop(name)
+            group = chosen, *others
+            if rivals:
                 own = own or validator.evaluate(best.hypothesis, near)
-                asked = [replaced(best.hypothesis, name, other) for other in others]
+                asked = [replaced(best.hypothesis, name, other) for other in rivals]
                 evaluated = [own, *validator.map(partial(validator.evaluate, near=near), asked)]
-                k_best = self._clearly_best(group, evaluated)
+                k_best = self._clearly_best([chosen, *rivals], evaluated)
                 if k_best:
                     best = own = evaluated[k_best]
-            chosen = group[k_best]
+                    chosen = rivals[k_best - 1]
             needed[chosen.name] = chosen
             decided[chosen.name] = tuple(each for each in group if each is not chosen)
         return best, needed, decided
