@@ -47,6 +47,7 @@ class Impacts:
         before: (n, 3) velocity there before [m/s].
         after: (n, 3) velocity there after [m/s].
         q: (n, 4) attitudes, wxyz.
+        height: (n,) of the centre of mass [m].
     """
 
     toss: NDArray[np.int64]
@@ -56,6 +57,7 @@ class Impacts:
     before: Array
     after: Array
     q: Array
+    height: Array
 
 
 class Measurement(NamedTuple):
@@ -208,9 +210,9 @@ def lone_impacts(tosses: Sequence[Toss], world: World, settings: WitnessSettings
             row = _impact(q, place, t, (last, first), gravity, shape, settings)
             if row is not None:
                 rows.append((number, row))
-    values = np.array([row for _, row in rows]).reshape(len(rows), 19)
-    parts = np.split(values, [3, 6, 9, 12, 15], axis=1)
-    return Impacts(np.array([number for number, _ in rows], dtype=int), *parts)
+    values = np.array([row for _, row in rows]).reshape(len(rows), 20)
+    parts = np.split(values, [3, 6, 9, 12, 15, 19], axis=1)
+    return Impacts(np.array([number for number, _ in rows], dtype=int), *parts[:-1], height=parts[-1][:, 0])
 
 
 class _Shape(NamedTuple):
@@ -244,7 +246,10 @@ def _impact(
     shape: _Shape,
     settings: WitnessSettings,
 ) -> Array | None:
-    """(19,) arm, dv, dw, before, after and attitude of an impact between two frames; None if no lone corner is hit."""
+    """(20,) arm, dv, dw, before, after, attitude and height of an impact between two frames.
+
+    None if no lone corner is hit.
+    """
     last, first = frames
     middle = 0.5 * (t[last] + t[first])
 
@@ -270,7 +275,9 @@ def _impact(
         return None
     if before[2] > -settings.least_closing:
         return None
-    return np.concatenate([arm, jump, w_after - w, before, v_after + gravity * when + np.cross(w_after, arm), attitude])
+    after = v_after + gravity * when + np.cross(w_after, arm)
+    height = p[2:] + v[2] * when + 0.5 * gravity[2] * when**2
+    return np.concatenate([arm, jump, w_after - w, before, after, attitude, height])
 
 
 def _merged(arms: Array, spins: tuple[Array, Array], near: float, along: float) -> Array:
