@@ -211,8 +211,8 @@ def lone_impacts(tosses: Sequence[Toss], world: World, settings: WitnessSettings
             if row is not None:
                 rows.append((number, row))
     values = np.array([row for _, row in rows]).reshape(len(rows), 20)
-    parts = np.split(values, [3, 6, 9, 12, 15, 19], axis=1)
-    return Impacts(np.array([number for number, _ in rows], dtype=int), *parts[:-1], height=parts[-1][:, 0])
+    arm, dv, dw, before, after, q, height = np.split(values, [3, 6, 9, 12, 15, 19], axis=1)
+    return Impacts(np.array([number for number, _ in rows], dtype=int), arm, dv, dw, before, after, q, height[:, 0])
 
 
 class _Shape(NamedTuple):
