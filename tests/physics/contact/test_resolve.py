@@ -66,11 +66,10 @@ def test_many_parts_are_rouths_law(cube: ObjectModel, friction: float, restituti
     for parts in (1, 8, 64):
         after, arm = struck(body, parts)
         off[parts] = float(np.abs(after - routh(body, arm))[:3].max())
-    assert off[64] < 2e-3
-    # of first order, and the slip turns by so much that one part is not the same impact
-    assert off[64] < 0.25 * off[8]
-    assert off[8] < 0.25 * off[1]
-    assert off[1] > 0.01
+    assert off[64] < 1e-3
+    assert off[8] < 0.01
+    # the slip turns by so much that one part is not the same impact
+    assert off[1] > max(0.01, 4 * off[8])
 
 
 def test_one_part_is_the_impact_at_once(cube: ObjectModel) -> None:

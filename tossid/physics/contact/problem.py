@@ -197,6 +197,25 @@ def across_by_the_middle(model, work, s, corners, c, n, nx, h, cold, mu):  # typ
 
 
 @inlined_kernel
+def across_by_the_mean(model, work, corners, n, target, mu):  # type: ignore[no-untyped-def]
+    """Add to V[B]'s tangential rows of candidate n what makes friction oppose the mean slip of an impact's part.
+
+    As in `across_by_the_middle`, of what slides on through the part alone, by the load that its target asks for.
+    """
+    r, V, G = 3 * n, corners.V, corners.G
+    normal = across = inverse_mass(model, work)
+    for x in range(n_rates(model)):
+        normal += G[x, r] * G[x, r]
+        across += 0.5 * (G[x, r + 1] * G[x, r + 1] + G[x, r + 2] * G[x, r + 2])
+    changes = SLIDES_ON * mu * across * max(0.0, -target) / normal
+    if changes > 0.0:
+        slip1, slip2 = V[B, r + 1], V[B, r + 2]
+        mean = min(1.0, max(0.0, math.sqrt(slip1 * slip1 + slip2 * slip2) / changes - 1.0))
+        V[B, r + 1] += mean * slip1
+        V[B, r + 2] += mean * slip2
+
+
+@inlined_kernel
 def set_target(model, work, law, s, corners, c, n, done, h, cold, bounces, halfway):  # type: ignore[no-untyped-def]
     """V[B] and V[MU] of candidate n, corner c, from its free velocity in V[B]; whether it would touch.
 
@@ -238,6 +257,8 @@ def set_target(model, work, law, s, corners, c, n, done, h, cold, bounces, halfw
     V[MU, n] = mu
     if halfway:
         across_by_the_middle(model, work, s, corners, c, n, nx, h, cold, mu)
+    if done > 0.0 and corners.gap[c] <= 0.0:
+        across_by_the_mean(model, work, corners, n, target, mu)
     if corners.gap[c] < 0.0 < law.beyond.lifting:
         return target < mu * math.sqrt(V[B, r + 1] ** 2 + V[B, r + 2] ** 2)
     return target < 0.0

@@ -86,7 +86,7 @@ def resolve_contact(model, law, solver, work, s, corners, h, tolerance, cold, st
     """Contact in one step: s.u and s.xi become those after it. After `find_corners` and `find_gaps`.
 
     An impact may be resolved in parts (`Law.impulse_parts`). Its corners come to rest, and bounce, in equal shares of
-    their speeds, and friction in each part is against the slip at its end.
+    their speeds, and friction in each part is against the mean of the slips at its beginning and end.
 
     cold: there is no last step's load. strike: the step has no length. bounces: restitution acts at any approach, not
     only below `impact_speed`.

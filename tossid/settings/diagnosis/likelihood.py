@@ -118,7 +118,7 @@ class EngineSettings:
     """length scale of the relaxed friction law, in which what slides is lifted [m] (Anitescu, Math. Prog. 2006)"""
     impulse_parts: Count = 8
     """parts of an impact whose friction is against the slip as it turns meanwhile, where tosses follow that; 64 move a
-    thrown cube by 0.1 mm three frames later"""
+    thrown cube by 0.01 mm three frames later"""
     substeps: Count = 17
     """MuJoCo's steps a frame for near-rigid contact; 135 give the same differences to a few percent"""
     bouncing_substeps: Count = 68
