@@ -9,11 +9,10 @@ import pytest
 
 from tests.diagnosis.by_hand import EFFECTS, diagnosis, hypothesis
 from tests.diagnosis.tossed import ONCE, seen, seen_with_joint, with_effect
-from tossid.diagnosis.explain import explain, with_other_impacts, with_repeats
+from tossid.diagnosis.explain import explain, with_repeats
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.report.text import sentences
-from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.stability import Repeat, Stability
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, RecordingErrors, World, effects_for
@@ -161,15 +160,3 @@ def test_what_repeats_name_too_rarely_is_a_candidate(cube: ObjectModel, times: i
 def test_without_repeats_names_stay(cube: ObjectModel) -> None:
     made = diagnosis(cube)
     assert with_repeats(made, Stability(), {}).named == made.named
-
-
-def test_the_law_of_impacts_is_exchanged_once_effects_show_it(cube: ObjectModel) -> None:
-    """Friction and a bounce are found under the wrong law, and the tosses follow the other one; then no longer."""
-    truth = EFFECTS["restitution"].at(World(cube.with_changes(friction=0.3)), np.array([0.3]))
-    tosses = seen(replace(truth, law=truth.law._replace(impulse_parts=64.0)), cube, 8, seed=3)
-    validator = CrossValidator.of(tosses, cube, seed=0)
-    found = hypothesis(cube, friction=[0.3], restitution=[0.3])
-    other = with_other_impacts(validator, validator.evaluate(found))
-    assert other is not None
-    assert (other.law.impulse_parts, other.object.friction) == (8, cube.friction)
-    assert with_other_impacts(validator, validator.evaluate(replace(found, base=other))) is None

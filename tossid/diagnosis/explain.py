@@ -30,6 +30,7 @@ from tossid.diagnosis.localisation.rollouts import rollout_errors
 from tossid.diagnosis.localisation.unseen import judge_unseen, unseen_windows
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.result import Contact, Diagnosis, Verdict
+from tossid.diagnosis.selection.contact_law import with_contact_law, with_other_impacts
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.flight_search import power_law_of
 from tossid.diagnosis.selection.nested import judged, judging_folds
@@ -75,7 +76,7 @@ def begin(problem: Problem) -> tuple[CrossValidator, Candidate]:
     """
     under_way = problem.under_way
     under_way("the gap", 0.02)
-    validator, world = problem.validator().with_contact_law(problem.world)
+    validator, world = with_contact_law(problem.validator(), problem.world)
     first = validator.evaluate(Hypothesis(world))
     under_way.begun(problem.tosses, validator, first)
     gains = validator.map(partial(predicted_gain, validator, first), problem.library)
@@ -148,25 +149,6 @@ def search_once(problem: Problem) -> Searched:
     made = _concluded(tosses, problem.unseen, shown, validator, found, spread, why, started, problem.seed)
     made = made if plane is None else _with_plane(made, plane, problem.library)
     return Searched(tuple(tosses), tuple(shown), validator, found, made, problem.seed, under_way)
-
-
-def with_other_impacts(validator: CrossValidator, present: Candidate) -> World | None:
-    """The world without effects, with the other law of friction in impacts, if the tosses clearly follow that one.
-
-    The law was chosen without effects, which may have hidden which one the tosses follow.
-
-    Args:
-        validator: Of all windows.
-        present: The hypothesis that was found under the law that was chosen.
-    """
-    base, settings = present.hypothesis.base, validator.settings
-    if validator.engine.of_user or base.law.lifting > 0 or not present.hypothesis.effects:
-        return None
-    parts = settings.likelihood.engine.impulse_parts if base.law.impulse_parts == 1 else 1
-    other = replace(base, law=base.law._replace(impulse_parts=float(parts)))
-    asked = [present.hypothesis, replace(present.hypothesis, base=other)]
-    own, theirs = validator.map(validator.evaluate, asked)
-    return other if validator.p_value_over(theirs, own) < settings.selection.class_level else None
 
 
 def with_repeats(

@@ -85,13 +85,3 @@ def test_tosses_whose_frames_are_missing_everywhere_are_refused(cube: ObjectMode
     uneven = [replace(toss, t=toss.t[0] + np.cumsum(rng.uniform(0.002, 0.006, len(toss)))) for toss in tosses]
     with pytest.raises(InputError, match="none of 4 tosses has a stretch of 10 time steps of 4"):
         CrossValidator.of(uneven, cube, seed=0)
-
-
-@pytest.mark.parametrize(("parts", "chosen"), [(1, 1), (64, 8)])
-def test_friction_of_impacts_is_as_the_tosses_have_it(cube: ObjectModel, parts: int, chosen: int) -> None:
-    """Against the slip after an impact, or against the slip as it turns; also where friction is not the stated one."""
-    world = truth(cube)
-    world = replace(world, law=world.law._replace(impulse_parts=float(parts)))
-    stated, validator = World(cube), CrossValidator.of(seen(world, cube, COUNT, seed=11), cube, seed=0)
-    _, found = validator.with_contact_law(stated)
-    assert (found.law.lifting, found.law.impulse_parts) == (0, chosen)

@@ -15,6 +15,7 @@ from tossid.diagnosis.audit.strengths import world_with
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.gap import share_left
 from tossid.diagnosis.localisation.noise import noise_floor
+from tossid.diagnosis.selection.contact_law import with_contact_law
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.screening import screen
 from tossid.physics.effects import World, effect_named
@@ -39,7 +40,7 @@ def closable_share(tosses: Sequence[Toss], world: World, effects: Mapping[str, V
         The share of the gap above the noise floor.
     """
     validator = CrossValidator.of(tosses, world.object, seed=seed)
-    validator, best = validator.with_contact_law(world_with(world, effects))
+    validator, best = with_contact_law(validator, world_with(world, effects))
     law = world.law._replace(lifting=best.law.lifting, impulse_parts=best.law.impulse_parts)
     world = replace(world, law=law)
     first, last = validator.evaluate(Hypothesis(world)), validator.evaluate(Hypothesis(world_with(world, effects)))
@@ -63,7 +64,7 @@ def fits_alone(
         Values by effect and parameter.
     """
     validator = CrossValidator.of(tosses, world.object, seed=seed, n_threads=n_threads)
-    validator, world = validator.with_contact_law(world)
+    validator, world = with_contact_law(validator, world)
     first = validator.evaluate(Hypothesis(world))
 
     def fitted(name: str) -> Values:

@@ -3,7 +3,7 @@
 Rigid contact with friction is not one law but several. MuJoCo's is the convex relaxation of Coulomb's (Anitescu 2006):
 what slides is also lifted, a cube at 1 m/s by 1.5 mm. Friction of an impact may be against the slip after it, or as it
 turns meanwhile (`Law.impulse_parts`). Which law the tosses follow is determined before any effect is sought
-(`CrossValidator.with_contact_law`), and is no effect. Beyond that, impacts on several corners, how far
+(`selection.contact_law`), and is no effect. Beyond that, impacts on several corners, how far
 contact yields, how several corners bounce, and what torsional friction and rolling resistance leave of sliding friction
 differ between engines. So each window has one more nuisance parameter c, the multiple of the difference between the
 other engine and ours (both with the same body, contact and gravity) that the residuals contain, c ~ N(0, 1). Where a

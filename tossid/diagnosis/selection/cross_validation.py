@@ -19,7 +19,7 @@ from tossid.diagnosis.selection.significance import part_p_value
 from tossid.errors import InputError
 from tossid.motion.resting import rest_scatter
 from tossid.objects import ObjectModel
-from tossid.physics.effects import Effect, World
+from tossid.physics.effects import Effect
 from tossid.physics.solvers.batches import whole_batches
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Phase, Toss
@@ -183,35 +183,6 @@ class CrossValidator:
         asked: tuple[Callable[[], Any], ...] = (one, other)
         made = self.map(lambda ask: ask(), asked)
         return made[0], made[1]
-
-    def with_contact_law(self, world: World) -> tuple[CrossValidator, World]:
-        """The world with the contact law that the tosses follow most, and the validator that belongs to it.
-
-        The law is Coulomb's with friction of an impact against the slip after it, the same against the slip as it turns
-        in the impact (`Law.impulse_parts`), the relaxation of the first, or, where a user's MuJoCo model is diagnosed,
-        that model's own; the last only together with its engine. Any other simulator of a user has its own.
-
-        Args:
-            world: The simulator.
-        """
-        if self.engine.none:
-            return self, world
-        engine = self.settings.likelihood.engine
-        relaxed = replace(world, law=world.law._replace(lifting=engine.lifting))
-        turning = replace(world, law=world.law._replace(impulse_parts=engine.impulse_parts))
-        tried = [(replace(self, engine=Engine()), each) for each in (world, turning, relaxed)]
-        if self.engine.model is not None:
-            tried.append((self, relaxed))
-
-        def log_likelihood(one: tuple[CrossValidator, World]) -> float:
-            validator, each = one
-            kept, whitening, residuals = linearised(validator.windows, each, refine=4, n_threads=validator.n_threads)
-            evidence = Evidence(kept, whitening, validator.n_threads, None, each, {id(each): (each, residuals)})
-            evidence = validator.with_engine_difference(evidence, Hypothesis(each), restarts=0)
-            residuals = evidence.residuals(each)
-            return float(evidence.log_likelihood(residuals, evidence.scales(residuals)).sum())
-
-        return tried[int(np.argmax(self.map(log_likelihood, tried)))]
 
     def evaluate(self, hypothesis: Hypothesis, near: Candidate | None = None) -> Candidate:
         """A hypothesis at its values, with nothing fitted but the windows' first states.

@@ -13,6 +13,7 @@ from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.gap import by_toss, deviance
 from tossid.diagnosis.localisation.noise import Floor, noise_floor
 from tossid.diagnosis.problem import Problem
+from tossid.diagnosis.selection.contact_law import with_contact_law
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.sessions.changes import changes_over_order, effect_over_order
 from tossid.diagnosis.sessions.correction import corrected_tosses
@@ -132,7 +133,7 @@ def undo_changes(problem: Problem) -> tuple[Looked, Looked, Corrections]:
         What was seen first and last, and the corrected tosses.
     """
     tosses, order = Corrections(tuple(problem.tosses), tuple(problem.unseen)), TossOrder.of(problem)
-    validator, base = problem.validator(over_order=True).with_contact_law(problem.world)
+    validator, base = with_contact_law(problem.validator(over_order=True), problem.world)
     present = validator.evaluate(Hypothesis(base))
     problem.under_way("the gap", 0.02)
     problem.under_way.begun(problem.tosses, validator, present)

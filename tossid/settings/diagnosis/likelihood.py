@@ -119,6 +119,8 @@ class EngineSettings:
     impulse_parts: Count = 8
     """parts of an impact whose friction is against the slip as it turns meanwhile, where tosses follow that; 64 move a
     thrown cube by 0.01 mm three frames later"""
+    turning_closes: Fraction = 0.05
+    """share of contact's deviance that this friction has to close to be taken before effects are known"""
     substeps: Count = 17
     """MuJoCo's steps a frame for near-rigid contact; 135 give the same differences to a few percent"""
     bouncing_substeps: Count = 68
