@@ -26,7 +26,7 @@ from pipelines.cli.console import Console
 STAGES: tuple[tuple[str, str], ...] = (
     ("windows", "tossid.diagnosis.likelihood.windows:make_windows"),
     ("first hypotheses", "tossid.diagnosis.selection.cross_validation:CrossValidator.evaluate"),
-    ("contact law", "tossid.diagnosis.selection.cross_validation:CrossValidator.with_contact_law"),
+    ("contact law", "tossid.diagnosis.selection.contact_law:with_contact_law"),
     ("screening", "tossid.diagnosis.selection.screening:screen"),
     ("fits", "tossid.diagnosis.likelihood.fitting:fit"),
     ("perturbed fits", "tossid.diagnosis.likelihood.fitting:perturbed"),

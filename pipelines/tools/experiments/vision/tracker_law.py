@@ -22,6 +22,7 @@ import tossid
 from pipelines.cli.console import Console
 from pipelines.cli.failures import guarded
 from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.selection.contact_law import with_contact_law
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.flight_search import search_flight
 from tossid.motion.sessions.copies import find_copies
@@ -264,7 +265,7 @@ def flight_effects(tosses: Sequence[Toss], model: ObjectModel) -> dict[str, tupl
         model: Its object, and the simulator.
     """
     world, settings = World(model), DiagnoseSettings(threads=1)
-    validator, world = CrossValidator.of(tosses, model, seed=0, settings=settings).with_contact_law(world)
+    validator, world = with_contact_law(CrossValidator.of(tosses, model, seed=0, settings=settings), world)
     found = search_flight(validator, effects_for(model), Hypothesis(world))
     if found is None:
         return {}
