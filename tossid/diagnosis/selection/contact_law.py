@@ -61,14 +61,17 @@ def _judged(one: tuple[CrossValidator, World]) -> tuple[float, float]:
 def with_other_impacts(validator: CrossValidator, present: Candidate) -> World | None:
     """The world without effects, with the other law of friction in impacts, if the tosses clearly follow that one.
 
-    The law was chosen without effects, which may have hidden which one the tosses follow.
+    The law was chosen without effects, which may have hidden which one the tosses follow. Contact that yields has no
+    impacts at once.
 
     Args:
         validator: Of all windows.
         present: The hypothesis that was found under the law that was chosen.
     """
     base, settings = present.hypothesis.base, validator.settings
-    if validator.engine.of_user or base.law.lifting > 0 or not present.hypothesis.effects:
+    body = present.hypothesis.world().object
+    yields = body.compliance > 0 or body.relaxation > 0
+    if validator.engine.of_user or base.law.lifting > 0 or yields or not present.hypothesis.effects:
         return None
     parts = settings.likelihood.engine.impulse_parts if base.law.impulse_parts == 1 else 1
     other = replace(base, law=base.law._replace(impulse_parts=float(parts)))
