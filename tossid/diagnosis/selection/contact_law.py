@@ -41,10 +41,11 @@ def with_contact_law(validator: CrossValidator, world: World) -> tuple[CrossVali
     if validator.engine.model is not None:
         tried.append((validator, relaxed))
     judged = validator.map(_judged, tried)
-    chosen = int(np.argmax([likelihood for likelihood, _ in judged]))
-    if chosen == 2 and judged[2][1] > (1 - engine.turning_closes) * judged[0][1]:
-        chosen = int(np.argmax([likelihood for likelihood, _ in judged[:2]]))
-    return tried[chosen]
+    likelihoods = [likelihood for likelihood, _ in judged]
+    (_, once), _, (_, turns), *_ = judged
+    if turns > (1 - engine.turning_closes) * once:
+        likelihoods[2] = -np.inf
+    return tried[int(np.argmax(likelihoods))]
 
 
 def _judged(one: tuple[CrossValidator, World]) -> tuple[float, float]:
