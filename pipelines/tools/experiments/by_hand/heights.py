@@ -13,22 +13,17 @@ cube is, and how the ground lies.
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import json
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import theilslopes
 
-from tossid.diagnosis.audit.strengths import world_with
+from pipelines.tools.experiments.by_hand.given import arguments, asked
 from tossid.diagnosis.localisation.witnesses import Impacts, lone_impacts
 from tossid.objects import ObjectModel
-from tossid.physics.effects import World
 from tossid.rotations import quat_to_matrix
-from tossid.store import read_dataset
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
@@ -109,14 +104,7 @@ def struck(depth: Array, steepness: Array) -> tuple[str, ...]:
 
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", type=Path)
-    parser.add_argument("--split", nargs="*", default=["train"])
-    parser.add_argument("--effects", default="{}", help="values by effect and parameter, as JSON")
-    given = parser.parse_args()
-    dataset = read_dataset(given.data)
-    tosses = [toss for split in given.split for toss in dataset.of_split(split)]
-    world = world_with(World(dataset.object), json.loads(given.effects))
+    _, tosses, world = asked(arguments(__doc__).parse_args())
     hit = lone_impacts(tosses, world)
     print("\n".join(("| at rest | |\n|---|---|", *resting(tosses))))  # noqa: T201
     print("\n| s | impacts | depth of the lowest corner [mm] | spread [mm] |\n|---|---|---|---|")  # noqa: T201

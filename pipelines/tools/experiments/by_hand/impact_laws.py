@@ -11,22 +11,16 @@ leave. The last row says in how many tosses Routh's law leaves less, with the p-
 
 from __future__ import annotations
 
-import argparse
-import json
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import wilcoxon
 
-from tossid.diagnosis.audit.strengths import world_with
+from pipelines.tools.experiments.by_hand.given import arguments, asked
 from tossid.diagnosis.localisation.witnesses import Impacts, lone_impacts
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
-from tossid.physics.effects import World
 from tossid.rotations import quat_to_matrix, skew
-from tossid.store import read_dataset
 
 Array = NDArray[np.float64]
 LAWS = {"after the impact": 1, "as it turns (Routh)": 64}
@@ -151,14 +145,7 @@ def table(hit: Impacts, model: ObjectModel) -> str:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", type=Path)
-    parser.add_argument("--split", nargs="*", default=["train"])
-    parser.add_argument("--effects", default="{}", help="values by effect and parameter, as JSON")
-    given = parser.parse_args()
-    dataset = read_dataset(given.data)
-    tosses = [toss for split in given.split for toss in dataset.of_split(split)]
-    world = world_with(World(dataset.object), json.loads(given.effects))
+    dataset, tosses, world = asked(arguments(__doc__).parse_args())
     print(table(lone_impacts(tosses, world), dataset.object))  # noqa: T201
 
 

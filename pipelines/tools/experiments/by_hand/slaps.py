@@ -12,20 +12,16 @@ also say where the centre of mass is, and how the ground lies. `--parts` are an 
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import json
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.audit.strengths import world_with
+from pipelines.tools.experiments.by_hand.given import arguments, asked
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_rotate, quat_to_matrix
-from tossid.store import read_dataset
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
@@ -122,15 +118,10 @@ def table(recorded: Array, simulated: Array) -> str:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", type=Path)
-    parser.add_argument("--split", nargs="*", default=["train"])
-    parser.add_argument("--effects", default="{}", help="values by effect and parameter, as JSON")
+    parser = arguments(__doc__)
     parser.add_argument("--parts", type=float, default=8.0)
     given = parser.parse_args()
-    dataset = read_dataset(given.data)
-    tosses = [toss for split in given.split for toss in dataset.of_split(split)]
-    world = world_with(World(dataset.object), json.loads(given.effects))
+    dataset, tosses, world = asked(given)
     world, dt = replace(world, law=world.law._replace(impulse_parts=given.parts)), 1 / dataset.rate_hz
     recorded = slaps([_in_ground(toss.measured[0], world) for toss in tosses], world, dt)
     print(table(recorded, slaps(made(tosses, world, dt), world, dt)))  # noqa: T201
