@@ -30,7 +30,7 @@ from tossid.diagnosis.localisation.rollouts import rollout_errors
 from tossid.diagnosis.localisation.unseen import judge_unseen, unseen_windows
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.result import Contact, Diagnosis, Verdict
-from tossid.diagnosis.selection.contact_law import with_contact_law, with_other_impacts
+from tossid.diagnosis.selection.contact_law import under_other_impacts, with_contact_law
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.flight_search import power_law_of
 from tossid.diagnosis.selection.nested import judged, judging_folds
@@ -135,9 +135,9 @@ def search_once(problem: Problem) -> Searched:
         search, validator, shown, under_way=under_way, measured=lambda at: contradicted_values(asked(at))
     )
     found = searched(first)
-    other = with_other_impacts(validator, found.present)
+    other = under_other_impacts(validator, found.present)
     if other is not None:
-        found = searched(validator.evaluate(Hypothesis(other)))
+        found = searched(validator.evaluate(Hypothesis(other.hypothesis.base)), law_is_known=True)
     found = decided_by_witnesses(found, validator, asked)
     under_way("line search", 0.85)
     found = with_saturated_effects(validator, line_searched(validator, found))

@@ -9,7 +9,7 @@ import pytest
 
 from tests.diagnosis.by_hand import EFFECTS, hypothesis
 from tests.diagnosis.tossed import seen
-from tossid.diagnosis.selection.contact_law import with_contact_law, with_other_impacts
+from tossid.diagnosis.selection.contact_law import under_other_impacts, with_contact_law
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
@@ -36,7 +36,8 @@ def test_the_law_of_impacts_is_exchanged_once_effects_show_it(cube: ObjectModel)
     tosses = seen(in_parts(truth, 64.0), cube, 8, seed=3)
     validator = CrossValidator.of(tosses, cube, seed=0)
     found = hypothesis(cube, friction=[0.3], restitution=[0.3])
-    other = with_other_impacts(validator, validator.evaluate(found))
+    other = under_other_impacts(validator, validator.evaluate(found))
     assert other is not None
-    assert (other.law.impulse_parts, other.object.friction) == (8, cube.friction)
-    assert with_other_impacts(validator, validator.evaluate(replace(found, base=other))) is None
+    base = other.hypothesis.base
+    assert (base.law.impulse_parts, base.object.friction) == (8, cube.friction)
+    assert under_other_impacts(validator, validator.evaluate(other.hypothesis)) is None

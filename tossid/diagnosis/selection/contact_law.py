@@ -59,15 +59,15 @@ def _judged(one: tuple[CrossValidator, World]) -> tuple[float, float]:
     return float(likelihood), float(evidence.deviances(residuals)[~evidence.windows.free].sum())
 
 
-def with_other_impacts(validator: CrossValidator, present: Candidate) -> World | None:
-    """The world without effects, with the other law of friction in impacts, if the tosses clearly follow that one.
+def under_other_impacts(validator: CrossValidator, present: Candidate) -> Candidate | None:
+    """A hypothesis under the other law of friction in impacts, if the tosses clearly follow that one.
 
     The law was chosen without effects, which may have hidden which one the tosses follow. Contact that yields has no
     impacts at once.
 
     Args:
         validator: Of all windows.
-        present: The hypothesis that was found under the law that was chosen.
+        present: The hypothesis under the law that was chosen.
     """
     base, settings = present.hypothesis.base, validator.settings
     body = present.hypothesis.world().object
@@ -78,4 +78,4 @@ def with_other_impacts(validator: CrossValidator, present: Candidate) -> World |
     other = replace(base, law=base.law._replace(impulse_parts=float(parts)))
     asked = [present.hypothesis, replace(present.hypothesis, base=other)]
     own, theirs = validator.map(validator.evaluate, asked)
-    return other if validator.p_value_over(theirs, own) < settings.selection.class_level else None
+    return theirs if validator.p_value_over(theirs, own) < settings.selection.class_level else None

@@ -20,7 +20,7 @@ from tossid.errors import InputError
 from tossid.motion.resting import rest_scatter
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect
-from tossid.physics.solvers.batches import whole_batches
+from tossid.physics.solvers.batches import is_one_of_several, whole_batches
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Phase, Toss
 
@@ -157,13 +157,13 @@ class CrossValidator:
         return np.asarray(np.any(self.folds[: self.settings.selection.screening_folds], axis=0))
 
     def map(self, made: Callable[[Item], Made], items: Iterable[Item]) -> list[Made]:
-        """made(item) of all items in order, several at once.
+        """made(item) of all items in order, several at once; one by one within such an item.
 
         Args:
             made: What is done with an item.
             items: The items.
         """
-        if self.n_threads == 1:
+        if self.n_threads == 1 or is_one_of_several():
             return [made(item) for item in items]
 
         def one(item: Item) -> Made:

@@ -8,7 +8,7 @@ where the general one does as well alone. After every round, effects that the ot
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -87,13 +87,20 @@ class ForwardSelection:
         needed = fewest_tosses(self.settings.level, tests=tests, effects=len(library))
         self.can_name = len(np.unique(windows.toss)) >= needed
 
-    def run(self, first: Candidate, history: Sequence[Candidate], done: float = 0.0) -> SelectionPath:
+    def run(
+        self,
+        first: Candidate,
+        history: Sequence[Candidate],
+        done: float = 0.0,
+        until: Callable[[Candidate], bool] = lambda present: False,
+    ) -> SelectionPath:
         """Rounds from the last hypothesis of a history until no effect is significant; none with too few tosses.
 
         Args:
             first: The hypothesis without effects, of whose gap shares are taken.
             history: The hypotheses so far.
             done: Share of the whole work that is done.
+            until: Whether rounds end with a hypothesis to which an effect has been added.
         """
         history, present = list(history), history[-1]
         classes: dict[str, tuple[Effect, ...]] = {}
@@ -131,6 +138,8 @@ class ForwardSelection:
             again = [k for k, each in enumerate(history) if set(each.hypothesis.names) == set(present.hypothesis.names)]
             history.append(present)
             self.under_way.reached(present)
+            if until(present):
+                break
             if again:
                 # what joins and leaves again would do so for ever
                 history.append(self._most_likely(history[again[0] :]))

@@ -21,6 +21,7 @@ from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.gap import share_left
 from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.selection.confusable import ConfusableClasses
+from tossid.diagnosis.selection.contact_law import under_other_impacts
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.flight_search import search_flight
 from tossid.diagnosis.selection.forward_selection import ForwardSelection, SelectionPath
@@ -44,6 +45,7 @@ def search(
     first: Candidate,
     under_way: UnderWay,
     measured: Measured = lambda world: {},
+    law_is_known: bool = False,
 ) -> SearchResult:
     """The effects that tosses reveal, selected from a library.
 
@@ -53,10 +55,11 @@ def search(
         first: The hypothesis without effects.
         under_way: Told what is known.
         measured: What tosses say without a simulator.
+        law_is_known: Whether the law of impacts stays that of the hypothesis.
     """
     under_way("flight alone", 0.1)
     flight = search_flight(validator, library, first.hypothesis)
-    return _Search(validator, library, first, under_way, measured).run(flight)
+    return _Search(validator, library, first, under_way, measured, law_is_known).run(flight)
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,7 @@ class _Search:
     first: Candidate
     under_way: UnderWay
     measured: Measured
+    law_is_known: bool = False
 
     @property
     def _rounds(self) -> ForwardSelection:
@@ -82,7 +86,8 @@ class _Search:
         first, history, needed, classes = self._with_flight(hypothesis, flight)
         n_flight = 0 if flight is None else len(flight.present.hypothesis.effects)
         contact = self._holding(history[-1], n_flight, self._library_beside(flight, classes))
-        path = contact.refit_until_stable(first, contact.run(first, history, 0.2))
+        first, path = self._under_the_law_of_impacts(first, history, contact)
+        path = contact.refit_until_stable(first, path)
         begun = self._begun_as_measured(first, path, n_flight)
         better = False
         if begun is not None:
@@ -92,6 +97,36 @@ class _Search:
             path = replace(other, first_round=path.first_round) if better else path
         found = self._with_classes(flight, first, path, contact, needed, classes)
         return replace(found, begun_as_measured=better)
+
+    def _under_the_law_of_impacts(
+        self, first: Candidate, history: Sequence[Candidate], contact: ForwardSelection
+    ) -> tuple[Candidate, SelectionPath]:
+        """Rounds from what flight reveals, which go on under the other law of impacts once the tosses show it.
+
+        Args:
+            first: The hypothesis without effects.
+            history: The hypotheses so far.
+            contact: The rounds.
+
+        Returns:
+            The hypothesis without effects under the law that the rounds end with, and how they went.
+        """
+        shown: list[Candidate] = []
+
+        def shows_other(present: Candidate) -> bool:
+            other = None if self.law_is_known else under_other_impacts(self.validator, present)
+            shown.extend([] if other is None else [other])
+            return bool(shown)
+
+        path = contact.run(first, history, 0.2, until=shows_other)
+        if not shown:
+            return first, path
+        before = (replace(each.hypothesis, base=shown[0].hypothesis.base) for each in path.history[:-1])
+        first, *others = self.validator.map(self.validator.evaluate, before)
+        present, without = contact.pruned(first, contact.refitted(shown[0]), thorough=False)
+        self.under_way.reached(present)
+        path = replace(path, history=(first, *others, present), runners_up=(), without=without)
+        return first, path.then(contact.run(first, path.history, 0.4))
 
     def _with_classes(
         self,
@@ -222,11 +257,12 @@ class _Search:
             As of `_decided_by_contact`.
         """
         n_flight = len(best.hypothesis.effects)
+        promising = [each.effect for each in self._holding(best, n_flight, library).promising(best)]
 
         def ahead(each: Candidate) -> Candidate:
-            rounds = self._holding(each, n_flight, library)
+            rounds = self._holding(each, n_flight, promising)
             fitted = [rounds.fitted(each, one) for one in rounds.promising(each)[:1]]
-            return next((one for one in fitted if rounds.is_significant(first, each, one)), each)
+            return next((one for one in fitted if self._rounds.is_significant(first, each, one)), each)
 
         needed, decided = dict(needed), {}
         for name, others in classes.items():
@@ -235,7 +271,7 @@ class _Search:
             if rivals:
                 asked = [replaced(best.hypothesis, name, other) for other in rivals]
                 evaluated = [best, *self.validator.map(partial(self.validator.evaluate, near=best), asked)]
-                k_best = self._clearly_best([chosen, *rivals], [ahead(each) for each in evaluated])
+                k_best = self._clearly_best([chosen, *rivals], self.validator.map(ahead, evaluated))
                 best, chosen = evaluated[k_best], [chosen, *rivals][k_best]
             needed[chosen.name] = chosen
             decided[chosen.name] = tuple(each for each in group if each is not chosen)

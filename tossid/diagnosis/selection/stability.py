@@ -190,7 +190,7 @@ def _repeat(
     drawn = [tosses[i] for i in draw]
     windows = make_windows(drawn, model, settings=settings.likelihood, shift=int(rng.integers(length)))
     own = replace(validator, windows=windows, folds=folds, n_threads=1, settings=settings)
-    found = search(own, library, own.evaluate(nothing), UnderWay(), partial(measured, drawn))
+    found = search(own, library, own.evaluate(nothing), UnderWay(), partial(measured, drawn), law_is_known=True)
     found = with_saturated_effects(own, found)
     found, spread = pruned_by_wald_test(own, found, np.zeros(len(found.present.hypothesis.flat())))
     found, _ = plausible_names(own, found, spread)
