@@ -94,6 +94,16 @@ def test_contact_decides_by_what_would_explain_it_beside_either(cube: ObjectMode
     assert found.values_of("ground_height")[0] == pytest.approx(0.0285, rel=0.03)
 
 
+def test_an_inertia_is_found_beside_a_drag_of_spin_that_flight_knows_over_it(cube: ObjectModel) -> None:
+    """Flight reveals the drag over the inertia, and contact the inertia; then the drag is another."""
+    truth = EFFECTS["spin_drag"].at(World(cube.with_changes(inertia=0.5 * cube.inertia)), np.array([6e-4]))
+    validator = CrossValidator.of(seen(truth, cube, 14, seed=2), cube, seed=0, settings=ONCE)
+    library = [EFFECTS[name] for name in ("spin_drag", "inertia", "friction")]
+    found = search(validator, library, validator.evaluate(Hypothesis(World(cube))), UnderWay()).present.hypothesis
+    assert found.names == ("spin_drag", "inertia")
+    assert np.concatenate(found.values) == pytest.approx([6e-4, 0.5], rel=0.03)
+
+
 def test_a_more_general_force_that_flight_cannot_tell_does_not_lead(cube: ObjectModel) -> None:
     """A pull towards a point stands for a uniform force, and what is missing in contact seems to prefer it."""
     truth = EFFECTS["uniform_force"].at(World(cube), np.array([0.05, -0.03, 0.06]))

@@ -101,7 +101,8 @@ class CrossValidator:
         folds: (n,) each, the tosses that are held out in turn.
         n_threads: Of simulators, and how many hypotheses are fitted at once.
         engine: The other engine.
-        held: Names of effects whose values are not fitted again with each hypothesis.
+        held: Names of effects whose values are not fitted again with each hypothesis, but for a value of which flight
+            has determined only the ratio to one that the hypothesis changes.
         settings: Of the diagnosis.
     """
 
@@ -243,7 +244,9 @@ class CrossValidator:
             near: Evidence around `start`, where that is far from the present hypothesis.
         """
         begin = present.evidence if near is None else near
-        fitted = self._restarted(fit(begin, start, n_tosses=self.n, iterations=iterations, held=self.held))
+        changing = {*present.hypothesis.names, *start.names}
+        held = self.held - {each.name for each in start.effects if each.in_flight_over in changing}
+        fitted = self._restarted(fit(begin, start, n_tosses=self.n, iterations=iterations, held=held))
         log_likelihood = self.held_out_log_likelihood(fitted)
         made = Candidate(effect, fitted, log_likelihood, np.zeros(len(log_likelihood)), np.zeros((1, self.n)))
         gain = self.gain_over(

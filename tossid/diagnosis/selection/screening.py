@@ -136,10 +136,13 @@ def predicted_gain(validator: CrossValidator, present: Candidate, effect: Effect
 
 
 def _at_start(nominal: Hypothesis, effect: Effect, start: Mapping[str, float]) -> Hypothesis:
-    """The hypothesis with the effect, the last one, at a declared start."""
+    """The hypothesis with the effect, the last one, at a declared start, and in flight as it was."""
     values = {**effect.named(nominal.values[-1]), **start}
     last = np.array([values[p.name] for p in effect.parameters])
-    return replace(nominal, values=(*nominal.values[:-1], last))
+    ratio = (last / nominal.values[-1])[:1] if any(e.in_flight_over == effect.name for e in nominal.effects) else 1.0
+    before = zip(nominal.effects[:-1], nominal.values[:-1], strict=True)
+    others = [ratio * each if beside.in_flight_over == effect.name else each for beside, each in before]
+    return replace(nominal, values=(*others, last))
 
 
 def _beyond(start: Hypothesis, starts: Sequence[Hypothesis], nominal: Hypothesis) -> list[Hypothesis]:

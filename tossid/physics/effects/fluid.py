@@ -123,6 +123,7 @@ SPIN_DRAG = Effect(
     mjcf=NotExpressible("MuJoCo's fluid resists spin only together with velocity"),
     strength=Strength(3e-5, 6e-3, plain("c_nms")),
     powered=(PoweredForce.SPIN, "spin"),
+    in_flight_over="inertia",
 )
 
 WIND = Effect(
