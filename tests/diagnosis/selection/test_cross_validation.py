@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -45,6 +46,13 @@ def test_several_at_once_are_those_one_by_one(judge: CrossValidator, cube: Objec
 
     both = replace(judge, n_threads=2).map(found, (0.2, 0.3))
     np.testing.assert_allclose(both, [found(0.2), found(0.3)], rtol=1e-9)
+
+
+def test_items_within_an_item_are_made_by_its_thread(judge: CrossValidator) -> None:
+    """More threads than were asked for would wait for each other."""
+    several = replace(judge, n_threads=2)
+    threads = several.map(lambda _: several.map(lambda _: threading.get_ident(), range(3)), range(2))
+    assert [len(set(each)) for each in threads] == [1, 1]
 
 
 def test_a_hypothesis_gains_nothing_over_itself(judge: CrossValidator, cube: ObjectModel) -> None:
