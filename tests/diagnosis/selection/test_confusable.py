@@ -65,3 +65,17 @@ def test_what_contains_an_effect_has_to_be_clearly_better_than_it(cube: ObjectMo
     assert compare.is_better_instead(here, nothing, EFFECTS["uniform_force"], "gravity")
     assert not compare.is_better_instead(nothing, here, EFFECTS["uniform_force"], "gravity")
     assert not compare.is_better_instead(here, here, EFFECTS["time_base"], "gravity")
+
+
+def test_a_hypothesis_with_one_effect_more_has_to_be_clearly_better(cube: ObjectModel) -> None:
+    """Twelve of sixteen tosses gain: enough for another effect in the place of one, and not for one more."""
+    rounds, path = in_flight(cube, "gravity", [9.7])
+    compare, nothing, own = ConfusableClasses(rounds), path.history[0], path.history[-1]
+    toss = rounds.validator.windows.toss
+    by_toss = np.where((toss >= 4) & (toss < 8), -1.0, 1.0) * (1.0 + toss) / np.bincount(toss)[toss]
+    better = replace(own, log_likelihood=nothing.log_likelihood + 0.1 * by_toss)
+    p_value = rounds.validator.p_value_over(better, nothing)
+    assert rounds.level < p_value < rounds.settings.class_level
+    assert not compare.is_better_instead(better, nothing, EFFECTS["time_base"], "linear_drag")
+    instead = replace(nothing, fitted=replace(nothing.fitted, hypothesis=Hypothesis(World(cube)).plus(EFFECTS["wind"])))
+    assert compare.is_better_instead(better, instead, EFFECTS["time_base"], "linear_drag")

@@ -94,7 +94,8 @@ class ConfusableClasses:
     def is_better_instead(self, one: Candidate, other: Candidate, effect: Effect | None, instead: str) -> bool:
         """Whether a hypothesis with an effect in place of another is clearly better.
 
-        An effect that contains the other always fits as well, and has to be better at the level of a new effect.
+        An effect that contains the other always fits as well, and so does a hypothesis with one effect more. They have
+        to be better at the level of a new effect.
 
         Args:
             one: The hypothesis with the effect.
@@ -102,8 +103,9 @@ class ConfusableClasses:
             effect: The effect.
             instead: The other's name.
         """
-        contains = effect is not None and instead in effect.contains
-        level = self.rounds.level if contains else self._settings.class_level
+        more = len(one.hypothesis.effects) > len(other.hypothesis.effects)
+        more = more or (effect is not None and instead in effect.contains)
+        level = self.rounds.level if more else self._settings.class_level
         return self._validator.p_value_over(one, other) < level
 
     def _is_confusable(self, before: Candidate, best: Candidate, other: Candidate) -> bool:
