@@ -257,12 +257,11 @@ class _Search:
             As of `_decided_by_contact`.
         """
         n_flight = len(best.hypothesis.effects)
-        promising = [each.effect for each in self._holding(best, n_flight, library).promising(best)]
 
         def ahead(each: Candidate) -> Candidate:
-            rounds = self._holding(each, n_flight, promising)
+            rounds = self._holding(each, n_flight, library)
             fitted = [rounds.fitted(each, one) for one in rounds.promising(each)[:1]]
-            return next((one for one in fitted if self._rounds.is_significant(first, each, one)), each)
+            return next((one for one in fitted if rounds.is_significant(first, each, one)), each)
 
         needed, decided = dict(needed), {}
         for name, others in classes.items():
