@@ -155,6 +155,9 @@ def test_what_repeats_name_too_rarely_is_a_candidate(cube: ObjectModel, times: i
     assert next(each.frequency for each in found.findings if each.name == "friction") == times / 10
     little = with_repeats(replace(made, gap_closed=Interval(0.3, 0.2, 0.4)), Stability(repeats), {"friction": ()})
     assert little.verdict == ("explained" if sure else "unexplained")
+    at_floor = replace(made.gap, total=Interval(1.02, 0.99, 1.05), noise_floor=1.0)
+    nothing = with_repeats(replace(made, gap=at_floor), Stability(repeats), {"friction": ()})
+    assert nothing.verdict == ("explained" if sure else "no_gap")
 
 
 def test_without_repeats_names_stay(cube: ObjectModel) -> None:

@@ -49,9 +49,9 @@ from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.diagnosis.selection.significance import TossesNeeded
 from tossid.diagnosis.selection.stability import Stability, repeated
 from tossid.diagnosis.under_way import UnderWay
-from tossid.diagnosis.verdict import gap_verdict, names_that_stand, verdict_by_rollouts
+from tossid.diagnosis.verdict import gap_verdict, is_at_floor, names_that_stand, verdict_by_rollouts
 from tossid.physics.effects import OTHER_POWER, Effect, World
-from tossid.settings.diagnosis.diagnose import StabilitySettings
+from tossid.settings.diagnosis.diagnose import StabilitySettings, VerdictSettings
 from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
@@ -109,11 +109,11 @@ class Searched:
     def repeated(self) -> Diagnosis:
         """The diagnosis with how often repeats of the search name each effect."""
         self.under_way("repeated searches", 0.93)
-        model, settings = self.found.first.hypothesis.base.object, self.validator.settings.stability
+        model, settings = self.found.first.hypothesis.base.object, self.validator.settings
         stability = repeated(
             self.tosses, model, self.validator, self.found, self.library, measured=self._measured, seed=self.seed
         )
-        return with_repeats(self.diagnosis, stability, self.found.classes, settings)
+        return with_repeats(self.diagnosis, stability, self.found.classes, settings.stability, settings.verdict)
 
     def _measured(self, tosses: Sequence[Toss], at: World) -> dict[str, float]:
         """What tosses say of the effects whose values in a world they contradict."""
@@ -156,6 +156,7 @@ def with_repeats(
     stability: Stability,
     classes: Mapping[str, Sequence[Candidate]],
     settings: StabilitySettings = StabilitySettings(),
+    limits: VerdictSettings = VerdictSettings(),
 ) -> Diagnosis:
     """A diagnosis whose effects are candidates where repeats of the search name them too rarely.
 
@@ -164,6 +165,7 @@ def with_repeats(
         stability: What repeats name.
         classes: For each effect, what could stand in for it.
         settings: How often is often enough.
+        limits: Of verdicts.
     """
     if not stability.repeats:
         return replace(made, stability=stability)
@@ -185,7 +187,7 @@ def with_repeats(
     )
     return replace(
         made,
-        verdict=_without_names(made, stability) if not named else made.verdict,
+        verdict=_without_names(made, stability, limits) if not named else made.verdict,
         findings=findings,
         named=named,
         candidates=(*made.candidates, *(name for name in made.named if name in unsure)),
@@ -193,10 +195,15 @@ def with_repeats(
     )
 
 
-def _without_names(made: Diagnosis, stability: Stability) -> Verdict:
-    """A diagnosis's verdict where repeats leave no name: candidates explain a part if they close much of the gap."""
+def _without_names(made: Diagnosis, stability: Stability, limits: VerdictSettings) -> Verdict:
+    """A diagnosis's verdict where repeats leave no name.
+
+    Candidates explain a part if they close much of a gap. Where there is hardly any gap, chance may have named them.
+    """
     if made.verdict not in ("explained", "partly_explained"):
         return made.verdict
+    if is_at_floor(made.gap, limits) and {*made.hypothesis.names} <= {*made.named, *made.candidates, *made.minor}:
+        return "no_gap"
     return "partly_explained" if made.gap_closed.value > stability.least_closed else "unexplained"
 
 

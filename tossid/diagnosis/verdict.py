@@ -41,14 +41,23 @@ def gap_verdict(
         settings: The limits.
     """
     if not any_named:
-        nothing = gap.total.value < settings.no_gap * gap.noise_floor or gap.total.low < gap.noise_floor
-        return "no_gap" if nothing and not unnamed else "unexplained"
+        return "no_gap" if is_at_floor(gap, settings) and not unnamed else "unexplained"
     if closed.value <= settings.partly_closed:
         return "unexplained"
     reached = left.total.value < settings.floor_reached * left.noise_floor
     if not unnamed and (reached or (closed.value > settings.all_closed and not unexplained)):
         return "explained"
     return "partly_explained"
+
+
+def is_at_floor(gap: Gap, settings: VerdictSettings) -> bool:
+    """Whether a gap is no larger than its noise floor.
+
+    Args:
+        gap: The gap.
+        settings: The limits.
+    """
+    return gap.total.value < settings.no_gap * gap.noise_floor or gap.total.low < gap.noise_floor
 
 
 def verdict_by_rollouts(verdict: Verdict, check: RolloutCheck | None, names: Sequence[str]) -> Verdict:
