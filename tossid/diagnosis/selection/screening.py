@@ -139,9 +139,10 @@ def _at_start(nominal: Hypothesis, effect: Effect, start: Mapping[str, float]) -
     """The hypothesis with the effect, the last one, at a declared start, and in flight as it was."""
     values = {**effect.named(nominal.values[-1]), **start}
     last = np.array([values[p.name] for p in effect.parameters])
-    ratio = (last / nominal.values[-1])[:1] if any(e.in_flight_over == effect.name for e in nominal.effects) else 1.0
-    before = zip(nominal.effects[:-1], nominal.values[:-1], strict=True)
-    others = [ratio * each if beside.in_flight_over == effect.name else each for beside, each in before]
+    others = [
+        value * last[0] / nominal.values[-1][0] if each.in_flight_over == effect.name else value
+        for each, value in zip(nominal.effects[:-1], nominal.values[:-1], strict=True)
+    ]
     return replace(nominal, values=(*others, last))
 
 

@@ -114,10 +114,12 @@ class _Search:
         shown: list[Candidate] = []
 
         def shows_other(present: Candidate) -> bool:
-            other = None if self.law_is_known else under_other_impacts(self.validator, present)
-            shown.extend([] if other is None else [other])
+            if (other := under_other_impacts(self.validator, present)) is not None:
+                shown.append(other)
             return bool(shown)
 
+        if self.law_is_known:
+            return first, contact.run(first, history, 0.2)
         path = contact.run(first, history, 0.2, until=shows_other)
         if not shown:
             return first, path
