@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,6 +156,18 @@ class Hypothesis:
         return self.at(np.clip(flat, *self.bounds))
 
 
+class Predicted(NamedTuple):
+    """What a world predicts of windows.
+
+    Attributes:
+        world: The simulator.
+        residuals: (W, L, K) of its predictions, not whitened.
+    """
+
+    world: World
+    residuals: Array
+
+
 @dataclass(frozen=True)
 class Evidence:
     """Windows with their whitening, ready to judge worlds.
@@ -164,8 +177,8 @@ class Evidence:
         whitening: Of their residuals there.
         n_threads: Of the simulator.
         difference: To the other engine.
-        at: The world under which first states were estimated last, None if it is not known.
-        known: Worlds whose predictions from these first states were asked for last, with the residuals (W, L, K).
+        at: The world under which first states were estimated last, at these; None if it is not known.
+        known: What other worlds predict from these first states, of those that were asked for last.
         slopes: Derivatives of whitened residuals by an effect's parameters (W, L, K, P), by the world beside which they
             were taken, which is kept with them, and the effect's name (`fitting.effect_derivatives`).
     """
@@ -174,8 +187,8 @@ class Evidence:
     whitening: Whitening
     n_threads: int = 1
     difference: EngineDifference | None = None
-    at: World | None = None
-    known: dict[int, tuple[World, Array]] = field(default_factory=dict, compare=False, repr=False)
+    at: Predicted | None = None
+    known: dict[int, Predicted] = field(default_factory=dict, compare=False, repr=False)
     slopes: dict[tuple[int, str], tuple[World, Array]] = field(default_factory=dict, compare=False, repr=False)
 
     @property
@@ -195,33 +208,32 @@ class Evidence:
     def predicted(self, world: World, rows: NDArray[np.int64] | None = None) -> Array:
         """(n, L, K) residuals of a world that are not whitened. A world that was asked for before is not run again.
 
+        Windows that do not feel how a world differs from `at` have its residuals, to the bit: rough contact makes much
+        of rounding errors, and no result may depend on what was asked for before.
+
         Args:
             world: The simulator.
             rows: (n,) in which windows; in all W if None.
         """
+        if self.at is not None and self.at.world is world:
+            return self.at.residuals if rows is None else self.at.residuals[rows]
         kept = self.known.get(id(world))
         if kept is not None:
-            return kept[1] if rows is None else kept[1][rows]
+            return kept.residuals if rows is None else kept.residuals[rows]
         windows = self.windows
-        if rows is not None:
-            return windows.residuals(windows.predicted(world, index=rows, n_threads=self.n_threads), rows)
-        residuals, rows = self._felt_by_none(world)
-        if len(rows):
-            predicted = windows.predicted(world, index=rows, n_threads=self.n_threads)
-            residuals[rows] = windows.residuals(predicted, rows)
-        for old in list(self.known)[: 1 - _MOST_KNOWN]:
-            self.known.pop(old, None)
-        self.known[id(world)] = world, residuals
+        asked = np.arange(len(windows.steps)) if rows is None else rows
+        if self.at is None:
+            residuals, felt = np.zeros((len(asked), *windows.inside.shape[1:], windows.channels)), np.arange(len(asked))
+        else:
+            residuals, felt = self.at.residuals[asked], np.flatnonzero(windows.feels(world, self.at.world)[asked])
+        if len(felt):
+            predicted = windows.predicted(world, index=asked[felt], n_threads=self.n_threads)
+            residuals[felt] = windows.residuals(predicted, asked[felt])
+        if rows is None:
+            for old in list(self.known)[: 1 - _MOST_KNOWN]:
+                self.known.pop(old, None)
+            self.known[id(world)] = Predicted(world, residuals)
         return residuals
-
-    def _felt_by_none(self, world: World) -> tuple[Array, NDArray[np.int64]]:
-        """(W, L, K) residuals as those of a known world with the same free motion, and windows where they differ."""
-        windows = self.windows
-        for other, residuals in list(self.known.values()):
-            feels = windows.feels(world, other)
-            if not feels.all():
-                return residuals.copy(), np.flatnonzero(feels)
-        return np.zeros((*windows.inside.shape, windows.channels)), np.arange(len(windows.steps))
 
     def of_tosses(self, chosen: NDArray[np.bool_]) -> Evidence:
         """The evidence of some tosses.
@@ -238,7 +250,8 @@ class Evidence:
             rows: (m,) their numbers.
         """
         difference = None if self.difference is None else self.difference.rows(rows)
-        return Evidence(self.windows.rows(rows), self.whitening.rows(rows), self.n_threads, difference, self.at)
+        at = None if self.at is None else Predicted(self.at.world, self.at.residuals[rows])
+        return Evidence(self.windows.rows(rows), self.whitening.rows(rows), self.n_threads, difference, at)
 
     def relinearised(self, world: World, *, refine: int = 1, restarts: int = 0, update: bool = True) -> Evidence:
         """With first states and whitening as they are under another world near by.
@@ -249,7 +262,7 @@ class Evidence:
             restarts: As of `linearise`.
             update: As of `linearise`.
         """
-        moving = None if self.at is None else self.windows.feels(world, self.at)
+        moving = None if self.at is None else self.windows.feels(world, self.at.world)
         windows, whitening, residuals = linearised(
             self.windows,
             world,
@@ -262,8 +275,7 @@ class Evidence:
             moving=moving,
             n_threads=self.n_threads,
         )
-        known = {id(world): (world, residuals)}
-        return Evidence(windows, whitening, self.n_threads, self.difference, world, known)
+        return Evidence(windows, whitening, self.n_threads, self.difference, Predicted(world, residuals))
 
     def scales(self, residuals: Array, among: NDArray[np.bool_] | None = None) -> Array:
         """(N_PHASES,) robust size of whitened residuals in each phase, at least 1; `FREE` is that of free flight.

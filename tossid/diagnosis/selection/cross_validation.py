@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
-from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
+from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis, Predicted
 from tossid.diagnosis.likelihood.fitting import Fitted, fit, perturbed
 from tossid.diagnosis.likelihood.whitening import linearised
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
@@ -198,7 +198,7 @@ class CrossValidator:
             kept, whitening, residuals = linearised(
                 self.windows, world, refine=6, restarts=restarts, n_threads=self.n_threads
             )
-            evidence = Evidence(kept, whitening, self.n_threads, None, world, {id(world): (world, residuals)})
+            evidence = Evidence(kept, whitening, self.n_threads, None, Predicted(world, residuals))
             evidence = self.with_engine_difference(evidence, hypothesis, restarts=0)
         else:
             evidence = near.evidence.relinearised(world, refine=4)
