@@ -118,14 +118,15 @@ class UnderWay:
             beside = self.so_far.present.hypothesis.names
             self._say(f"leading suspect{' beside ' + ', '.join(beside) if beside else ''}: {ordered[0].effect.name}")
 
-    def reached(self, present: Candidate) -> None:
+    def reached(self, present: Candidate, first: Candidate | None = None) -> None:
         """Effects have joined.
 
         Args:
             present: The hypothesis with them.
+            first: That without effects, where both are under another law of contact than before.
         """
         if self.so_far is not None and present is not self.so_far.present:
-            self.so_far = replace(self.so_far, present=present, suspects=())
+            self.so_far = replace(self.so_far, first=first or self.so_far.first, present=present, suspects=())
             if present.hypothesis.effects:
                 self._say(f"found so far: {', '.join(_with_values(present))}")
 

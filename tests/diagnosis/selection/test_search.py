@@ -65,21 +65,24 @@ def test_a_search_that_ends_too_early_begins_again_where_tosses_say(cube: Object
 def test_rounds_go_on_under_the_law_of_impacts_that_an_effect_reveals(cube: ObjectModel) -> None:
     """Slip turns in these impacts, which shows once the bounce is in; the friction is found under that law.
 
-    All that is kept of the search is under one law then. A search that is told the law keeps it.
+    All that is kept of the search, and would be reported if it were interrupted, is under one law then. A search that
+    is told the law keeps it.
     """
     truth = EFFECTS["restitution"].at(World(cube.with_changes(friction=0.3)), np.array([0.4]))
     tosses = seen(replace(truth, law=truth.law._replace(impulse_parts=64.0)), cube, 14, seed=3)
     validator = CrossValidator.of(tosses, cube, seed=0, settings=ONCE)
     library = [EFFECTS[name] for name in ("restitution", "friction", "inertia")]
-    first = validator.evaluate(Hypothesis(World(cube)))
-    found = search(validator, library, first, UnderWay())
-    laws = {each.hypothesis.base.law.impulse_parts for each in (found.first, *found.history)}
+    first, under_way = validator.evaluate(Hypothesis(World(cube))), UnderWay()
+    under_way.begun(tosses, validator, first)
+    found, so_far = search(validator, library, first, under_way), under_way.so_far
+    kept = found.first, *found.history, so_far.first, so_far.present
+    laws = {each.hypothesis.base.law.impulse_parts for each in kept}
     assert laws == {8.0}
     values = dict(zip(found.present.hypothesis.names, found.present.hypothesis.values, strict=True))
     assert set(values) == {"restitution", "friction"}
     assert values["friction"] == pytest.approx(0.3, rel=0.02)
-    kept = search(validator, library, first, UnderWay(), law_is_known=True)
-    assert kept.first.hypothesis.base.law.impulse_parts == 1.0
+    told = search(validator, library, first, UnderWay(), law_is_known=True)
+    assert told.first.hypothesis.base.law.impulse_parts == 1.0
 
 
 def test_contact_decides_by_what_would_explain_it_beside_either(cube: ObjectModel) -> None:

@@ -126,7 +126,7 @@ class _Search:
         before = (replace(each.hypothesis, base=shown[0].hypothesis.base) for each in path.history[:-1])
         first, *others = self.validator.map(self.validator.evaluate, before)
         present, without = contact.pruned(first, contact.refitted(shown[0]), thorough=False)
-        self.under_way.reached(present)
+        self.under_way.reached(present, first)
         path = replace(path, history=(first, *others, present), runners_up=(), without=without)
         return first, path.then(contact.run(first, path.history, 0.4))
 
