@@ -94,17 +94,20 @@ class UnderWay:
             return self.so_far
         return max((self.so_far, self.ended), key=lambda each: len(each.present.hypothesis.effects))
 
-    def begun(self, tosses: Sequence[Toss], validator: CrossValidator, first: Candidate) -> None:
+    def begun(
+        self, tosses: Sequence[Toss], validator: CrossValidator, first: Candidate, count: int | None = None
+    ) -> None:
         """The gap is known.
 
         Args:
             tosses: That are searched.
             validator: Of their windows.
             first: The hypothesis without effects.
+            count: How many tosses there are, if these are the first of them only.
         """
         self.ended = self.furthest
         self.so_far = SoFar(tuple(tosses), validator, first, first)
-        self._say(in_short(first))
+        self._say(in_short(first) + ("" if count is None else f" (of the first {len(tosses)} of {count} tosses)"))
 
     def suspected(self, gains: Sequence[tuple[Effect, float]]) -> None:
         """Effects may explain the gap, or what is left of it.

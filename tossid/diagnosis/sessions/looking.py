@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -19,11 +20,14 @@ from tossid.diagnosis.sessions.changes import changes_over_order, effect_over_or
 from tossid.diagnosis.sessions.correction import corrected_tosses
 from tossid.diagnosis.sessions.stretches import EffectOverOrder
 from tossid.diagnosis.sessions.values import witnesses_of
+from tossid.errors import InputError
 from tossid.motion.sessions.change_points import Change
 from tossid.physics.effects import Effect
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
+FIRST_SHOWN = 8
+"""The gap of so many tosses is shown first, if there are three times as many. Not a setting: no result hangs on it."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +137,7 @@ def undo_changes(problem: Problem) -> tuple[Looked, Looked, Corrections]:
         What was seen first and last, and the corrected tosses.
     """
     tosses, order = Corrections(tuple(problem.tosses), tuple(problem.unseen)), TossOrder.of(problem)
+    _show_first(problem)
     validator, base = with_contact_law(problem.validator(over_order=True), problem.world)
     present = validator.evaluate(Hypothesis(base))
     problem.under_way("the gap", 0.02)
@@ -146,6 +151,17 @@ def undo_changes(problem: Problem) -> tuple[Looked, Looked, Corrections]:
         present = validator.evaluate(Hypothesis(base))
         looked = look(validator, present, now, order=order, undone=tosses.effects_undone)
     return first, looked, tosses
+
+
+def _show_first(problem: Problem) -> None:
+    """The gap of the first tosses, which is known seconds before that of many."""
+    count = len(problem.tosses)
+    if count >= 3 * FIRST_SHOWN:
+        few = problem.of(problem.tosses[:FIRST_SHOWN])
+        with suppress(InputError):  # these may be too short; of all, the whole search says it
+            validator = few.validator(over_order=True)
+            problem.under_way("the gap", 0.01)
+            problem.under_way.begun(few.tosses, validator, validator.evaluate(Hypothesis(problem.world)), count)
 
 
 def look(
