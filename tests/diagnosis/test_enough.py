@@ -16,6 +16,7 @@ from tossid.diagnosis.localisation.unseen import Unseen
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.selection.stability import Repeat, Stability
 from tossid.diagnosis.sessions.explained import Explained
+from tossid.diagnosis.under_way import UnderWay
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings, EnoughSettings
@@ -61,7 +62,13 @@ def test_twice_as_many_are_searched_until_others_agree(cube: ObjectModel, tosses
 
         return Explained(made, tuple(part), tuple(others), repeat)
 
-    explained, remarks = searched(tosses, search, engine=Engine(none=True), n_threads=1, settings=FEW)
+    told: list[str] = []
+    explained, remarks = searched(
+        tosses, search, engine=Engine(none=True), n_threads=1, settings=FEW, under_way=UnderWay(news=told.append)
+    )
+    (why,) = told
+    assert why.startswith("With 6, mu of friction was 0.2")
+    assert why.endswith("on others. 12 tosses are searched now")
     assert [len(names) for names, _ in asked] == [6, 12]
     assert [len(names) for _, names in asked] == [8, 12]
     assert [toss.name for toss in explained.tosses] == asked[1][0]

@@ -131,7 +131,12 @@ class Task:
             )
 
         explained, of_number = searched(
-            self.tosses, search, engine=self.simulator.engine, n_threads=threads, settings=self.settings
+            self.tosses,
+            search,
+            engine=self.simulator.engine,
+            n_threads=threads,
+            settings=self.settings,
+            under_way=under_way,
         )
         found, tosses = explained.diagnosis, explained.tosses
         under_way("next toss and patch", 0.95)

@@ -20,6 +20,7 @@ from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.refinement import intervals
 from tossid.diagnosis.sessions.explained import Explained
+from tossid.diagnosis.under_way import UnderWay
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Toss
 
@@ -28,7 +29,13 @@ Search = Callable[[Sequence[Toss], Sequence[Toss]], Explained]
 
 
 def searched(
-    tosses: Sequence[Toss], search: Search, *, engine: Engine | None, n_threads: int, settings: DiagnoseSettings
+    tosses: Sequence[Toss],
+    search: Search,
+    *,
+    engine: Engine | None,
+    n_threads: int,
+    settings: DiagnoseSettings,
+    under_way: UnderWay | None = None,
 ) -> tuple[Explained, tuple[str, ...]]:
     """The diagnosis of as many tosses as the answer needs.
 
@@ -38,6 +45,7 @@ def searched(
         engine: The other engine; near-rigid MuJoCo if None.
         n_threads: Of simulators.
         settings: Of the diagnosis. Where they name a number of tosses, all take part.
+        under_way: Told why more tosses are searched.
 
     Returns:
         The diagnosis with the tosses that took part, and a remark that says how many they are and why.
@@ -54,8 +62,10 @@ def searched(
         if others_disagree := disagreement(
             explained.diagnosis, judges[-count:], engine=engine, n_threads=n_threads, settings=settings
         ):
-            said += f" With {count}, {others_disagree}."
-            count *= 2
+            why = f"With {count}, {others_disagree}."
+            said, count = f"{said} {why}", 2 * count
+            if under_way is not None:
+                under_way.begins_again(f"{why} {count if 2 * count <= n else f'All {n}'} tosses are searched now")
             continue
         return _repeated(explained), (_in_words(explained.diagnosis, n, count, len(judges)) + said,)
     return _repeated(search(tosses, ())), (f"All {n} tosses take part.{said}",) if said else ()

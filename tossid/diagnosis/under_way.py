@@ -133,6 +133,14 @@ class UnderWay:
             if present.hypothesis.effects:
                 self._say(f"found so far: {', '.join(_with_values(present))}")
 
+    def begins_again(self, why: str) -> None:
+        """The search begins anew.
+
+        Args:
+            why: In words.
+        """
+        self._say(why)
+
     def _say(self, line: str) -> None:
         if self._news is not None and line != self._said:
             self._said = line
