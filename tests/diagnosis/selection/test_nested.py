@@ -45,7 +45,7 @@ def _spoilt(candidate: Candidate, rows: np.ndarray) -> Candidate:
     evidence = candidate.evidence
     y = evidence.windows.y.copy()
     y[rows, :, 2] += 0.2
-    evidence = replace(evidence, windows=replace(evidence.windows, y=y))
+    evidence = replace(evidence, windows=replace(evidence.windows, y=y), at=None, known={})
     return replace(candidate, fitted=replace(candidate.fitted, evidence=evidence))
 
 
