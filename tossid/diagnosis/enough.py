@@ -65,7 +65,7 @@ def searched(
             why = f"With {count}, {others_disagree}."
             said, count = f"{said} {why}", 2 * count
             if under_way is not None:
-                under_way.begins_again(f"{why} {count if 2 * count <= n else f'All {n}'} tosses are searched now")
+                under_way.say(f"{why} {count if 2 * count <= n else f'All {n}'} tosses are searched now")
             continue
         return _repeated(explained), (_in_words(explained.diagnosis, n, count, len(judges)) + said,)
     return _repeated(search(tosses, ())), (f"All {n} tosses take part.{said}",) if said else ()

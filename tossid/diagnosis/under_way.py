@@ -107,7 +107,7 @@ class UnderWay:
         """
         self.ended = self.furthest
         self.so_far = SoFar(tuple(tosses), validator, first, first)
-        self._say(in_short(first) + ("" if count is None else f" (of the first {len(tosses)} of {count} tosses)"))
+        self.say(in_short(first) + ("" if count is None else f" (of the first {len(tosses)} of {count} tosses)"))
 
     def suspected(self, gains: Sequence[tuple[Effect, float]]) -> None:
         """Effects may explain the gap, or what is left of it.
@@ -119,7 +119,7 @@ class UnderWay:
         if self.so_far is not None and ordered:
             self.so_far = replace(self.so_far, suspects=tuple(ordered))
             beside = self.so_far.present.hypothesis.names
-            self._say(f"leading suspect{' beside ' + ', '.join(beside) if beside else ''}: {ordered[0].effect.name}")
+            self.say(f"leading suspect{' beside ' + ', '.join(beside) if beside else ''}: {ordered[0].effect.name}")
 
     def reached(self, present: Candidate, first: Candidate | None = None) -> None:
         """Effects have joined.
@@ -131,17 +131,14 @@ class UnderWay:
         if self.so_far is not None and present is not self.so_far.present:
             self.so_far = replace(self.so_far, first=first or self.so_far.first, present=present, suspects=())
             if present.hypothesis.effects:
-                self._say(f"found so far: {', '.join(_with_values(present))}")
+                self.say(f"found so far: {', '.join(_with_values(present))}")
 
-    def begins_again(self, why: str) -> None:
-        """The search begins anew.
+    def say(self, line: str) -> None:
+        """Tell a line of news, but for one that was told last.
 
         Args:
-            why: In words.
+            line: What has become known.
         """
-        self._say(why)
-
-    def _say(self, line: str) -> None:
         if self._news is not None and line != self._said:
             self._said = line
             self._news(line)

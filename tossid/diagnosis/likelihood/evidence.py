@@ -191,6 +191,20 @@ class Evidence:
     known: dict[int, Predicted] = field(default_factory=dict, compare=False, repr=False)
     slopes: dict[tuple[int, str], tuple[World, Array]] = field(default_factory=dict, compare=False, repr=False)
 
+    @staticmethod
+    def linearised(windows: Windows, world: World, *, refine: int, restarts: int = 0, n_threads: int = 1) -> Evidence:
+        """With first states and whitening as they are under a world.
+
+        Args:
+            windows: At first states from which to begin.
+            world: That world.
+            refine: As of `linearise`.
+            restarts: As of `linearise`.
+            n_threads: Of the simulator.
+        """
+        kept, whitening, residuals = linearised(windows, world, refine=refine, restarts=restarts, n_threads=n_threads)
+        return Evidence(kept, whitening, n_threads, None, Predicted(world, residuals))
+
     @property
     def density(self) -> DensitySettings:
         """Of whitened residuals."""

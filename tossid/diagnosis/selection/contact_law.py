@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
-from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis, Predicted
-from tossid.diagnosis.likelihood.whitening import linearised
+from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.physics.effects import World
 
@@ -51,8 +50,7 @@ def with_contact_law(validator: CrossValidator, world: World) -> tuple[CrossVali
 def _judged(one: tuple[CrossValidator, World]) -> tuple[float, float]:
     """The log-likelihood of a world without effects, and the deviance of windows with contact."""
     validator, world = one
-    kept, whitening, residuals = linearised(validator.windows, world, refine=4, n_threads=validator.n_threads)
-    evidence = Evidence(kept, whitening, validator.n_threads, None, Predicted(world, residuals))
+    evidence = Evidence.linearised(validator.windows, world, refine=4, n_threads=validator.n_threads)
     evidence = validator.with_engine_difference(evidence, Hypothesis(world), restarts=0)
     residuals = evidence.residuals(world)
     likelihood = evidence.log_likelihood(residuals, evidence.scales(residuals)).sum()

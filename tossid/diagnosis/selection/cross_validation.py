@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
-from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis, Predicted
+from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
 from tossid.diagnosis.likelihood.fitting import Fitted, fit, perturbed
-from tossid.diagnosis.likelihood.whitening import linearised
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.diagnosis.selection.significance import part_p_value
 from tossid.errors import InputError
@@ -195,10 +194,7 @@ class CrossValidator:
         world = hypothesis.world()
         if near is None:
             restarts = self.settings.cross_validation.restarts
-            kept, whitening, residuals = linearised(
-                self.windows, world, refine=6, restarts=restarts, n_threads=self.n_threads
-            )
-            evidence = Evidence(kept, whitening, self.n_threads, None, Predicted(world, residuals))
+            evidence = Evidence.linearised(self.windows, world, refine=6, restarts=restarts, n_threads=self.n_threads)
             evidence = self.with_engine_difference(evidence, hypothesis, restarts=0)
         else:
             evidence = near.evidence.relinearised(world, refine=4)

@@ -154,9 +154,9 @@ def undo_changes(problem: Problem) -> tuple[Looked, Looked, Corrections]:
 
 
 def _show_first(problem: Problem) -> None:
-    """The gap of the first tosses, which is known seconds before that of many."""
+    """The gap of the first tosses, which is known seconds before that of many, where nothing is known yet."""
     count = len(problem.tosses)
-    if count >= 3 * FIRST_SHOWN:
+    if problem.under_way.so_far is None and count >= 3 * FIRST_SHOWN:
         few = problem.of(problem.tosses[:FIRST_SHOWN])
         with suppress(InputError):  # these may be too short; of all, the whole search says it
             validator = few.validator(over_order=True)
