@@ -182,6 +182,7 @@ class Diagnosis:
                 "effects": list(self.named),
                 "candidates": list(self.candidates),
                 "repeats": len(self.stability.repeats),
+                "repeated": [each.as_json() for each in self.stability.repeats],
                 "probability_none": self.stability.probability_none,
                 "gap_closed": self.gap_closed.as_json(),
                 "unexplained_share": max(0.0, 1.0 - self.gap_closed.value),

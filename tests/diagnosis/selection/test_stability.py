@@ -82,6 +82,8 @@ def test_repeats_name_something_else_than_a_wrong_search(
     assert found.frequency(["friction"]) == 1.0
     assert found.frequency(["restitution"]) == 0.0
     assert found.probability_none == 0.0
+    for each in found.repeats:
+        assert each.as_json()["effects"]["friction"]["mu"] == pytest.approx(0.3, abs=0.01)
 
 
 def test_without_repeats_nothing_is_said(

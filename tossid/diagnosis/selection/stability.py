@@ -15,9 +15,10 @@ frequencies add to the search's own tests, and do not replace them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,11 +56,17 @@ class Repeat:
         names: Of the effects that it named, in the order in which they joined.
         closed: Share of the gap that they close on its tosses.
         special: Names of special cases of these effects.
+        parameters: Of each of these effects, as it was fitted to its tosses.
     """
 
     names: tuple[str, ...]
     closed: float
     special: frozenset[str] = frozenset()
+    parameters: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """An entry of gap.json's "explanation.repeated"."""
+        return {"effects": {name: dict(self.parameters.get(name, {})) for name in self.names}, "closed": self.closed}
 
 
 @dataclass(frozen=True)
@@ -194,10 +201,11 @@ def _repeat(
     found = with_saturated_effects(own, found)
     found, spread = pruned_by_wald_test(own, found, np.zeros(len(found.present.hypothesis.flat())))
     found, _ = plausible_names(own, found, spread)
-    names = tuple(name for name in found.present.hypothesis.names if name not in found.unnamed)
+    named = [(each, x) for each, x in found.present.hypothesis.items() if each.name not in found.unnamed]
+    names = tuple(effect.name for effect, _ in named)
     closed = share_left(found.first, found.present, own, noise_floor(windows))[0].value if names else 0.0
-    special = frozenset().union(*(each.contains for each in found.present.hypothesis.effects if each.name in names))
-    return Repeat(names, closed, special)
+    special = frozenset().union(*(effect.contains for effect, _ in named))
+    return Repeat(names, closed, special, {effect.name: effect.named(x) for effect, x in named})
 
 
 def _of_repeat(settings: DiagnoseSettings, share: float, rng: np.random.Generator) -> DiagnoseSettings:
