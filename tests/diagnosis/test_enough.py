@@ -46,6 +46,9 @@ def test_other_tosses_confirm_the_truth_and_contradict_other_values(cube: Object
     assert said(0.3, 0.91) == ""
     assert "mu of friction was 0.2" in said(0.2, 0.91)
     assert "was 0.93, and 0.50" in said(0.3, 0.5)
+    # (0.93 explains all, 0.84 to 0.94 may do so, and 0.78 to 0.88 surely does not)
+    assert said(0.3, 0.89) == ""
+    assert "was 0.93, and 0.83" in said(0.3, 0.83)
 
 
 def test_twice_as_many_are_searched_until_others_agree(cube: ObjectModel, tosses: list[Toss]) -> None:

@@ -1,9 +1,9 @@
 """How many tosses take part where there are many: as many as the answer needs, and the others judge it.
 
 Some tosses are drawn and searched. The effects that are found are then fitted once more, to as many other tosses. Where
-both fits and both shares of the gap agree within their intervals, the answer stands still: more tosses would make the
-intervals narrower, and the search slower. Where they do not, twice as many are searched. Time and memory hang on how
-many tosses are searched, and not on how many there are.
+both fits agree within their intervals, and the share of the gap that is closed on the others leads to the same verdict,
+the answer stands still: more tosses would make the intervals narrower, and the search slower. If not, twice as many are
+searched. Time and memory hang on how many tosses are searched, and not on how many there are.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.refinement import intervals
 from tossid.diagnosis.sessions.explained import Explained
 from tossid.diagnosis.under_way import UnderWay
-from tossid.settings.diagnosis.diagnose import DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings, VerdictSettings
 from tossid.types import Toss
 
 Search = Callable[[Sequence[Toss], Sequence[Toss]], Explained]
@@ -89,9 +89,9 @@ def disagreement(
         settings: Of the diagnosis.
     """
     judged, tolerance = found.unseen, settings.enough.tolerance
-    if judged is not None and not _agree(found.gap_closed, judged.closed, tolerance):
+    if judged is not None and _another_verdict(found.gap_closed, judged.closed, settings.verdict):
         shares = f"{found.gap_closed.value:.2f}, and {judged.closed.value:.2f} on others"
-        return f"the share of the gap that is closed was {shares}"
+        return f"the share of the gap that is closed was {shares}, where the verdict is another"
     if not found.hypothesis.effects:
         return ""
     engine = engine if found.contact == "own" else None
@@ -108,6 +108,14 @@ def disagreement(
     return ""
 
 
+def _another_verdict(closed: Interval, on_others: Interval, limits: VerdictSettings) -> bool:
+    """Whether the share that other tosses show is surely on the other side of a limit of verdicts."""
+    return any(
+        on_others.high <= limit if closed.value > limit else on_others.low > limit
+        for limit in (limits.partly_closed, limits.all_closed)
+    )
+
+
 def _agree(one: Interval, other: Interval, tolerance: float) -> bool:
     """Whether two values differ by no more than their intervals, whose halves add as errors do."""
     above, below = (one, other) if one.value > other.value else (other, one)
@@ -116,7 +124,7 @@ def _agree(one: Interval, other: Interval, tolerance: float) -> bool:
 
 
 def _in_words(found: Diagnosis, n: int, count: int, judges: int) -> str:
-    fitted = "values fitted to as many others, and the share of the gap that is closed there, agree"
+    fitted = "values fitted to as many others agree, and so does the verdict by what is closed of their gap"
     if not found.hypothesis.effects:
         fitted = "nothing was found in them, and others show the same gap"
     taken = f"{count} of {n} tosses were searched, drawn at random, and {judges} others judge"
