@@ -11,6 +11,7 @@ from tossid.diagnosis.audit.cases import Case
 from tossid.diagnosis.audit.making import make_case
 from tossid.diagnosis.audit.steps import Job, diagnose_withheld, summary_of
 from tossid.objects import ObjectModel
+from tossid.physics.effects import LIBRARY
 from tossid.settings.diagnosis.audit import AuditSettings
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 
@@ -45,6 +46,15 @@ def test_a_summary_keeps_what_was_named_or_gained() -> None:
 def test_a_job_is_named_by_its_number_and_digest(cube: ObjectModel) -> None:
     case = Case(3, "null", "lcp", (), (), 0)
     assert Job(case, cube, AuditSettings(), "0123456789abcdef").name == "003-01234567"
+
+
+def test_the_search_is_repeated_as_often_as_asked(cube: ObjectModel, tmp_path: Path) -> None:
+    make_case(Case(3, "effect", "lcp", ("gravity",), (40.0,), 11), cube, AuditSettings(tosses=8), tmp_path)
+    others = [effect.name for effect in LIBRARY if effect.name not in ("gravity", "restitution")]
+    found = diagnose_withheld(tmp_path / "tosses.h5", others, 0, DiagnoseSettings(repeats=1))
+    assert found["explanation"]["repeats"] == 1
+    (gravity,) = (each for each in found["effects"] if each["name"] == "gravity")
+    assert gravity["frequency"] == 1.0
 
 
 @pytest.mark.slow
