@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.search import _Search, search
 from tossid.diagnosis.under_way import UnderWay
 from tossid.objects import ObjectModel
-from tossid.physics.effects import RecordingErrors, World
+from tossid.physics.effects import Forces, RecordingErrors, World
 from tossid.settings.changed import changed
 
 
@@ -33,6 +34,27 @@ def test_contact_decides_what_flight_cannot_distinguish(cube: ObjectModel) -> No
     # steps eight times as long as those of the tosses bias it by 0.6 %, which is as much as its interval's half-width
     assert bounce.value == pytest.approx(0.35, rel=0.01)
     assert found.left.total.value < 1.3
+
+
+SHORT_AND_TILTED = RecordingErrors(length_scale=0.97, world_tilt=(0.02, -0.03))
+
+
+@pytest.mark.parametrize(
+    ("changes", "names"),
+    [
+        ({"recording": SHORT_AND_TILTED}, {"length_scale", "world_tilt"}),
+        ({"forces": Forces(x=0.11, y=0.07, z=0.11)}, {"uniform_force"}),
+    ],
+)
+def test_contact_decides_between_one_force_and_the_two_causes_that_act_alike_in_flight(
+    cube: ObjectModel, changes: dict[str, Any], names: set[str]
+) -> None:
+    tosses = seen(replace(World(cube), **changes), cube, 12, seed=3)
+    validator = CrossValidator.of(tosses, cube, seed=0, settings=ONCE)
+    asked = ("uniform_force", "gravity", "length_scale", "world_tilt", "ground_tilt", "geometry")
+    first = validator.evaluate(Hypothesis(World(cube)))
+    found = search(validator, [EFFECTS[name] for name in asked], first, UnderWay(), law_is_known=True)
+    assert set(found.present.hypothesis.names) == names
 
 
 def test_a_search_that_ends_too_early_begins_again_where_tosses_say(cube: ObjectModel) -> None:

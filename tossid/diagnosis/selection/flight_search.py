@@ -15,8 +15,9 @@ import numpy as np
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.selection.confusable import ConfusableClasses
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
-from tossid.diagnosis.selection.forward_selection import ForwardSelection
+from tossid.diagnosis.selection.forward_selection import ForwardSelection, SelectionPath
 from tossid.diagnosis.selection.search_result import SearchResult
+from tossid.diagnosis.selection.two_causes import with_two_causes
 from tossid.diagnosis.under_way import UnderWay
 from tossid.physics.effects import Effect
 from tossid.types import Phase
@@ -37,7 +38,13 @@ def search_flight(validator: CrossValidator, library: Sequence[Effect], hypothes
     rounds = ForwardSelection(replace(validator, windows=validator.windows.rows(free)), flying, UnderWay())
     first = rounds.validator.evaluate(hypothesis)
     path = rounds.run(first, [first])
-    last = path.history[-1]
+    found, apart = _concluded(rounds, path), with_two_causes(rounds, path)
+    return found if apart is None else replace(found, instead=_concluded(rounds, apart))
+
+
+def _concluded(rounds: ForwardSelection, path: SelectionPath) -> SearchResult:
+    """What rounds in flight have found, with what could stand in for each effect, and which of them have no name."""
+    first, last = path.history[0], path.history[-1]
     needed, classes = ConfusableClasses(rounds).of(last, path.without, path)
     others = _other_laws(rounds, last, classes)
     present = _with_fitted_law(rounds, _without_makeshifts(rounds, first, last, others), others)

@@ -27,14 +27,13 @@ from tossid.diagnosis.selection.flight_search import search_flight
 from tossid.diagnosis.selection.forward_selection import ForwardSelection, SelectionPath
 from tossid.diagnosis.selection.plausibility import implausible_alone
 from tossid.diagnosis.selection.search_result import SearchResult, replaced
+from tossid.diagnosis.selection.two_causes import in_contact
 from tossid.diagnosis.under_way import UnderWay
 from tossid.physics.effects import Effect, World
 from tossid.types import Phase
 
 Needed = dict[str, Candidate]
 Classes = dict[str, tuple[Candidate, ...]]
-
-
 Measured = Callable[[World], dict[str, float]]
 """What tosses say by themselves of the effects whose values in a world they contradict, by name."""
 
@@ -63,6 +62,28 @@ def search(
 
 
 @dataclass(frozen=True)
+class _Flown:
+    """What flight reveals, on all windows.
+
+    Attributes:
+        result: Of the search in flight; None where there is none.
+        history: The hypotheses on the way, from that without effects on.
+        needed: Each effect against the hypothesis without it, as flight has it.
+        classes: The confusable classes, as contact has ordered them.
+    """
+
+    result: SearchResult | None
+    history: Sequence[Candidate]
+    needed: Needed
+    classes: Classes
+
+    @property
+    def n_effects(self) -> int:
+        """How many effects flight reveals."""
+        return len(self.history) - 1
+
+
+@dataclass(frozen=True)
 class _Search:
     """The search in all windows."""
 
@@ -83,34 +104,49 @@ class _Search:
         self.under_way("what flight reveals, in contact", 0.15)
         base = self.first.hypothesis.base if flight is None else flight.present.hypothesis.base
         hypothesis = self._with_contact_law(Hypothesis(base), flight)
-        first, history, needed, classes = self._with_flight(hypothesis, flight)
-        n_flight = 0 if flight is None else len(flight.present.hypothesis.effects)
-        contact = self._holding(history[-1], n_flight, self._library_beside(flight, classes))
-        first, path = self._under_the_law_of_impacts(first, history, contact)
+        flown, apart = self._with_flight(hypothesis, flight), None
+        if flight is not None and flight.instead is not None:
+            apart = self._with_flight(hypothesis, flight.instead)
+            if self.validator.p_value_over(apart.history[-1], flown.history[-1]) < self._rounds.level:
+                flown, apart = apart, None
+        contact = self._beside(flown)
+        path = self._under_the_law_of_impacts(flown, contact)
+        first = path.history[0]
         path = contact.refit_until_stable(first, path)
-        begun = self._begun_as_measured(first, path, n_flight)
+        begun = self._begun_as_measured(path, flown.n_effects)
         better = False
         if begun is not None:
-            other = contact.run(first, (*path.history[: n_flight + 1], begun[0]), 0.2)
+            other = contact.run(first, (*path.history[: flown.n_effects + 1], begun[0]), 0.2)
             other = contact.refit_until_stable(first, replace(other, classes={**begun[1], **other.classes}))
             better = self.validator.p_value_over(other.history[-1], path.history[-1]) < self._rounds.level
             path = replace(other, first_round=path.first_round) if better else path
-        found = self._with_classes(flight, first, path, contact, needed, classes)
-        return replace(found, begun_as_measured=better)
+        if apart is not None:
+            flown, path = self._with_two_causes(flown, apart, path)
+        return replace(self._with_classes(flown, path), begun_as_measured=better)
 
-    def _under_the_law_of_impacts(
-        self, first: Candidate, history: Sequence[Candidate], contact: ForwardSelection
-    ) -> tuple[Candidate, SelectionPath]:
+    def _with_two_causes(self, flown: _Flown, apart: _Flown, path: SelectionPath) -> tuple[_Flown, SelectionPath]:
+        """What flight reveals and the path with two causes in place of one, if contact prefers them."""
+        first, found = path.history[0], path.history[-1]
+        asked = [replace(each.hypothesis, base=found.hypothesis.base) for each in apart.history[1:]]
+        made = in_contact(self._beside(apart), found, asked[-1], flown.n_effects)
+        if made is None:
+            return flown, path
+        self.under_way.reached(made)
+        history = first, *self.validator.map(self.validator.evaluate, asked), made
+        classes = {name: group for name, group in path.classes.items() if name in made.hypothesis.names}
+        return apart, replace(path, history=history, classes=classes, runners_up=(), without={})
+
+    def _under_the_law_of_impacts(self, flown: _Flown, contact: ForwardSelection) -> SelectionPath:
         """Rounds from what flight reveals, which go on under the other law of impacts once the tosses show it.
 
         Args:
-            first: The hypothesis without effects.
-            history: The hypotheses so far.
+            flown: What flight reveals.
             contact: The rounds.
 
         Returns:
-            The hypothesis without effects under the law that the rounds end with, and how they went.
+            How they went, from the hypothesis without effects under the law that they end with.
         """
+        first, history = flown.history[0], flown.history
         shown: list[Candidate] = []
 
         def shows_other(present: Candidate) -> bool:
@@ -119,38 +155,27 @@ class _Search:
             return bool(shown)
 
         if self.law_is_known:
-            return first, contact.run(first, history, 0.2)
+            return contact.run(first, history, 0.2)
         path = contact.run(first, history, 0.2, until=shows_other)
         if not shown:
-            return first, path
+            return path
         before = (replace(each.hypothesis, base=shown[0].hypothesis.base) for each in path.history[:-1])
         first, *others = self.validator.map(self.validator.evaluate, before)
         present, without = contact.pruned(first, contact.refitted(shown[0]), thorough=False)
         self.under_way.reached(present, first)
         path = replace(path, history=(first, *others, present), runners_up=(), without=without)
-        return first, path.then(contact.run(first, path.history, 0.4))
+        return path.then(contact.run(first, path.history, 0.4))
 
-    def _with_classes(
-        self,
-        flight: SearchResult | None,
-        first: Candidate,
-        path: SelectionPath,
-        contact: ForwardSelection,
-        needed: Needed,
-        classes: Classes,
-    ) -> SearchResult:
+    def _with_classes(self, flown: _Flown, path: SelectionPath) -> SearchResult:
         """What all windows reveal beside what flight does, and what could stand in for each effect.
 
         Args:
-            flight: What flight reveals.
-            first: The hypothesis without effects.
+            flown: What flight reveals.
             path: How rounds in all windows went.
-            contact: These rounds.
-            needed: Each effect of flight against the hypothesis without it.
-            classes: The confusable classes of these.
         """
-        n_flight, library = len(contact.validator.held), contact.library
-        replacements = self.validator.settings.selection.most_replacements
+        first, n_flight, needed, classes = path.history[0], flown.n_effects, flown.needed, flown.classes
+        contact = self._holding(path.history[-1], n_flight, self._library_beside(flown))
+        library, replacements = contact.library, self.validator.settings.selection.most_replacements
         while True:
             present = best = path.history[-1]
             self.under_way.reached(present)
@@ -166,7 +191,7 @@ class _Search:
             path, replacements = path.ending_in(best), replacements - 1
             contact = self._holding(best, n_flight, library)
             path = contact.refit_until_stable(first, path)
-        needed = {**needed, **needed_too}
+        needed, flight = {**needed, **needed_too}, flown.result
         return SearchResult(
             first,
             present,
@@ -181,18 +206,17 @@ class _Search:
         )
 
     def _begun_as_measured(
-        self, first: Candidate, path: SelectionPath, n_flight: int
+        self, path: SelectionPath, n_flight: int
     ) -> tuple[Candidate, dict[str, tuple[Effect, ...]]] | None:
         """What flight reveals, with effects at the values that tosses say by themselves, and what may replace each.
 
         None where tosses do not contradict what was found, or little of the gap is left.
 
         Args:
-            first: The hypothesis without effects.
             path: Of forward selection from what flight reveals.
             n_flight: How many effects that is.
         """
-        found, flown = path.history[-1], path.history[n_flight]
+        first, flown, found = path.history[0], path.history[n_flight], path.history[-1]
         closed, _ = share_left(first, found, self.validator, noise_floor(self.validator.windows))
         if not self._rounds.can_name or closed.value > self.validator.settings.verdict.all_closed:
             return None
@@ -219,14 +243,12 @@ class _Search:
         least = contact.settings.class_gain * promising[0].gain if promising else 0.0
         return tuple(each.effect for each in promising if each.effect.name != name and each.gain > least)
 
-    def _with_flight(
-        self, hypothesis: Hypothesis, flight: SearchResult | None
-    ) -> tuple[Candidate, list[Candidate], Needed, Classes]:
-        """The hypothesis on all windows without effects, and a history to it with the effects that flight reveals."""
+    def _with_flight(self, hypothesis: Hypothesis, flight: SearchResult | None) -> _Flown:
+        """The effects that flight reveals, on all windows, from the hypothesis without effects on."""
         first = self._evaluated(hypothesis)
         history = [first]
         if flight is None or not flight.present.hypothesis.effects:
-            return first, history, {}, {}
+            return _Flown(flight, history, {}, {})
         effects, values = flight.present.hypothesis.effects, flight.present.hypothesis.values
         for k in range(1, len(effects) + 1):
             history.append(self.validator.evaluate(Hypothesis(hypothesis.base, effects[:k], values[:k]), history[-1]))
@@ -234,11 +256,11 @@ class _Search:
         if any(classes.values()) and self._rounds.can_name:
             closed, _ = share_left(first, best, self.validator, noise_floor(self.validator.windows))
             if closed.value < self.validator.settings.verdict.all_closed:
-                library = self._library_beside(flight, classes)
+                library = self._library_beside(_Flown(flight, history, needed, classes))
                 best, needed, classes = self._looking_ahead(first, best, needed, classes, library)
         history[-1] = self._rounds.refitted(best)
         self.under_way.reached(history[-1])
-        return first, history, needed, classes
+        return _Flown(flight, history, needed, classes)
 
     def _looking_ahead(
         self, first: Candidate, best: Candidate, needed: Needed, classes: Classes, library: Sequence[Effect]
@@ -299,12 +321,12 @@ class _Search:
         same = hypothesis.base is self.first.hypothesis.base and not hypothesis.effects
         return self.first if same else self.validator.evaluate(hypothesis)
 
-    def _library_beside(self, flight: SearchResult | None, classes: Classes) -> list[Effect]:
+    def _library_beside(self, flown: _Flown) -> list[Effect]:
         """The effects that are sought in all windows."""
         # what could stand in for an effect of flight is tried in its place, not beside it
-        confusable = {each.name for group in classes.values() for each in group}
+        confusable = {each.name for group in flown.classes.values() for each in group}
         library = [effect for effect in self.library if effect.name not in confusable]
-        if flight is not None and flight.unsteady:
+        if flown.result is not None and flown.result.unsteady:
             # beside a force that is not in the library, another effect of flight would only make up for it
             library = [effect for effect in library if Phase.FLIGHT not in effect.phases]
         return library
@@ -331,6 +353,10 @@ class _Search:
             if significant and validator.p_value_over(each, other) < self._rounds.level:
                 return Hypothesis(base)
         return hypothesis
+
+    def _beside(self, flown: _Flown) -> ForwardSelection:
+        """Rounds beside what flight has determined, which is held."""
+        return self._holding(flown.history[-1], flown.n_effects, self._library_beside(flown))
 
     def _holding(self, present: Candidate, n_flight: int, library: Sequence[Effect]) -> ForwardSelection:
         """Rounds in which the first effects of a hypothesis, which flight has determined, are held."""

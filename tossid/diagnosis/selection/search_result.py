@@ -27,6 +27,7 @@ class SearchResult:
         implausible: Effects whose intervals hold no change or touch a bound (`selection.plausibility`).
         begun_as_measured: Whether it is that of the search that began at what tosses say by themselves.
         saturated: Ranges of the sizes that tosses bound on one side only, by effect (`selection.saturation`).
+        instead: In flight, the same with two effects in place of one that does there what they do together.
     """
 
     first: Candidate
@@ -42,6 +43,7 @@ class SearchResult:
     implausible: tuple[str, ...] = ()
     begun_as_measured: bool = False
     saturated: dict[str, Interval] = field(default_factory=dict)
+    instead: SearchResult | None = None
 
     @property
     def unnamed(self) -> frozenset[str]:

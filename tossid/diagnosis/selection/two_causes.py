@@ -1,0 +1,114 @@
+"""One effect that does in flight what two others do together, and contact that decides between them.
+
+Where lengths are recorded too short, and the recorded world is tilted, an object falls as under a constant force. That
+is one effect for two, so forward selection prefers it. But in contact it needs another size and a tilted ground beside
+it, and they need nothing. So contact has to decide: before effects of contact are sought, and once more with these in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.selection.cross_validation import Candidate
+from tossid.diagnosis.selection.forward_selection import ForwardSelection, SelectionPath
+from tossid.physics.effects import Effect
+
+Array = NDArray[np.float64]
+
+
+def with_two_causes(rounds: ForwardSelection, path: SelectionPath) -> SelectionPath | None:
+    """A path in flight with two effects in place of one; None if no two do as well with no more parameters.
+
+    Args:
+        rounds: In flight.
+        path: How they went.
+
+    Returns:
+        The path that ends with the two, each with what could stand in for it beside the other.
+    """
+    last, validator = path.history[-1], rounds.validator
+    for effect in last.hypothesis.effects:
+        pairs = _pairs(rounds, path.history[0], last, effect) if effect.contains else []
+        if not pairs:
+            continue
+        best, *others = sorted(pairs, key=lambda each: -validator.by_toss(each.log_likelihood).sum())
+        classes = {name: group for name, group in path.classes.items() if name != effect.name}
+        for name in set(best.hypothesis.names) - set(last.hypothesis.names):
+            beside = {*best.hypothesis.names} - {name}
+            classes[name] = tuple(
+                next(each for each in pair.hypothesis.effects if each.name not in beside)
+                for pair in others
+                if beside < {*pair.hypothesis.names}
+            )
+        return replace(path, history=(*path.history[:-1], best), classes=classes, runners_up=(), without={})
+    return None
+
+
+def _pairs(rounds: ForwardSelection, first: Candidate, last: Candidate, effect: Effect) -> list[Candidate]:
+    """Hypotheses of flight with two significant effects in place of one, and not clearly worse.
+
+    Args:
+        rounds: In flight.
+        first: The hypothesis without effects.
+        last: With the one effect.
+        effect: That effect.
+    """
+    size, level = len(effect.parameters), rounds.settings.class_level
+    pairs: dict[frozenset[str], Candidate] = {}
+    without = rounds.without(last, effect.name)
+    for one in _beside(rounds, first, without, size - 1)[: rounds.settings.largest_class]:
+        assert one.effect is not None
+        for two in _beside(rounds, first, one, size - len(one.effect.parameters)):
+            if rounds.validator.p_value_over(last, two) > level:
+                pairs.setdefault(frozenset(two.hypothesis.names), two)
+    return list(pairs.values())
+
+
+def _beside(rounds: ForwardSelection, first: Candidate, present: Candidate, size: int) -> list[Candidate]:
+    """The significant effects of at most so many parameters beside a hypothesis, those that gain most first."""
+    small = [each for each in rounds.promising(present) if len(each.effect.parameters) <= size]
+    fitted = rounds.validator.map(partial(rounds.fitted, present), small)
+    significant = [each for each in fitted if rounds.is_significant(first, present, each)]
+    return sorted(significant, key=lambda each: -each.total)
+
+
+def in_contact(rounds: ForwardSelection, found: Candidate, flown: Hypothesis, n_flight: int) -> Candidate | None:
+    """Two causes, with fewer effects of contact than were found beside the one; None if all such are clearly worse.
+
+    Some of those effects have made up for what the two causes explain. The one that they need least leaves, and the
+    next one, as long as the rest is not clearly worse than what was found. It has fewer parameters then.
+
+    Args:
+        rounds: In all windows, in which the two causes are held.
+        found: The hypothesis with the one effect, and with those of contact.
+        flown: What flight reveals, the two causes among it.
+        n_flight: How many effects of the hypothesis, the first, flight has revealed.
+    """
+    validator, hypothesis = rounds.validator, flown
+    for effect in found.hypothesis.effects[n_flight:]:
+        hypothesis = hypothesis.plus(effect, _beside_tilts(effect, found.hypothesis, flown))
+    present, best = validator.evaluate(hypothesis.clipped(hypothesis.flat())), None
+    while names := present.hypothesis.names[len(flown.effects) :]:
+        asked = [present.hypothesis.minus(name) for name in names]
+        tried = validator.map(partial(validator.evaluate, near=present), asked)
+        gains = [float(validator.by_toss(validator.gain_over(each, present)).sum()) for each in tried]
+        present = rounds.refitted(tried[int(np.argmax(gains))], validator.settings.cross_validation.refits)
+        if validator.p_value_over(found, present) < rounds.settings.class_level:
+            break
+        best = present
+    return best
+
+
+def _beside_tilts(effect: Effect, found: Hypothesis, flown: Hypothesis) -> Array:
+    """An effect's values beside the two causes: the ground is tilted by so much less as the whole world is by now."""
+    values = found.values_of(effect.name)
+    group = effect.one_of_group - set(found.names)
+    for each in flown.effects:
+        if each.name in group and len(each.parameters) == len(values):
+            values = values - flown.values_of(each.name)
+    return np.asarray(values)
