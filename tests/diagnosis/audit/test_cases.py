@@ -82,6 +82,7 @@ def test_a_clock_beside_a_constant_force_is_another_constant_force(cube: ObjectM
 
 def test_only_kinds_that_are_asked_for_are_drawn() -> None:
     assert {case.kind for case in drawn(12, kinds=("effect",))} == {"effect"}
+    assert {case.effects for case in drawn(6, kinds=("recording",))} == {("length_scale", "world_tilt")}
 
 
 def test_what_mujoco_cannot_express_is_simulated_by_lcp() -> None:

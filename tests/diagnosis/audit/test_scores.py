@@ -92,6 +92,9 @@ def test_both_of_a_pair_must_be_named() -> None:
     assert score(both, answer("gravity", "friction"))["right"]
     assert score(both, answer("gravity", "cohesion", cohesion={"classes": ("friction",)}))["right"]
     assert score(both, answer("gravity"))["missed"] == ["friction"]
+    recording = truth("recording", length_scale={"scale_rel": 0.98}, world_tilt={"x_rad": 0.01, "y_rad": 0.0})
+    assert score(recording, answer("world_tilt", "length_scale"))["right"]
+    assert not score(recording, answer("world_tilt", "gravity"))["right"]
 
 
 def test_of_several_at_once_three_quarters_must_be_named_and_nothing_else() -> None:

@@ -22,7 +22,11 @@ Kind = CaseKind | Literal["spoilt", "order"]
 
 SEVERAL: dict[str, int] = {"four": 4, "eight": 8}
 """How many effects at once."""
-OF_LIBRARY = ("effect", "pair", *SEVERAL)
+OF_RECORDING = ("length_scale", "world_tilt")
+"""Two errors of one recording: in flight they do what a constant force does."""
+PAIRS = ("pair", "recording")
+"""Kinds of cases with two effects, both of which must be named. Those of "pair" are of different families."""
+OF_LIBRARY = ("effect", *PAIRS, *SEVERAL)
 """Kinds of cases whose effects are in the library."""
 _NOT_BOTH = ("restitution", "compliance")
 """Contact rebounds by a coefficient or yields: the later one takes the earlier one's place."""
@@ -115,6 +119,8 @@ def draw_cases(
             names = (next(order[kind]),)
         elif kind == "pair":
             names = _pair(pairs)
+        elif kind == "recording":
+            names = OF_RECORDING
         elif kind in several:
             names = _together(several[kind], SEVERAL[kind])
         elif kind == "outside":

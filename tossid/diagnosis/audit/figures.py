@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from tossid.diagnosis.audit.cases import OF_LIBRARY, SEVERAL
+from tossid.diagnosis.audit.cases import OF_LIBRARY, PAIRS, SEVERAL
 from tossid.diagnosis.audit.ranks import band, ranks_of
 from tossid.diagnosis.audit.scores import calibration
 from tossid.evaluation.figures.style import INK, MUTED, footnote, key_row, new_figure, panel_grid, styled
@@ -182,7 +182,7 @@ def _truth(row: Row) -> str:
 
 
 def _rank(row: Row) -> int:
-    return ("effect", "spoilt", "pair", *SEVERAL, "without", "outside", "null").index(row["kind"])
+    return ("effect", "spoilt", *PAIRS, *SEVERAL, "without", "outside", "null").index(row["kind"])
 
 
 @styled

@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from tossid.diagnosis.audit.cases import SEVERAL
+from tossid.diagnosis.audit.cases import PAIRS, SEVERAL
 from tossid.diagnosis.audit.over_order import DRIFT, NULLS, STEP
 from tossid.diagnosis.audit.ranks import joint_rank, rank, share_of, summarise_ranks
 from tossid.diagnosis.audit.strengths import world_with
@@ -135,7 +135,7 @@ def score(
         return {**out, "right": verdict != "explained", "phase_right": phase_right, "false": named}
     first = next(iter(classes.values()), [])
     right = bool(true) and (any(t in first for t in true) and len(first) <= settings.largest_class)
-    if kind in ("pair", "spoilt"):
+    if kind in (*PAIRS, "spoilt"):
         # beside a spoilt parameter, what no simulator has of real tosses may be found too
         right = all(inside.values())
     if kind in SEVERAL:
@@ -276,7 +276,7 @@ def summarise(
             "of": len(closed),
             "wanted": settings.closed,
         },
-        "pairs_both_named": share_of([s["right"] for s in of["pair"]], settings.pairs),
+        "pairs_both_named": share_of([s["right"] for kind in PAIRS for s in of[kind]], settings.pairs),
         **_several(of),
         "outside_not_named": share_of([s["right"] for s in of["outside"]], settings.outside),
         "outside_not_explained": share_of([s["hedged"] for s in of["outside"]], None),
