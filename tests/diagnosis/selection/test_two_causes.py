@@ -59,7 +59,7 @@ def test_contact_that_made_up_for_two_causes_leaves_with_the_one(
     found = recorded_short.evaluate(one)
     two = with_effects(world, world_tilt=[*TILT], length_scale=[SCALE])
     rounds = ForwardSelection(replace(recorded_short, held=frozenset(two.names)), [], UnderWay())
-    made = in_contact(rounds, found, two, 1)
+    made = in_contact(rounds, recorded_short.evaluate(Hypothesis(world)), found, two, 1)
     assert made is not None
     assert set(made.hypothesis.names) == {"world_tilt", "length_scale", "restitution"}
     assert made.hypothesis.values_of("length_scale")[0] == pytest.approx(SCALE, abs=0.001)
@@ -71,4 +71,5 @@ def test_a_force_and_another_size_stay(cube: ObjectModel) -> None:
     validator = CrossValidator.of(seen(truth.world(), cube, 12, seed=3), cube, seed=0, settings=ONCE)
     two = with_effects(World(cube), world_tilt=[*TILT], length_scale=[SCALE])
     rounds = ForwardSelection(replace(validator, held=frozenset(two.names)), [], UnderWay())
-    assert in_contact(rounds, validator.evaluate(truth), two, 1) is None
+    first = validator.evaluate(Hypothesis(World(cube)))
+    assert in_contact(rounds, first, validator.evaluate(truth), two, 1) is None

@@ -128,7 +128,7 @@ class _Search:
         """What flight reveals and the path with two causes in place of one, if contact prefers them."""
         first, found = path.history[0], path.history[-1]
         asked = [replace(each.hypothesis, base=found.hypothesis.base) for each in apart.history[1:]]
-        made = in_contact(self._beside(apart), found, asked[-1], flown.n_effects)
+        made = in_contact(self._beside(apart), first, found, asked[-1], flown.n_effects)
         if made is None:
             return flown, path
         self.under_way.reached(made)

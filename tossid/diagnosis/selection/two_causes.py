@@ -77,31 +77,40 @@ def _beside(rounds: ForwardSelection, first: Candidate, present: Candidate, size
     return sorted(significant, key=lambda each: -each.total)
 
 
-def in_contact(rounds: ForwardSelection, found: Candidate, flown: Hypothesis, n_flight: int) -> Candidate | None:
-    """Two causes, with fewer effects of contact than were found beside the one; None if all such are clearly worse.
+def in_contact(
+    rounds: ForwardSelection, first: Candidate, found: Candidate, flown: Hypothesis, n_flight: int
+) -> Candidate | None:
+    """Two causes with effects of contact, in place of one cause and more of these; None if that is clearly worse.
 
-    Some of those effects have made up for what the two causes explain. The one that they need least leaves, and the
-    next one, as long as the rest is not clearly worse than what was found. It has fewer parameters then.
+    Some of the effects that were found beside the one cause have made up for what the two explain. Those that are
+    needed least leave until there are fewer parameters than before. What has more of them must be better at the level
+    of a new effect. Both are fitted from first states that are sought for them alone.
 
     Args:
         rounds: In all windows, in which the two causes are held.
-        found: The hypothesis with the one effect, and with those of contact.
+        first: The hypothesis without effects.
+        found: The hypothesis with the one cause, and with effects of contact.
         flown: What flight reveals, the two causes among it.
         n_flight: How many effects of the hypothesis, the first, flight has revealed.
     """
     validator, hypothesis = rounds.validator, flown
+    refits = validator.settings.cross_validation.refits
     for effect in found.hypothesis.effects[n_flight:]:
         hypothesis = hypothesis.plus(effect, _beside_tilts(effect, found.hypothesis, flown))
-    present, best = validator.evaluate(hypothesis.clipped(hypothesis.flat())), None
-    while names := present.hypothesis.names[len(flown.effects) :]:
-        asked = [present.hypothesis.minus(name) for name in names]
-        tried = validator.map(partial(validator.evaluate, near=present), asked)
+    asked = [found.hypothesis, hypothesis.clipped(hypothesis.flat())]
+    again, present = validator.map(validator.evaluate, asked)
+    while len(present.hypothesis.flat()) >= len(found.hypothesis.flat()):
+        names = present.hypothesis.names[len(flown.effects) :]
+        if not names:
+            return None
+        near = partial(validator.evaluate, near=present)
+        tried = validator.map(near, [present.hypothesis.minus(name) for name in names])
         gains = [float(validator.by_toss(validator.gain_over(each, present)).sum()) for each in tried]
-        present = rounds.refitted(tried[int(np.argmax(gains))], validator.settings.cross_validation.refits)
-        if validator.p_value_over(found, present) < rounds.settings.class_level:
-            break
-        best = present
-    return best
+        present = tried[int(np.argmax(gains))]
+    again, present = validator.map(lambda each: rounds.refitted(each, refits), [again, present])
+    if validator.p_value_over(again, present) < rounds.level:
+        return None
+    return rounds.pruned(first, present, thorough=False)[0]
 
 
 def _beside_tilts(effect: Effect, found: Hypothesis, flown: Hypothesis) -> Array:
