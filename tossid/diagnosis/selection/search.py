@@ -126,12 +126,12 @@ class _Search:
 
     def _with_two_causes(self, flown: _Flown, apart: _Flown, path: SelectionPath) -> tuple[_Flown, SelectionPath]:
         """What flight reveals and the path with two causes in place of one, if contact prefers them."""
+        self.under_way("two causes in place of one", 0.85)
         first, found = path.history[0], path.history[-1]
         asked = [replace(each.hypothesis, base=found.hypothesis.base) for each in apart.history[1:]]
         made = in_contact(self._beside(apart), first, found, asked[-1], flown.n_effects)
         if made is None:
             return flown, path
-        self.under_way.reached(made)
         history = first, *self.validator.map(self.validator.evaluate, asked), made
         classes = {name: group for name, group in path.classes.items() if name in made.hypothesis.names}
         return apart, replace(path, history=history, classes=classes, runners_up=(), without={})

@@ -38,7 +38,7 @@ def with_two_causes(rounds: ForwardSelection, path: SelectionPath) -> SelectionP
             continue
         best, *others = sorted(pairs, key=lambda each: -validator.by_toss(each.log_likelihood).sum())
         classes = {name: group for name, group in path.classes.items() if name != effect.name}
-        for name in set(best.hypothesis.names) - set(last.hypothesis.names):
+        for name in [each for each in best.hypothesis.names if each not in last.hypothesis.names]:
             beside = {*best.hypothesis.names} - {name}
             classes[name] = tuple(
                 next(each for each in pair.hypothesis.effects if each.name not in beside)
