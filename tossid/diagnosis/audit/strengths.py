@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Strength, World, effect_named, effects_for
 from tossid.physics.effects.strength import directed, scaled, signed
@@ -45,6 +43,5 @@ def world_with(world: World, effects: Mapping[str, Mapping[str, float]]) -> Worl
     """
     for name, given in effects.items():
         effect = effect_named(name)
-        values = effect.named(effect.nominal(world)) | dict(given)
-        world = effect.at(world, np.array(list(values.values())))
+        world = effect.at(world, effect.values_with(world, given))
     return world

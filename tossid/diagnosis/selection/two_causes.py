@@ -105,8 +105,7 @@ def in_contact(
             return None
         near = partial(validator.evaluate, near=present)
         tried = validator.map(near, [present.hypothesis.minus(name) for name in names])
-        gains = [float(validator.by_toss(validator.gain_over(each, present)).sum()) for each in tried]
-        present = tried[int(np.argmax(gains))]
+        present = max(tried, key=lambda each: float(validator.by_toss(validator.gain_over(each, present)).sum()))
     again, present = validator.map(lambda each: rounds.refitted(each, refits), [again, present])
     if validator.p_value_over(again, present) < rounds.level:
         return None

@@ -259,6 +259,15 @@ class Effect:
         """
         return dict(zip((p.name for p in self.parameters), map(float, values), strict=True))
 
+    def values_with(self, world: World, given: Mapping[str, float]) -> Array:
+        """Values (P,) of which some are given; the others are nominal.
+
+        Args:
+            world: The world without the effect.
+            given: By the parameters' names.
+        """
+        return np.array(list((self.named(self.nominal(world)) | dict(given)).values()))
+
     def at(self, world: World, values: Array) -> World:
         """The world with the effect.
 

@@ -8,8 +8,9 @@ from typing import Annotated, Literal
 from tossid.settings.kinds import Bounds, Count, Fraction, Ordered, Positive, Seed, Span, advanced_part
 
 CaseKind = Literal["effect", "null", "pair", "recording", "four", "eight", "outside", "without"]
-"""What is in a drawn case: an effect of the library, nothing, two, four or eight effects at once, a force that the
-library lacks, or an effect that is then taken out of the library."""
+"""What is in a drawn case: an effect of the library, nothing, two effects of different families, two errors of one
+recording, four or eight effects at once, a force that the library lacks, or an effect that is then taken out of the
+library."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -54,8 +54,7 @@ def hypothesis_with(world: World, given: Given) -> Hypothesis:
         given: By effect and parameter.
     """
     effects = tuple(effect_named(name) for name in given)
-    values = [effect.named(effect.nominal(world)) | dict(given[effect.name]) for effect in effects]
-    return Hypothesis(world, effects, tuple(np.array(list(each.values())) for each in values))
+    return Hypothesis(world, effects, tuple(effect.values_with(world, given[effect.name]) for effect in effects))
 
 
 def fitted(validator: CrossValidator, hypothesis: Hypothesis) -> Candidate:
