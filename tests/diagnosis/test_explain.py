@@ -145,7 +145,7 @@ def test_what_makes_whole_tosses_worse_is_a_candidate_at_most(cube: ObjectModel)
 def test_what_repeats_name_too_rarely_is_a_candidate(cube: ObjectModel, times: int, sure: bool) -> None:
     made = replace(diagnosis(cube), minor=("gravity",))
     repeats = tuple(Repeat(("friction",) if k < times else (), 0.9) for k in range(10))
-    found = with_repeats(made, Stability(repeats), {"friction": ()})
+    found = with_repeats(made, Stability(repeats))
     verdicts = {each.name: each.verdict for each in found.findings}
     assert found.named == (("friction",) if sure else ())
     assert found.candidates == (() if sure else ("friction",))
@@ -153,10 +153,10 @@ def test_what_repeats_name_too_rarely_is_a_candidate(cube: ObjectModel, times: i
     assert verdicts["friction"] == ("confusable" if sure else "candidate")
     assert verdicts["gravity"] == "not_supported"
     assert next(each.frequency for each in found.findings if each.name == "friction") == times / 10
-    little = with_repeats(replace(made, gap_closed=Interval(0.3, 0.2, 0.4)), Stability(repeats), {"friction": ()})
+    little = with_repeats(replace(made, gap_closed=Interval(0.3, 0.2, 0.4)), Stability(repeats))
     assert little.verdict == ("explained" if sure else "unexplained")
     at_floor = replace(made.gap, total=Interval(1.02, 0.99, 1.05), noise_floor=1.0)
-    nothing = with_repeats(replace(made, gap=at_floor), Stability(repeats), {"friction": ()})
+    nothing = with_repeats(replace(made, gap=at_floor), Stability(repeats))
     assert nothing.verdict == ("explained" if sure else "no_gap")
 
 

@@ -53,6 +53,8 @@ def effect_findings(
     known = stated_intervals(found, validator.n, spread)
     related = correlations(found.present.fitted, validator.n, spread, found.n_flight)
     stands_for = {each.name: (name, each) for name, group in found.classes.items() for each in group}
+    ours, theirs = found.exchanged
+    named_ours = tuple(name for name in ours if name in named)
     out = []
     for effect in library:
         alone = found.first_round.get(effect.name)
@@ -68,7 +70,7 @@ def effect_findings(
         if effect.name in named:
             judged, parameters = found.needed[effect.name], known[effect.name]
             correlation = related[effect.name]
-            confusable_with = tuple(each.name for each in found.classes[effect.name])
+            confusable_with = found.stand_ins(effect.name)
             verdict = "confusable" if confusable_with else "identified"
             verdict = "candidate" if effect.name in candidates else verdict
         elif effect.name in stands_for:
@@ -78,6 +80,13 @@ def effect_findings(
             closes = closed[name]
             confusable_with = (name, *(o.name for o in found.classes[name] if o.name != effect.name))
             verdict = "candidate" if name in candidates else "confusable"
+        elif effect.name in theirs and named_ours and found.other_causes is not None:
+            fitted = found.other_causes.candidate.fitted
+            judged = found.other_causes.needed[effect.name]
+            parameters = intervals(fitted, validator.n)[effect.name]
+            correlation = correlations(fitted, validator.n)[effect.name]
+            closes, confusable_with = closed[named_ours[0]], named_ours
+            verdict = "confusable" if {*named_ours} - {*candidates} else "candidate"
         else:
             verdict = "not_supported" if detectable else "not_identifiable"
         evidence = {

@@ -113,7 +113,7 @@ class Searched:
         stability = repeated(
             self.tosses, model, self.validator, self.found, self.library, measured=self._measured, seed=self.seed
         )
-        return with_repeats(self.diagnosis, stability, self.found.classes, settings.stability, settings.verdict)
+        return with_repeats(self.diagnosis, stability, settings.stability, settings.verdict)
 
     def _measured(self, tosses: Sequence[Toss], at: World) -> dict[str, float]:
         """What tosses say of the effects whose values in a world they contradict."""
@@ -154,7 +154,6 @@ def search_once(problem: Problem) -> Searched:
 def with_repeats(
     made: Diagnosis,
     stability: Stability,
-    classes: Mapping[str, Sequence[Candidate]],
     settings: StabilitySettings = StabilitySettings(),
     limits: VerdictSettings = VerdictSettings(),
 ) -> Diagnosis:
@@ -163,19 +162,20 @@ def with_repeats(
     Args:
         made: Of one search.
         stability: What repeats name.
-        classes: For each effect, what could stand in for it.
         settings: How often is often enough.
         limits: Of verdicts.
     """
     if not stability.repeats:
         return replace(made, stability=stability)
 
+    confusable = {each.name: each.confusable_with for each in made.findings}
+
     def is_sure(name: str) -> bool:
-        frequency = stability.frequency([name, *(each.name for each in classes.get(name, ()))])
+        frequency = stability.frequency([name, *confusable.get(name, ())])
         return frequency is None or frequency >= settings.least_frequency
 
     unsure = {name for name in (*made.named, *made.candidates, *made.minor) if not is_sure(name)}
-    unsure |= {each.name for name in unsure for each in classes.get(name, ())}
+    unsure |= {each for name in unsure for each in confusable.get(name, ()) if each not in made.named}
     named = tuple(name for name in made.named if name not in unsure)
     findings = tuple(
         replace(
@@ -288,6 +288,7 @@ def _concluded(
         n_tosses=n,
         seconds=time.perf_counter() - started,
         alternatives=found.alternatives,
+        exchanged=found.exchanged,
         contact=_contact(validator, found),
         other_laws=tuple(
             (name, intervals(each.fitted, n)[power_law_of(each, name).name][OTHER_POWER])

@@ -67,7 +67,9 @@ class Diagnosis:
         hypothesis: The simulator's world with all effects, fitted to all tosses.
         n_tosses: How many tosses were diagnosed.
         seconds: How long it took [s].
-        alternatives: The hypothesis with one effect replaced by another of its confusable class, for each of these.
+        alternatives: Hypotheses that may be right instead: with other causes that do the same in flight, and with one
+            effect replaced by another of its confusable class.
+        exchanged: Names of effects of the hypothesis, and of those other causes; both empty if there are none.
         contact: The contact law that the tosses follow most: Coulomb's, its convex relaxation, or the MuJoCo model's
             own. It is no effect.
         place: Where in the state of the motion and on the object the gap is.
@@ -114,6 +116,7 @@ class Diagnosis:
     n_tosses: int
     seconds: float
     alternatives: tuple[Hypothesis, ...] = ()
+    exchanged: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
     contact: Contact = "coulomb"
     place: Place = field(default_factory=Place)
     witnesses: tuple[Witness, ...] = ()
@@ -190,6 +193,7 @@ class Diagnosis:
                 "other_laws": [{"like": name, "further_power": each.as_json()} for name, each in self.other_laws],
                 "unsteady": list(self.unsteady),
                 "minor": list(self.minor),
+                "same_in_flight": [list(names) for names in self.exchanged if names],
                 "refused": [] if self.rollouts is None else list(self.rollouts.refused),
                 "no_name": [{"like": name, "why": why} for name, why in self.implausible],
                 "hypothesis": {effect.name: effect.named(x) for effect, x in self.hypothesis.items()},

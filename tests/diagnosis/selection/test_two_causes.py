@@ -61,8 +61,10 @@ def test_contact_that_made_up_for_two_causes_leaves_with_the_one(
     rounds = ForwardSelection(replace(recorded_short, held=frozenset(two.names)), [], UnderWay())
     made = in_contact(rounds, recorded_short.evaluate(Hypothesis(world)), found, two, 1)
     assert made is not None
-    assert set(made.hypothesis.names) == {"world_tilt", "length_scale", "restitution"}
-    assert made.hypothesis.values_of("length_scale")[0] == pytest.approx(SCALE, abs=0.001)
+    assert made.two
+    assert set(made.chosen.hypothesis.names) == {"world_tilt", "length_scale", "restitution"}
+    assert made.chosen.hypothesis.values_of("length_scale")[0] == pytest.approx(SCALE, abs=0.001)
+    assert made.other.hypothesis.names == one.names
 
 
 def test_a_force_and_another_size_stay(cube: ObjectModel) -> None:
@@ -72,4 +74,20 @@ def test_a_force_and_another_size_stay(cube: ObjectModel) -> None:
     two = with_effects(World(cube), world_tilt=[*TILT], length_scale=[SCALE])
     rounds = ForwardSelection(replace(validator, held=frozenset(two.names)), [], UnderWay())
     first = validator.evaluate(Hypothesis(World(cube)))
-    assert in_contact(rounds, first, validator.evaluate(truth), two, 1) is None
+    made = in_contact(rounds, first, validator.evaluate(truth), two, 1)
+    assert made is not None
+    assert (made.two, made.decided) == (False, True)
+    assert made.chosen.hypothesis.names == truth.names
+
+
+def test_contact_that_is_not_modelled_does_not_decide(cube: ObjectModel) -> None:
+    """The cube sticks and bounces, which neither hypothesis has: most of the gap stays with both."""
+    world = World(cube)
+    one = with_effects(world, uniform_force=[*PULL], geometry=[SCALE], ground_tilt=[*TILT])
+    sticky = one.plus(EFFECTS["adhesion"], np.array([2.0])).plus(EFFECTS["restitution"], np.array([0.5]))
+    validator = CrossValidator.of(seen(sticky.world(), cube, 12, seed=3), cube, seed=0, settings=ONCE)
+    two = with_effects(world, world_tilt=[*TILT], length_scale=[SCALE])
+    rounds = ForwardSelection(replace(validator, held=frozenset(two.names)), [], UnderWay())
+    made = in_contact(rounds, validator.evaluate(Hypothesis(world)), validator.evaluate(one), two, 1)
+    assert made is not None
+    assert not made.decided

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from tossid.diagnosis.findings import Finding, Interval, Share
+from tossid.diagnosis.report.confusable_text import confusable_sentences
 from tossid.diagnosis.report.interruption_text import interruption_sentences
 from tossid.diagnosis.report.localisation_text import carried_on
 from tossid.diagnosis.report.order_text import over_order_sentences
@@ -87,7 +88,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
     text += [_one_effect(diagnosis, name) for name in diagnosis.found]
     if diagnosis.found:
         text.append(_how_far(diagnosis))
-        text += _confusable(diagnosis)
+        text += confusable_sentences(diagnosis)
     text += [*refusal_sentences(diagnosis.rollouts), *contradiction_sentences(diagnosis)]
     text += [_another_law(name, power) for name, power in diagnosis.other_laws]
     text += [_unsteady(diagnosis, name) for name in diagnosis.unsteady]
@@ -276,15 +277,6 @@ def _how_far(diagnosis: Diagnosis) -> str:
             f"{now} % of the width instead of {was} %, and the rotation error {now_deg} deg instead of {was_deg} deg."
         )
     return text
-
-
-def _confusable(diagnosis: Diagnosis) -> list[str]:
-    named = [f for name in diagnosis.found for f in diagnosis.findings if f.name == name and f.confusable_with]
-    return [
-        f"These tosses cannot distinguish {finding.name} from {listed(finding.confusable_with, 'or')}: the cause may "
-        'be any of them. See "The next toss" in the report.'
-        for finding in named
-    ]
 
 
 def _another_law(name: str, power: Interval) -> str:

@@ -108,6 +108,19 @@ class ConfusableClasses:
         level = self.rounds.level if more else self._settings.class_level
         return self._validator.p_value_over(one, other) < level
 
+    def clearly_best(self, group: Sequence[Candidate], hypotheses: Sequence[Candidate]) -> int:
+        """Which member of a class it is whose hypothesis is clearly better than those of the members before it.
+
+        Args:
+            group: The members.
+            hypotheses: With each of them in.
+        """
+        k_best = 0
+        for k in range(1, len(group)):
+            if self.is_better_instead(hypotheses[k], hypotheses[k_best], group[k].effect, group[k_best].name):
+                k_best = k
+        return k_best
+
     def _is_confusable(self, before: Candidate, best: Candidate, other: Candidate) -> bool:
         """Whether the tosses cannot distinguish `other` from `best`; a more general effect always fits as well."""
         validator, settings = self._validator, self._settings

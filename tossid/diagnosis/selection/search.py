@@ -26,7 +26,7 @@ from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidato
 from tossid.diagnosis.selection.flight_search import search_flight
 from tossid.diagnosis.selection.forward_selection import ForwardSelection, SelectionPath
 from tossid.diagnosis.selection.plausibility import implausible_alone
-from tossid.diagnosis.selection.search_result import SearchResult, replaced
+from tossid.diagnosis.selection.search_result import OtherCauses, SearchResult, joined_one_by_one, replaced
 from tossid.diagnosis.selection.two_causes import in_contact
 from tossid.diagnosis.under_way import UnderWay
 from tossid.physics.effects import Effect, World
@@ -114,27 +114,34 @@ class _Search:
         first = path.history[0]
         path = contact.refit_until_stable(first, path)
         begun = self._begun_as_measured(path, flown.n_effects)
-        better = False
+        better, others = False, None
         if begun is not None:
-            other = contact.run(first, (*path.history[: flown.n_effects + 1], begun[0]), 0.2)
+            joined = joined_one_by_one(self.validator, begun[0], flown.n_effects)
+            other = contact.run(first, (*path.history[: flown.n_effects + 1], *joined), 0.2)
             other = contact.refit_until_stable(first, replace(other, classes={**begun[1], **other.classes}))
             better = self.validator.p_value_over(other.history[-1], path.history[-1]) < self._rounds.level
             path = replace(other, first_round=path.first_round) if better else path
         if apart is not None:
-            flown, path = self._with_two_causes(flown, apart, path)
-        return replace(self._with_classes(flown, path), begun_as_measured=better)
+            flown, path, others = self._with_two_causes(flown, apart, path)
+        return replace(self._with_classes(flown, path), begun_as_measured=better, other_causes=others)
 
-    def _with_two_causes(self, flown: _Flown, apart: _Flown, path: SelectionPath) -> tuple[_Flown, SelectionPath]:
-        """What flight reveals and the path with two causes in place of one, if contact prefers them."""
+    def _with_two_causes(
+        self, flown: _Flown, apart: _Flown, path: SelectionPath
+    ) -> tuple[_Flown, SelectionPath, OtherCauses | None]:
+        """What flight reveals and the path, with two causes if contact prefers them; and what may be there instead."""
         self.under_way("two causes in place of one", 0.85)
         first, found = path.history[0], path.history[-1]
         asked = [replace(each.hypothesis, base=found.hypothesis.base) for each in apart.history[1:]]
         made = in_contact(self._beside(apart), first, found, asked[-1], flown.n_effects)
         if made is None:
-            return flown, path
-        history = first, *self.validator.map(self.validator.evaluate, asked), made
-        classes = {name: group for name, group in path.classes.items() if name in made.hypothesis.names}
-        return apart, replace(path, history=history, classes=classes, runners_up=(), without={})
+            return flown, path, None
+        other = None if made.decided else OtherCauses(made.other, (flown if made.two else apart).needed)
+        if not made.two:
+            return flown, path, other
+        joined = joined_one_by_one(self.validator, made.chosen, apart.n_effects)
+        history = first, *self.validator.map(self.validator.evaluate, asked), *joined
+        classes = {name: group for name, group in path.classes.items() if name in made.chosen.hypothesis.names}
+        return apart, replace(path, history=history, classes=classes, runners_up=(), without={}), other
 
     def _under_the_law_of_impacts(self, flown: _Flown, contact: ForwardSelection) -> SelectionPath:
         """Rounds from what flight reveals, which go on under the other law of impacts once the tosses show it.
@@ -294,7 +301,8 @@ class _Search:
             if rivals:
                 asked = [replaced(best.hypothesis, name, other) for other in rivals]
                 evaluated = [best, *self.validator.map(partial(self.validator.evaluate, near=best), asked)]
-                k_best = self._clearly_best([chosen, *rivals], self.validator.map(ahead, evaluated))
+                compared = self.validator.map(ahead, evaluated)
+                k_best = ConfusableClasses(self._rounds).clearly_best([chosen, *rivals], compared)
                 best, chosen = evaluated[k_best], [chosen, *rivals][k_best]
             needed[chosen.name] = chosen
             decided[chosen.name] = tuple(each for each in group if each is not chosen)
@@ -307,14 +315,6 @@ class _Search:
         contact.
         """
         return [each for each in group if implausible_alone(each, self.validator.n) is None]
-
-    def _clearly_best(self, group: Sequence[Candidate], hypotheses: Sequence[Candidate]) -> int:
-        """Which member of a class it is whose hypothesis is clearly better than those of the members before it."""
-        compare, k_best = ConfusableClasses(self._rounds), 0
-        for k in range(1, len(group)):
-            if compare.is_better_instead(hypotheses[k], hypotheses[k_best], group[k].effect, group[k_best].name):
-                k_best = k
-        return k_best
 
     def _evaluated(self, hypothesis: Hypothesis) -> Candidate:
         """A hypothesis at its values; the first one is known."""
@@ -391,7 +391,7 @@ class _Search:
                 own = own or validator.evaluate(best.hypothesis, near)
                 asked = [replaced(best.hypothesis, name, other) for other in rivals]
                 evaluated = [own, *validator.map(partial(validator.evaluate, near=near), asked)]
-                k_best = self._clearly_best([chosen, *rivals], evaluated)
+                k_best = ConfusableClasses(self._rounds).clearly_best([chosen, *rivals], evaluated)
                 if k_best:
                     best = own = evaluated[k_best]
                     chosen = rivals[k_best - 1]

@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.evidence import Hypothesis
-from tossid.diagnosis.selection.cross_validation import Candidate
+from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
+
+
+@dataclass(frozen=True)
+class OtherCauses:
+    """Causes that do in flight what found ones do, where contact does not decide between them.
+
+    Attributes:
+        candidate: The hypothesis with them in place of the found ones.
+        needed: Each effect of it that flight reveals, against the hypothesis without this effect, as flight has it.
+    """
+
+    candidate: Candidate
+    needed: Mapping[str, Candidate]
 
 
 @dataclass(frozen=True)
@@ -28,6 +42,7 @@ class SearchResult:
         begun_as_measured: Whether it is that of the search that began at what tosses say by themselves.
         saturated: Ranges of the sizes that tosses bound on one side only, by effect (`selection.saturation`).
         instead: In flight, the same with two effects in place of one that does there what they do together.
+        other_causes: In all windows, causes that may be there instead of some that flight has revealed.
     """
 
     first: Candidate
@@ -44,6 +59,7 @@ class SearchResult:
     begun_as_measured: bool = False
     saturated: dict[str, Interval] = field(default_factory=dict)
     instead: SearchResult | None = None
+    other_causes: OtherCauses | None = None
 
     @property
     def unnamed(self) -> frozenset[str]:
@@ -78,10 +94,32 @@ class SearchResult:
         return replace(self, needed=needed, classes=classes)
 
     @property
+    def exchanged(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names of effects of the last hypothesis, and of the other causes that may be there instead of these."""
+        other = self.other_causes
+        if other is None:
+            return (), ()
+        names = self.present.hypothesis.names
+        ours = tuple(name for name in names[: self.n_flight] if name not in other.needed)
+        theirs = tuple(name for name in other.needed if name not in names)
+        return (ours, theirs) if ours and theirs else ((), ())
+
+    def stand_ins(self, name: str) -> tuple[str, ...]:
+        """Names of effects that may be there instead of one, alone or together.
+
+        Args:
+            name: Of the effect, one of the last hypothesis.
+        """
+        ours, theirs = self.exchanged
+        alone = tuple(each.name for each in self.classes.get(name, ()))
+        return (*alone, *(each for each in theirs if name in ours and each not in alone))
+
+    @property
     def alternatives(self) -> tuple[Hypothesis, ...]:
-        """The last hypothesis with one effect replaced by another of its class, for each of these."""
+        """Hypotheses that may be right instead: with other causes, and with one effect replaced by one of its class."""
         last = self.present.hypothesis
-        return tuple(replaced(last, name, each) for name, group in self.classes.items() for each in group)
+        others = () if self.other_causes is None else (self.other_causes.candidate.hypothesis,)
+        return (*others, *(replaced(last, name, each) for name, group in self.classes.items() for each in group))
 
 
 def replaced(hypothesis: Hypothesis, name: str, other: Candidate) -> Hypothesis:
@@ -94,3 +132,16 @@ def replaced(hypothesis: Hypothesis, name: str, other: Candidate) -> Hypothesis:
     """
     assert other.effect is not None
     return hypothesis.with_instead(name, other.effect, other.hypothesis.values_of(other.name))
+
+
+def joined_one_by_one(validator: CrossValidator, candidate: Candidate, known: int) -> tuple[Candidate, ...]:
+    """Hypotheses that lead to one whose effects have joined at once, at its values, and that one.
+
+    Args:
+        validator: Of all windows.
+        candidate: The last hypothesis.
+        known: How many of its effects, the first, were there before.
+    """
+    last = candidate.hypothesis
+    some = [Hypothesis(last.base, last.effects[:k], last.values[:k]) for k in range(known + 1, len(last.effects))]
+    return (*validator.map(validator.evaluate, some), candidate)

@@ -3,18 +3,21 @@
 Where lengths are recorded too short, and the recorded world is tilted, an object falls as under a constant force. That
 is one effect for two, so forward selection prefers it. But in contact it needs another size and a tilted ground beside
 it, and they need nothing. So contact has to decide: before effects of contact are sought, and once more with these in.
+Where it leaves much of the gap either way, it does not decide, and both are stated.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.evidence import Hypothesis
-from tossid.diagnosis.selection.cross_validation import Candidate
+from tossid.diagnosis.localisation.gap import share_left
+from tossid.diagnosis.localisation.noise import noise_floor
+from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.forward_selection import ForwardSelection, SelectionPath
 from tossid.physics.effects import Effect
 
@@ -77,10 +80,27 @@ def _beside(rounds: ForwardSelection, first: Candidate, present: Candidate, size
     return sorted(significant, key=lambda each: -each.total)
 
 
+@dataclass(frozen=True)
+class InContact:
+    """What contact makes of one cause, and of two that do the same in flight.
+
+    Attributes:
+        chosen: The hypothesis that stands.
+        other: The other one.
+        two: Whether that which stands has the two causes.
+        decided: Whether contact tells them apart.
+    """
+
+    chosen: Candidate
+    other: Candidate
+    two: bool
+    decided: bool
+
+
 def in_contact(
     rounds: ForwardSelection, first: Candidate, found: Candidate, flown: Hypothesis, n_flight: int
-) -> Candidate | None:
-    """Two causes with effects of contact, in place of one cause and more of these; None if that is clearly worse.
+) -> InContact | None:
+    """One cause with effects of contact, or two in its place with fewer; None if two always have more parameters.
 
     Some of the effects that were found beside the one cause have made up for what the two explain. Those that are
     needed least leave until there are fewer parameters than before. What has more of them must be better at the level
@@ -108,8 +128,21 @@ def in_contact(
         present = max(tried, key=lambda each: float(validator.by_toss(validator.gain_over(each, present)).sum()))
     again, present = validator.map(lambda each: rounds.refitted(each, refits), [again, present])
     if validator.p_value_over(again, present) < rounds.level:
-        return None
-    return rounds.pruned(first, present, thorough=False)[0]
+        return InContact(again, present, False, _decides(validator, first, again, present))
+    decided = _decides(validator, first, present, again)
+    return InContact(rounds.pruned(first, present, thorough=False)[0], again, True, decided)
+
+
+def _decides(validator: CrossValidator, first: Candidate, chosen: Candidate, other: Candidate) -> bool:
+    """Whether contact tells two hypotheses apart that are alike in flight.
+
+    The other is clearly worse, and the chosen one closes the gap, or the other clearly less of it. Where contact is not
+    modelled, what is clearly worse may be right.
+    """
+    settings, floor = validator.settings, noise_floor(validator.windows)
+    closed, by_other = (share_left(first, each, validator, floor)[0].value for each in (chosen, other))
+    enough = closed >= settings.verdict.all_closed or by_other < settings.selection.class_closed * closed
+    return enough and validator.p_value_over(chosen, other) < settings.selection.class_level
 
 
 def _beside_tilts(effect: Effect, found: Hypothesis, flown: Hypothesis) -> Array:
