@@ -163,3 +163,14 @@ def test_what_repeats_name_too_rarely_is_a_candidate(cube: ObjectModel, times: i
 def test_without_repeats_names_stay(cube: ObjectModel) -> None:
     made = diagnosis(cube)
     assert with_repeats(made, Stability(), {}).named == made.named
+
+
+@pytest.mark.parametrize(("far", "sure"), [(0.3, True), (0.18, False)])
+def test_what_may_be_no_change_in_repeats_is_a_candidate(cube: ObjectModel, far: float, sure: bool) -> None:
+    """Every repeat names it, but at values that scatter beyond the stated friction."""
+    made, stated = diagnosis(cube), World(cube).object.friction
+    at = [{"friction": {"mu": far if k % 2 else 2 * 0.3 - far}} for k in range(10)]
+    found = with_repeats(made, Stability(tuple(Repeat(("friction",), 0.9, parameters=each) for each in at)))
+    said = next(each for each in found.findings if each.name == "friction")
+    assert found.named == (("friction",) if sure else ())
+    assert (said.parameters["mu"].low <= stated <= said.parameters["mu"].high) != sure

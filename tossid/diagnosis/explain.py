@@ -35,7 +35,7 @@ from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidato
 from tossid.diagnosis.selection.flight_search import power_law_of
 from tossid.diagnosis.selection.nested import judged, judging_folds
 from tossid.diagnosis.selection.plane import Plane, in_plane
-from tossid.diagnosis.selection.plausibility import Implausible, plausible_names
+from tossid.diagnosis.selection.plausibility import Implausible, implausible, plausible_names
 from tossid.diagnosis.selection.refinement import (
     intervals,
     line_searched,
@@ -159,6 +159,8 @@ def with_repeats(
 ) -> Diagnosis:
     """A diagnosis whose effects are candidates where repeats of the search name them too rarely.
 
+    Intervals are no narrower than the values of repeats scatter. What they may then be no change of is a candidate too.
+
     Args:
         made: Of one search.
         stability: What repeats name.
@@ -167,12 +169,20 @@ def with_repeats(
     """
     if not stability.repeats:
         return replace(made, stability=stability)
+    base = made.hypothesis.base
 
+    effects = {effect.name: effect for effect in made.hypothesis.effects}
     confusable = {each.name: each.confusable_with for each in made.findings}
+    widened = {
+        each.name: stability.widened(effects[each.name], each.parameters, settings.fewest_values)
+        for each in made.findings
+        if each.name in effects and each.parameters and not each.saturated
+    }
 
     def is_sure(name: str) -> bool:
         frequency = stability.frequency([name, *confusable.get(name, ())])
-        return frequency is None or frequency >= settings.least_frequency
+        frequent = frequency is None or frequency >= settings.least_frequency
+        return frequent and (name not in widened or implausible(effects[name], widened[name], base) is None)
 
     unsure = {name for name in (*made.named, *made.candidates, *made.minor) if not is_sure(name)}
     unsure |= {each for name in unsure for each in confusable.get(name, ()) if each not in made.named}
@@ -181,6 +191,7 @@ def with_repeats(
         replace(
             each,
             frequency=stability.frequency([each.name]),
+            parameters=widened.get(each.name, each.parameters),
             verdict="candidate" if each.name in unsure and each.verdict in FOUND else each.verdict,
         )
         for each in made.findings

@@ -9,6 +9,7 @@ import pytest
 
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
+from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.search_result import SearchResult
@@ -91,3 +92,19 @@ def test_without_repeats_nothing_is_said(
 ) -> None:
     once = replace(validator, settings=replace(validator.settings, repeats=0))
     assert repeated(tosses, cube, once, wrong, FEW, seed=0).repeats == ()
+
+
+def test_intervals_are_no_narrower_than_the_scatter_of_repeats() -> None:
+    friction, known = EFFECTS["friction"], {"mu": Interval(0.30, 0.29, 0.31)}
+    near, far = (
+        Stability(tuple(Repeat(("friction",), 0.9, parameters={"friction": {"mu": x}}) for x in values))
+        for values in ((0.299, 0.3, 0.301, 0.3, 0.3), (0.2, 0.3, 0.4, 0.3, 0.3))
+    )
+    assert near.widened(friction, known, 5) == known
+    scatter = 1.96 * np.std([0.2, 0.3, 0.4, 0.3, 0.3], ddof=1)
+    wide = far.widened(friction, known, 5)["mu"]
+    assert (wide.value, wide.low, wide.high) == pytest.approx((0.3, 0.3 - scatter, 0.3 + scatter))
+    assert far.widened(friction, known, 6) == known
+    assert far.widened(EFFECTS["restitution"], {"e": Interval(0.1, 0.0, 0.2)}, 5) == {"e": Interval(0.1, 0.0, 0.2)}
+    off = Stability(tuple(Repeat(("friction",), 0.9, parameters={"friction": {"mu": x}}) for x in (0.0, 1.0, 0.0, 1.0)))
+    assert off.widened(friction, known, 4)["mu"].low == friction.parameters[0].low

@@ -11,6 +11,9 @@ search fitted. That is all that saves time: what it fits, prunes and compares is
 A toss that is drawn twice counts twice, but both copies are in one fold, so that no fit sees what judges it. Tests on
 resampled data are more lenient than on the data (Janitza, Binder and Boulesteix, Biometrical Journal 2016). So
 frequencies add to the search's own tests, and do not replace them.
+
+Each repeat has its own values, too. Where they scatter more than the interval of the search says, the interval is as
+wide as their scatter: what depends on the length of windows or on their first frames is not known better.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.diagnosis.localisation.gap import share_left
@@ -42,6 +46,10 @@ from tossid.types import Toss
 
 MeasuredOf = Callable[[Sequence[Toss], World], dict[str, float]]
 """What tosses say by themselves of the effects whose values in a world they contradict, by name."""
+
+
+_NORMAL = 1.96
+"""Standard deviations of a normal distribution either side of its mean that hold 95 % of it."""
 
 
 def _nothing_measured(tosses: Sequence[Toss], at: World) -> dict[str, float]:
@@ -94,6 +102,25 @@ class Stability:
             return None
         named = [not set(names).isdisjoint({*each.names, *each.special}) for each in self.repeats]
         return sum(named) / len(named)
+
+    def widened(self, effect: Effect, known: Mapping[str, Interval], fewest: int) -> dict[str, Interval]:
+        """An effect's 95 % intervals, no narrower than 1.96 standard deviations of its values over the repeats.
+
+        Args:
+            effect: The effect.
+            known: Its intervals, by parameter.
+            fewest: How many repeats must name it.
+        """
+        values = [each.parameters[effect.name] for each in self.repeats if effect.name in each.parameters]
+        if len(values) < fewest:
+            return dict(known)
+        out = {}
+        for parameter in effect.parameters:
+            own, x = known[parameter.name], [each[parameter.name] for each in values]
+            ends = own.value + _NORMAL * float(np.std(x, ddof=1)) * np.array([-1.0, 1.0])
+            low, high = np.clip(ends, parameter.low, parameter.high)
+            out[parameter.name] = Interval(own.value, min(own.low, float(low)), max(own.high, float(high)))
+        return out
 
     @property
     def probability_none(self) -> float | None:

@@ -303,6 +303,8 @@ class StabilitySettings:
     """how often a repeat may replace an effect by another of its class"""
     least_frequency: Fraction = 0.9
     """share of the repeats that must name an effect, or one of its class, for it to be more than a candidate"""
+    fewest_values: Annotated[int, Bounds(low=2)] = 5
+    """repeats that must name an effect for the scatter of its values to widen its intervals"""
 
 
 @dataclass(frozen=True, kw_only=True)
