@@ -1,0 +1,99 @@
+"""How an audit's intervals compare with the scatter of its repeated searches, and what they cover with it.
+
+    python -m pipelines.tools.experiments.simulated.scatter AUDIT_FOLDER ...
+
+For each parameter of a named true effect: 1.96 standard deviations of its values over the repeats that name the effect,
+over the half width of its interval. Then how many intervals hold the true value, as they are stated and no narrower
+than that scatter. (Since intervals are stated so, the second changes nothing for later audits.)
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tossid.diagnosis.findings import Interval
+from tossid.diagnosis.selection.stability import Repeat, Stability
+from tossid.physics.effects import effect_named
+from tossid.settings.diagnosis.diagnose import StabilitySettings
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A parameter's interval beside the scatter of repeats.
+
+    Attributes:
+        case: Name of the case.
+        parameter: Of which effect, and which.
+        ratio: 1.96 standard deviations over repeats, over the interval's half width.
+        covers: Whether the interval holds the true value.
+        covers_widened: Whether it does if it is no narrower than the scatter.
+    """
+
+    case: str
+    parameter: str
+    ratio: float
+    covers: bool
+    covers_widened: bool
+
+
+def compared(folder: Path, settings: StabilitySettings = StabilitySettings()) -> Iterator[Compared]:
+    """The parameters of an audit's cases.
+
+    Args:
+        folder: Of the audit.
+        settings: Of repeats.
+    """
+    for path in sorted(folder.glob("cases/*/result.json")):
+        gap = json.loads((path.parent / "gap.json").read_text())
+        score = json.loads(path.read_text())["score"]
+        repeats = [_repeat(each) for each in gap["explanation"]["repeated"]]
+        saturated = {each["name"] for each in gap["effects"] if each.get("saturated")}
+        for each in score["parameters"]:
+            name, key = each["effect"], each["name"]
+            values = [one.parameters[name][key] for one in repeats if name in one.parameters]
+            if len(values) < settings.fewest_values or name in saturated or None in each["ci95"]:
+                continue
+            own = Interval(each["value"], *each["ci95"])
+            known = dict.fromkeys((p.name for p in effect_named(name).parameters), own)
+            wide = Stability(tuple(repeats)).widened(effect_named(name), known, settings.fewest_values)[key]
+            ratio = 2 * 1.96 * float(np.std(values, ddof=1)) / (own.high - own.low)
+            holds = wide.low <= each["true"] <= wide.high
+            yield Compared(path.parent.name, f"{name}.{key}", ratio, each["covered"], holds)
+
+
+def _repeat(entry: dict[str, Any]) -> Repeat:
+    return Repeat(tuple(entry["effects"]), entry["closed"], parameters=entry["effects"])
+
+
+def table(rows: Sequence[Compared]) -> str:
+    """A line for each parameter, and the sums.
+
+    Args:
+        rows: The parameters.
+    """
+    lines = [
+        "| case | parameter | scatter over interval | covers | no narrower than the scatter |",
+        "|---|---|---|---|---|",
+    ]
+    lines += [f"| {r.case} | {r.parameter} | {r.ratio:.2f} | {r.covers} | {r.covers_widened} |" for r in rows]
+    if rows:
+        of, wider = len(rows), sum(r.ratio > 1 for r in rows)
+        covers, widened = sum(r.covers for r in rows), sum(r.covers_widened for r in rows)
+        median = float(np.median([r.ratio for r in rows]))
+        lines += [
+            "",
+            f"{wider} of {of} values scatter beyond their interval (median ratio {median:.2f}). "
+            f"{covers} of {of} intervals hold, and {widened} if they are no narrower than the scatter.",
+        ]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.stdout.write(table([row for folder in sys.argv[1:] for row in compared(Path(folder))]) + "\n")
