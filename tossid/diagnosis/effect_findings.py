@@ -70,7 +70,7 @@ def effect_findings(
         if effect.name in named:
             judged, parameters = found.needed[effect.name], known[effect.name]
             correlation = related[effect.name]
-            confusable_with = found.stand_ins(effect.name)
+            confusable_with = tuple(each.name for each in found.stand_ins(effect.name))
             verdict = "confusable" if confusable_with else "identified"
             verdict = "candidate" if effect.name in candidates else verdict
         elif effect.name in stands_for:

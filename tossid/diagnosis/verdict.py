@@ -138,7 +138,7 @@ def _certain_in_flight(found: SearchResult, validator: CrossValidator, floor: Fl
         return frozenset()
     names = set()
     for effect in present.hypothesis.effects[: found.n_flight]:
-        group = (effect, *(each.effect for each in found.classes.get(effect.name, ()) if each.effect))
+        group = (effect, *found.stand_ins(effect.name))
         complete = {each.name for each in group} >= CENTRE_IN_FRAME
         if effect.name not in found.unnamed and (complete or any(each.is_force for each in group)):
             names.add(effect.name)

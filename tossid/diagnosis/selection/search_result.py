@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
+from tossid.physics.effects import Effect
 
 
 @dataclass(frozen=True)
@@ -104,15 +105,16 @@ class SearchResult:
         theirs = tuple(name for name in other.needed if name not in names)
         return (ours, theirs) if ours and theirs else ((), ())
 
-    def stand_ins(self, name: str) -> tuple[str, ...]:
-        """Names of effects that may be there instead of one, alone or together.
+    def stand_ins(self, name: str) -> tuple[Effect, ...]:
+        """Effects that may be there instead of one, alone or together.
 
         Args:
             name: Of the effect, one of the last hypothesis.
         """
         ours, theirs = self.exchanged
-        alone = tuple(each.name for each in self.classes.get(name, ()))
-        return (*alone, *(each for each in theirs if name in ours and each not in alone))
+        others = self.other_causes.candidate.hypothesis.effects if self.other_causes and name in ours else ()
+        alone = {each.name: each.effect for each in self.classes.get(name, ()) if each.effect is not None}
+        return tuple((alone | {each.name: each for each in others if each.name in theirs}).values())
 
     @property
     def alternatives(self) -> tuple[Hypothesis, ...]:
