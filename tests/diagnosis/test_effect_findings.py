@@ -10,6 +10,7 @@ import pytest
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.effect_findings import closed_by_each, detectable_sizes, effect_findings
+from tossid.diagnosis.findings import Consequence
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.gap import share_left
 from tossid.diagnosis.localisation.noise import noise_floor
@@ -80,12 +81,16 @@ def test_other_causes_have_their_values_and_what_they_would_replace(
     floor = noise_floor(validator.windows)
     closed = closed_by_each(validator, found, floor)
     named = ("gravity", "friction")
-    said = {each.name: each for each in effect_findings(library, validator, found, named, floor, None, closed)}
+    moves = {"gravity": Consequence(3.0, 2.0, 0.5, True)}
+    findings = effect_findings(library, validator, found, named, floor, None, closed, moves)
+    assert [each.name for each in findings[:3]] == ["gravity", "time_base", "friction"]
+    said = {each.name: each for each in findings}
     assert said["gravity"].confusable_with == ("time_base",)
     assert said["friction"].confusable_with == ()
     assert (said["time_base"].verdict, said["time_base"].confusable_with) == ("confusable", ("gravity",))
     assert said["time_base"].parameters["rate_rel"].value == two.fitted.hypothesis.values_of("time_base")[0]
     assert said["time_base"].evidence["gain"] == two.total
+    assert said["time_base"].headline
     assert said["inertia"].verdict == "not_supported"
 
 

@@ -55,6 +55,8 @@ def effect_findings(
     stands_for = {each.name: (name, each) for name, group in found.classes.items() for each in group}
     ours, theirs = found.exchanged
     named_ours = tuple(name for name in ours if name in named)
+    leaders = {name: leader for name, (leader, _) in stands_for.items()}
+    leaders |= {name: named_ours[0] for name in theirs if named_ours and name not in leaders}
     out = []
     for effect in library:
         alone = found.first_round.get(effect.name)
@@ -80,12 +82,12 @@ def effect_findings(
             closes = closed[name]
             confusable_with = (name, *(o.name for o in found.classes[name] if o.name != effect.name))
             verdict = "candidate" if name in candidates else "confusable"
-        elif effect.name in theirs and named_ours and found.other_causes is not None:
+        elif effect.name in leaders and found.other_causes is not None:
             fitted = found.other_causes.candidate.fitted
             judged = found.other_causes.needed[effect.name]
             parameters = intervals(fitted, validator.n)[effect.name]
             correlation = correlations(fitted, validator.n)[effect.name]
-            closes, confusable_with = closed[named_ours[0]], named_ours
+            closes, confusable_with = closed[leaders[effect.name]], named_ours
             verdict = "confusable" if {*named_ours} - {*candidates} else "candidate"
         else:
             verdict = "not_supported" if detectable else "not_identifiable"
@@ -106,7 +108,7 @@ def effect_findings(
                 closes,
                 confusable_with,
                 sizes,
-                consequence.get(stands_for[effect.name][0] if effect.name in stands_for else effect.name),
+                consequence.get(leaders.get(effect.name, effect.name)),
                 correlation=correlation,
                 saturated=effect.name in found.saturated,
             )
@@ -114,8 +116,7 @@ def effect_findings(
     order = {name: i for i, name in enumerate(named)}
 
     def rank(finding: Finding) -> tuple[float, float, bool, float]:
-        leader = stands_for[finding.name][0] if finding.name in stands_for else finding.name
-        place = order.get(leader, validator.n)
+        place = order.get(leaders.get(finding.name, finding.name), validator.n)
         return _RANK[finding.verdict], place, finding.name not in order, -finding.evidence["gain"]
 
     return tuple(sorted(out, key=rank))
