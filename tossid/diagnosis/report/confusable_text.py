@@ -33,7 +33,7 @@ def confusable_sentences(diagnosis: Diagnosis) -> list[str]:
         one, other = (f"{listed(names)} together" if len(names) > 1 else names[0] for names in (ours, theirs))
         text.append(
             f"In flight, {other} would do the same as {one}. Too much of the gap in contact is left to tell which of "
-            "them is there."
+            'them is there. See "The next toss" in the report.'
         )
     return text
 
