@@ -54,6 +54,15 @@ def test_what_is_not_the_same_in_all_tosses_is_said_with_its_size(cube: ObjectMo
     assert "x 0.260 N, y −0.130 N, z 0 N), but it differs from toss to toss" in text
 
 
+def test_causes_that_act_together_are_named_together(cube: ObjectModel) -> None:
+    made = diagnosis(cube)
+    (friction,) = (each for each in made.findings if each.name == "friction")
+    friction = replace(friction, confusable_with=("anisotropic_friction", "world_tilt", "length_scale"))
+    exchanged = ("friction",), ("world_tilt", "length_scale")
+    found = replace(made, findings=(friction,), named=("friction",), exchanged=exchanged)
+    assert headline(found).endswith("friction, anisotropic_friction or world_tilt with length_scale")
+
+
 def test_an_odd_toss_is_named(cube: ObjectModel) -> None:
     found = diagnosis(cube)
     found = replace(found, gap=replace(found.gap, odd=("007",)))

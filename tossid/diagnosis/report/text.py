@@ -112,7 +112,10 @@ def _with_frequency(diagnosis: Diagnosis, name: str) -> str:
     group = [name, *(finding.confusable_with if finding else ())]
     frequency, count = diagnosis.stability.frequency(group), len(diagnosis.stability.repeats)
     form = finding.over_order.form if finding and finding.over_order else None
-    text = listed(group, "or") + {"drift": ", which drifts", "steps": ", which changes"}.get(form or "", "")
+    ours, theirs = diagnosis.exchanged
+    alone = [each for each in group if name not in ours or each not in theirs]
+    stand_ins = [*alone, " with ".join(theirs)] if name in ours else alone
+    text = listed(stand_ins, "or") + {"drift": ", which drifts", "steps": ", which changes"}.get(form or "", "")
     return text if frequency is None else f"{text} ({round(frequency * count)} of {count})"
 
 
