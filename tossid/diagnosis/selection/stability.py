@@ -103,22 +103,30 @@ class Stability:
         named = [not set(names).isdisjoint({*each.names, *each.special}) for each in self.repeats]
         return sum(named) / len(named)
 
+    def scatter(self, name: str, fewest: int) -> dict[str, float]:
+        """1.96 standard deviations of an effect's values over the repeats, by parameter; none if too few name it.
+
+        Args:
+            name: Of the effect.
+            fewest: How many repeats must name it.
+        """
+        values = [each.parameters[name] for each in self.repeats if name in each.parameters]
+        if len(values) < fewest:
+            return {}
+        return {key: _NORMAL * float(np.std([each[key] for each in values], ddof=1)) for key in values[0]}
+
     def widened(self, effect: Effect, known: Mapping[str, Interval], fewest: int) -> dict[str, Interval]:
-        """An effect's 95 % intervals, no narrower than 1.96 standard deviations of its values over the repeats.
+        """An effect's 95 % intervals, no narrower than its values scatter over the repeats.
 
         Args:
             effect: The effect.
             known: Its intervals, by parameter.
             fewest: How many repeats must name it.
         """
-        values = [each.parameters[effect.name] for each in self.repeats if effect.name in each.parameters]
-        if len(values) < fewest:
-            return dict(known)
-        out = {}
-        for parameter in effect.parameters:
-            own, x = known[parameter.name], [each[parameter.name] for each in values]
-            ends = own.value + _NORMAL * float(np.std(x, ddof=1)) * np.array([-1.0, 1.0])
-            low, high = np.clip(ends, parameter.low, parameter.high)
+        out, scatter = dict(known), self.scatter(effect.name, fewest)
+        for parameter in effect.parameters if scatter else ():
+            own, half = known[parameter.name], scatter[parameter.name]
+            low, high = np.clip([own.value - half, own.value + half], parameter.low, parameter.high)
             out[parameter.name] = Interval(own.value, min(own.low, float(low)), max(own.high, float(high)))
         return out
 

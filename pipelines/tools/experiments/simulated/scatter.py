@@ -18,9 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.selection.stability import Repeat, Stability
-from tossid.physics.effects import effect_named
 from tossid.settings.diagnosis.diagnose import StabilitySettings
 
 
@@ -53,19 +51,16 @@ def compared(folder: Path, settings: StabilitySettings = StabilitySettings()) ->
     for path in sorted(folder.glob("cases/*/result.json")):
         gap = json.loads((path.parent / "gap.json").read_text())
         score = json.loads(path.read_text())["score"]
-        repeats = [_repeat(each) for each in gap["explanation"]["repeated"]]
+        repeats = Stability(tuple(_repeat(each) for each in gap["explanation"]["repeated"]))
         saturated = {each["name"] for each in gap["effects"] if each.get("saturated")}
         for each in score["parameters"]:
             name, key = each["effect"], each["name"]
-            values = [one.parameters[name][key] for one in repeats if name in one.parameters]
-            if len(values) < settings.fewest_values or name in saturated or None in each["ci95"]:
+            scatter = repeats.scatter(name, settings.fewest_values)
+            if not scatter or name in saturated or None in each["ci95"]:
                 continue
-            own = Interval(each["value"], *each["ci95"])
-            known = dict.fromkeys((p.name for p in effect_named(name).parameters), own)
-            wide = Stability(tuple(repeats)).widened(effect_named(name), known, settings.fewest_values)[key]
-            ratio = 2 * 1.96 * float(np.std(values, ddof=1)) / (own.high - own.low)
-            holds = wide.low <= each["true"] <= wide.high
-            yield Compared(path.parent.name, f"{name}.{key}", ratio, each["covered"], holds)
+            low, high = each["ci95"]
+            holds = each["covered"] or abs(each["true"] - each["value"]) <= scatter[key]
+            yield Compared(path.parent.name, f"{name}.{key}", 2 * scatter[key] / (high - low), each["covered"], holds)
 
 
 def _repeat(entry: dict[str, Any]) -> Repeat:
