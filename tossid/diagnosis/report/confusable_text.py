@@ -12,6 +12,17 @@ EARTH_MS2 = (9.764, 9.834)
 """Gravity's range on the Earth's surface [m/s²]. Hirt et al., Geophysical Research Letters 40 (2013)."""
 
 
+def alone_instead(diagnosis: Diagnosis, finding: Finding) -> list[str]:
+    """Names of effects each of which may be there instead of one, without those that only do the same together.
+
+    Args:
+        diagnosis: What was found.
+        finding: Of the effect.
+    """
+    ours, theirs = diagnosis.exchanged
+    return [name for name in finding.confusable_with if finding.name not in ours or name not in theirs]
+
+
 def confusable_sentences(diagnosis: Diagnosis) -> list[str]:
     """Which effects could stand in for those that were found, and which other causes do the same in flight.
 
@@ -22,7 +33,7 @@ def confusable_sentences(diagnosis: Diagnosis) -> list[str]:
     found = [each for each in diagnosis.findings if each.name in diagnosis.found]
     text = []
     for each in found:
-        others = [name for name in each.confusable_with if each.name not in ours or name not in theirs]
+        others = alone_instead(diagnosis, each)
         group = [one for one in diagnosis.findings if one.name in (each.name, *others)]
         if others:
             text.append(

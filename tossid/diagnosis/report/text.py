@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from tossid.diagnosis.findings import Finding, Interval, Share
-from tossid.diagnosis.report.confusable_text import confusable_sentences
+from tossid.diagnosis.report.confusable_text import alone_instead, confusable_sentences
 from tossid.diagnosis.report.interruption_text import interruption_sentences
 from tossid.diagnosis.report.localisation_text import carried_on
 from tossid.diagnosis.report.order_text import over_order_sentences
@@ -113,7 +113,7 @@ def _with_frequency(diagnosis: Diagnosis, name: str) -> str:
     frequency, count = diagnosis.stability.frequency(group), len(diagnosis.stability.repeats)
     form = finding.over_order.form if finding and finding.over_order else None
     ours, theirs = diagnosis.exchanged
-    alone = [each for each in group if name not in ours or each not in theirs]
+    alone = [name, *(alone_instead(diagnosis, finding) if finding else ())]
     stand_ins = [*alone, " with ".join(theirs)] if name in ours else alone
     text = listed(stand_ins, "or") + {"drift": ", which drifts", "steps": ", which changes"}.get(form or "", "")
     return text if frequency is None else f"{text} ({round(frequency * count)} of {count})"
