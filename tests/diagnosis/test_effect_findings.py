@@ -98,8 +98,8 @@ def test_effects_that_joined_at_once_share_what_they_close(cube: ObjectModel, va
     nothing = Hypothesis(World(cube))
     both = nothing.plus(EFFECTS["friction"], np.array([0.3])).plus(EFFECTS["gravity"], np.array([9.0]))
     first, last = validator.evaluate(nothing), validator.evaluate(both)
-    one, same = joined_one_by_one(validator, last, 0)
-    assert same is last
+    begun, one, same = joined_one_by_one(validator, (first, last))
+    assert (begun, same) == (first, last)
     assert one.hypothesis.names == ("friction",)
     floor = noise_floor(validator.windows)
     closed = closed_by_each(validator, SearchResult(first, last, (first, one, last), {}, {}, {}, {}), floor)

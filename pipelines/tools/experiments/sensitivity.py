@@ -1,11 +1,12 @@
 """How much an answer depends on the settings: a diagnosis with each of ten of them halved and doubled.
 
     python -m pipelines.tools.experiments.sensitivity FILE.h5 out=LINES.jsonl [split=train] [tosses=24]
-        [seed=0] [repeats=0]
+        [seed=0] [repeats=0] [part=1/1]
     python -m pipelines.tools.experiments.sensitivity table=LINES.jsonl
 
 One JSON line a diagnosis: what was changed, the verdict, names, values with 95 % intervals, and the share of the gap
-that is closed. Lines that are in the file already are not computed again. `table` prints them in Markdown.
+that is closed. Lines that are in the file already are not computed again. `table` prints them in Markdown. With
+`part=1/2` and `part=2/2` two processes share the diagnoses and the file.
 
 The ten are those that decide what an answer rests on. Four decide what the tosses say: how long windows are, how much
 flight counts over contact, how far recorded velocities are trusted, and how much outliers count. One bounds what a
@@ -86,16 +87,18 @@ def line_of(keys: Mapping[str, Any], found: Diagnosis) -> dict[str, Any]:
     }
 
 
-def run(dataset: Dataset, out: Path, **keys: Any) -> None:
+def run(dataset: Dataset, out: Path, part: str = "1/1", **keys: Any) -> None:
     """Diagnoses that are not in the file yet, each added to it as a line.
 
     Args:
         dataset: The tosses.
         out: The file.
+        part: Which of how many parts of the diagnoses, as "1/2".
         **keys: Settings of all diagnoses.
     """
     done = [json.loads(line)["settings"] for line in out.read_text().splitlines()] if out.exists() else []
-    for variant in variants():
+    which, parts = (int(each) for each in part.split("/"))
+    for variant in list(variants())[which - 1 :: parts]:
         if variant in done:
             continue
         began = time.process_time()
@@ -106,7 +109,7 @@ def run(dataset: Dataset, out: Path, **keys: Any) -> None:
 
 
 def table(lines: list[dict[str, Any]]) -> str:
-    """The lines in Markdown.
+    """The lines in Markdown, in the order of `variants`.
 
     Args:
         lines: As `run` writes them.
@@ -115,7 +118,8 @@ def table(lines: list[dict[str, Any]]) -> str:
         "| setting | value | verdict | named, or (candidates) | 95 % | cannot be told from | closed [%] |",
         "|---|---|---|---|---|---|---|",
     ]
-    for line in lines:
+    order = list(variants())
+    for line in sorted(lines, key=lambda line: order.index(line["settings"])):
         key, value = next(iter(line["settings"].items()), ("as it is", ""))
         values: dict[str, list[str]] = {}
         for name, (middle, low, high) in line["values"].items():
@@ -140,6 +144,7 @@ def main(arguments: list[str]) -> None:
     (file,) = (each for each in arguments if "=" not in each)
     chosen: dict[str, Any] = {name: int(keys[name]) for name in ("tosses", "seed") if name in keys}
     chosen |= {"split": keys["split"]} if "split" in keys else {}
+    chosen |= {"part": keys["part"]} if "part" in keys else {}
     run(read_dataset(file), Path(keys["out"]), threads=1, repeats=int(keys.get("repeats", 0)), **chosen)
 
 

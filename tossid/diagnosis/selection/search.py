@@ -116,8 +116,7 @@ class _Search:
         begun = self._begun_as_measured(path, flown.n_effects)
         better, others = False, None
         if begun is not None:
-            joined = joined_one_by_one(self.validator, begun[0], flown.n_effects)
-            other = contact.run(first, (*path.history[: flown.n_effects + 1], *joined), 0.2)
+            other = contact.run(first, (*path.history[: flown.n_effects + 1], begun[0]), 0.2)
             other = contact.refit_until_stable(first, replace(other, classes={**begun[1], **other.classes}))
             better = self.validator.p_value_over(other.history[-1], path.history[-1]) < self._rounds.level
             path = replace(other, first_round=path.first_round) if better else path
@@ -138,8 +137,7 @@ class _Search:
         other = None if made.decided else OtherCauses(made.other, (flown if made.two else apart).needed)
         if not made.two:
             return flown, path, other
-        joined = joined_one_by_one(self.validator, made.chosen, apart.n_effects)
-        history = first, *self.validator.map(self.validator.evaluate, asked), *joined
+        history = first, *self.validator.map(self.validator.evaluate, asked), made.chosen
         classes = {name: group for name, group in path.classes.items() if name in made.chosen.hypothesis.names}
         return apart, replace(path, history=history, classes=classes, runners_up=(), without={}), other
 
@@ -202,7 +200,7 @@ class _Search:
         return SearchResult(
             first,
             present,
-            path.history,
+            joined_one_by_one(self.validator, path.history),
             path.first_round,
             {} if flight is None else flight.first_round,
             needed,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from tossid.diagnosis.findings import Interval
@@ -120,7 +120,7 @@ class SearchResult:
     def alternatives(self) -> tuple[Hypothesis, ...]:
         """Hypotheses that may be right instead: with other causes, and with one effect replaced by one of its class."""
         last = self.present.hypothesis
-        others = () if self.other_causes is None else (self.other_causes.candidate.hypothesis,)
+        others = (self.other_causes.candidate.hypothesis,) if self.other_causes and any(self.exchanged) else ()
         return (*others, *(replaced(last, name, each) for name, group in self.classes.items() for each in group))
 
 
@@ -136,14 +136,20 @@ def replaced(hypothesis: Hypothesis, name: str, other: Candidate) -> Hypothesis:
     return hypothesis.with_instead(name, other.effect, other.hypothesis.values_of(other.name))
 
 
-def joined_one_by_one(validator: CrossValidator, candidate: Candidate, known: int) -> tuple[Candidate, ...]:
-    """Hypotheses that lead to one whose effects have joined at once, at its values, and that one.
+def joined_one_by_one(validator: CrossValidator, history: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """A history with a hypothesis for each effect, where several of them have joined at once.
 
     Args:
         validator: Of all windows.
-        candidate: The last hypothesis.
-        known: How many of its effects, the first, were there before.
+        history: The hypotheses on the way, from that without effects on.
+
+    Returns:
+        The same ones. Before one with several effects more than its predecessor are those with one more of these at a
+        time, at the same values.
     """
-    last = candidate.hypothesis
-    some = [Hypothesis(last.base, last.effects[:k], last.values[:k]) for k in range(known + 1, len(last.effects))]
-    return (*validator.map(validator.evaluate, some), candidate)
+    out = [history[0]]
+    for present in history[1:]:
+        last, known = present.hypothesis, len(out[-1].hypothesis.effects)
+        some = [Hypothesis(last.base, last.effects[:k], last.values[:k]) for k in range(known + 1, len(last.effects))]
+        out += [*validator.map(validator.evaluate, some), present]
+    return tuple(out)
