@@ -10,9 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import diagnosis
 from tests.diagnosis.tossed import seen
 from tests.motion.turned import as_published, thrown_along_x
 from tossid.diagnosis.diagnose import diagnose, prepare
+from tossid.diagnosis.explain import begin
+from tossid.diagnosis.problem import Problem
+from tossid.diagnosis.report.text import sentences
+from tossid.diagnosis.selection.stability import Repeat, Stability
+from tossid.diagnosis.under_way import UnderWay
 from tossid.errors import ConfigError, InputError
 from tossid.motion.tosses import tosses_from_tracks
 from tossid.objects import ObjectModel
@@ -156,3 +162,21 @@ def test_a_misspelt_name_is_corrected(dataset: Dataset) -> None:
         diagnose(dataset, without=("fricton",))
     with pytest.raises(ConfigError, match="sed"):
         diagnose(dataset, sed=3)
+
+
+def test_what_an_ended_search_says_is_kept_when_its_repeats_are_interrupted(
+    dataset: Dataset, cube: ObjectModel, tmp_path: Path
+) -> None:
+    task = prepare(dataset, World(cube), settings=DiagnoseSettings(without=WITHOUT, threads=1, repeats=3))
+    under_way = UnderWay()
+    begin(Problem(task.tosses, World(cube), library=task.library, under_way=under_way))
+    assert task.known_so_far(under_way).verdict == "incomplete"
+    under_way.repeats = 3
+    under_way.answered(replace(diagnosis(cube), stability=Stability((Repeat(("friction",), 0.9),))))
+    known = task.known_so_far(under_way)
+    assert (known.verdict, known.named) == ("explained", ("friction",))
+    assert known.tosses_of == task.tosses_of
+    assert "interrupted (1 of 3 repeats of the search made)" in sentences(known)[0]
+    kept = json.loads((known.save(tmp_path / "gap") / "gap.json").read_text())
+    assert kept["complete"] is False
+    assert kept["interrupted"]["during"] == "1 of 3 repeats of the search made"

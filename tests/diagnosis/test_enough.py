@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import pytest
@@ -59,9 +59,9 @@ def test_twice_as_many_are_searched_until_others_agree(cube: ObjectModel, tosses
         asked.append(([toss.name for toss in part], [toss.name for toss in others]))
         made = replace(found(cube, 0.2 if len(part) == 6 else 0.3, 0.91), contact="own")
 
-        def repeat() -> Diagnosis:
+        def repeat() -> Iterator[Diagnosis]:
             repeated.append(len(part))
-            return replace(made, stability=Stability((Repeat(("friction",), 0.9),)))
+            yield replace(made, stability=Stability((Repeat(("friction",), 0.9),)))
 
         return Explained(made, tuple(part), tuple(others), repeat)
 
@@ -69,7 +69,8 @@ def test_twice_as_many_are_searched_until_others_agree(cube: ObjectModel, tosses
     explained, remarks = searched(
         tosses, search, engine=Engine(none=True), n_threads=1, settings=FEW, under_way=UnderWay(news=told.append)
     )
-    (why,) = told
+    why, answer = told
+    assert answer.startswith("the search names friction")
     assert why.startswith("With 6, mu of friction was 0.2")
     assert why.endswith("on others. 12 tosses are searched now")
     assert [len(names) for names, _ in asked] == [6, 12]
@@ -88,9 +89,11 @@ def test_few_tosses_and_a_stated_number_all_take_part(cube: ObjectModel, tosses:
     def search(part: Sequence[Toss], others: Sequence[Toss]) -> Explained:
         assert not others
         made = found(cube, 0.3, 0.91)
-        return Explained(made, tuple(part), (), lambda: made)
+        return Explained(made, tuple(part), (), lambda: iter(()))
 
     for some, settings in ((tosses[:11], FEW), (tosses, replace(FEW, tosses=26))):
-        explained, remarks = searched(some, search, engine=Engine(none=True), n_threads=1, settings=settings)
+        explained, remarks = searched(
+            some, search, engine=Engine(none=True), n_threads=1, settings=settings, under_way=UnderWay()
+        )
         assert explained.tosses == tuple(some)
         assert remarks == ()

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from tests.diagnosis.by_hand import EFFECTS
+from tests.diagnosis.by_hand import EFFECTS, diagnosis
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.explain import begin
 from tossid.diagnosis.problem import Problem
+from tossid.diagnosis.selection.stability import Repeat, Stability
 from tossid.diagnosis.under_way import UnderWay
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
@@ -60,3 +61,27 @@ def test_until_a_new_search_has_come_as_far_the_one_before_knows_more(cube: Obje
     assert under_way.furthest is ended
     under_way.reached(with_friction)
     assert under_way.furthest is under_way.so_far
+
+
+def test_the_answer_is_told_before_repeats_and_kept_after_each(cube: ObjectModel) -> None:
+    told: list[str] = []
+    shares: list[tuple[str, float]] = []
+    under_way = UnderWay(progress=lambda what, share: shares.append((what, share)), news=told.append)
+    under_way.repeats = 10
+    under_way("what is left", 0.9)
+    made = diagnosis(cube)
+    under_way.answered(made)
+    assert under_way.answer is made
+    assert told == ["the search names friction: explained, 93 % of the gap closed; its repeats show how sure that is"]
+    for k in range(1, 11):
+        repeated = replace(made, stability=Stability((Repeat(("friction",), 0.9),) * k))
+        under_way.answered(repeated)
+        assert under_way.answer is repeated
+    under_way("next toss and patch", 0.95)
+    assert shares[1][0] == "0 of 10 repeats of the search made"
+    assert shares[10][0] == "9 of 10 repeats of the search made"
+    assert shares[0][1] == pytest.approx(0.9 / 4)  # ten repeats take three times as long as the search
+    values = [share for _, share in shares]
+    assert values == sorted(values)
+    assert values[-1] == 0.95
+    assert len(told) == 1

@@ -18,7 +18,7 @@ from tossid.diagnosis.patch.make import make_patch
 from tossid.diagnosis.patch.rerun import rerun
 from tossid.diagnosis.problem import Problem, session_starts
 from tossid.diagnosis.release import bound_frames
-from tossid.diagnosis.result import Diagnosis
+from tossid.diagnosis.result import Diagnosis, Interruption
 from tossid.diagnosis.sessions.correction import corrections
 from tossid.diagnosis.sessions.explained import Explained, explain_over_order, fewest_over_order
 from tossid.diagnosis.sessions.heights import have_own_heights
@@ -109,6 +109,7 @@ class Task:
             under_way: Told what is known as soon as it is.
         """
         under_way = under_way or UnderWay()
+        under_way.repeats = self.settings.repeats
         threads = _threads(self.settings)
 
         def search(tosses: Sequence[Toss], others: Sequence[Toss]) -> Explained:
@@ -170,10 +171,12 @@ class Task:
         Args:
             under_way: What `run` was given. It must know the gap.
         """
-        furthest = under_way.furthest
+        furthest, answer = under_way.furthest, under_way.answer
         assert furthest is not None
+        known = known_so_far(furthest, under_way.stage) if answer is None else answer
         return replace(
-            known_so_far(furthest, under_way.stage),
+            known,
+            interruption=known.interruption or Interruption(under_way.stage),
             simulator=self.simulator,
             tosses_of=self.tosses_of,
             data={"object": self.recorded.name},

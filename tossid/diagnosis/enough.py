@@ -9,7 +9,6 @@ searched. Time and memory hang on how many tosses are searched, and not on how m
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -35,7 +34,7 @@ def searched(
     engine: Engine | None,
     n_threads: int,
     settings: DiagnoseSettings,
-    under_way: UnderWay | None = None,
+    under_way: UnderWay,
 ) -> tuple[Explained, tuple[str, ...]]:
     """The diagnosis of as many tosses as the answer needs.
 
@@ -45,7 +44,7 @@ def searched(
         engine: The other engine; near-rigid MuJoCo if None.
         n_threads: Of simulators.
         settings: Of the diagnosis. Where they name a number of tosses, all take part.
-        under_way: Told why more tosses are searched.
+        under_way: Told why more tosses are searched, and what is known before the search has been repeated.
 
     Returns:
         The diagnosis with the tosses that took part, and a remark that says how many they are and why.
@@ -64,16 +63,11 @@ def searched(
         ):
             why = f"With {count}, {others_disagree}."
             said, count = f"{said} {why}", 2 * count
-            if under_way is not None:
-                under_way.say(f"{why} {count if 2 * count <= n else f'All {n}'} tosses are searched now")
+            under_way.say(f"{why} {count if 2 * count <= n else f'All {n}'} tosses are searched now")
             continue
-        return _repeated(explained), (_in_words(explained.diagnosis, n, count, len(judges)) + said,)
-    return _repeated(search(tosses, ())), (f"All {n} tosses take part.{said}",) if said else ()
-
-
-def _repeated(explained: Explained) -> Explained:
-    """With how often repeats of the search, which only the last answer needs, name each effect."""
-    return replace(explained, diagnosis=explained.repeat())
+        # only the last answer needs to be repeated
+        return explained.repeated(under_way), (_in_words(explained.diagnosis, n, count, len(judges)) + said,)
+    return search(tosses, ()).repeated(under_way), (f"All {n} tosses take part.{said}",) if said else ()
 
 
 def disagreement(

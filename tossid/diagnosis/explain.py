@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -42,13 +42,13 @@ from tossid.diagnosis.selection.refinement import (
     pruned_by_wald_test,
     refitted_on_shifted_windows,
 )
+from tossid.diagnosis.selection.repeats import repeated
 from tossid.diagnosis.selection.saturation import with_saturated_effects
 from tossid.diagnosis.selection.screening import predicted_gain
 from tossid.diagnosis.selection.search import search
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.diagnosis.selection.significance import TossesNeeded
-from tossid.diagnosis.selection.stability import Stability, repeated
-from tossid.diagnosis.under_way import UnderWay
+from tossid.diagnosis.selection.stability import Stability
 from tossid.diagnosis.verdict import gap_verdict, is_at_floor, names_that_stand, verdict_by_rollouts
 from tossid.physics.effects import OTHER_POWER, Effect, World
 from tossid.settings.diagnosis.diagnose import StabilitySettings, VerdictSettings
@@ -63,8 +63,9 @@ def explain(problem: Problem) -> Diagnosis:
     Args:
         problem: The tosses, the simulator and the effects to choose from.
     """
-    started = time.perf_counter()
-    return replace(search_once(problem).repeated(), seconds=time.perf_counter() - started)
+    started, searched = time.perf_counter(), search_once(problem)
+    *_, made = searched.diagnosis, *searched.repeated()
+    return replace(made, seconds=time.perf_counter() - started)
 
 
 def begin(problem: Problem) -> tuple[CrossValidator, Candidate]:
@@ -95,7 +96,6 @@ class Searched:
         found: What was found.
         diagnosis: What is concluded from it.
         seed: Of all draws.
-        under_way: Told what is known.
     """
 
     tosses: tuple[Toss, ...]
@@ -104,16 +104,14 @@ class Searched:
     found: SearchResult
     diagnosis: Diagnosis
     seed: int
-    under_way: UnderWay
 
-    def repeated(self) -> Diagnosis:
-        """The diagnosis with how often repeats of the search name each effect."""
-        self.under_way("repeated searches", 0.93)
+    def repeated(self) -> Iterator[Diagnosis]:
+        """The diagnosis with how often repeats of the search name each effect, after each of them."""
         model, settings = self.found.first.hypothesis.base.object, self.validator.settings
-        stability = repeated(
+        for stability in repeated(
             self.tosses, model, self.validator, self.found, self.library, measured=self._measured, seed=self.seed
-        )
-        return with_repeats(self.diagnosis, stability, settings.stability, settings.verdict)
+        ):
+            yield with_repeats(self.diagnosis, stability, settings.stability, settings.verdict)
 
     def _measured(self, tosses: Sequence[Toss], at: World) -> dict[str, float]:
         """What tosses say of the effects whose values in a world they contradict."""
@@ -148,7 +146,7 @@ def search_once(problem: Problem) -> Searched:
     under_way("what is left", 0.9)
     made = _concluded(tosses, problem.unseen, shown, validator, found, spread, why, started, problem.seed)
     made = made if plane is None else _with_plane(made, plane, problem.library)
-    return Searched(tuple(tosses), tuple(shown), validator, found, made, problem.seed, under_way)
+    return Searched(tuple(tosses), tuple(shown), validator, found, made, problem.seed)
 
 
 def with_repeats(

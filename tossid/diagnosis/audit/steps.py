@@ -100,7 +100,7 @@ def diagnose_withheld(
     Returns:
         The content of gap.json.
     """
-    return explain_over_order(withheld(data, without, seed, settings)).repeat().as_json()
+    return explain_over_order(withheld(data, without, seed, settings)).repeated().diagnosis.as_json()
 
 
 def withheld(data: Path, without: Sequence[str], seed: int, settings: DiagnoseSettings = DiagnoseSettings()) -> Problem:

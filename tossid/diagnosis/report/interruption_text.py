@@ -16,6 +16,8 @@ def interruption_sentences(diagnosis: Diagnosis) -> list[str]:
     if stopped is None:
         return []
     text = f"The diagnosis was interrupted ({stopped.stage}). "
+    if diagnosis.verdict != "incomplete":
+        return [text + "The search had ended. The next toss and the patched model are missing."]
     text += "What follows is what was known by then. Nothing is said of effects that are not listed."
     if stopped.suspects:
         names = [name for name, _ in stopped.suspects]

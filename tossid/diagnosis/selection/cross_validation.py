@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
@@ -163,15 +163,31 @@ class CrossValidator:
             made: What is done with an item.
             items: The items.
         """
+        return list(self.each(made, items))
+
+    def each(
+        self, made: Callable[[Item], Made], items: Iterable[Item], no_longer_wanted: Callable[[], None] = lambda: None
+    ) -> Iterator[Made]:
+        """As `map`, each as soon as it and those before it are made.
+
+        Args:
+            made: What is done with an item.
+            items: The items.
+            no_longer_wanted: Called when no more are asked for, before those that are being made are waited for.
+        """
         if self.n_threads == 1 or is_one_of_several():
-            return [made(item) for item in items]
+            yield from (made(item) for item in items)
+            return
 
         def one(item: Item) -> Made:
             with whole_batches():
                 return made(item)
 
         with ThreadPoolExecutor(self.n_threads) as pool:
-            return list(pool.map(one, items))
+            try:
+                yield from pool.map(one, items)
+            finally:
+                no_longer_wanted()
 
     def together(self, one: Callable[[], Item], other: Callable[[], Made]) -> tuple[Item, Made]:
         """Both results of two independent computations, made at the same time.

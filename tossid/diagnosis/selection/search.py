@@ -288,6 +288,7 @@ class _Search:
         n_flight = len(best.hypothesis.effects)
 
         def ahead(each: Candidate) -> Candidate:
+            self.under_way("contact beside what flight cannot tell apart", 0.17)
             rounds = self._holding(each, n_flight, library)
             fitted = [rounds.fitted(each, one) for one in rounds.promising(each)[:1]]
             return next((one for one in fitted if rounds.is_significant(first, each, one)), each)

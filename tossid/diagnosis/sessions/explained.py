@@ -7,7 +7,7 @@ cannot be undone is looked for once more beside what the search has found.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -38,6 +38,7 @@ from tossid.diagnosis.selection.cross_validation import Candidate
 from tossid.diagnosis.sessions.heights import ending_at_origin
 from tossid.diagnosis.sessions.looking import Corrections, Looked, TossOrder, look, undo_changes
 from tossid.diagnosis.sessions.stretches import EffectOverOrder
+from tossid.diagnosis.under_way import UnderWay
 from tossid.diagnosis.verdict import gap_verdict, verdict_by_rollouts
 from tossid.motion.sessions.change_points import fewest_items
 from tossid.physics.effects import Effect
@@ -55,13 +56,25 @@ class Explained:
         diagnosis: Of the recorded tosses.
         tosses: Corrected for what changes in their recording.
         unseen: Others, likewise.
-        repeat: Makes the diagnosis anew, with how often repeats of the search name each effect.
+        repeats: Repeats the search, and makes the diagnosis anew after each, with how often they name each effect.
     """
 
     diagnosis: Diagnosis
     tosses: tuple[Toss, ...]
     unseen: tuple[Toss, ...]
-    repeat: Callable[[], Diagnosis]
+    repeats: Callable[[], Iterator[Diagnosis]]
+
+    def repeated(self, under_way: UnderWay | None = None) -> Explained:
+        """With how often repeats of the search name each effect.
+
+        Args:
+            under_way: Told what is concluded from the search, and after each repeat.
+        """
+        under_way, made = under_way or UnderWay(), self.diagnosis
+        under_way.answered(made)
+        for made in self.repeats():
+            under_way.answered(made)
+        return replace(self, diagnosis=made)
 
 
 def explain_over_order(problem: Problem) -> Explained:
@@ -74,8 +87,9 @@ def explain_over_order(problem: Problem) -> Explained:
     recorded, library, settings = tuple(problem.tosses), problem.library, problem.settings
     if len(recorded) < fewest_over_order(library, settings):
         found = search_once(problem)
-        made = _of_tosses(found.diagnosis, recorded)
-        return Explained(made, recorded, tuple(problem.unseen), lambda: _of_tosses(found.repeated(), recorded))
+        of_these = partial(_of_tosses, tosses=recorded)
+        unseen = tuple(problem.unseen)
+        return Explained(of_these(found.diagnosis), recorded, unseen, lambda: map(of_these, found.repeated()))
     first, _, corrections = undo_changes(problem)
     found = search_once(problem.of(corrections.tosses, corrections.unseen))
     looked = _beside(found.diagnosis, corrections, problem)
@@ -90,7 +104,7 @@ def explain_over_order(problem: Problem) -> Explained:
         made = replace(_of_tosses(made, recorded), changes_left=_left(looked, recorded))
         return _with(made, recorded, now, first, undone, varies, settings) if undone or varies is not None else made
 
-    return Explained(over_all(found.diagnosis), now, corrections.unseen, lambda: over_all(found.repeated()))
+    return Explained(over_all(found.diagnosis), now, corrections.unseen, lambda: map(over_all, found.repeated()))
 
 
 def fewest_over_order(library: Sequence[Effect], settings: DiagnoseSettings) -> int:
