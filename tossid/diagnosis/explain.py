@@ -172,7 +172,7 @@ def with_repeats(
     effects = {effect.name: effect for effect in made.hypothesis.effects}
     confusable = {each.name: each.confusable_with for each in made.findings}
     widened = {
-        each.name: stability.widened(effects[each.name], each.parameters, settings.fewest_values)
+        each.name: stability.widened(effects[each.name], each.parameters, [*effects], settings.fewest_values)
         for each in made.findings
         if each.name in effects and each.parameters and not each.saturated
     }

@@ -173,7 +173,9 @@ def _repeat(
     names = tuple(effect.name for effect, _ in named)
     closed = share_left(found.first, found.present, own, noise_floor(windows))[0].value if names else 0.0
     special = frozenset().union(*(effect.contains for effect, _ in named))
-    return Repeat(names, closed, special, {effect.name: effect.named(x) for effect, x in named})
+    values = {effect.name: effect.named(x) for effect, x in named}
+    nameless = tuple(name for name in found.present.hypothesis.names if name in found.unnamed)
+    return Repeat(names, closed, special, values, nameless)
 
 
 def _of_repeat(settings: DiagnoseSettings, share: float, rng: np.random.Generator) -> DiagnoseSettings:

@@ -28,16 +28,19 @@ class Repeat:
         closed: Share of the gap that they close on its tosses.
         special: Names of special cases of these effects.
         parameters: Of each of these effects, as it was fitted to its tosses.
+        nameless: Names of effects beside them that only stand in for something else.
     """
 
     names: tuple[str, ...]
     closed: float
     special: frozenset[str] = frozenset()
     parameters: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    nameless: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """An entry of gap.json's "explanation.repeated"."""
-        return {"effects": {name: dict(self.parameters.get(name, {})) for name in self.names}, "closed": self.closed}
+        effects = {name: dict(self.parameters.get(name, {})) for name in self.names}
+        return {"effects": effects, "nameless": list(self.nameless), "closed": self.closed}
 
 
 @dataclass(frozen=True)
@@ -66,27 +69,39 @@ class Stability:
         named = [not set(names).isdisjoint({*each.names, *each.special}) for each in self.repeats]
         return sum(named) / len(named)
 
-    def scatter(self, name: str, fewest: int) -> dict[str, float]:
-        """1.96 standard deviations of an effect's values over the repeats, by parameter; none if too few name it.
+    def scatter(self, effect: Effect, beside: Collection[str], fewest: int) -> dict[str, float]:
+        """1.96 standard deviations of an effect's values over the repeats, by parameter; none if too few have it.
+
+        Repeats count that have the same others of its group. A ground that is tilted in a tilted world is tilted by the
+        difference: that is another quantity.
 
         Args:
-            name: Of the effect.
-            fewest: How many repeats must name it.
+            effect: The effect.
+            beside: Names of the effects of the hypothesis whose values are compared.
+            fewest: How many repeats must have it.
         """
-        values = [each.parameters[name] for each in self.repeats if name in each.parameters]
+        group = effect.one_of_group - {effect.name}
+        values = [
+            each.parameters[effect.name]
+            for each in self.repeats
+            if effect.name in each.parameters and group & {*each.names, *each.nameless} == group & {*beside}
+        ]
         if len(values) < fewest:
             return {}
         return {key: _NORMAL * float(np.std([each[key] for each in values], ddof=1)) for key in values[0]}
 
-    def widened(self, effect: Effect, known: Mapping[str, Interval], fewest: int) -> dict[str, Interval]:
+    def widened(
+        self, effect: Effect, known: Mapping[str, Interval], beside: Collection[str], fewest: int
+    ) -> dict[str, Interval]:
         """An effect's 95 % intervals, no narrower than its values scatter over the repeats.
 
         Args:
             effect: The effect.
             known: Its intervals, by parameter.
-            fewest: How many repeats must name it.
+            beside: Names of the effects of the hypothesis that these are of.
+            fewest: How many repeats must have it.
         """
-        out, scatter = dict(known), self.scatter(effect.name, fewest)
+        out, scatter = dict(known), self.scatter(effect, beside, fewest)
         for parameter in effect.parameters if scatter else ():
             own, half = known[parameter.name], scatter[parameter.name]
             low, high = np.clip([own.value - half, own.value + half], parameter.low, parameter.high)

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from tossid.diagnosis.selection.stability import Repeat, Stability
+from tossid.physics.effects import effect_named
 from tossid.settings.diagnosis.diagnose import StabilitySettings
 
 
@@ -55,7 +56,7 @@ def compared(folder: Path, settings: StabilitySettings = StabilitySettings()) ->
         saturated = {each["name"] for each in gap["effects"] if each.get("saturated")}
         for each in score["parameters"]:
             name, key = each["effect"], each["name"]
-            scatter = repeats.scatter(name, settings.fewest_values)
+            scatter = repeats.scatter(effect_named(name), gap["explanation"]["hypothesis"], settings.fewest_values)
             if not scatter or name in saturated or None in each["ci95"]:
                 continue
             low, high = each["ci95"]
@@ -64,7 +65,8 @@ def compared(folder: Path, settings: StabilitySettings = StabilitySettings()) ->
 
 
 def _repeat(entry: dict[str, Any]) -> Repeat:
-    return Repeat(tuple(entry["effects"]), entry["closed"], parameters=entry["effects"])
+    nameless = tuple(entry.get("nameless", ()))
+    return Repeat(tuple(entry["effects"]), entry["closed"], parameters=entry["effects"], nameless=nameless)
 
 
 def table(rows: Sequence[Compared]) -> str:

@@ -14,7 +14,10 @@ def written(folder: Path, values: list[float], true: float) -> None:
     """A case whose friction is found as 0.30 (0.29 to 0.31), with repeats that found these values."""
     folder.mkdir(parents=True)
     repeated = [{"effects": {"friction": {"mu": x}}, "closed": 0.9} for x in values]
-    gap = {"explanation": {"repeated": repeated}, "effects": [{"name": "friction", "saturated": False}]}
+    gap = {
+        "explanation": {"repeated": repeated, "hypothesis": {"friction": {"mu": 0.3}}},
+        "effects": [{"name": "friction", "saturated": False}],
+    }
     parameter = {"effect": "friction", "name": "mu", "true": true, "value": 0.3, "ci95": [0.29, 0.31]}
     score = {"parameters": [{**parameter, "covered": 0.29 <= true <= 0.31}]}
     (folder / "gap.json").write_text(json.dumps(gap))
