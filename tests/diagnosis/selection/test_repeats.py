@@ -16,7 +16,7 @@ from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.selection import repeats
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.repeats import repeated, resampled, shortlist
-from tossid.diagnosis.selection.search_result import SearchResult
+from tossid.diagnosis.selection.search_result import OtherCauses, SearchResult
 from tossid.diagnosis.selection.stability import Repeat, Stability
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, World
@@ -64,6 +64,10 @@ def test_a_shortlist_has_what_gains_and_what_was_found(validator: CrossValidator
     some = [effect.name for effect in shortlist(validator, wrong, LIBRARY, 3)]
     assert {"friction", "restitution"} <= set(some)
     assert len(some) < len(LIBRARY) / 2
+    assert "vortex" not in some
+    other = validator.evaluate(wrong.first.hypothesis.plus(EFFECTS["vortex"]))
+    with_other = replace(wrong, other_causes=OtherCauses(other, {}))
+    assert "vortex" in {effect.name for effect in shortlist(validator, with_other, LIBRARY, 3)}
 
 
 def test_repeats_name_something_else_than_a_wrong_search(

@@ -120,6 +120,8 @@ def shortlist(
     """
     chosen = {*found.first_round, *found.flight_round, *found.needed, *found.present.hypothesis.names}
     chosen |= {each.name for group in found.classes.values() for each in group}
+    if found.other_causes is not None:
+        chosen |= {*found.other_causes.candidate.hypothesis.names}
     begin = {id(each): each for each in (found.first, found.present)}
     for present in begin.values():
         chosen |= set(_most_promising(validator, present, library, count))
