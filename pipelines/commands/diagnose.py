@@ -43,20 +43,20 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
     try:
         with (
             output_folder(folder, made_by="tossid diagnose") as temporary,
-            tracked_run(folder.name, config, command="diagnose") as tracked,
+            console.shares(f"diagnosing {simulator.about}") as progress,
         ):
-            tracked.data(data, sha256, context="diagnosis")
-            with console.shares(f"diagnosing {simulator.about}") as progress:
-                under_way.progress = progress
-                found = task.run(under_way)
-            found = replace(found, data=about)
-            found.save(temporary)
-            tracked.metrics(found.metrics())
-            tracked.tag("verdict", found.verdict)
-            tracked.tag("effects", ", ".join(found.named))
-            written = [name for name in (*_FILES, "patched.xml") if (temporary / name).exists()]
-            for name in written:
-                tracked.artifact(temporary / name)
+            under_way.progress = progress
+            task.tell_first(under_way)  # before the tracker, which takes a second to open
+            with tracked_run(folder.name, config, command="diagnose") as tracked:
+                tracked.data(data, sha256, context="diagnosis")
+                found = replace(task.run(under_way), data=about)
+                found.save(temporary)
+                tracked.metrics(found.metrics())
+                tracked.tag("verdict", found.verdict)
+                tracked.tag("effects", ", ".join(found.named))
+                written = [name for name in (*_FILES, "patched.xml") if (temporary / name).exists()]
+                for name in written:
+                    tracked.artifact(temporary / name)
             figures = sorted(path.name for path in (temporary / "figures").iterdir())
     except BaseException as error:
         if under_way.so_far is None or not was_interrupted(error):

@@ -9,7 +9,7 @@ import pytest
 
 from tests.diagnosis.by_hand import diagnosis, hypothesis
 from tests.diagnosis.tossed import seen
-from tossid.diagnosis.enough import disagreement, searched
+from tossid.diagnosis.enough import disagreement, first_drawn, searched
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
 from tossid.diagnosis.localisation.unseen import Unseen
@@ -74,6 +74,7 @@ def test_twice_as_many_are_searched_until_others_agree(cube: ObjectModel, tosses
     assert why.startswith("With 6, mu of friction was 0.2")
     assert why.endswith("on others. 12 tosses are searched now")
     assert [len(names) for names, _ in asked] == [6, 12]
+    assert [toss.name for toss in first_drawn(tosses, FEW)] == asked[0][0]
     assert [len(names) for _, names in asked] == [8, 12]
     assert [toss.name for toss in explained.tosses] == asked[1][0]
     assert repeated == [12]  # only the answer that stands still
@@ -95,5 +96,5 @@ def test_few_tosses_and_a_stated_number_all_take_part(cube: ObjectModel, tosses:
         explained, remarks = searched(
             some, search, engine=Engine(none=True), n_threads=1, settings=settings, under_way=UnderWay()
         )
-        assert explained.tosses == tuple(some)
+        assert explained.tosses == first_drawn(some, settings) == tuple(some)
         assert remarks == ()

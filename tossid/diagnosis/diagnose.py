@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tossid.diagnosis.enough import searched
+from tossid.diagnosis.enough import first_drawn, searched
 from tossid.diagnosis.interrupted import known_so_far
 from tossid.diagnosis.learned import learned_forces
 from tossid.diagnosis.next_toss import next_toss
@@ -22,6 +22,7 @@ from tossid.diagnosis.result import Diagnosis, Interruption
 from tossid.diagnosis.sessions.correction import corrections
 from tossid.diagnosis.sessions.explained import Explained, explain_over_order, fewest_over_order
 from tossid.diagnosis.sessions.heights import have_own_heights
+from tossid.diagnosis.sessions.looking import tell_gap_of_first
 from tossid.diagnosis.simulators import (
     Simulator,
     check_runs,
@@ -102,6 +103,14 @@ class Task:
     order: RecordingOrder | None = None
     names: tuple[str, ...] = ()
 
+    def tell_first(self, under_way: UnderWay) -> None:
+        """Tell the gap of the first tosses; `run` does this by itself where nothing is known yet.
+
+        Args:
+            under_way: Told the gap.
+        """
+        tell_gap_of_first(self._problem(first_drawn(self.tosses, self.settings), (), under_way).in_order())
+
     def run(self, under_way: UnderWay | None = None) -> Diagnosis:
         """The diagnosis.
 
@@ -111,25 +120,12 @@ class Task:
         under_way = under_way or UnderWay()
         under_way.repeats = self.settings.repeats
         threads = _threads(self.settings)
+        if under_way.so_far is None:
+            self.tell_first(under_way)
 
         def search(tosses: Sequence[Toss], others: Sequence[Toss]) -> Explained:
             judges = self.unseen if len(self.unseen) >= len(tosses) else (*self.unseen, *others)
-            return explain_over_order(
-                Problem(
-                    tosses,
-                    self.simulator.world,
-                    library=self.library,
-                    engine=self.simulator.engine,
-                    n_threads=threads,
-                    seed=self.settings.seed,
-                    unseen=judges,
-                    names=self.names,
-                    sessions=session_starts(self.order),
-                    own_heights=have_own_heights(tosses, self.recorded, self.order),
-                    under_way=under_way,
-                    settings=self.settings,
-                )
-            )
+            return explain_over_order(self._problem(tosses, judges, under_way))
 
         explained, of_number = searched(
             self.tosses,
@@ -163,6 +159,23 @@ class Task:
             order=self.order,
             learned=learned_forces(self.simulator.world, self.tosses, self.library, self.settings.learned),
             report=self.settings.report,
+        )
+
+    def _problem(self, tosses: Sequence[Toss], unseen: Sequence[Toss], under_way: UnderWay) -> Problem:
+        """Of some of the tosses, judged by others."""
+        return Problem(
+            tosses,
+            self.simulator.world,
+            library=self.library,
+            engine=self.simulator.engine,
+            n_threads=_threads(self.settings),
+            seed=self.settings.seed,
+            unseen=unseen,
+            names=self.names,
+            sessions=session_starts(self.order),
+            own_heights=have_own_heights(tosses, self.recorded, self.order),
+            under_way=under_way,
+            settings=self.settings,
         )
 
     def known_so_far(self, under_way: UnderWay) -> Diagnosis:

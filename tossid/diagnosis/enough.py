@@ -50,12 +50,10 @@ def searched(
         The diagnosis with the tosses that took part, and a remark that says how many they are and why.
     """
     how, n = settings.enough, len(tosses)
-    order, count, said = np.random.default_rng(settings.seed).permutation(n), how.first, ""
+    count, said = how.first, ""
     while settings.tosses is None and 2 * count <= n:
-        part, others = (
-            tuple(tosses[i] for i in sorted(chosen.tolist()))
-            for chosen in (order[:count], order[count : count + max(count, how.judges)])
-        )
+        part = _drawn(tosses, slice(count), settings)
+        others = _drawn(tosses, slice(count, count + max(count, how.judges)), settings)
         explained = search(part, others)
         judges = explained.unseen
         if others_disagree := disagreement(
@@ -68,6 +66,24 @@ def searched(
         # only the last answer needs to be repeated
         return explained.repeated(under_way), (_in_words(explained.diagnosis, n, count, len(judges)) + said,)
     return search(tosses, ()).repeated(under_way), (f"All {n} tosses take part.{said}",) if said else ()
+
+
+def first_drawn(tosses: Sequence[Toss], settings: DiagnoseSettings) -> tuple[Toss, ...]:
+    """The tosses that are searched first.
+
+    Args:
+        tosses: All that may take part.
+        settings: Of the diagnosis. Where they name a number of tosses, all take part.
+    """
+    count = settings.enough.first
+    few = settings.tosses is not None or 2 * count > len(tosses)
+    return tuple(tosses) if few else _drawn(tosses, slice(count), settings)
+
+
+def _drawn(tosses: Sequence[Toss], which: slice, settings: DiagnoseSettings) -> tuple[Toss, ...]:
+    """Some of the tosses in the order in which they are drawn, as they stand in the dataset."""
+    order = np.random.default_rng(settings.seed).permutation(len(tosses))
+    return tuple(tosses[i] for i in sorted(order[which].tolist()))
 
 
 def disagreement(

@@ -2,6 +2,9 @@
 
 python -m pipelines.tools.benchmarks.bench_diagnosis           # these alone
 python -m pipelines.tools.benchmarks.bench_diagnosis --keep    # and keep them, for a release
+python -m pipelines.tools.benchmarks.bench_diagnosis data=FILE.h5 [KEY=VALUE ...]    # another dataset
+
+The keys are those of `tossid diagnose`. Two times are those of the first answers: the gap, and the leading suspect.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from typing import Any
 
 from pipelines.cli.console import Console
 
+COMMAND = (sys.executable, "-m", "pipelines.cli.app")
 KEPT = Path(__file__).with_name("bench_release.json")
 """Figures of a release: version, date, machine, and those of each case."""
 NOISE = ("noise.position=0.00015", "noise.rotation=0.0015", "noise.velocity=0.03", "noise.spin=0.3", "frames=false")
@@ -34,12 +38,21 @@ CASES: dict[str, tuple[str, ...]] = {
     ),
 }  # fmt: skip
 """What is made and diagnosed with the whole library. A cube of friction 0.18 is stated."""
-HEADS = ("diagnosis", "elapsed s", "CPU s", "GiB", "named", "then: elapsed s", "CPU s", "GiB", "named")
+FIRST_ANSWERS = {"gap_s": "the gap is", "suspect_s": "leading suspect"}
+"""What the command says first, as a line begins."""
+HEADS = (
+    "diagnosis", "elapsed s", "gap after s", "suspect after s", "CPU s", "GiB", "named",
+    "then: elapsed s", "CPU s", "GiB", "named",
+)  # fmt: skip
 
 
 def main() -> None:
     """Print the table, and keep its figures if asked for."""
     console = Console()
+    keys = tuple(each for each in sys.argv[1:] if "=" in each)
+    if keys:
+        console.table(HEADS, rows({" ".join(keys): diagnosed(keys)}, {}))
+        return
     found = diagnoses(console)
     if "--keep" in sys.argv[1:]:
         KEPT.write_text(json.dumps(as_release(found), indent=1) + "\n", encoding="utf-8")
@@ -49,7 +62,7 @@ def main() -> None:
 def diagnoses(console: Console) -> dict[str, dict[str, Any]]:
     """Diagnose every case, print the table, and return the figures."""
     kept: dict[str, Any] = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.is_file() else {}
-    found = {name: diagnosed(keys) for name, keys in CASES.items()}
+    found = {name: made_and_diagnosed(keys) for name, keys in CASES.items()}
     title = "Diagnoses with the whole library, all cores"
     if kept:
         title += f"; then: {kept['version']}, {kept['date']}, {kept['machine']}"
@@ -60,7 +73,11 @@ def diagnoses(console: Console) -> dict[str, dict[str, Any]]:
 def rows(found: dict[str, dict[str, Any]], kept: dict[str, Any]) -> list[list[str]]:
     """The table's rows: each case's figures, and those of the release, "-" where it has none."""
     then = kept.get("cases", {})
-    return [[name, *_figures(each), *_figures(then.get(name))] for name, each in found.items()]
+    return [
+        [name, elapsed, *(_seconds(each.get(key)) for key in FIRST_ANSWERS), *others, *_figures(then.get(name))]
+        for name, each in found.items()
+        for elapsed, *others in (_figures(each),)
+    ]
 
 
 def _figures(case: dict[str, Any] | None) -> list[str]:
@@ -74,26 +91,46 @@ def _figures(case: dict[str, Any] | None) -> list[str]:
     ]
 
 
+def _seconds(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
+
+
 def as_release(found: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """What is kept of figures: this version, today, this machine."""
     machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
     return {"version": version("tossid"), "date": date.today().isoformat(), "machine": machine, "cases": found}
 
 
-def diagnosed(keys: tuple[str, ...]) -> dict[str, Any]:
-    """Make tosses and diagnose them by the command line: elapsed and CPU seconds, peak memory, names."""
+def made_and_diagnosed(keys: tuple[str, ...]) -> dict[str, Any]:
+    """Make tosses and diagnose them, as `diagnosed` does."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "pipelines.cli.app"]
-        subprocess.run([*command, "synthesize", *keys, f"out={folder}/made", "--quiet"], check=True)
+        subprocess.run([*COMMAND, "synthesize", *keys, f"out={folder}/made", "--quiet"], check=True)
+        return diagnosed((f"data={folder}/made/tosses.h5",))
+
+
+def diagnosed(keys: tuple[str, ...]) -> dict[str, Any]:
+    """Diagnose by the command line: elapsed and CPU seconds, when first answers came, peak memory, names."""
+    with tempfile.TemporaryDirectory() as folder, open(f"{folder}/gap.json", "w+b") as out:
         before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        call = [*command, "diagnose", f"data={folder}/made/tosses.h5", f"out={folder}/gap", "--json", "--quiet"]
-        made = subprocess.run(call, check=True, capture_output=True, text=True)
+        call = [*COMMAND, "diagnose", *keys, f"out={folder}/gap", "--json"]
+        first: dict[str, float] = {}
+        with subprocess.Popen(call, stdout=out, stderr=subprocess.PIPE, text=True) as running:
+            assert running.stderr is not None
+            for line in running.stderr:
+                for key, words in FIRST_ANSWERS.items():
+                    if line.startswith(words):
+                        first.setdefault(key, round(time.perf_counter() - started, 1))
         elapsed, after = time.perf_counter() - started, resource.getrusage(resource.RUSAGE_CHILDREN)
+        if running.returncode:
+            raise subprocess.CalledProcessError(running.returncode, call)
+        out.seek(0)
+        named = json.loads(out.read())["explanation"]["effects"]
     return {
         "elapsed_s": round(elapsed, 1),
+        **first,
         "cpu_s": round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, 1),
         "gib": round(after.ru_maxrss / 2**20, 2),
-        "named": json.loads(made.stdout)["explanation"]["effects"],
+        "named": named,
     }
 
 

@@ -137,7 +137,6 @@ def undo_changes(problem: Problem) -> tuple[Looked, Looked, Corrections]:
         What was seen first and last, and the corrected tosses.
     """
     tosses, order = Corrections(tuple(problem.tosses), tuple(problem.unseen)), TossOrder.of(problem)
-    _show_first(problem)
     validator, base = with_contact_law(problem.validator(over_order=True), problem.world)
     present = validator.evaluate(Hypothesis(base))
     problem.under_way("the gap", 0.02)
@@ -153,10 +152,14 @@ def undo_changes(problem: Problem) -> tuple[Looked, Looked, Corrections]:
     return first, looked, tosses
 
 
-def _show_first(problem: Problem) -> None:
-    """The gap of the first tosses, which is known seconds before that of many, where nothing is known yet."""
+def tell_gap_of_first(problem: Problem) -> None:
+    """Tell the gap of the first tosses where there are three times as many: it is known seconds before that of all.
+
+    Args:
+        problem: With the tosses in the order of their recording. Its `under_way` is told.
+    """
     count = len(problem.tosses)
-    if problem.under_way.so_far is None and count >= 3 * FIRST_SHOWN:
+    if count >= 3 * FIRST_SHOWN:
         few = problem.of(problem.tosses[:FIRST_SHOWN])
         with suppress(InputError):  # these may be too short; of all, the whole search says it
             validator = few.validator(over_order=True)
