@@ -104,7 +104,7 @@ class Task:
     names: tuple[str, ...] = ()
 
     def tell_first(self, under_way: UnderWay) -> None:
-        """Tell the gap of the first tosses; `run` does this by itself where nothing is known yet.
+        """Tell the gap of the first tosses, seconds before `run` tells that of all it searches.
 
         Args:
             under_way: Told the gap.
@@ -120,8 +120,6 @@ class Task:
         under_way = under_way or UnderWay()
         under_way.repeats = self.settings.repeats
         threads = _threads(self.settings)
-        if under_way.so_far is None:
-            self.tell_first(under_way)
 
         def search(tosses: Sequence[Toss], others: Sequence[Toss]) -> Explained:
             judges = self.unseen if len(self.unseen) >= len(tosses) else (*self.unseen, *others)

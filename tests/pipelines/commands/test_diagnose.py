@@ -233,6 +233,7 @@ def test_only_the_chosen_tosses_are_diagnosed(
         taken.append(([toss.name for toss in problem.tosses], [toss.name for toss in problem.unseen]))
         raise InputError("seen enough")
 
+    monkeypatch.setattr("tossid.diagnosis.diagnose.tell_gap_of_first", lambda problem: None)
     monkeypatch.setattr("tossid.diagnosis.diagnose.explain_over_order", explained)
     dataset = read_dataset(spoilt)
     whole, train, test = ([toss.name for toss in each] for each in (

@@ -26,8 +26,8 @@ from tossid.physics.effects import Effect
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
-FIRST_SHOWN = 8
-"""The gap of so many tosses is shown first, if there are three times as many. Not a setting: no result hangs on it."""
+FEWEST_SHOWN, MOST_SHOWN = 4, 8
+"""The gap of so many tosses is shown first, of a third of them all. Not a setting: no result hangs on it."""
 
 
 @dataclass(frozen=True)
@@ -153,14 +153,15 @@ def undo_changes(problem: Problem) -> tuple[Looked, Looked, Corrections]:
 
 
 def tell_gap_of_first(problem: Problem) -> None:
-    """Tell the gap of the first tosses where there are three times as many: it is known seconds before that of all.
+    """Tell the gap of the first third of the tosses, at most of eight: it is known seconds before that of all.
 
     Args:
         problem: With the tosses in the order of their recording. Its `under_way` is told.
     """
     count = len(problem.tosses)
-    if count >= 3 * FIRST_SHOWN:
-        few = problem.of(problem.tosses[:FIRST_SHOWN])
+    shown = min(count // 3, MOST_SHOWN)
+    if shown >= FEWEST_SHOWN:
+        few = problem.of(problem.tosses[:shown])
         with suppress(InputError):  # these may be too short; of all, the whole search says it
             validator = few.validator(over_order=True)
             problem.under_way("the gap", 0.01)
