@@ -15,9 +15,9 @@ from tossid.diagnosis.findings import FOUND, Finding, Interval, Share
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.consequence import consequences
 from tossid.diagnosis.localisation.contradictions import (
+    CheckByTosses,
     ask_tosses,
     contradicted_names,
-    contradicted_values,
     decided_by_witnesses,
 )
 from tossid.diagnosis.localisation.corners import locate
@@ -50,7 +50,7 @@ from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.diagnosis.selection.significance import TossesNeeded
 from tossid.diagnosis.selection.stability import Stability
 from tossid.diagnosis.verdict import gap_verdict, is_at_floor, names_that_stand, verdict_by_rollouts
-from tossid.physics.effects import OTHER_POWER, Effect, World
+from tossid.physics.effects import OTHER_POWER, Effect
 from tossid.settings.diagnosis.diagnose import StabilitySettings, VerdictSettings
 from tossid.types import Phase, Toss
 
@@ -107,15 +107,16 @@ class Searched:
 
     def repeated(self) -> Iterator[Diagnosis]:
         """The diagnosis with how often repeats of the search name each effect, after each of them."""
-        model, settings = self.found.first.hypothesis.base.object, self.validator.settings
+        world, settings = self.found.first.hypothesis.world(), self.validator.settings
         for stability in repeated(
-            self.tosses, model, self.validator, self.found, self.library, measured=self._measured, seed=self.seed
+            self.tosses,
+            self.validator,
+            self.found,
+            self.library,
+            check_of=lambda tosses: CheckByTosses(tosses, world, self.validator),
+            seed=self.seed,
         ):
             yield with_repeats(self.diagnosis, stability, settings.stability, settings.verdict)
-
-    def _measured(self, tosses: Sequence[Toss], at: World) -> dict[str, float]:
-        """What tosses say of the effects whose values in a world they contradict."""
-        return contradicted_values(ask_tosses(tosses, self.found.first.hypothesis.world(), at, self.validator))
 
 
 def search_once(problem: Problem) -> Searched:
@@ -128,15 +129,13 @@ def search_once(problem: Problem) -> Searched:
     validator, first = begin(problem)
     world = first.hypothesis.base
     shown, plane = in_plane(tosses, world, problem.library, settings=problem.settings, n_threads=problem.n_threads)
-    asked = partial(ask_tosses, tosses, world, validator=validator)
-    searched = partial(
-        search, validator, shown, under_way=under_way, measured=lambda at: contradicted_values(asked(at))
-    )
+    check = CheckByTosses(tosses, world, validator)
+    searched = partial(search, validator, shown, under_way=under_way, check=check)
     found = searched(first)
     other = under_other_impacts(validator, found.present)
     if other is not None:
         found = searched(validator.evaluate(Hypothesis(other.hypothesis.base)), law_is_known=True)
-    found = decided_by_witnesses(found, validator, asked)
+    found = decided_by_witnesses(found, validator, check.witnesses)
     under_way("line search", 0.85)
     found = with_saturated_effects(validator, line_searched(validator, found))
     under_way("shifted windows", 0.87)
@@ -293,6 +292,7 @@ def _concluded(
         steps=tuple(steps),
         unseen=on_unseen,
         rollouts=rollouts,
+        refuted=found.refuted,
         hypothesis=present.hypothesis,
         n_tosses=n,
         seconds=time.perf_counter() - started,

@@ -16,7 +16,7 @@ from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.disagreement import SolverDisagreement
 from tossid.diagnosis.localisation.misspecification import Misspecification
 from tossid.diagnosis.localisation.noise import MeasuredNoise
-from tossid.diagnosis.localisation.refusal import RolloutCheck
+from tossid.diagnosis.localisation.refusal import Refuted, RolloutCheck
 from tossid.diagnosis.localisation.unseen import Unseen
 from tossid.diagnosis.selection.plane import Plane
 from tossid.diagnosis.selection.significance import TossesNeeded
@@ -90,6 +90,7 @@ class Diagnosis:
         unseen: What was found, on tosses that took no part; None if there were none.
         minor: Names of effects that were found too, and are too small to matter.
         rollouts: What the effects do to whole tosses that took no part in the fits; None without effects.
+        refuted: Effects without which it was searched once more, as tosses contradict them; None if there are none.
         candidates: Names of effects that are significant and matter, but that repeated searches name too rarely, that
             leave most of the gap, or that make predictions of whole tosses worse.
         stability: What repeated searches name.
@@ -138,6 +139,7 @@ class Diagnosis:
     disagreement: SolverDisagreement | None = None
     unseen: Unseen | None = None
     rollouts: RolloutCheck | None = None
+    refuted: Refuted | None = None
     noise: MeasuredNoise | None = None
     misspecification: Misspecification | None = None
     learned: LearnedForces | None = None
@@ -195,6 +197,7 @@ class Diagnosis:
                 "minor": list(self.minor),
                 "same_in_flight": [list(names) for names in self.exchanged if names],
                 "refused": [] if self.rollouts is None else list(self.rollouts.refused),
+                "refuted": None if self.refuted is None else self.refuted.as_json(),
                 "no_name": [{"like": name, "why": why} for name, why in self.implausible],
                 "hypothesis": {effect.name: effect.named(x) for effect, x in self.hypothesis.items()},
             },

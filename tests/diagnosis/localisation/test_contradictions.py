@@ -11,10 +11,12 @@ from tests.diagnosis.tossed import seen
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.contradictions import (
+    CheckByTosses,
     ask_tosses,
     contradicted_names,
     contradicted_values,
     decided_by_witnesses,
+    stand_ins,
 )
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.search_result import SearchResult
@@ -40,6 +42,24 @@ def test_a_witness_speaks_of_all_laws_of_its_phenomenon() -> None:
     assert contradicted_names([replace(SAID, contradicts=False)], names) == frozenset()
 
 
+@pytest.mark.parametrize(
+    ("contradicted", "there", "expected"),
+    [
+        (["restitution"], ["compliance", "friction"], {"compliance"}),
+        (["restitution"], ["compliance", "restitution"], set()),
+        (["friction"], ["velocity_friction", "cohesion"], set()),
+        (["friction", "inertia"], ["cohesion", "rounded_corners", "drag"], {"cohesion", "rounded_corners"}),
+        (["gravity"], ["compliance"], set()),
+        ([], ["compliance"], set()),
+    ],
+)
+def test_stand_ins_have_the_place_of_what_is_measured(
+    contradicted: list[str], there: list[str], expected: set[str]
+) -> None:
+    effects = [effect_named(name.replace("drag", "linear_drag")) for name in there]
+    assert stand_ins(contradicted, effects) == expected
+
+
 @pytest.fixture(scope="module")
 def bouncing(cube: ObjectModel) -> list[Toss]:
     """Tosses with a restitution of 0.4."""
@@ -49,6 +69,16 @@ def bouncing(cube: ObjectModel) -> list[Toss]:
 def test_objects_with_joints_have_no_witnesses(elbow: ObjectModel, bouncing: list[Toss], cube: ObjectModel) -> None:
     validator = CrossValidator.of(bouncing, cube, seed=0)
     assert ask_tosses(bouncing, World(elbow), World(elbow), validator) == ()
+
+
+def test_tosses_contradict_a_bounce_that_they_do_not_have(cube: ObjectModel, bouncing: list[Toss]) -> None:
+    """And whole tosses are predicted worse with it."""
+    check = CheckByTosses(bouncing, World(cube), CrossValidator.of(bouncing, cube, seed=0))
+    wrong, right = (World(cube.with_changes(restitution=e)) for e in (0.6, 0.4))
+    assert check.contradicted(wrong)["restitution"] == pytest.approx(0.4, abs=0.02)
+    assert "restitution" not in check.contradicted(right)
+    assert check.errors(right).shape == (24, 2)
+    assert np.median(check.errors(wrong)[:, 0]) > 3 * np.median(check.errors(right)[:, 0])
 
 
 def test_a_class_is_led_by_what_tosses_do_not_contradict(cube: ObjectModel, bouncing: list[Toss]) -> None:

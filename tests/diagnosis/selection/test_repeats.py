@@ -73,7 +73,7 @@ def test_a_shortlist_has_what_gains_and_what_was_found(validator: CrossValidator
 def test_repeats_name_something_else_than_a_wrong_search(
     cube: ObjectModel, tosses: list[Toss], validator: CrossValidator, wrong: SearchResult
 ) -> None:
-    before, found = repeated(tosses, cube, validator, wrong, FEW, seed=0)
+    before, found = repeated(tosses, validator, wrong, FEW, seed=0)
     assert before.repeats == found.repeats[:1]
     assert found.frequency(["friction"]) == 1.0
     assert found.frequency(["restitution"]) == 0.0
@@ -86,7 +86,7 @@ def test_without_repeats_nothing_is_said(
     cube: ObjectModel, tosses: list[Toss], validator: CrossValidator, wrong: SearchResult
 ) -> None:
     once = replace(validator, settings=replace(validator.settings, repeats=0))
-    assert list(repeated(tosses, cube, once, wrong, FEW, seed=0)) == []
+    assert list(repeated(tosses, once, wrong, FEW, seed=0)) == []
 
 
 def test_repeats_that_are_no_longer_wanted_end(
@@ -112,7 +112,7 @@ def test_repeats_that_are_no_longer_wanted_end(
 
     monkeypatch.setattr(repeats, "_repeat", repeat)
     many = replace(validator, n_threads=2, settings=replace(validator.settings, repeats=9))
-    under_way = cast("Generator[Stability, None, None]", repeated(tosses, cube, many, wrong, FEW, seed=0))
+    under_way = cast("Generator[Stability, None, None]", repeated(tosses, many, wrong, FEW, seed=0))
     assert next(under_way).frequency(["friction"]) == 1.0
     under_way.close()
     assert ended  # what had begun

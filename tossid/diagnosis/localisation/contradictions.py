@@ -8,17 +8,22 @@ member of a class may lead, and what they contradict is no name.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.windows import Windows
-from tossid.diagnosis.localisation.rollouts import made_by
+from tossid.diagnosis.localisation.rollouts import made_by, toss_errors
 from tossid.diagnosis.localisation.witnesses import witnesses
 from tossid.diagnosis.selection.cross_validation import CrossValidator
 from tossid.diagnosis.selection.search_result import SearchResult, replaced
 from tossid.diagnosis.witness import Witness
-from tossid.physics.effects import World
+from tossid.physics.effects import Effect, World
 from tossid.types import Toss
 
+Array = NDArray[np.float64]
 Asked = Callable[[World], tuple[Witness, ...]]
 """What tosses say, given the world that was found."""
 
@@ -28,6 +33,63 @@ CONCERNS: dict[str, frozenset[str]] = {
     "friction": frozenset({"friction", "velocity_friction", "anisotropic_friction", "cohesion", "adhesion"}),
 }
 """The effects on which a witness of an effect bears."""
+
+
+class PredictiveCheck(Protocol):
+    """A posterior predictive check: what tosses say against a world."""
+
+    def contradicted(self, found: World) -> dict[str, float]:
+        """What they measure of the effects whose values in a world they contradict, by name.
+
+        Args:
+            found: The world.
+        """
+
+    def errors(self, found: World) -> Array:
+        """(n, 2) errors of a world's whole tosses: distance [% of the width] and angle [deg].
+
+        Args:
+            found: The world.
+        """
+
+
+@dataclass(frozen=True)
+class CheckByTosses:
+    """A posterior predictive check by witnesses and by whole tosses.
+
+    Attributes:
+        tosses: As recorded.
+        stated: The world before the diagnosis.
+        validator: With settings, and threads for the simulator.
+    """
+
+    tosses: Sequence[Toss]
+    stated: World
+    validator: CrossValidator
+
+    def witnesses(self, found: World) -> tuple[Witness, ...]:
+        """As of `ask_tosses`.
+
+        Args:
+            found: The world.
+        """
+        return ask_tosses(self.tosses, self.stated, found, self.validator)
+
+    def contradicted(self, found: World) -> dict[str, float]:
+        """As of `contradicted_values`.
+
+        Args:
+            found: The world.
+        """
+        return contradicted_values(self.witnesses(found))
+
+    def errors(self, found: World) -> Array:
+        """As of `toss_errors`.
+
+        Args:
+            found: The world.
+        """
+        return toss_errors(self.tosses, found, n_threads=self.validator.n_threads)
 
 
 def ask_tosses(
@@ -71,6 +133,20 @@ def contradicted_names(said: Sequence[Witness], names: Collection[str]) -> froze
     """
     against = [CONCERNS[each.effect] for each in said if each.contradicts]
     return frozenset(names) & frozenset().union(*against)
+
+
+def stand_ins(contradicted: Collection[str], effects: Sequence[Effect]) -> frozenset[str]:
+    """Names of effects that have the place of others which tosses measure, and contradict.
+
+    An effect that contains the measured one is no stand-in, and there is none where a hypothesis has the measured one.
+
+    Args:
+        contradicted: Names of the effects that tosses contradict.
+        effects: Of the hypothesis that they contradict.
+    """
+    there = {each.name for each in effects}.union(*(each.contains for each in effects))
+    concerned = [CONCERNS.get(name, frozenset()) for name in contradicted if name not in there]
+    return frozenset(each.name for each in effects if any(each.name in names for names in concerned))
 
 
 def decided_by_witnesses(found: SearchResult, validator: CrossValidator, asked: Asked) -> SearchResult:

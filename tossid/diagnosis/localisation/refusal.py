@@ -115,6 +115,23 @@ class RolloutCheck:
         }
 
 
+@dataclass(frozen=True)
+class Refuted:
+    """Effects without which the search was repeated, as tosses contradict them and whole tosses are predicted worse.
+
+    Attributes:
+        names: Of the effects.
+        whole: What the hypothesis with them does to the errors of whole tosses, against that of the search without.
+    """
+
+    names: tuple[str, ...]
+    whole: Growth
+
+    def as_json(self) -> dict[str, Any]:
+        """gap.json's "refuted"."""
+        return {"effects": list(self.names), **self.whole.as_json()}
+
+
 def check_rollouts(
     tosses: Sequence[Toss],
     unseen: Sequence[Toss],

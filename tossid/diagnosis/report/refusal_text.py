@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tossid.diagnosis.localisation.contradictions import CONCERNS
-from tossid.diagnosis.localisation.refusal import Growth, RolloutCheck
+from tossid.diagnosis.localisation.refusal import Growth, Refuted, RolloutCheck
 from tossid.diagnosis.report.units import listed, short, span
 from tossid.diagnosis.result import Diagnosis
 
@@ -38,6 +38,21 @@ def refusal_sentences(check: RolloutCheck | None) -> list[str]:
         f"{_grown(growth)} It is a candidate at most."
         for name, growth in check.effects
         if growth.refused
+    ]
+
+
+def refuted_sentences(refuted: Refuted | None) -> list[str]:
+    """Which effects the search did without, although they predict short windows better.
+
+    Args:
+        refuted: These effects.
+    """
+    if refuted is None:
+        return []
+    names = listed(refuted.names)
+    return [
+        f"The search was repeated without {names}: what tosses show without a simulator contradicts such a simulator, "
+        f"and it predicts whole tosses worse. {_grown(refuted.whole)} Over short windows it is the better one."
     ]
 
 

@@ -9,7 +9,12 @@ from tossid.diagnosis.report.confusable_text import alone_instead, confusable_se
 from tossid.diagnosis.report.interruption_text import interruption_sentences
 from tossid.diagnosis.report.localisation_text import carried_on
 from tossid.diagnosis.report.order_text import over_order_sentences
-from tossid.diagnosis.report.refusal_text import contradiction_sentences, refusal_sentences, refusal_words
+from tossid.diagnosis.report.refusal_text import (
+    contradiction_sentences,
+    refusal_sentences,
+    refusal_words,
+    refuted_sentences,
+)
 from tossid.diagnosis.report.units import closed_share, in_units, listed, parameter, percent, quantity, short
 from tossid.diagnosis.result import Diagnosis
 from tossid.physics.effects import effect_named
@@ -89,6 +94,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.found:
         text.append(_how_far(diagnosis))
         text += confusable_sentences(diagnosis)
+    text += refuted_sentences(diagnosis.refuted)
     text += [*refusal_sentences(diagnosis.rollouts), *contradiction_sentences(diagnosis)]
     text += [_another_law(name, power) for name, power in diagnosis.other_laws]
     text += [_unsteady(diagnosis, name) for name in diagnosis.unsteady]

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.likelihood.windows import make_windows
+from tossid.diagnosis.localisation.contradictions import PredictiveCheck
 from tossid.diagnosis.localisation.gap import share_left
 from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator, draw_folds
@@ -36,39 +37,32 @@ from tossid.diagnosis.selection.search import search
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.diagnosis.selection.stability import Repeat, Stability
 from tossid.diagnosis.under_way import UnderWay
-from tossid.objects import ObjectModel
-from tossid.physics.effects import Effect, World
+from tossid.physics.effects import Effect
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings, StabilitySettings
 from tossid.types import Toss
 
-MeasuredOf = Callable[[Sequence[Toss], World], dict[str, float]]
-"""What tosses say by themselves of the effects whose values in a world they contradict, by name."""
-
-
-def _nothing_measured(tosses: Sequence[Toss], at: World) -> dict[str, float]:
-    return {}
+CheckOf = Callable[[Sequence[Toss]], PredictiveCheck]
+"""The check of a hypothesis by drawn tosses."""
 
 
 def repeated(
     tosses: Sequence[Toss],
-    model: ObjectModel,
     validator: CrossValidator,
     found: SearchResult,
     library: Sequence[Effect],
     *,
     seed: int,
-    measured: MeasuredOf = _nothing_measured,
+    check_of: CheckOf | None = None,
 ) -> Iterator[Stability]:
     """The search repeated, as often as the settings say.
 
     Args:
         tosses: That were searched.
-        model: Their object.
         validator: Of all their windows.
         found: What the search found.
         library: The effects that it chose from.
         seed: Of all draws; repeats of a smaller number are the first of them.
-        measured: What drawn tosses say by themselves.
+        check_of: Makes the check of a hypothesis by drawn tosses; None for no check.
 
     Yields:
         What all repeats so far have found.
@@ -81,8 +75,8 @@ def repeated(
     if not some:  # no effect gains by a step, so that no repeat has anything to choose from
         yield Stability((Repeat((), 0.0),) * settings.repeats, least)
         return
-    if not found.begun_as_measured:
-        measured = _nothing_measured  # the first search stands, and its repeats take as long as it did
+    if not (found.begun_as_measured or found.refuted):
+        check_of = None  # the first search stands, and its repeats take as long as it did
     stopped = Event()
 
     def unless_stopped(what: str, share: float) -> None:
@@ -92,12 +86,11 @@ def repeated(
     one = partial(
         _repeat,
         tosses,
-        model,
         validator,
         found.first.hypothesis,
         some,
         len(library),
-        measured,
+        check_of,
         UnderWay(progress=unless_stopped),
     )
     draws = np.random.default_rng([seed, 7]).spawn(settings.repeats)
@@ -139,12 +132,11 @@ def _most_promising(validator: CrossValidator, present: Candidate, library: Sequ
 
 def _repeat(
     tosses: Sequence[Toss],
-    model: ObjectModel,
     validator: CrossValidator,
     nothing: Hypothesis,
     library: Sequence[Effect],
     whole: int,
-    measured: MeasuredOf,
+    check_of: CheckOf | None,
     under_way: UnderWay,
     rng: np.random.Generator,
 ) -> Repeat:
@@ -152,12 +144,11 @@ def _repeat(
 
     Args:
         tosses: That were searched.
-        model: Their object.
         validator: Of all their windows.
         nothing: The hypothesis without effects, with the contact law that the tosses follow.
         library: The effects that may be named.
         whole: How many effects the library has from which these were chosen.
-        measured: What drawn tosses say by themselves, as of `repeated`.
+        check_of: As of `repeated`.
         under_way: Told what is done; it may end the repeat.
         rng: Of this repeat.
     """
@@ -165,9 +156,10 @@ def _repeat(
     n, length = validator.n, settings.likelihood.windows.length
     draw, folds = resampled(n, settings.cross_validation.folds, rng)
     drawn = [tosses[i] for i in draw]
-    windows = make_windows(drawn, model, settings=settings.likelihood, shift=int(rng.integers(length)))
+    windows = make_windows(drawn, nothing.base.object, settings=settings.likelihood, shift=int(rng.integers(length)))
     own = replace(validator, windows=windows, folds=folds, n_threads=1, settings=settings)
-    found = search(own, library, own.evaluate(nothing), under_way, partial(measured, drawn), law_is_known=True)
+    check = None if check_of is None else check_of(drawn)
+    found = search(own, library, own.evaluate(nothing), under_way, check, law_is_known=True)
     found = with_saturated_effects(own, found)
     found, spread = pruned_by_wald_test(own, found, np.zeros(len(found.present.hypothesis.flat())))
     found, _ = plausible_names(own, found, spread)

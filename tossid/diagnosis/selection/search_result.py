@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.physics.effects import Effect
+
+if TYPE_CHECKING:
+    from tossid.diagnosis.localisation.refusal import Refuted
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,7 @@ class SearchResult:
         unsteady: Effects that flight reveals, but not the same in all tosses.
         implausible: Effects whose intervals hold no change or touch a bound (`selection.plausibility`).
         begun_as_measured: Whether it is that of the search that began at what tosses say by themselves.
+        refuted: Effects without which it was searched once more; None if there are none.
         saturated: Ranges of the sizes that tosses bound on one side only, by effect (`selection.saturation`).
         instead: In flight, the same with two effects in place of one that does there what they do together.
         other_causes: In all windows, causes that may be there instead of some that flight has revealed.
@@ -58,6 +63,7 @@ class SearchResult:
     unsteady: tuple[str, ...] = ()
     implausible: tuple[str, ...] = ()
     begun_as_measured: bool = False
+    refuted: Refuted | None = None
     saturated: dict[str, Interval] = field(default_factory=dict)
     instead: SearchResult | None = None
     other_causes: OtherCauses | None = None
