@@ -108,9 +108,9 @@ def test_names_of_contact_stand_where_solvers_disagree_as_much_as_is_left(
     ("name", "values", "key", "others"),
     [
         ("uniform_force", [0.06, -0.03, 0.0], "x_n", []),
-        ("gravity", [9.6], "g_ms2", []),
+        pytest.param("gravity", [9.6], "g_ms2", [], marks=pytest.mark.slow),
         ("time_base", [1.012], "rate_rel", ["gravity"]),
-        ("com_offset", [0.004, -0.003, 0.003], "x_m", ["body_frame_offset"]),
+        pytest.param("com_offset", [0.004, -0.003, 0.003], "x_m", ["body_frame_offset"], marks=pytest.mark.slow),
     ],
 )
 def test_what_flight_makes_certain_is_named_although_contact_stays_unexplained(

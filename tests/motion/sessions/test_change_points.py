@@ -53,27 +53,27 @@ def test_no_change_is_found_in_an_order_that_means_nothing(draw: str) -> None:
 def test_a_change_at_a_known_place_takes_less() -> None:
     settings = SessionSettings(significance=0.005, permutations=1999)
     known = searched = 0
-    for seed in range(20):
+    for seed in range(12):
         rng = np.random.default_rng(seed)
         values = rng.normal(size=(24, 2))
         values[11:] += [1.9, 0.0]
         some = {"tilt": witness(values)} | {f"{i}": witness(rng.normal(size=(24, 1))) for i in range(30)}
         known += "tilt" in changes_at(some, 11, settings=replace(settings, permutations=19999))
         searched += bool(find_changes(some, settings=settings))
-    assert known >= 7
-    assert searched <= 3
+    assert known >= 4
+    assert searched <= 2
 
 
 def test_many_witnesses_seldom_change_by_chance_at_a_place() -> None:
     settings, alone, together = SessionSettings(significance=0.05, permutations=499), 0, 0
-    for seed in range(40):
+    for seed in range(20):
         rng = np.random.default_rng(seed)
         common = rng.normal(size=(30, 2))
         some = {f"{i}": witness(0.5 * common + rng.standard_t(2, size=(30, 2))) for i in range(10)}
         together += bool(changes_at(some, 12, settings=settings))
         alone += any(changes_at({name: one}, 12, settings=settings) for name, one in some.items())
-    assert together <= 5
-    assert alone >= 10
+    assert together <= 3
+    assert alone >= 5
 
 
 def test_each_witness_is_tested_by_itself_where_anything_changes() -> None:

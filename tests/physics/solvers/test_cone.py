@@ -10,7 +10,9 @@ from tests.physics.solvers.reference import ACCEPTED_KKT_ERROR, cone_kkt_error, 
 from tossid.physics.solvers import ExactCone, SolverStatus, solve_contacts
 
 
-@pytest.mark.parametrize(("solver", "share"), [(ExactCone(), 0.01), (ExactCone(60, 60), 0.005)])
+@pytest.mark.parametrize(
+    ("solver", "share"), [(ExactCone(), 0.01), pytest.param(ExactCone(60, 60), 0.005, marks=pytest.mark.slow)]
+)
 def test_ten_thousand_problems_satisfy_complementarity_or_say_otherwise(solver: ExactCone, share: float) -> None:
     total, unsolved = 0, 0
     for A, b, mu in draw_many(10_000, 0).values():

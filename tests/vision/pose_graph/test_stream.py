@@ -71,6 +71,7 @@ def test_pieces_give_what_the_whole_gives(tagged: ObjectModel) -> None:
     assert [row[:2] for row in pieces.report.worst_frames] == [row[:2] for row in whole.report.worst_frames]
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_recording(tagged: ObjectModel) -> None:
     cameras, layout = default_rig(), layout_of(tagged)
     _, once = tumble(100, np.random.default_rng(1))

@@ -14,7 +14,7 @@ from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 
 
-@pytest.mark.parametrize("truth", LAWS)
+@pytest.mark.parametrize("truth", [pytest.param("after the impact", marks=pytest.mark.slow), "as it turns (Routh)"])
 def test_the_law_that_made_impacts_leaves_less(cube: ObjectModel, truth: str) -> None:
     world = World(cube.with_changes(restitution=0.3, friction=0.25, inertia=1.2 * cube.inertia))
     made = replace(world, law=world.law._replace(impulse_parts=float(LAWS[truth])))
