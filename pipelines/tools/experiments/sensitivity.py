@@ -3,10 +3,12 @@
     python -m pipelines.tools.experiments.sensitivity FILE.h5 out=LINES.jsonl [split=train] [tosses=24]
         [seed=0] [repeats=0] [part=1/1]
     python -m pipelines.tools.experiments.sensitivity table=LINES.jsonl
+    python -m pipelines.tools.experiments.sensitivity brief=LINES.jsonl
 
 One JSON line a diagnosis: what was changed, the verdict, names, values with 95 % intervals, and the share of the gap
-that is closed. Lines that are in the file already are not computed again. `table` prints them in Markdown. With
-`part=1/2` and `part=2/2` two processes share the diagnoses and the file.
+that is closed. Lines that are in the file already are not computed again. `table` prints them in Markdown, and `brief`
+without intervals of values, for diagnoses that find many effects. With `part=1/2` and `part=2/2` two processes share
+the diagnoses and the file.
 
 The ten are those that decide what an answer rests on. Four decide what the tosses say: how long windows are, how much
 flight counts over contact, how far recorded velocities are trusted, and how much outliers count. One bounds what a
@@ -135,12 +137,36 @@ def table(lines: list[dict[str, Any]]) -> str:
     return "\n".join(rows)
 
 
+def brief(lines: list[dict[str, Any]]) -> str:
+    """The lines in Markdown, in the order of `variants`, with values alone; what is named is bold.
+
+    Args:
+        lines: As `run` writes them.
+    """
+    rows = ["| setting | value | verdict | found (**named**) | closed [%] |", "|---|---|---|---|---|"]
+    order = list(variants())
+    for line in sorted(lines, key=lambda line: order.index(line["settings"])):
+        key, setting = next(iter(line["settings"].items()), ("as it is", ""))
+        sizes: dict[str, list[str]] = {}
+        for name, (middle, _, _) in line["values"].items():
+            sizes.setdefault(name.partition(".")[0], []).append(f"{middle:.3g}")
+        found = [f"**{name}** {', '.join(sizes[name])}" for name in sorted(line["named"])]
+        found += [f"{name} {', '.join(sizes[name])}" for name in sorted(line["candidates"])]
+        closed = [f"{100 * each:.0f}" for each in (line["closed"]["value"], *line["closed"]["ci95"])]
+        verdict = line["verdict"].replace("_", " ")
+        rows.append(
+            f"| {key} | {setting} | {verdict} | {'; '.join(found)} | {closed[0]} ({closed[1]} to {closed[2]}) |"
+        )
+    return "\n".join(rows)
+
+
 def main(arguments: list[str]) -> None:
-    """Run what is missing, or print the table."""
+    """Run what is missing, or print a table."""
     keys = dict(each.split("=", 1) for each in arguments if "=" in each)
-    if "table" in keys:
-        sys.stdout.write(table([json.loads(line) for line in Path(keys["table"]).read_text().splitlines()]) + "\n")
-        return
+    for name, printed in (("table", table), ("brief", brief)):
+        if name in keys:
+            sys.stdout.write(printed([json.loads(line) for line in Path(keys[name]).read_text().splitlines()]) + "\n")
+            return
     (file,) = (each for each in arguments if "=" not in each)
     chosen: dict[str, Any] = {name: int(keys[name]) for name in ("tosses", "seed") if name in keys}
     chosen |= {"split": keys["split"]} if "split" in keys else {}

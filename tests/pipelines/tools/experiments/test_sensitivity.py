@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.tools.experiments import sensitivity
-from pipelines.tools.experiments.sensitivity import HALVED_AND_DOUBLED, run, table, variants
+from pipelines.tools.experiments.sensitivity import HALVED_AND_DOUBLED, brief, run, table, variants
 from tests.diagnosis.tossed import seen
 from tossid.diagnosis.findings import Interval
 from tossid.objects import ObjectModel
@@ -45,7 +45,7 @@ def test_what_is_there_is_not_computed_again(
     assert value == pytest.approx(0.3, abs=0.01)
 
 
-def test_the_table_has_a_row_for_each_line() -> None:
+def test_the_tables_have_a_row_for_each_line() -> None:
     shares = Interval(0.5, 0.4, 0.6).as_json()
     lines = [
         {
@@ -73,3 +73,7 @@ def test_the_table_has_a_row_for_each_line() -> None:
         "| selection.level | 0.1 | explained | friction, (inertia) | friction: mu 0.3 (0.29 to 0.31); "
         "inertia: scale_rel 1.1 (1 to 1.2) | cohesion | 50 (40 to 60) |"
     )
+    assert brief(lines).splitlines()[2:] == [
+        "| as it is |  | no gap |  | 50 (40 to 60) |",
+        "| selection.level | 0.1 | explained | **friction** 0.3; inertia 1.1 | 50 (40 to 60) |",
+    ]
