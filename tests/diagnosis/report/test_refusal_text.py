@@ -7,12 +7,7 @@ from dataclasses import replace
 from tests.diagnosis.by_hand import diagnosis
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.localisation.refusal import Growth, Refuted, RolloutCheck
-from tossid.diagnosis.report.refusal_text import (
-    contradiction_sentences,
-    refusal_sentences,
-    refusal_words,
-    refuted_sentences,
-)
+from tossid.diagnosis.report.refusal_text import contradiction_sentences, refusal_sentences, refusal_words
 from tossid.diagnosis.report.text import headline, sentences
 from tossid.diagnosis.witness import Witness
 from tossid.objects import ObjectModel
@@ -63,11 +58,11 @@ def test_what_tosses_contradict_is_said_with_both_values(cube: ObjectModel) -> N
 
 def test_what_the_search_did_without_is_said_with_its_reason(cube: ObjectModel) -> None:
     refuted = Refuted(("compliance",), WORSE)
-    (said,) = refuted_sentences(refuted)
+    (said,) = contradiction_sentences(replace(diagnosis(cube), refuted=refuted))
     assert said in sentences(replace(diagnosis(cube), refuted=refuted))
     assert said.startswith("The search was repeated without compliance: what tosses show")
     assert "the position error grows by 3.9 % of the width" in said
-    assert refuted_sentences(None) == []
+    assert contradiction_sentences(diagnosis(cube)) == []
     told = replace(diagnosis(cube), refuted=refuted).as_json()["explanation"]["refuted"]
     assert (told["effects"], told["refused"]) == (["compliance"], True)
     assert diagnosis(cube).as_json()["explanation"]["refuted"] is None

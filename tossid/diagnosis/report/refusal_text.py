@@ -41,28 +41,13 @@ def refusal_sentences(check: RolloutCheck | None) -> list[str]:
     ]
 
 
-def refuted_sentences(refuted: Refuted | None) -> list[str]:
-    """Which effects the search did without, although they predict short windows better.
-
-    Args:
-        refuted: These effects.
-    """
-    if refuted is None:
-        return []
-    names = listed(refuted.names)
-    return [
-        f"The search was repeated without {names}: what tosses show without a simulator contradicts such a simulator, "
-        f"and it predicts whole tosses worse. {_grown(refuted.whole)} Over short windows it is the better one."
-    ]
-
-
 def contradiction_sentences(diagnosis: Diagnosis) -> list[str]:
-    """What tosses show by themselves against what was found.
+    """What tosses show by themselves against what was found, and what the search did without for that reason.
 
     Args:
         diagnosis: What was found.
     """
-    text = []
+    text = _refuted(diagnosis.refuted)
     for each in diagnosis.witnesses:
         if not each.contradicts or each.predicted is None or diagnosis.verdict == "explained":
             continue
@@ -76,6 +61,17 @@ def contradiction_sentences(diagnosis: Diagnosis) -> list[str]:
         else:
             text.append(f"{said}Nothing that was found accounts for it.")
     return text
+
+
+def _refuted(refuted: Refuted | None) -> list[str]:
+    """Which effects the search did without, although they predict short windows better."""
+    if refuted is None:
+        return []
+    names = listed(refuted.names)
+    return [
+        f"The search was repeated without {names}: what tosses show without a simulator contradicts such a simulator, "
+        f"and it predicts whole tosses worse. {_grown(refuted.whole)} Over short windows it is the better one."
+    ]
 
 
 def _grown(growth: Growth) -> str:

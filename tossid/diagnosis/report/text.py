@@ -7,14 +7,10 @@ from collections.abc import Mapping, Sequence
 from tossid.diagnosis.findings import Finding, Interval, Share
 from tossid.diagnosis.report.confusable_text import alone_instead, confusable_sentences
 from tossid.diagnosis.report.interruption_text import interruption_sentences
+from tossid.diagnosis.report.limit_text import limit_sentences
 from tossid.diagnosis.report.localisation_text import carried_on
 from tossid.diagnosis.report.order_text import over_order_sentences
-from tossid.diagnosis.report.refusal_text import (
-    contradiction_sentences,
-    refusal_sentences,
-    refusal_words,
-    refuted_sentences,
-)
+from tossid.diagnosis.report.refusal_text import contradiction_sentences, refusal_sentences, refusal_words
 from tossid.diagnosis.report.units import closed_share, in_units, listed, parameter, percent, quantity, short
 from tossid.diagnosis.result import Diagnosis
 from tossid.physics.effects import effect_named
@@ -93,8 +89,8 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
     text += [_one_effect(diagnosis, name) for name in diagnosis.found]
     if diagnosis.found:
         text.append(_how_far(diagnosis))
+        text += limit_sentences(diagnosis)
         text += confusable_sentences(diagnosis)
-    text += refuted_sentences(diagnosis.refuted)
     text += [*refusal_sentences(diagnosis.rollouts), *contradiction_sentences(diagnosis)]
     text += [_another_law(name, power) for name, power in diagnosis.other_laws]
     text += [_unsteady(diagnosis, name) for name in diagnosis.unsteady]

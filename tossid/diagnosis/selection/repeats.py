@@ -158,7 +158,8 @@ def _repeat(
     drawn = [tosses[i] for i in draw]
     windows = make_windows(drawn, nothing.base.object, settings=settings.likelihood, shift=int(rng.integers(length)))
     own = replace(validator, windows=windows, folds=folds, n_threads=1, settings=settings)
-    check = None if check_of is None else check_of(drawn)
+    # (a copy counts as a toss of its own there, as it does in the windows)
+    check = None if check_of is None else check_of([replace(x, name=f"{x.name}, {i}") for i, x in enumerate(drawn)])
     found = search(own, library, own.evaluate(nothing), under_way, check, law_is_known=True)
     found = with_saturated_effects(own, found)
     found, spread = pruned_by_wald_test(own, found, np.zeros(len(found.present.hypothesis.flat())))
