@@ -73,11 +73,12 @@ def diagnoses(console: Console) -> dict[str, dict[str, Any]]:
 def rows(found: dict[str, dict[str, Any]], kept: dict[str, Any]) -> list[list[str]]:
     """The table's rows: each case's figures, and those of the release, "-" where it has none."""
     then = kept.get("cases", {})
-    return [
-        [name, elapsed, *(_seconds(each.get(key)) for key in FIRST_ANSWERS), *others, *_figures(then.get(name))]
-        for name, each in found.items()
-        for elapsed, *others in (_figures(each),)
-    ]
+    table = []
+    for name, each in found.items():
+        elapsed, *others = _figures(each)
+        first = (_seconds(each.get(key)) for key in FIRST_ANSWERS)
+        table.append([name, elapsed, *first, *others, *_figures(then.get(name))])
+    return table
 
 
 def _figures(case: dict[str, Any] | None) -> list[str]:

@@ -120,9 +120,7 @@ def table(lines: list[dict[str, Any]]) -> str:
         "| setting | value | verdict | named, or (candidates) | 95 % | cannot be told from | closed [%] |",
         "|---|---|---|---|---|---|---|",
     ]
-    order = list(variants())
-    for line in sorted(lines, key=lambda line: order.index(line["settings"])):
-        key, value = next(iter(line["settings"].items()), ("as it is", ""))
+    for key, value, line in _in_order(lines):
         values: dict[str, list[str]] = {}
         for name, (middle, low, high) in line["values"].items():
             effect, parameter = name.split(".")
@@ -131,9 +129,7 @@ def table(lines: list[dict[str, Any]]) -> str:
         names = ", ".join([*line["named"], *(f"({each})" for each in line["candidates"])]) or "nothing"
         sizes = "; ".join(f"{each}: {', '.join(values[each])}" for each in found)
         others = "; ".join(", ".join(line["alternatives"][each]) for each in found if each in line["alternatives"])
-        closed = [f"{100 * each:.0f}" for each in (line["closed"]["value"], *line["closed"]["ci95"])]
-        share = f"{closed[0]} ({closed[1]} to {closed[2]})"
-        rows.append(f"| {key} | {value} | {line['verdict']} | {names} | {sizes} | {others} | {share} |")
+        rows.append(f"| {key} | {value} | {line['verdict']} | {names} | {sizes} | {others} | {_closed(line)} |")
     return "\n".join(rows)
 
 
@@ -144,20 +140,28 @@ def brief(lines: list[dict[str, Any]]) -> str:
         lines: As `run` writes them.
     """
     rows = ["| setting | value | verdict | found (**named**) | closed [%] |", "|---|---|---|---|---|"]
-    order = list(variants())
-    for line in sorted(lines, key=lambda line: order.index(line["settings"])):
-        key, setting = next(iter(line["settings"].items()), ("as it is", ""))
+    for key, value, line in _in_order(lines):
         sizes: dict[str, list[str]] = {}
         for name, (middle, _, _) in line["values"].items():
             sizes.setdefault(name.partition(".")[0], []).append(f"{middle:.3g}")
         found = [f"**{name}** {', '.join(sizes[name])}" for name in sorted(line["named"])]
         found += [f"{name} {', '.join(sizes[name])}" for name in sorted(line["candidates"])]
-        closed = [f"{100 * each:.0f}" for each in (line["closed"]["value"], *line["closed"]["ci95"])]
         verdict = line["verdict"].replace("_", " ")
-        rows.append(
-            f"| {key} | {setting} | {verdict} | {'; '.join(found)} | {closed[0]} ({closed[1]} to {closed[2]}) |"
-        )
+        rows.append(f"| {key} | {value} | {verdict} | {'; '.join(found)} | {_closed(line)} |")
     return "\n".join(rows)
+
+
+def _in_order(lines: list[dict[str, Any]]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
+    """Each line with the setting that is changed and its value, in the order of `variants`."""
+    order = list(variants())
+    for line in sorted(lines, key=lambda line: order.index(line["settings"])):
+        yield *next(iter(line["settings"].items()), ("as it is", "")), line
+
+
+def _closed(line: dict[str, Any]) -> str:
+    """The share that is closed, with its interval [%]."""
+    value, low, high = (f"{100 * each:.0f}" for each in (line["closed"]["value"], *line["closed"]["ci95"]))
+    return f"{value} ({low} to {high})"
 
 
 def main(arguments: list[str]) -> None:

@@ -57,6 +57,11 @@ def test_the_gap_of_the_first_tosses_is_told_where_there_are_many(cube: ObjectMo
             assert f"(of the first {shown} of {count} tosses)" in told[0]
             assert under_way.so_far is not None
             assert len(under_way.so_far.tosses) == shown
+    undo_changes(Problem(tosses, World(cube), FEW, under_way=under_way).in_order())
+    assert len(told) == 2
+    assert "tosses" not in told[-1]
+    assert under_way.so_far is not None
+    assert len(under_way.so_far.tosses) == 25
 
 
 def test_first_tosses_that_are_too_short_are_no_error(cube: ObjectModel) -> None:
@@ -65,6 +70,8 @@ def test_first_tosses_that_are_too_short_are_no_error(cube: ObjectModel) -> None
     told: list[str] = []
     tell_gap_of_first(Problem(short, World(cube), FEW, under_way=UnderWay(news=told.append)).in_order())
     assert told == []
+    undo_changes(Problem(short, World(cube), FEW, under_way=UnderWay(news=told.append)).in_order())
+    assert len(told) == 1
 
 
 def test_a_tilt_that_grows_from_toss_to_toss_drifts(cube: ObjectModel) -> None:

@@ -60,8 +60,8 @@ def test_a_change_at_a_known_place_takes_less() -> None:
         some = {"tilt": witness(values)} | {f"{i}": witness(rng.normal(size=(24, 1))) for i in range(30)}
         known += "tilt" in changes_at(some, 11, settings=replace(settings, permutations=19999))
         searched += bool(find_changes(some, settings=settings))
-    assert known >= 4
-    assert searched <= 2
+    assert known >= 5
+    assert searched <= 1
 
 
 def test_many_witnesses_seldom_change_by_chance_at_a_place() -> None:
@@ -72,7 +72,7 @@ def test_many_witnesses_seldom_change_by_chance_at_a_place() -> None:
         some = {f"{i}": witness(0.5 * common + rng.standard_t(2, size=(30, 2))) for i in range(10)}
         together += bool(changes_at(some, 12, settings=settings))
         alone += any(changes_at({name: one}, 12, settings=settings) for name, one in some.items())
-    assert together <= 3
+    assert together <= 2
     assert alone >= 5
 
 

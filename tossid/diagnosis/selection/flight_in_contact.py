@@ -69,6 +69,10 @@ class FlightInContact:
         """The hypothesis, with Coulomb's law in place of its relaxation if an effect of contact explains more under it.
 
         The relaxation lifts what slides, and so makes up for some of a missing bounce.
+
+        Args:
+            hypothesis: Without effects.
+            flight: What flight reveals; None where there is none.
         """
         validator, relaxed = self.validator, hypothesis.base
         if relaxed.law.lifting == 0 or validator.engine.of_user or not self.rounds.can_name:
@@ -89,7 +93,12 @@ class FlightInContact:
         return hypothesis
 
     def flown(self, hypothesis: Hypothesis, flight: SearchResult | None) -> Flown:
-        """The effects that flight reveals, on all windows, from the hypothesis without effects on."""
+        """The effects that flight reveals, on all windows, from the hypothesis without effects on.
+
+        Args:
+            hypothesis: Without effects.
+            flight: What flight reveals; None where there is none.
+        """
         first = self._evaluated(hypothesis)
         history = [first]
         if flight is None or not flight.present.hypothesis.effects:
@@ -192,7 +201,11 @@ class FlightInContact:
         return [each for each in group if implausible_alone(each, self.validator.n) is None]
 
     def library_beside(self, flown: Flown) -> list[Effect]:
-        """The effects that are sought in all windows."""
+        """The effects that are sought in all windows.
+
+        Args:
+            flown: What flight reveals.
+        """
         # what could stand in for an effect of flight is tried in its place, not beside it
         confusable = {each.name for group in flown.classes.values() for each in group}
         library = [effect for effect in self.library if effect.name not in confusable]
@@ -202,7 +215,13 @@ class FlightInContact:
         return library
 
     def holding(self, present: Candidate, n_flight: int, library: Sequence[Effect]) -> ForwardSelection:
-        """Rounds in which the first effects of a hypothesis, which flight has determined, are held."""
+        """Rounds in which the first effects of a hypothesis, which flight has determined, are held.
+
+        Args:
+            present: The hypothesis.
+            n_flight: How many effects that is.
+            library: The effects to choose from.
+        """
         held = frozenset(present.hypothesis.names[:n_flight])
         return ForwardSelection(replace(self.validator, held=held), library, self.under_way)
 

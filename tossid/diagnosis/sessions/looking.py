@@ -27,7 +27,7 @@ from tossid.types import Toss
 
 Array = NDArray[np.float64]
 FEWEST_SHOWN, MOST_SHOWN = 4, 8
-"""The gap of so many tosses is shown first, of a third of them all. Not a setting: no result hangs on it."""
+"""A third of the tosses is shown first, if that is at least so many, and at most so many. No result hangs on it."""
 
 
 @dataclass(frozen=True)
