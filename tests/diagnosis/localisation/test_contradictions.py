@@ -18,6 +18,7 @@ from tossid.diagnosis.localisation.contradictions import (
     decided_by_witnesses,
     stand_ins,
 )
+from tossid.diagnosis.localisation.rollouts import toss_errors
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.diagnosis.witness import Witness
@@ -79,6 +80,16 @@ def test_tosses_contradict_a_bounce_that_they_do_not_have(cube: ObjectModel, bou
     assert "restitution" not in check.contradicted(right)
     assert check.errors(right).shape == (24, 2)
     assert np.median(check.errors(wrong)[:, 0]) > 3 * np.median(check.errors(right)[:, 0])
+
+
+def test_whole_tosses_are_simulated_in_the_steps_of_the_settings(cube: ObjectModel, bouncing: list[Toss]) -> None:
+    some, world = bouncing[:2], World(cube)
+    default = CrossValidator.of(some, cube, seed=0)
+    simulation = replace(default.settings.likelihood.simulation, substeps=12)
+    settings = replace(default.settings, likelihood=replace(default.settings.likelihood, simulation=simulation))
+    coarse, fine = (CheckByTosses(some, world, replace(default, settings=s)) for s in (default.settings, settings))
+    assert np.array_equal(coarse.errors(world), toss_errors(some, world, n_threads=1))
+    assert not np.array_equal(fine.errors(world), coarse.errors(world))
 
 
 def test_a_class_is_led_by_what_tosses_do_not_contradict(cube: ObjectModel, bouncing: list[Toss]) -> None:

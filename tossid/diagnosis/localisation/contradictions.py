@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.likelihood.windows import Windows
+from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.diagnosis.localisation.rollouts import made_by, toss_errors
 from tossid.diagnosis.localisation.witnesses import witnesses
 from tossid.diagnosis.selection.cross_validation import CrossValidator
@@ -73,7 +73,7 @@ class CheckByTosses:
         Args:
             found: The world.
         """
-        return ask_tosses(self.tosses, self.stated, found, self.validator)
+        return ask_tosses(self.tosses, self.stated, found, self.validator, self._windows(found))
 
     def contradicted(self, found: World) -> dict[str, float]:
         """As of `contradicted_values`.
@@ -89,7 +89,11 @@ class CheckByTosses:
         Args:
             found: The world.
         """
-        return toss_errors(self.tosses, found, n_threads=self.validator.n_threads)
+        return toss_errors(self.tosses, found, self._windows(found), n_threads=self.validator.n_threads)
+
+    def _windows(self, found: World) -> Windows:
+        """The tosses' windows, in whose steps the world is simulated."""
+        return make_windows(self.tosses, found.object, settings=self.validator.settings.likelihood)
 
 
 def ask_tosses(
