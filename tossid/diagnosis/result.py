@@ -90,7 +90,7 @@ class Diagnosis:
         unseen: What was found, on tosses that took no part; None if there were none.
         minor: Names of effects that were found too, and are too small to matter.
         rollouts: What the effects do to whole tosses that took no part in the fits; None without effects.
-        refuted: Effects without which it was searched once more, as tosses contradict them; None if there are none.
+        refuted: Effects without which it was searched once more, as whole tosses refute them; None if there are none.
         candidates: Names of effects that are significant and matter, but that repeated searches name too rarely, that
             leave most of the gap, or that make predictions of whole tosses worse.
         stability: What repeated searches name.

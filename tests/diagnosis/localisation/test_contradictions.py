@@ -14,8 +14,8 @@ from tossid.diagnosis.localisation.contradictions import (
     CheckByTosses,
     ask_tosses,
     contradicted_names,
-    contradicted_values,
     decided_by_witnesses,
+    measured_values,
     stand_ins,
 )
 from tossid.diagnosis.localisation.rollouts import toss_errors
@@ -32,9 +32,8 @@ FAST = replace(SLOW, quantity="friction of fast sliding", measured=Interval(0.25
 
 
 def test_the_witness_of_most_tosses_says_the_value() -> None:
-    fine = replace(SAID, effect="inertia", contradicts=False)
-    assert contradicted_values([FAST, SAID, SLOW, fine]) == {"friction": 0.25, "restitution": 0.4}
-    assert contradicted_values([fine]) == {}
+    assert measured_values([FAST, SAID, SLOW]) == {"friction": 0.25, "restitution": 0.4}
+    assert measured_values([]) == {}
 
 
 def test_a_witness_speaks_of_all_laws_of_its_phenomenon() -> None:
@@ -44,21 +43,25 @@ def test_a_witness_speaks_of_all_laws_of_its_phenomenon() -> None:
 
 
 @pytest.mark.parametrize(
-    ("contradicted", "there", "expected"),
+    ("measured", "there", "expected"),
     [
-        (["restitution"], ["compliance", "friction"], {"compliance"}),
-        (["restitution"], ["compliance", "restitution"], set()),
-        (["friction"], ["velocity_friction", "cohesion"], set()),
-        (["friction", "inertia"], ["cohesion", "rounded_corners", "drag"], {"cohesion", "rounded_corners"}),
-        (["gravity"], ["compliance"], set()),
-        ([], ["compliance"], set()),
+        (["restitution"], ["compliance", "friction"], {"compliance": "restitution"}),
+        (["restitution"], ["compliance", "restitution"], {}),
+        (["friction"], ["velocity_friction", "cohesion"], {}),
+        (
+            ["friction", "inertia"],
+            ["cohesion", "rounded_corners"],
+            {"cohesion": "friction", "rounded_corners": "inertia"},
+        ),
+        (["friction"], ["linear_drag"], {}),
+        (["gravity"], ["compliance"], {}),
+        ([], ["compliance"], {}),
     ],
 )
 def test_stand_ins_have_the_place_of_what_is_measured(
-    contradicted: list[str], there: list[str], expected: set[str]
+    measured: list[str], there: list[str], expected: dict[str, str]
 ) -> None:
-    effects = [effect_named(name.replace("drag", "linear_drag")) for name in there]
-    assert stand_ins(contradicted, effects) == expected
+    assert stand_ins(measured, [effect_named(name) for name in there]) == expected
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +81,7 @@ def test_tosses_contradict_a_bounce_that_they_do_not_have(cube: ObjectModel, bou
     wrong, right = (World(cube.with_changes(restitution=e)) for e in (0.6, 0.4))
     assert check.contradicted(wrong)["restitution"] == pytest.approx(0.4, abs=0.02)
     assert "restitution" not in check.contradicted(right)
+    assert check.measured(right)["restitution"] == pytest.approx(0.4, abs=0.02)
     assert check.errors(right).shape == (24, 2)
     assert np.median(check.errors(wrong)[:, 0]) > 3 * np.median(check.errors(right)[:, 0])
 
@@ -110,7 +114,7 @@ def test_a_class_is_led_by_what_tosses_do_not_contradict(cube: ObjectModel, boun
     def asked(at: World) -> tuple[Witness, ...]:
         return ask_tosses(bouncing, base, at, validator)
 
-    assert contradicted_values(asked(leads.hypothesis.world()))["restitution"] == pytest.approx(0.4, abs=0.02)  # type: ignore[attr-defined]
+    assert any(each.contradicts for each in asked(leads.hypothesis.world()))  # type: ignore[attr-defined]
     decided = decided_by_witnesses(found, validator, asked)
     assert decided.present.hypothesis.names == (other.name,)
     assert [each.name for each in decided.classes[other.name]] == [bounce.name]

@@ -60,7 +60,7 @@ def test_what_the_search_did_without_is_said_with_its_reason(cube: ObjectModel) 
     refuted = Refuted(("compliance",), WORSE)
     (said,) = contradiction_sentences(replace(diagnosis(cube), refuted=refuted))
     assert said in sentences(replace(diagnosis(cube), refuted=refuted))
-    assert said.startswith("The search was repeated without compliance: what tosses show")
+    assert said.startswith("The search was repeated without compliance: in its place, what tosses show")
     assert "the position error grows by 3.9 % of the width" in said
     assert contradiction_sentences(diagnosis(cube)) == []
     told = replace(diagnosis(cube), refuted=refuted).as_json()["explanation"]["refuted"]

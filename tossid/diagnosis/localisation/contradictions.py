@@ -38,6 +38,13 @@ CONCERNS: dict[str, frozenset[str]] = {
 class PredictiveCheck(Protocol):
     """A posterior predictive check: what tosses say against a world."""
 
+    def measured(self, found: World) -> dict[str, float]:
+        """What they measure of effects, by name.
+
+        Args:
+            found: The world, whose recording errors, centre of mass and corners are used.
+        """
+
     def contradicted(self, found: World) -> dict[str, float]:
         """What they measure of the effects whose values in a world they contradict, by name.
 
@@ -75,13 +82,21 @@ class CheckByTosses:
         """
         return ask_tosses(self.tosses, self.stated, found, self.validator, self._windows(found))
 
-    def contradicted(self, found: World) -> dict[str, float]:
-        """As of `contradicted_values`.
+    def measured(self, found: World) -> dict[str, float]:
+        """As of `measured_values`.
 
         Args:
             found: The world.
         """
-        return contradicted_values(self.witnesses(found))
+        return measured_values(self.witnesses(found))
+
+    def contradicted(self, found: World) -> dict[str, float]:
+        """As of `measured_values`, of the witnesses that contradict the world.
+
+        Args:
+            found: The world.
+        """
+        return measured_values([each for each in self.witnesses(found) if each.contradicts])
 
     def errors(self, found: World) -> Array:
         """As of `toss_errors`.
@@ -116,16 +131,15 @@ def ask_tosses(
     return witnesses(tosses, stated, found, settings, made)
 
 
-def contradicted_values(said: Sequence[Witness]) -> dict[str, float]:
-    """What tosses say of the effects whose found values they contradict, by the effect's name.
+def measured_values(said: Sequence[Witness]) -> dict[str, float]:
+    """What tosses say of effects, by the effect's name.
 
-    Of several such witnesses of an effect the one that most tosses reveal counts.
+    Of several witnesses of an effect the one that most tosses reveal counts.
 
     Args:
         said: The witnesses of a hypothesis.
     """
-    against = [each for each in said if each.contradicts]
-    return {each.effect: each.measured.value for each in sorted(against, key=lambda each: each.tosses)}
+    return {each.effect: each.measured.value for each in sorted(said, key=lambda each: each.tosses)}
 
 
 def contradicted_names(said: Sequence[Witness], names: Collection[str]) -> frozenset[str]:
@@ -139,18 +153,18 @@ def contradicted_names(said: Sequence[Witness], names: Collection[str]) -> froze
     return frozenset(names) & frozenset().union(*against)
 
 
-def stand_ins(contradicted: Collection[str], effects: Sequence[Effect]) -> frozenset[str]:
-    """Names of effects that have the place of others which tosses measure, and contradict.
+def stand_ins(measured: Collection[str], effects: Sequence[Effect]) -> dict[str, str]:
+    """Which effects of a hypothesis have the place of others that tosses measure, by name, and whose.
 
     An effect that contains the measured one is no stand-in, and there is none where a hypothesis has the measured one.
 
     Args:
-        contradicted: Names of the effects that tosses contradict.
-        effects: Of the hypothesis that they contradict.
+        measured: Names of the effects that tosses measure.
+        effects: Of the hypothesis.
     """
     there = {each.name for each in effects}.union(*(each.contains for each in effects))
-    concerned = [CONCERNS.get(name, frozenset()) for name in contradicted if name not in there]
-    return frozenset(each.name for each in effects if any(each.name in names for names in concerned))
+    missing = [name for name in CONCERNS if name in measured and name not in there]
+    return {each.name: name for each in effects for name in missing if each.name in CONCERNS[name]}
 
 
 def decided_by_witnesses(found: SearchResult, validator: CrossValidator, asked: Asked) -> SearchResult:

@@ -117,7 +117,7 @@ class RolloutCheck:
 
 @dataclass(frozen=True)
 class Refuted:
-    """Effects without which the search was repeated, as tosses contradict them and whole tosses are predicted worse.
+    """Effects without which the search was repeated, as they predict whole tosses worse than what tosses measure.
 
     Attributes:
         names: Of the effects.

@@ -69,8 +69,9 @@ def _refuted(refuted: Refuted | None) -> list[str]:
         return []
     names = listed(refuted.names)
     return [
-        f"The search was repeated without {names}: what tosses show without a simulator contradicts such a simulator, "
-        f"and it predicts whole tosses worse. {_grown(refuted.whole)} Over short windows it is the better one."
+        f"The search was repeated without {names}: in its place, what tosses show without a simulator predicts whole "
+        f"tosses better. The first answer, with {names}, does better over short windows, and worse over whole tosses. "
+        f"{_grown(refuted.whole)}"
     ]
 
 

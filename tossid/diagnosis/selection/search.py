@@ -8,8 +8,8 @@ Where tosses contradict what the search has found and much of the gap is left, i
 impacts and slides say by themselves (`localisation.witnesses`). Forward selection takes one effect at a time, and where
 no hypothesis is near the noise it ends where it happens to go.
 
-Where tosses measure an effect, and what was found has another one in its place that they contradict, the search is
-repeated without that one. Whole tosses decide between the two.
+Where what was found has another effect in the place of one that tosses measure, and whole tosses are predicted better
+with the measured one, the search is repeated without the other. Whole tosses decide between both answers.
 """
 
 from __future__ import annotations
@@ -121,11 +121,17 @@ class _Search:
         return path, False
 
     def _stand_ins(self, found: Candidate, n_flight: int) -> frozenset[str]:
-        """Names of effects of contact in whose place tosses measure another effect, of another value than theirs."""
-        effects, library = found.hypothesis.effects[n_flight:], {effect.name for effect in self.library}
+        """Names of effects of contact in whose place what tosses measure predicts whole tosses better."""
+        effects, library = found.hypothesis.effects[n_flight:], {effect.name: effect for effect in self.library}
         if self.check is None or not self._rounds.can_name or not stand_ins(library, effects):
             return frozenset()
-        return stand_ins(library & self.check.contradicted(found.hypothesis.world()).keys(), effects)
+        hypothesis, said = found.hypothesis, self.check.measured(found.hypothesis.world())
+        asked = set()
+        for name, measured in stand_ins(library.keys() & said.keys(), effects).items():
+            instead = hypothesis.with_instead(name, library[measured], np.array([said[measured]]))
+            if self._growth(hypothesis, instead.clipped(instead.flat())).refused:
+                asked.add(name)
+        return frozenset(asked)
 
     def _refuted(self, found: Candidate, other: Candidate, names: frozenset[str]) -> Refuted | None:
         """Effects of a hypothesis that are refuted by another one without them.
@@ -137,10 +143,15 @@ class _Search:
         effects = [effect for effect in found.hypothesis.effects if effect.name in names]
         if stand_ins(self.check.contradicted(other.hypothesis.world()), effects):
             return None
-        settings = self.validator.settings.verdict
-        errors, before = (self.check.errors(each.hypothesis.world()) for each in (found, other))
-        growth = Growth.of(errors, before, settings.refused_level, settings)
+        growth = self._growth(found.hypothesis, other.hypothesis)
         return Refuted(tuple(sorted(names)), growth) if growth.refused else None
+
+    def _growth(self, hypothesis: Hypothesis, other: Hypothesis) -> Growth:
+        """How much larger the errors of whole tosses are under a hypothesis than under another one."""
+        assert self.check is not None
+        settings = self.validator.settings.verdict
+        errors, before = (self.check.errors(each.world()) for each in (hypothesis, other))
+        return Growth.of(errors, before, settings.refused_level, settings)
 
     def _with_two_causes(
         self, flown: Flown, apart: Flown, path: SelectionPath
