@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from tests.diagnosis.by_hand import diagnosis
 from tossid.diagnosis.findings import Finding, Interval
+from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.report.confusable_text import confusable_sentences
 from tossid.diagnosis.result import Diagnosis
 from tossid.objects import ObjectModel
+from tossid.physics.effects import World
 
 
 def finding(name: str, *others: str, **values: float) -> Finding:
@@ -33,6 +36,17 @@ def test_gravity_that_no_place_on_earth_has_is_not_the_cause(cube: ObjectModel, 
     (text,) = confusable_sentences(with_findings(cube, length, pull, named="length_scale"))
     assert "cannot distinguish length_scale from gravity: the cause may be any" in text
     assert ("so it is not the cause in real tosses" in text) == said
+
+
+@pytest.mark.parametrize(("gravity", "said"), [(9.64, True), (9.5, False), (9.9, False), (9.79, False)])
+def test_gravity_that_displaced_air_explains_is_said(cube: ObjectModel, gravity: float, said: bool) -> None:
+    """Air of 1.2 g carries 1.2 % of an object of one litre and 100 g."""
+    light = replace(cube, mass=np.array([0.1]), corner_pos=0.05 * np.sign(cube.corner_pos))
+    length, pull = finding("length_scale", "gravity", scale_rel=0.98), finding("gravity", "length_scale", g_ms2=gravity)
+    found = with_findings(cube, length, pull, named="length_scale")
+    (text,) = confusable_sentences(replace(found, hypothesis=Hypothesis(World(light))))
+    assert ("displaces carries 1.2 % of its weight, which may be why gravity seems less" in text) == said
+    assert ("not the cause" in text) == (gravity in (9.5, 9.9))
 
 
 def test_causes_that_do_the_same_in_flight_are_said_once_and_together(cube: ObjectModel) -> None:

@@ -7,7 +7,11 @@ from collections.abc import Sequence
 from tossid.diagnosis.findings import Finding
 from tossid.diagnosis.report.units import listed
 from tossid.diagnosis.result import Diagnosis
+from tossid.objects import ObjectModel
+from tossid.objects.volume import hull_volume
 
+AIR_KGPM3 = 1.2
+"""Density of air at 20 degrees and sea level."""
 EARTH_MS2 = (9.764, 9.834)
 """Gravity's range on the Earth's surface [m/s²]. Hirt et al., Geophysical Research Letters 40 (2013)."""
 
@@ -38,7 +42,7 @@ def confusable_sentences(diagnosis: Diagnosis) -> list[str]:
         if others:
             text.append(
                 f"These tosses cannot distinguish {each.name} from {listed(others, 'or')}: the cause may be any of "
-                f'them. See "The next toss" in the report.{_not_on_earth(group)}'
+                f'them. See "The next toss" in the report.{_of_gravity(group, diagnosis.hypothesis.base.object)}'
             )
     if any(each.name in ours for each in found):
         one, other = (f"{listed(names)} together" if len(names) > 1 else names[0] for names in (ours, theirs))
@@ -49,11 +53,21 @@ def confusable_sentences(diagnosis: Diagnosis) -> list[str]:
     return text
 
 
-def _not_on_earth(group: Sequence[Finding]) -> str:
-    """That gravity is not what differs, where the class has it with a value that no place on Earth has."""
+def _of_gravity(group: Sequence[Finding], model: ObjectModel) -> str:
+    """Whether gravity can be what differs, where the class has it with a value that no place on Earth has.
+
+    The air that an object displaces carries a part of its weight, so that a light one falls more slowly.
+    """
     low, high = EARTH_MS2
+    carried = AIR_KGPM3 * hull_volume(model) / float(model.mass.sum())
     for finding in group:
         value = finding.parameters.get("g_ms2")
-        if value is not None and (value.high < low or value.low > high):
-            return f" Gravity is {low} to {high} m/s² everywhere on Earth, so it is not the cause in real tosses."
+        if value is None or (value.high >= low and value.low <= high):
+            continue
+        if low * (1 - carried) <= value.high < low:
+            return (
+                f" The air that the object displaces carries {100 * carried:.1f} % of its weight, which may be why "
+                "gravity seems less."
+            )
+        return f" Gravity is {low} to {high} m/s² everywhere on Earth, so it is not the cause in real tosses."
     return ""
