@@ -13,7 +13,6 @@ again. The table goes to standard output at the end.
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -25,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.cli.console import Console
+from pipelines.files.json_lines import add_line, lines_so_far
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.next_toss import draw_releases, separations
 from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
@@ -194,7 +194,7 @@ def main(arguments: list[str]) -> None:
     given = dict(argument.split("=", 1) for argument in arguments)
     out, console = Path(given["out"]), Console()
     n, draws, most, seed = (int(given.get(k, d)) for k, d in (("cases", 10), ("draws", 3), ("most", 24), ("seed", 0)))
-    lines = [json.loads(line) for line in out.read_text().splitlines()] if out.exists() else []
+    lines = lines_so_far(out)
     done = {(line["case"], line["way"], line["draw"]) for line in lines}
     ways: list[Way] = [("chosen", 0), *(("random", k) for k in range(draws)), ("ordinary", 0)]
     for number, case in enumerate(RIVALRIES[:n]):
@@ -202,8 +202,7 @@ def main(arguments: list[str]) -> None:
             if (number, *way) in done:
                 continue
             lines.append(run_case(case, number, way, most=most, seed=seed))
-            with out.open("a") as file:
-                file.write(json.dumps(lines[-1]) + "\n")
+            add_line(out, lines[-1])
             console.say(f"{case.effect}, {way[0]} {way[1]}: {lines[-1]['tosses']} tosses")
     sys.stdout.write(table(lines) + "\n")
 

@@ -14,7 +14,6 @@ One JSON line a dataset, which is not computed again if the file has it. `table`
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -23,6 +22,8 @@ from typing import Any
 
 import numpy as np
 
+from pipelines.files.json_lines import add_line, lines_so_far, read_lines
+from pipelines.tools.experiments.sensitivity import closed
 from tossid.diagnosis.explain import explain
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.selection.cross_validation import draw_folds
@@ -50,14 +51,14 @@ def compare(
         found = explain(Problem(training, world, library, seed=seed, unseen=judging, settings=settings))
         assert found.unseen is not None
         exact.append({"named": list(found.found), "seconds": found.seconds, **found.unseen.as_json()})
-    closed = [each["gap_closed"]["value"] for each in exact]
+    shares = [each["gap_closed"]["value"] for each in exact]
     weight = [each["n_tosses"] * (each["gap"]["value"] ** 2 - 1.0) for each in exact]
     return {
         "tosses": len(tosses),
         "named": list(whole.found),
         "closed": whole.gap_closed.as_json(),
         "seconds": whole.seconds,
-        "exact_closed": float(np.average(closed, weights=np.maximum(weight, 1e-9))),
+        "exact_closed": float(np.average(shares, weights=np.maximum(weight, 1e-9))),
         "exact": exact,
     }
 
@@ -71,7 +72,7 @@ def run(files: Sequence[str], out: Path, keys: Mapping[str, str]) -> None:
         keys: How many tosses, of which split, which effects, and how many folds; all tosses, all effects and four if
             they are missing.
     """
-    done = [json.loads(line)["data"] for line in out.read_text().splitlines()] if out.exists() else []
+    done = [line["data"] for line in lines_so_far(out)]
     for name in files:
         label = "/".join(Path(name).absolute().parts[-2:])
         if label in done:
@@ -83,8 +84,7 @@ def run(files: Sequence[str], out: Path, keys: Mapping[str, str]) -> None:
         effects = keys["effects"].split(",") if "effects" in keys else None
         chosen = [each for each in effects_for(dataset.object) if effects is None or each.name in effects]
         found = compare(part, chosen, folds=int(keys.get("folds", 4)), settings=DiagnoseSettings(repeats=0))
-        with out.open("a") as file:
-            file.write(json.dumps({"data": label, **found, "cpu_s": round(time.process_time() - began, 1)}) + "\n")
+        add_line(out, {"data": label, **found, "cpu_s": round(time.process_time() - began, 1)})
 
 
 def table(lines: Sequence[Mapping[str, Any]]) -> str:
@@ -103,9 +103,8 @@ def table(lines: Sequence[Mapping[str, Any]]) -> str:
         exact, names = line["exact_closed"], ", ".join(line["named"]) or "nothing"
         without = "; ".join(", ".join(each["named"]) or "nothing" for each in line["exact"])
         same = all(set(each["named"]) == set(line["named"]) for each in line["exact"])
-        closed = f"{100 * value:.0f} ({100 * low:.0f} to {100 * high:.0f})"
         rows.append(
-            f"| {line['data']} | {line['tosses']} | {names} | {'the same' if same else without} | {closed} "
+            f"| {line['data']} | {line['tosses']} | {names} | {'the same' if same else without} | {closed(line)} "
             f"| {100 * exact:.0f} |"
         )
         if line["named"]:
@@ -126,7 +125,7 @@ def main(arguments: list[str]) -> None:
     """Run what is missing, or print a table."""
     keys = dict(each.split("=", 1) for each in arguments if "=" in each)
     if "table" in keys:
-        sys.stdout.write(table([json.loads(line) for line in Path(keys["table"]).read_text().splitlines()]) + "\n")
+        sys.stdout.write(table(read_lines(keys["table"])) + "\n")
         return
     run([each for each in arguments if "=" not in each], Path(keys["out"]), keys)
 

@@ -19,7 +19,6 @@ confusable with what was found.
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -27,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import tossid
+from pipelines.files.json_lines import add_line, lines_so_far, read_lines
 from tossid.diagnosis.result import Diagnosis
 from tossid.settings.changed import changed
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
@@ -98,16 +98,14 @@ def run(dataset: Dataset, out: Path, part: str = "1/1", **keys: Any) -> None:
         part: Which of how many parts of the diagnoses, as "1/2".
         **keys: Settings of all diagnoses.
     """
-    done = [json.loads(line)["settings"] for line in out.read_text().splitlines()] if out.exists() else []
+    done = [line["settings"] for line in lines_so_far(out)]
     which, parts = (int(each) for each in part.split("/"))
     for variant in list(variants())[which - 1 :: parts]:
         if variant in done:
             continue
         began = time.process_time()
         found = tossid.diagnose(dataset, settings=changed(DiagnoseSettings(), {**keys, **variant}))
-        line = {**line_of(variant, found), "cpu_s": round(time.process_time() - began, 1)}
-        with out.open("a") as file:
-            file.write(json.dumps(line) + "\n")
+        add_line(out, {**line_of(variant, found), "cpu_s": round(time.process_time() - began, 1)})
 
 
 def table(lines: list[dict[str, Any]]) -> str:
@@ -129,7 +127,7 @@ def table(lines: list[dict[str, Any]]) -> str:
         names = ", ".join([*line["named"], *(f"({each})" for each in line["candidates"])]) or "nothing"
         sizes = "; ".join(f"{each}: {', '.join(values[each])}" for each in found)
         others = "; ".join(", ".join(line["alternatives"][each]) for each in found if each in line["alternatives"])
-        rows.append(f"| {key} | {value} | {line['verdict']} | {names} | {sizes} | {others} | {_closed(line)} |")
+        rows.append(f"| {key} | {value} | {line['verdict']} | {names} | {sizes} | {others} | {closed(line)} |")
     return "\n".join(rows)
 
 
@@ -147,7 +145,7 @@ def brief(lines: list[dict[str, Any]]) -> str:
         found = [f"**{name}** {', '.join(sizes[name])}" for name in sorted(line["named"])]
         found += [f"{name} {', '.join(sizes[name])}" for name in sorted(line["candidates"])]
         verdict = line["verdict"].replace("_", " ")
-        rows.append(f"| {key} | {value} | {verdict} | {'; '.join(found)} | {_closed(line)} |")
+        rows.append(f"| {key} | {value} | {verdict} | {'; '.join(found)} | {closed(line)} |")
     return "\n".join(rows)
 
 
@@ -158,8 +156,12 @@ def _in_order(lines: list[dict[str, Any]]) -> Iterator[tuple[str, Any, dict[str,
         yield *next(iter(line["settings"].items()), ("as it is", "")), line
 
 
-def _closed(line: dict[str, Any]) -> str:
-    """The share that is closed, with its interval [%]."""
+def closed(line: Mapping[str, Any]) -> str:
+    """The share that a line says is closed, with its interval [%].
+
+    Args:
+        line: With the share and its interval under "closed".
+    """
     value, low, high = (f"{100 * each:.0f}" for each in (line["closed"]["value"], *line["closed"]["ci95"]))
     return f"{value} ({low} to {high})"
 
@@ -169,7 +171,7 @@ def main(arguments: list[str]) -> None:
     keys = dict(each.split("=", 1) for each in arguments if "=" in each)
     for name, printed in (("table", table), ("brief", brief)):
         if name in keys:
-            sys.stdout.write(printed([json.loads(line) for line in Path(keys[name]).read_text().splitlines()]) + "\n")
+            sys.stdout.write(printed(read_lines(keys[name])) + "\n")
             return
     (file,) = (each for each in arguments if "=" not in each)
     chosen: dict[str, Any] = {name: int(keys[name]) for name in ("tosses", "seed") if name in keys}

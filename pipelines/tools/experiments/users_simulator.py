@@ -41,6 +41,7 @@ from mujoco import rollout
 from numpy.typing import NDArray
 
 import tossid
+from pipelines.files.json_lines import add_line, lines_so_far, read_lines
 from tossid.diagnosis.audit.strengths import world_with
 from tossid.diagnosis.likelihood.simulator_process import BatchFunction, Given, SimulatorProcess
 from tossid.diagnosis.likelihood.states import difference
@@ -304,7 +305,7 @@ def main(arguments: list[str]) -> None:
     if "substeps" in keys:
         engine = replace(engine, substeps=int(keys["substeps"]))
     if "table" in keys:
-        sys.stdout.write(table([json.loads(line) for line in Path(keys["table"]).read_text().splitlines()]) + "\n")
+        sys.stdout.write(table(read_lines(keys["table"])) + "\n")
         return
     looks = {"predict": predict, "residuals": residuals}
     for look in (function for key, function in looks.items() if keys.get(key) == "true"):
@@ -313,7 +314,7 @@ def main(arguments: list[str]) -> None:
             sys.stdout.flush()
         return
     out = Path(keys["out"])
-    done = [json.loads(line)["case"] for line in out.read_text().splitlines()] if out.exists() else []
+    done = [line["case"] for line in lines_so_far(out)]
     for name in (each for each in names if each not in done):
         line = run(
             engine,
@@ -323,8 +324,7 @@ def main(arguments: list[str]) -> None:
             repeats=int(keys.get("repeats", 0)),
             without=tuple(filter(None, keys.get("without", "").split(","))),
         )
-        with out.open("a") as file:
-            file.write(json.dumps(line) + "\n")
+        add_line(out, line)
 
 
 if __name__ == "__main__":

@@ -80,7 +80,7 @@ class CheckByTosses:
         Args:
             found: The world.
         """
-        return ask_tosses(self.tosses, self.stated, found, self.validator, self._windows(found))
+        return ask_tosses(self.tosses, self.stated, found, self.validator)
 
     def measured(self, found: World) -> dict[str, float]:
         """As of `measured_values`.
@@ -104,11 +104,8 @@ class CheckByTosses:
         Args:
             found: The world.
         """
-        return toss_errors(self.tosses, found, self._windows(found), n_threads=self.validator.n_threads)
-
-    def _windows(self, found: World) -> Windows:
-        """The tosses' windows, in whose steps the world is simulated."""
-        return make_windows(self.tosses, found.object, settings=self.validator.settings.likelihood)
+        windows = _windows_of(self.tosses, found, self.validator)
+        return toss_errors(self.tosses, found, windows, n_threads=self.validator.n_threads)
 
 
 def ask_tosses(
@@ -127,8 +124,14 @@ def ask_tosses(
     """
     settings, made = validator.settings.witnesses, list[Toss]()
     if not (validator.engine.of_user or found.object.n_joints):
+        windows = _windows_of(tosses, found, validator) if windows is None else windows
         made = made_by(tosses, found, windows, draws=settings.draws, n_threads=validator.n_threads)
     return witnesses(tosses, stated, found, settings, made)
+
+
+def _windows_of(tosses: Sequence[Toss], found: World, validator: CrossValidator) -> Windows:
+    """The tosses' windows, in the steps of whose settings a world is simulated."""
+    return make_windows(tosses, found.object, settings=validator.settings.likelihood)
 
 
 def measured_values(said: Sequence[Witness]) -> dict[str, float]:

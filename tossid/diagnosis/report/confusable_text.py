@@ -59,11 +59,11 @@ def _of_gravity(group: Sequence[Finding], model: ObjectModel) -> str:
     The air that an object displaces carries a part of its weight, so that a light one falls more slowly.
     """
     low, high = EARTH_MS2
-    carried = AIR_KGPM3 * hull_volume(model) / float(model.mass.sum())
     for finding in group:
         value = finding.parameters.get("g_ms2")
         if value is None or (value.high >= low and value.low <= high):
             continue
+        carried = AIR_KGPM3 * hull_volume(model) / float(model.mass.sum())
         if low * (1 - carried) <= value.high < low:
             return (
                 f" The air that the object displaces carries {100 * carried:.1f} % of its weight, which may be why "

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.contradictions import PredictiveCheck, stand_ins
@@ -34,6 +35,8 @@ from tossid.diagnosis.selection.search_result import OtherCauses, SearchResult, 
 from tossid.diagnosis.selection.two_causes import in_contact
 from tossid.diagnosis.under_way import UnderWay
 from tossid.physics.effects import Effect
+
+Array = NDArray[np.float64]
 
 
 def search(
@@ -126,10 +129,13 @@ class _Search:
         if self.check is None or not self._rounds.can_name or not stand_ins(library, effects):
             return frozenset()
         hypothesis, said = found.hypothesis, self.check.measured(found.hypothesis.world())
-        asked = set()
-        for name, measured in stand_ins(library.keys() & said.keys(), effects).items():
+        places, asked = stand_ins(library.keys() & said.keys(), effects), set()
+        if not places:
+            return frozenset()
+        errors = self.check.errors(hypothesis.world())
+        for name, measured in places.items():
             instead = hypothesis.with_instead(name, library[measured], np.array([said[measured]]))
-            if self._growth(hypothesis, instead.clipped(instead.flat())).refused:
+            if self._growth(errors, instead.clipped(instead.flat())).refused:
                 asked.add(name)
         return frozenset(asked)
 
@@ -143,15 +149,14 @@ class _Search:
         effects = [effect for effect in found.hypothesis.effects if effect.name in names]
         if stand_ins(self.check.contradicted(other.hypothesis.world()), effects):
             return None
-        growth = self._growth(found.hypothesis, other.hypothesis)
+        growth = self._growth(self.check.errors(found.hypothesis.world()), other.hypothesis)
         return Refuted(tuple(sorted(names)), growth) if growth.refused else None
 
-    def _growth(self, hypothesis: Hypothesis, other: Hypothesis) -> Growth:
-        """How much larger the errors of whole tosses are under a hypothesis than under another one."""
+    def _growth(self, errors: Array, other: Hypothesis) -> Growth:
+        """How much larger (n, 2) errors of whole tosses are than those under another hypothesis."""
         assert self.check is not None
         settings = self.validator.settings.verdict
-        errors, before = (self.check.errors(each.world()) for each in (hypothesis, other))
-        return Growth.of(errors, before, settings.refused_level, settings)
+        return Growth.of(errors, self.check.errors(other.world()), settings.refused_level, settings)
 
     def _with_two_causes(
         self, flown: Flown, apart: Flown, path: SelectionPath
