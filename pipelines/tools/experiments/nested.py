@@ -73,8 +73,9 @@ def run(files: Sequence[str], out: Path, keys: Mapping[str, str]) -> None:
             they are missing.
     """
     done = [line["data"] for line in lines_so_far(out)]
+    which = [f"{key}={keys[key]}" for key in ("split", "tosses", "effects") if key in keys]
     for name in files:
-        label = "/".join(Path(name).absolute().parts[-2:])
+        label = " ".join(["/".join(Path(name).absolute().parts[-2:]), *which])
         if label in done:
             continue
         began, dataset = time.process_time(), read_dataset(name)

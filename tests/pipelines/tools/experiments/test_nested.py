@@ -33,7 +33,7 @@ def line_of(named: list[str], closed: float, exact: float) -> dict[str, Any]:
 
 
 def test_a_dataset_is_compared_once(cube: ObjectModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of its first tosses, and with the effects that were asked for; a fake comparison counts."""
+    """With as many tosses and the effects that were asked for; a fake comparison counts."""
     asked = []
 
     def counted(dataset: Dataset, library: list[Any], **keys: Any) -> dict[str, Any]:
@@ -44,10 +44,10 @@ def test_a_dataset_is_compared_once(cube: ObjectModel, tmp_path: Path, monkeypat
     write_dataset(
         Dataset(cube, tuple(seen(World(cube), cube, 3, seed=1, frames=30)), 148.0, "made", {}), tmp_path / "a.h5"
     )
-    for _ in range(2):
-        run([str(tmp_path / "a.h5")], tmp_path / "lines", {"tosses": "2", "effects": "friction", "folds": "2"})
-    assert asked == [(2, ["friction"], 2, 0)]
-    assert len((tmp_path / "lines").read_text().splitlines()) == 1
+    for tosses in ("2", "3", "2"):
+        run([str(tmp_path / "a.h5")], tmp_path / "lines", {"tosses": tosses, "effects": "friction", "folds": "2"})
+    assert asked == [(2, ["friction"], 2, 0), (3, ["friction"], 2, 0)]
+    assert len((tmp_path / "lines").read_text().splitlines()) == 2
 
 
 def test_the_table_says_how_far_shares_differ() -> None:
