@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from threading import Event
@@ -10,7 +11,7 @@ from threading import Event
 import pytest
 
 from tossid.errors import InputError, SolverError, TossidError
-from tossid.parallel import as_done
+from tossid.parallel import as_done, in_threads, over_threads, whole_batches
 
 
 def halved(x: int) -> int:
@@ -54,3 +55,68 @@ def test_a_worker_that_dies_is_one_error_with_a_count() -> None:
         pytest.raises(SolverError, match="a worker died or was lost"),
     ):
         list(as_done(die_of_three, [3], pool.submit))
+
+
+def slices(count: int, n_threads: int) -> list[tuple[int, int]]:
+    """The slices that a batch is split into, sorted."""
+    found: list[tuple[int, int]] = []
+    lock = threading.Lock()
+
+    def part(first: int, last: int) -> None:
+        with lock:
+            found.append((first, last))
+
+    over_threads(part, count, n_threads)
+    return sorted(found)
+
+
+def test_slices_cover_a_batch_once() -> None:
+    for count in (0, 1, 7, 100, 1001):
+        for n_threads in (1, 2, 3):
+            covered = [k for first, last in slices(count, n_threads) for k in range(first, last)]
+            assert covered == list(range(count))
+    assert slices(100, 1) == [(0, 100)]
+    assert len(slices(1000, 2)) == 16
+    assert len(slices(100, 2)) == 12
+    assert len(slices(5, 2)) == 2
+
+
+def test_a_thread_may_keep_its_batches_whole() -> None:
+    with whole_batches():
+        assert slices(100, 2) == [(0, 100)]
+        with whole_batches():
+            pass
+        assert slices(100, 2) == [(0, 100)]
+    assert len(slices(100, 2)) == 12
+
+
+def test_an_error_in_a_slice_is_raised() -> None:
+    def part(first: int, last: int) -> None:
+        raise ValueError(f"slice {first}")
+
+    with pytest.raises(ValueError, match="slice 0"):
+        over_threads(part, 100, 2)
+
+
+def test_items_are_computed_by_threads_in_order_with_their_batches_whole() -> None:
+    for n_threads in (1, 2):
+        assert list(in_threads(halved, range(0, 20, 2), n_threads)) == list(range(10))
+    assert list(in_threads(lambda count: slices(count, 2), [100, 200], 2)) == [[(0, 100)], [(0, 200)]]
+    with pytest.raises(InputError, match="3 is odd"):
+        list(in_threads(halved, [2, 3], 2))
+
+
+def test_work_that_is_no_longer_wanted_is_told_so_before_it_is_waited_for() -> None:
+    gate = Event()
+    found = in_threads(lambda x: x if x == 0 else gate.wait(60), [0, 1], 2, no_longer_wanted=gate.set)
+    assert next(found) == 0
+    found.close()  # type: ignore[attr-defined]
+    assert gate.is_set()
+
+
+def test_an_executor_has_the_work_before_a_result_is_asked_for() -> None:
+    begun = Event()
+    with ThreadPoolExecutor(1) as pool:
+        found = as_done(lambda x: begun.set() or x, [1], pool.submit)
+        assert begun.wait(60)
+        assert list(found) == [(1, 1)]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.cli.console import Console
 from pipelines.config.schemas import EvaluateConfig
+from pipelines.execution.workers import import_for_workers
 from pipelines.files.project import dataset_path
 from tossid.errors import FileError, InputError
 
@@ -22,6 +23,8 @@ FOLDER = Path("outputs/evaluate")
 def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
     """Evaluate; returns CONTRACT.md's metrics and the figures' paths."""
     if config.sweep is not None:
+        if config.sweep.workers != 1:
+            import_for_workers(config.launcher, "tossid.studies.cells", "torch._dynamo")  # the latter for L-BFGS
         from pipelines.commands.sweep import run_sweep
 
         return run_sweep(config, config.sweep, console)

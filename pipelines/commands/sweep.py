@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -50,11 +51,11 @@ def run_sweep(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> d
         todo = len(plan.missing())
         console.say(f"{folder}: {len(plan.cells) - todo} of {len(plan.cells)} cells are done")
         noted = _noted(folder)
-        with (
-            tracked_run(f"sweep-{sweep.name}", config, command="sweep", resume=noted.get("run")) as parent,
-            console.progress(f"sweep {sweep.name}", len(plan.cells), unit="cells") as bar,
-            submitting(config.launcher, sweep.workers, todo) as submit,
-        ):
+        with submitting(config.launcher, sweep.workers, todo) as submit, ExitStack() as last:
+            begun = plan.begin(submit)  # workers are at work while the tracker opens
+            named = f"sweep-{sweep.name}"
+            parent = last.enter_context(tracked_run(named, config, command="sweep", resume=noted.get("run")))
+            bar = last.enter_context(console.progress(f"sweep {sweep.name}", len(plan.cells), unit="cells"))
             runs = CellRuns(study, parent, noted)
 
             def each(cell: StudyCell, outcome: CellResult | TossidError) -> Mapping[str, Any] | None:
@@ -65,7 +66,7 @@ def run_sweep(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> d
                 bar.advance(1, note=what)
                 return row
 
-            found = plan.run(submit=submit, each_cell=each)
+            found = plan.run(each_cell=each, begun=begun)
             files = found.save(folder)
             for path in files:
                 parent.artifact(path, folder=None if path.parent == folder else path.parent.name)

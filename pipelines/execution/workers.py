@@ -20,7 +20,8 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import connection
+from multiprocessing import connection, forkserver, resource_tracker
+from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
@@ -34,6 +35,7 @@ R = TypeVar("R")
 
 EXTRA = "pip install 'tossid[cluster]'"
 _LOOPBACK = "127.0.0.1:0"
+_imported: list[str] = []  # modules of the process from which workers are forked, once there is one
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -51,7 +53,24 @@ class Workers:
 
     def submit(self, function: Callable[..., R], *args: Any) -> Future[R]:
         """Give a call to a worker, which refuses it if it has other code or other versions of what computes."""
-        return self.executor.submit(_with_code, _code_of(function), computing_versions(), function, *args)
+        with _interrupted_later():  # a worker that starts as its command ends complains of a lost lock
+            return self.executor.submit(_with_code, _code_of(function), computing_versions(), function, *args)
+
+
+@contextmanager
+def _interrupted_later() -> Iterator[None]:
+    """Ctrl-C takes effect at the end."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    asked: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: asked.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        for number in asked[:1]:
+            signal.raise_signal(number)
 
 
 def _code_of(function: Callable[..., Any]) -> str:
@@ -145,20 +164,57 @@ _OPENERS: dict[type, Callable[[Any, int | None], AbstractContextManager[Workers]
 """How the workers of each launcher are opened."""
 
 
+def import_for_workers(launcher: Launcher, *modules: str) -> None:
+    """Begin to import what workers need, in a process from which they are forked later; returns at once.
+
+    A command that calls this before its own imports does both at the same time. Else each worker imports by itself.
+
+    Args:
+        launcher: Which workers there will be; nothing is done for those of a cluster.
+        modules: What they import.
+    """
+    if not isinstance(launcher, ProcessesLauncher):
+        return
+    forkserver.set_forkserver_preload(list(modules))
+    resource_tracker.ensure_running()  # apart, as it lets Ctrl-C through again, which the other would die of
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        with _one_thread_each():
+            forkserver.ensure_running()
+        _imported.extend(modules)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 @contextmanager
 def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes of one thread each."""
+    """Processes of one thread each: forked by the process that has imported what they need, if there is one."""
+    context: BaseContext = multiprocessing.get_context("spawn")
+    if _imported:
+        context = forking = multiprocessing.get_context("forkserver")
+        first = forking.Process(target=_begin)  # waits for the imports, and ends in silence if the command ends first
+        first.start()
+        first.join()
+    with _one_thread_each():
+        pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
+        try:
+            yield pool
+        except BaseException:
+            for child in multiprocessing.active_children():
+                child.terminate()
+            raise
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Libraries take one thread in processes that are started within: they read it when they are imported."""
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # libraries read it when a worker imports them
-    pool = ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
     try:
-        yield pool
-    except BaseException:
-        for child in multiprocessing.active_children():
-            child.terminate()
-        raise
+        yield
     finally:
-        pool.shutdown(cancel_futures=True)
         for name, value in before.items():
             if value is None:
                 os.environ.pop(name, None)

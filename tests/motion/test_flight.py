@@ -9,10 +9,9 @@ import pytest
 
 from tests.motion.bouncing import Truth, bounce, tracked
 from tossid.errors import ObjectError
-from tossid.motion import FlightState, flight_state
-from tossid.motion.flight import _tumble
+from tossid.motion import FlightState, flight_state, flight_states
 from tossid.objects import ObjectModel
-from tossid.rotations import geodesic_angle, quat_boxminus, quat_exp, quat_mul
+from tossid.rotations import quat_boxminus, quat_exp, quat_mul
 from tossid.types import Toss
 
 
@@ -93,13 +92,28 @@ def test_articulated_flight_is_refused(cube: ObjectModel, elbow: ObjectModel) ->
         flight_state(toss_of(truth, rng), elbow)
 
 
-def test_free_rotation_of_a_symmetric_top() -> None:
+def test_a_symmetric_top_is_followed_as_euler_s_equations_have_it(cube: ObjectModel) -> None:
     """Euler's closed solution: R = exp(t L/I_1) exp(-Ω t e_3) with Ω = ω_3 (I_3 - I_1)/I_1."""
-    I1, I3 = 6e-4, 1.1e-3
-    I = np.diag([I1, I1, I3])
+    I1, I3, sigma = 6e-4, 1.1e-3, 2e-8
+    top = cube.with_changes(inertia=np.diag([I1, I1, I3])[None])
     spin, t = np.array([6.0, -4.0, 9.0]), np.linspace(0, 0.4, 60)
     rate = spin[2] * (I3 - I1) / I1
-    momentum = I @ spin
-    expected = quat_mul(quat_exp(momentum / I1 * t[:, None]), quat_exp(np.array([0, 0, -rate]) * t[:, None]))
-    found = _tumble(t[None], np.array([[[1.0, 0, 0, 0]]]), spin[None, None], I)[0, 0]
-    assert geodesic_angle(found, expected).max() < 2e-8
+    momentum = np.diag([I1, I1, I3]) @ spin
+    q = np.zeros((60, 7))
+    q[:, 0], q[:, 2] = 0.3 * t, 2.0 - 0.5 * 9.81 * t**2
+    q[:, 3:] = quat_mul(quat_exp(momentum / I1 * t[:, None]), quat_exp(np.array([0, 0, -rate]) * t[:, None]))
+    v = np.tile([0.3, 0.0, 0.0, *(1.2 * spin)], (60, 1))
+    cov = np.tile(np.eye(6), (60, 1, 1))
+    toss = Toss("top", t, q, v, sigma**2 * cov, cov, np.zeros(60, dtype=np.uint8))
+    state = flight_state(toss, top, gravity=9.81)
+    assert state.n_frames == 60
+    assert state.chi2 < 1.0
+    assert np.abs(state.v - [0.3, 0.0, 0.0, *spin]).max() < 1e-6
+
+
+def test_threads_share_flights_out_and_change_no_digit(cube: ObjectModel) -> None:
+    rng = np.random.default_rng(4)
+    tosses = [toss_of(truth, rng) for truth in bounce(cube, rng, tosses=6, frames=30)]
+    for one, other in zip(flight_states(tosses, cube), flight_states(tosses, cube, n_threads=2), strict=True):
+        assert (one.v == other.v).all()
+        assert (one.cov == other.cov).all()

@@ -91,6 +91,13 @@ def test_any_executor_computes_it(cube: ObjectModel, counted: list[str]) -> None
     assert [row["gravity"] for row in found.rows] == [0.0, 9.81, 0.0, 9.81]
 
 
+def test_an_executor_begins_with_the_cells_that_learn_most(cube: ObjectModel, counted: list[str]) -> None:
+    with ThreadPoolExecutor(1) as pool:
+        found = study(dataset(cube), **ASKED, submit=pool.submit)
+    assert counted == ["cnrp 0", "cnrp 9.81", "cn 0", "cn 9.81"]
+    assert [row["model"] for row in found.rows] == ["cn", "cn", "cnrp", "cnrp"]
+
+
 def test_two_processes_do_not_write_one_study(cube: ObjectModel, counted: list[str], tmp_path: Path) -> None:
     with only_writer(tmp_path / "one" / "cells"), pytest.raises(OutputError, match="cells"):
         study(dataset(cube), **ASKED, folder=tmp_path / "one")

@@ -170,7 +170,7 @@ class DynamicsModel(Protocol):
         """Mean loss and its parts."""
 
     def simulator(self) -> Predictor:
-        """The model as it is now, for rollouts."""
+        """The model as it is now, for rollouts: it stays so where the model goes on to other parameters."""
 
     def mechanics(self) -> Mechanics | None:
         """The model as rigid bodies with contact; None for one that is no such thing."""

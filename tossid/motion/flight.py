@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import ObjectError
-from tossid.kernels import kernel
+from tossid.kernels import inlined_kernel, kernel, lean_kernel
 from tossid.motion.contact import may_touch
 from tossid.objects import GRAVITY, ObjectModel
+from tossid.parallel import over_threads
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize, quat_rotate
 from tossid.types import Toss
 
@@ -47,6 +49,33 @@ class FlightState:
     chi2: float
 
 
+class _Body(NamedTuple):
+    """A free body: centre of mass (3,), inertia about it and its inverse (3, 3), and the gravity that it is given.
+
+    `ratio` bounds how much faster than at the start it can come to spin.
+    """
+
+    com: Array
+    inertia: Array
+    inverse: Array
+    ratio: float
+    gravity: float
+
+
+class _Flights(NamedTuple):
+    """Flights of B tosses: times (B, N), n frames each (B,), poses (B, N, 7) and first velocities (B, 6) as recorded.
+
+    roots (B, N, 6, 6) and root_v (B, 6, 6) are the roots of their weights.
+    """
+
+    t: Array
+    n: NDArray[np.int64]
+    q: Array
+    roots: Array
+    v: Array
+    root_v: Array
+
+
 def flight_state(toss: Toss, model: ObjectModel, *, gravity: float = GRAVITY) -> FlightState:
     """The first state of one toss; see `flight_states`.
 
@@ -58,7 +87,9 @@ def flight_state(toss: Toss, model: ObjectModel, *, gravity: float = GRAVITY) ->
     return flight_states([toss], model, gravity=gravity)[0]
 
 
-def flight_states(tosses: Sequence[Toss], model: ObjectModel, *, gravity: float = GRAVITY) -> list[FlightState]:
+def flight_states(
+    tosses: Sequence[Toss], model: ObjectModel, *, gravity: float = GRAVITY, n_threads: int = 1
+) -> list[FlightState]:
     """The first state of each toss, by fitting ballistic translation and torque-free rotation to its flight.
 
     Least squares over the poses before first contact, weighted with their covariances: c(t) = c_0 + u_0 t - g t²/2 e_z
@@ -70,6 +101,7 @@ def flight_states(tosses: Sequence[Toss], model: ObjectModel, *, gravity: float 
         tosses: As recorded.
         model: The object, without joints.
         gravity: [m/s²]; the true one unless a model is to be judged with its own.
+        n_threads: Over which tosses are split.
 
     Raises:
         ObjectError: The object has joints (its flight needs the whole tree's dynamics).
@@ -89,13 +121,15 @@ def flight_states(tosses: Sequence[Toss], model: ObjectModel, *, gravity: float 
     root_v *= (n < FEWEST_FRAMES)[:, None, None]
     state_q, state_v = _start(t, q, v, c, gravity)
 
+    I = model.inertia[0]
+    body = _Body(c, I, np.linalg.inv(I), float(np.sqrt(np.linalg.cond(I))), gravity)
+    flights = _Flights(t, n, q, roots, v, root_v)
+
     def residuals(at_q: Array, at_v: Array) -> Array:
-        """(B, m, ·) weighted residuals of m states a toss."""
-        poses = _fly(t, at_q, at_v, model, gravity)
-        turned = quat_boxminus(q[:, None, :, 3:7], poses[..., 3:7])
-        error = np.concatenate([q[:, None, :, :3] - poses[..., :3], turned], axis=-1)
-        out = (roots[:, None] @ error[..., None])[..., 0].reshape(*at_q.shape[:2], -1)
-        return np.concatenate([out, (v[:, None] - at_v) @ root_v.mT], axis=-1)
+        """(B, m, 6 N + 6) weighted residuals of m states a toss; 0 past a toss's last frame of flight."""
+        out = np.zeros((*at_q.shape[:2], 6 * t.shape[1] + 6))
+        over_threads(lambda first, last: _residuals(flights, body, at_q, at_v, out, first, last), len(n), n_threads)
+        return out
 
     steps = _DIFFERENCE * np.concatenate([np.zeros((1, 12)), np.eye(12), -np.eye(12)])
     for iteration in range(ITERATIONS + 1):
@@ -160,29 +194,7 @@ def _start(t: Array, q: Array, v: Array, c: Array, gravity: float) -> tuple[Arra
     return first, guess
 
 
-def _fly(t: Array, q: Array, v: Array, model: ObjectModel, gravity: float) -> Array:
-    """Poses (B, m, N, 7) at times t (B, N), t[:, 0] = 0, of free bodies that start at q (B, m, 7), v (B, m, 6)."""
-    c, I = model.com[0], model.inertia[0]
-    spin, times = v[..., 3:], t[:, None, :, None]
-    if np.abs(I - I[0, 0] * np.eye(3)).max() < 1e-12 * I[0, 0]:
-        turned = quat_mul(q[:, :, None, 3:7], quat_exp(spin[:, :, None] * times))
-    else:
-        turned = _tumble(t, q[..., 3:7], spin, I)
-    com = q[..., :3] + quat_rotate(q[..., 3:7], c)
-    speed = v[..., :3] + quat_rotate(q[..., 3:7], np.cross(spin, c))
-    p = com[:, :, None] + speed[:, :, None] * times - quat_rotate(turned, c)
-    p[..., 2] -= 0.5 * gravity * t[:, None] ** 2
-    return np.concatenate([p, turned], axis=-1)
-
-
-def _tumble(t: Array, quat: Array, spin: Array, I: Array) -> Array:
-    """Attitudes (B, m, N, 4) of free rigid bodies: Runge-Kutta for ω, Magnus for R, both of fourth order."""
-    out = np.empty((*quat.shape[:2], t.shape[1], 4))
-    _tumble_kernel(t, quat, spin, I, np.linalg.inv(I), np.sqrt(np.linalg.cond(I)), out)
-    return out
-
-
-@kernel
+@inlined_kernel
 def _spin_rate(w0, w1, w2, I, J):  # type: ignore[no-untyped-def]
     """I^-1 (I ω × ω), J = I^-1."""
     l0 = I[0, 0] * w0 + I[0, 1] * w1 + I[0, 2] * w2
@@ -196,42 +208,96 @@ def _spin_rate(w0, w1, w2, I, J):  # type: ignore[no-untyped-def]
     )
 
 
-@kernel
-def _tumble_kernel(t, quat, spin, I, J, ratio, out):  # type: ignore[no-untyped-def]
-    """`_tumble`, one state after another; `ratio` bounds how much faster than at the start a body can come to spin."""
-    for b in range(quat.shape[0]):
-        for m in range(quat.shape[1]):
-            q0, q1, q2, q3 = quat[b, m, 0], quat[b, m, 1], quat[b, m, 2], quat[b, m, 3]
-            w0, w1, w2 = spin[b, m, 0], spin[b, m, 1], spin[b, m, 2]
-            fastest = math.sqrt(w0 * w0 + w1 * w1 + w2 * w2) * ratio
-            for k in range(t.shape[1]):
-                h = t[b, k] - t[b, k - 1] if k > 0 else 0.0
-                count = max(1, math.ceil(fastest * h / SUBSTEP)) if h > 0.0 else 0
-                d = h / max(count, 1)
-                for _ in range(count):
-                    a0, a1, a2 = _spin_rate(w0, w1, w2, I, J)
-                    b0, b1, b2 = _spin_rate(w0 + 0.5 * d * a0, w1 + 0.5 * d * a1, w2 + 0.5 * d * a2, I, J)
-                    c0, c1, c2 = _spin_rate(w0 + 0.5 * d * b0, w1 + 0.5 * d * b1, w2 + 0.5 * d * b2, I, J)
-                    e0, e1, e2 = _spin_rate(w0 + d * c0, w1 + d * c1, w2 + d * c2, I, J)
-                    x0 = w0 + d / 6 * (a0 + 2 * b0 + 2 * c0 + e0)
-                    x1 = w1 + d / 6 * (a1 + 2 * b1 + 2 * c1 + e1)
-                    x2 = w2 + d / 6 * (a2 + 2 * b2 + 2 * c2 + e2)
-                    e0, e1, e2 = _spin_rate(x0, x1, x2, I, J)
-                    f = d * d / 12
-                    r0 = d * 0.5 * (w0 + x0) - f * (e0 - a0) + f * (w1 * x2 - w2 * x1)
-                    r1 = d * 0.5 * (w1 + x1) - f * (e1 - a1) + f * (w2 * x0 - w0 * x2)
-                    r2 = d * 0.5 * (w2 + x2) - f * (e2 - a2) + f * (w0 * x1 - w1 * x0)
-                    angle = math.sqrt(r0 * r0 + r1 * r1 + r2 * r2)
-                    s = 0.5 * math.sin(0.5 * angle) / (0.5 * angle) if angle > 1e-12 else 0.5
-                    co, s0, s1, s2 = math.cos(0.5 * angle), s * r0, s * r1, s * r2
-                    y0 = q0 * co - q1 * s0 - q2 * s1 - q3 * s2
-                    y1 = q0 * s0 + q1 * co + q2 * s2 - q3 * s1
-                    y2 = q0 * s1 - q1 * s2 + q2 * co + q3 * s0
-                    y3 = q0 * s2 + q1 * s1 - q2 * s0 + q3 * co
-                    s = 1.0 / math.sqrt(y0 * y0 + y1 * y1 + y2 * y2 + y3 * y3)
-                    q0, q1, q2, q3 = s * y0, s * y1, s * y2, s * y3
-                    w0, w1, w2 = x0, x1, x2
-                out[b, m, k, 0], out[b, m, k, 1], out[b, m, k, 2], out[b, m, k, 3] = q0, q1, q2, q3
+@lean_kernel
+def _tumbled(quat, w, h, fastest, I, J):  # type: ignore[no-untyped-def]
+    """Attitude and spin of a free body after a time h: Runge-Kutta for ω, Magnus for R, both of fourth order.
+
+    `fastest` bounds the spin, and so says how many steps that takes.
+    """
+    (q0, q1, q2, q3), (w0, w1, w2) = quat, w
+    count = max(1, math.ceil(fastest * h / SUBSTEP))
+    d = h / count
+    for _ in range(count):
+        a0, a1, a2 = _spin_rate(w0, w1, w2, I, J)
+        b0, b1, b2 = _spin_rate(w0 + 0.5 * d * a0, w1 + 0.5 * d * a1, w2 + 0.5 * d * a2, I, J)
+        c0, c1, c2 = _spin_rate(w0 + 0.5 * d * b0, w1 + 0.5 * d * b1, w2 + 0.5 * d * b2, I, J)
+        e0, e1, e2 = _spin_rate(w0 + d * c0, w1 + d * c1, w2 + d * c2, I, J)
+        x0 = w0 + d / 6 * (a0 + 2 * b0 + 2 * c0 + e0)
+        x1 = w1 + d / 6 * (a1 + 2 * b1 + 2 * c1 + e1)
+        x2 = w2 + d / 6 * (a2 + 2 * b2 + 2 * c2 + e2)
+        e0, e1, e2 = _spin_rate(x0, x1, x2, I, J)
+        f = d * d / 12
+        r0 = d * 0.5 * (w0 + x0) - f * (e0 - a0) + f * (w1 * x2 - w2 * x1)
+        r1 = d * 0.5 * (w1 + x1) - f * (e1 - a1) + f * (w2 * x0 - w0 * x2)
+        r2 = d * 0.5 * (w2 + x2) - f * (e2 - a2) + f * (w0 * x1 - w1 * x0)
+        angle = 0.5 * math.sqrt(r0 * r0 + r1 * r1 + r2 * r2)
+        s = 0.5 * math.sin(angle) / angle if angle > 1e-12 else 0.5
+        co, s0, s1, s2 = math.cos(angle), s * r0, s * r1, s * r2
+        y0 = q0 * co - q1 * s0 - q2 * s1 - q3 * s2
+        y1 = q0 * s0 + q1 * co + q2 * s2 - q3 * s1
+        y2 = q0 * s1 - q1 * s2 + q2 * co + q3 * s0
+        y3 = q0 * s2 + q1 * s1 - q2 * s0 + q3 * co
+        s = 1.0 / math.sqrt(y0 * y0 + y1 * y1 + y2 * y2 + y3 * y3)
+        q0, q1, q2, q3 = s * y0, s * y1, s * y2, s * y3
+        w0, w1, w2 = x0, x1, x2
+    return (q0, q1, q2, q3), (w0, w1, w2)
+
+
+@inlined_kernel
+def _rotated(q, x):  # type: ignore[no-untyped-def]
+    """Vector x turned by the quaternion q."""
+    t0, t1, t2 = 2 * (q[2] * x[2] - q[3] * x[1]), 2 * (q[3] * x[0] - q[1] * x[2]), 2 * (q[1] * x[1] - q[2] * x[0])
+    return (
+        x[0] + q[0] * t0 + q[2] * t2 - q[3] * t1,
+        x[1] + q[0] * t1 + q[3] * t0 - q[1] * t2,
+        x[2] + q[0] * t2 + q[1] * t1 - q[2] * t0,
+    )
+
+
+@kernel(allocates=False)
+def _residuals(flights, body, at_q, at_v, out, first, last):  # type: ignore[no-untyped-def]
+    """Residuals of tosses first..last-1, from states at_q (B, m, 7), at_v (B, m, 6), into out (B, m, 6 N + 6)."""
+    c, I, J, ratio, gravity = body
+    for b in range(first, last):
+        for m in range(at_q.shape[1]):
+            p, u = at_q[b, m], at_v[b, m]
+            quat, w = (p[3], p[4], p[5], p[6]), (u[3], u[4], u[5])
+            fastest = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * ratio
+            com = _rotated(quat, (c[0], c[1], c[2]))
+            x = (w[1] * c[2] - w[2] * c[1], w[2] * c[0] - w[0] * c[2], w[0] * c[1] - w[1] * c[0])
+            x = _rotated(quat, x)
+            start, speed = (p[0] + com[0], p[1] + com[1], p[2] + com[2]), (u[0] + x[0], u[1] + x[1], u[2] + x[2])
+            for k in range(flights.n[b]):
+                t = flights.t[b, k]
+                if k > 0:
+                    quat, w = _tumbled(quat, w, t - flights.t[b, k - 1], fastest, I, J)
+                com, y = _rotated(quat, (c[0], c[1], c[2])), flights.q[b, k]
+                r0, r1, r2 = y[0] - start[0] - speed[0] * t + com[0], y[1] - start[1] - speed[1] * t + com[1], y[2]
+                r2 += 0.5 * gravity * t * t - start[2] - speed[2] * t + com[2]
+                r3, r4, r5 = _turn_between(quat, (y[3], y[4], y[5], y[6]))
+                R = flights.roots[b, k]
+                for i in range(6):
+                    out[b, m, 6 * k + i] = (
+                        R[i, 0] * r0 + R[i, 1] * r1 + R[i, 2] * r2 + R[i, 3] * r3 + R[i, 4] * r4 + R[i, 5] * r5
+                    )
+            for i in range(6):
+                summed = 0.0
+                for j in range(6):
+                    summed += flights.root_v[b, i, j] * (flights.v[b, j] - u[j])
+                out[b, m, 6 * flights.t.shape[1] + i] = summed
+
+
+@inlined_kernel
+def _turn_between(a, b):  # type: ignore[no-untyped-def]
+    """log(a^-1 b): the rotation vector that takes quaternion a to b."""
+    s = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    x = a[0] * b[1] - a[1] * b[0] - a[2] * b[3] + a[3] * b[2]
+    y = a[0] * b[2] - a[2] * b[0] - a[3] * b[1] + a[1] * b[3]
+    z = a[0] * b[3] - a[3] * b[0] - a[1] * b[2] + a[2] * b[1]
+    size = math.sqrt(x * x + y * y + z * z)
+    scale = 2.0 * math.atan2(size, abs(s)) / size if size > 1e-12 else 2.0
+    scale = -scale if s < 0.0 else scale
+    return scale * x, scale * y, scale * z
 
 
 def _moved(q: Array, v: Array, steps: Array) -> tuple[Array, Array]:

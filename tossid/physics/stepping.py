@@ -59,13 +59,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
+from tossid.parallel import over_threads
 from tossid.physics.body import Body, make_body
 from tossid.physics.contact.law import ContactLaw, make_contact_law
 from tossid.physics.contact.problem import make_corners
 from tossid.physics.links import Links, make_links
 from tossid.physics.moving import make_state
 from tossid.physics.network import make_network
-from tossid.physics.solvers.batches import over_threads
 from tossid.physics.solvers.exact_cone import ExactCone
 from tossid.physics.solvers.registry import ContactSolver, check_solver
 from tossid.physics.system import System

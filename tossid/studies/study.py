@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from tossid.errors import InputError, TossidError
 from tossid.motion.sessions.copies import leak_words
@@ -26,6 +26,20 @@ Submit = Callable[..., Future[Any]]
 """Gives a call to a worker, as `concurrent.futures.Executor.submit`."""
 EachCell = Callable[[StudyCell, CellResult | TossidError], Mapping[str, Any] | None]
 """Called with each cell and what it gave, once; what it returns is added to the cell's row."""
+Outcomes = Iterator[tuple[StudyCell, CellResult | TossidError]]
+"""Cells, each with what it gave."""
+
+
+class Begun(NamedTuple):
+    """A study whose missing cells are given to workers.
+
+    Attributes:
+        missing: These cells.
+        computed: They, as they are done.
+    """
+
+    missing: tuple[StudyCell, ...]
+    computed: Outcomes
 
 
 def study(
@@ -99,6 +113,12 @@ def plan_study(cells: Sequence[StudyCell], data: StudyData, *, folder: str | Pat
     return StudyPlan(kept, data, None if folder is None else Path(folder), notes)
 
 
+def _how_much_is_learned(cell: StudyCell) -> int:
+    """In how many respects a cell's model learns: differences by parameters take most of a training's time."""
+    model = asdict(cell.settings.model)
+    return sum(bool(value) for name, value in model.items() if name.startswith("learn_"))
+
+
 @dataclass(frozen=True)
 class StudyPlan:
     """What a study computes.
@@ -119,12 +139,26 @@ class StudyPlan:
         """The cells that are not kept yet."""
         return tuple(cell for cell in self.cells if self._kept(cell) is None)
 
-    def run(self, *, submit: Submit | None = None, each_cell: EachCell | None = None) -> Study:
+    def begin(self, submit: Submit | None) -> Begun:
+        """Give what is missing to workers, and do not wait for it; `run` goes on from there.
+
+        Args:
+            submit: As of `study`.
+        """
+        missing = self.missing()
+        if submit is not None:  # the longest first, so that no worker is left with one of them at the end
+            missing = tuple(sorted(missing, key=_how_much_is_learned, reverse=True))
+        return Begun(missing, as_done(partial(compute_cell, data=self.data), missing, submit))
+
+    def run(
+        self, *, submit: Submit | None = None, each_cell: EachCell | None = None, begun: Begun | None = None
+    ) -> Study:
         """Compute what is missing.
 
         Args:
             submit: As of `study`.
             each_cell: As of `study`.
+            begun: What `begin` returned, if that was done before.
 
         Raises:
             InputError: All cells failed.
@@ -134,7 +168,7 @@ class StudyPlan:
         found: dict[StudyCell, tuple[CellResult, Mapping[str, Any]]] = {}
         failed: list[dict[str, Any]] = []
         with nullcontext() if self.folder is None else only_writer(self.folder / "cells"):
-            for cell, outcome in self._outcomes(submit):
+            for cell, outcome in self._outcomes(self.begin(submit) if begun is None else begun):
                 more = None if each_cell is None else each_cell(cell, outcome)
                 if isinstance(outcome, TossidError):
                     failed.append({**cell.label, "error": str(outcome)})
@@ -154,16 +188,13 @@ class StudyPlan:
         checkpoints = tuple(found[cell][0].checkpoint for cell in done)
         return Study(done[0].swept, tuple(rows), tuple(failed), dataset.split("test"), checkpoints, self.notes)
 
-    def _outcomes(self, submit: Submit | None) -> Iterator[tuple[StudyCell, CellResult | TossidError]]:
+    def _outcomes(self, begun: Begun) -> Outcomes:
         """Each cell with what it gave: first what is kept, then what is computed, as it is done."""
-        missing = []
         for cell in self.cells:
-            kept = self._kept(cell)
-            if kept is None:
-                missing.append(cell)
-            else:
+            kept = None if cell in begun.missing else self._kept(cell)
+            if kept is not None:
                 yield cell, kept
-        for cell, outcome in as_done(partial(compute_cell, data=self.data), missing, submit):
+        for cell, outcome in begun.computed:
             if self.folder is None or isinstance(outcome, TossidError):
                 yield cell, outcome
             else:

@@ -203,7 +203,7 @@ class Fit:
             )
             return train, validation
         if self._flights is None or self._flights.outdated(learned, gravity):
-            self._flights = fit_flights(learned, self._tosses, gravity, self.settings.rollouts)
+            self._flights = fit_flights(learned, self._tosses, gravity, self.settings.rollouts, self._n_threads)
         train, validation = (
             make_shots(
                 learned,

@@ -46,7 +46,7 @@ class Flights:
 
 
 def fit_flights(
-    model: ObjectModel, tosses: Sequence[Sequence[Toss]], gravity: float, settings: RolloutSettings
+    model: ObjectModel, tosses: Sequence[Sequence[Toss]], gravity: float, settings: RolloutSettings, n_threads: int = 1
 ) -> Flights:
     """First states of sets of tosses as their flights give them.
 
@@ -55,7 +55,10 @@ def fit_flights(
         tosses: Of training and of validation, with true lengths.
         gravity: In flight [m/s²].
         settings: How much flight is enough.
+        n_threads: Over which tosses are split.
     """
     frames = settings.min_flight_frames
-    fitted = tuple(flight_starts(model, each, gravity=gravity, min_frames=frames) for each in tosses)
+    fitted = tuple(
+        flight_starts(model, each, gravity=gravity, min_frames=frames, n_threads=n_threads) for each in tosses
+    )
     return Flights(model, gravity, fitted)

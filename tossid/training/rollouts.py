@@ -24,8 +24,10 @@ from numpy.typing import NDArray
 from torch import nn
 
 from tossid.least_squares import Damping, damped_step, search_damping
+from tossid.models.predictor import Predictor
 from tossid.models.protocol import Coefficient, DynamicsModel, StagePlan
 from tossid.models.shots import Shots, prediction_errors
+from tossid.parallel import in_threads
 from tossid.settings.training import RestartSettings, RolloutSettings
 from tossid.training.losses import Pass
 
@@ -272,15 +274,23 @@ class RolloutStage:
         settings, x, shots = self._settings, self._get(), self._train
         errors, by = self._errors(shots) if errors is None else errors, settings.difference
         J, odd = np.empty((*errors.shape, len(x))), shots.toss % 2 == 1
-        halves = [(which, shots.chosen(which), sign) for which, sign in ((~odd, 1), (odd, -1)) if which.any()]
-        for j in range(len(x)):
+        every = np.ones(len(odd), dtype=np.bool_)
+        parts = [(every, 1), (every, -1)] if central else [(~odd, 1), (odd, -1)]
+        moves = [
+            (which, shots if central else shots.chosen(which), sign, j)
+            for which, sign in parts
+            if which.any()
+            for j in range(len(x))
+        ]
+        simulators = [self._moved(x, j, sign * by) for _, _, sign, j in moves]
+        found = in_threads(lambda k: prediction_errors(simulators[k], moves[k][1]), range(len(moves)), self._n_threads)
+        for (which, _, sign, j), moved in zip(moves, found, strict=True):
+            T = moved.shape[1]
             if central:
-                J[..., j] = (self._changed(x, j, by, shots) - self._changed(x, j, -by, shots)) / (2 * by)
-                continue
-            for which, half, sign in halves:
-                moved = self._changed(x, j, sign * by, half)
-                J[which, : moved.shape[1], :, j] = (moved - errors[which, : moved.shape[1]]) / (sign * by)
-                J[which, moved.shape[1] :, :, j] = 0.0
+                J[..., j] = moved if sign > 0 else (J[..., j] - moved) / (2 * by)
+            else:
+                J[which, :T, :, j] = (moved - errors[which, :T]) / (sign * by)
+                J[which, T:, :, j] = 0.0
         self.set_parameters(x)
         size = np.einsum("slip,slip->sl", J, J)
         calm = shots.inside & (size <= np.quantile(size[shots.inside], 1 - settings.chaotic_share))
@@ -306,12 +316,12 @@ class RolloutStage:
     def _get(self) -> Array:
         return nn.utils.parameters_to_vector(self._plan.parameters).detach().numpy().copy()
 
-    def _changed(self, x: Array, j: int, by: float, shots: Shots) -> Array:
-        """Residuals of shots with parameter j changed."""
+    def _moved(self, x: Array, j: int, by: float) -> Predictor:
+        """The simulator with parameter j changed."""
         changed = x.copy()
         changed[j] += by
         self.set_parameters(changed)
-        return self._errors(shots)
+        return self._model.simulator()
 
     def _errors(self, shots: Shots) -> Array:
         return prediction_errors(self._model.simulator(), shots, n_threads=self._n_threads)

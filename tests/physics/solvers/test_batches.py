@@ -1,53 +1,12 @@
-"""What the batch functions share: slices over threads, and shapes that do not fit."""
+"""What the batch functions share: contiguous arrays, and shapes that do not fit."""
 
 from __future__ import annotations
-
-import threading
 
 import numpy as np
 import pytest
 
 from tossid.errors import InputError
-from tossid.physics.solvers.batches import check_batch, over_threads, whole_batches
-
-
-def slices(count: int, n_threads: int) -> list[tuple[int, int]]:
-    """The slices that a batch is split into, sorted."""
-    found: list[tuple[int, int]] = []
-    lock = threading.Lock()
-
-    def part(first: int, last: int) -> None:
-        with lock:
-            found.append((first, last))
-
-    over_threads(part, count, n_threads)
-    return sorted(found)
-
-
-def test_slices_cover_a_batch_once() -> None:
-    for count in (0, 1, 7, 100, 1001):
-        for n_threads in (1, 2, 3):
-            covered = [k for first, last in slices(count, n_threads) for k in range(first, last)]
-            assert covered == list(range(count))
-    assert slices(100, 1) == [(0, 100)]
-    assert len(slices(100, 2)) == 8
-
-
-def test_a_thread_may_keep_its_batches_whole() -> None:
-    with whole_batches():
-        assert slices(100, 2) == [(0, 100)]
-        with whole_batches():
-            pass
-        assert slices(100, 2) == [(0, 100)]
-    assert len(slices(100, 2)) == 8
-
-
-def test_an_error_in_a_slice_is_raised() -> None:
-    def part(first: int, last: int) -> None:
-        raise ValueError(f"slice {first}")
-
-    with pytest.raises(ValueError, match="slice 0"):
-        over_threads(part, 100, 2)
+from tossid.physics.solvers.batches import check_batch
 
 
 def test_problems_are_made_contiguous_and_warm_starts_copied() -> None:

@@ -216,3 +216,30 @@ def test_a_worker_that_is_killed_is_replaced_by_the_others(beside: Path, answer:
     here = answer(*study, "sweep.workers=1")
     assert numbers(report) == numbers(here)
     print(f"networks apart: {there.apart}; killed after {done} of 24; done {time.monotonic() - killed:.0f} s later")
+
+
+def imports_and_threads(module: str) -> tuple[bool, str]:
+    return module in sys.modules, os.environ["OMP_NUM_THREADS"]
+
+
+def test_workers_are_forked_from_a_process_that_has_imported_what_they_need(tmp_path: Path) -> None:
+    """In a process of its own, of which such a process is begun once; Ctrl-C meanwhile is the command's alone."""
+    script = tmp_path / "forked.py"
+    script.write_text(
+        "import os, signal, time\n"
+        "from pipelines.execution.workers import import_for_workers, open_workers\n"
+        "from tests.pipelines.execution.test_workers import HERE, imports_and_threads\n"
+        "if __name__ == '__main__':\n"
+        "    signal.signal(signal.SIGINT, lambda *_: print('Ctrl-C', flush=True))\n"
+        "    import_for_workers(HERE, 'colorsys', 'torch')\n"
+        "    os.killpg(0, signal.SIGINT)\n"
+        "    with open_workers(HERE, 1) as there:\n"
+        "        print(there.submit(imports_and_threads, 'colorsys').result())\n"
+    )
+    root = Path(__file__).resolve().parents[3]
+    environment = {**os.environ, "PYTHONPATH": str(root), "OMP_NUM_THREADS": "7"}
+    done = subprocess.run(
+        [sys.executable, str(script)], env=environment, capture_output=True, text=True, start_new_session=True
+    )
+    assert done.stdout.splitlines() == ["Ctrl-C", "(True, '1')"]
+    assert done.stderr == ""

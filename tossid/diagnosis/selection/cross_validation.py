@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
@@ -18,8 +17,8 @@ from tossid.diagnosis.selection.significance import part_p_value
 from tossid.errors import InputError
 from tossid.motion.resting import rest_scatter
 from tossid.objects import ObjectModel
+from tossid.parallel import in_threads
 from tossid.physics.effects import Effect
-from tossid.physics.solvers.batches import is_one_of_several, whole_batches
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Phase, Toss
 
@@ -175,19 +174,7 @@ class CrossValidator:
             items: The items.
             no_longer_wanted: Called when no more are asked for, before those that are being made are waited for.
         """
-        if self.n_threads == 1 or is_one_of_several():
-            yield from (made(item) for item in items)
-            return
-
-        def one(item: Item) -> Made:
-            with whole_batches():
-                return made(item)
-
-        with ThreadPoolExecutor(self.n_threads) as pool:
-            try:
-                yield from pool.map(one, items)
-            finally:
-                no_longer_wanted()
+        return in_threads(made, items, self.n_threads, no_longer_wanted)
 
     def together(self, one: Callable[[], Item], other: Callable[[], Made]) -> tuple[Item, Made]:
         """Both results of two independent computations, made at the same time.

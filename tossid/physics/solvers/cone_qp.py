@@ -20,7 +20,8 @@ import math
 import numpy as np
 
 from tossid.kernels import fused_kernel, fused_lean_kernel
-from tossid.physics.solvers.batches import check_batch, over_threads
+from tossid.parallel import over_threads
+from tossid.physics.solvers.batches import check_batch
 from tossid.physics.solvers.blocks import block_qp, cholesky_solve
 from tossid.physics.solvers.interior import interior_start
 from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution, empty_solution

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from tossid.kernels import fused_kernel
-from tossid.physics.solvers.batches import check_batch, over_threads
+from tossid.parallel import over_threads
+from tossid.physics.solvers.batches import check_batch
 from tossid.physics.solvers.exact_cone import ExactCone
 from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution, empty_solution
 from tossid.physics.solvers.registry import ContactSolver, check_solver, solve_contact
