@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from pipelines.cli.console import Console
 from pipelines.tools.benchmarks.bench_diagnosis import diagnoses
-from pipelines.tools.benchmarks.bench_studies import sample_study, trainings
+from pipelines.tools.benchmarks.bench_studies import trainings, whole_commands
 from pipelines.tools.benchmarks.bench_vision import vision
 from tossid.objects import ObjectModel, load_object, to_mjcf
 from tossid.physics import PolyhedralCone, make_system, simulate
@@ -87,7 +87,7 @@ def main() -> None:
         title="A training epoch, one thread as in training",
     )
     trainings(console)
-    sample_study(console)
+    whole_commands(console)
     vision(console)
     diagnoses(console)
     console.facts({"tossid --help": f"{help_seconds():.2f} s of CPU time"}, title="Command line")

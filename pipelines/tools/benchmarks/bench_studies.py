@@ -1,15 +1,15 @@
-"""Trainings and a study that `make bench` times: CPU seconds by stage, and how good the trained models are.
+"""Trainings and a study that `make bench` times: by stage and as commands, and how good the trained models are.
 
 python -m pipelines.tools.benchmarks.bench_studies         # the real cube's trainings and the sample's study
 python -m pipelines.tools.benchmarks.bench_studies cnrpi   # the training of one model, at gravity 9.81
 python -m pipelines.tools.benchmarks.bench_studies cnrpi 0 19.62   # at these gravities
 python -m pipelines.tools.benchmarks.bench_studies --unknown cnrpi   # from nothing
+python -m pipelines.tools.benchmarks.bench_studies commands   # a training and the study as commands, elapsed
 """
 
 from __future__ import annotations
 
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -36,9 +36,10 @@ def main() -> None:
     unknown, rest = "--unknown" in sys.argv, [word for word in sys.argv[1:] if word != "--unknown"]
     model, *words = rest or [""]
     gravities = [_gravity(word) for word in words] or [GRAVITY]
-    trainings(console, models=(model,) if model else MODELS, gravities=gravities, unknown=unknown)
-    if not model:
-        sample_study(console)
+    if model != "commands":
+        trainings(console, models=(model,) if model else MODELS, gravities=gravities, unknown=unknown)
+    if not model or model == "commands":
+        whole_commands(console)
 
 
 def _gravity(text: str) -> float:
@@ -122,25 +123,29 @@ def _errors(scores: dict[str, Any]) -> Iterator[str]:
             yield f"{part[key]['mean']:.3f}"
 
 
-def sample_study(console: Console) -> None:
-    """Run `tossid evaluate --sweep gravity` of the sample recording in a folder of its own, and print its time.
+def whole_commands(console: Console) -> None:
+    """Time a training of the real cube and the sample's study as commands, on all cores, in a folder of their own.
 
     Args:
         console: Gets the figures.
     """
-    root = Path(__file__).resolve().parents[3]
-    command = [sys.executable, "-m", "pipelines.cli.app"]
+    root, facts = Path(__file__).resolve().parents[3], {}
     with tempfile.TemporaryDirectory() as folder:
-        environment = {**os.environ, "PYTHONPATH": str(root)}
-        ingest = [*command, "ingest", f"source.path={root / 'data/raw/sample'}", f"out={folder}/tosses.h5", "--quiet"]
-        subprocess.run(ingest, check=True, cwd=folder, env=environment)
-        before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        sweep = [*command, "evaluate", "--sweep", "gravity", f"data={folder}/tosses.h5", "--quiet"]
-        subprocess.run(sweep, check=True, cwd=folder, env=environment)
-        elapsed, after = time.perf_counter() - started, resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    facts = {"tossid evaluate --sweep gravity": f"{elapsed:.0f} s elapsed, {cpu:.0f} s of CPU time, all cores"}
-    console.facts(facts, title="The sample's study of 15 trainings")
+
+        def elapsed(*words: str) -> float:
+            started = time.perf_counter()
+            command = [sys.executable, "-m", "pipelines.cli.app", *words, "--quiet"]
+            environment = {**os.environ, "PYTHONPATH": str(root)}
+            subprocess.run(command, check=True, cwd=folder, env=environment, stdout=subprocess.DEVNULL)
+            return time.perf_counter() - started
+
+        elapsed("ingest", f"source.path={root / 'data/raw/sample'}", f"out={folder}/tosses.h5")
+        took = elapsed("evaluate", "--sweep", "gravity", f"data={folder}/tosses.h5")
+        facts["tossid evaluate --sweep gravity, 15 trainings of the sample"] = f"{took:.1f} s"
+        if (root / CUBE).is_file():
+            took = elapsed("train", "model=cnrpi", f"data={root / CUBE}")
+            facts["tossid train model=cnrpi, the real cube"] = f"{took:.1f} s"
+    console.facts(facts, title="Whole commands, elapsed, all cores (compiled before)")
 
 
 if __name__ == "__main__":
