@@ -274,15 +274,12 @@ class RolloutStage:
         settings, x, shots = self._settings, self._get(), self._train
         errors, by = self._errors(shots) if errors is None else errors, settings.difference
         J, odd = np.empty((*errors.shape, len(x))), shots.toss % 2 == 1
-        every = np.ones(len(odd), dtype=np.bool_)
-        parts = [(every, 1), (every, -1)] if central else [(~odd, 1), (odd, -1)]
-        moves = [
-            (which, shots if central else shots.chosen(which), sign, j)
-            for which, sign in parts
-            if which.any()
-            for j in range(len(x))
-        ]
+        every = np.full(len(odd), True)
+        chosen = [(every, 1), (every, -1)] if central else [(~odd, 1), (odd, -1)]
+        parts = [(which, shots if central else shots.chosen(which), sign) for which, sign in chosen if which.any()]
+        moves = [(*part, j) for part in parts for j in range(len(x))]
         simulators = [self._moved(x, j, sign * by) for _, _, sign, j in moves]
+        self.set_parameters(x)
         found = in_threads(lambda k: prediction_errors(simulators[k], moves[k][1]), range(len(moves)), self._n_threads)
         for (which, _, sign, j), moved in zip(moves, found, strict=True):
             T = moved.shape[1]
@@ -291,7 +288,6 @@ class RolloutStage:
             else:
                 J[which, :T, :, j] = (moved - errors[which, :T]) / (sign * by)
                 J[which, T:, :, j] = 0.0
-        self.set_parameters(x)
         size = np.einsum("slip,slip->sl", J, J)
         calm = shots.inside & (size <= np.quantile(size[shots.inside], 1 - settings.chaotic_share))
         weight = calm / np.sqrt(1 + (errors**2).sum(-1) / settings.huber**2) / shots.inside.sum()
