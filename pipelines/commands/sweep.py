@@ -48,11 +48,11 @@ def run_sweep(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> d
     for note in plan.notes:
         console.warn(note)
     with only_writer(folder / "study"):
-        todo = len(plan.missing())
-        console.say(f"{folder}: {len(plan.cells) - todo} of {len(plan.cells)} cells are done")
+        missing = plan.missing()
+        console.say(f"{folder}: {len(plan.cells) - len(missing)} of {len(plan.cells)} cells are done")
         noted = _noted(folder)
-        with submitting(config.launcher, sweep.workers, todo) as submit, ExitStack() as last:
-            begun = plan.begin(submit)  # workers are at work while the tracker opens
+        with submitting(config.launcher, sweep.workers, len(missing)) as submit, ExitStack() as last:
+            begun = plan.begin(missing, submit)  # workers are at work while the tracker opens
             named = f"sweep-{sweep.name}"
             parent = last.enter_context(tracked_run(named, config, command="sweep", resume=noted.get("run")))
             bar = last.enter_context(console.progress(f"sweep {sweep.name}", len(plan.cells), unit="cells"))

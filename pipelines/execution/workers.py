@@ -27,6 +27,7 @@ from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 from pipelines.config.schemas.launching import DaskLauncher, Launcher, ProcessesLauncher, SlurmLauncher
+from pipelines.execution.interrupts import interrupted_later
 from tossid.code_digest import PACKAGES, code_digest
 from tossid.errors import ConfigError, FileError, InputError
 from tossid.versions import computing_versions, differing_versions
@@ -53,24 +54,8 @@ class Workers:
 
     def submit(self, function: Callable[..., R], *args: Any) -> Future[R]:
         """Give a call to a worker, which refuses it if it has other code or other versions of what computes."""
-        with _interrupted_later():  # a worker that starts as its command ends complains of a lost lock
+        with interrupted_later():  # a worker that starts as its command ends complains of a lost lock
             return self.executor.submit(_with_code, _code_of(function), computing_versions(), function, *args)
-
-
-@contextmanager
-def _interrupted_later() -> Iterator[None]:
-    """Ctrl-C takes effect at the end."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    asked: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: asked.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-        for number in asked[:1]:
-            signal.raise_signal(number)
 
 
 def _code_of(function: Callable[..., Any]) -> str:

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
-import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -21,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from pipelines.cli.console import Console
 from pipelines.config.compose import as_plain, flatten
 from pipelines.execution.code_version import commit, version
+from pipelines.execution.interrupts import interrupted_later
 from pipelines.tracking.mlflow_store import client, experiment_id, is_remote
 from pipelines.tracking.outbox import UNSENT, Outbox, send_unsent
 from pipelines.tracking.runs import CHECKPOINT, COMMAND_TAG, CONFIG, EXPERIMENT
@@ -163,7 +162,7 @@ def tracked_run(
             status = "KILLED"
             raise
         finally:
-            with _undisturbed():
+            with interrupted_later():  # a run whose end is not logged is left as if it were running
                 if status == "FINISHED":
                     run.end(status)
                 else:
@@ -171,24 +170,6 @@ def tracked_run(
                         run.flush()
                     with suppress(Exception):
                         run.end(status)
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Let a second Ctrl-C wait until a run's end is logged, so that it is not left as if it were running."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    numbers = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
-    before = {number: signal.signal(number, lambda number, frame: came.append(number)) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)
-    if came:
-        raise KeyboardInterrupt
 
 
 def _left(store: MlflowClient, run_id: str | None) -> TrackedRun | None:

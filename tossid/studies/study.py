@@ -139,13 +139,13 @@ class StudyPlan:
         """The cells that are not kept yet."""
         return tuple(cell for cell in self.cells if self._kept(cell) is None)
 
-    def begin(self, submit: Submit | None) -> Begun:
+    def begin(self, missing: tuple[StudyCell, ...], submit: Submit | None) -> Begun:
         """Give what is missing to workers, and do not wait for it; `run` goes on from there.
 
         Args:
+            missing: Of `missing`.
             submit: As of `study`.
         """
-        missing = self.missing()
         if submit is not None:  # the longest first, so that no worker is left with one of them at the end
             missing = tuple(sorted(missing, key=_how_much_is_learned, reverse=True))
         return Begun(missing, as_done(partial(compute_cell, data=self.data), missing, submit))
@@ -168,7 +168,7 @@ class StudyPlan:
         found: dict[StudyCell, tuple[CellResult, Mapping[str, Any]]] = {}
         failed: list[dict[str, Any]] = []
         with nullcontext() if self.folder is None else only_writer(self.folder / "cells"):
-            for cell, outcome in self._outcomes(self.begin(submit) if begun is None else begun):
+            for cell, outcome in self._outcomes(self.begin(self.missing(), submit) if begun is None else begun):
                 more = None if each_cell is None else each_cell(cell, outcome)
                 if isinstance(outcome, TossidError):
                     failed.append({**cell.label, "error": str(outcome)})
