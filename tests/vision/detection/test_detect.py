@@ -114,6 +114,29 @@ def test_corners_that_cannot_be_refined_say_so(tagged: ObjectModel, monkeypatch:
     assert sigma[True] > 1.0  # steep, half hidden, or against a bright face
 
 
+@pytest.mark.parametrize("pale", [1.0, 0.2, 0.15])
+def test_the_library_finds_what_it_finds_by_its_own_threshold(tagged: ObjectModel, pale: float):
+    """tossid's detector passes over places with less contrast than a wanted tag has."""
+    (camera,) = default_rig(n_cameras=1)
+    rng, least = np.random.default_rng(0), DetectSettings().min_margin
+    usual, margins = detect._Detector(("tag36h11",), 1.0, 0.0), []
+    for x in np.linspace(-0.3, 0.3, 7):
+        bright = _image(tagged, camera, (x, 0.1, 0.2)).astype(float)
+        image = np.clip(np.round(100 + pale * (bright - 100) + rng.normal(0, 4, bright.shape)), 0, 255).astype(np.uint8)
+        wanted = {(tag.tag_id, *tag.corners.flat) for tag in usual.detect(image) if tag.decision_margin >= least}
+        with detect._detector(("tag36h11",), 1.0, least) as ours:
+            found = [tag for tag in ours.detect(image) if tag.decision_margin >= least]
+        assert {(tag.tag_id, *tag.corners.flat) for tag in found} == wanted
+        margins += [tag.decision_margin for tag in found]
+    assert len(margins) >= 5
+    assert pale > 0.15 or min(margins) < 1.3 * least
+
+
+def test_the_librarys_threshold_is_where_it_is_expected():
+    assert detect._threshold(detect._Detector(("tag36h11",), 1.0, 0.0)).is_default()
+    assert detect._threshold(detect._Detector(("tag36h11",), 1.0, 12.0)).min_white_black_diff == 12
+
+
 def test_an_id_seen_twice_is_rejected(tagged: ObjectModel):
     (camera,) = default_rig(n_cameras=1)
     one, two = _image(tagged, camera, (-0.3, -0.2, 0.2)), _image(tagged, camera, (0.3, 0.2, 0.2))

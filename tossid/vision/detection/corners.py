@@ -7,7 +7,6 @@ coordinates, and intersected. Each corner gets the covariance that follows from 
 from __future__ import annotations
 
 import math
-from dataclasses import astuple
 from typing import NamedTuple
 
 import numpy as np
@@ -73,7 +72,7 @@ def refine_corners(
     """
     refined = np.array(corners, dtype=float)
     cov = np.zeros((4, 2, 2))
-    limits = _Limits(*astuple(settings))
+    limits = _Limits(**vars(settings))
     good = _refine(image, camera.rays, refined, cov, cells, limits)
     if not good:
         return np.asarray(corners, dtype=float), np.zeros((4, 2, 2)), False
@@ -226,7 +225,7 @@ def _collect(
             rx, ry = 0.25 * (a0 + b0 + c0 + d0) - mx, 0.25 * (a1 + b1 + c1 + d1) - my
             jx = 0.5 * ((b0 + d0 - a0 - c0) * nx + (b1 + d1 - a1 - c1) * ny)
             jy = 0.5 * ((c0 + d0 - a0 - b0) * nx + (c1 + d1 - a1 - b1) * ny)
-            here = np.hypot(jx, jy)
+            here = math.sqrt(jx * jx + jy * jy)
             d = (rx * nx + ry * ny) / here
             if not -inside <= d <= outside:
                 continue

@@ -118,7 +118,7 @@ class TagFinder:
     ) -> list[Detection]:
         rejected: Counter[str] = Counter()
         accepted: dict[int, list[Any]] = {}
-        with _detector(self._families, decimate) as detector:
+        with _detector(self._families, decimate, self.settings.min_margin) as detector:
             seen = detector.detect(image)
         for raw in seen:
             if self.tag_ids is not None and raw.tag_id not in self.tag_ids:
@@ -178,6 +178,32 @@ class TagFinder:
         )
 
 
+class _QuadThreshold(ctypes.Structure):
+    """The AprilTag library's `apriltag_quad_thresh_params` (apriltag.h), which the binding does not show."""
+
+    _fields_ = (
+        ("min_cluster_pixels", ctypes.c_int),
+        ("max_nmaxima", ctypes.c_int),
+        ("critical_rad", ctypes.c_float),
+        ("cos_critical_rad", ctypes.c_float),
+        ("max_line_fit_mse", ctypes.c_float),
+        ("min_white_black_diff", ctypes.c_int),
+        ("deglitch", ctypes.c_int),
+    )
+
+    def is_default(self) -> bool:
+        """Whether these are what the library begins with; if not, its struct is laid out otherwise."""
+        counts = (self.min_cluster_pixels, self.max_nmaxima, self.min_white_black_diff, self.deglitch)
+        return counts == (5, 10, 5, 0) and self.max_line_fit_mse == 10.0
+
+
+def _threshold(detector: Detector) -> _QuadThreshold:
+    """The part of the library's detector that follows the last field that the binding shows."""
+    shown = detector.tag_detector_ptr.contents
+    after = type(shown).debug.offset + ctypes.sizeof(ctypes.c_int)
+    return _QuadThreshold.from_address(ctypes.addressof(shown) + after)
+
+
 class _Detector(Detector):
     """A detector of several families; the binding takes only the first of those it is given.
 
@@ -185,7 +211,14 @@ class _Detector(Detector):
     which corrupts the heap.
     """
 
-    def __init__(self, families: tuple[str, ...], decimate: float) -> None:
+    def __init__(self, families: tuple[str, ...], decimate: float, min_margin: float) -> None:
+        """Make the library's detector.
+
+        Args:
+            families: Names of the families.
+            decimate: Reduction of the image.
+            min_margin: Least decision margin of a tag that is wanted [grey levels].
+        """
         super().__init__(families=families[0], nthreads=1, quad_decimate=decimate)
         for family in families[1:]:
             create = getattr(self.libc, f"{family}_create")
@@ -193,28 +226,34 @@ class _Detector(Detector):
             corrected_bits = 2
             made = ctypes.c_void_p(create())
             self.libc.apriltag_detector_add_family_bits(self.tag_detector_ptr, made, corrected_bits)
+        # The library looks for tags where neighbouring tiles differ by 5 grey levels. An image's noise does too, and
+        # then most of the time goes into what is none. Between black and white of a tag lies twice its margin.
+        threshold = _threshold(self)
+        if threshold.is_default():
+            threshold.min_white_black_diff = max(threshold.min_white_black_diff, int(min_margin))
 
     def __del__(self) -> None:
         pass
 
 
-_spare: dict[tuple[tuple[str, ...], float], list[_Detector]] = {}
+_spare: dict[tuple[tuple[str, ...], float, float], list[_Detector]] = {}
 _spare_lock = threading.Lock()
 
 
 @contextlib.contextmanager
-def _detector(families: tuple[str, ...], decimate: float) -> Iterator[_Detector]:
+def _detector(families: tuple[str, ...], decimate: float, min_margin: float) -> Iterator[_Detector]:
     """A detector of one's own for a while; it is kept for the next, as one serves one thread at a time."""
+    key = families, decimate, min_margin
     with _spare_lock:
-        waiting = _spare.setdefault((families, decimate), [])
+        waiting = _spare.setdefault(key, [])
         detector = waiting.pop() if waiting else None
     if detector is None:
-        detector = _Detector(families, decimate)
+        detector = _Detector(*key)
     try:
         yield detector
     finally:
         with _spare_lock:
-            _spare[families, decimate].append(detector)
+            _spare[key].append(detector)
 
 
 def detect_frames(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +45,7 @@ def hidden_edges(
         (4,) whether the edge from each corner to the next may be hidden; and the width of a cell [px].
     """
     hidden = np.zeros(4, dtype=np.bool_)
-    limits = _Limits(*astuple(settings))
+    limits = _Limits(**vars(settings))
     width = _compare_sides(image, np.ascontiguousarray(corners, dtype=float), cells, limits, hidden)
     return hidden, float(width)
 

@@ -89,12 +89,12 @@ def _offset(
     scene: Scene, state: State, rows: Ints, T_world_rig: Array, t: Array, T: Array, settings: TrackSettings
 ) -> float | None:
     """The offset at which a motion fits one camera's sightings best, None if zero fits nearly as well."""
-    search = settings.clock_search
+    search, motion = settings.clock_search, _Motion(t, T)
     s = _sightings(scene, state, rows, T_world_rig, np.arange(len(rows)))
     own = scene.t[scene.step[rows]] + scene.delay[rows]
 
     def misfit(offset: float) -> tuple[float, int]:
-        pose, good = _between(t, T, own - offset, settings.max_gap)
+        pose, good = motion.at(own - offset, settings.max_gap)
         if not good.any():
             return np.inf, 0
         r, _ = residuals(s.take(good), pose[good])
@@ -112,14 +112,22 @@ def _offset(
     return best if better and abs(best) > search.same else None
 
 
-def _between(t: Array, T: Array, at: Array, max_gap: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Poses of a motion at some times, interpolated, and where its samples are no further apart than `max_gap`."""
-    after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
-    before = after - 1
-    step = t[after] - t[before]
-    share = (at - t[before]) / step
-    good = (share >= 0) & (share <= 1) & (step <= max_gap)
-    share = np.clip(share, 0, 1)[:, None]
-    quat = matrix_to_quat(T[:, :3, :3])
-    turn = quat_mul(quat[before], quat_exp(share * quat_boxminus(quat[after], quat[before])))
-    return transform(T[before, :3, 3] * (1 - share) + T[after, :3, 3] * share, turn), np.asarray(good)
+class _Motion:
+    """Poses of a body over time, interpolated."""
+
+    def __init__(self, t: Array, T: Array) -> None:
+        """Through T_world_body (m, 4, 4) at times (m,) [s], in order."""
+        self._t, self._position = t, T[:, :3, 3]
+        self._quat = matrix_to_quat(T[:, :3, :3])
+        self._turn = quat_boxminus(self._quat[1:], self._quat[:-1])
+
+    def at(self, times: Array, max_gap: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Poses at some times, and where the samples beside them are no further apart than `max_gap`."""
+        after = np.clip(np.searchsorted(self._t, times), 1, len(self._t) - 1)
+        before = after - 1
+        step = self._t[after] - self._t[before]
+        share = (times - self._t[before]) / step
+        good = (share >= 0) & (share <= 1) & (step <= max_gap)
+        share = np.clip(share, 0, 1)[:, None]
+        turn = quat_mul(self._quat[before], quat_exp(share * self._turn[before]))
+        return transform(self._position[before] * (1 - share) + self._position[after] * share, turn), np.asarray(good)
