@@ -24,7 +24,7 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
     """Evaluate; returns CONTRACT.md's metrics and the figures' paths."""
     if config.sweep is not None:
         if config.sweep.workers != 1:
-            import_for_workers(config.launcher, "tossid.studies.cells", "torch._dynamo")  # the latter for L-BFGS
+            import_for_workers(config.launcher, "tossid.studies.cells")
         from pipelines.commands.sweep import run_sweep
 
         return run_sweep(config, config.sweep, console)

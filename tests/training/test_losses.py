@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from typing import Any
 
 import pytest
@@ -50,6 +52,26 @@ def test_the_minimum_is_reached(cube: ObjectModel, settings: TrainSettings, step
     assert float(model.a.detach()) == pytest.approx(
         best, abs=0.5 if "adam" in (optimizer, settings.optimizer) else 1e-6
     )
+
+
+WITHOUT_COMPILER = """
+import sys
+from tests.training.test_losses import stage_of
+from tossid.objects import load_object
+from tossid.settings.training import TrainSettings
+
+_, stage, _ = stage_of(load_object("cube"), TrainSettings())
+stage.step()
+stage.load_state_dict(stage.state_dict())
+stage.step()
+assert "torch._dynamo" not in sys.modules
+import torch
+assert not hasattr(torch.optim.Optimizer.add_param_group.__wrapped__, "__dynamo_disable")
+"""
+
+
+def test_l_bfgs_does_without_torchs_compiler() -> None:
+    subprocess.run([sys.executable, "-c", WITHOUT_COMPILER], check=True)
 
 
 def test_adam_goes_once_through_the_data_in_an_epoch(cube: ObjectModel) -> None:

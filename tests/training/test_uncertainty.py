@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from tossid.models.contactnets import ContactNets
 from tossid.objects import ObjectModel
 from tossid.settings.training import ModelSettings
 from tossid.training.fit import Fit
+from tossid.training.rollouts import GaussNewton, RolloutStage
 from tossid.training.uncertainty import _readings, parameter_intervals
 from tossid.types import Toss
 
@@ -54,6 +57,26 @@ def test_a_model_without_rollouts_has_none(cube: ObjectModel) -> None:
     fit = Fit(ContactNets(cube, ModelSettings()), made[:2], made[2:])
     fit.stages = fit.stages[:1]
     assert parameter_intervals(fit) is None
+
+
+def test_resampled_tosses_that_lead_to_no_body_are_counted(cube: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = noisy(tosses(cube, 8, seed=3, substeps=ModelSettings.substeps), seed=2)
+    fit = Fit(ContactNets(cube, ModelSettings(learn_inertia=True, implicit=False)), made[:3], made[3:])
+    wide = RolloutStage.gauss_newton
+
+    def steep(stage: RolloutStage, *args: Any, **kwargs: Any) -> GaussNewton:
+        """Sums whose second and third toss pull apart by a hundred in every parameter's unit."""
+        sums = wide(stage, *args, **kwargs)
+        n, size = sums.g.shape
+        g = 100.0 * np.arange(n)[:, None] * np.ones(size)
+        return sums._replace(H=np.tile(np.eye(size), (n, 1, 1)), g=g - g.mean(axis=0))
+
+    monkeypatch.setattr(RolloutStage, "gauss_newton", steep)
+    known = parameter_intervals(fit)
+    assert known is not None
+    (said,) = [text for text in known["not_seen"] if "lead to no body" in text]
+    assert 0 < int(said.split()[0]) < fit.settings.intervals.draws
+    assert all(np.isfinite(each["ci95"]).all() for each in known["intervals"].values())
 
 
 def test_resampled_rigid_contact_is_the_stiffest_spring_where_fitted_contact_yields(cube: ObjectModel) -> None:

@@ -6,7 +6,9 @@ takes tens of passes where Adam, which the papers use, takes thousands.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple, Protocol
 
 import torch
@@ -102,18 +104,22 @@ class LossStage:
         self._known: dict[bytes, _Evaluation] = {}
         self._optimizer: torch.optim.Optimizer
         self._pass = {"lbfgs": self._lbfgs, "adam": self._adam}[plan.optimizer or settings.optimizer]
-        if self._pass == self._lbfgs:
-            self._optimizer = torch.optim.LBFGS(
-                plan.parameters,
-                max_iter=1,
-                max_eval=settings.lbfgs_evaluations,
-                history_size=settings.lbfgs_history,
-                tolerance_grad=0.0,  # the stage itself decides when it has converged
-                tolerance_change=1e-16,
-                line_search_fn="strong_wolfe",
-            )
-        else:
-            self._optimizer = torch.optim.Adam(plan.parameters, lr=settings.learning_rate)
+        with _uncompiled():
+            self._optimizer = self._lbfgs_of(settings) if self._pass == self._lbfgs else self._adam_of(settings)
+
+    def _lbfgs_of(self, settings: TrainSettings) -> torch.optim.Optimizer:
+        return torch.optim.LBFGS(
+            self._parameters,
+            max_iter=1,
+            max_eval=settings.lbfgs_evaluations,
+            history_size=settings.lbfgs_history,
+            tolerance_grad=0.0,  # the stage itself decides when it has converged
+            tolerance_change=1e-16,
+            line_search_fn="strong_wolfe",
+        )
+
+    def _adam_of(self, settings: TrainSettings) -> torch.optim.Optimizer:
+        return torch.optim.Adam(self._parameters, lr=settings.learning_rate)
 
     def begin(self) -> None:
         """Put the parameter in which the loss is quadratic where its slope, a straight line, is zero."""
@@ -179,9 +185,32 @@ class LossStage:
 
     def state_dict(self) -> dict[str, Any]:
         """The optimizer's state."""
-        return {"optimizer": self._optimizer.state_dict(), "epoch": self._epoch}
+        with _uncompiled():
+            return {"optimizer": self._optimizer.state_dict(), "epoch": self._epoch}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from `state_dict()` of an equal stage."""
-        self._optimizer.load_state_dict(state["optimizer"])
+        with _uncompiled():
+            self._optimizer.load_state_dict(state["optimizer"])
         self._epoch = state["epoch"]
+
+
+@contextmanager
+def _uncompiled() -> Iterator[None]:
+    """Here torch's optimizers do without torch's compiler, whose import takes a second.
+
+    torch imports it to mark methods of optimizers that it is not to compile (`torch._compile`), and keeps the marked
+    method beside the original. Nothing is compiled here, so the original is put there meanwhile. (Steps of Adam import
+    the compiler all the same.)
+    """
+    originals = [getattr(method, "__wrapped__", None) for method in vars(torch.optim.Optimizer).values()]
+    mark, marked = "__dynamo_disable", []
+    if "torch._dynamo" not in sys.modules:
+        marked = [method for method in originals if method is not None and not hasattr(method, mark)]
+    for method in marked:
+        setattr(method, mark, method)
+    try:
+        yield
+    finally:
+        for method in marked:
+            delattr(method, mark)

@@ -12,11 +12,13 @@ first states is in the intervals, as each toss has its own; a wrong physical ass
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.errors import ObjectError
 from tossid.models.parameters import ContactLaw
 from tossid.objects import ObjectModel
 from tossid.settings.training import IntervalSettings
@@ -51,14 +53,17 @@ def parameter_intervals(fit: Fit, *, seed: int = 0) -> dict[str, Any] | None:
     fitted = fit.model.learned_object()
     yields = fitted.compliance > 0
     value, drawn = _readings(fitted, yields=yields), []
-    for _ in range(settings.draws):
-        counts = rng.multinomial(n, np.full(n, 1 / n))
-        H, g = np.tensordot(counts, sums.H, 1) + ridge, counts @ sums.g - sums.g.sum(0)
-        stage.set_parameters(sums.x - np.linalg.solve(H, g))
-        drawn.append(list(_readings(fit.model.learned_object(), yields=yields).values()))
+    counts = rng.multinomial(n, np.full(n, 1 / n), size=settings.draws)
+    H, g = np.tensordot(counts, sums.H, 1) + ridge, counts @ sums.g - sums.g.sum(0)
+    for step in np.linalg.solve(H, g[..., None])[..., 0]:
+        stage.set_parameters(sums.x - step)
+        with suppress(ObjectError):  # these tosses alone would lead beyond every body
+            drawn.append(list(_readings(fit.model.learned_object(), yields=yields).values()))
     stage.set_parameters(sums.x)
-    low, high = np.percentile(np.array(drawn), [2.5, 97.5], axis=0)
     intervals, weak = {}, ["total mass: tosses over a fixed ground show ratios of masses only"]
+    if len(drawn) < settings.draws:
+        weak.append(f"{settings.draws - len(drawn)} of {settings.draws} resampled sets of tosses lead to no body")
+    low, high = np.percentile(drawn or [list(value.values())], [2.5, 97.5], axis=0)
     for i, (name, number) in enumerate(value.items()):
         half = 0.5 * (high[i] - low[i])
         if half == 0.0:
