@@ -71,8 +71,10 @@ def test_the_shots_of_some_tosses_have_the_errors_that_they_have_among_all(cube:
     predictor = Simulator(make_system(cube, gravity=9.0))
     first = first_states(made, cube, predictor, velocity_lag=0.0)
     shots = make_shots(cube, made, horizon=10, first=first, flight=[None] * len(made))
-    assert shots.of_tosses(3) is shots
-    some = shots.of_tosses(2)
+    assert len(shots.in_shares(3)) == 1
+    assert [share.toss.tolist() for share in shots.in_shares(1)] == [[0], [2], [1, 3]]
+    some, rest = shots.in_shares(2)
     np.testing.assert_array_equal(some.toss, [0, 2])
+    np.testing.assert_array_equal(rest.toss, [1, 3])
     errors = prediction_errors(predictor, some)
     np.testing.assert_array_equal(errors, prediction_errors(predictor, shots)[[0, 2], : errors.shape[1]])

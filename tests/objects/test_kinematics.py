@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.physics.trees import random_state, random_tree
-from tossid.objects import ObjectModel, body_poses, center_positions, corner_positions
+from tossid.objects import ObjectModel, body_poses, center_positions, corner_heights, corner_positions
 from tossid.rotations import geodesic_angle
 
 
@@ -27,6 +27,7 @@ def test_poses_and_corners_are_mujocos(seed: int) -> None:
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
     boxes = [signs * m.geom_size[g] @ d.geom_xmat[g].reshape(3, 3).T + d.geom_xpos[g] for g in range(m.ngeom)]
     corners = corner_positions(model, q)
+    np.testing.assert_allclose(corner_heights(model, q), corners[..., 2], atol=1e-12)
     for body in range(model.n_bodies):
         mine = corners[model.corner_body == body]
         gaps = np.linalg.norm(mine[:, None] - boxes[body][None], axis=-1)

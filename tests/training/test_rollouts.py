@@ -77,6 +77,22 @@ def test_a_race_on_some_tosses_chooses_the_start_that_all_of_them_choose(cube: O
     assert found[0] == found[1] == pytest.approx(0.15)
 
 
+def test_a_race_drops_what_is_worse_on_a_share_and_keeps_what_may_be_best(cube: ObjectModel) -> None:
+    model, stage = stage_of(cube, 1.0, raced_tosses=1)
+    friction = model.friction
+    tried: list[float] = []
+
+    def put(mu: float) -> None:
+        tried.append(mu)
+        friction.move(mu)
+
+    values = [0.15, 0.151, 0.9]
+    losses = stage._compared(put, values)
+    assert np.isfinite(losses[:2]).all() and losses[2] == np.inf
+    assert tried.count(0.9) < tried.count(0.15) == len(stage._shares)
+    assert losses[0] == pytest.approx(stage.loss_with(friction, 0.15))
+
+
 def test_averaged_quadratics_have_the_weighted_mean_of_their_minima() -> None:
     H, minima = np.diag([2.0, 5.0]), np.array([[1.0, 0.0], [0.0, 3.0], [-1.0, 1.0]])
     averaged = Averaged(np.zeros((2, 2)), np.zeros(2))

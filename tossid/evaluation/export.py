@@ -17,7 +17,7 @@ from tossid.html import html_table
 from tossid.models import Mechanics, TrainedModel
 from tossid.models.predictor import Predictor, Simulator
 from tossid.motion import MeasurementModel
-from tossid.objects import ObjectModel, body_poses, corner_positions, to_urdf
+from tossid.objects import ObjectModel, body_poses, corner_heights, to_urdf
 from tossid.outputs import write_whole
 from tossid.physics import make_system, tree_batch
 from tossid.physics.effects.in_mujoco import scene_text
@@ -319,6 +319,6 @@ def _compared(learned: Mechanics, carried: ObjectModel, path: Path, settings: Ex
         found["free_flight_with_residual"] = compare(whole, q, settings.flight_step_s)
     if settings.format == "mjcf":
         low = q.copy()
-        low[:, 2] += 0.1 - corner_positions(carried, q)[..., 2].min(axis=1)
+        low[:, 2] += 0.1 - corner_heights(carried, q).min(axis=1)
         found["with_contact"] = compare(ours, low, settings.timestep)
     return found

@@ -13,7 +13,7 @@ from scipy.stats import bootstrap
 from tossid.models.predictor import Predictor, Simulator
 from tossid.models.shots import first_states, stretches
 from tossid.motion import MeasurementModel, flight_frames, flight_states
-from tossid.objects import JointType, ObjectModel, body_poses, center_positions, corner_positions
+from tossid.objects import JointType, ObjectModel, body_poses, center_positions, corner_heights
 from tossid.physics import make_system
 from tossid.physics.tree import kinematics, make_work, mass_matrix
 from tossid.rotations import geodesic_angle
@@ -148,7 +148,7 @@ def score_tosses(
 
 def _penetration(model: ObjectModel, q: Array) -> float:
     """Mean over configurations of the depth of the deepest corner [mm]."""
-    return float(1e3 * np.maximum(-corner_positions(model, q)[..., 2].min(axis=1), 0).mean())
+    return float(1e3 * np.maximum(-corner_heights(model, q).min(axis=1), 0).mean())
 
 
 def score_windows(
@@ -222,8 +222,8 @@ def wrapped(angle: Array) -> Array:
 
 def _flight_error(stated: Simulator, q: Array, v: Array, found: Array) -> float:
     """Median over states of |found - stated| / |stated| [%], accelerations (n, nv) in the norm of M."""
-    off, size = found - stated.acceleration(q, v), stated.acceleration(q, v)
-    work, ratios = make_work(stated.system), np.empty(len(q))
+    size = stated.acceleration(q, v)
+    off, work, ratios = found - size, make_work(stated.system), np.empty(len(q))
     for k in range(len(q)):
         kinematics(stated.system, q[k], work)
         mass_matrix(stated.system, work)

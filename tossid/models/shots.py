@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tossid.models.predictor import Predictor
 from tossid.models.shot_errors import fill_errors
 from tossid.motion import FlightState, flight_frames, flight_states
-from tossid.objects import ObjectModel, corner_positions
+from tossid.objects import ObjectModel, corner_heights
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
@@ -44,16 +44,20 @@ class Shots:
         """(S, L): the frames that were measured."""
         return np.arange(self.target.shape[1]) < self.n_steps[:, None]
 
-    def of_tosses(self, count: int) -> Shots:
-        """The shots of so many tosses, evenly spread over all of them; of all where there are not twice as many.
+    def in_shares(self, count: int) -> list[Shots]:
+        """The shots in shares, each evenly spread over the tosses, and each as large as those before it together.
 
         Args:
-            count: Of tosses.
+            count: Of tosses in the first share, at least; all shots are one share where there are not twice as many.
         """
-        every = (int(self.toss.max()) + 1) // count
-        if every < 2:
-            return self
-        return self.chosen(self.toss % every == 0)
+        n, stride = int(self.toss.max()) + 1, 1
+        while n // (2 * stride) >= count:
+            stride *= 2
+        shares = [self if stride == 1 else self.chosen(self.toss % stride == 0)]
+        while stride > 1:
+            shares.append(self.chosen(self.toss % stride == stride // 2))
+            stride //= 2
+        return shares
 
     def chosen(self, which: NDArray[np.bool_]) -> Shots:
         """Some of the shots.
@@ -91,7 +95,7 @@ def first_states(
     """
     q, v = np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses])
     model = model.with_changes(corner_pos=predictor.corner_pos) if predictor.corner_pos is not None else model
-    q[:, 2] += np.maximum(0.0, -corner_positions(model, q)[..., 2].min(axis=-1))
+    q[:, 2] += np.maximum(0.0, -corner_heights(model, q).min(axis=-1))
     return q, v + velocity_lag * predictor.acceleration(q, v) if velocity_lag else v
 
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from tossid.errors import InputError
 from tossid.motion.kinematics import com_velocities
-from tossid.objects import ObjectModel, corner_positions
+from tossid.objects import ObjectModel, corner_heights
 from tossid.physics import make_system, tree_batch
 from tossid.settings.training import TransitionSettings
 from tossid.types import Toss
@@ -107,11 +107,11 @@ def make_transitions(
     v_next = np.concatenate([toss.v[1:] for toss in tosses])
     system = make_system(model)
     here, there = tree_batch(system, q, v), tree_batch(system, q_next, v_next)
-    lowest = corner_positions(model, q_next)[..., 2].min(axis=1)
+    lowest = corner_heights(model, q_next).min(axis=1)
     jointed = model.n_joints > 0
     margin = (settings.jointed_contact_margin if jointed else settings.contact_margin) * model.width
     clearance = (settings.jointed_flight_clearance if jointed else settings.flight_clearance) * model.width
-    clear = np.minimum(lowest, corner_positions(model, q)[..., 2].min(axis=1)) > clearance
+    clear = np.minimum(lowest, corner_heights(model, q).min(axis=1)) > clearance
 
     dt = np.concatenate([np.diff(toss.t) for toss in tosses])
     if clear.any():

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.objects import ObjectModel, corner_positions
+from tossid.objects import ObjectModel, corner_heights
 
 Array = NDArray[np.float64]
 Touch = Callable[[Array, Array], NDArray[np.bool_]]
@@ -24,7 +24,7 @@ def lowest_corner(model: ObjectModel, q: Array) -> Array:
         model: The object.
         q: Configurations, (*b, nq).
     """
-    return corner_positions(model, q)[..., 2].min(axis=-1)
+    return corner_heights(model, q).min(axis=-1)
 
 
 def may_touch(model: ObjectModel, t: Array, q: Array) -> NDArray[np.bool_]:
@@ -38,7 +38,7 @@ def may_touch(model: ObjectModel, t: Array, q: Array) -> NDArray[np.bool_]:
         t: Times [s], (n,).
         q: Configurations, (n, nq).
     """
-    height = corner_positions(model, q)[..., 2]
+    height = corner_heights(model, q)
     h = np.diff(t)
     low = np.minimum(height[:-1], height[1:])
     if len(t) > 2:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.objects import GRAVITY, JointType, ObjectModel, body_poses, corner_positions
+from tossid.objects import GRAVITY, JointType, ObjectModel, body_poses, corner_heights
 from tossid.rotations import quat_boxminus, quat_rotate
 from tossid.settings.motion import DefectSettings
 from tossid.types import Toss
@@ -60,7 +60,7 @@ def find_defects(
     for toss in tosses:
         dt = np.diff(toss.t)
         if model.is_stated:
-            air = corner_positions(model, toss.q)[..., 2].min(axis=1) > settings.air_height * model.width
+            air = corner_heights(model, toss.q).min(axis=1) > settings.air_height * model.width
         else:  # flight was found in the motion itself, and cannot contradict it
             air = np.zeros(len(toss), dtype=bool)
         turning = [3, 4, 5, *(6 + j for j in range(model.n_joints) if model.joint_type[1 + j] == JointType.HINGE)]

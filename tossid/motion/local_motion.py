@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tossid.motion.local_fits import local_parabolas, scatter
 from tossid.motion.stability import center_of_mass
-from tossid.objects import ObjectModel, corner_positions
+from tossid.objects import ObjectModel, corner_heights
 from tossid.rotations import quat_boxminus
 from tossid.settings.segmentation import SegmentSettings
 from tossid.types import PoseTrack
@@ -83,7 +83,7 @@ class LocalMotion:
         t, q, q_cov = track.t, track.q, track.q_cov
         com = center_of_mass(model, q)
         self.model, self.t, self.com, self.q = model, t, com, q
-        self.low = corner_positions(model, q)[..., 2].min(axis=1)
+        self.low = corner_heights(model, q).min(axis=1)
         self.dt, self.gravity, self.gyration2, self.settings = dt, gravity, gyration2, settings
         # the track's own noise, and at least that of its third differences
         turn = quat_boxminus(q[1:, 3:7], q[:-1, 3:7])

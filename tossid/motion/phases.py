@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tossid.motion.contact import may_touch
 from tossid.motion.kinematics import corner_velocities, jump_speed
-from tossid.objects import GRAVITY, ObjectModel, corner_positions
+from tossid.objects import GRAVITY, ObjectModel, corner_heights
 from tossid.settings.motion import PhaseSettings
 from tossid.types import Phase, check_motion
 
@@ -44,7 +44,7 @@ def label_phases(
     """
     check_motion(t, q, v)
     h = np.diff(t)
-    height = corner_positions(model, q)[..., 2]
+    height = corner_heights(model, q)
     velocity = corner_velocities(model, q, v)
     touching = (height < settings.touch_height * model.width) & (np.abs(velocity[..., 2]) < settings.passing_speed)
     sinking = (height < 0) & (velocity[..., 2] <= -settings.passing_speed)

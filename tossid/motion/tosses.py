@@ -14,7 +14,7 @@ from tossid.motion.noise import pose_noise, velocity_noise
 from tossid.motion.parabola import Parabola, find_parabola, phases_of_motion
 from tossid.motion.phases import label_phases
 from tossid.motion.smoothing.smoother import Smoothed, gyration, smooth_in_turn
-from tossid.objects import GRAVITY, ObjectModel, corner_positions
+from tossid.objects import GRAVITY, ObjectModel, corner_heights
 from tossid.settings.motion import MotionSettings
 from tossid.types import OnDemand, Phase, PoseTrack, Toss
 
@@ -140,7 +140,7 @@ def _check(tracks: Sequence[PoseTrack], model: ObjectModel, deepest: float) -> N
             )
     if not model.is_stated:
         return
-    lowest = float(np.median([corner_positions(model, track.q)[..., 2].min() for track in tracks]))
+    lowest = float(np.median([corner_heights(model, track.q).min() for track in tracks]))
     if lowest < -deepest * model.width:
         raise InputError(
             f"the tracks go {-lowest:.3g} m below the ground (median); expected metres, the ground at z = 0, "

@@ -1,7 +1,7 @@
 """Objects: from MJCF or URDF to a kinematic tree with corners and tags, and back."""
 
 from tossid.objects.boxes import box
-from tossid.objects.kinematics import body_poses, center_positions, corner_positions, lowest_points
+from tossid.objects.kinematics import body_poses, center_positions, corner_heights, corner_positions, lowest_points
 from tossid.objects.load import OBJECT_FILES, absolute_paths, load_object
 from tossid.objects.mjcf import object_from_mjcf, to_mjcf
 from tossid.objects.model import GRAVITY, JointLaw, JointType, ObjectModel, Tag, free_joints
@@ -23,6 +23,7 @@ __all__ = [
     "body_poses",
     "box",
     "center_positions",
+    "corner_heights",
     "corner_positions",
     "free_joints",
     "load_object",

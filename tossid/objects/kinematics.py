@@ -47,6 +47,15 @@ def corner_positions(model: ObjectModel, q: Array) -> Array:
     return pos[..., model.corner_body, :] + quat_rotate(turn, lowest_points(model, turn))
 
 
+def corner_heights(model: ObjectModel, q: Array) -> Array:
+    """Heights [m] of the contact corners; of round ones, of their lowest points. (*b, nq) -> (*b, n_c)."""
+    if model.n_joints or model.roundness is not None:
+        return corner_positions(model, q)[..., 2]
+    w, x, y, z = np.moveaxis(np.asarray(q, dtype=float)[..., 3:7], -1, 0)
+    up = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=-1)  # in the body's frame
+    return np.asarray(q[..., 2, None] + up @ model.corner_pos.T)
+
+
 def lowest_points(model: ObjectModel, turn: Array) -> Array:
     """The corners or, of round ones, their lowest points, in their bodies' frames [m].
 

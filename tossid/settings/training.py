@@ -187,9 +187,10 @@ class RolloutSettings:
     """contact times up to which contact is rigid as far as a step of 1.7 ms can resolve [ms]"""
     raced_tosses: Count = 60
     """where there are twice as many tosses, starts of the contact law and of friction are first compared on so many of
-    them, and steps take differences to one side unless there are joints"""
-    race_margin: Positive = 1.25
-    """ratio to the lowest loss on these tosses up to which a start is compared on all of them"""
+    them and then on more, and steps take differences to one side unless there are joints"""
+    race_margin: Positive = 2.0
+    """standard errors by which a start must be worse than the best one on a share of the tosses to be compared on no
+    more of them"""
     softer_share: Fraction = 0.97
     """share of rigid contact's loss that a softer start must stay below to be preferred: what a softer
     contact gains at a wrong inertia is the inertia's"""

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tossid.objects import GRAVITY, ObjectModel, corner_positions
+from tossid.objects import GRAVITY, ObjectModel, corner_heights
 from tossid.physics.identifiable import base_parameters, order
 from tossid.settings.training import ModelSettings
 from tossid.types import Toss
@@ -158,7 +158,7 @@ def measured_penetration(tosses: Sequence[Toss], model: ObjectModel) -> float:
         tosses: As recorded.
         model: The object as it is stated.
     """
-    lowest = [corner_positions(model, toss.q)[..., 2].min(axis=1) for toss in tosses]
+    lowest = [corner_heights(model, toss.q).min(axis=1) for toss in tosses]
     return float(np.mean([1e3 * np.maximum(-height, 0).mean() for height in lowest]))
 
 

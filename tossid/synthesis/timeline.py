@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.motion.segmentation import rest_frame
-from tossid.objects import ObjectModel, corner_positions
+from tossid.objects import ObjectModel, corner_heights, corner_positions
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, right_jacobian_inv
 from tossid.settings.rendering import RenderSettings
 from tossid.settings.segmentation import SegmentSettings
@@ -161,7 +161,7 @@ def _carry(
     # the hand lifts the object off the ground first; the bump ends with no velocity and no acceleration
     bump = 64 * (s * (1 - s)) ** 3
     clear = min(0.01 + 0.03 * float(rng.random()), 0.9 * float(corner_positions(model, q1)[:, 2].min()))
-    low = corner_positions(model, q)[..., 2].min(axis=1) - clear * np.minimum(1, 6 * s)
+    low = corner_heights(model, q).min(axis=1) - clear * np.minimum(1, 6 * s)
     lift = float(np.max(np.where(low < 0, -low, 0.0) / np.maximum(bump, 0.02)))
     q[:, 2] += min(lift, 0.5) * bump
     return q

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tossid.errors import ConfigError, nearest
 from tossid.motion import label_phases
-from tossid.objects import ObjectModel, corner_positions
+from tossid.objects import ObjectModel, corner_heights, corner_positions
 from tossid.physics.effects import World, all_effects, effects_for
 from tossid.rotations import quat_exp, quat_mul
 from tossid.settings.synthesis import NoiseSettings, ReleaseSettings, SynthesizeSettings
@@ -55,7 +55,7 @@ def draw_releases(
     v[:, 6:] = rng.uniform(*release.joint_rate, size=(n, model.n_joints))
 
     height = rng.uniform(*release.height, size=n)
-    q[:, 2] = height - corner_positions(model, q)[..., 2].min(axis=1)
+    q[:, 2] = height - corner_heights(model, q).min(axis=1)
     landing = release.landing * np.sqrt(rng.uniform(size=(n, 1))) * _directions(rng.uniform(0, 2 * np.pi, n))
     q[:, :2] = landing - v[:, :2] * _fall_time(height, v[:, 2], gravity)[:, None]
     return q, v

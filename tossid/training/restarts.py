@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.models.trained import EpochRecord
-from tossid.objects import ObjectModel, body_poses, corner_positions
+from tossid.objects import ObjectModel, body_poses, corner_heights, corner_positions
 from tossid.objects.half_spaces import protrusion, turned
 from tossid.objects.model import HULL_POINTS
 from tossid.objects.roundness import directions
@@ -102,7 +102,7 @@ def seen_corners(model: ObjectModel, tosses: Sequence[Toss], settings: EvidenceS
     count = np.zeros(model.n_corners, dtype=np.int64)
     for toss in tosses:
         q = toss.q[toss.phase != Phase.FLIGHT]
-        touching = corner_positions(model, q)[..., 2] < reach
+        touching = corner_heights(model, q) < reach
         down = -quat_to_matrix(body_poses(model, q)[1])[..., 2, :]
         for corner in np.flatnonzero((count < settings.fewest_seen) & touching.any(axis=0)):
             ways = down[touching[:, corner], model.corner_body[corner]]

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from math import log
 from typing import Any, NamedTuple
 
@@ -124,8 +123,8 @@ class RolloutStage:
         self._n_threads = n_threads
         self._damping, self._settles = settings.damping, settles
         self._averaged: Averaged | None = None
-        few = self._train.of_tosses(settings.raced_tosses) is self._train
-        self.central = few or model.object.n_joints > 0
+        self._shares = self._train.in_shares(settings.raced_tosses)
+        self.central = len(self._shares) == 1 or model.object.n_joints > 0
         self._restarts = restarts or RestartSettings()
         self.friction_restarted = False
 
@@ -141,40 +140,51 @@ class RolloutStage:
             return
         x, now = self._get(), float(friction().detach())
         values = [now, *self._restarts.frictions]
-        losses = self._compared(partial(self.loss_with, friction), values)
+        losses = self._compared(friction.move, values)
         best = int(np.argmin(losses))
         self.friction_restarted = losses[best] < self._restarts.better_share * losses[0]
         self.set_parameters(x)
         if self.friction_restarted:
             friction.move(values[best])
 
-    def loss_with(self, friction: Coefficient, mu: float, shots: Shots | None = None) -> float:
-        """Loss of shots with another friction, which the model then has.
+    def loss_with(self, friction: Coefficient, mu: float) -> float:
+        """Loss of the training shots with another friction, which the model then has.
 
         Args:
             friction: The model's.
             mu: Its value.
-            shots: None for the training shots.
         """
         friction.move(mu)
-        shots = self._train if shots is None else shots
-        return self._loss(self._errors(shots), shots)
+        return self._loss(self._errors(self._train), self._train)
 
-    def _compared(self, loss_with: Callable[[Any, Shots], float], values: Sequence[Any]) -> list[float]:
-        """Losses of the training shots with each value; infinite where a share of the tosses shows that it is far off.
+    def _compared(self, put: Callable[[Any], None], values: Sequence[Any]) -> list[float]:
+        """Losses of the training shots with each value; infinite where a share of the tosses shows that it is worse.
 
-        The first value's is computed in any case.
+        Values race over growing shares of the tosses. One drops out where the mean of the tosses' losses, less those
+        with the value that is best so far, is above zero by so many standard errors (Maron and Moore 1994, with paired
+        differences). The first value's loss is computed in any case.
+
+        Args:
+            put: Puts a value into the model.
+            values: To compare.
         """
-        settings, shots = self._settings, self._train
-        few = shots.of_tosses(settings.raced_tosses)
-        if len(few.q0) == len(shots.q0):
-            return [loss_with(value, shots) for value in values]
-        first = np.array([loss_with(value, few) for value in values])
-        limit = settings.race_margin * first.min()
-        return [
-            loss_with(value, shots) if i == 0 or loss < limit else float("inf")
-            for i, (value, loss) in enumerate(zip(values, first, strict=True))
-        ]
+        sums: list[list[Array]] = [[] for _ in values]
+        left = list(range(len(values)))
+        for shots in self._shares:
+            for i in left:
+                put(values[i])
+                sums[i].append(self._sums_by_toss(self._errors(shots), shots))
+            so_far = {i: np.concatenate(sums[i]) for i in left}
+            best = min(left, key=lambda i: so_far[i].sum())
+            behind = {i: so_far[i] - so_far[best] for i in left}
+            left = [i for i in left if i == 0 or not self._is_worse(behind[i])]
+        frames = self._train.inside.sum()
+        return [float(so_far[i].sum() / frames) if i in left else float("inf") for i in range(len(values))]
+
+    def _is_worse(self, behind: Array) -> bool:
+        """Whether losses of tosses (n,) less those with another value are above zero, beyond their scatter."""
+        scatter = behind.std(ddof=1) if len(behind) > 1 else np.inf
+        return bool(behind.sum() > 0 and behind.mean() > self._settings.race_margin * scatter / np.sqrt(len(behind)))
 
     def _begin_contact_law(self) -> None:
         law, settings = self._plan.starts, self._settings
@@ -184,15 +194,13 @@ class RolloutStage:
         soft = [law.value.detach().clone(), *grid]
         starts = [law.rigid()] + [start for start in soft if start[0] > log(settings.rigid_time_ms)]
 
-        def loss_with(start: torch.Tensor, shots: Shots) -> float:
+        def put(start: torch.Tensor) -> None:
             with torch.no_grad():
                 law.value.copy_(start)
-            return self._loss(self._errors(shots), shots)
 
-        losses = self._compared(loss_with, starts)
+        losses = self._compared(put, starts)
         best = int(np.argmin(losses))
-        with torch.no_grad():
-            law.value.copy_(starts[best if losses[best] < settings.softer_share * losses[0] else 0])
+        put(starts[best if losses[best] < settings.softer_share * losses[0] else 0])
 
     def step(self) -> Pass:
         """One step of Levenberg-Marquardt.
@@ -291,12 +299,11 @@ class RolloutStage:
         size = np.einsum("slip,slip->sl", J, J)
         calm = shots.inside & (size <= np.quantile(size[shots.inside], 1 - settings.chaotic_share))
         weight = calm / np.sqrt(1 + (errors**2).sum(-1) / settings.huber**2) / shots.inside.sum()
+        rows, w = J.reshape(len(J), -1, len(x)), np.repeat(weight, errors.shape[-1], axis=1)[..., None]
         n = int(shots.toss.max()) + 1
         H, g = np.zeros((n, len(x), len(x))), np.zeros((n, len(x)))
-        for s in range(len(errors)):
-            rows, w = J[s].reshape(-1, len(x)), np.repeat(weight[s], errors.shape[-1])
-            H[shots.toss[s]] += (rows * w[:, None]).T @ rows
-            g[shots.toss[s]] += rows.T @ (w * errors[s].ravel())
+        np.add.at(H, shots.toss, (rows * w).mT @ rows)
+        np.add.at(g, shots.toss, np.squeeze(rows.mT @ (w * errors.reshape(*w.shape)), -1))
         return GaussNewton(H, g, x, calm)
 
     def set_parameters(self, x: Array) -> None:
@@ -323,10 +330,18 @@ class RolloutStage:
         return prediction_errors(self._model.simulator(), shots, n_threads=self._n_threads)
 
     def _loss(self, errors: Array, shots: Shots, counted: NDArray[np.bool_] | None = None) -> float:
+        return float(self._loss_by_frame(errors, counted).sum() / shots.inside.sum())
+
+    def _sums_by_toss(self, errors: Array, shots: Shots) -> Array:
+        """(n_tosses,) sums of the loss over the frames of each toss that has shots."""
+        sums = self._loss_by_frame(errors).sum(axis=1)
+        return np.asarray(np.bincount(np.unique(shots.toss, return_inverse=True)[1], weights=sums), dtype=float)
+
+    def _loss_by_frame(self, errors: Array, counted: NDArray[np.bool_] | None = None) -> Array:
         d = self._settings.huber
         size = np.where(np.isfinite(errors).all(-1), (errors**2).sum(-1), DIVERGED)
         size = size if counted is None else np.where(counted, size, 0.0)
-        return float((d**2 * (np.sqrt(1 + size / d**2) - 1)).sum() / shots.inside.sum())
+        return np.asarray(d**2 * (np.sqrt(1 + size / d**2) - 1))
 
     def state_dict(self) -> dict[str, Any]:
         """The damping and the averaged quadratics."""

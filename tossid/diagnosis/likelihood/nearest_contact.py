@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from tossid.diagnosis.likelihood.step_changes import Contact, State, motions
-from tossid.objects import corner_positions
+from tossid.objects import corner_heights
 from tossid.physics.effects import World
 from tossid.settings.diagnosis.likelihood import EngineSettings
 
@@ -92,7 +92,7 @@ def frames_of(
     scale = np.array([1.0] * 3 + [arm] * (before.v.shape[1] - 3))
     moves = np.concatenate([scale / dt, scale])
     lost = np.abs(moves * after.minus(then)).sum() / np.abs(scale * (then.v - before.v - fall)).sum()
-    low = corner_positions(world.object, before.q)[..., 2].min(axis=1)
+    low = corner_heights(world.object, before.q).min(axis=1)
     near = np.flatnonzero(low < 1e-2 + dt * np.abs(before.v[:, 2]))
     near = near[:: max(1, len(near) // MOST_STATES)]
     return Frames(before.rows(near), after.rows(near), float(lost))

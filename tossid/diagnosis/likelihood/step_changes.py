@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.states import difference, moved_pose
-from tossid.objects import corner_positions
+from tossid.objects import corner_heights
 from tossid.physics import System, simulate
 from tossid.physics.effects import World
 from tossid.physics.effects.in_mujoco import body_motions
@@ -243,7 +243,7 @@ class StepChanges:
 
     def _low(self, at: State) -> Array:
         """(B,) height of the stated object's lowest corner [m]."""
-        return np.asarray(corner_positions(self.none.object, at.q)[..., 2].min(axis=-1))
+        return np.asarray(corner_heights(self.none.object, at.q).min(axis=-1))
 
     def _upward(self, at: State) -> Array:
         """(B,) vertical momentum [N s] of the stated object."""

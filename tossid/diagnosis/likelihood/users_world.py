@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from tossid.diagnosis.likelihood.nearest_contact import frames_of, nearest_contact
 from tossid.diagnosis.likelihood.simulator_process import SimulatorProcess
 from tossid.diagnosis.likelihood.step_changes import Contact, State, StepChanges
-from tossid.objects import corner_positions
+from tossid.objects import corner_heights
 from tossid.physics.effects import World
 
 Array = NDArray[np.float64]
@@ -290,7 +290,7 @@ class UsersWorld(World):
 
     def _first_contact(self, motions: Sequence[State], steps: NDArray[np.int64]) -> NDArray[np.int64]:
         """(B,) frames from which motions are changed frame by frame; `steps` where they stay in the air until then."""
-        low = np.min([corner_positions(self.object, each.q)[..., 2].min(axis=-1) for each in motions], axis=0)
+        low = np.min([corner_heights(self.object, each.q).min(axis=-1) for each in motions], axis=0)
         near = ~(low > _NEAR_GROUND) & (np.arange(low.shape[1]) <= steps[:, None])
         return np.where(near.any(axis=1), np.maximum(near.argmax(axis=1) - 2, 0), steps)
 

@@ -26,7 +26,7 @@ from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.residuals import mean_residuals
 from tossid.diagnosis.likelihood.slow_errors import inverse_factors, slow_covariance
 from tossid.motion.resting import rest_scatter
-from tossid.objects import ObjectModel, corner_positions
+from tossid.objects import ObjectModel, corner_heights
 from tossid.physics.effects import World
 from tossid.settings.contact import ContactSettings
 from tossid.settings.diagnosis.likelihood import LikelihoodSettings, SimulationSettings
@@ -338,5 +338,5 @@ def _clearance(model: ObjectModel | None, q: Array, y: Array) -> Array:
     if model is None:
         return np.full(len(q), -np.inf)
     poses = np.concatenate([q[:, None], y], axis=1)
-    low: Array = corner_positions(model, poses)[..., 2].min(axis=(1, 2))
+    low: Array = corner_heights(model, poses).min(axis=(1, 2))
     return low

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Corner, Gap, Interval, Place, Relation
 from tossid.diagnosis.localisation.wrench import residual_wrench
-from tossid.objects import ObjectModel, corner_positions
+from tossid.objects import ObjectModel, corner_heights, corner_positions
 from tossid.physics.effects import World
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings, LocalisationSettings
 from tossid.types import Phase, Toss
@@ -118,7 +118,7 @@ def _by_toss(tosses: Sequence[Toss], world: World, gap: Gap, dt: float, touching
         if not len(rows):
             continue
         q = toss.measured[0][np.searchsorted(toss.ticks(dt), np.rint(rows[:, 1] / dt))]
-        height = corner_positions(world.object, world.to_ground(q, np.zeros((len(q), world.object.nv)))[0])[..., 2]
+        height = corner_heights(world.object, world.to_ground(q, np.zeros((len(q), world.object.nv)))[0])
         low = height < height.min(1, keepdims=True) + touching_height
         part = low / low.sum(1, keepdims=True)
         excess[i] = rows[:, 3] @ part

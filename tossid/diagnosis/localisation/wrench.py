@@ -21,7 +21,7 @@ from tossid.diagnosis.findings import Relation
 from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.diagnosis.localisation.relations import components_of, relate
-from tossid.objects import GRAVITY, ObjectModel, corner_positions
+from tossid.objects import GRAVITY, ObjectModel, corner_heights
 from tossid.physics import LearnedAcceleration, n_features
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_conj, quat_rotate
@@ -176,7 +176,7 @@ def _states(windows: Windows, model: ObjectModel) -> tuple[Array, Array, Array, 
     # frames after a window's last are copies of it
     turns = quat_rotate(windows.y[:, 1:, 3:7], quat_boxminus(windows.y[:, 1:, 3:7], windows.y[:, :-1, 3:7]))
     spin = turns.sum(1) / span[:, None]
-    low = corner_positions(model, windows.y)[..., 2].min(-1)
+    low = corner_heights(model, windows.y).min(-1)
     place = np.where(there[..., None], windows.y[..., :3], 0.0).sum(1) / n[:, None]
     states = np.stack(
         [

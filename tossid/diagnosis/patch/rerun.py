@@ -20,7 +20,7 @@ from tossid.diagnosis.localisation.noise import expected_deviance
 from tossid.diagnosis.localisation.rollouts import first_states
 from tossid.diagnosis.patch.make import Patch
 from tossid.evaluation.metrics import summarize
-from tossid.objects import ObjectModel, center_positions, corner_positions
+from tossid.objects import ObjectModel, center_positions, corner_heights
 from tossid.physics.effects import World
 from tossid.rotations import geodesic_angle
 from tossid.settings.diagnosis.patch import PatchSettings
@@ -115,7 +115,7 @@ def _residuals(windows: Windows, world: World, simulated: MujocoWorld, *, n_thre
     MuJoCo's stiff spring would throw it up, where tossid's contact leaves it.
     """
     kept, whitening = linearise(windows, world, refine=2, n_threads=n_threads)
-    sunk = corner_positions(world.object, world.to_ground(kept.at_q, kept.at_v)[0])[..., 2].min(-1)
+    sunk = corner_heights(world.object, world.to_ground(kept.at_q, kept.at_v)[0]).min(-1)
     q, lift = kept.at_q.copy(), np.maximum(-sunk, 0.0) * (world.object.compliance == 0)
     q[:, 2] += lift
     run = simulated.roll_out(q, kept.at_v, n_steps=kept.steps, dt=kept.dt, n_threads=n_threads)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tossid.motion.sessions.levelling import as_recorded
 from tossid.motion.sessions.search import heights_were_shifted
-from tossid.objects import ObjectModel, corner_positions
+from tossid.objects import ObjectModel, corner_heights, corner_positions
 from tossid.types import RecordingOrder, Toss
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ def have_own_heights(tosses: Sequence[Toss], model: ObjectModel, order: Recordin
         order: The dataset's order of recording, which knows what was undone; None where it was not looked at.
     """
     last = [as_recorded(toss, order).measured[0][-2:] for toss in tosses]
-    return heights_were_shifted(np.array([corner_positions(model, q)[..., 2].min(axis=1) for q in last]))
+    return heights_were_shifted(np.array([corner_heights(model, q).min(axis=1) for q in last]))
 
 
 def moved(toss: Toss, by: Array) -> Toss:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.motion import com_velocities
-from tossid.objects import ObjectModel, corner_positions
+from tossid.objects import ObjectModel, corner_heights
 from tossid.physics import System, no_learned_acceleration, tree_batch
 from tossid.physics.free import free_acceleration
 from tossid.physics.solvers import solve_cone_qp
@@ -85,7 +85,7 @@ def accelerations_over_toss(
     M, J = _mass_and_jacobian(system, toss)
     miss = np.diff(toss.v, axis=0) - dt[:, None] * acceleration
 
-    height = corner_positions(model, toss.q[1:])[..., 2]
+    height = corner_heights(model, toss.q[1:])
     gap = np.maximum(height - settings.ground_gap * weights.gap_scale, 0) / dt[:, None]
     sliding = np.einsum("ncij,nj->nci", J[:, :, :2], toss.v[1:])
     speed = np.linalg.norm(sliding, axis=-1)

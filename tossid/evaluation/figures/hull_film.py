@@ -13,7 +13,7 @@ from tossid.evaluation.figures.film import FRACTION, Frames, Place, draw_bodies,
 from tossid.evaluation.figures.geometry import UNSEEN
 from tossid.evaluation.figures.style import INK, LOOKS, MUTED
 from tossid.evaluation.figures.wireframe import View, view_from, wireframe
-from tossid.objects import ObjectModel, corner_positions
+from tossid.objects import ObjectModel, corner_heights
 from tossid.objects.half_spaces import different, half_spaces, hull_within
 from tossid.settings.figures import FigureSettings
 from tossid.settings.objects import ShapeSettings
@@ -55,7 +55,7 @@ def hull_film(
     reach = settings.hull_reach * float(np.abs(corners - inside).max())
     every = half_spaces(tosses)
     every = every.chosen(different(every, shape))
-    down = np.array([corner_positions(drawn, toss.q)[..., 2].min(axis=0) < shape.contact_gap for toss in tosses])
+    down = np.array([corner_heights(drawn, toss.q).min(axis=0) < shape.contact_gap for toss in tosses])
     counts = np.unique(np.geomspace(1, len(tosses), settings.hull_pictures).round().astype(int))
     scale = 0.45 * min(settings.film_size) / reach
     frames = []

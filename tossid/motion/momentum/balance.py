@@ -26,7 +26,7 @@ from tossid.motion.kinematics import corner_velocities
 from tossid.motion.momentum.dynamics import TreeDynamics
 from tossid.motion.smoothing.rts import LinearSystem, filter_forward
 from tossid.motion.smoothing.system import difference, first_cov, moved, pad, white
-from tossid.objects import ObjectModel, body_poses, corner_positions, lowest_points
+from tossid.objects import ObjectModel, body_poses, corner_heights, lowest_points
 from tossid.rotations import skew
 from tossid.settings.motion import MomentumSettings
 from tossid.types import Phase, PoseTrack, Toss
@@ -97,7 +97,7 @@ class Balance:
         """Which points touch in an interval, and where they are then; returns changes of velocity (n - 1, b) [m/s]."""
         model, q, v, h, settings = self._model, self._q, self._v, self._batch.h, self.settings
         at_origin = self._dynamics.at_origin(q, v)
-        height, velocity = corner_positions(model, at_origin[0])[..., 2], corner_velocities(model, *at_origin)
+        height, velocity = corner_heights(model, at_origin[0]), corner_velocities(model, *at_origin)
         down = np.maximum(-velocity[:-1, ..., 2], 0)
         low = np.minimum(np.minimum(height[:-1], height[1:]), height[:-1] - down * h[..., None])
         self.touching = (low < settings.near) & self._batch.inside[..., None]

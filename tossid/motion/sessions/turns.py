@@ -25,7 +25,7 @@ from scipy.stats import chi2
 
 from tossid.motion.sessions.levelling import turned_track
 from tossid.motion.sessions.witnesses import link_faces, resting_faces
-from tossid.objects import ObjectModel, corner_positions
+from tossid.objects import ObjectModel, corner_heights
 from tossid.rotations import quat_exp, quat_mul
 from tossid.settings.sessions import TurnSettings, WitnessSettings
 from tossid.types import OnDemand, PoseTrack, RecordingOrder
@@ -152,7 +152,7 @@ def throw_direction(track: PoseTrack, model: ObjectModel, settings: TurnSettings
         model: The object.
         settings: What counts.
     """
-    low = corner_positions(model, track.q)[..., 2].min(axis=1)
+    low = corner_heights(model, track.q).min(axis=1)
     clear = low - low.min() > settings.clear_height
     n = len(clear) if clear.all() else int(np.argmin(clear))
     if n < settings.fewest_flight:

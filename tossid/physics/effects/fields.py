@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.objects import ObjectModel, corner_positions
+from tossid.objects import ObjectModel, corner_heights
 from tossid.physics.batch import learned_accelerations, tree_batch
 from tossid.physics.effects.in_mujoco import body_motions, wrench_of_world
 from tossid.physics.effects.world import World
@@ -84,7 +84,7 @@ def airborne(model: ObjectModel, q: Array, *, clearance: float = 0.1) -> NDArray
         q: (B, nq) configurations in the ground's frame.
         clearance: share of the width above the ground.
     """
-    return np.asarray(corner_positions(model, q)[..., 2].min(axis=-1) > clearance * model.width)
+    return np.asarray(corner_heights(model, q).min(axis=-1) > clearance * model.width)
 
 
 def share_recovered(found: Array, true: Array) -> float:

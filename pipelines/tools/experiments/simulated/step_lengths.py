@@ -16,7 +16,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.objects import corner_positions, load_object
+from tossid.objects import corner_heights, load_object
 from tossid.physics import simulate
 from tossid.physics.effects import World
 from tossid.physics.forces import Law
@@ -41,7 +41,7 @@ def releases(count: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """
     q = np.zeros((count, 7))
     q[:, 3:] = quat_exp(rng.normal(size=(count, 3)))
-    lowest = corner_positions(load_object("cube"), q)[..., 2].min(axis=1)
+    lowest = corner_heights(load_object("cube"), q).min(axis=1)
     q[:, 2] = rng.uniform(0.05, 0.08, count) - lowest
     across, down, spin = (
         0.5 * rng.normal(size=(count, 2)),

@@ -28,7 +28,7 @@ from tossid.diagnosis.selection.flight_search import search_flight
 from tossid.motion.sessions.copies import find_copies
 from tossid.motion.sessions.turns import InThrow, Turns, find_turns
 from tossid.motion.sessions.witnesses import link_faces, resting_faces
-from tossid.objects import ObjectModel, corner_positions, load_object
+from tossid.objects import ObjectModel, corner_heights, load_object
 from tossid.physics.effects import World, effects_for
 from tossid.rotations import quat_to_matrix
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
@@ -104,7 +104,7 @@ def first_flights(tracks: Sequence[PoseTrack], model: ObjectModel, turns: Turns,
     """
     t, p, R, chosen = [], [], [], []
     for i, track in enumerate(tracks):
-        low = corner_positions(model, track.q)[..., 2].min(axis=1)
+        low = corner_heights(model, track.q).min(axis=1)
         n = int(np.argmax(low < CLEAR)) if (low < CLEAR).any() else len(low)
         if n >= fewest and np.isfinite(turns.throws[i]):
             t.append(track.t[:n] - track.t[0])
