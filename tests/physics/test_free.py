@@ -34,6 +34,21 @@ def test_features_are_what_the_base_sees() -> None:
     np.testing.assert_allclose(work.feature, np.concatenate([body, world]), atol=1e-12)
 
 
+def test_a_batch_is_its_states() -> None:
+    rng = np.random.default_rng(3)
+    model = random_tree(rng, n_bodies=3)
+    system = make_system(model)
+    q, v = (np.array(part) for part in zip(*(random_state(rng, model) for _ in range(4)), strict=True))
+    work, found, norms = tree.make_work(system), np.empty(v.shape), np.empty(4)
+    free.free_accelerations(system, q, v, work, found)
+    free.mass_norms(system, q, found, work, norms)
+    for i in range(4):
+        own = np.empty(model.nv)
+        assert free.free_acceleration(system, q[i], v[i], work, own)
+        np.testing.assert_array_equal(found[i], own)
+        np.testing.assert_allclose(norms[i], np.sqrt(own @ work.M @ own), rtol=1e-12)
+
+
 def test_a_learned_acceleration_turns_with_the_object_about_the_vertical() -> None:
     rng = np.random.default_rng(1)
     model = random_tree(rng, n_bodies=2)

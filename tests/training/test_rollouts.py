@@ -88,7 +88,8 @@ def test_a_race_drops_what_is_worse_on_a_share_and_keeps_what_may_be_best(cube: 
 
     values = [0.15, 0.151, 0.9]
     losses = stage._compared(put, values)
-    assert np.isfinite(losses[:2]).all() and losses[2] == np.inf
+    assert np.isfinite(losses[:2]).all()
+    assert losses[2] == np.inf
     assert tried.count(0.9) < tried.count(0.15) == len(stage._shares)
     assert losses[0] == pytest.approx(stage.loss_with(friction, 0.15))
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.physics import ExactCone, Simulation, System, simulate
-from tossid.physics.free import free_acceleration
+from tossid.physics.free import free_accelerations
 from tossid.physics.solvers.registry import ContactSolver
 from tossid.physics.tree import make_work
 from tossid.settings.training import ModelSettings
@@ -89,7 +89,7 @@ class Simulator:
 
     def acceleration(self, q: Array, v: Array) -> Array:
         """M^-1 k of the given and the learned continuous dynamics (N, nv)."""
-        work, out = make_work(self.system), np.empty((len(q), self.system.nv))
-        for i in range(len(q)):
-            free_acceleration(self.system, q[i], v[i], work, out[i])
+        q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
+        out = np.empty((len(q), self.system.nv))
+        free_accelerations(self.system, q, v, make_work(self.system), out)
         return out

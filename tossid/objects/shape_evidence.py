@@ -20,7 +20,7 @@ from scipy.optimize import linear_sum_assignment
 
 from tossid.errors import InputError
 from tossid.objects.convex_shape import ConvexShape, find_shape
-from tossid.objects.half_spaces import different, half_spaces, outer_hull, protrusion
+from tossid.objects.half_spaces import HalfSpaces, different, half_spaces, outer_hull, protrusion
 from tossid.settings.objects import EvidenceSettings, ShapeSettings
 from tossid.types import Toss
 
@@ -49,11 +49,8 @@ class ShapeEvidence:
         shape: ConvexShape | None = None,
     ) -> None:
         self.settings, self._find = settings or EvidenceSettings(), find or ShapeSettings()
-        self._tosses, self._shape = tuple(tosses), shape
-        every = half_spaces(self._tosses)
-        _, self.radius, outer = outer_hull(every, self._find)
-        spaces = every.chosen(different(every, self._find))
-        gap = spaces.height - (spaces.down @ outer.T).max(axis=1)
+        self._asked, self._shape = _Asked.of(tuple(tosses), self._find), shape
+        self.radius, spaces, gap = _bounds_by(self._asked)
         self._tight = spaces.chosen(gap < self.settings.tight_rel * self.radius)
 
     @cached_property
@@ -63,7 +60,7 @@ class ShapeEvidence:
         Raises:
             InputError: There is too little contact in them.
         """
-        return _shown_by(_Shown.of(self._tosses, self._find)) if self._shape is None else self._shape
+        return _shown_by(self._asked) if self._shape is None else self._shape
 
     def unexplained(self, corners: Array) -> float:
         """Share of the tight frames in which all corners are well above the ground.
@@ -151,7 +148,7 @@ class ShapeEvidence:
 
 
 @dataclass(frozen=True)
-class _Shown:
+class _Asked:
     """The poses in which a shape is looked for, which the digest stands for, and how."""
 
     digest: bytes
@@ -159,14 +156,23 @@ class _Shown:
     tosses: tuple[Toss, ...] = field(compare=False)
 
     @staticmethod
-    def of(tosses: tuple[Toss, ...], settings: ShapeSettings) -> _Shown:
+    def of(tosses: tuple[Toss, ...], settings: ShapeSettings) -> _Asked:
         found = hashlib.sha256()
         for toss in tosses:
             found.update(len(toss.q).to_bytes(8, "little") + np.ascontiguousarray(toss.q).tobytes())
-        return _Shown(found.digest(), settings, tosses)
+        return _Asked(found.digest(), settings, tosses)
 
 
 @lru_cache(maxsize=4)
-def _shown_by(asked: _Shown) -> ConvexShape:
+def _shown_by(asked: _Asked) -> ConvexShape:
     """The shape, found once for the trainings of a study, which learn from the same tosses."""
     return find_shape(asked.tosses, asked.settings)
+
+
+@lru_cache(maxsize=4)
+def _bounds_by(asked: _Asked) -> tuple[float, HalfSpaces, Array]:
+    """How far the outer hull reaches [m], frames that differ, and their gaps to it (n,) [m]; found once as well."""
+    every = half_spaces(asked.tosses)
+    _, radius, outer = outer_hull(every, asked.settings)
+    spaces = every.chosen(different(every, asked.settings))
+    return radius, spaces, spaces.height - (spaces.down @ outer.T).max(axis=1)

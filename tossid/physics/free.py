@@ -95,3 +95,24 @@ def free_acceleration(system, q, v, work, out):  # type: ignore[no-untyped-def]
     cholesky_solve(work.L, out, nv)
     learned_acceleration(system, q, v, work, out)
     return True
+
+
+@kernel
+def free_accelerations(system, q, v, work, out):  # type: ignore[no-untyped-def]
+    """`free_acceleration` of states q (N, nq), v (N, nv) into out (N, nv)."""
+    for n in range(len(q)):
+        free_acceleration(system, q[n], v[n], work, out[n])
+
+
+@kernel
+def mass_norms(system, q, a, work, out):  # type: ignore[no-untyped-def]
+    """sqrt(a^T M(q) a) of accelerations a (N, nv) at configurations q (N, nq) into out (N,)."""
+    nv = a.shape[1]
+    for n in range(len(q)):
+        kinematics(system, q[n], work)
+        mass_matrix(system, work)
+        square = 0.0
+        for i in range(nv):
+            for j in range(nv):
+                square += a[n, i] * work.M[i, j] * a[n, j]
+        out[n] = np.sqrt(square)
