@@ -24,6 +24,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import torch
 
 from tossid.errors import DivergedError, ObjectError
 from tossid.models.protocol import Array, Corners, DynamicsModel, Objective, StagePlan
@@ -97,7 +98,7 @@ class Fit:
         self.epoch = 0
         self.stale = 0
         self.best_loss = float("inf")
-        self.best = copy.deepcopy(model.state_dict())
+        self.best = _state_of(model)
         self._current: Stage | None = None
         self._holds = False
         self._flights: Flights | None = None
@@ -229,7 +230,7 @@ class Fit:
             "following": None if self._following is None else asdict(self._following),
             "holds": self._holds,
             "way": self.way,
-            "model": copy.deepcopy(self.model.state_dict()),
+            "model": _state_of(self.model),
             "current": None if self._current is None else self._current.state_dict(),
         }
 
@@ -319,7 +320,7 @@ class Fit:
         if not changed or limits.corners == 0:
             return False
         self.restarts.append(Restart(plan.name, "all corners", changed, kept=True))
-        self._following = Following(widths, self.best_loss, copy.deepcopy(self.model.state_dict()))
+        self._following = Following(widths, self.best_loss, _state_of(self.model))
         plan.corners.move(moved)
         return True
 
@@ -346,7 +347,7 @@ class Fit:
         changed = int((moved != now).any(axis=1).sum())
         if not changed:
             return False
-        self._before = (self.best_loss, copy.deepcopy(self.model.state_dict()))
+        self._before = (self.best_loss, _state_of(self.model))
         self.restarts.append(Restart(plan.name, "corners", changed, kept=True))
         plan.corners.move(moved)
         return True
@@ -363,11 +364,11 @@ class Fit:
             raise DivergedError(
                 f"stage '{plan.name}' ran away from every body that there is: {error}; more epochs than {self.epoch}, "
                 "more tosses or a start that is nearer (gravity, inertia) may help",
-                state=copy.deepcopy(self.model.state_dict()),
+                state=_state_of(self.model),
             ) from error
 
     def _step(self, stage: Stage) -> tuple[EpochRecord, bool]:
-        before = copy.deepcopy(self.model.state_dict())
+        before = _state_of(self.model)
         started = time.perf_counter()
         now = stage.step()
         seconds = time.perf_counter() - started
@@ -382,7 +383,7 @@ class Fit:
         # steps of rollouts go to a root, about which losses, of validation tosses, too, are rough
         better = isinstance(stage, RolloutStage) or loss < self.best_loss * (1 - least)
         if better:
-            self.best_loss, self.best, self.stale = loss, copy.deepcopy(self.model.state_dict()), 0
+            self.best_loss, self.best, self.stale = loss, _state_of(self.model), 0
         else:
             self.stale += 1
         self.epoch += 1
@@ -390,3 +391,9 @@ class Fit:
             stage.name, self.epoch, now.train_loss, now.validation_loss, now.parts, now.passes, seconds, better
         )
         return record, now.done
+
+
+def _state_of(model: DynamicsModel) -> dict[str, Any]:
+    """A copy of the model's state."""
+    state = model.state_dict().items()
+    return {name: value.clone() if isinstance(value, torch.Tensor) else copy.deepcopy(value) for name, value in state}
