@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.physics.trees import random_state, random_tree
-from tossid.physics import make_system, tree_batch, tree_poses
+from tossid.physics import make_system, tree_batch
 from tossid.rotations import quat_exp, quat_mul
 
 
@@ -33,12 +33,3 @@ def test_jacobians_and_accelerations_are_derivatives_along_the_motion() -> None:
     np.testing.assert_allclose(np.einsum("bnij,bnj->bni", back, world / (2 * h)), now.alpha, atol=1e-5)
     second = (ahead.x - 2 * now.x + behind.x) / h**2
     np.testing.assert_allclose(np.einsum("bnij,bnj->bni", back, second), now.xdd, atol=1e-3)
-
-
-def test_poses_alone_are_those_of_the_batch() -> None:
-    rng = np.random.default_rng(4)
-    model = random_tree(rng, n_bodies=3)
-    q, v = (np.array(part) for part in zip(*(random_state(rng, model) for _ in range(5)), strict=True))
-    batch, (R, x) = tree_batch(make_system(model), q, v), tree_poses(make_system(model), q)
-    np.testing.assert_array_equal(R, batch.R)
-    np.testing.assert_array_equal(x, batch.x)

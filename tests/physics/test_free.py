@@ -39,8 +39,7 @@ def test_a_batch_is_its_states() -> None:
     model = random_tree(rng, n_bodies=3)
     system = make_system(model)
     q, v = (np.array(part) for part in zip(*(random_state(rng, model) for _ in range(4)), strict=True))
-    work, found, norms = tree.make_work(system), np.empty(v.shape), np.empty(4)
-    free.free_accelerations(system, q, v, work, found)
+    work, found, norms = tree.make_work(system), free.free_accelerations(system, q, v), np.empty(4)
     free.mass_norms(system, q, found, work, norms)
     for i in range(4):
         own = np.empty(model.nv)

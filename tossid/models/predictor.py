@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from tossid.physics import ExactCone, Simulation, System, simulate
 from tossid.physics.free import free_accelerations
 from tossid.physics.solvers.registry import ContactSolver
-from tossid.physics.tree import make_work
 from tossid.settings.training import ModelSettings
 
 Array = NDArray[np.float64]
@@ -89,7 +88,4 @@ class Simulator:
 
     def acceleration(self, q: Array, v: Array) -> Array:
         """M^-1 k of the given and the learned continuous dynamics (N, nv)."""
-        q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
-        out = np.empty((len(q), self.system.nv))
-        free_accelerations(self.system, q, v, make_work(self.system), out)
-        return out
+        return free_accelerations(self.system, q, v)

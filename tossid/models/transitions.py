@@ -11,8 +11,9 @@ from torch import Tensor
 
 from tossid.errors import InputError
 from tossid.motion.kinematics import com_velocities
-from tossid.objects import ObjectModel, corner_heights
-from tossid.physics import make_system, tree_batch, tree_poses
+from tossid.objects import ObjectModel, body_poses, corner_heights
+from tossid.physics import make_system, tree_batch
+from tossid.rotations import quat_to_matrix
 from tossid.settings.training import TransitionSettings
 from tossid.types import Toss
 
@@ -105,8 +106,7 @@ def make_transitions(
     v = np.concatenate([toss.v[:-1] for toss in tosses])
     q_next = np.concatenate([toss.q[1:] for toss in tosses])
     v_next = np.concatenate([toss.v[1:] for toss in tosses])
-    system = make_system(model)
-    here, (R_next, x_next) = tree_batch(system, q, v), tree_poses(system, q_next)
+    here, (x_next, quat_next) = tree_batch(make_system(model), q, v), body_poses(model, q_next)
     lowest = corner_heights(model, q_next).min(axis=1)
     jointed = model.n_joints > 0
     margin = (settings.jointed_contact_margin if jointed else settings.contact_margin) * model.width
@@ -137,7 +137,7 @@ def make_transitions(
         R=tensor(here.R),
         features=tensor(here.features),
         z=tensor(here.x[:, 0, 2]),
-        up_next=tensor(R_next[:, :, 2, :]),
+        up_next=tensor(quat_to_matrix(quat_next)[:, :, 2, :]),
         z_next=tensor(x_next[:, :, 2]),
         near=tensor(np.flatnonzero(lowest < margin)),
         flight=tensor(np.flatnonzero(clear)),

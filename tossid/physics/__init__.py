@@ -1,6 +1,6 @@
 """Physics: dynamics of a tree, contact problems and their solvers, time stepping."""
 
-from tossid.physics.batch import TreeBatch, learned_accelerations, tree_batch, tree_poses
+from tossid.physics.batch import TreeBatch, learned_accelerations, tree_batch
 from tossid.physics.registered_forces import register_force
 from tossid.physics.solvers import ExactCone, PolyhedralCone, register_solver
 from tossid.physics.stepping import Simulation, simulate
@@ -29,5 +29,4 @@ __all__ = [
     "register_solver",
     "simulate",
     "tree_batch",
-    "tree_poses",
 ]

@@ -113,24 +113,3 @@ def tree_batch(system: System, q: Array, v: Array) -> TreeBatch:
     )
     _fill(system, work, q, v, *out)
     return out
-
-
-@kernel
-def _fill_poses(system, work, q, R, x):  # type: ignore[no-untyped-def]
-    for s in range(len(q)):
-        kinematics(system, q[s], work)
-        for b in range(len(system.parent)):
-            R[s, b], x[s, b] = work.xmat[b], work.xpos[b]
-
-
-def tree_poses(system: System, q: Array) -> tuple[Array, Array]:
-    """World rotations R (B, n_b, 3, 3) and positions x (B, n_b, 3) of the bodies, as `tree_batch` has them.
-
-    Args:
-        system: The object.
-        q: (B, nq) configurations.
-    """
-    system, nb = system._replace(registered=NoForce()), len(system.parent)
-    R, x = np.empty((len(q), nb, 3, 3)), np.empty((len(q), nb, 3))
-    _fill_poses(system, make_work(system), np.ascontiguousarray(q, dtype=float), R, x)
-    return R, x

@@ -7,9 +7,13 @@ are others, and tests hold them to this.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tossid.kernels import kernel
-from tossid.physics.tree import bias_force, cholesky, cholesky_solve, kinematics, mass_matrix
+from tossid.physics.system import System
+from tossid.physics.tree import bias_force, cholesky, cholesky_solve, kinematics, make_work, mass_matrix
+
+Array = NDArray[np.float64]
 
 
 @kernel
@@ -98,10 +102,22 @@ def free_acceleration(system, q, v, work, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def free_accelerations(system, q, v, work, out):  # type: ignore[no-untyped-def]
-    """`free_acceleration` of states q (N, nq), v (N, nv) into out (N, nv)."""
+def _fill(system, q, v, work, out):  # type: ignore[no-untyped-def]
     for n in range(len(q)):
         free_acceleration(system, q[n], v[n], work, out[n])
+
+
+def free_accelerations(system: System, q: Array, v: Array) -> Array:
+    """dv/dt of states without contact (N, nv), as `free_acceleration` has it.
+
+    Args:
+        system: The simulator's parameters.
+        q: (N, nq) configurations.
+        v: (N, nv) velocities.
+    """
+    out = np.empty((len(q), system.nv))
+    _fill(system, np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float), make_work(system), out)
+    return out
 
 
 @kernel

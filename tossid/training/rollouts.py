@@ -176,15 +176,14 @@ class RolloutStage:
                 sums[i].append(self._sums_by_toss(self._errors(shots), shots))
             so_far = {i: np.concatenate(sums[i]) for i in left}
             best = min(left, key=lambda i: so_far[i].sum())
-            behind = {i: so_far[i] - so_far[best] for i in left}
-            left = [i for i in left if i == 0 or not self._is_worse(behind[i])]
+            left = [i for i in left if i == 0 or not self._is_worse(so_far[i] - so_far[best])]
         frames = self._train.inside.sum()
         return [float(so_far[i].sum() / frames) if i in left else float("inf") for i in range(len(values))]
 
     def _is_worse(self, behind: Array) -> bool:
         """Whether losses of tosses (n,) less those with another value are above zero, beyond their scatter."""
         scatter = behind.std(ddof=1) if len(behind) > 1 else np.inf
-        return bool(behind.sum() > 0 and behind.mean() > self._settings.race_margin * scatter / np.sqrt(len(behind)))
+        return bool(behind.mean() > self._settings.race_margin * scatter / np.sqrt(len(behind)))
 
     def _begin_contact_law(self) -> None:
         law, settings = self._plan.starts, self._settings

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from tossid.motion import com_velocities
 from tossid.objects import ObjectModel, corner_heights
 from tossid.physics import System, no_learned_acceleration, tree_batch
-from tossid.physics.free import free_acceleration
+from tossid.physics.free import free_accelerations
 from tossid.physics.solvers import solve_cone_qp
-from tossid.physics.tree import make_work
 from tossid.rotations import skew
 from tossid.settings.figures import FigureSettings
 from tossid.types import Phase, Toss
@@ -80,8 +79,9 @@ def accelerations_over_toss(
 
     weights = weights or LossWeights()
     n, dt = len(toss) - 1, np.diff(toss.t)
-    acceleration = _free(system, toss)
-    a_res = acceleration - _free(system._replace(k_res=no_learned_acceleration(model.n_joints)), toss)
+    q, v = toss.q[:-1], toss.v[:-1]
+    acceleration = free_accelerations(system, q, v)
+    a_res = acceleration - free_accelerations(system._replace(k_res=no_learned_acceleration(model.n_joints)), q, v)
     M, J = _mass_and_jacobian(system, toss)
     miss = np.diff(toss.v, axis=0) - dt[:, None] * acceleration
 
@@ -107,14 +107,6 @@ def accelerations_over_toss(
         measured=np.diff(com_velocities(model, toss.q, toss.v)[..., 2] @ share) / dt,
         separable=separable[1:] & separable[:-1],
     )
-
-
-def _free(system: System, toss: Toss) -> Array:
-    """Acceleration without contact (n - 1, nv) at the start of every interval."""
-    out, work = np.empty((len(toss) - 1, system.nv)), make_work(system)
-    for k in range(len(out)):
-        free_acceleration(system, np.ascontiguousarray(toss.q[k]), np.ascontiguousarray(toss.v[k]), work, out[k])
-    return out
 
 
 def _mass_and_jacobian(system: System, toss: Toss) -> tuple[Array, Array]:
