@@ -11,7 +11,7 @@ from threading import Event
 import pytest
 
 from tossid.errors import InputError, SolverError, TossidError
-from tossid.parallel import as_done, in_threads, over_threads, whole_batches
+from tossid.parallel import as_done, in_threads, over_threads
 
 
 def halved(x: int) -> int:
@@ -81,13 +81,25 @@ def test_slices_cover_a_batch_once() -> None:
     assert len(slices(5, 2)) == 2
 
 
-def test_a_thread_may_keep_its_batches_whole() -> None:
-    with whole_batches():
-        assert slices(100, 2) == [(0, 100)]
-        with whole_batches():
-            pass
-        assert slices(100, 2) == [(0, 100)]
-    assert len(slices(100, 2)) == 12
+def test_batches_of_an_item_are_split_over_threads_that_compute_no_other() -> None:
+    both, done = threading.Barrier(2, timeout=60), Event()
+
+    def whole_and_split(wait: bool) -> list[list[tuple[int, int]]]:
+        both.wait()
+        whole = slices(100, 2)
+        both.wait()
+        if not wait:
+            return [whole]
+        assert done.wait(60)
+        return [whole, slices(100, 2), next(in_threads(lambda count: slices(count, 2), [100, 200], 2))]
+
+    found = in_threads(whole_and_split, [False, True], 2)
+    short = next(found)
+    done.set()
+    (long,) = found
+    assert short == [[(0, 100)]]
+    assert long[0] == [(0, 100)]
+    assert [len(each) for each in long[1:]] == [12, 12]
 
 
 def test_an_error_in_a_slice_is_raised() -> None:
@@ -98,10 +110,10 @@ def test_an_error_in_a_slice_is_raised() -> None:
         over_threads(part, 100, 2)
 
 
-def test_items_are_computed_by_threads_in_order_with_their_batches_whole() -> None:
+def test_items_are_computed_by_threads_in_order() -> None:
     for n_threads in (1, 2):
         assert list(in_threads(halved, range(0, 20, 2), n_threads)) == list(range(10))
-    assert list(in_threads(lambda count: slices(count, 2), [100, 200], 2)) == [[(0, 100)], [(0, 200)]]
+    assert [len(each) for each in in_threads(lambda count: slices(count, 2), [100], 2)] == [12]
     with pytest.raises(InputError, match="3 is odd"):
         list(in_threads(halved, [2, 3], 2))
 

@@ -84,7 +84,7 @@ def in_threads(
     n_threads: int,
     no_longer_wanted: Callable[[], None] = lambda: None,
 ) -> Iterator[R]:
-    """Each item's result in order, several at once; batches within one (`over_threads`) are not split then.
+    """Each item's result in order, several at once; batches within one (`over_threads`) share threads that are idle.
 
     Args:
         function: What is computed of an item, mostly in code that needs no interpreter's lock.
@@ -92,12 +92,14 @@ def in_threads(
         n_threads: How many at once; with one, or within such an item, one after another as they are asked for.
         no_longer_wanted: Called when no more are asked for, before those that are being made are waited for.
     """
-    if n_threads == 1 or is_one_of_several():
+    items = items if isinstance(items, Sequence) else list(items)
+    if n_threads == 1 or len(items) < 2 or _here.busy is not None:
         yield from (function(item) for item in items)
         return
+    busy = _Busy()
 
     def one(item: T) -> R:
-        with whole_batches():
+        with busy.one_more():
             return function(item)
 
     with ThreadPoolExecutor(n_threads) as pool:
@@ -107,26 +109,47 @@ def in_threads(
             no_longer_wanted()
 
 
-_here = threading.local()
+class _Busy:
+    """How many threads compute items of one `in_threads`."""
+
+    def __init__(self) -> None:
+        self.count, self._lock = 0, threading.Lock()
+
+    @contextmanager
+    def one_more(self) -> Iterator[None]:
+        """This thread computes an item until the block ends."""
+        self._add(1)
+        _here.busy = self
+        try:
+            yield
+        finally:
+            _here.busy = None
+            self._add(-1)
+
+    def _add(self, change: int) -> None:
+        with self._lock:
+            self.count += change
 
 
-@contextmanager
-def whole_batches() -> Iterator[None]:
-    """In this thread, batches are not split: several of such threads are at work already.
+class _Here(threading.local):
+    """Of this thread: among which others it computes items."""
+
+    busy: _Busy | None = None
+
+
+_here = _Here()
+
+
+def threads_at_hand(n_threads: int) -> int:
+    """How many of some threads may share a batch of this thread: all, or those that compute no other item at this time.
 
     A thread that returns from a slice waits for the interpreter's lock: where several threads split their batches too,
     a diagnosis of 16 tosses on two cores takes 1.6 times as long.
+
+    Args:
+        n_threads: Some threads.
     """
-    before, _here.whole = is_one_of_several(), True
-    try:
-        yield
-    finally:
-        _here.whole = before
-
-
-def is_one_of_several() -> bool:
-    """Whether this thread is within `whole_batches`."""
-    return bool(getattr(_here, "whole", False))
+    return n_threads if _here.busy is None else max(1, n_threads + 1 - _here.busy.count)
 
 
 def over_threads(part: Callable[[int, int], None], count: int, n_threads: int) -> None:
@@ -137,7 +160,8 @@ def over_threads(part: Callable[[int, int], None], count: int, n_threads: int) -
         count: length of the batch.
         n_threads: each takes eight slices on average, or fewer, so that a slice is at least eight long.
     """
-    if n_threads <= 1 or count < 2 * n_threads or is_one_of_several():
+    n_threads = threads_at_hand(n_threads)
+    if n_threads <= 1 or count < 2 * n_threads:
         part(0, count)
         return
     slices = max(n_threads, min(8 * n_threads, count // 8))

@@ -40,7 +40,9 @@ RIGID_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 """MuJoCo's impedance of contact: as near 1, which is rigid, as its solver bears."""
 _ROWS_AT_ONCE = 1_000_000
 """States that MuJoCo returns at once: a bound on memory, of some hundred megabytes."""
-_one_at_a_time = threading.RLock()
+_changing = threading.Lock()
+_before: list[Callable[[str], None] | None] = []
+"""MuJoCo's handler of warnings as each thread found it that is within `quiet`; the first is the one to set again."""
 
 
 def run_scene(
@@ -135,14 +137,20 @@ def _pushed(
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep MuJoCo's warnings out of a log file in the working directory; `_check_reached` finds what they say."""
-    with _one_at_a_time:
-        before = mujoco.get_mju_user_warning()
+    """Keep MuJoCo's warnings out of a log file in the working directory; `_check_reached` finds what they say.
+
+    A process has one handler of them. It is set while any thread is within, so that none waits for another's motions.
+    """
+    with _changing:
+        _before.append(mujoco.get_mju_user_warning())
         mujoco.set_mju_user_warning(lambda message: None)
-        try:
-            yield
-        finally:
-            mujoco.set_mju_user_warning(before)
+    try:
+        yield
+    finally:
+        with _changing:
+            handler = _before.pop()
+            if not _before:
+                mujoco.set_mju_user_warning(handler)
 
 
 def compile_scene(

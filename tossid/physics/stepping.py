@@ -59,13 +59,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
+from tossid.kernels import kernel
 from tossid.parallel import over_threads
 from tossid.physics.body import Body, make_body
 from tossid.physics.contact.law import ContactLaw, make_contact_law
 from tossid.physics.contact.problem import make_corners
 from tossid.physics.links import Links, make_links
 from tossid.physics.moving import make_state
-from tossid.physics.network import make_network
+from tossid.physics.network import Network, make_network
 from tossid.physics.solvers.exact_cone import ExactCone
 from tossid.physics.solvers.registry import ContactSolver, check_solver
 from tossid.physics.system import System
@@ -130,7 +131,8 @@ def simulate(
     steps = np.array(np.broadcast_to(np.asarray(n_steps, dtype=np.int64), (count,)))  # writable, also of one toss
     if (steps < 1).any() or substeps < 1 or impact_parts < 1 or not dt > 0:
         raise InputError("a simulation needs dt > 0, and at least one step a toss, one substep a step and one part")
-    law = _touching_in(dt / substeps, make_contact_law(system, contact))
+    same = _Same(system)
+    model, (law, k_res) = _model_of(same), _laws_of(same, contact, dt / substeps)
     check_solver(solver, relaxed=law.beyond.lifting > 0)
     T, nc = int(steps.max()), system.n_corners
     out = Simulation(
@@ -141,16 +143,22 @@ def simulate(
         kkt_error=np.zeros(count),
         finite=np.ones(count, dtype=bool),
     )
-    model, k_res = _model_of(_Same(system)), make_network(system.k_res)
     settings, tosses = StepSettings(float(dt), substeps, impact_parts, tolerance), Tosses(q0, v0, steps)
 
     def part(first: int, last: int) -> None:
-        work, corners = model.make_work(), make_corners(nc, system.nv - 3)
-        state = make_state(system.nq, system.nv, len(k_res.b0))
-        simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, state, corners, first, last)
+        _simulate_part(model, law, k_res, solver, settings, tosses, out, model.make_work(), first, last)
 
     over_threads(part, count, n_threads)
     return out
+
+
+@kernel
+def _simulate_part(model, law, k_res, solver, settings, tosses, out, work, first, last):  # type: ignore[no-untyped-def]
+    """`simulate_tosses` with its own scratch: to hand thirty more arrays to a kernel takes longer than one motion."""
+    nv = tosses.v.shape[1]
+    corners = make_corners(law.mu.shape[0], nv - 3)
+    state = make_state(tosses.q.shape[1], nv, k_res.b0.shape[0])
+    simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, state, corners, first, last)
 
 
 def _touching_in(step: float, law: ContactLaw) -> ContactLaw:
@@ -176,3 +184,10 @@ class _Same:
 def _model_of(same: _Same) -> Body | Links:
     """What the kernels read of a system, made once: single frames of a few motions cost little more than it does."""
     return make_body(same.system) or make_links(same.system)
+
+
+@lru_cache(maxsize=16)
+def _laws_of(same: _Same, contact: ContactSettings, step: float) -> tuple[ContactLaw, Network]:
+    """Its law of contact in steps of a length [s], and its learned acceleration, likewise."""
+    law = _touching_in(step, make_contact_law(same.system, contact))
+    return law, make_network(same.system.k_res)

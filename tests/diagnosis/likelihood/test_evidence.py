@@ -10,7 +10,7 @@ import pytest
 
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen, seen_with_joint, with_effect
-from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis, student_deviance
+from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
 from tossid.diagnosis.likelihood.whitening import linearise
 from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.objects import ObjectModel
@@ -74,10 +74,6 @@ def test_a_gain_is_linear_when_small_and_logarithmic_when_large(evidence: Eviden
     small, large = evidence.gains(np.array([0.1, 1e4]), np.zeros(2))
     assert small == pytest.approx(0.1, rel=1e-3)
     assert large == pytest.approx(8 * np.log(2 * 1e4 / 8), rel=1e-3)
-
-
-def test_deviance_is_quadratic_for_small_residuals() -> None:
-    assert student_deviance(np.array([1e-3]))[0] == pytest.approx(5 / 4 * 1e-6, rel=1e-5)
 
 
 @pytest.mark.parametrize("name", [e.name for e in LIBRARY if Phase.FLIGHT not in e.phases])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.tossed import seen
-from tossid.diagnosis.likelihood.evidence import student_deviance
+from tossid.diagnosis.likelihood.density import student_deviance
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.diagnosis.localisation.noise import expected_deviance, measure_noise, noise_floor
 from tossid.objects import ObjectModel

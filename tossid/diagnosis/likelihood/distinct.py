@@ -21,27 +21,26 @@ def distinct(*columns: NDArray[np.float64] | NDArray[np.int64]) -> tuple[NDArray
     Returns:
         (d,) numbers of the distinct rows, in order, and (n,) for each row its place among these.
     """
-    bits = np.concatenate(
-        [np.ascontiguousarray(each).reshape(len(each), -1).view(np.uint64) for each in columns], axis=1
-    )
-    key = np.empty(len(bits), dtype=np.uint64)
-    _hash(bits, key)
-    in_order = np.sort(key)
+    parts = [np.ascontiguousarray(each).reshape(len(each), -1).view(np.uint64) for each in columns]
+    key = np.zeros(len(parts[0]), dtype=np.uint64)
+    for part in parts:
+        _hash(part, key)
+    in_order, every = np.sort(key), np.arange(len(key))
     if (in_order[1:] != in_order[:-1]).all():
-        return np.arange(len(bits)), np.arange(len(bits))
+        return every, every
     _, first, place = np.unique(key, return_index=True, return_inverse=True)
     order = np.argsort(first)
     rows, place = first[order], np.argsort(order)[place]
-    if not np.array_equal(bits, bits[rows[place]]):  # two rows of one key
-        return np.arange(len(bits)), np.arange(len(bits))
+    if not all(np.array_equal(part, part[rows[place]]) for part in parts):  # two rows of one key
+        return every, every
     return rows, place
 
 
 @kernel(allocates=False)
 def _hash(bits: NDArray[np.uint64], key: NDArray[np.uint64]) -> None:
-    """A key (n,) of each row (n, k): equal rows have the same."""
+    """Bring keys (n,) of rows up to date with further columns (n, k): equal rows have equal keys."""
     for i in range(len(bits)):
-        found = np.uint64(0)
+        found = key[i]
         for j in range(bits.shape[1]):
             found = (found ^ bits[i, j]) * _FACTOR
             found ^= found >> _HALF

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.errors import InputError
+from tossid.parallel import threads_at_hand
 from tossid.physics.effects import World
 from tossid.physics.effects.in_mujoco import scene
 from tossid.physics.forces import Forces, Law
@@ -88,7 +89,7 @@ def _frames(m: mujoco.MjModel, first: Array, steps: int, count: int, nq: int, n_
     out = np.full((len(first), steps + 1, first.shape[1]), np.nan)
     out[:, 0] = first
     start = np.concatenate([np.zeros((len(first), 1)), first], axis=1)
-    data = [mujoco.MjData(m) for _ in range(max(1, n_threads))]
+    data = [mujoco.MjData(m) for _ in range(threads_at_hand(max(1, n_threads)))]
     at_once = max(n_threads, _ROWS_AT_ONCE // (steps * count), 1)
     for begin in range(0, len(first), at_once):
         part = slice(begin, begin + at_once)

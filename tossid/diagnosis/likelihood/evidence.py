@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.diagnosis.likelihood.density import log_densities, student_deviance, student_scales
 from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
 from tossid.diagnosis.likelihood.whitening import Whitening, linearised
 from tossid.diagnosis.likelihood.windows import Windows
@@ -298,15 +299,11 @@ class Evidence:
             residuals: (W, L, K) whitened.
             among: (W,) which windows count; all if None.
         """
-        out = np.ones(N_PHASES)
-        w, nu = self.windows, self.density.degrees_of_freedom
-        for phase in range(N_PHASES):
-            chosen = w.inside & w.free[:, None] if phase == FREE else w.counted & (w.phase == phase)
-            if among is not None:
-                chosen = chosen & among[:, None]
-            if chosen.any():
-                out[phase] = max(1.0, _student_scale(residuals[chosen].ravel(), nu))
-        return out
+        w = self.windows
+        group = np.where(w.inside, np.where(w.free[:, None], FREE, w.phase.astype(np.int64)), -1)
+        if among is not None:
+            group[~among] = -1
+        return student_scales(residuals, group, N_PHASES, self.density)
 
     def entry_scales(self, scales: Array, rows: NDArray[np.int64] | None = None) -> Array:
         """(n, L, 1) the scale of each row.
@@ -338,11 +335,10 @@ class Evidence:
             rows: (n,) in which windows; in all W if None.
         """
         chosen = slice(None) if rows is None else rows
-        s, nu = self.entry_scales(scales, rows), self.density.degrees_of_freedom
-        ll = -0.5 * (nu + 1) * np.log1p((residuals / s) ** 2 / nu) - np.log(s)
-        inside, log_det = self.windows.inside[chosen, :, None], self.whitening.log_det[chosen]
-        out: Array = np.where(inside, ll, 0.0).sum((1, 2)) + log_det
-        return out
+        out = np.empty(len(residuals))
+        scale, inside = self.entry_scales(scales, rows)[..., 0], self.windows.inside[chosen]
+        log_densities(np.ascontiguousarray(residuals), inside, scale, self.density.degrees_of_freedom, out)
+        return out + self.whitening.log_det[chosen]
 
     def log_likelihood_of(self, world: World, scales: Array, rows: NDArray[np.int64] | None = None) -> Array:
         """(n,) the log-likelihood of a world.
@@ -375,23 +371,3 @@ class Evidence:
             before: (W,) log-likelihoods.
         """
         return float(self.gains(after, before) @ self.windows.weights)
-
-
-def _student_scale(r: Array, nu: float) -> float:
-    """Maximum likelihood scale of Student's density (fixed-point iteration)."""
-    s2 = max(float(np.median(r**2)) / 0.55, 1e-12)
-    for _ in range(20):
-        s2 = max(float(np.mean((nu + 1) * r**2 / (nu + r**2 / s2))), 1e-12)  # tosses without noise have no residuals
-    return float(np.sqrt(s2))
-
-
-def student_deviance(residuals: Array, density: DensitySettings = DensitySettings()) -> Array:
-    """Student's deviance of whitened residuals, in the argument's shape.
-
-    Args:
-        residuals: Whitened.
-        density: Student's degrees of freedom.
-    """
-    nu = density.degrees_of_freedom
-    value: Array = (nu + 1) * np.log1p(residuals**2 / nu)
-    return value

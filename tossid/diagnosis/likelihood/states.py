@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize
+from tossid.kernels import inlined_kernel, kernel
 
 Array = NDArray[np.float64]
+
+_SMALL = 1e-8
+"""Sine of half an angle below which the angle is twice that."""
 
 
 def difference(measured: Array, predicted: Array) -> Array:
@@ -17,9 +22,11 @@ def difference(measured: Array, predicted: Array) -> Array:
         measured: (..., K + 1) poses.
         predicted: (..., K + 1) poses.
     """
-    turned = quat_boxminus(measured[..., 3:7], predicted[..., 3:7])
-    joints = measured[..., 7:] - predicted[..., 7:]
-    return np.concatenate([measured[..., :3] - predicted[..., :3], turned, joints], axis=-1)
+    if measured.shape != predicted.shape:
+        measured, predicted = np.broadcast_arrays(measured, predicted)
+    out = np.empty((*measured.shape[:-1], measured.shape[-1] - 1))
+    _differences(_rows(measured), _rows(predicted), _rows(out))
+    return out
 
 
 def moved_pose(q: Array, by: Array) -> Array:
@@ -29,8 +36,67 @@ def moved_pose(q: Array, by: Array) -> Array:
         q: (..., K + 1) poses.
         by: (..., K) positions, rotation vectors in the body frame, joints.
     """
-    turned = quat_normalize(quat_mul(q[..., 3:7], quat_exp(by[..., 3:6])))
-    return np.concatenate([q[..., :3] + by[..., :3], turned, q[..., 7:] + by[..., 6:]], axis=-1)
+    if q.shape[:-1] != by.shape[:-1]:
+        shape = np.broadcast_shapes(q.shape[:-1], by.shape[:-1])
+        q, by = np.broadcast_to(q, (*shape, q.shape[-1])), np.broadcast_to(by, (*shape, by.shape[-1]))
+    out = np.empty(q.shape)
+    _moved(_rows(q), _rows(by), _rows(out))
+    return out
+
+
+def _rows(values: Array) -> Array:
+    """(N, k) of an array (..., k), contiguous; a view where it is so already."""
+    return np.ascontiguousarray(values, dtype=float).reshape(-1, values.shape[-1])
+
+
+@inlined_kernel
+def pose_difference(y, p, out):  # type: ignore[no-untyped-def]
+    """Write y minus p (K + 1,) into out (K,), the rotation as log(p^-1 y): `tossid.rotations.quat_boxminus`."""
+    for k in range(3):
+        out[k] = y[k] - p[k]
+    aw, ax, ay, az = p[3], -p[4], -p[5], -p[6]
+    bw, bx, by, bz = y[3], y[4], y[5], y[6]
+    w = aw * bw - (ax * bx + ay * by + az * bz)
+    x = aw * bx + bw * ax + (ay * bz - az * by)
+    y_ = aw * by + bw * ay + (az * bx - ax * bz)
+    z = aw * bz + bw * az + (ax * by - ay * bx)
+    s = math.sqrt(x * x + y_ * y_ + z * z)
+    angle = 2.0 * math.atan2(s, abs(w))
+    scale = angle / s if s > _SMALL else 2.0
+    if w < 0.0:
+        scale = -scale
+    out[3], out[4], out[5] = scale * x, scale * y_, scale * z
+    for k in range(6, out.shape[0]):
+        out[k] = y[k + 1] - p[k + 1]
+
+
+@kernel(allocates=False)
+def _differences(measured, predicted, out):  # type: ignore[no-untyped-def]
+    for i in range(len(out)):
+        pose_difference(measured[i], predicted[i], out[i])
+
+
+@kernel(allocates=False)
+def _moved(q, by, out):  # type: ignore[no-untyped-def]
+    """Write poses q (N, K + 1), moved by vectors (N, K), into `out`; rotations as q exp(by)."""
+    for i in range(len(out)):
+        for k in range(3):
+            out[i, k] = q[i, k] + by[i, k]
+        x, y, z = by[i, 3], by[i, 4], by[i, 5]
+        half = 0.5 * math.sqrt(x * x + y * y + z * z)
+        w, scale = math.cos(half), 0.5 * math.sin(half) / half if half > 0.0 else 0.5
+        x, y, z = scale * x, scale * y, scale * z
+        qw, qx, qy, qz = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
+        w, x, y, z = (
+            qw * w - (qx * x + qy * y + qz * z),
+            qw * x + w * qx + (qy * z - qz * y),
+            qw * y + w * qy + (qz * x - qx * z),
+            qw * z + w * qz + (qx * y - qy * x),
+        )
+        norm = math.sqrt(w * w + x * x + y * y + z * z)
+        out[i, 3], out[i, 4], out[i, 5], out[i, 6] = w / norm, x / norm, y / norm, z / norm
+        for k in range(7, out.shape[1]):
+            out[i, k] = q[i, k] + by[i, k - 1]
 
 
 def moved_state(q: Array, v: Array, delta: Array) -> tuple[Array, Array]:

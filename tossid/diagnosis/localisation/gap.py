@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Gap, Interval, Share
-from tossid.diagnosis.likelihood.evidence import Evidence, student_deviance
+from tossid.diagnosis.likelihood.density import student_deviance
+from tossid.diagnosis.likelihood.evidence import Evidence
 from tossid.diagnosis.likelihood.whitening import linearise
 from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.diagnosis.localisation.noise import Floor

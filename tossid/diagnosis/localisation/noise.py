@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.likelihood.evidence import student_deviance
+from tossid.diagnosis.likelihood.density import student_deviance
 from tossid.diagnosis.likelihood.states import difference
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.rotations import quat_boxminus

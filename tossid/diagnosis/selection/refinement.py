@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +21,10 @@ from tossid.diagnosis.likelihood.derivatives import derivatives
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.likelihood.fitting import Fitted, toss_sums
 from tossid.diagnosis.likelihood.windows import make_windows
-from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.diagnosis.selection.search_result import SearchResult
 from tossid.objects import ObjectModel
+from tossid.physics.effects import Effect
 from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
@@ -41,20 +43,26 @@ def line_searched(validator: CrossValidator, found: SearchResult) -> SearchResul
     present, settings = found.present, validator.settings.refinement
     rows = np.flatnonzero(validator.screening[validator.windows.toss])
     part = replace(validator, windows=validator.windows.rows(rows))
+
+    def moved_by(effect: Effect, present: Candidate, share: float) -> Candidate | None:
+        """With an effect's values moved to a share of their distance from nominal ones; None if that is not better."""
+        nominal, values = effect.nominal(present.hypothesis.base), present.hypothesis.values_of(effect.name)
+        moved = present.hypothesis.with_instead(effect.name, effect, nominal + share * (values - nominal))
+        moved = moved.clipped(moved.flat())
+        if present.fitted.gain_of(moved) < -settings.hopeless:
+            return None
+        before = replace(present, log_likelihood=present.log_likelihood[rows])
+        if part.gain_over(part.evaluate(moved), before).sum() <= 0:
+            return None
+        there = validator.evaluate(moved)
+        return there if validator.gain_over(there, present).sum() > settings.least_gain else None
+
     for effect in present.hypothesis.effects[found.n_flight :]:
         move = settings.largest_move if len(effect.parameters) == 1 else 0.0
         while move > settings.smallest_move:
-            for share in (1.0 + move, 1.0 - move):
-                nominal, values = effect.nominal(present.hypothesis.base), present.hypothesis.values_of(effect.name)
-                moved = present.hypothesis.with_instead(effect.name, effect, nominal + share * (values - nominal))
-                moved = moved.clipped(moved.flat())
-                if present.fitted.gain_of(moved) < -settings.hopeless:
-                    continue
-                before = replace(present, log_likelihood=present.log_likelihood[rows])
-                if part.gain_over(part.evaluate(moved), before).sum() <= 0:
-                    continue
-                there = validator.evaluate(moved)
-                if validator.gain_over(there, present).sum() > settings.least_gain:
+            judged = partial(moved_by, effect, present)
+            for there in validator.each(judged, (1.0 + move, 1.0 - move)):
+                if there is not None:
                     present = there
                     break
             else:

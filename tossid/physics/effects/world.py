@@ -89,10 +89,13 @@ class World:
 
     def gravity_on_ground(self) -> Array:
         """(3,) acceleration of gravity in the ground's frame [m/s²]."""
-        return quat_rotate(quat_conj(_turn(self.ground_tilt)), np.array([0.0, 0.0, -self.gravity]))
+        down = np.array([0.0, 0.0, -self.gravity])
+        return quat_rotate(quat_conj(_turn(self.ground_tilt)), down) if self._tilted else down
 
     def forces_on_ground(self) -> Forces:
         """The forces in the ground's frame."""
+        if not self._tilted and self.ground_height == 0.0:
+            return self.forces
         f, back = self.forces, quat_conj(_turn(self.ground_tilt))
         x, y, z = quat_rotate(back, np.array([f.x, f.y, f.z])).tolist()
         center = np.array([f.center_x, f.center_y, f.center_z - self.ground_height])
@@ -166,7 +169,7 @@ class World:
 
         It is on level ground, without a force that depends on the position.
         """
-        level = self.ground_tilt == (0.0, 0.0) and self.recording.world_tilt == (0.0, 0.0)
+        level = not self._tilted and self.recording.world_tilt == (0.0, 0.0)
         uniform = self.forces.spring == 0.0 and self.forces.vortex == 0.0 and self.k_res is None
         return level and uniform and not self.registered
 
@@ -225,6 +228,8 @@ class World:
             dt: Between frames, in true time [s].
             onward: What moves them, for rotations of other times than those of frames.
         """
+        if self._as_is:
+            return q
         delay, poses = self.recording.rotation_delay, self.recorded_poses(q)
         if delay != 0.0:
             late, _ = with_late_rotations(q, v, delay=delay, dt=dt, n_steps=n_steps, onward=onward)
@@ -265,15 +270,20 @@ class World:
                 contact=contact,
                 n_threads=n_threads,
             )
-            run.q[~run.finite], run.v[~run.finite] = np.nan, np.nan
+            if not run.finite.all():
+                run.q[~run.finite], run.v[~run.finite] = np.nan, np.nan
             return run.q, run.v
 
         return self.recorded_motions(*onward(q, v, n_steps, true_dt), n_steps=n_steps, dt=true_dt, onward=onward)
 
     @property
+    def _tilted(self) -> bool:
+        return self.ground_tilt != (0.0, 0.0)
+
+    @cached_property
     def _as_is(self) -> bool:
         """Whether true motion in the ground's frame is what is recorded."""
-        return self.recording == RecordingErrors() and self.ground_height == 0.0 and self.ground_tilt == (0.0, 0.0)
+        return self.recording == RecordingErrors() and self.ground_height == 0.0 and not self._tilted
 
     @property
     def _joint_scale(self) -> Array:
