@@ -128,7 +128,8 @@ def simulate(
         raise InputError(
             f"initial states of shapes {q0.shape} and {v0.shape}, expected (B, {system.nq}) and (B, {system.nv})"
         )
-    steps = np.array(np.broadcast_to(np.asarray(n_steps, dtype=np.int64), (count,)))  # writable, also of one toss
+    steps = np.empty(count, dtype=np.int64)
+    steps[:] = n_steps
     if (steps < 1).any() or substeps < 1 or impact_parts < 1 or not dt > 0:
         raise InputError("a simulation needs dt > 0, and at least one step a toss, one substep a step and one part")
     same = _Same(system)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
 from tossid.diagnosis.likelihood.first_frames import first_frames
-from tossid.diagnosis.likelihood.innovations import costs, factorise, gauss_newton, whiten
+from tossid.diagnosis.likelihood.innovations import costs, factorise, gauss_newton, one_sided, whiten
 from tossid.diagnosis.likelihood.states import difference, moved_state, of_state
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.errors import SolverError
@@ -386,11 +386,8 @@ def _derivatives(
     every = np.tile(rows, count)
     q, v = moved_state(windows.at_q[every], windows.at_v[every], delta)
     run = windows.predicted(world, q, v, every, near=True, n_threads=n_threads)
-    S = np.zeros((n, K * L, 2 * K))
-    for j in range(given):
-        S[:, j::K, j] = windows.inside[rows]
-    moved = windows.residuals(run, every).reshape(count, n, K * L)
-    S[..., given:] = np.moveaxis((residuals - moved) / steps[given:, None, None], 0, -1)
+    S = np.empty((n, K * L, 2 * K))
+    one_sided(residuals, windows.residuals(run, every).reshape(count, n, K * L), steps, windows.inside[rows], S)
     return S
 
 

@@ -7,6 +7,7 @@ z = 0, and gravity is what tilts. So there are three frames: recorded, true (z i
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -145,10 +146,10 @@ class World:
         Returns:
             (W,) distances.
         """
-        recording, arm = self.recording, float(np.linalg.norm(stated.corner_pos, axis=-1).max(initial=0.0))
-        moved = float(np.linalg.norm(self.object.corner_pos - stated.corner_pos, axis=-1).max(initial=0.0))
-        moved += float(np.linalg.norm(recording.frame_offset)) + abs(recording.joint_offset) * max(1.0, 2 * arm)
-        tilted = float(np.hypot(*recording.world_tilt)) + float(np.hypot(*self.ground_tilt))
+        recording, arm = self.recording, _longest(stated.corner_pos)
+        moved = 0.0 if self.object is stated else _longest(self.object.corner_pos - stated.corner_pos)
+        moved += math.hypot(*recording.frame_offset) + abs(recording.joint_offset) * max(1.0, 2 * arm)
+        tilted = math.hypot(*recording.world_tilt) + math.hypot(*self.ground_tilt)
         longer = abs(1.0 - 1.0 / recording.length_scale)
         below: Array = moved + longer * high + tilted * far + abs(recording.rotation_delay) * spin * arm
         return below
@@ -312,7 +313,12 @@ def _moves_freely_like(one: ObjectModel, other: ObjectModel, *, forced: bool) ->
     ):
         return False
     size = 1.0 if forced else np.trace(other.inertia[0]) / np.trace(one.inertia[0])
-    return np.allclose(size * one.inertia, other.inertia, rtol=1e-12, atol=0.0)
+    return bool((np.abs(size * one.inertia - other.inertia) <= 1e-12 * np.abs(other.inertia)).all())
+
+
+def _longest(vectors: Array) -> float:
+    """Length of the longest of vectors (n, 3); 0 of none."""
+    return math.sqrt(np.square(vectors).sum(axis=-1).max(initial=0.0))
 
 
 def _turn(angles: tuple[float, float]) -> Array:
