@@ -27,3 +27,11 @@ def test_an_impact_between_two_clear_frames_is_possible_contact(cube: ObjectMode
 
 def test_a_slow_hover_is_no_contact(cube: ObjectModel) -> None:
     assert not may_touch(cube, *_heights(np.full(6, 0.5 * cube.width + 0.02))).any()
+
+
+def test_motions_that_follow_one_another_are_judged_each_for_itself(cube: ObjectModel) -> None:
+    falls = 0.5 * cube.width + np.array([0.10, 0.06, 0.02, 0.02, 0.06, 0.10])
+    t, q = _heights(np.concatenate([falls, falls[:2], falls]))
+    alone = [may_touch(cube, *_heights(each)) for each in (falls, falls[:2], falls)]
+    expected = np.concatenate([alone[0], [False], alone[1], [False], alone[2]])
+    np.testing.assert_array_equal(may_touch(cube, t % 0.06, q, np.array([0, 6, 8])), expected)

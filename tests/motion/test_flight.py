@@ -9,7 +9,7 @@ import pytest
 
 from tests.motion.bouncing import Truth, bounce, tracked
 from tossid.errors import ObjectError
-from tossid.motion import FlightState, flight_state, flight_states
+from tossid.motion import FlightState, flight_frames, flight_state, flight_states, frames_in_flight, may_touch
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul
 from tossid.types import Toss
@@ -117,3 +117,18 @@ def test_threads_share_flights_out_and_change_no_digit(cube: ObjectModel) -> Non
     for one, other in zip(flight_states(tosses, cube), flight_states(tosses, cube, n_threads=2), strict=True):
         assert (one.v == other.v).all()
         assert (one.cov == other.cov).all()
+
+
+def test_flight_ends_before_the_first_interval_that_may_touch(cube: ObjectModel) -> None:
+    rng = np.random.default_rng(3)
+    tosses = [toss_of(truth, rng) for truth in bounce(cube, rng, tosses=4, frames=90)]
+    tosses += [tosses[0].frames(slice(0, 3)), tosses[1].frames(slice(0, 2)), tosses[3]]
+    tosses.append(tosses[2].frames(slice(flight_frames(tosses[2], cube), None)))
+    expected = []
+    for toss in tosses:
+        touches = np.flatnonzero(may_touch(cube, toss.t, toss.q))
+        expected.append(len(toss) if not len(touches) else 0 if touches[0] == 0 else touches[0] + 1)
+    assert {0, 2, 3} < set(expected)
+    np.testing.assert_array_equal(frames_in_flight(tosses, cube), expected)
+    assert [flight_frames(toss, cube) for toss in tosses] == expected
+    assert len(frames_in_flight([], cube)) == 0

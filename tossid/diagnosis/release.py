@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import wilcoxon
 
-from tossid.motion import flight_frames
+from tossid.motion import frames_in_flight
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.settings.diagnosis.diagnose import ReleaseSettings
 from tossid.types import Toss
@@ -30,8 +30,7 @@ def bound_frames(tosses: Sequence[Toss], model: ObjectModel, settings: ReleaseSe
         settings: What counts as another acceleration.
     """
     changes = []
-    for toss in tosses:
-        n = flight_frames(toss, model)
+    for toss, n in zip(tosses, frames_in_flight(tosses, model), strict=True):
         # to the last but one frame: the landing may be in the last
         poses, t = toss.measured[0][: max(n - 1, 0), :3], toss.t[: max(n - 1, 0)]
         velocities = np.diff(poses, axis=0) / np.diff(t)[:, None]

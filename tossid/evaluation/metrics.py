@@ -12,7 +12,7 @@ from scipy.stats import bootstrap
 
 from tossid.models.predictor import Predictor, Simulator
 from tossid.models.shots import first_states, stretches
-from tossid.motion import MeasurementModel, flight_frames, flight_states
+from tossid.motion import MeasurementModel, flight_states, frames_in_flight
 from tossid.objects import JointType, ObjectModel, body_poses, center_positions, corner_heights
 from tossid.physics import make_system
 from tossid.physics.free import mass_norms
@@ -127,7 +127,7 @@ def score_tosses(
     unsolved = diverged = 0
     hinge = 7 + np.flatnonzero(model.joint_type[1:] == JointType.HINGE)
     stated = Simulator(make_system(model))
-    for i, (toss, run) in enumerate(zip(tosses, runs, strict=True)):
+    for i, (toss, run, n) in enumerate(zip(tosses, runs, frames_in_flight(tosses, model), strict=True)):
         q = run.q
         distance = np.linalg.norm(center_positions(model, q) - center_positions(model, toss.q), axis=1)
         position[i] = 100 * distance.mean() / model.width
@@ -135,7 +135,6 @@ def score_tosses(
         link[i] = np.rad2deg(geodesic_angle(body_poses(model, q)[1], body_poses(model, toss.q)[1])).mean(axis=0)
         joint[i] = np.rad2deg(np.abs(wrapped(q[:, hinge] - toss.q[:, hinge]))).mean() if len(hinge) else np.nan
         penetration[i], recorded[i] = _penetration(model, q), _penetration(model, toss.q)
-        n = flight_frames(toss, model)
         true = measurement.true_toss(toss)
         gravity[i] = flight[i] = np.nan
         if n:

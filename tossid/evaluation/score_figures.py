@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.motion import flight_frames
+from tossid.motion import frames_in_flight
 from tossid.objects import GRAVITY
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def score_figures(scores: Scores) -> dict[str, Figure]:
 
     name, nominal, tosses, rollouts = scores.model.name, scores.stated, scores.dataset.tosses, scores.rollouts()
     figures = {"errors_over_tosses": errors_over_tosses({name: scores.per_toss}, scores.names)}
-    if sum(flight_frames(toss, nominal) < len(toss) for toss in tosses) > 1:
+    if (frames_in_flight(tosses, nominal) < [len(toss) for toss in tosses]).sum() > 1:
         figures["errors_along_rollout"] = errors_along_rollout({name: errors_along(tosses, rollouts, nominal)})
     for what, i in ranked(scores.per_toss.position_error_pct).items():
         toss = tosses[i]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tossid.models.predictor import Predictor
 from tossid.models.shot_errors import fill_errors
-from tossid.motion import FlightState, flight_frames, flight_states
+from tossid.motion import FlightState, flight_states, frames_in_flight
 from tossid.objects import ObjectModel, corner_heights
 from tossid.types import Toss
 
@@ -132,7 +132,8 @@ def make_shots(
         first: Of `first_states`.
         flight: Of `flight_starts`.
     """
-    n_steps = np.array([min(flight_frames(toss, model) + horizon, len(toss) - 1) for toss in tosses])
+    lengths = np.array([len(toss) for toss in tosses])
+    n_steps = np.minimum(frames_in_flight(tosses, model) + horizon, lengths - 1)
     states: list[tuple[int, Array, Array]] = []
     for i, start in enumerate(flight):
         states.append((i, first[0][i], first[1][i]))

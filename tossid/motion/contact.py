@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.kernels import kernel
 from tossid.objects import ObjectModel, corner_heights
 
 Array = NDArray[np.float64]
@@ -27,7 +28,7 @@ def lowest_corner(model: ObjectModel, q: Array) -> Array:
     return corner_heights(model, q).min(axis=-1)
 
 
-def may_touch(model: ObjectModel, t: Array, q: Array) -> NDArray[np.bool_]:
+def may_touch(model: ObjectModel, t: Array, q: Array, begins: NDArray[np.int64] | None = None) -> NDArray[np.bool_]:
     """Whether the object may touch the ground at some time between a frame and the next, (n - 1,).
 
     Every corner's height is extrapolated linearly from the two frames before the interval and from the two after it, so
@@ -37,12 +38,34 @@ def may_touch(model: ObjectModel, t: Array, q: Array) -> NDArray[np.bool_]:
         model: The object.
         t: Times [s], (n,).
         q: Configurations, (n, nq).
+        begins: (B,) numbers of the first frames of motions that follow one another, if there are several. From the last
+            frame of one to the first of the next nothing touches.
     """
-    height = corner_heights(model, q)
-    h = np.diff(t)
-    low = np.minimum(height[:-1], height[1:])
-    if len(t) > 2:
-        rate = np.diff(height, axis=0) / h[:, None]
-        low[1:] = np.minimum(low[1:], height[1:-1] + rate[:-1] * h[1:, None])
-        low[:-1] = np.minimum(low[:-1], height[1:-1] - rate[1:] * h[:-1, None])
-    return low.min(axis=1) < CLEARANCE_REL * model.width
+    edges = np.array([0, len(t)]) if begins is None else np.append(begins, len(t))
+    low = np.full(len(t) - 1, np.inf)
+    _lowest(np.ascontiguousarray(t), np.ascontiguousarray(corner_heights(model, q)), edges, low)
+    return low < CLEARANCE_REL * model.width
+
+
+@kernel(allocates=False)
+def _lowest(t, height, edges, low):  # type: ignore[no-untyped-def]
+    """Write the lowest height of any corner between a frame and the next of the same motion into `low` (n - 1,).
+
+    Args:
+        t: (n,) times.
+        height: (n, n_c) of the corners.
+        edges: (B + 1,) the motions' first frames, and n.
+        low: (n - 1,).
+    """
+    for m in range(len(edges) - 1):
+        first, last = edges[m], edges[m + 1] - 1
+        for k in range(first, last):
+            h = t[k + 1] - t[k]
+            for c in range(height.shape[1]):
+                begin, end = height[k, c], height[k + 1, c]
+                lowest = min(begin, end)
+                if k > first:
+                    lowest = min(lowest, begin + (begin - height[k - 1, c]) / (t[k] - t[k - 1]) * h)
+                if k + 1 < last:
+                    lowest = min(lowest, end - (height[k + 2, c] - end) / (t[k + 2] - t[k + 1]) * h)
+                low[k] = min(low[k], lowest)

@@ -108,7 +108,7 @@ def flight_states(
     """
     if model.n_joints:
         raise ObjectError(f"object '{model.name}' has joints: its flight cannot be fitted as a single body's")
-    count = np.array([flight_frames(toss, model) for toss in tosses])
+    count = frames_in_flight(tosses, model)
     states = [_as_recorded(toss) for toss in tosses]
     flying = [i for i, frames in enumerate(count) if frames]
     if not flying:
@@ -157,8 +157,24 @@ def flight_frames(toss: Toss, model: ObjectModel) -> int:
         toss: As recorded.
         model: The object.
     """
-    contact = may_touch(model, toss.t, toss.q)
-    return int(np.argmax(contact)) + 1 if contact.any() and not contact[0] else 0 if contact[0] else len(toss)
+    return int(frames_in_flight([toss], model)[0])
+
+
+def frames_in_flight(tosses: Sequence[Toss], model: ObjectModel) -> NDArray[np.int64]:
+    """(B,) `flight_frames` of each of B tosses.
+
+    Args:
+        tosses: As recorded.
+        model: The object.
+    """
+    if not len(tosses):
+        return np.zeros(0, dtype=np.int64)
+    length = np.array([len(toss) for toss in tosses])
+    begins = np.cumsum(length) - length
+    t, q = np.concatenate([toss.t for toss in tosses]), np.concatenate([toss.q for toss in tosses])
+    touches = np.append(np.flatnonzero(may_touch(model, t, q, begins)), len(t))
+    before = touches[np.searchsorted(touches, begins)] - begins  # intervals before the first that may touch
+    return np.where(before == 0, 0, np.minimum(before + 1, length))
 
 
 def _as_recorded(toss: Toss) -> FlightState:

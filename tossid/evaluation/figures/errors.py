@@ -27,7 +27,7 @@ from tossid.evaluation.figures.style import (
     styled,
 )
 from tossid.evaluation.metrics import TossScores, summarize
-from tossid.motion import flight_frames
+from tossid.motion import frames_in_flight
 from tossid.objects import ObjectModel, center_positions
 from tossid.rotations import geodesic_angle
 from tossid.settings.figures import FigureSettings
@@ -205,8 +205,7 @@ def errors_along(tosses: Sequence[Toss], rollouts: Sequence[Rollout], model: Obj
     if len(tosses) != len(rollouts):
         raise InputError(f"{len(rollouts)} rollouts of {len(tosses)} tosses")
     curves = []
-    for toss, run in zip(tosses, rollouts, strict=True):
-        first = flight_frames(toss, model)
+    for toss, run, first in zip(tosses, rollouts, frames_in_flight(tosses, model), strict=True):
         if first >= len(toss):
             continue
         apart = np.linalg.norm(center_positions(model, run.q) - center_positions(model, toss.q), axis=1)
