@@ -122,33 +122,75 @@ def score_tosses(
     runs = roll_out(
         predictor, model, tosses, measurement=measurement, from_flight=from_flight, dt=dt, n_threads=n_threads
     )
-    position, rotation, penetration, recorded, gravity, joint, flight = (np.empty(len(tosses)) for _ in range(7))
-    link = np.empty((len(tosses), model.n_bodies))
-    unsolved = diverged = 0
+    if not runs:
+        none = np.empty(0)
+        return TossScores(none, none, none, none, none, none, np.empty((0, model.n_bodies)), none, 0, 0)
+    each = _Stretches(np.array([len(toss) for toss in tosses]))
+    q, at = np.concatenate([run.q for run in runs]), np.concatenate([toss.q for toss in tosses])
+    distance = np.linalg.norm(center_positions(model, q) - center_positions(model, at), axis=1)
+    angle = geodesic_angle(q[:, 3:7], at[:, 3:7])
+    link = angle[:, None]
+    if model.n_joints:
+        link = geodesic_angle(body_poses(model, q)[1], body_poses(model, at)[1])
     hinge = 7 + np.flatnonzero(model.joint_type[1:] == JointType.HINGE)
-    stated = Simulator(make_system(model))
-    for i, (toss, run, n) in enumerate(zip(tosses, runs, frames_in_flight(tosses, model), strict=True)):
-        q = run.q
-        distance = np.linalg.norm(center_positions(model, q) - center_positions(model, toss.q), axis=1)
-        position[i] = 100 * distance.mean() / model.width
-        rotation[i] = np.rad2deg(geodesic_angle(q[:, 3:7], toss.q[:, 3:7])).mean()
-        link[i] = np.rad2deg(geodesic_angle(body_poses(model, q)[1], body_poses(model, toss.q)[1])).mean(axis=0)
-        joint[i] = np.rad2deg(np.abs(wrapped(q[:, hinge] - toss.q[:, hinge]))).mean() if len(hinge) else np.nan
-        penetration[i], recorded[i] = _penetration(model, q), _penetration(model, toss.q)
-        true = measurement.true_toss(toss)
-        gravity[i] = flight[i] = np.nan
-        if n:
-            found = predictor.acceleration(true.q[:n], true.v[:n])
-            gravity[i] = -found[:, 2].mean()
-            flight[i] = _flight_error(stated, true.q[:n], true.v[:n], found)
-        unsolved += run.unsolved
-        diverged += run.diverged
-    return TossScores(position, rotation, penetration, recorded, gravity, joint, link, flight, unsolved, diverged)
+    joint = np.abs(wrapped(q[:, hinge] - at[:, hinge])).mean(axis=1) if len(hinge) else np.full(len(q), np.nan)
+    true = [measurement.true_toss(toss) for toss in tosses]
+    gravity, flight = _of_flight(predictor, model, true, frames_in_flight(tosses, model))
+    return TossScores(
+        position_error_pct=100 * each.means(distance) / model.width,
+        rotation_error_deg=np.rad2deg(each.means(angle)),
+        penetration_mm=1e3 * each.means(_depths(model, q)),
+        recorded_penetration_mm=1e3 * each.means(_depths(model, at)),
+        gravity_ms2=gravity,
+        joint_error_deg=np.rad2deg(each.means(joint)),
+        link_error_deg=np.rad2deg(each.means(link)),
+        flight_miss_pct=flight,
+        unsolved=sum(run.unsolved for run in runs),
+        diverged=sum(run.diverged for run in runs),
+    )
 
 
-def _penetration(model: ObjectModel, q: Array) -> float:
-    """Mean over configurations of the depth of the deepest corner [mm]."""
-    return float(1e3 * np.maximum(-corner_heights(model, q).min(axis=1), 0).mean())
+@dataclass(frozen=True)
+class _Stretches:
+    """Stretches of rows that follow one another, each of at least one.
+
+    Attributes:
+        lengths: (B,) numbers of rows.
+    """
+
+    lengths: NDArray[np.int64]
+
+    def means(self, values: Array) -> Array:
+        """(B, *b) means of each stretch's values (N, *b)."""
+        total = np.add.reduceat(values, np.cumsum(self.lengths) - self.lengths, axis=0)
+        return total / self.lengths.reshape(-1, *[1] * (values.ndim - 1))
+
+    def parts(self, values: Array) -> list[Array]:
+        """Each stretch's values (N, *b)."""
+        return np.split(values, np.cumsum(self.lengths)[:-1])
+
+
+def _depths(model: ObjectModel, q: Array) -> Array:
+    """(N,) depth of the deepest corner of configurations [m], 0 above the ground."""
+    return np.maximum(-corner_heights(model, q).min(axis=1), 0)
+
+
+def _of_flight(
+    predictor: Predictor, model: ObjectModel, tosses: Sequence[Toss], frames: NDArray[np.int64]
+) -> tuple[Array, Array]:
+    """Gravity (B,) [m/s²] and the miss of the acceleration (B,) [%] in tosses' free flights, NaN without one.
+
+    Lengths of the tosses are true ones; `frames` (B,) is how many of each are flight.
+    """
+    gravity, flight = np.full((2, len(tosses)), np.nan)
+    flying = np.flatnonzero(frames)
+    if len(flying):
+        each = _Stretches(frames[flying])
+        q, v = (np.concatenate([getattr(tosses[i], name)[: frames[i]] for i in flying.tolist()]) for name in "qv")
+        found = predictor.acceleration(q, v)
+        gravity[flying] = -each.means(found[:, 2])
+        flight[flying] = [np.median(part) for part in each.parts(_flight_errors(model, q, v, found))]
+    return gravity, flight
 
 
 def score_windows(
@@ -220,13 +262,13 @@ def wrapped(angle: Array) -> Array:
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
-def _flight_error(stated: Simulator, q: Array, v: Array, found: Array) -> float:
-    """Median over states of |found - stated| / |stated| [%], accelerations (n, nv) in the norm of M."""
-    true, q = stated.acceleration(q, v), np.ascontiguousarray(q)
-    work, (off, size) = make_work(stated.system), np.empty((2, len(q)))
+def _flight_errors(model: ObjectModel, q: Array, v: Array, found: Array) -> Array:
+    """(N,) |found - stated| / |stated| [%] of states' accelerations (N, nv), in the norm of M."""
+    stated = Simulator(make_system(model))
+    true, work, (off, size) = stated.acceleration(q, v), make_work(stated.system), np.empty((2, len(q)))
     mass_norms(stated.system, q, found - true, work, off)
     mass_norms(stated.system, q, true, work, size)
-    return 100 * float(np.median(off / size))
+    return 100 * off / size
 
 
 def summarize(values: Array, *, draws: int = EvaluateSettings.draws, seed: int = 0) -> dict[str, Any]:
