@@ -10,7 +10,7 @@ import pytest
 
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen, seen_with_joint, with_effect
-from tossid.diagnosis.likelihood.evidence import Evidence, Hypothesis
+from tossid.diagnosis.likelihood.evidence import FREE, Evidence, Hypothesis
 from tossid.diagnosis.likelihood.whitening import linearise
 from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.objects import ObjectModel
@@ -68,6 +68,15 @@ def test_scales_are_the_size_of_the_residuals_in_each_phase(evidence: Evidence) 
     scales = evidence.scales(residuals)
     assert scales[Phase.SLIDE] == pytest.approx(5.0, rel=0.1)
     assert scales[Phase.FLIGHT] == pytest.approx(1.0, rel=0.1)
+
+
+def test_rows_of_an_unknown_phase_are_no_free_flight(evidence: Evidence) -> None:
+    windows = evidence.windows
+    unknown = replace(evidence, windows=replace(windows, phase=np.zeros_like(windows.phase)))
+    residuals = np.where(windows.free[:, None, None], 3.0, 50.0) * np.ones(windows.noise.shape)
+    free, *others = unknown.scales(residuals)
+    assert free == pytest.approx(evidence.scales(residuals)[FREE])
+    assert others == [1.0] * len(others)
 
 
 def test_a_gain_is_linear_when_small_and_logarithmic_when_large(evidence: Evidence) -> None:

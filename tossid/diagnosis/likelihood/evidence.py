@@ -21,6 +21,7 @@ from tossid.diagnosis.likelihood.whitening import Whitening, linearised
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.physics.effects import Effect, World
 from tossid.settings.diagnosis.likelihood import DensitySettings
+from tossid.types import Phase
 
 Array = NDArray[np.float64]
 
@@ -300,7 +301,8 @@ class Evidence:
             among: (W,) which windows count; all if None.
         """
         w = self.windows
-        group = np.where(w.inside, np.where(w.free[:, None], FREE, w.phase.astype(np.int64)), -1)
+        known = np.where(w.phase == Phase.UNKNOWN, -1, w.phase.astype(np.int64))
+        group = np.where(w.inside, np.where(w.free[:, None], FREE, known), -1)
         if among is not None:
             group[~among] = -1
         return student_scales(residuals, group, N_PHASES, self.density)
