@@ -149,7 +149,7 @@ def threads_at_hand(n_threads: int) -> int:
     Args:
         n_threads: Some threads.
     """
-    return n_threads if _here.busy is None else max(1, n_threads // max(1, _here.busy.count))
+    return n_threads if _here.busy is None else max(1, n_threads // _here.busy.count)
 
 
 def over_threads(part: Callable[[int, int], None], count: int, n_threads: int) -> None:
