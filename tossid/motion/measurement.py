@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from tossid.motion.flight import flight_frames
+from tossid.motion.flight import frames_in_flight
 from tossid.objects import ObjectModel, corner_positions
 from tossid.settings.motion import MeasurementSettings
 from tossid.types import Toss, frame_time
@@ -118,7 +118,8 @@ def estimate_measurement(
         settings: What is significant.
     """
     scales = np.array([s for s in (_scale_at_rest(toss, model, settings) for toss in tosses) if s is not None])
-    lags = np.array([lag for lag in (_lag_in_flight(toss, model) for toss in tosses) if lag is not None])
+    in_flight = zip(tosses, frames_in_flight(tosses, model), strict=True)
+    lags = np.array([lag for lag in (_lag_in_flight(toss, n) for toss, n in in_flight) if lag is not None])
     dt = frame_time(tosses)
     scale, scale_ci, scale_sure = _mean(scales, settings, exact=1.0)
     lag, lag_ci, lag_sure = _mean(lags, settings, exact=0.0)
@@ -151,9 +152,8 @@ def _scale_at_rest(toss: Toss, model: ObjectModel, settings: MeasurementSettings
     return float(-toss.q[-1, 2] / lowest.mean())
 
 
-def _lag_in_flight(toss: Toss, model: ObjectModel) -> float | None:
-    """Lag of the recorded vertical velocity behind the slope of the recorded height."""
-    n = flight_frames(toss, model)
+def _lag_in_flight(toss: Toss, n: int) -> float | None:
+    """Lag of the recorded vertical velocity behind the slope of the recorded height, in the first n frames."""
     if n < 4:
         return None
     t, z, vz = toss.t[:n], toss.q[:n, 2], toss.v[:n, 2]

@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from tossid.kernels import fused_inlined_kernel, fused_kernel, kernel
+from tossid.kernels import fused_inlined_kernel, fused_kernel
 
 MOST = 1e6
 """Square of a residual beyond which a first state's cost grows no more."""
@@ -221,25 +221,3 @@ def _solve(H, g):  # type: ignore[no-untyped-def]
         for j in range(k + 1, n):
             g[k] -= H[j, k] * g[j]
         g[k] /= H[k, k]
-
-
-@kernel(allocates=False)
-def one_sided(residuals, moved, steps, inside, out):  # type: ignore[no-untyped-def]
-    """Write derivatives of predictions by first states, as differences to one side, into `out` (n, K L, 2 K).
-
-    Args:
-        residuals: (n, K L) at first states.
-        moved: (m, n, K L) where one of the last m numbers of first states is larger by its step. By those before, which
-            are positions along the ground, each row that exists moves as they do.
-        steps: (2 K,) of the differences.
-        inside: (n, L) whether a row exists.
-        out: (n, K L, 2 K).
-    """
-    n, KL, K2 = out.shape
-    given, K = K2 - len(moved), K2 // 2
-    for w in range(n):
-        for i in range(KL):
-            for j in range(given):
-                out[w, i, j] = 1.0 if i % K == j and inside[w, i // K] else 0.0
-            for j in range(given, K2):
-                out[w, i, j] = (residuals[w, i] - moved[j - given, w, i]) / steps[j]

@@ -1,4 +1,4 @@
-"""Residuals of predictions: differences of poses, and their means over the frames of a row, in one pass."""
+"""Residuals of predictions: differences of poses, means over the frames of a row, and their one-sided derivatives."""
 
 from __future__ import annotations
 
@@ -57,3 +57,25 @@ def _residual(y, p, out):  # type: ignore[no-untyped-def]
         if not math.isfinite(out[k]):
             out[k] = LARGEST
         out[k] = min(max(out[k], -LARGEST), LARGEST)
+
+
+@kernel(allocates=False)
+def one_sided(residuals, moved, steps, inside, out):  # type: ignore[no-untyped-def]
+    """Write derivatives of predictions by first states, as differences to one side, into `out` (n, K L, 2 K).
+
+    Args:
+        residuals: (n, K L) at first states.
+        moved: (m, n, K L) where one of the last m numbers of first states is larger by its step. By those before, which
+            are positions along the ground, each row that exists moves as they do.
+        steps: (2 K,) of the differences.
+        inside: (n, L) whether a row exists.
+        out: (n, K L, 2 K).
+    """
+    n, KL, K2 = out.shape
+    given, K = K2 - len(moved), K2 // 2
+    for w in range(n):
+        for i in range(KL):
+            for j in range(given):
+                out[w, i, j] = 1.0 if i % K == j and inside[w, i // K] else 0.0
+            for j in range(given, K2):
+                out[w, i, j] = (residuals[w, i] - moved[j - given, w, i]) / steps[j]

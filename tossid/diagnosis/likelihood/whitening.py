@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
 from tossid.diagnosis.likelihood.first_frames import first_frames
-from tossid.diagnosis.likelihood.innovations import costs, factorise, gauss_newton, one_sided, whiten
+from tossid.diagnosis.likelihood.innovations import costs, factorise, gauss_newton, whiten
+from tossid.diagnosis.likelihood.residuals import one_sided
 from tossid.diagnosis.likelihood.states import difference, moved_state, of_state
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.errors import SolverError

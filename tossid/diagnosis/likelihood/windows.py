@@ -195,10 +195,11 @@ class Windows:
         how = steps_of(world, self.settings.simulation)
         beside = at if near else None
         rows, place = distinct(q, v, n_steps, *(beside or ()))
-        if len(rows) < len(q):
+        repeated = len(rows) < len(q)
+        if repeated:
             q, v, n_steps, beside = q[rows], v[rows], n_steps[rows], (at[0][rows], at[1][rows]) if near else None
         run = world.roll_out(q, v, n_steps=n_steps, dt=self.dt, near=beside, **how, n_threads=n_threads)
-        return run[place, 1:] if len(rows) < len(place) else run[:, 1:]
+        return run[place, 1:] if repeated else run[:, 1:]
 
     def residuals(self, predicted: Array, index: NDArray[np.int64] | None = None) -> Array:
         """(n, L, K) measured minus predicted: position [m], rotation vector in the body frame [rad], joints [rad].
