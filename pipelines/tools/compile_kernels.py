@@ -37,9 +37,9 @@ def of_an_elbow() -> None:
 
 
 def of_films() -> None:
-    """What films need: rendering, detection, tracking."""
+    """What films need: rendering with a textured ground, detection, tracking."""
     with tempfile.TemporaryDirectory() as folder:
-        tossid.synthesize("cube", frames=True, tosses=1, seconds=0.4, out=f"{folder}/film")
+        tossid.synthesize("cube", frames=True, tosses=1, seconds=0.4, texture=25.0, out=f"{folder}/film")
         tossid.ingest(f"{folder}/film")
 
 
