@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -70,6 +71,43 @@ def test_a_wrapped_interrupt_is_one_too(command: SimpleNamespace, capfd: pytest.
     command.does = fail
     assert app.run(["info", "x"]) == 130
     assert "interrupted" in one_line(capfd.readouterr().err)
+
+
+def _itself() -> Exception:
+    error = FileError("cameras.yaml", "cam0.intrinsics is 5")
+    error.__cause__ = error
+    return error
+
+
+def _two_that_cause_each_other() -> Exception:
+    first, second = ValueError("first"), FileError("cameras.yaml", "cam0.intrinsics is 5")
+    first.__cause__, second.__context__ = second, first
+    return second
+
+
+def _a_chain_that_ends_in_a_loop() -> Exception:
+    error = FileError("cameras.yaml", "cam0.intrinsics is 5")
+    error.__cause__ = _itself()
+    return error
+
+
+@pytest.mark.parametrize("looped", [_itself, _two_that_cause_each_other, _a_chain_that_ends_in_a_loop])
+def test_a_chain_of_causes_that_leads_back_to_itself_ends(
+    command: SimpleNamespace, capfd: pytest.CaptureFixture[str], looped: Callable[[], Exception]
+) -> None:
+    def fail(path: Path, console: Console) -> dict[str, Any]:
+        raise looped()
+
+    command.does = fail
+    assert app.run(["info", "x"]) == 2
+    assert one_line(capfd.readouterr().err).endswith("cameras.yaml: cam0.intrinsics is 5")
+
+
+def test_an_interrupt_in_a_loop_of_causes_is_found() -> None:
+    outer, stop, inner = RuntimeError("Error calling __set_name__"), KeyboardInterrupt(), ValueError()
+    outer.__cause__, stop.__context__, inner.__cause__ = stop, inner, outer
+    assert failures.was_interrupted(outer)
+    assert not failures.was_interrupted(_two_that_cause_each_other())
 
 
 def test_debug_shows_the_traceback(command: SimpleNamespace, capfd: pytest.CaptureFixture[str]) -> None:

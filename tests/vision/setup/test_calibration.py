@@ -98,6 +98,9 @@ def test_the_noise_of_tagslams_files_is_read(shared_data: Path):
         ("cam0: {intrinsics: [1, 2, 3, 4]}", "resolution"),
         ("cam0: {intrinsics: [1, 2, x, 4], resolution: [4, 4]}", "intrinsics is 'x'"),
         ("cam0: {intrinsics: [1, 2, .nan, 4], resolution: [4, 4]}", "finite"),
+        ("cam0: {intrinsics: [1, 2, 3, 4, 5], resolution: [4, 4]}", "intrinsics"),
+        ("cam0: {intrinsics: [-1, 2, 3, 4], resolution: [4, 4]}", "intrinsics"),
+        ("cam0: {intrinsics: [1, 2, 3, 4], resolution: [4, 0]}", "resolution"),
         ("cam0: {intrinsics: [1, 2, 3, 4], resolution: [4, 4], distortion_model: fov}", "fov"),
         ("cam0: {intrinsics: [1, 2, 3, 4], resolution: [4, 4], camera_model: omni}", "omni"),
     ],
@@ -107,3 +110,4 @@ def test_a_damaged_calibration_is_named(tmp_path: Path, text: str, words: str):
     with pytest.raises(FileError, match=words) as caught:
         read_cameras(tmp_path)
     assert caught.value.path == tmp_path / "cameras.yaml"
+    assert caught.value.__cause__ is not caught.value

@@ -96,8 +96,10 @@ def _read_camera(
             image_topic=str(entry.get("rostopic") or ""),
             tag_topic=str(entry.get("tagtopic") or ""),
         )
+    except FileError:
+        raise
     except InputError as error:
-        raise error if isinstance(error, FileError) else FileError(path, str(error)) from error
+        raise FileError(path, str(error)) from error
 
 
 def _rig_pose(path: Path, name: str, poses: dict[str, Any]) -> tuple[Array | None, Array | None]:
