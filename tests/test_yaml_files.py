@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
 import tracemalloc
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tossid.errors import FileError, brief
-from tossid.yaml_files import number, read_yaml
+from tossid.yaml_files import check_keys, number, numbers, read_pose, read_yaml
 
 LAUGHS = "\n".join(["a0: &a0 [x]", *(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 30))])
 
@@ -26,6 +28,61 @@ def test_a_mapping_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "encoding"),
+    [
+        ("%YAML:1.0\n---\na: [1, 2]\n", "utf-8"),
+        ("%YAML:1.0\n\n# made by FileStorage\na: [1, 2]\n", "utf-8"),
+        ("%YAML 1.2\n---\na: [1, 2]\n", "utf-8"),
+        ("a: [1, 2]\r\n", "utf-8-sig"),
+        ("a: [1, 2]\n", "utf-16"),
+    ],
+)
+def test_opencvs_first_line_and_marks_of_windows_are_read(tmp_path: Path, text: str, encoding: str) -> None:
+    (tmp_path / "a.yaml").write_bytes(text.encode(encoding))
+    assert read_yaml(tmp_path / "a.yaml") == {"a": [1, 2]}
+
+
+def test_a_matrix_of_opencv_or_ros_holds_its_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text("%YAML:1.0\n---\nD: !!opencv-matrix\n   rows: 1\n   cols: 2\n   dt: d\n   data: [ 1., 2.e-1 ]\n")
+    assert numbers(path, "D", read_yaml(path)["D"], 2).tolist() == [1.0, 0.2]
+    assert numbers(path, "D", {"rows": 1, "cols": 2, "data": [1, 2]}, 2).tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"sise": 1}, "a.b.sise is no key that is read; did you mean 'size'?"),
+        ({"zzz": 1}, "a.b.zzz is no key that is read; expected one of id, size"),
+        ({"K": 1}, "a.b.K is no key that is read; expected id: a number"),
+        ({5: 1}, "a.b.5 is no key that is read; expected one of id, size"),
+        ({"\n": 1}, "is no key that is read"),
+    ],
+)
+def test_a_key_that_nothing_reads_is_refused(given: dict[object, int], says: str) -> None:
+    check_keys(Path("x"), "a.b", {"id": 1, "size": 2, "bits": 3}, ("id", "size"), unused=("bits",))
+    with pytest.raises(FileError, match=re.escape(says)):
+        check_keys(Path("x"), "a.b", {"id": 1, **given}, ("id", "size"), instead={"K": "id: a number"})
+
+
+@pytest.mark.parametrize(
+    ("rotation", "says"),
+    [
+        ({"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}, "p.rotation.w is no key that is read; expected the rotation vector"),
+        ({"x": 0.0, "y": 90.0, "z": 0.0}, "p.rotation is 90 long, which is no angle in radians"),
+        ({"x": 5.0, "y": 4.0, "z": 0.0}, "p.rotation is 6.403 long, which is no angle in radians"),
+    ],
+)
+def test_a_rotation_that_is_no_rotation_vector_is_refused(rotation: dict[str, float], says: str) -> None:
+    at = {"x": 0, "y": 0, "z": 0}
+    assert read_pose(Path("x"), "p", {"position": at, "rotation": {"x": 0, "y": 0, "z": 2 * np.pi}}).shape == (4, 4)
+    with pytest.raises(FileError, match=re.escape(says)):
+        read_pose(Path("x"), "p", {"position": at, "rotation": rotation})
+    with pytest.raises(FileError, match="expected rotation: the rotation vector"):
+        read_pose(Path("x"), "p", {"position": at, "orientation": rotation})
+
+
+@pytest.mark.parametrize(
     ("content", "says"),
     [
         ("[1, 2]", "no mapping"),
@@ -36,7 +93,11 @@ def test_a_mapping_is_read(tmp_path: Path) -> None:
         ("a: " + "1:" * 190 + "1.5", "not valid YAML"),
         ("a: " + "[" * 100_000, "nested too deeply"),
         ("\n".join(" " * i + "a:" for i in range(700)), "nested too deeply"),
-        ("a: &a {x: 1}\nb: {<<: *a}", r"not valid YAML \(line 2\)"),
+        ("a: &a {x: 1}\nb: {<<: *a}", r"line 2: merge keys \(<<\) are not read"),
+        ("a: 1\nb: 2\na: 3", "line 3: 'a' stands here a second time"),
+        ("a:\n\t- 1", r"not valid YAML \(line 2\): found character that cannot start any token"),
+        ("a: !!opencv-matrix 3", r"not valid YAML \(line 1\): expected a matrix"),
+        ("a: \udcff", "not valid YAML: "),
         ("a: " + "x" * 300_000, "larger than 256 KiB"),
         ("!!python/object/apply:os.system [ls]", "not valid YAML"),
         ("\x00", "not valid YAML"),
@@ -47,7 +108,7 @@ def test_a_mapping_is_read(tmp_path: Path) -> None:
 )
 def test_anything_else_is_one_clear_error(content: str, says: str, tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
-    path.write_text(content)
+    path.write_bytes(content.encode(errors="surrogateescape"))
     with pytest.raises(FileError, match=says) as caught:
         read_yaml(path)
     assert str(caught.value).count("a.yaml") == 1  # one error, not one in another

@@ -3,11 +3,14 @@
 libyaml parses the text, as PyYAML's parser in Python takes five times as long. PyYAML's composer in Python builds the
 values, as its composer in C crashes where nesting is deep. Merge keys (`<<`) let a kilobyte unpack to gigabytes, and
 numbers of a hundred thousand digits take long. No description of cameras or objects needs them, so they are refused.
+OpenCV's files are read: their first line `%YAML:1.0`, which is no YAML, and their matrices.
 """
 
 from __future__ import annotations
 
+import codecs
 import contextlib
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +20,7 @@ from numpy.typing import NDArray
 from yaml.composer import Composer
 
 from tossid import budget
-from tossid.errors import FileError, brief
+from tossid.errors import FileError, brief, nearest
 from tossid.rotations import transform_from_rotvec
 
 Array = NDArray[np.float64]
@@ -26,6 +29,8 @@ LARGEST = 1 << 18
 """Bytes of a file."""
 LONGEST_NUMBER = 400
 """Characters."""
+ROTATION = "the rotation vector x, y, z in radians (axis times angle, at most 2π long; no quaternion, no degrees)"
+"""How rotations are written."""
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -37,15 +42,21 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if budget.regular_size(path) > LARGEST:
         raise FileError(path, f"is larger than {LARGEST >> 10} KiB, expected a description in YAML")
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        text = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+    except OSError as error:
         raise FileError(path, f"cannot be read: {error}") from error
+    if text.startswith(b"%YAML:"):
+        text = b"#" + text[1:]
     try:
         content = yaml.load(text, _Loader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" (line {mark.line + 1})" if mark is not None else ""
-        raise FileError(path, f"is not valid YAML{where}") from error
+    except yaml.MarkedYAMLError as error:
+        mark, problem = error.problem_mark or error.context_mark, error.problem or error.context
+        line = "" if mark is None else f" (line {mark.line + 1})"
+        raise FileError(path, f"is not valid YAML{line}: {problem}") from error
+    except yaml.YAMLError as error:  # of bytes that are no text
+        raise FileError(path, f"is not valid YAML: {' '.join(str(error).split())}") from error
+    except _NotRead as error:
+        raise FileError(path, str(error)) from error
     except _TooManyValues as error:
         many = budget.limits().yaml_values
         raise FileError(path, f"claims more than {many:,} values and names, expected at most that") from error
@@ -78,6 +89,40 @@ def _check_repeated(path: Path, content: Any) -> None:
     budget.check_claim(path, "values, with all that its aliases repeat", count(content), budget.limits().yaml_nodes)
 
 
+def check_keys(
+    path: Path,
+    where: str,
+    given: Mapping[Any, Any],
+    read: Iterable[str],
+    *,
+    unused: Iterable[str] = (),
+    instead: Mapping[str, str] | None = None,
+) -> None:
+    """Refuse a key that nothing reads: what it says would be lost without a word.
+
+    Args:
+        path: The file, for the error.
+        where: Name of the mapping in the file; empty for the whole file.
+        given: The mapping.
+        read: Keys that are read.
+        unused: Keys that other tools write there, and for which there is no use here.
+        instead: What to write in place of other tools' keys that are not read.
+
+    Raises:
+        FileError: A key is none of those read and unused; it suggests the nearest.
+    """
+    read = list(read)
+    for key in given:
+        if key in read or key in unused:
+            continue
+        near = nearest(str(key), read)
+        hint = f"did you mean '{near}'?" if near else f"expected one of {', '.join(read)}"
+        if instead is not None and key in instead:
+            hint = f"expected {instead[key]}"
+        name = key if isinstance(key, str) and len(key) < 60 and key.isprintable() else brief(key)
+        raise FileError(path, f"{f'{where}.' if where else ''}{name} is no key that is read; {hint}")
+
+
 def number(path: Path, where: str, value: Any) -> float:
     """A finite number, or `FileError`."""
     read = np.nan
@@ -89,11 +134,25 @@ def number(path: Path, where: str, value: Any) -> float:
     return read
 
 
-def numbers(path: Path, where: str, value: Any, count: int | tuple[int, ...]) -> Array:
-    """A list of finite numbers of the given length(s), or `FileError`."""
+def numbers(path: Path, where: str, value: Any, count: int | tuple[int, ...], *, meaning: str = "") -> Array:
+    """A list of finite numbers of the given length(s), also as the `data` of OpenCV's or ROS's matrix.
+
+    Args:
+        path: The file, for the error.
+        where: What the list is called in the file.
+        value: What stands there.
+        count: How many numbers it may have.
+        meaning: What the numbers are, for the error.
+
+    Raises:
+        FileError: It is no list of so many finite numbers.
+    """
     counts = (count,) if isinstance(count, int) else count
+    value = value.get("data", value) if isinstance(value, dict) else value
     if not isinstance(value, list) or len(value) not in counts:
-        raise FileError(path, f"{where} is {brief(value)}, expected {' or '.join(map(str, counts))} numbers")
+        wanted = f"{' or '.join(map(str, counts))} numbers{f' ({meaning})' if meaning else ''}"
+        held = f"has {len(value)} numbers" if isinstance(value, list) and len(value) > 3 else f"is {brief(value)}"
+        raise FileError(path, f"{where} {held}, expected {wanted}")
     return np.array([number(path, where, item) for item in value], dtype=float)
 
 
@@ -101,23 +160,40 @@ def read_xyz(path: Path, where: str, value: Any) -> Array:
     """A mapping x, y, z. (3,)."""
     if not isinstance(value, dict) or not {"x", "y", "z"} <= set(value):
         raise FileError(path, f"{where} is {brief(value)}, expected x, y, z")
+    check_keys(path, where, value, "xyz", instead={"w": ROTATION})
     return np.array([number(path, f"{where}.{key}", value[key]) for key in "xyz"])
 
 
 def read_pose(path: Path, where: str, value: Any) -> Array:
-    """A mapping position, rotation (rotation vector [rad]). (4, 4)."""
+    """A mapping position, rotation (rotation vector [rad]), and what TagSLAM says of their noise. (4, 4)."""
+    keys = ("position", "rotation", "position_noise", "rotation_noise", "R")
+    if isinstance(value, dict):
+        check_keys(path, where, value, keys, instead={"orientation": f"rotation: {ROTATION}"})
     if not isinstance(value, dict) or "position" not in value or "rotation" not in value:
         raise FileError(path, f"{where} needs position and rotation")
     position = read_xyz(path, f"{where}.position", value["position"])
-    return transform_from_rotvec(position, read_xyz(path, f"{where}.rotation", value["rotation"]))
+    rotation = read_xyz(path, f"{where}.rotation", value["rotation"])
+    angle = float(np.linalg.norm(rotation))
+    if angle > 2 * np.pi * (1 + 1e-6):
+        raise FileError(
+            path, f"{where}.rotation is {angle:.4g} long, which is no angle in radians; expected {ROTATION}"
+        )
+    return transform_from_rotvec(position, rotation)
 
 
 class _TooManyValues(Exception):
     """More than `ReadLimits.yaml_values`."""
 
 
+class _NotRead(Exception):
+    """A construct of YAML that is not read."""
+
+    def __init__(self, mark: yaml.Mark, problem: str) -> None:
+        super().__init__(f"line {mark.line + 1}: {problem}")
+
+
 class _Loader(Composer, yaml.CSafeLoader):  # in this order: CSafeLoader has a composer of its own, in C
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: bytes) -> None:
         yaml.CSafeLoader.__init__(self, text)
         Composer.__init__(self)
         self.left = budget.limits().yaml_values
@@ -130,10 +206,21 @@ class _Loader(Composer, yaml.CSafeLoader):  # in this order: CSafeLoader has a c
         return node
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        seen: set[str] = set()
         for key, _ in node.value:
             if key.tag == "tag:yaml.org,2002:merge":
-                raise yaml.constructor.ConstructorError(None, None, "merge keys are not read", key.start_mark)
+                problem = "merge keys (<<) are not read, as a small file could grow to gigabytes by them"
+                raise _NotRead(key.start_mark, f"{problem}; expected the merged values written out where they hold")
+            if isinstance(key, yaml.ScalarNode) and key.value in seen:
+                raise _NotRead(key.start_mark, f"'{key.value}' stands here a second time, expected each key once")
+            seen.add(key.value if isinstance(key, yaml.ScalarNode) else "")
         super().flatten_mapping(node)
+
+    def matrix(self, node: yaml.Node) -> dict[Any, Any]:
+        if not isinstance(node, yaml.MappingNode):
+            raise yaml.constructor.ConstructorError(None, None, "expected a matrix", node.start_mark)
+        matrix: dict[Any, Any] = self.construct_mapping(node, deep=True)
+        return matrix
 
     def number(self, node: yaml.ScalarNode) -> int | float:
         if len(node.value) > LONGEST_NUMBER:
@@ -145,3 +232,4 @@ class _Loader(Composer, yaml.CSafeLoader):  # in this order: CSafeLoader has a c
 
 for _kind in ("int", "float"):
     _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _Loader.number)
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _Loader.matrix)

@@ -9,7 +9,21 @@ from typing import Any
 from tossid import budget
 from tossid.errors import FileError, ObjectError, brief
 from tossid.objects.model import Tag
-from tossid.yaml_files import number, read_pose, read_yaml
+from tossid.yaml_files import check_keys, number, read_pose, read_yaml
+
+TAG_KEYS = ("id", "size", "pose", "family")
+BODY_KEYS = (
+    *("is_static", "type", "pose", "tags", "board", "default_tag_size", "tag_family", "ignore_tags"),
+    *("override_tag_position_noise", "override_tag_rotation_noise"),
+    *("fake_odom_translation_noise", "fake_odom_rotation_noise"),
+)
+TAGSLAMS_BODY_KEYS = (
+    *("max_hamming_distance", "T_body_odom", "odom_frame_id", "odom_topic", "publish_covariance", "frame_id"),
+    *("odom_translation_noise", "odom_rotation_noise", "odom_acceleration", "odom_angular_acceleration"),
+    *(f"odom_{of}acceleration_noise_{end}" for of in ("", "angular_") for end in ("min", "max")),
+    *("is_default_body", "staggered_board"),
+)
+"""What TagSLAM takes in of a body beside `BODY_KEYS`, for its odometry and what it publishes."""
 
 
 def read_tags(path: Path, body_names: Sequence[str]) -> tuple[Tag, ...]:
@@ -32,6 +46,8 @@ def read_tags(path: Path, body_names: Sequence[str]) -> tuple[Tag, ...]:
         if not isinstance(entry, dict) or not all(isinstance(body, dict) for body in entry.values()):
             raise FileError(path, f"bodies: {brief(entry)} is not one name with its values")
         bodies |= {str(name): body for name, body in entry.items()}
+    for name, body in bodies.items():
+        check_keys(path, name, body, BODY_KEYS, unused=TAGSLAMS_BODY_KEYS, instead={"tag_size": "default_tag_size"})
     claimed = sum(len(body["tags"]) for body in bodies.values() if isinstance(body.get("tags"), list))
     budget.check_claim(path, "tags", claimed, budget.limits().tags)
     moving = [body for body in bodies.values() if body.get("is_static") is False and body.get("tags")]
@@ -63,6 +79,7 @@ def _read_tag(path: Path, name: str, tag: dict[str, Any], body: dict[str, Any], 
     if not isinstance(tag.get("id"), int) or isinstance(tag["id"], bool):
         raise FileError(path, f"{name}.tags: {brief(tag)} has no whole-number id")
     where = f"{name}.tags[{tag['id']}]"
+    check_keys(path, where, tag, TAG_KEYS, unused=("bits",))
     size = number(path, f"{where}.size", tag.get("size", body.get("default_tag_size")))
     if size <= 0:
         raise FileError(path, f"{where}.size is {size}, expected a positive length")

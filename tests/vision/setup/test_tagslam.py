@@ -148,3 +148,42 @@ def test_families_are_read_and_written(tmp_path: Path):
     path.write_text("tag_family: 21h7\nbodies:\n- lab: {is_static: true}\n")
     with pytest.raises(FileError, match="tag_family is '21h7', expected one of tag36h11, tag25h9, tag16h5"):
         read_tagslam(path)
+
+
+BOX = "{is_static: false, type: simple, tags: [{id: 1, size: 0.1}]"
+
+
+def test_what_tagslam_takes_in_and_tossid_does_not_use_is_read(tmp_path: Path):
+    (tmp_path / "tagslam.yaml").write_text(
+        f"""
+tagslam_parameters: {{optimizer_mode: full, sync_queue_size: 9, anything_of_a_fork: 3}}
+amnesia: true
+warn_ignore_tags: false
+max_hamming_distance: 1
+bodies:
+ - box: {BOX}, T_body_odom: {{}}, odom_topic: /o, odom_frame_id: o, odom_acceleration: 1.0, max_hamming_distance: 2}}
+"""
+    )
+    assert read_tagslam(tmp_path / "tagslam.yaml").max_hamming == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (f"bodys: []\nbodies: [box: {BOX}}}]", "bodys is no key that is read; did you mean 'bodies'"),
+        (f"remap: []\nbodies: [box: {BOX}}}]", "remap is no key that is read; expected tag_id_remap"),
+        (f"body_defaults: {{pos_noise: 1}}\nbodies: [box: {BOX}}}]", "body_defaults.pos_noise .* 'position_noise'"),
+        (f"bodies: [box: {BOX}, tag_size: 0.1}}]", "box.tag_size is no key that is read; expected default_tag_size"),
+        (f"bodies: [box: {BOX}, fixed: true}}]", "box.fixed is no key that is read; expected one of is_static"),
+        ("bodies: [box: {is_static: false, tags: [{id: 1, sise: 0.1}]}]", r"box.tags\[1\].sise .* 'size'"),
+        (
+            f"distance_measurements: [a: {{tag1: 1, tag2: 2, corner1: 0, corner2: 0, length: 1, noise: 1}}]\n"
+            f"bodies: [box: {BOX}}}]",
+            "distance_measurements.a.length is no key",
+        ),
+    ],
+)
+def test_a_key_of_a_scene_that_nothing_reads_is_refused(tmp_path: Path, text: str, says: str):
+    (tmp_path / "tagslam.yaml").write_text(text)
+    with pytest.raises(FileError, match=says):
+        read_tagslam(tmp_path / "tagslam.yaml")

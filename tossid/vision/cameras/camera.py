@@ -18,9 +18,9 @@ from tossid.vision.cameras._undistort import undistort_brown
 
 Array = NDArray[np.float64]
 
-RADTAN_NAMES = ("radtan", "plumb_bob", "none")
 EQUIDISTANT = "equidistant"
-DISTORTION_MODELS = (*RADTAN_NAMES, EQUIDISTANT)
+DISTORTION_MODELS = {"radtan": (4, 5), "plumb_bob": (4, 5), "none": (0, 4, 5), EQUIDISTANT: (4,)}
+"""How many coefficients each model can have; those of "none" are zeros."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,11 +69,15 @@ class Camera:
         if self.distortion_model not in DISTORTION_MODELS:
             known = ", ".join(DISTORTION_MODELS)
             raise InputError(f"camera '{self.name}': distortion model '{self.distortion_model}' is not one of {known}")
-        counts = (4,) if self.distortion_model == EQUIDISTANT else (0, 4, 5)
+        counts = DISTORTION_MODELS[self.distortion_model]
         if self.distortion.ndim != 1 or len(self.distortion) not in counts or not np.isfinite(self.distortion).all():
             raise InputError(
                 f"camera '{self.name}': {self.distortion_model} takes {' or '.join(map(str, counts))} "
                 f"finite distortion coefficients, got {self.distortion.tolist()}"
+            )
+        if self.distortion_model == "none" and self.distortion.any():
+            raise InputError(
+                f"camera '{self.name}': distortion model 'none' has coefficients {self.distortion.tolist()}"
             )
         if not np.isfinite(self.clock_offset):
             raise InputError(f"camera '{self.name}': clock_offset is {self.clock_offset}, expected seconds")

@@ -13,15 +13,47 @@ from numpy.typing import NDArray
 
 from tossid.errors import FileError, InputError, brief
 from tossid.rotations import transform_inv
-from tossid.vision.cameras.camera import Camera
+from tossid.vision.cameras.camera import DISTORTION_MODELS, Camera
 from tossid.vision.setup.layout import TagLayout
 from tossid.vision.setup.tagslam import EXACT, pose_mapping, read_noise, read_tagslam
-from tossid.yaml_files import number, numbers, read_pose, read_yaml
+from tossid.yaml_files import check_keys, number, numbers, read_pose, read_yaml
 
 Array = NDArray[np.float64]
 
 RIGID = 1e-4
 """Wiggle of a camera on its rig [rad, m] up to which it is rigid; TagSLAM's own default is 1e-5."""
+
+_WIGGLE = ("wiggle_rotation", "wiggle_translation")
+_READ = (
+    "camera_model",
+    "intrinsics",
+    "distortion_model",
+    "distortion_coeffs",
+    "distortion_coefficients",
+    "resolution",
+    "T_cn_cnm1",
+    "rostopic",
+    "tagtopic",
+    "rig_body",
+    *_WIGGLE,
+    "rate_hz",
+    "clock_offset",
+)
+_UNUSED = (
+    *("cam_overlaps", "T_cam_imu", "T_imu_cam", "timeshift_cam_imu", "line_delay"),  # of Kalibr, and its readers
+    *("frame_id", "frameId", "is_static", "T_cam_body", "fixed_intrinsics", "fixed_extrinsics"),  # TagSLAM and its kin
+    *("sensor_type", "comment", "T_BS"),  # EuRoC
+    *("camera_name", "rectification_matrix", "projection_matrix"),  # ROS's camera_info
+)
+_INTRINSICS, _SIZE = "intrinsics: [fx, fy, cx, cy]", "resolution: [width, height]"
+_INSTEAD = {
+    **dict.fromkeys(("camera_matrix", "K", "projection_parameters", "fx", "fy", "cx", "cy"), _INTRINSICS),
+    **dict.fromkeys(("image_width", "image_height", "width", "height"), _SIZE),
+    **dict.fromkeys(("distortion_parameters", "D", "dist_coeffs"), "distortion_coeffs: [k1, k2, p1, p2]"),
+    "model_type": "camera_model: pinhole",
+}
+_MODELS = {"rad_tan": "radtan", "radial-tangential": "radtan", "equi": "equidistant", "fisheye": "equidistant"}
+"""Names of distortion models in TagSLAM, EuRoC and OpenCV."""
 
 
 def read_cameras(folder: str | Path, *, layout: TagLayout | None = None) -> tuple[Camera, ...]:
@@ -45,9 +77,13 @@ def read_cameras(folder: str | Path, *, layout: TagLayout | None = None) -> tupl
     poses = read_yaml(poses_path) if poses_path.exists() else None
     cameras: list[Camera] = []
     T_rig_previous: Array | None = None
+    if poses is not None:
+        _check_pose_names(poses_path, poses, content)
     for name, entry in content.items():
         if not isinstance(entry, dict):
-            raise FileError(path, f"'{name}' is no camera")
+            raise FileError(
+                path, f"{name} is {brief(entry)}, expected a camera's name with its intrinsics and resolution"
+            )
         if poses is not None:
             T_rig_cam, cov = _rig_pose(poses_path, str(name), poses)
         else:
@@ -69,37 +105,71 @@ def read_cameras(folder: str | Path, *, layout: TagLayout | None = None) -> tupl
 def _read_camera(
     path: Path, name: str, entry: dict[str, Any], rig: str, T_rig_cam: Array | None, T_world_rig: Array | None
 ) -> Camera:
+    check_keys(path, name, entry, _READ, unused=_UNUSED, instead=_INSTEAD)
     missing = [key for key in ("intrinsics", "resolution") if key not in entry]
     if missing:
         raise FileError(path, f"{name} has no {', '.join(missing)}")
     if entry.get("camera_model", "pinhole") != "pinhole":
         raise FileError(path, f"{name}.camera_model is {brief(entry['camera_model'])}, expected pinhole")
-    width, height = numbers(path, f"{name}.resolution", entry["resolution"], 2)
-    coefficients = entry.get("distortion_coeffs") or []
-    rotation, translation = (
-        number(path, f"{name}.{key}", entry.get(key, 0.0)) for key in ("wiggle_rotation", "wiggle_translation")
-    )
-    wiggle = (rotation, translation)
+    size = numbers(path, f"{name}.resolution", entry["resolution"], 2, meaning="width, height")
+    if (size < 1).any() or (size % 1 != 0).any():
+        raise FileError(path, f"{name}.resolution is {size.tolist()}, expected whole numbers of pixels")
+    intrinsics = numbers(path, f"{name}.intrinsics", entry["intrinsics"], 4, meaning="fx, fy, cx, cy")
+    model, coefficients = _distortion(path, name, entry)
+    clock_offset = number(path, f"{name}.clock_offset", entry.get("clock_offset", 0.0))
+    wiggle = tuple(number(path, f"{name}.{key}", entry.get(key, 0.0)) for key in _WIGGLE)
+    if min(wiggle) < 0:
+        raise FileError(path, f"{name}: {' and '.join(_WIGGLE)} are {list(wiggle)}, expected none below 0")
+    rate_hz = None if entry.get("rate_hz") is None else number(path, f"{name}.rate_hz", entry["rate_hz"])
+    if rate_hz is not None and rate_hz <= 0:
+        raise FileError(path, f"{name}.rate_hz is {rate_hz:g}, expected a positive number of frames a second")
     try:
         return Camera(
             name=name,
-            resolution=(int(width), int(height)),
-            intrinsics=numbers(path, f"{name}.intrinsics", entry["intrinsics"], 4),
-            distortion_model=str(entry.get("distortion_model", "none")),
-            distortion=numbers(path, f"{name}.distortion_coeffs", coefficients, (0, 4, 5)),
+            resolution=(int(size[0]), int(size[1])),
+            intrinsics=intrinsics,
+            distortion_model=model,
+            distortion=coefficients,
             T_rig_cam=T_rig_cam,
             T_world_rig=T_world_rig,
             rig_body=rig,
-            rate_hz=number(path, f"{name}.rate_hz", entry["rate_hz"]) if entry.get("rate_hz") is not None else None,
-            wiggle=wiggle if max(wiggle) > RIGID else None,
-            clock_offset=number(path, f"{name}.clock_offset", entry.get("clock_offset", 0.0)),
+            rate_hz=rate_hz,
+            wiggle=(wiggle[0], wiggle[1]) if max(wiggle) > RIGID else None,
+            clock_offset=clock_offset,
             image_topic=str(entry.get("rostopic") or ""),
             tag_topic=str(entry.get("tagtopic") or ""),
         )
-    except FileError:
-        raise
     except InputError as error:
         raise FileError(path, str(error)) from error
+
+
+def _distortion(path: Path, name: str, entry: dict[str, Any]) -> tuple[str, Array]:
+    """The model of a camera's distortion, and its coefficients, which have to be there."""
+    model = str(entry.get("distortion_model", "none"))
+    model = _MODELS.get(model, model)
+    if model not in DISTORTION_MODELS:
+        known = ", ".join(DISTORTION_MODELS)
+        raise FileError(path, f"{name}.distortion_model is {brief(model)}, expected one of {known}")
+    keys = [key for key in ("distortion_coeffs", "distortion_coefficients") if key in entry]
+    if len(keys) > 1:
+        raise FileError(path, f"{name} has both {' and '.join(keys)}, expected one")
+    key = keys[0] if keys else "distortion_coeffs"
+    counts = DISTORTION_MODELS[model]
+    if entry.get(key) is None and 0 not in counts:
+        wanted = f"its {' or '.join(map(str, counts))} coefficients, or distortion_model: none"
+        raise FileError(path, f"{name}.distortion_model is {model}, but there are no {key}; expected {wanted}")
+    coefficients = numbers(path, f"{name}.{key}", entry.get(key) or [], counts, meaning=f"distortion_model: {model}")
+    if model == "none" and coefficients.any():
+        models = ", ".join(model for model in DISTORTION_MODELS if model != "none")
+        raise FileError(path, f"{name} has {key} but no distortion_model; expected one of {models}")
+    return model, coefficients
+
+
+def _check_pose_names(path: Path, poses: dict[str, Any], cameras: dict[str, Any]) -> None:
+    """Refuse poses of which none is of a camera: they would be left out without a word."""
+    names, posed = list(map(str, cameras)), list(map(str, poses))
+    if posed and not set(names) & set(posed):
+        raise FileError(path, f"has no pose of a camera of cameras.yaml ({', '.join(names)}), but {', '.join(posed)}")
 
 
 def _rig_pose(path: Path, name: str, poses: dict[str, Any]) -> tuple[Array | None, Array | None]:
@@ -108,7 +178,8 @@ def _rig_pose(path: Path, name: str, poses: dict[str, Any]) -> tuple[Array | Non
     if entry is None:
         return None, None
     if not isinstance(entry, dict) or not isinstance(entry.get("pose"), dict):
-        raise FileError(path, f"{name} has no pose")
+        raise FileError(path, f"{name} is {brief(entry)}, expected pose with position and rotation")
+    check_keys(path, name, entry, ("pose",))
     pose, where = entry["pose"], f"{name}.pose"
     T_rig_cam = read_pose(path, where, pose)
     if pose.get("R") is not None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tossid import budget
 from tossid.errors import FileError, brief
+from tossid.objects.tags import BODY_KEYS, TAG_KEYS, TAGSLAMS_BODY_KEYS
 from tossid.rotations import matrix_to_rotvec, transform_inv
 from tossid.vision.setup.layout import (
     DEFAULT_FAMILY,
@@ -25,12 +26,26 @@ from tossid.vision.setup.layout import (
     Squash,
     TagLayout,
 )
-from tossid.yaml_files import number, numbers, read_pose, read_xyz, read_yaml
+from tossid.yaml_files import check_keys, number, numbers, read_pose, read_xyz, read_yaml
 
 Array = NDArray[np.float64]
 
 EXACT = 1e-6
 """Standard deviation [m, rad] that is written for a pose that is known exactly."""
+
+_TOP = (
+    *("bodies", "body_defaults", "default_body", "tag_family", "max_hamming_distance", "tagslam_parameters"),
+    *("distance_measurements", "coordinate_measurements", "plane_measurements", "tag_id_remap", "squash"),
+)
+_BOARD = ("tag_start_id", "tag_size", "tag_spacing", "tag_rows", "tag_columns")
+_BOARD_NOISE = ("tag_position_noise", "tag_rotation_noise")
+# what TagSLAM takes in beside that, for its optimizer and what it publishes
+_TOP_UNUSED = (
+    *("amnesia", "warn_ignore_tags", "warn_unknown_tags", "cameras", "camera_poses", "position_measurements"),
+    *("fixed_frame_id", "max_number_of_frames", "outbag", "bag_file", "playback_rate", "output_directory"),
+    *("publish_ack", "write_debug_images", "has_compressed_images", "optimize_full_graph"),
+    *("pixel_noise", "minimum_viewing_angle", "max_subgraph_error", "max_num_incremental_opt", "optimizer_mode"),
+)
 
 
 def pose_mapping(T: Array) -> dict[str, dict[str, float]]:
@@ -62,11 +77,13 @@ def read_tagslam(path: str | Path) -> TagLayout:
     """
     path = Path(path)
     content = read_yaml(path)
+    check_keys(path, "", content, _TOP, unused=_TOP_UNUSED, instead={"remap": "tag_id_remap"})
     entries = content.get("bodies")
     if not isinstance(entries, list) or not entries:
         raise FileError(path, "has no list 'bodies'")
     _check_count(path, entries)
     defaults = _mapping(path, "body_defaults", content.get("body_defaults") or {})
+    check_keys(path, "body_defaults", defaults, ("position_noise", "rotation_noise"))
     family = _family(path, "tag_family", content.get("tag_family", DEFAULT_FAMILY))
     bodies = [_read_body(path, name, body, defaults, family) for name, body in _named(path, "bodies", entries)]
     names = [body.name for body in bodies]
@@ -131,6 +148,7 @@ def _named(path: Path, where: str, entries: Any) -> list[tuple[str, dict[str, An
 
 
 def _read_body(path: Path, name: str, body: dict[str, Any], defaults: dict[str, Any], family: str) -> Body:
+    check_keys(path, name, body, BODY_KEYS, unused=TAGSLAMS_BODY_KEYS, instead={"tag_size": "default_tag_size"})
     family = _family(path, f"{name}.tag_family", body.get("tag_family", family))
     is_static = body.get("is_static")
     if not isinstance(is_static, bool):
@@ -177,6 +195,7 @@ def _read_tag(path: Path, body: str, tag: Any, default_size: float | None, famil
     if not isinstance(tag, dict) or not isinstance(tag.get("id"), int) or isinstance(tag.get("id"), bool):
         raise FileError(path, f"{body}.tags: {brief(tag)} has no whole-number id")
     where = f"{body}.tags[{tag['id']}]"
+    check_keys(path, where, tag, TAG_KEYS, unused=("bits",))
     if "size" not in tag and default_size is None:
         raise FileError(path, f"{where} has no size, and {body} no default_tag_size")
     size = number(path, f"{where}.size", tag["size"]) if "size" in tag else default_size
@@ -191,16 +210,13 @@ def _read_tag(path: Path, body: str, tag: Any, default_size: float | None, famil
 
 
 def _board_tags(path: Path, where: str, board: dict[str, Any], family: str) -> list[BodyTag]:
-    keys = ("tag_start_id", "tag_size", "tag_spacing", "tag_rows", "tag_columns")
-    missing = [key for key in keys if key not in board]
+    check_keys(path, where, board, (*_BOARD, *_BOARD_NOISE, "pose"), unused=("tag_bits",))
+    missing = [key for key in _BOARD if key not in board]
     if missing:
         raise FileError(path, f"{where} has no {', '.join(missing)}")
-    start, size, spacing, rows, columns = (number(path, f"{where}.{key}", board[key]) for key in keys)
+    start, size, spacing, rows, columns = (number(path, f"{where}.{key}", board[key]) for key in _BOARD)
     T_tag0_body = read_pose(path, f"{where}.pose", board["pose"]) if board.get("pose") is not None else np.eye(4)
-    noise = [
-        np.full(3, number(path, f"{where}.{key}", board[key])) if key in board else None
-        for key in ("tag_position_noise", "tag_rotation_noise")
-    ]
+    noise = [np.full(3, number(path, f"{where}.{key}", board[key])) if key in board else None for key in _BOARD_NOISE]
     tags = []
     for row in range(int(rows)):
         for column in range(int(columns)):
@@ -228,16 +244,19 @@ def _read_measurements(path: Path, content: dict[str, Any]) -> tuple[Distance | 
 
     for name, entry in _named(path, "distance_measurements", content.get("distance_measurements") or []):
         where = f"distance_measurements.{name}"
+        check_keys(path, where, entry, ("tag1", "tag2", "corner1", "corner2", "distance", "noise"))
         tags, corners = (tuple(int(value(entry, where, f"{key}{k}")) for k in (1, 2)) for key in ("tag", "corner"))
         length, noise = value(entry, where, "distance"), value(entry, where, "noise")
         found.append(Distance(name, (tags[0], tags[1]), (corners[0], corners[1]), length, noise))
     for name, entry in _named(path, "coordinate_measurements", content.get("coordinate_measurements") or []):
         where = f"coordinate_measurements.{name}"
+        check_keys(path, where, entry, ("tag", "corner", "direction", "length", "noise"))
         tag, corner = (int(value(entry, where, key)) for key in ("tag", "corner"))
         length, noise = value(entry, where, "length"), value(entry, where, "noise")
         found.append(Coordinate(name, tag, corner, direction(entry, where), length, noise))
     for name, entry in _named(path, "plane_measurements", content.get("plane_measurements") or []):
         where = f"plane_measurements.{name}"
+        check_keys(path, where, entry, ("tags", "direction", "distance", "noise"))
         axis, length, noise = direction(entry, where), value(entry, where, "distance"), value(entry, where, "noise")
         for tag in sorted(_ids(path, f"{where}.tags", entry.get("tags"))):
             found.append(Coordinate(f"{name}_tag_{tag}", tag, None, axis, length, noise))
@@ -252,8 +271,10 @@ def _read_remaps(path: Path, entries: Any) -> tuple[Remap, ...]:
     remaps = []
     for entry in entries if isinstance(entries, list) else [entries]:
         entry = _mapping(path, "tag_id_remap", entry)
+        check_keys(path, "tag_id_remap", entry, ("id", "remaps"))
         for again in entry.get("remaps") or []:
             again = _mapping(path, "tag_id_remap.remaps", again)
+            check_keys(path, "tag_id_remap.remaps", again, ("remap_id", "start_time", "end_time", "camera"))
             if not isinstance(entry.get("id"), int) or not isinstance(again.get("remap_id"), int):
                 raise FileError(path, f"tag_id_remap: {brief(entry)} needs id and remap_id")
             start, end = (
@@ -268,6 +289,7 @@ def _read_squashes(path: Path, entries: Any) -> tuple[Squash, ...]:
     squashes = []
     for entry in entries if isinstance(entries, list) else [entries]:
         entry = _mapping(path, "squash", entry)
+        check_keys(path, "squash", entry, ("tags", "time", "camera"))
         time = number(path, "squash.time", entry["time"]) if "time" in entry else None
         if time is None and not entry.get("camera"):
             raise FileError(path, f"squash: {brief(entry)} needs a time or a camera")
