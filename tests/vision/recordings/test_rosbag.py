@@ -53,7 +53,9 @@ def test_image_encodings():
     for encoding, data, step in (("mono8", grey, 64), ("mono16", deep, 128), ("rgba8", np.repeat(grey, 4), 256)):
         raw = np.frombuffer(np.ascontiguousarray(data).tobytes(), dtype=np.uint8)
         message = kind(header(2, 0), 48, 64, encoding, 0, step, raw)
-        np.testing.assert_allclose(grey_image(Path("a.bag"), message), grey, atol=1)
+        np.testing.assert_allclose(grey_image(Path("a.bag"), message), deep if encoding == "mono16" else grey, atol=1)
+    raw = np.frombuffer(deep.astype(">u2").tobytes(), dtype=np.uint8)
+    np.testing.assert_array_equal(grey_image(Path("a.bag"), kind(header(2, 0), 48, 64, "16UC1", 1, 128, raw)), deep)
     with pytest.raises(InputError, match="yuv422"):
         grey_image(Path("a.bag"), kind(header(2, 0), 48, 64, "yuv422", 0, 128, np.zeros(48 * 128, dtype=np.uint8)))
     with pytest.raises(InputError, match="only 10 bytes"):

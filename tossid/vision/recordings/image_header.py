@@ -25,7 +25,11 @@ _WIDTHS, _HEIGHTS = (256, 322), (257, 323)
 """TIFF's tags of an image's and of a tile's size."""
 
 
-def grey_pixels(path: Path, content: bytes) -> NDArray[np.uint8] | None:
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+"""Grey levels of an image as it is stored."""
+
+
+def grey_pixels(path: Path, content: bytes) -> Pixels | None:
     """The pixels of an encoded image.
 
     Args:
@@ -33,7 +37,7 @@ def grey_pixels(path: Path, content: bytes) -> NDArray[np.uint8] | None:
         content: PNG, JPEG, BMP, PBM, PGM, PPM or TIFF.
 
     Returns:
-        (height, width) grey levels; None where it cannot be decoded.
+        (height, width) grey levels of 8 or 16 bits; None where it cannot be decoded.
 
     Raises:
         FileError: It claims more pixels than `ReadLimits.pixels`, repeats them beyond `ReadLimits.scanned`, or has a
@@ -49,11 +53,16 @@ def grey_pixels(path: Path, content: bytes) -> NDArray[np.uint8] | None:
         scans = content.count(bytes([0xFF, _START_OF_SCAN]))
         claimed = scans * size[0] * size[1]
         budget.check_claim(path, f"pixels in its {scans} scans", claimed, budget.limits().scanned)
+    encoded = np.frombuffer(content, dtype=np.uint8)
     try:
-        image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+        image = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+        if image is not None and image.dtype not in (np.uint8, np.uint16):
+            image = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE)
     except cv2.error:
         return None
-    return None if image is None else np.asarray(image, dtype=np.uint8)
+    if image is None or image.dtype != np.uint16:
+        return None if image is None else np.asarray(image, dtype=np.uint8)
+    return np.asarray(image, dtype=np.uint16)
 
 
 def image_size(content: bytes) -> tuple[int, int] | None:

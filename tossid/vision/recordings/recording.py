@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
@@ -15,13 +16,17 @@ from tossid import budget
 from tossid.errors import FileError
 from tossid.types import Frame
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.recordings.image_header import grey_pixels
+from tossid.vision.recordings.image_header import Pixels, grey_pixels
 from tossid.vision.setup.calibration import read_cameras
 from tossid.vision.setup.layout import TagLayout
 from tossid.vision.setup.tagslam import read_tagslam
 
 LATEST_NS = 1 << 62
 """No clock shows a time beyond this: it is the year 2116."""
+LEVEL_FRAMES = 16
+"""So many frames of a camera tell how bright its 16-bit images get."""
+HOT_PIXELS = 50
+"""So many pixels of an image may be brighter than all that it shows; the smallest tag that is found has 64."""
 _ENDINGS = {b"\xff\xd8\xff": b"\xff\xd9", b"\x89PNG": b"IEND\xaeB`\x82"}
 
 
@@ -45,15 +50,15 @@ class FrameFile:
 class FrameReader(Protocol):
     """Reads the images of a recording."""
 
-    def images(self, files: Sequence[FrameFile]) -> Iterator[NDArray[np.uint8]]:
-        """Grey images (height, width) of some frames of one camera, in order of time."""
+    def images(self, files: Sequence[FrameFile]) -> Iterator[Pixels]:
+        """Grey images (height, width) of 8 or 16 bits of some frames of one camera, in order of time."""
         ...
 
 
 class ImageFiles:
     """Frames that are image files."""
 
-    def images(self, files: Sequence[FrameFile]) -> Iterator[NDArray[np.uint8]]:
+    def images(self, files: Sequence[FrameFile]) -> Iterator[Pixels]:
         """One file a frame."""
         return (read_image(file.path) for file in files)
 
@@ -98,7 +103,7 @@ class Recording:
         return next(self.run((file,)))
 
     def run(self, files: Sequence[FrameFile]) -> Iterator[Frame]:
-        """Read frames of one camera, in order of time.
+        """Read frames of one camera, in order of time; 16 bits are scaled to 8 by those that the camera uses.
 
         Raises:
             FileError: one is missing, no image, cut short, or not of the camera's resolution.
@@ -110,7 +115,27 @@ class Recording:
                     file.path,
                     f"is {image.shape[1]} by {image.shape[0]} px, but {file.camera} has {width} by {height} px",
                 )
-            yield Frame(file.camera, file.t_ns * 1e-9, image)
+            yield Frame(file.camera, file.t_ns * 1e-9, self._in_8_bits(file.camera, image))
+
+    def _in_8_bits(self, camera: str, image: Pixels) -> NDArray[np.uint8]:
+        if image.dtype == np.uint8:
+            return np.asarray(image, dtype=np.uint8)
+        if camera not in self._used_bits:
+            self._used_bits[camera] = self._find_used_bits(camera)
+        return np.asarray(np.minimum(image >> (self._used_bits[camera] - 8), 255), dtype=np.uint8)
+
+    @cached_property
+    def _used_bits(self) -> dict[str, int]:
+        """Bits that a camera's 16-bit images use, once they were looked for."""
+        return {}
+
+    def _find_used_bits(self, camera: str) -> int:
+        """A 10 or 12-bit camera leaves the upper bits empty. One number for all frames, so that none flickers."""
+        files = self.frames[camera]
+        chosen = np.unique(np.linspace(0, len(files) - 1, LEVEL_FRAMES).astype(int)).tolist()
+        images = [next(iter(self.reader.images((files[i],)))) for i in chosen]
+        brightest = max(int(np.partition(image, -HOT_PIXELS, axis=None)[-HOT_PIXELS:].min()) for image in images)
+        return max(8, brightest.bit_length())
 
     def __iter__(self) -> Iterator[Frame]:
         """All frames in order of time."""
@@ -118,8 +143,8 @@ class Recording:
         return (self.read(file) for file in files)
 
 
-def read_image(path: Path) -> NDArray[np.uint8]:
-    """A grey image (height, width). `FileError` if the file is none, or is cut short."""
+def read_image(path: Path) -> Pixels:
+    """A grey image (height, width) of 8 or 16 bits. `FileError` if the file is none, or is cut short."""
     budget.regular_size(path)
     try:
         content = path.read_bytes()

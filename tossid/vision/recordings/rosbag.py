@@ -18,7 +18,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -26,7 +25,7 @@ from rosbags.typesys.store import Typestore
 
 from tossid import budget
 from tossid.errors import FileError, InputError
-from tossid.vision.recordings.image_header import grey_pixels
+from tossid.vision.recordings.image_header import Pixels, grey_pixels
 from tossid.vision.recordings.rosbag_budget import TooLarge, check_definitions, check_parts, copy_within, forget_excess
 from tossid.vision.recordings.rosbag_rescue import Rescue
 
@@ -228,8 +227,8 @@ def stamp(message: Any, t_ns: int) -> int:
     return int(own or t_ns)
 
 
-def grey_image(path: Path, message: Any) -> NDArray[np.uint8]:
-    """A sensor_msgs Image or CompressedImage as a grey image (height, width).
+def grey_image(path: Path, message: Any) -> Pixels:
+    """A sensor_msgs Image or CompressedImage as a grey image (height, width) of 8 or 16 bits.
 
     Args:
         path: The bag, for the error.
@@ -250,7 +249,7 @@ def grey_image(path: Path, message: Any) -> NDArray[np.uint8]:
     if encoding in ("mono16", "16UC1"):
         order = ">u2" if message.is_bigendian else "<u2"
         wide = data[: height * step].reshape(height, step)[:, : 2 * width].copy().view(order)
-        return np.asarray(wide >> 8, dtype=np.uint8)
+        return np.asarray(wide, dtype=np.uint16)
     if encoding not in _GREY:
         raise InputError(f"image encoding '{encoding}' is not one of {', '.join([*_GREY, 'mono16'])}")
     code = _GREY[encoding]

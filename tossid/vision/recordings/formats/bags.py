@@ -11,15 +11,11 @@ from tossid.errors import FileError
 from tossid.vision.recordings.registry import Opened, register_recording
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from tossid.types import Detection
     from tossid.vision.cameras.camera import Camera
+    from tossid.vision.recordings.image_header import Pixels
     from tossid.vision.recordings.recording import FrameFile, Recording
     from tossid.vision.recordings.rosbag import Bag
-
-    Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +126,7 @@ class BagImages:
 
     topics: dict[str, str]
 
-    def images(self, files: Sequence[FrameFile]) -> Iterator[Image]:
+    def images(self, files: Sequence[FrameFile]) -> Iterator[Pixels]:
         """Messages by their time of recording."""
         from tossid.vision.recordings.rosbag import Bag, as_defined, grey_image
 
