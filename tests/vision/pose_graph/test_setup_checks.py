@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +12,13 @@ from tests.vision.sights import filmed_tumble
 from tests.vision.tracked import track
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
+from tossid.settings.tracking import TrackSettings
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
+from tossid.vision.pose_graph.initial import given
+from tossid.vision.pose_graph.scene import observe
+from tossid.vision.pose_graph.setup_checks import check_set_up
+from tossid.vision.setup.layout import layout_of
 
 
 def _suspects(tagged: ObjectModel, filmed: ObjectModel, cameras: tuple[Camera, ...], filming: tuple[Camera, ...]):
@@ -52,3 +58,40 @@ def test_a_moved_camera_is_reported_even_where_no_pose_is_left(tagged: ObjectMod
     T[:3, 3] += [0.05, 0.0, 0.0]
     with pytest.raises(InputError, match=r"camera cam2 is 50 mm and 0\.0° from where it is said to be"):
         _suspects(tagged, tagged, cameras, (cameras[0], cameras[1], replace(cameras[2], T_rig_cam=T)))
+
+
+def _of_size(model: ObjectModel, factor: float, only: int | None = None) -> ObjectModel:
+    """The object with tags of another size, all or one, where they were."""
+    tags = (replace(tag, size=factor * tag.size) if only in (None, tag.id) else tag for tag in model.tags)
+    return model.with_changes(tags=tuple(tags))
+
+
+@pytest.mark.parametrize(
+    ("n_cameras", "factor"), [(3, 0.8), (3, 7 / 9), (3, 1.06), (3, 0.001), (2, 10.0), (1, 0.8), (1, 1.2), (1, 0.0254)]
+)
+def test_tags_of_another_size_than_stated_are_reported_with_the_factor(
+    tagged: ObjectModel, n_cameras: int, factor: float
+):
+    """Stated over the white border, or in other units: what is filmed is `factor` times as large."""
+    cameras = default_rig()[:n_cameras]
+    detections, _ = filmed_tumble(cameras, tagged, np.random.default_rng(2), n=60)
+    scene = observe(detections, cameras, layout_of(_of_size(tagged, 1 / factor)), dropped=Counter())
+    (suspect,) = check_set_up(scene, given(scene), settings=TrackSettings())
+    assert (suspect.kind, suspect.name) == ("size", tagged.body_names[0])
+    assert f"appear {factor:.3g} times as large as stated" in suspect.message
+
+
+def test_poses_of_tags_of_another_size_come_with_the_suspicion(tagged: ObjectModel):
+    suspects = _suspects(_of_size(tagged, 1.25), tagged, default_rig(), default_rig())
+    assert [suspect.kind for suspect in suspects] == ["size"]
+
+
+def test_one_tag_of_another_size_is_reported_by_its_id(tagged: ObjectModel):
+    (suspect,) = _suspects(tagged, _of_size(tagged, 0.9, only=3), default_rig(), default_rig())
+    assert (suspect.kind, suspect.name) == ("size", "3")
+    assert "tag 3 on" in suspect.message
+    assert "appears 0.9 times" in suspect.message
+
+
+def test_ink_that_spreads_a_little_is_no_wrong_size(tagged: ObjectModel):
+    assert _suspects(tagged, _of_size(tagged, 1.01), default_rig(), default_rig()) == []

@@ -1,12 +1,14 @@
-"""Which parts of a set-up contradict the images: moved tags, moved or swapped cameras, wrong intrinsics."""
+"""Which parts of a set-up contradict the images: moved tags, tags of another size, moved or swapped cameras, lenses."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from tossid.rotations import geodesic_angle, matrix_to_quat, transform_inv
 from tossid.settings.tracking import TrackSettings
@@ -18,14 +20,20 @@ from tossid.vision.pose_graph.scene import Scene, swapped
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+UNITS = (1.0, 1e-3, 1e-2, 0.0254, 10.0, 100.0, 1e3)
+"""By what a size may be wrong before it is measured wrongly: in mm, cm, inches, or taken for one of these."""
+WRONG_SIZE = 0.03
+"""Share by which tags have to be larger or smaller than stated to be reported; ink spreads by less."""
+
 
 @dataclass(frozen=True, slots=True)
 class Suspect:
     """A part of the set-up that the images contradict.
 
     Attributes:
-        kind: "tag", "camera", "swapped" or "intrinsics".
-        name: The tag's id or the camera's name; both cameras' names where they are swapped.
+        kind: "tag", "size", "camera", "swapped" or "intrinsics".
+        name: The tag's id or the camera's name; both cameras' names where they are swapped; the body's name where all
+            its tags have another size.
         message: In words.
         distance: How far it is from its stated place [m]; None where that is not what is wrong.
         angle: Likewise [rad].
@@ -51,9 +59,9 @@ class _Trial:
 def check_set_up(scene: Scene, state: State, *, settings: TrackSettings) -> list[Suspect]:
     """Everything suspect, what explains most first.
 
-    For each body that one rig's cameras see, its poses are fitted again without each tag, without each camera, and with
-    each pair of cameras swapped. The change that reduces the misfit most is reported, if it reduces it enough. The rest
-    is then checked again.
+    For each body that one rig's cameras see, its poses are fitted again without each tag, without each camera, with
+    each pair of cameras swapped, and with tags of another size. The change that reduces the misfit most is reported, if
+    it reduces it enough. The rest is then checked again.
 
     Args:
         scene: The sightings.
@@ -98,12 +106,17 @@ def _worst(scene: Scene, state: State, settings: TrackSettings) -> tuple[Suspect
         trials.append(("camera", (c,), _trial(scene.take(np.flatnonzero(scene.camera != c)), state, settings)))
     for a, c in itertools.combinations(cameras, 2):
         trials.append(("swapped", (a, c), _trial(swapped(scene, a, c), state, settings)))
+    factor = _best_factor(lambda factor: _misfit(_trial(_resized(scene, factor), state, settings)))
+    trials.append(("size", (), _trial(_resized(scene, factor), state, settings)))
     made = [(kind, what, trial) for kind, what, trial in trials if trial is not None]
     if not made:
         return None, scene
     kind, what, trial = min(made, key=lambda one: one[2].misfit)
     if trial.misfit > settings.setup_check.misfit_share * base.misfit:
         return None, scene
+    if kind == "size":
+        body = scene.bodies[scene.body[scene.tag[0]]].name
+        return _sized(factor, body, f"tags on {body}"), trial.scene
     names = " and ".join(
         scene.cameras[c].name for c in (cameras if kind == "camera" else what if kind != "tag" else ())
     )
@@ -136,6 +149,38 @@ def _trial(scene: Scene, state: State, settings: TrackSettings) -> _Trial | None
     return _Trial(scene, steps[poses.known], poses.T[poses.known], misfit)
 
 
+def _misfit(trial: _Trial | None) -> float:
+    return float("inf") if trial is None else trial.misfit
+
+
+def _best_factor(cost: Callable[[float], float]) -> float:
+    """The factor on tags' sizes that costs least: near one of `UNITS`, then to a thousandth."""
+    about = min(UNITS, key=cost)
+    found = minimize_scalar(
+        lambda log: cost(float(np.exp(log))), bounds=np.log([0.4 * about, 2.5 * about]), options={"xatol": 1e-3}
+    )
+    return float(np.exp(found.x))
+
+
+def _resized(scene: Scene, factor: float) -> Scene:
+    """The scene with tags so many times as large: each alone, a tag is then as much farther away."""
+    T_cam_tag = scene.T_cam_tag.copy()
+    T_cam_tag[..., :3, 3] *= factor
+    return replace(scene, tags=tuple(replace(tag, size=tag.size * factor) for tag in scene.tags), T_cam_tag=T_cam_tag)
+
+
+def _sized(factor: float, name: str, what: str) -> Suspect | None:
+    """Tags of another size than stated; None where that is by little."""
+    if abs(np.log(factor)) < WRONG_SIZE:
+        return None
+    return Suspect(
+        "size",
+        name,
+        f"{what} appear{'s' * what.startswith('tag ')} {factor:.3g} times as large as stated; a size is the length of "
+        "the black border's outer edge, in metres",
+    )
+
+
 def _sightings(scene: Scene, A: Array, B: Array, group: Ints, seen: Array | None = None) -> Sightings:
     order = np.argsort(group, kind="stable")
     whiten = scene.whiten / np.sqrt(scene.count)[:, None, None, None]
@@ -145,16 +190,30 @@ def _sightings(scene: Scene, A: Array, B: Array, group: Ints, seen: Array | None
 
 
 def _moved_tag(scene: Scene, state: State, T_rig_body: Array, tag: int, settings: TrackSettings) -> Suspect | None:
-    """A tag whose place differs from the stated one by the poses that the other tags give; None if it does not."""
+    """A tag whose place or size differs from the stated one by the poses that the other tags give."""
     A, group = transform_inv(state.camera[scene.camera]) @ T_rig_body, np.zeros(len(T_rig_body), dtype=np.int64)
-    s = _sightings(scene, A, np.broadcast_to(np.eye(4), A.shape), group)
-    T = resect(s, 1, settings=settings.resection).T[0]
-    far, turn = _apart(T, state.tag[tag])
+    refitted = resect(_sightings(scene, A, np.broadcast_to(np.eye(4), A.shape), group), 1, settings=settings.resection)
+    name, body = str(scene.tags[tag].id), scene.bodies[scene.body[tag]].name
+    at = np.broadcast_to(state.tag[tag], A.shape)
+
+    def cost(factor: float) -> float:
+        return _cost(_sightings(_resized(scene, factor), A, np.broadcast_to(np.eye(4), A.shape), group), at, settings)
+
+    factor = _best_factor(cost)
+    if cost(factor) < refitted.cost[0]:
+        return _sized(factor, name, f"tag {name} on {body}")
+    far, turn = _apart(refitted.T[0], state.tag[tag])
     if far < settings.setup_check.least_distance and turn < settings.setup_check.least_angle:
         return None
-    name, body = str(scene.tags[tag].id), scene.bodies[scene.body[tag]].name
     message = f"tag {name} is {far * 1e3:.1f} mm and {np.rad2deg(turn):.1f}° from where it is said to be on {body}"
     return Suspect("tag", name, message, far, turn)
+
+
+def _cost(s: Sightings, T: Array, settings: TrackSettings) -> float:
+    """Robust sum of squared whitened residuals under given poses of all sightings (d, 4, 4)."""
+    r, _ = residuals(s, T)
+    size = np.linalg.norm(np.squeeze(s.whiten @ np.nan_to_num(r, nan=1e3)[..., None], -1), axis=-1)
+    return float(np.sum(huber_loss(size, settings.resection.huber)))
 
 
 def _wrong_camera(scene: Scene, state: State, T_rig_body: Array, c: int, settings: TrackSettings) -> Suspect | None:
@@ -167,9 +226,7 @@ def _wrong_camera(scene: Scene, state: State, T_rig_body: Array, c: int, setting
 
     def cost(lens: Camera) -> float:
         s = _sightings(scene, eye, B, group, lens.undistort(scene.pixels))
-        r, _ = residuals(s, np.broadcast_to(T_cam_rig, B.shape))
-        size = np.linalg.norm(np.squeeze(s.whiten @ np.nan_to_num(r, nan=1e3)[..., None], -1), axis=-1)
-        return float(np.sum(huber_loss(size, settings.resection.huber)))
+        return _cost(s, np.broadcast_to(T_cam_rig, B.shape), settings)
 
     best = (np.inf, "", 0.0)
     for what, step in (
