@@ -24,6 +24,7 @@ from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection, LongTrack, OnDemand, PoseTrack, RecordingOrder
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.detection.detect import detect_frames
+from tossid.vision.detection.second_look import usual_cause
 from tossid.vision.pose_graph.stream import statics_known, track_stream
 from tossid.vision.pose_graph.track import Tracked
 from tossid.vision.progress import Reporter
@@ -95,7 +96,9 @@ def detect(
         progress=report.counter("detect", n_frames, "images"),
     )
     if not tally["tags"]:
-        raise InputError(f"{opened.path}: no tag was seen in {n_frames} images")
+        rejected = ", ".join(f"{count} {what}" for what, count in sorted(tally.items()) if what.startswith("rejected"))
+        cause = usual_cause(opened.recording, opened.model, settings=settings) or rejected
+        raise InputError(f"{opened.path}: no tag was seen in {n_frames} images; {cause}")
     report.message("detect", f"detect: {tally['tags']} tags")
 
 
@@ -214,7 +217,15 @@ def object_track(opened: Opened, tracked: Tracked) -> PoseTrack:
 
 def too_few_poses(opened: Opened, body: str) -> InputError:
     """The error that says that a body has no track."""
-    return InputError(f"{opened.path}: too few poses of '{body}' for a track")
+    return InputError(_with_causes(f"{opened.path}: too few poses of '{body}' for a track", opened, Reporter()))
+
+
+def _with_causes(failure: str, opened: Opened, report: Reporter) -> str:
+    """What failed, with the problems that were reported on the way, and what a second look at the images shows."""
+    cause = None
+    if opened.recording is not None:
+        cause = usual_cause(opened.recording, opened.model, settings=DETECT)
+    return "; ".join([failure, *report.problems, *([cause] if cause is not None else [])])
 
 
 def level(
@@ -284,7 +295,8 @@ def segment_tosses(
     for stretch in stretches:
         report.message("segment", f"  {stretch.t0:.2f} s to {stretch.t1:.2f} s: {stretch.reason}")
     if not tracks:
-        raise InputError(f"no toss in {len(poses.t)} poses of '{model.name}'; see the reasons above")
+        failure = f"no toss in {len(poses.t)} poses of '{model.name}'; see the reasons above"
+        raise InputError(_with_causes(failure, opened, report))
     return tracks, stretches
 
 

@@ -7,11 +7,11 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from tests.vision.conftest import Filmed
+from tests.vision.posters import poster
 from tossid.errors import FileError
 from tossid.objects import ObjectModel
 from tossid.rotations import transform, transform_points
@@ -24,7 +24,7 @@ from tossid.vision.detection.detect import TagFinder, detect_frames
 from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.rendering.render import Renderer
 from tossid.vision.setup.faces import tag_corners
-from tossid.vision.setup.layout import FAMILIES, Body, BodyTag, TagLayout
+from tossid.vision.setup.layout import Body, BodyTag, TagLayout
 
 TILTED = np.array([0.9, 0.1, 0.3, 0.3])
 
@@ -124,7 +124,7 @@ def test_the_library_finds_what_it_finds_by_its_own_threshold(tagged: ObjectMode
         bright = _image(tagged, camera, (x, 0.1, 0.2)).astype(float)
         image = np.clip(np.round(100 + pale * (bright - 100) + rng.normal(0, 4, bright.shape)), 0, 255).astype(np.uint8)
         wanted = {(tag.tag_id, *tag.corners.flat) for tag in usual.detect(image) if tag.decision_margin >= least}
-        with detect._detector(("tag36h11",), 1.0, least) as ours:
+        with detect.tag_detector(("tag36h11",), 1.0, least) as ours:
             found = [tag for tag in ours.detect(image) if tag.decision_margin >= least]
         assert {(tag.tag_id, *tag.corners.flat) for tag in found} == wanted
         margins += [tag.decision_margin for tag in found]
@@ -158,30 +158,9 @@ def test_a_bad_frame_stops_detection_with_its_name(filmed: Filmed, tagged: Objec
     assert caught.value.path == victim
 
 
-_DICTIONARIES = {
-    "tag36h11": cv2.aruco.DICT_APRILTAG_36H11,
-    "tag25h9": cv2.aruco.DICT_APRILTAG_25H9,
-    "tag16h5": cv2.aruco.DICT_APRILTAG_16H5,
-}
-
-
-def _poster(tags: dict[int, str]) -> np.ndarray:
-    """Tags of several families in a row, black borders 160 px wide from (60, 100), 240 px apart."""
-    image = np.full((360, 240 * len(tags) + 40), 230, np.uint8)
-    for k, (tag_id, family) in enumerate(tags.items()):
-        dictionary = cv2.aruco.getPredefinedDictionary(_DICTIONARIES[family])
-        x = 60 + 240 * k
-        image[100:260, x : x + 160] = cv2.resize(
-            cv2.aruco.generateImageMarker(dictionary, tag_id, FAMILIES[family]),
-            (160, 160),
-            interpolation=cv2.INTER_AREA,
-        )
-    return cv2.GaussianBlur(image, (0, 0), 0.7)
-
-
 def test_tags_of_several_families_are_found_together():
     tags = {7: "tag36h11", 3: "tag25h9", 12: "tag16h5"}
-    image = _poster(tags)
+    image = poster(tags)
     camera = Camera("c", (image.shape[1], image.shape[0]), [800, 800, image.shape[1] / 2, image.shape[0] / 2])
     listed = tuple(BodyTag(tag_id, 0.1, None, family=family) for tag_id, family in tags.items())
     finder = TagFinder(camera, None, layout=TagLayout((Body("poster", True, tags=listed),)))
@@ -194,7 +173,7 @@ def test_tags_of_several_families_are_found_together():
 
 
 def test_an_id_of_another_family_is_rejected():
-    image = _poster({7: "tag36h11", 3: "tag25h9"})
+    image = poster({7: "tag36h11", 3: "tag25h9"})
     camera = Camera("c", (image.shape[1], image.shape[0]), [800, 800, image.shape[1] / 2, image.shape[0] / 2])
     listed = (BodyTag(7, 0.1, None), BodyTag(3, 0.1, None), BodyTag(11, 0.1, None, family="tag25h9"))
     finder = TagFinder(camera, None, layout=TagLayout((Body("poster", True, tags=listed),)))

@@ -118,7 +118,7 @@ class TagFinder:
     ) -> list[Detection]:
         rejected: Counter[str] = Counter()
         accepted: dict[int, list[Any]] = {}
-        with _detector(self._families, decimate, self.settings.min_margin) as detector:
+        with tag_detector(self._families, decimate, self.settings.min_margin) as detector:
             seen = detector.detect(image)
         for raw in seen:
             if self.tag_ids is not None and raw.tag_id not in self.tag_ids:
@@ -223,7 +223,8 @@ class _Detector(Detector):
         for family in families[1:]:
             create = getattr(self.libc, f"{family}_create")
             create.restype = ctypes.c_void_p
-            corrected_bits = 2
+            corrected_bits = 2 if family in FAMILIES else 0  # the table of corrections takes a gigabyte for some
+            corrected_bits = 2 if family in FAMILIES else 0  # for some, the table of corrections takes a gigabyte
             made = ctypes.c_void_p(create())
             self.libc.apriltag_detector_add_family_bits(self.tag_detector_ptr, made, corrected_bits)
         # The library looks for tags where neighbouring tiles differ by 5 grey levels. An image's noise does too, and
@@ -241,8 +242,17 @@ _spare_lock = threading.Lock()
 
 
 @contextlib.contextmanager
-def _detector(families: tuple[str, ...], decimate: float, min_margin: float) -> Iterator[_Detector]:
-    """A detector of one's own for a while; it is kept for the next, as one serves one thread at a time."""
+def tag_detector(families: tuple[str, ...], decimate: float, min_margin: float) -> Iterator[_Detector]:
+    """The library's detector for one's own use; it is kept for the next, as one serves one thread at a time.
+
+    Args:
+        families: Names of the families that it looks for; of those in `FAMILIES` it corrects two bits.
+        decimate: Reduction of the image.
+        min_margin: Least decision margin of a tag that is wanted [grey levels].
+
+    Yields:
+        The detector.
+    """
     key = families, decimate, min_margin
     with _spare_lock:
         waiting = _spare.setdefault(key, [])
