@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.motion.handling import Handling
+from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
 from tossid.settings.ingestion import TossSettings
@@ -75,3 +76,12 @@ def test_a_track_without_rests_stays_as_it_is(cube: ObjectModel, track: PoseTrac
     poses, found = stages.level(_opened(cube, layout_of(cube)), short)
     assert found is None
     assert poses is short
+
+
+def test_where_there_is_no_toss_the_suspects_are_in_the_line(cube: ObjectModel, track: PoseTrack) -> None:
+    q = np.repeat(track.q[:1], 200, axis=0)
+    still = PoseTrack("still", np.arange(200) / 148.0, q, None)
+    report = Reporter(lambda progress: None)
+    report.problem("track", "tags on cube appear 0.8 times as large as stated")
+    with pytest.raises(InputError, match=r"no toss in 200 poses of 'cube'; .*; tags on cube appear 0\.8 times"):
+        stages.segment_tosses(_opened(cube, layout_of(cube)), still, report=report)

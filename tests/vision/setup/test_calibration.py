@@ -158,6 +158,7 @@ def test_what_other_tools_write_is_read(tmp_path: Path, entry: str, distortion: 
         (f"{{rate_hz: fast, {GOOD}}}", "rate_hz is 'fast', expected a finite number"),
         (f"{{clock_offset: .inf, {GOOD}}}", "clock_offset is inf, expected a finite number"),
         (f"{{wiggle_rotation: -1, {GOOD}}}", "expected none below 0"),
+        (f"{{rostopic: [1], {GOOD}}}", r"rostopic is \[1\], .* expected names"),
         ("pinhole", "cam0 is 'pinhole', expected a camera's name with its intrinsics and resolution"),
     ],
 )

@@ -175,6 +175,7 @@ bodies:
         (f"body_defaults: {{pos_noise: 1}}\nbodies: [box: {BOX}}}]", "body_defaults.pos_noise .* 'position_noise'"),
         (f"bodies: [box: {BOX}, tag_size: 0.1}}]", "box.tag_size is no key that is read; expected default_tag_size"),
         (f"bodies: [box: {BOX}, fixed: true}}]", "box.fixed is no key that is read; expected one of is_static"),
+        ("bodies: [box: {is_static: false, tags: 5}]", "box.tags is 5, expected a list of tags"),
         ("bodies: [box: {is_static: false, tags: [{id: 1, sise: 0.1}]}]", r"box.tags\[1\].sise .* 'size'"),
         (
             f"distance_measurements: [a: {{tag1: 1, tag2: 2, corner1: 0, corner2: 0, length: 1, noise: 1}}]\n"

@@ -173,10 +173,11 @@ def _sized(factor: float, name: str, what: str) -> Suspect | None:
     """Tags of another size than stated; None where that is by little."""
     if abs(np.log(factor)) < WRONG_SIZE:
         return None
+    ratio = f"{factor:.2f}" if 0.1 < factor < 10 else f"{factor:.3g}"
     return Suspect(
         "size",
         name,
-        f"{what} appear{'s' * what.startswith('tag ')} {factor:.3g} times as large as stated; a size is the length of "
+        f"{what} appear{'s' * what.startswith('tag ')} {ratio} times as large as stated; a size is the length of "
         "the black border's outer edge, in metres",
     )
 

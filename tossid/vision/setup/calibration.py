@@ -123,6 +123,9 @@ def _read_camera(
     rate_hz = None if entry.get("rate_hz") is None else number(path, f"{name}.rate_hz", entry["rate_hz"])
     if rate_hz is not None and rate_hz <= 0:
         raise FileError(path, f"{name}.rate_hz is {rate_hz:g}, expected a positive number of frames a second")
+    image_topic, tag_topic = (entry.get(key) or "" for key in ("rostopic", "tagtopic"))
+    if not isinstance(image_topic, str) or not isinstance(tag_topic, str):
+        raise FileError(path, f"{name}: rostopic is {brief(image_topic)}, tagtopic {brief(tag_topic)}, expected names")
     try:
         return Camera(
             name=name,
@@ -136,8 +139,8 @@ def _read_camera(
             rate_hz=rate_hz,
             wiggle=(wiggle[0], wiggle[1]) if max(wiggle) > RIGID else None,
             clock_offset=clock_offset,
-            image_topic=str(entry.get("rostopic") or ""),
-            tag_topic=str(entry.get("tagtopic") or ""),
+            image_topic=image_topic,
+            tag_topic=tag_topic,
         )
     except InputError as error:
         raise FileError(path, str(error)) from error

@@ -169,7 +169,10 @@ def _read_body(path: Path, name: str, body: dict[str, Any], defaults: dict[str, 
     if kind == "board":
         tags = _board_tags(path, f"{name}.board", _mapping(path, f"{name}.board", body.get("board")), family)
     elif kind == "simple":
-        tags = [_read_tag(path, name, tag, default_size, family) for tag in body.get("tags") or []]
+        listed = body.get("tags") or []
+        if not isinstance(listed, list):
+            raise FileError(path, f"{name}.tags is {brief(listed)}, expected a list of tags")
+        tags = [_read_tag(path, name, tag, default_size, family) for tag in listed]
     else:
         raise FileError(path, f"{name}.type is {brief(kind)}, expected simple or board")
     override = [body.get(f"override_tag_{key}_noise") for key in ("position", "rotation")]
