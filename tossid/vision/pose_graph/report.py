@@ -59,6 +59,7 @@ class TrackReport:
         tags: Those calibrated.
         unplaced: What was never seen with anything of known pose.
         clocks: Offset of each camera's clock that was found to be apart, and its standard deviation [s]; subtracted.
+        clock_doubts: Of cameras whose clocks can neither be compared nor be taken to agree: by name, why.
         suspects: Parts of the set-up that the images contradict.
         spread: Standard deviation of how far tags' edges spread in an image, where that explains much of the residuals
             [px], else 0.
@@ -80,6 +81,7 @@ class TrackReport:
     tags: dict[int, PoseChange] = field(default_factory=dict)
     unplaced: list[str] = field(default_factory=list)
     clocks: dict[str, tuple[float, float]] = field(default_factory=dict)
+    clock_doubts: dict[str, str] = field(default_factory=dict)
     suspects: list[Suspect] = field(default_factory=list)
     spread: float = 0.0
     rms_bare: float = 0.0

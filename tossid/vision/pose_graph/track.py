@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection, PoseTrack
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.pose_graph.clocks import clock_offsets
+from tossid.vision.pose_graph.coarse_clocks import CoarseClocks, coarse_clocks
 from tossid.vision.pose_graph.gating import gate_tree, pose_track
 from tossid.vision.pose_graph.initial import given
 from tossid.vision.pose_graph.report import Counts, FrameErrors, TrackReport, calibrated, frame_errors, make_report
@@ -62,11 +63,58 @@ def track_scene(
     Raises:
         InputError: A detection of an unknown camera; nothing that can be placed; too few poses for a track.
     """
+    detections = sorted(detections, key=lambda d: d.t)
+    coarse = coarse_clocks(detections, cameras, layout, settings=settings) if settings.clocks else CoarseClocks()
+    in_time = list(coarse.in_time(detections))
+    return with_clocks(
+        track_in_time(in_time, cameras, layout, settings=settings, name=name, apart=coarse.offsets), coarse
+    )
+
+
+def with_clocks(tracked: Tracked, coarse: CoarseClocks) -> Tracked:
+    """What was tracked after clocks had been set coarsely, with the whole offsets in its report.
+
+    Args:
+        tracked: What was found; its clocks' offsets are the rest.
+        coarse: What had been subtracted.
+    """
+    rest, sigma = tracked.report.clocks, DEFAULT.graph.clock_sigma
+    clocks = {
+        c: (late + rest.get(c, (0.0, sigma))[0], rest.get(c, (0.0, sigma))[1]) for c, late in coarse.offsets.items()
+    }
+    return replace(tracked, report=replace(tracked.report, clocks={**rest, **clocks}, clock_doubts=dict(coarse.doubts)))
+
+
+def track_in_time(
+    detections: Sequence[Detection],
+    cameras: Sequence[Camera],
+    layout: TagLayout,
+    *,
+    settings: TrackSettings = DEFAULT,
+    name: str | None = None,
+    apart: Collection[str] = (),
+) -> Tracked:
+    """The same of cameras whose clocks are no further apart than the fine search looks.
+
+    Args:
+        detections: As `track_scene` has them.
+        cameras: As `track_scene` has them.
+        layout: As `track_scene` has it.
+        settings: As `track_scene` has them.
+        name: As `track_scene` has it.
+        apart: Cameras whose clocks were set coarsely; what is left of their offsets is estimated however small it is.
+
+    Raises:
+        InputError: As `track_scene`.
+    """
     as_stamped, dropped = _observed(detections, cameras, layout, {}, settings)
     scene = as_stamped
-    offsets = clock_offsets(scene, given(scene), settings=settings) if settings.clocks else {}
+    always = {c for c, camera in enumerate(cameras) if camera.name in apart}
+    offsets = dict.fromkeys(always, 0.0)
+    if settings.clocks:
+        offsets |= clock_offsets(scene, given(scene), settings=settings)
     while True:
-        if offsets:
+        if any(offsets.values()):
             scene, dropped = _observed(detections, cameras, layout, offsets, settings)
         solved = solve_scene(scene, offsets, settings=settings)
         clocks = solved.clocks(offsets)
@@ -75,13 +123,13 @@ def track_scene(
         sure = {
             c: offset
             for c, offset in offsets.items()
-            if abs(clocks[c][0]) > max(search.same, search.sigmas * clocks[c][1])
+            if c in always or abs(clocks[c][0]) > max(search.same, search.sigmas * clocks[c][1])
         }
         if len(sure) == len(offsets):
             named = {cameras[c].name: found for c, found in clocks.items()}
             return _tracked(solved, settings, layout, name, named, dropped)
         offsets = sure
-        if not offsets:
+        if not any(offsets.values()):
             scene, dropped = _observed(detections, cameras, layout, {}, settings)
 
 
