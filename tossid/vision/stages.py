@@ -23,6 +23,7 @@ from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection, LongTrack, OnDemand, PoseTrack, RecordingOrder
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.detection.detect import detect_frames
+from tossid.vision.pose_graph.scene import words
 from tossid.vision.pose_graph.stream import needs_all, track_stream
 from tossid.vision.pose_graph.track import Tracked
 from tossid.vision.progress import Reporter
@@ -156,12 +157,22 @@ def _report_tracked(tracked: Tracked, report: Reporter) -> None:
     report.message("track", f"track: {found.n_poses} poses in {found.n_steps} frames, {rms}")
     for reason, count in found.dropped_steps.items():
         report.message("track", f"  {count} frames without a pose: {reason}")
+    for camera, n in found.sightings.items():
+        reasons = Counter(found.left_out.get(camera, {}))
+        line = f"camera {camera}: {reasons.total()} of {n} sightings of tags are left out ({words(reasons)})"
+        if not n:
+            report.problem("track", f"camera {camera} saw no tag of the scene ({words(Counter(found.dropped_tags))})")
+        elif 2 * reasons.total() > n:
+            report.problem("track", f"{line}; are its clock and its calibration right?")
+        elif reasons:
+            report.message("track", f"  {line}")
     for suspect in found.suspects:
         report.problem("track", suspect.message)
     others = [camera.name for camera in tracked.cameras if camera.name not in found.clocks]
     for camera, (offset, sigma) in found.clocks.items():
-        size = f"{abs(offset):.4f} s (± {sigma * 1e3:.2f} ms) {'ahead of' if offset > 0 else 'behind'} {others[0]}'s"
-        report.problem("track", f"camera {camera}'s clock is {size}; its times are shifted")
+        side = f"{abs(offset):.3f} s {'ahead of' if offset > 0 else 'behind'} {others[0]}'s"
+        exact = f"{abs(offset) * 1e3:.3f} ± {sigma * 1e3:.3f} ms"
+        report.problem("track", f"camera {camera}'s clock is {side} ({exact}); its times are shifted")
     for camera, why in found.clock_doubts.items():
         report.problem("track", f"whether camera {camera}'s clock agrees cannot be told: {why}; its times are kept")
     for name in found.unplaced:

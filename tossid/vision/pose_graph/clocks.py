@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-PLACING = 400
+PLACING = 200
 """Sightings that place a camera of unknown pose."""
 
 
@@ -131,30 +131,34 @@ def _offset(
     search = settings.clock_search
     if T_cam_reference is None:
         rows = rows[:: -(-len(rows) // PLACING)]
-    T_body_tag = state.tag[scene.tag[rows]]
     own = scene.t[scene.step[rows]] + scene.delay[rows]
 
-    def misfit(offset: float) -> tuple[float, int]:
-        T_reference_body, good = motion.at(own - offset)
-        if not good.any():
-            return np.inf, 0
-        here, n = rows[good], int(good.sum())
-        eye = np.broadcast_to(np.eye(4), (n, 4, 4))
-        s = _sightings(scene, here, eye, T_reference_body[good] @ T_body_tag[good], np.zeros(n, dtype=np.int64))
-        T = resect(s, 1, settings=settings.resection).T[0] if T_cam_reference is None else T_cam_reference
-        r, _ = residuals(s, np.broadcast_to(T, (n, 4, 4)))
-        square = np.sum(np.squeeze(scene.to_pixels[here] @ r[..., None], -1) ** 2, axis=-1)
-        return float(np.mean(np.nan_to_num(square / (square + search.soft_pixels**2), nan=1.0))), n
+    def misfits(offsets: Array) -> tuple[Array, Ints]:
+        T_reference_body, good = motion.at((own - offsets[:, None]).reshape(-1))
+        which, at = np.divmod(np.flatnonzero(good), len(rows))
+        counts = np.bincount(which, minlength=len(offsets))
+        groups, group = np.unique(which, return_inverse=True)
+        T_reference_tag = T_reference_body[good] @ state.tag[scene.tag[rows[at]]]
+        s = _sightings(scene, rows[at], np.broadcast_to(np.eye(4), T_reference_tag.shape), T_reference_tag, group)
+        if T_cam_reference is None and len(groups):
+            T = resect(s, len(groups), settings=settings.resection).T[group]
+        else:
+            T = np.broadcast_to(np.eye(4) if T_cam_reference is None else T_cam_reference, T_reference_tag.shape)
+        r, _ = residuals(s, T)
+        square = np.sum(np.squeeze(scene.to_pixels[rows[at]] @ r[..., None], -1) ** 2, axis=-1)
+        each = np.nan_to_num(square / (square + search.soft_pixels**2), nan=1.0).mean(axis=-1)
+        total = np.bincount(which, each, minlength=len(offsets))
+        return np.asarray(np.where(counts > 0, total / np.maximum(counts, 1), np.inf)), counts
 
-    grid = np.arange(-search.reach, search.reach + 1e-9, search.steps[0])
-    curve, counts = np.array([misfit(offset) for offset in grid]).T
+    grid: Array = np.arange(-search.reach, search.reach + 1e-9, search.steps[0])
+    curve, counts = misfits(grid)
     curve[counts < 0.5 * counts.max()] = np.inf
     best = float(grid[np.argmin(curve)])
     for step in search.steps[1:]:
-        near = best + step * np.arange(-4, 5)
-        best = float(near[np.argmin([misfit(offset)[0] for offset in near])])
-    better = misfit(best)[0] < search.misfit_share * misfit(0.0)[0]
-    return best if better and abs(best) > search.same else None
+        near = best + step * np.linspace(-4.0, 4.0, 9)
+        best = float(near[np.argmin(misfits(near)[0])])
+    there, here = misfits(np.array([best, 0.0]))[0]
+    return best if there < search.misfit_share * here and abs(best) > search.same else None
 
 
 class Motion:

@@ -123,7 +123,9 @@ def _without_outliers(
     scene: Scene, known: dict[int, Prior], settings: TrackSettings, free: Bools, solution: Solution
 ) -> _Fit:
     """The graph solved again without outliers, until there are none."""
-    used, timing = np.ones(len(scene.step), dtype=bool), None
+    used, timing = np.ones(len(scene.step), dtype=bool), _timing(scene, solution, settings, free)
+    if timing is not None:  # poses that took a step's frames for simultaneous tell no outlier
+        solution = solve(scene, solution.state, used, known=known, timing=timing, settings=settings)
     for _ in range(3):
         timing = _timing(scene, solution, settings, free)
         outlier = _outliers(scene, reproject(scene, solution.state, timing), used, settings)

@@ -285,12 +285,17 @@ def _one_report(
     squares: dict[int, list[tuple[float, int]]] = {tag_id: [] for tag_id in tags}
     dropped_steps: Counter[str] = Counter()
     dropped_tags: Counter[str] = Counter()
+    sightings: Counter[str] = Counter()
+    left_out: dict[str, Counter[str]] = {}
     suspects: dict[tuple[str, str], Suspect] = {}
     for suspect in (suspect for report in (found, *reports) for suspect in report.suspects):
         suspects.setdefault((suspect.kind, suspect.name), suspect)
     for report in reports:
         for tag_id, value in report.rms_by_tag.items():
             squares[tag_id].append((value**2, max(report.n_poses, 1)))
+        sightings.update(report.sightings)
+        for camera, reasons in report.left_out.items():
+            left_out.setdefault(camera, Counter()).update(reasons)
         dropped_steps.update(report.dropped_steps)
         dropped_tags.update(report.dropped_tags)
     unplaced = [name for name in reports[0].unplaced if all(name in report.unplaced for report in reports)]
@@ -308,6 +313,8 @@ def _one_report(
             for tag_id, pairs in squares.items()
         },
         noise_scale=float(np.median([report.noise_scale for report in reports])),
+        sightings=dict(sightings),
+        left_out={camera: dict(reasons) for camera, reasons in left_out.items()},
         dropped_steps=dict(dropped_steps),
         dropped_tags=dict(dropped_tags),
         worst_frames=worst,

@@ -16,7 +16,16 @@ from tossid.vision.pose_graph.clocks import clock_offsets
 from tossid.vision.pose_graph.coarse_clocks import CoarseClocks, coarse_clocks
 from tossid.vision.pose_graph.gating import gate_tree, pose_track
 from tossid.vision.pose_graph.initial import given
-from tossid.vision.pose_graph.report import Counts, FrameErrors, TrackReport, calibrated, frame_errors, make_report
+from tossid.vision.pose_graph.report import (
+    CONTRADICTS,
+    Counts,
+    FrameErrors,
+    TrackReport,
+    calibrated,
+    frame_errors,
+    make_report,
+    sightings_left_out,
+)
 from tossid.vision.pose_graph.robust import SolvedScene, solve_scene
 from tossid.vision.pose_graph.scene import Scene, observe, words
 from tossid.vision.setup.layout import TagLayout, descendants
@@ -158,10 +167,10 @@ def _tracked(
     """Tracks of the accepted poses, and the report."""
     scene, solution, errors, used = solved.scene, solved.solution, solved.errors, solved.used
     if solved.outliers:
-        dropped["contradicts the other tags"] = solved.outliers
+        dropped[CONTRADICTS] = solved.outliers
     tracks: dict[str, PoseTrack] = {}
     reasons: Counter[str] = Counter()
-    accepted = used.copy()
+    accepted, gated = used.copy(), np.full(len(used), "", dtype=object)
     n_steps = n_poses = 0
     moving = [b for b, body in enumerate(scene.bodies) if not body.is_static and body.hinge is None]
     for b in moving:
@@ -174,6 +183,8 @@ def _tracked(
         n_steps, n_poses = n_steps + int(seen.sum()), n_poses + int(gate.accepted.sum())
         reasons += gate.reasons
         accepted &= ~rows | gate.accepted[scene.step]
+        for reason, bad in gate.rejected.items():
+            gated[rows & bad[scene.step]] = reason
         keep = np.flatnonzero(gate.accepted)
         body = scene.bodies[b].name
         if len(keep) >= 2:
@@ -183,7 +194,10 @@ def _tracked(
         why = "; ".join([words(reasons + dropped), *(suspect.message for suspect in solved.suspects)])
         raise InputError(f"only {n_poses} of {n_steps} time steps gave a pose ({why})")
     frames = frame_errors(scene, errors, accepted)
-    counts = Counts(n_steps, n_poses, dict(reasons), dict(dropped))
+    per_camera = np.bincount(scene.camera, scene.count, minlength=len(scene.cameras)).astype(int)
+    seen_by = {camera.name: n for camera, n in zip(scene.cameras, per_camera.tolist(), strict=True)}
+    left_out = sightings_left_out(solved, accepted, gated)
+    counts = Counts(n_steps, n_poses, seen_by, left_out, dict(reasons), dict(dropped))
     report = make_report(solved, accepted, frames, counts, clocks)
     cameras, layout = calibrated(scene, solution, layout)
     return Tracked(tracks, cameras, layout, frames, report)
