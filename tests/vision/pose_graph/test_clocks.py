@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from tossid.objects import ObjectModel
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.pose_graph.clocks import stand_together
 from tossid.vision.pose_graph.track import track_scene
+from tossid.vision.recordings.registry import open_recording, recognized_format
 from tossid.vision.setup.layout import Body, layout_of
 
 
@@ -79,3 +81,19 @@ def test_cameras_stand_together_on_one_rig_or_on_rigs_that_stand() -> None:
     assert stand_together(a, b, bodies)
     assert stand_together(c, c, bodies)
     assert not stand_together(a, c, bodies)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("known", [True, False])
+def test_slow_cameras_clocks_are_estimated(shared_data: Path, known: bool) -> None:
+    """Of a real recording at 8 frames a second, from an offset that the coarse search has to a few milliseconds."""
+    path = shared_data / "tagslam_test" / "test_15"
+    entry = recognized_format(path)
+    assert entry is not None
+    opened = open_recording(entry.settings(path=path))
+    first, last = opened.cameras
+    late = [replace(d, t=d.t + 1.3) if d.camera == last.name else d for d in opened.detections]
+    cameras = opened.cameras if known else (first, replace(last, T_rig_cam=None, T_rig_cam_cov=None))
+    report = track_scene(late, cameras, opened.layout).report
+    assert report.clocks[last.name][0] == pytest.approx(1.3, abs=1e-3)
+    assert report.n_poses > 0.98 * report.n_steps

@@ -12,7 +12,7 @@ from tossid.settings.tracking import TrackSettings
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.pose_graph.initial import State, choose, is_known
 from tossid.vision.pose_graph.resect import Sightings, resect, residuals
-from tossid.vision.pose_graph.scene import Scene
+from tossid.vision.pose_graph.scene import Scene, gap
 from tossid.vision.setup.layout import Body
 
 Array = NDArray[np.float64]
@@ -169,14 +169,11 @@ class Motion:
     """
 
     def __init__(self, t: Array, T: Array, max_gap: float) -> None:
-        """Through poses (m, 4, 4) at times (m,) [s], in order, where those beside are no further apart than a gap.
-
-        A gap is longer than `max_gap` [s], and longer than one and a half frames.
-        """
+        """Through poses (m, 4, 4) at times (m,) [s], in order, where those beside are nearer than a `gap`."""
         self.t, self._position = t, T[:, :3, 3]
         self._quat = matrix_to_quat(T[:, :3, :3])
         self._turn = quat_boxminus(self._quat[1:], self._quat[:-1])
-        self._gap = max(max_gap, 1.5 * float(np.median(np.diff(t)))) if len(t) > 1 else max_gap
+        self._gap = gap(t, max_gap)
 
     def at(self, times: Array) -> tuple[Array, Bools]:
         """Poses at some times, and which of them lie within no gap.
