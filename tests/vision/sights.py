@@ -54,6 +54,21 @@ def seen(
                 yield Detection(camera.name, t, tag.id, camera.project(corners) + noise, alike(sigma))
 
 
+def seen_over_time(
+    camera: Camera, model: ObjectModel, t: np.ndarray, q: np.ndarray, rng: np.random.Generator, *, late: float = 0.0
+) -> list[Detection]:
+    """The same by one camera at times t (n,) of a rigid object's configurations q (n, 7); its clock is late [s]."""
+    found = []
+    for tag in model.tags:
+        T = transform(q[:, :3], q[:, 3:7])
+        corners = transform_points(T, np.broadcast_to(tag_corners(tag), (len(t), 4, 3)))
+        view = camera.T_world_cam[:3, 3] - corners.mean(axis=1)
+        facing = np.sum((T[:, :3, :3] @ tag.T_body_tag[:3, 2]) * view, axis=1) > 0.35 * np.linalg.norm(view, axis=1)
+        pixels = camera.project(corners) + 0.1 * rng.normal(size=(len(t), 4, 2))
+        found += [Detection(camera.name, t[i] + late, tag.id, pixels[i], alike(0.1)) for i in np.flatnonzero(facing)]
+    return sorted(found, key=lambda d: d.t)
+
+
 def motion(n: int, rng: np.random.Generator) -> np.ndarray:
     """A smooth tumble in view."""
     s = np.linspace(0, 1, n)[:, None]

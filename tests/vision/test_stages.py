@@ -10,11 +10,13 @@ import pytest
 
 from tests.motion.handling import Handling
 from tossid.errors import InputError
+from tests.vision.sights import seen_over_time, tumble
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
 from tossid.settings.ingestion import TossSettings
-from tossid.types import PoseTrack
+from tossid.types import Detection, PoseTrack
 from tossid.vision import stages
+from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.progress import Reporter
 from tossid.vision.recordings.registry import Opened
@@ -85,3 +87,42 @@ def test_where_there_is_no_toss_the_suspects_are_in_the_line(cube: ObjectModel, 
     report.problem("track", "tags on cube appear 0.8 times as large as stated")
     with pytest.raises(InputError, match=r"no toss in 200 poses of 'cube'; .*; tags on cube appear 0\.8 times"):
         stages.segment_tosses(_opened(cube, layout_of(cube)), still, report=report)
+
+
+def _tracked(
+    tagged: ObjectModel, cameras: tuple[Camera, ...], films: int, *, late: float = 0.0
+) -> tuple[list[str], list[str]]:
+    """Problems, and all that is said, of a tumble before the first default cameras; the second's clock is late [s]."""
+    rng, said, detections = np.random.default_rng(4), list[str](), list[Detection]()
+    t, q = tumble(160, rng)
+    for c, camera in enumerate(default_rig()[:films]):
+        detections += seen_over_time(camera, tagged, t, q, rng, late=late if c == 1 else 0.0)
+    opened = Opened(path=Path("film"), folder=Path("film"), cameras=cameras, layout=layout_of(tagged), model=tagged)
+    report = Reporter(lambda progress: said.append(progress.message))
+    stages.track(opened, detections, report=report)
+    return report.problems, said
+
+
+@pytest.mark.parametrize(
+    ("late", "side"), [(1.3, "1.300 s ahead of"), (-0.6, "0.600 s behind"), (0.07, "0.070 s ahead of")]
+)
+def test_a_clock_that_is_set_is_said(tagged: ObjectModel, late: float, side: str) -> None:
+    (problem,), _ = _tracked(tagged, default_rig()[:2], 2, late=late)
+    assert problem.startswith(f"camera cam1's clock is {side} cam0's (")
+    assert problem.endswith("its times are shifted")
+
+
+def test_a_camera_whose_sightings_go_is_said(tagged: ObjectModel) -> None:
+    """One that stands elsewhere than is said, and one that sees nothing."""
+    first, second, third = default_rig()
+    assert third.T_rig_cam is not None
+    moved = third.T_rig_cam.copy()
+    moved[:3, 3] += [0.0, 0.1, 0.0]
+    problems, said = _tracked(tagged, (first, second, replace(third, T_rig_cam=moved)), 3)
+    (line,) = (line for line in said if line.strip().startswith("camera cam2: "))
+    assert "sightings of tags are left out (" in line
+    assert line.endswith("; are its clock and its calibration right?")
+    assert line in problems
+    problems, said = _tracked(tagged, (first, second, third), 2)
+    assert problems == ["camera cam2 saw no tag of the scene (none dropped)"]
+    assert not any("left out" in line for line in said)

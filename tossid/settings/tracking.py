@@ -94,7 +94,7 @@ class ClockSearchSettings:
     """How offsets between cameras' clocks are found from what they see of the same motion."""
 
     reach: Positive = 0.25
-    """largest offset that is looked for [s]"""
+    """largest offset that is looked for once clocks were set coarsely, at any offset, from all that is seen [s]"""
     steps: tuple[Positive, Positive, Positive] = (0.004, 0.001, 0.00025)
     """steps of the offsets that are tried, from coarse to fine [s]"""
     stretches: Count = 10

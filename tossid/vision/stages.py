@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,10 +24,10 @@ from tossid.types import Detection, LongTrack, OnDemand, PoseTrack, RecordingOrd
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.detection.detect import detect_frames
 from tossid.vision.detection.second_look import usual_cause
-from tossid.vision.pose_graph.stream import statics_known, track_stream
+from tossid.vision.pose_graph.scene import words
+from tossid.vision.pose_graph.stream import needs_all, track_stream
 from tossid.vision.pose_graph.track import Tracked
 from tossid.vision.progress import Reporter
-from tossid.vision.recordings.disk_buffer import detections_aside
 from tossid.vision.recordings.registry import Opened
 from tossid.vision.setup.layout import articulated, object_body
 
@@ -123,7 +122,7 @@ def track(
         detections: All of them, or an iterator that yields them in order of time as they are found.
         settings: When a pose is accepted. Of a recording without an object no accuracy is asked.
         spool_folder: Folder for a temporary file of detections that come from an iterator and are needed more than
-            once; None keeps them in memory.
+            once; None: the system's.
         keep: Takes the poses instead: a body's name and the next stretch of its track.
         report: Takes progress and problems.
 
@@ -137,16 +136,20 @@ def track(
     if opened.model is None:
         settings = replace(settings, max_sigma=float("inf"), max_angle_sigma=float("inf"))
     layout = opened.layout if opened.model is None else articulated(opened.layout, opened.model)
-    with ExitStack() as stack:
-        if isinstance(detections, Sequence):
-            detections = sorted(detections, key=lambda detection: detection.t)
-        elif spool_folder is not None and not statics_known(opened.cameras, layout):
-            detections = stack.enter_context(detections_aside(detections, spool_folder))
-        # detections that are still to be found are counted where they are found
-        progress = None if isinstance(detections, Iterator) else report.counter("track", None, "poses")
-        tracked = track_stream(
-            detections, opened.cameras, layout, settings=settings, name=opened.name, progress=progress, keep=keep
-        )
+    if isinstance(detections, Sequence):
+        detections = sorted(detections, key=lambda detection: detection.t)
+    # detections that are still to be found are counted where they are found
+    is_streamed = isinstance(detections, Iterator) and not needs_all(opened.cameras, layout, settings=settings)
+    tracked = track_stream(
+        detections,
+        opened.cameras,
+        layout,
+        settings=settings,
+        name=opened.name,
+        progress=None if is_streamed else report.counter("track", None, "poses"),
+        keep=keep,
+        spool_folder=spool_folder,
+    )
     _report_tracked(tracked, report)
     return tracked
 
@@ -157,11 +160,24 @@ def _report_tracked(tracked: Tracked, report: Reporter) -> None:
     report.message("track", f"track: {found.n_poses} poses in {found.n_steps} frames, {rms}")
     for reason, count in found.dropped_steps.items():
         report.message("track", f"  {count} frames without a pose: {reason}")
+    for camera, n in found.sightings.items():
+        reasons = Counter(found.left_out.get(camera, {}))
+        line = f"camera {camera}: {reasons.total()} of {n} sightings of tags are left out ({words(reasons)})"
+        if not n:
+            report.problem("track", f"camera {camera} saw no tag of the scene ({words(Counter(found.dropped_tags))})")
+        elif 2 * reasons.total() > n:
+            report.problem("track", f"{line}; are its clock and its calibration right?")
+        elif reasons:
+            report.message("track", f"  {line}")
     for suspect in found.suspects:
         report.problem("track", suspect.message)
+    others = [camera.name for camera in tracked.cameras if camera.name not in found.clocks]
     for camera, (offset, sigma) in found.clocks.items():
-        late = f"{offset * 1e3:.2f} ms late (± {sigma * 1e3:.2f})"
-        report.problem("track", f"camera {camera}'s clock is {late}; the poses are corrected for it")
+        side = f"{abs(offset):.3f} s {'ahead of' if offset > 0 else 'behind'} {others[0]}'s"
+        exact = f"{abs(offset) * 1e3:.3f} ± {sigma * 1e3:.3f} ms"
+        report.problem("track", f"camera {camera}'s clock is {side} ({exact}); its times are shifted")
+    for camera, why in found.clock_doubts.items():
+        report.problem("track", f"whether camera {camera}'s clock agrees cannot be told: {why}; its times are kept")
     for name in found.unplaced:
         report.problem("track", f"{name} was never seen together with anything of known pose")
 

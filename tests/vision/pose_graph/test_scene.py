@@ -12,7 +12,7 @@ from tests.vision.pose_graph.walls import wall
 from tests.vision.sights import filmed_tumble
 from tossid.objects import ObjectModel
 from tossid.vision.cameras.rig import default_rig
-from tossid.vision.pose_graph.scene import corner_growth, observe, swapped, time_steps
+from tossid.vision.pose_graph.scene import corner_growth, gap, observe, swapped, time_steps
 from tossid.vision.pose_graph.track import track_scene
 from tossid.vision.setup.layout import Body, Remap, Squash, layout_of
 
@@ -82,3 +82,10 @@ def test_swapping_cameras_twice_changes_nothing(tagged: ObjectModel) -> None:
     twice = swapped(once, 0, 1)
     for name in ("camera", "seen", "to_pixels", "whiten", "edge_growth", "T_cam_tag"):
         np.testing.assert_allclose(getattr(twice, name), getattr(scene, name), rtol=1e-9, atol=1e-12)
+
+
+def test_a_slow_cameras_frame_time_is_no_gap() -> None:
+    assert gap(np.arange(20) / 148, 0.06) == 0.06
+    slow = gap(np.arange(20) / 8, 0.06)
+    assert 1 / 8 < slow < 2 / 8
+    assert gap(np.zeros(1), 0.06) == 0.06

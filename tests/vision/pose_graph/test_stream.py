@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.vision.sights import nees, seen, tangent, tumble
+from tests.vision.sights import nees, seen, seen_over_time, tangent, tumble
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.settings.tracking import StreamSettings, TrackSettings
@@ -107,6 +107,24 @@ def test_a_clock_is_found_once_and_taken_off_all_pieces(tagged: ObjectModel) -> 
     detections = _late(_sights(cameras, tagged, t, q, rng))
     found = track_stream(detections, cameras, layout_of(tagged), settings=PIECES)
     _assert_clock_taken_off(found, t, q, more_than=350)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_clocks_that_are_far_apart_are_set_before_the_pieces(tagged: ObjectModel, known: bool) -> None:
+    """Further apart than a piece is long; of detections that come once, in the order of their time stamps."""
+    rng, cameras = np.random.default_rng(9), default_rig(n_cameras=2)
+    t, q = tumble(400, rng)
+    late = [d for c in (0, 1) for d in seen_over_time(cameras[c], tagged, t, q, rng, late=1.3 * c)]
+    late.sort(key=lambda d: d.t)
+    loose = cameras if known else (cameras[0], replace(cameras[1], T_rig_cam=None))
+    found = track_stream(iter(late), loose, layout_of(tagged), settings=PIECES if known else STRETCHES)
+    assert found.report.clocks["cam1"][0] == pytest.approx(1.3, abs=2e-4)
+    assert found.report.sightings == {c: sum(d.camera == c for d in late) for c in ("cam0", "cam1")}
+    assert sum(sum(reasons.values()) for reasons in found.report.left_out.values()) < 0.02 * len(late)
+    track = found.tracks["cube"]
+    assert len(track.t) > 390
+    truth = q[np.clip(np.round(track.t * 148).astype(int), 0, len(q) - 1)]
+    assert np.median(np.linalg.norm(track.q[:, :3] - truth[:, :3], axis=1)) < 1e-3
 
 
 def test_what_is_to_be_calibrated_is_tracked_as_a_whole(tagged: ObjectModel) -> None:

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.rotations import matrix_to_quat, quat_boxminus, quat_exp, quat_mul, transform, transform_inv
 from tossid.settings.tracking import TrackSettings
+from tossid.vision.cameras.camera import Camera
 from tossid.vision.pose_graph.initial import State, choose, is_known
 from tossid.vision.pose_graph.resect import Sightings, resect, residuals
-from tossid.vision.pose_graph.scene import Scene
+from tossid.vision.pose_graph.scene import Scene, gap
+from tossid.vision.setup.layout import Body
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+PLACING = 200
+"""Sightings that place a camera of unknown pose."""
 
 
 def clock_offsets(scene: Scene, state: State, *, settings: TrackSettings) -> dict[int, float]:
     """Offsets of cameras' clocks [s] by camera's number: how much later than most cameras' a frame's time stamp is.
 
     Only offsets that differ from zero are given. The camera that sees most gives the motion of a body alone. That
-    motion, taken at shifted times, is projected into each other camera. Cameras and tags must be known, and frames must
-    follow each other within `max_gap`.
+    motion, taken at shifted times, is projected into each other camera. Where the pose between the two is unknown, the
+    other camera is placed anew for each shift. Tags must be known, and frames must follow each other within `max_gap`.
 
     Args:
         scene: The sightings.
@@ -34,100 +42,152 @@ def clock_offsets(scene: Scene, state: State, *, settings: TrackSettings) -> dic
     sampled = np.zeros(n, dtype=bool)
     for start in starts:
         sampled[start : start + search.stretch_steps] = True
-    T_world_rig = state.at(scene.rig[scene.camera], scene.step)
-    usable = sampled[scene.step] & is_known(state.camera)[scene.camera] & is_known(T_world_rig)
-    usable &= is_known(state.tag)[scene.tag] & (scene.count == 1)
+    usable = sampled[scene.step] & is_known(state.tag)[scene.tag] & (scene.count == 1)
     for b, body in enumerate(scene.bodies):
         rows = np.flatnonzero(usable & (scene.body[scene.tag] == b))
         if body.is_static or not len(rows):
             continue
         counts = np.bincount(scene.camera[rows], minlength=len(scene.cameras))
         reference = int(np.argmax(counts))
-        t, T = _alone(scene, state, rows[scene.camera[rows] == reference], T_world_rig, settings)
-        if len(t) < search.fewest_steps:
+        own = rows[scene.camera[rows] == reference]
+        motion = Motion(*lone_motion(scene, own, state.tag[scene.tag[own]], settings), settings.max_gap)
+        if len(motion.t) < search.fewest_steps:
             continue
-        for c in np.flatnonzero(counts >= search.fewest_sightings):
-            if c != reference and int(c) not in found:
-                offset = _offset(scene, state, rows[scene.camera[rows] == c], T_world_rig, t, T, settings)
+        for c in map(int, np.flatnonzero(counts >= search.fewest_sightings)):
+            if (
+                c != reference
+                and c not in found
+                and stand_together(scene.cameras[reference], scene.cameras[c], scene.bodies)
+            ):
+                T_cam_reference = _between(scene, state, c, reference)
+                offset = _offset(scene, state, rows[scene.camera[rows] == c], motion, T_cam_reference, settings)
                 if offset is not None:
-                    found[int(c)] = offset
+                    found[c] = offset
         if found:
-            clocks = {int(c): found.get(int(c), 0.0) for c in np.flatnonzero(counts)}
-            # the offset that most cameras share counts as zero; of two cameras, the first one's
-            agreed = min(
-                clocks.values(), key=lambda one: sum(abs(one - other) > search.same for other in clocks.values())
-            )
-            found = {c: offset - agreed for c, offset in clocks.items() if abs(offset - agreed) > search.same}
+            found = most_at_zero({int(c): found.get(int(c), 0.0) for c in np.flatnonzero(counts)}, search.same)
     return found
 
 
-def _sightings(scene: Scene, state: State, rows: Ints, T_world_rig: Array, group: Ints) -> Sightings:
-    T_cam_world = transform_inv(T_world_rig[rows] @ state.camera[scene.camera[rows]])
-    return Sightings(
-        group,
-        T_cam_world,
-        state.tag[scene.tag[rows]],
-        scene.half[rows],
-        scene.seen[rows],
-        scene.whiten[rows],
-        scene.T_cam_tag[rows],
-    )
+def most_at_zero(clocks: dict[int, float], same: float) -> dict[int, float]:
+    """Clocks that differ from the offset that most cameras share; of two cameras, the first one's counts as zero.
+
+    Args:
+        clocks: Offsets [s] by camera's number.
+        same: Clocks that are no further apart are one [s].
+    """
+    agreed = min(clocks.values(), key=lambda one: sum(abs(one - other) > same for other in clocks.values()))
+    return {c: offset - agreed for c, offset in clocks.items() if abs(offset - agreed) > same}
 
 
-def _alone(scene: Scene, state: State, rows: Ints, T_world_rig: Array, settings: TrackSettings) -> tuple[Array, Array]:
-    """A body's motion by one camera: times (m,) and T_world_body (m, 4, 4)."""
+def stand_together(a: Camera, c: Camera, bodies: Sequence[Body]) -> bool:
+    """Whether the pose between two cameras never changes.
+
+    Args:
+        a: The one camera.
+        c: The other.
+        bodies: Those of the layout, with the cameras' rigs.
+    """
+    rigs = {a.rig_body, c.rig_body}
+    return len(rigs) == 1 or all(body.is_static for body in bodies if body.name in rigs)
+
+
+def lone_motion(scene: Scene, rows: Ints, T_target_tag: Array, settings: TrackSettings) -> tuple[Array, Array]:
+    """Something's motion by one camera alone: times (m,) and T_cam_target (m, 4, 4), where that is certain.
+
+    Args:
+        scene: The sightings.
+        rows: Those of the camera of the target's tags, (k,).
+        T_target_tag: Pose of each row's tag on the target, (k, 4, 4).
+        settings: Of fits, and of the choice between two poses.
+    """
     if not len(rows):
         return np.zeros(0), np.zeros((0, 4, 4))
     steps, group = np.unique(scene.step[rows], return_inverse=True)
-    poses = resect(_sightings(scene, state, rows, T_world_rig, group), len(steps), settings=settings.resection)
+    s = _sightings(scene, rows, np.broadcast_to(np.eye(4), (len(rows), 4, 4)), T_target_tag, group)
+    poses = resect(s, len(steps), settings=settings.resection)
     t = scene.t[steps] + scene.delay[rows[np.searchsorted(group, np.arange(len(steps)))]]
     T, certain = choose(poses, t, settings)
     return t[certain], T[certain]
 
 
+def _sightings(scene: Scene, rows: Ints, T_cam_parent: Array, T_target_tag: Array, group: Ints) -> Sightings:
+    half, seen, whiten = scene.half[rows], scene.seen[rows], scene.whiten[rows]
+    return Sightings(group, T_cam_parent, T_target_tag, half, seen, whiten, scene.T_cam_tag[rows])
+
+
+def _between(scene: Scene, state: State, a: int, c: int) -> Array | None:
+    """The pose of camera c in the frame of camera a, None where it is unknown."""
+    T = [state.camera[k] for k in (a, c)]
+    if scene.rig[a] != scene.rig[c]:
+        T = [state.world[scene.rig[k]][0] @ state.camera[k] for k in (a, c)]
+    T_a_c = transform_inv(T[0]) @ T[1]
+    return T_a_c if is_known(T_a_c) else None
+
+
 def _offset(
-    scene: Scene, state: State, rows: Ints, T_world_rig: Array, t: Array, T: Array, settings: TrackSettings
+    scene: Scene, state: State, rows: Ints, motion: Motion, T_cam_reference: Array | None, settings: TrackSettings
 ) -> float | None:
     """The offset at which a motion fits one camera's sightings best, None if zero fits nearly as well."""
-    search, motion = settings.clock_search, _Motion(t, T)
-    s = _sightings(scene, state, rows, T_world_rig, np.arange(len(rows)))
+    search = settings.clock_search
+    if T_cam_reference is None:
+        rows = rows[:: -(-len(rows) // PLACING)]
     own = scene.t[scene.step[rows]] + scene.delay[rows]
 
-    def misfit(offset: float) -> tuple[float, int]:
-        pose, good = motion.at(own - offset, settings.max_gap)
-        if not good.any():
-            return np.inf, 0
-        r, _ = residuals(s.take(good), pose[good])
-        square = np.sum(np.squeeze(scene.to_pixels[rows[good]] @ r[..., None], -1) ** 2, axis=-1)
-        return float(np.mean(np.nan_to_num(square / (square + search.soft_pixels**2), nan=1.0))), int(good.sum())
+    def misfits(offsets: Array) -> tuple[Array, Ints]:
+        T_reference_body, good = motion.at((own - offsets[:, None]).reshape(-1))
+        which, at = np.divmod(np.flatnonzero(good), len(rows))
+        counts = np.bincount(which, minlength=len(offsets))
+        groups, group = np.unique(which, return_inverse=True)
+        T_reference_tag = T_reference_body[good] @ state.tag[scene.tag[rows[at]]]
+        s = _sightings(scene, rows[at], np.broadcast_to(np.eye(4), T_reference_tag.shape), T_reference_tag, group)
+        if T_cam_reference is None and len(groups):
+            T = resect(s, len(groups), settings=settings.resection).T[group]
+        else:
+            T = np.broadcast_to(np.eye(4) if T_cam_reference is None else T_cam_reference, T_reference_tag.shape)
+        r, _ = residuals(s, T)
+        square = np.sum(np.squeeze(scene.to_pixels[rows[at]] @ r[..., None], -1) ** 2, axis=-1)
+        each = np.nan_to_num(square / (square + search.soft_pixels**2), nan=1.0).mean(axis=-1)
+        total = np.bincount(which, each, minlength=len(offsets))
+        return np.asarray(np.where(counts > 0, total / np.maximum(counts, 1), np.inf)), counts
 
-    grid = np.arange(-search.reach, search.reach + 1e-9, search.steps[0])
-    curve, counts = np.array([misfit(offset) for offset in grid]).T
+    grid: Array = np.arange(-search.reach, search.reach + 1e-9, search.steps[0])
+    curve, counts = misfits(grid)
     curve[counts < 0.5 * counts.max()] = np.inf
     best = float(grid[np.argmin(curve)])
     for step in search.steps[1:]:
-        near = best + step * np.arange(-4, 5)
-        best = float(near[np.argmin([misfit(offset)[0] for offset in near])])
-    better = misfit(best)[0] < search.misfit_share * misfit(0.0)[0]
-    return best if better and abs(best) > search.same else None
+        near = best + step * np.linspace(-4.0, 4.0, 9)
+        best = float(near[np.argmin(misfits(near)[0])])
+    there, here = misfits(np.array([best, 0.0]))[0]
+    return best if there < search.misfit_share * here and abs(best) > search.same else None
 
 
-class _Motion:
-    """Poses of a body over time, interpolated."""
+class Motion:
+    """Poses of a body over time, interpolated.
 
-    def __init__(self, t: Array, T: Array) -> None:
-        """Through T_world_body (m, 4, 4) at times (m,) [s], in order."""
-        self._t, self._position = t, T[:, :3, 3]
+    Attributes:
+        t: Times of the poses [s], (m,).
+    """
+
+    def __init__(self, t: Array, T: Array, max_gap: float) -> None:
+        """Through poses (m, 4, 4) at times (m,) [s], in order, where those beside are nearer than a `gap`."""
+        self.t, self._position = t, T[:, :3, 3]
         self._quat = matrix_to_quat(T[:, :3, :3])
         self._turn = quat_boxminus(self._quat[1:], self._quat[:-1])
+        self._gap = gap(t, max_gap)
 
-    def at(self, times: Array, max_gap: float) -> tuple[Array, NDArray[np.bool_]]:
-        """Poses at some times, and where the samples beside them are no further apart than `max_gap`."""
-        after = np.clip(np.searchsorted(self._t, times), 1, len(self._t) - 1)
+    def at(self, times: Array) -> tuple[Array, Bools]:
+        """Poses at some times, and which of them lie within no gap.
+
+        Args:
+            times: [s], (k,).
+        """
+        if len(self.t) < 2:
+            return np.broadcast_to(np.eye(4), (len(times), 4, 4)), np.zeros(len(times), dtype=bool)
+        after = np.clip(np.searchsorted(self.t, times), 1, len(self.t) - 1)
         before = after - 1
-        step = self._t[after] - self._t[before]
-        share = (times - self._t[before]) / step
-        good = (share >= 0) & (share <= 1) & (step <= max_gap)
+        step = self.t[after] - self.t[before]
+        share = (times - self.t[before]) / step
+        good = (share >= 0) & (share <= 1) & (step <= self._gap)
         share = np.clip(share, 0, 1)[:, None]
         turn = quat_mul(self._quat[before], quat_exp(share * self._turn[before]))
         return transform(self._position[before] * (1 - share) + self._position[after] * share, turn), np.asarray(good)

@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+CONTRADICTS = "contradicts the other tags"
+"""Why an outlier is left out."""
+
 
 @dataclass(frozen=True, slots=True)
 class PoseChange:
@@ -51,6 +54,8 @@ class TrackReport:
         rms_by_camera: The same by camera's name [px].
         rms_by_tag: The same by tag's id [px].
         noise_scale: Standard deviation of the residuals over what the detections' covariances say.
+        sightings: Detections of the scene's tags by camera's name, for all cameras.
+        left_out: Of these, the ones that no accepted pose rests on: counts by camera's name and reason.
         dropped_steps: Time steps without a pose, by reason.
         dropped_tags: Detections left out, by reason.
         rms_axis: `rms` along one axis [px].
@@ -59,6 +64,7 @@ class TrackReport:
         tags: Those calibrated.
         unplaced: What was never seen with anything of known pose.
         clocks: Offset of each camera's clock that was found to be apart, and its standard deviation [s]; subtracted.
+        clock_doubts: Of cameras whose clocks can neither be compared nor be taken to agree: by name, why.
         suspects: Parts of the set-up that the images contradict.
         spread: Standard deviation of how far tags' edges spread in an image, where that explains much of the residuals
             [px], else 0.
@@ -72,6 +78,8 @@ class TrackReport:
     rms_by_camera: dict[str, float]
     rms_by_tag: dict[int, float]
     noise_scale: float
+    sightings: dict[str, int] = field(default_factory=dict)
+    left_out: dict[str, dict[str, int]] = field(default_factory=dict)
     dropped_steps: dict[str, int] = field(default_factory=dict)
     dropped_tags: dict[str, int] = field(default_factory=dict)
     rms_axis: float = 0.0
@@ -80,6 +88,7 @@ class TrackReport:
     tags: dict[int, PoseChange] = field(default_factory=dict)
     unplaced: list[str] = field(default_factory=list)
     clocks: dict[str, tuple[float, float]] = field(default_factory=dict)
+    clock_doubts: dict[str, str] = field(default_factory=dict)
     suspects: list[Suspect] = field(default_factory=list)
     spread: float = 0.0
     rms_bare: float = 0.0
@@ -88,10 +97,15 @@ class TrackReport:
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Time steps with detections, accepted poses, and what was left out by reason: steps, and detections."""
+    """Time steps with detections, accepted poses, and what was left out by reason: steps, and detections.
+
+    sightings, left_out: as `TrackReport` has them.
+    """
 
     n_steps: int
     n_poses: int
+    sightings: dict[str, int]
+    left_out: dict[str, dict[str, int]]
     dropped_steps: dict[str, int]
     dropped_tags: dict[str, int]
 
@@ -132,6 +146,8 @@ def make_report(
         rms_by_camera={name: value for name, value in by_camera.items() if np.isfinite(value)},
         rms_by_tag={tag_id: value for tag_id, value in by_tag.items() if np.isfinite(value)},
         noise_scale=scale,
+        sightings=counts.sightings,
+        left_out=counts.left_out,
         dropped_steps=counts.dropped_steps,
         dropped_tags=counts.dropped_tags,
         rms_axis=whole / 2**0.5,
@@ -145,6 +161,26 @@ def make_report(
         rms_bare=rms(accepted, errors.raw_pixels),
         prints={scene.tags[i].id: tuple(state.prints[i].tolist()) for i in sorted(solved.tag_model.prints)},
     )
+
+
+def sightings_left_out(solved: SolvedScene, accepted: Bools, gated: NDArray[np.object_]) -> dict[str, dict[str, int]]:
+    """How many sightings no accepted pose rests on, by camera's name and reason.
+
+    Args:
+        solved: Poses and residuals.
+        accepted: Sightings that the accepted poses rest on, (d,).
+        gated: Why the pose in each sighting's step was not accepted, empty where it was, (d,).
+    """
+    scene, state = solved.scene, solved.solution.state
+    why = np.where(gated == "", "without a pose", gated)
+    why[~solved.used & np.isfinite(solved.errors.pixels)] = CONTRADICTS
+    why[~is_known(state.tag)[scene.tag]] = "of a tag that was not placed"
+    why[~is_known(state.camera)[scene.camera]] = "the camera was not placed"
+    found: dict[str, dict[str, int]] = {}
+    for c, reason in sorted(set(zip(scene.camera[~accepted].tolist(), why[~accepted].tolist(), strict=True))):
+        rows = ~accepted & (scene.camera == c) & (why == reason)
+        found.setdefault(scene.cameras[c].name, {})[reason] = int(scene.count[rows].sum())
+    return found
 
 
 @dataclass(frozen=True, eq=False)

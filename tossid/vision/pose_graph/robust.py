@@ -14,7 +14,7 @@ from tossid.vision.pose_graph.graph import solve
 from tossid.vision.pose_graph.initial import given, initialise, is_known, place
 from tossid.vision.pose_graph.priors import Prior, calibrates, priors, tag_key
 from tossid.vision.pose_graph.reprojection import ReprojectionErrors, reproject
-from tossid.vision.pose_graph.scene import Scene
+from tossid.vision.pose_graph.scene import Scene, gap
 from tossid.vision.pose_graph.setup_checks import Suspect, check_set_up
 from tossid.vision.pose_graph.solution import Solution, TimingModel, unsolved
 from tossid.vision.pose_graph.tag_distortion import converged, estimate_tag_model
@@ -123,7 +123,9 @@ def _without_outliers(
     scene: Scene, known: dict[int, Prior], settings: TrackSettings, free: Bools, solution: Solution
 ) -> _Fit:
     """The graph solved again without outliers, until there are none."""
-    used, timing = np.ones(len(scene.step), dtype=bool), None
+    used, timing = np.ones(len(scene.step), dtype=bool), _timing(scene, solution, settings, free)
+    if timing is not None:  # poses that took a step's frames for simultaneous tell no outlier
+        solution = solve(scene, solution.state, used, known=known, timing=timing, settings=settings)
     for _ in range(3):
         timing = _timing(scene, solution, settings, free)
         outlier = _outliers(scene, reproject(scene, solution.state, timing), used, settings)
@@ -210,7 +212,7 @@ def _timing(scene: Scene, solution: Solution, settings: TrackSettings, free: Boo
                 )
                 / np.maximum(dt, 1e-9)[:, None]
             )
-            rate[dt > settings.max_gap] = np.nan
+            rate[dt > gap(scene.t[index], settings.max_gap)] = np.nan
             sides = np.stack([np.vstack([rate, rate[:1] * np.nan]), np.vstack([rate[:1] * np.nan, rate])])
             count = np.isfinite(sides).sum(axis=0)
             twist[index] = np.nansum(sides, axis=0) / np.maximum(count, 1)

@@ -327,6 +327,16 @@ def time_steps(t: Array, camera: Ints, *, periods: float) -> tuple[Ints, Array]:
     return step, t[order][np.searchsorted(step[order], np.arange(index + 1))]
 
 
+def gap(t: Array, max_gap: float) -> float:
+    """Time between frames from which they tell nothing of the motion between them [s]: no slow camera's frame time.
+
+    Args:
+        t: Times of frames in order [s], (n,).
+        max_gap: For fast cameras [s].
+    """
+    return max(max_gap, 1.5 * float(np.median(np.diff(t)))) if len(t) > 1 else max_gap
+
+
 def swapped(scene: Scene, a: int, c: int) -> Scene:
     """The scene as it would be if two cameras' detections had been swapped.
 

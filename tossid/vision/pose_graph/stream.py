@@ -1,6 +1,7 @@
 """Tracking a long recording in pieces, so that memory does not grow with it.
 
-Where everything static is exactly known, time steps share only the clocks' offsets. Pieces of some seconds are then
+Where cameras' clocks are set coarsely, from all detections, and everything static is exactly known, time steps share
+only what is left of the clocks' offsets. Pieces of some seconds are then
 tracked one after another as detections come in; their poses and their part of the report are kept. Otherwise a
 recording is tracked as a whole, unless it is long: then stretches from all over it calibrate what is static, and the
 pieces follow with the result as their prior.
@@ -9,8 +10,10 @@ pieces follow with the result as their prior.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -19,10 +22,12 @@ from tossid.rotations import quat_continuous
 from tossid.settings.tracking import StreamSettings, TrackSettings
 from tossid.types import Detection, PoseTrack
 from tossid.vision.cameras.camera import Camera
+from tossid.vision.pose_graph.coarse_clocks import CoarseClocks, coarse_clocks
 from tossid.vision.pose_graph.priors import EXACT
 from tossid.vision.pose_graph.report import FrameErrors, TrackReport
 from tossid.vision.pose_graph.setup_checks import Suspect
-from tossid.vision.pose_graph.track import DEFAULT, Tracked, track_scene
+from tossid.vision.pose_graph.track import DEFAULT, Tracked, track_in_time, with_clocks
+from tossid.vision.recordings.disk_buffer import detections_aside
 from tossid.vision.setup.layout import TagLayout
 
 
@@ -35,30 +40,61 @@ def track_stream(
     name: str | None = None,
     progress: Callable[[int], None] | None = None,
     keep: Callable[[str, PoseTrack], None] | None = None,
+    spool_folder: Path | None = None,
 ) -> Tracked:
     """The same as `track_scene`, from detections as they come.
 
     Args:
         detections: In order of time, to within `StreamSettings.disorder`, where everything static is known or the
-            recording is long; else in any order. Where they are needed more than once and come from an iterator, they
-            are kept in memory.
+            recording is long; else in any order. If they are needed more than once and come from an iterator, a
+            temporary file keeps them.
         cameras: What is known of them.
         layout: What is known of bodies and their tags.
         settings: When poses are accepted, and what is long.
         name: Of the track, where there is one moving body.
         progress: Called with the number of poses found since the last call.
         keep: Called with a moving body's name and the next stretch of its track; the result then has no tracks.
+        spool_folder: Where the temporary file lies; None: in the system's folder for these.
 
     Raises:
         InputError: As `track_scene`, if no piece gives a pose.
     """
+    with ExitStack() as stack:
+        if isinstance(detections, Iterator) and needs_all(cameras, layout, settings=settings):
+            detections = stack.enter_context(detections_aside(detections, spool_folder))
+        coarse = coarse_clocks(detections, cameras, layout, settings=settings) if settings.clocks else CoarseClocks()
+        in_time, tracks = coarse.in_time(detections), _Tracks(keep)
+        tracked = _in_pieces(in_time, cameras, layout, settings, name, progress, tracks, coarse.offsets)
+    return with_clocks(tracked, coarse)
+
+
+def needs_all(cameras: Sequence[Camera], layout: TagLayout, *, settings: TrackSettings) -> bool:
+    """Whether all detections are needed before the first pose: to calibrate what is static, or to compare clocks.
+
+    Args:
+        cameras: What is known of them.
+        layout: What is known of bodies and their tags.
+        settings: Whether clocks are compared.
+    """
+    return not statics_known(cameras, layout) or (settings.clocks and len(cameras) > 1)
+
+
+def _in_pieces(
+    detections: Iterable[Detection],
+    cameras: Sequence[Camera],
+    layout: TagLayout,
+    settings: TrackSettings,
+    name: str | None,
+    progress: Callable[[int], None] | None,
+    tracks: _Tracks,
+    apart: Collection[str],
+) -> Tracked:
+    """Tracking of cameras whose clocks are set coarsely; apart: those that were not zero."""
     sizes = settings.stream
-    tracks = _Tracks(keep)
     pieces, find_clocks, statics = _Pieces(detections, sizes), settings.clocks, None
     if not statics_known(cameras, layout):
-        detections = list(detections) if isinstance(detections, Iterator) else detections
         sample = _sample(detections, sizes) if all(body.stillness is None for body in layout.bodies) else None
-        statics = track_scene(list(sample or detections), cameras, layout, settings=settings, name=name)
+        statics = track_in_time(list(sample or detections), cameras, layout, settings=settings, name=name, apart=apart)
         if sample is None:
             tracks.extend(statics.tracks)
             if progress is not None:
@@ -70,13 +106,18 @@ def track_stream(
     done: list[Tracked] = []
     failed: list[InputError] = []
     while piece := pieces.take():
+        now = replace(settings, clocks=find_clocks)
         try:
-            tracked = track_scene(piece, cameras, layout, settings=replace(settings, clocks=find_clocks), name=name)
+            tracked = track_in_time(piece, cameras, layout, settings=now, name=name, apart=apart if find_clocks else ())
         except InputError as error:  # no body is seen for a while
             failed.append(error)
             continue
-        if tracked.report.clocks:  # known from here on; the piece is cut again with them
-            find_clocks, pieces.clocks = False, tracked.report.clocks
+        clocks = tracked.report.clocks
+        told = settings.graph.clock_sigma / 2  # less than before the graph: the piece has motion that both see
+        if clocks and all(
+            sigma < told for camera, (_, sigma) in clocks.items() if camera in apart
+        ):  # known from here on; the piece is cut again with them
+            find_clocks, pieces.clocks = False, clocks
             pieces.put_back(piece)
             continue
         tracks.extend(tracked.tracks)
@@ -244,12 +285,17 @@ def _one_report(
     squares: dict[int, list[tuple[float, int]]] = {tag_id: [] for tag_id in tags}
     dropped_steps: Counter[str] = Counter()
     dropped_tags: Counter[str] = Counter()
+    sightings: Counter[str] = Counter()
+    left_out: dict[str, Counter[str]] = {}
     suspects: dict[tuple[str, str], Suspect] = {}
     for suspect in (suspect for report in (found, *reports) for suspect in report.suspects):
         suspects.setdefault((suspect.kind, suspect.name), suspect)
     for report in reports:
         for tag_id, value in report.rms_by_tag.items():
             squares[tag_id].append((value**2, max(report.n_poses, 1)))
+        sightings.update(report.sightings)
+        for camera, reasons in report.left_out.items():
+            left_out.setdefault(camera, Counter()).update(reasons)
         dropped_steps.update(report.dropped_steps)
         dropped_tags.update(report.dropped_tags)
     unplaced = [name for name in reports[0].unplaced if all(name in report.unplaced for report in reports)]
@@ -267,6 +313,8 @@ def _one_report(
             for tag_id, pairs in squares.items()
         },
         noise_scale=float(np.median([report.noise_scale for report in reports])),
+        sightings=dict(sightings),
+        left_out={camera: dict(reasons) for camera, reasons in left_out.items()},
         dropped_steps=dict(dropped_steps),
         dropped_tags=dict(dropped_tags),
         worst_frames=worst,

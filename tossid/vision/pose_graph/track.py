@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,9 +13,19 @@ from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection, PoseTrack
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.pose_graph.clocks import clock_offsets
+from tossid.vision.pose_graph.coarse_clocks import CoarseClocks, coarse_clocks
 from tossid.vision.pose_graph.gating import gate_tree, pose_track
 from tossid.vision.pose_graph.initial import given
-from tossid.vision.pose_graph.report import Counts, FrameErrors, TrackReport, calibrated, frame_errors, make_report
+from tossid.vision.pose_graph.report import (
+    CONTRADICTS,
+    Counts,
+    FrameErrors,
+    TrackReport,
+    calibrated,
+    frame_errors,
+    make_report,
+    sightings_left_out,
+)
 from tossid.vision.pose_graph.robust import SolvedScene, solve_scene
 from tossid.vision.pose_graph.scene import Scene, observe, words
 from tossid.vision.setup.layout import TagLayout, descendants
@@ -62,11 +72,58 @@ def track_scene(
     Raises:
         InputError: A detection of an unknown camera; nothing that can be placed; too few poses for a track.
     """
+    detections = sorted(detections, key=lambda d: d.t)
+    coarse = coarse_clocks(detections, cameras, layout, settings=settings) if settings.clocks else CoarseClocks()
+    in_time = list(coarse.in_time(detections))
+    return with_clocks(
+        track_in_time(in_time, cameras, layout, settings=settings, name=name, apart=coarse.offsets), coarse
+    )
+
+
+def with_clocks(tracked: Tracked, coarse: CoarseClocks) -> Tracked:
+    """What was tracked after clocks had been set coarsely, with the whole offsets in its report.
+
+    Args:
+        tracked: What was found; its clocks' offsets are the rest.
+        coarse: What had been subtracted.
+    """
+    rest, sigma = tracked.report.clocks, DEFAULT.graph.clock_sigma
+    clocks = {
+        c: (late + rest.get(c, (0.0, sigma))[0], rest.get(c, (0.0, sigma))[1]) for c, late in coarse.offsets.items()
+    }
+    return replace(tracked, report=replace(tracked.report, clocks={**rest, **clocks}, clock_doubts=dict(coarse.doubts)))
+
+
+def track_in_time(
+    detections: Sequence[Detection],
+    cameras: Sequence[Camera],
+    layout: TagLayout,
+    *,
+    settings: TrackSettings = DEFAULT,
+    name: str | None = None,
+    apart: Collection[str] = (),
+) -> Tracked:
+    """The same of cameras whose clocks are no further apart than the fine search looks.
+
+    Args:
+        detections: As `track_scene` has them.
+        cameras: As `track_scene` has them.
+        layout: As `track_scene` has it.
+        settings: As `track_scene` has them.
+        name: As `track_scene` has it.
+        apart: Cameras whose clocks were set coarsely; what is left of their offsets is estimated however small it is.
+
+    Raises:
+        InputError: As `track_scene`.
+    """
     as_stamped, dropped = _observed(detections, cameras, layout, {}, settings)
     scene = as_stamped
-    offsets = clock_offsets(scene, given(scene), settings=settings) if settings.clocks else {}
+    always = {c for c, camera in enumerate(cameras) if camera.name in apart}
+    offsets = dict.fromkeys(always, 0.0)
+    if settings.clocks:
+        offsets |= clock_offsets(scene, given(scene), settings=settings)
     while True:
-        if offsets:
+        if any(offsets.values()):
             scene, dropped = _observed(detections, cameras, layout, offsets, settings)
         solved = solve_scene(scene, offsets, settings=settings)
         clocks = solved.clocks(offsets)
@@ -75,13 +132,13 @@ def track_scene(
         sure = {
             c: offset
             for c, offset in offsets.items()
-            if abs(clocks[c][0]) > max(search.same, search.sigmas * clocks[c][1])
+            if c in always or abs(clocks[c][0]) > max(search.same, search.sigmas * clocks[c][1])
         }
         if len(sure) == len(offsets):
             named = {cameras[c].name: found for c, found in clocks.items()}
             return _tracked(solved, settings, layout, name, named, dropped)
         offsets = sure
-        if not offsets:
+        if not any(offsets.values()):
             scene, dropped = _observed(detections, cameras, layout, {}, settings)
 
 
@@ -110,10 +167,10 @@ def _tracked(
     """Tracks of the accepted poses, and the report."""
     scene, solution, errors, used = solved.scene, solved.solution, solved.errors, solved.used
     if solved.outliers:
-        dropped["contradicts the other tags"] = solved.outliers
+        dropped[CONTRADICTS] = solved.outliers
     tracks: dict[str, PoseTrack] = {}
     reasons: Counter[str] = Counter()
-    accepted = used.copy()
+    accepted, gated = used.copy(), np.full(len(used), "", dtype=object)
     n_steps = n_poses = 0
     moving = [b for b, body in enumerate(scene.bodies) if not body.is_static and body.hinge is None]
     for b in moving:
@@ -126,6 +183,8 @@ def _tracked(
         n_steps, n_poses = n_steps + int(seen.sum()), n_poses + int(gate.accepted.sum())
         reasons += gate.reasons
         accepted &= ~rows | gate.accepted[scene.step]
+        for reason, bad in gate.rejected.items():
+            gated[rows & bad[scene.step]] = reason
         keep = np.flatnonzero(gate.accepted)
         body = scene.bodies[b].name
         if len(keep) >= 2:
@@ -135,7 +194,10 @@ def _tracked(
         why = "; ".join([words(reasons + dropped), *(suspect.message for suspect in solved.suspects)])
         raise InputError(f"only {n_poses} of {n_steps} time steps gave a pose ({why})")
     frames = frame_errors(scene, errors, accepted)
-    counts = Counts(n_steps, n_poses, dict(reasons), dict(dropped))
+    per_camera = np.bincount(scene.camera, scene.count, minlength=len(scene.cameras)).astype(int)
+    seen_by = {camera.name: n for camera, n in zip(scene.cameras, per_camera.tolist(), strict=True)}
+    left_out = sightings_left_out(solved, accepted, gated)
+    counts = Counts(n_steps, n_poses, seen_by, left_out, dict(reasons), dict(dropped))
     report = make_report(solved, accepted, frames, counts, clocks)
     cameras, layout = calibrated(scene, solution, layout)
     return Tracked(tracks, cameras, layout, frames, report)

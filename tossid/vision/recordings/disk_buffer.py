@@ -1,7 +1,7 @@
 """Detections and poses of a long recording, kept in temporary files because they may not fit into memory.
 
-The files have no name and are gone with the process, however that ends. The caller says in which folder they lie: the
-system's temporary one may be memory, too.
+The files have no name and are gone with the process, however that ends. The caller says in which folder they lie, since
+the system's temporary one may be memory, too.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ROW = np.dtype(
     ]
 )
 """One detection in the file."""
-AT_ONCE = 4096
+AT_ONCE = 512
 """Detections that are written or read at once."""
 
 
@@ -46,12 +46,12 @@ def pose_spool(folder: Path) -> Iterator[PoseSpool]:
 
 
 @contextmanager
-def detections_aside(detections: Iterable[Detection], folder: Path) -> Iterator[SpooledDetections]:
+def detections_aside(detections: Iterable[Detection], folder: Path | None) -> Iterator[SpooledDetections]:
     """Detections in a temporary file, which can be read again and again while the block lasts.
 
     Args:
         detections: All of them are taken at once.
-        folder: Where the file lies.
+        folder: Where the file lies; None: in the system's folder for temporary files.
     """
     with tempfile.TemporaryFile(dir=folder) as file:
         yield SpooledDetections(detections, file)
