@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tests.motion.handling import Handling
-from tossid.errors import InputError
 from tests.vision.sights import seen_over_time, tumble
+from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
 from tossid.settings.ingestion import TossSettings
