@@ -1,0 +1,129 @@
+"""The friction of object and ground: what an object's file states of it, and what MuJoCo makes of two geoms."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Sequence
+from xml.parsers import expat
+
+import mujoco
+import numpy as np
+
+from tossid.errors import ObjectError
+
+GUESS = 0.18
+"""Friction of an object where neither its file nor the caller states one: that of the published cube."""
+_MUJOCOS = 1.0
+"""Sliding friction of a geom of which the file states none."""
+_URDF = ("drake:mu_dynamic", "drake:mu_static", "contact_coefficients", "lateral_friction", "mu", "mu1", "mu2")
+"""Elements in which URDF states friction, as Drake, ROS, PyBullet and Gazebo read it; MuJoCo reads none."""
+_log = logging.getLogger(__name__)
+
+
+def friction_of(m: mujoco.MjModel, texts: Sequence[str], given: float | None, *, file: str) -> float:
+    """The friction that an object has: as given, else as its file states it, else a guess. Says which, unless agreed.
+
+    Args:
+        m: The compiled model.
+        texts: The text of its file, and of those that it includes.
+        given: What the caller states; None for nothing.
+        file: The file in words.
+
+    Returns:
+        Coulomb's coefficient of object and ground.
+
+    Raises:
+        ObjectError: Nothing is given, and the file states several.
+    """
+    found = _stated(m, texts)
+    words = " and ".join(f"{value:g}" for value in found)
+    if given is not None:
+        if found and found != [given]:
+            _log.info(f"{file} states friction {words}; {given:g} holds instead")
+        return given
+    if len(found) > 1:
+        raise ObjectError(f"states friction {words} for parts of one object, expected one; object.friction says which")
+    if found:
+        _log.info(f"{file} states friction {words}, which holds (object.friction would state another)")
+        return found[0]
+    _log.warning(f"{file} states no friction; {GUESS:g} is a guess (object.friction states it)")
+    return GUESS
+
+
+def contact_friction(m: mujoco.MjModel, ground: int, own: int) -> float:
+    """Sliding friction of two geoms as MuJoCo combines it: of their pair, of the one with priority, or the larger.
+
+    Args:
+        m: The compiled model.
+        ground: One geom.
+        own: The other.
+    """
+    for pair in range(m.npair):
+        if {int(m.pair_geom1[pair]), int(m.pair_geom2[pair])} == {ground, own}:
+            return float(m.pair_friction[pair, 0])
+    order = int(m.geom_priority[own]) - int(m.geom_priority[ground])
+    one, other = float(m.geom_friction[own, 0]), float(m.geom_friction[ground, 0])
+    return one if order > 0 else other if order < 0 else max(one, other)
+
+
+def colliding_geoms(m: mujoco.MjModel) -> tuple[list[int], list[int]]:
+    """Geoms that touch others: those of the world, and those of bodies.
+
+    Args:
+        m: The compiled model.
+    """
+    touch = [g for g in range(m.ngeom) if m.geom_contype[g] or m.geom_conaffinity[g]]
+    return [g for g in touch if m.geom_bodyid[g] == 0], [g for g in touch if m.geom_bodyid[g] != 0]
+
+
+def _stated(m: mujoco.MjModel, texts: Sequence[str]) -> list[float]:
+    """The frictions that a file states: none, one, or several of different parts."""
+    in_geoms, in_urdf = _in_texts(texts)
+    if in_urdf:
+        return sorted(in_urdf)
+    # a compiled geom has MuJoCo's own friction too where the file states none
+    unstated = None if _MUJOCOS in in_geoms else _MUJOCOS
+    grounds, own = colliding_geoms(m)
+    ground = grounds[0] if len(grounds) == 1 and m.geom_friction[grounds[0], 0] != unstated else None
+    found = {float(m.geom_friction[g, 0]) if ground is None else contact_friction(m, ground, g) for g in own}
+    return [] if found == {unstated} else sorted(found)
+
+
+def _in_texts(texts: Sequence[str]) -> tuple[set[float], set[float]]:
+    """First frictions at elements `geom` of MJCF, and frictions that URDF's elements state."""
+    in_geoms, urdf = set[float](), dict[str, set[float]]()
+    for text in texts:
+        inside: list[str] = []
+
+        def start(element: str, given: dict[str, str], inside: list[str] = inside) -> None:
+            inside.append(element)
+            if element == "geom":
+                in_geoms.update(_first(given.get("friction", "")))
+            elif element in _URDF:
+                urdf.setdefault(element, set()).update(_first(given.get("value", given.get("mu", ""))))
+
+        def content(words: str, inside: list[str] = inside) -> None:
+            if inside[-1:] and inside[-1] in _URDF:
+                urdf[inside[-1]].update(_first(words))
+
+        parser = expat.ParserCreate("utf-8")
+        parser.buffer_text = True
+        parser.StartElementHandler, parser.CharacterDataHandler = start, content
+        parser.EndElementHandler = lambda _, inside=inside: inside.pop()
+        try:
+            parser.Parse(re.sub("<!--.*?-->", "", text, flags=re.DOTALL).encode("utf-8", "surrogatepass"), True)
+        except expat.ExpatError:  # MuJoCo has read it; what stands before is known
+            continue
+    if urdf.get("drake:mu_dynamic"):
+        urdf.pop("drake:mu_static", None)
+    return in_geoms, set[float]().union(*urdf.values())
+
+
+def _first(words: str) -> list[float]:
+    """The first number of an attribute or a text, if there is one."""
+    try:
+        value = float(words.split()[0])
+    except (IndexError, ValueError):
+        return []
+    return [value] if np.isfinite(value) else []
