@@ -67,28 +67,25 @@ def object_from_file(path: Path, *, friction: float | None = None) -> ObjectMode
     _free_base(file.spec)
     m = file.compiled()
     try:
-        text = file.spec.to_xml()
         friction = friction_of(m, file.texts, friction, file=path.name)
+        if file.meshes:
+            text = to_mjcf(_outlined(_from_model(m, "", name=file.spec.modelname, friction=friction)), ground=False)
+        else:
+            text = file.spec.to_xml()
     except ObjectError as error:
         raise FileError(path, str(error)) from error
     except UnicodeDecodeError as error:
         raise FileError(path, "holds letters that are not UTF-8, its own or an included file's") from error
-    if file.meshes:
-        text = to_mjcf(_outlined(_from_model(m, text, name=file.spec.modelname, friction=friction)), ground=False)
     # arrays and text must agree to the last digit: read back what will be kept
     return object_from_mjcf(text, friction=friction)
 
 
-def object_from_mjcf(
-    text: str, *, name: str | None = None, friction: float | None = None, **stated: Any
-) -> ObjectModel:
+def object_from_mjcf(text: str, **stated: Any) -> ObjectModel:
     """The object of MJCF text, as a dataset carries it.
 
     Args:
         text: MJCF that names no other files.
-        name: As `Stated` has it.
-        friction: As `Stated` has it.
-        **stated: What else the text cannot say, see `Stated`; `tags` as a sequence.
+        **stated: What the text cannot say, see `Stated`; `tags` as a sequence.
 
     Raises:
         ObjectError: MuJoCo cannot parse the text, it is no tree of one free base with hinges and slides, or it states
@@ -103,7 +100,8 @@ def object_from_mjcf(
         m = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise ObjectError(f"MuJoCo cannot compile the object: {first_line(error)}") from error
-    name = name or spec.modelname
+    name = stated.pop("name", None) or spec.modelname
+    friction = stated.pop("friction", None)
     if friction is None:
         friction = friction_of(m, [text], None, file=f"the MJCF of '{name}'")
     return _from_model(m, text, name=name, friction=friction, **stated)
@@ -326,7 +324,7 @@ def to_mjcf(
             pos=model.body_pos[b] if b else [0, 0, 0],
             quat=model.body_quat[b] if b else [1, 0, 0, 0],
         )
-        I = model.inertia[b]
+        I = _rounds(model.inertia[b])
         body.explicitinertial = True
         body.mass, body.ipos = float(model.mass[b]), model.com[b]
         body.fullinertia = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
@@ -352,3 +350,12 @@ def to_mjcf(
         bodies.append(body)
     spec.compile()
     return spec.to_xml()
+
+
+def _rounds(inertia: Array) -> Array:
+    """Inertia (3, 3) that stays possible in the six digits that MuJoCo writes: that of a sheet is at the limit."""
+    values, axes = np.linalg.eigh(inertia)
+    lack = max(0.0, (1 + 2e-5) * values[2] - values[0] - values[1])
+    values[:2] += lack / 2
+    out: Array = inertia if lack == 0.0 else (axes * values) @ axes.T
+    return out

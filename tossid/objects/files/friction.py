@@ -59,9 +59,9 @@ def contact_friction(m: mujoco.MjModel, ground: int, own: int) -> float:
         ground: One geom.
         own: The other.
     """
-    for pair in range(m.npair):
-        if {int(m.pair_geom1[pair]), int(m.pair_geom2[pair])} == {ground, own}:
-            return float(m.pair_friction[pair, 0])
+    pair = _pair(m, ground, own)
+    if pair is not None:
+        return float(m.pair_friction[pair, 0])
     order = int(m.geom_priority[own]) - int(m.geom_priority[ground])
     one, other = float(m.geom_friction[own, 0]), float(m.geom_friction[ground, 0])
     return one if order > 0 else other if order < 0 else max(one, other)
@@ -77,17 +77,29 @@ def colliding_geoms(m: mujoco.MjModel) -> tuple[list[int], list[int]]:
     return [g for g in touch if m.geom_bodyid[g] == 0], [g for g in touch if m.geom_bodyid[g] != 0]
 
 
+def _pair(m: mujoco.MjModel, one: int, other: int) -> int | None:
+    """The pair of two geoms that the model lists, if it does."""
+    pairs = zip(m.pair_geom1.tolist(), m.pair_geom2.tolist(), strict=True)
+    return next((k for k, pair in enumerate(pairs) if set(pair) == {one, other}), None)
+
+
 def _stated(m: mujoco.MjModel, texts: Sequence[str]) -> list[float]:
     """The frictions that a file states: none, one, or several of different parts."""
     in_geoms, in_urdf = _in_texts(texts)
     if in_urdf:
         return sorted(in_urdf)
-    # a compiled geom has MuJoCo's own friction too where the file states none
+    # a compiled geom has MuJoCo's own friction where the file states none
     unstated = None if _MUJOCOS in in_geoms else _MUJOCOS
     grounds, own = colliding_geoms(m)
-    ground = grounds[0] if len(grounds) == 1 and m.geom_friction[grounds[0], 0] != unstated else None
-    found = {float(m.geom_friction[g, 0]) if ground is None else contact_friction(m, ground, g) for g in own}
-    return [] if found == {unstated} else sorted(found)
+    found = set[float | None]()
+    for geom in own:
+        both = [geom, *grounds] if len(grounds) == 1 else [geom]
+        first = max(int(m.geom_priority[g]) for g in both)
+        decide = [float(m.geom_friction[g, 0]) for g in both if m.geom_priority[g] == first]
+        said = [value for value in decide if value != unstated]
+        paired = len(both) == 2 and _pair(m, *both) is not None
+        found.add(contact_friction(m, both[1], geom) if paired else max(said, default=None))
+    return [] if found == {None} else sorted(_MUJOCOS if value is None else value for value in found)
 
 
 def _in_texts(texts: Sequence[str]) -> tuple[set[float], set[float]]:
