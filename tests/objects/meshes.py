@@ -141,6 +141,18 @@ def _repeated() -> tuple[Mesh, str]:
     return (vertices, triangles), obj(twice)
 
 
+def _normals_of_some() -> tuple[Mesh, str]:
+    mesh = scan(14)
+    half = len(mesh[1]) // 2
+    return mesh, obj((mesh[0], mesh[1][:half]), normals=9) + obj((mesh[0][:0], mesh[1][half:]))
+
+
+def _normals_cut_off() -> tuple[Mesh, str]:
+    mesh = scan(15)
+    lines = obj(mesh, normals=400).splitlines()
+    return mesh, "\n".join(line for k, line in enumerate(lines) if not (line.startswith("vn") and k % 2))
+
+
 def _turned_over() -> tuple[Mesh, str]:
     vertices, triangles = scan(7)
     triangles[::3] = triangles[::3, ::-1]
@@ -157,6 +169,8 @@ KINDS: dict[str, Callable[[Path], tuple[Path, NDArray[np.float64]]]] = {
     "scan, normals and texture": _one("scan.obj", lambda: _with(scan(2), normals=400, coordinates=400)),
     "scan, six normals": _one("scan.obj", lambda: _with(scan(3), normals=6)),
     "scan, more normals than vertices": _one("scan.obj", lambda: _with(scan(4), normals=900, coordinates=3)),
+    "scan, normals of some triangles": _one("scan.obj", _normals_of_some),
+    "scan, normals cut off": _one("scan.obj", _normals_cut_off),
     "scan, open": _one("scan.obj", _open),
     "scan, vertices twice and triangles of no area": _one("scan.obj", _repeated),
     "scan, some triangles turned over": _one("scan.obj", _turned_over),

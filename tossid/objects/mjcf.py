@@ -67,9 +67,9 @@ def object_from_file(path: Path, *, friction: float | None = None) -> ObjectMode
     _free_base(file.spec)
     m = file.compiled()
     try:
-        friction = friction_of(m, file.texts, friction, file=path.name)
+        found = friction_of(m, file.texts, friction, file=path.name)
         if file.meshes:
-            text = to_mjcf(_outlined(_from_model(m, "", name=file.spec.modelname, friction=friction)), ground=False)
+            text = to_mjcf(_outlined(_from_model(m, "", name=file.spec.modelname, friction=found.value)), ground=False)
         else:
             text = file.spec.to_xml()
     except ObjectError as error:
@@ -77,7 +77,9 @@ def object_from_file(path: Path, *, friction: float | None = None) -> ObjectMode
     except UnicodeDecodeError as error:
         raise FileError(path, "holds letters that are not UTF-8, its own or an included file's") from error
     # arrays and text must agree to the last digit: read back what will be kept
-    return object_from_mjcf(text, friction=friction)
+    model = object_from_mjcf(text, friction=found.value)
+    found.say()
+    return model
 
 
 def object_from_mjcf(text: str, **stated: Any) -> ObjectModel:
@@ -101,10 +103,12 @@ def object_from_mjcf(text: str, **stated: Any) -> ObjectModel:
     except (ValueError, mujoco.FatalError) as error:
         raise ObjectError(f"MuJoCo cannot compile the object: {first_line(error)}") from error
     name = stated.pop("name", None) or spec.modelname
-    friction = stated.pop("friction", None)
-    if friction is None:
-        friction = friction_of(m, [text], None, file=f"the MJCF of '{name}'")
-    return _from_model(m, text, name=name, friction=friction, **stated)
+    if stated.get("friction") is not None:
+        return _from_model(m, text, name=name, **stated)
+    found = friction_of(m, [text], None, file=f"the MJCF of '{name}'")
+    model = _from_model(m, text, **{**stated, "name": name, "friction": found.value})
+    found.say()
+    return model
 
 
 def _from_model(

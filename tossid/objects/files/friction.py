@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Sequence
+from typing import NamedTuple
 from xml.parsers import expat
 
 import mujoco
@@ -21,8 +22,27 @@ _URDF = ("drake:mu_dynamic", "drake:mu_static", "contact_coefficients", "lateral
 _log = logging.getLogger(__name__)
 
 
-def friction_of(m: mujoco.MjModel, texts: Sequence[str], given: float | None, *, file: str) -> float:
-    """The friction that an object has: as given, else as its file states it, else a guess. Says which, unless agreed.
+class Friction(NamedTuple):
+    """The friction that an object has, and where it comes from.
+
+    Attributes:
+        value: Coulomb's coefficient of object and ground.
+        words: Where it comes from; nothing where caller and file agree, or the file states none and the caller one.
+        is_guess: Whether neither states one.
+    """
+
+    value: float
+    words: str = ""
+    is_guess: bool = False
+
+    def say(self) -> None:
+        """Log where it comes from."""
+        if self.words:
+            _log.log(logging.WARNING if self.is_guess else logging.INFO, self.words)
+
+
+def friction_of(m: mujoco.MjModel, texts: Sequence[str], given: float | None, *, file: str) -> Friction:
+    """The friction that an object has: as given, else as its file states it, else a guess.
 
     Args:
         m: The compiled model.
@@ -30,25 +50,22 @@ def friction_of(m: mujoco.MjModel, texts: Sequence[str], given: float | None, *,
         given: What the caller states; None for nothing.
         file: The file in words.
 
-    Returns:
-        Coulomb's coefficient of object and ground.
-
     Raises:
         ObjectError: Nothing is given, and the file states several.
     """
     found = _stated(m, texts)
     words = " and ".join(f"{value:g}" for value in found)
     if given is not None:
-        if found and found != [given]:
-            _log.info(f"{file} states friction {words}; {given:g} holds instead")
-        return given
+        return Friction(
+            given, "" if found in ([], [given]) else f"{file} states friction {words}; {given:g} holds instead"
+        )
     if len(found) > 1:
         raise ObjectError(f"states friction {words} for parts of one object, expected one; object.friction says which")
     if found:
-        _log.info(f"{file} states friction {words}, which holds (object.friction would state another)")
-        return found[0]
-    _log.warning(f"{file} states no friction; {GUESS:g} is a guess (object.friction states it)")
-    return GUESS
+        return Friction(found[0], f"{file} states friction {words}, which holds (object.friction would state another)")
+    return Friction(
+        GUESS, f"{file} states no friction; {GUESS:g} is a guess (object.friction states it)", is_guess=True
+    )
 
 
 def contact_friction(m: mujoco.MjModel, ground: int, own: int) -> float:
