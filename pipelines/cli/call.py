@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json as jsonlib
+import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -28,8 +29,9 @@ def call_with_keys(command: str, keys: Sequence[str], *, json: bool, quiet: bool
 
 def call(command: str, argument: Any, *, json: bool, quiet: bool) -> Any:
     """Run `pipelines.COMMAND.run(argument, console)`, print its result if `json`, and return it."""
-    with _uninterrupted(), guarded_stdout():
-        result = _runner(command)(argument, Console(quiet=quiet))
+    console = Console(quiet=quiet)
+    with _uninterrupted(), guarded_stdout(), logged(console):
+        result = _runner(command)(argument, console)
     if json:
         print(jsonlib.dumps(_redacted(jsonable(result)), indent=2, allow_nan=False), flush=True)  # noqa: T201
     return result
@@ -64,6 +66,40 @@ def guarded_stdout() -> Iterator[None]:
         sys.stdout = before
         os.dup2(kept, 1)
         os.close(kept)
+
+
+@contextmanager
+def logged(console: Console) -> Iterator[None]:
+    """Show what the library logs, each line once, while the block lasts.
+
+    Args:
+        console: What a person sees.
+    """
+    logger, handler = logging.getLogger("tossid"), _Lines(console)
+    level, propagates = logger.level, logger.propagate
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    logger.propagate = False
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+        logger.propagate = propagates
+
+
+class _Lines(logging.Handler):
+    """Log records as lines of a console."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__()
+        self._console, self._said = console, set[str]()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = record.getMessage()
+        if text not in self._said:
+            self._said.add(text)
+            (self._console.say if record.levelno < logging.WARNING else self._console.warn)(text)
 
 
 @contextmanager

@@ -79,7 +79,7 @@ def _tagged(config: NewObjectConfig) -> ObjectModel:
     from tossid.vision.setup.faces import default_tags
     from tossid.vision.setup.tag_sheet import QUIET
 
-    model = box(config.name, config.box, config.mass, com=config.com)
+    model = box(config.name, config.box, config.mass, com=config.com, friction=config.friction)
     tags = default_tags(model, first_id=config.first_id)
     if config.tag_size is not None:
         room = sorted(config.box)[0] / QUIET

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,7 +12,10 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.tossed import seen
+from tests.objects.meshes import obj, scan
 from tossid.diagnosis import simulators
+from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.patch.make import make_patch
 from tossid.diagnosis.simulators import (
     Simulator,
     check_runs,
@@ -20,9 +24,10 @@ from tossid.diagnosis.simulators import (
     nominal,
     read_simulator,
     reader,
+    world_of_mjcf,
 )
 from tossid.errors import InputError
-from tossid.objects import ObjectModel
+from tossid.objects import ObjectModel, load_object
 from tossid.physics.effects import World
 
 MJCF = """<mujoco model="mine">
@@ -105,3 +110,28 @@ def test_noise_is_no_motion(cube: ObjectModel) -> None:
     still = toss.q[:1] + np.zeros_like(toss.q)
     still[:, :3] += 1e-4 * np.random.default_rng(0).normal(size=(len(still), 3))
     assert not moves(replace(toss, q=still))
+
+
+def test_a_scene_with_a_scan_is_diagnosed_as_it_is(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "scan.obj").write_text(obj(scan(1), normals=5))
+    scene = """<mujoco><asset><mesh name="m" file="scan.obj"/></asset><worldbody>{}<body name="a"><freejoint/>
+      <geom type="mesh" mesh="m" mass="0.2" friction="0.3"/></body></worldbody></mujoco>"""
+    path = tmp_path / "scene.xml"
+    path.write_text(scene.format('<geom type="plane" size="1 1 .1"/>'))
+    caplog.set_level(logging.INFO, "tossid")
+    world, _ = world_of_mjcf(path, width=None)
+    given = load_object(path, friction=0.3)
+    np.testing.assert_array_equal(world.object.corner_pos, given.corner_pos)
+    # the floor's, which is MuJoCo's default: what that simulator does holds, and is said
+    assert (given.friction, world.object.friction) == (0.3, 1.0)
+    assert f"{path}: friction of object and ground is 1, as MuJoCo combines their geoms'" in caplog.text
+    patch = make_patch(Hypothesis(world), mjcf=path)
+    np.testing.assert_allclose(patch.after.body_mass[1], 0.2)
+
+
+def test_a_scene_of_several_frictions_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mine.xml"
+    other = '<geom type="sphere" size="0.06" friction="0.4"/></body>'
+    path.write_text(MJCF.replace("</body>", other))
+    with pytest.raises(InputError, match=r"mine\.xml: its geoms meet .* with friction 0\.25 and 0\.4, expected"):
+        world_of_mjcf(path, width=None)

@@ -6,6 +6,7 @@ under `@reader(KIND, ACCEPTS)`.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,9 +20,10 @@ from tossid.diagnosis.likelihood.simulator_process import FromFile, Given, Simul
 from tossid.diagnosis.likelihood.step_changes import State
 from tossid.diagnosis.likelihood.users_world import UsersWorld
 from tossid.diagnosis.likelihood.windows import steps_of
-from tossid.diagnosis.patch.make import read_spec
 from tossid.errors import InputError, brief
 from tossid.objects import ObjectModel, load_object, need_stated
+from tossid.objects.files.friction import colliding_geoms, contact_friction
+from tossid.objects.files.model_file import read_model_file
 from tossid.physics.effects import RecordingErrors, World
 from tossid.physics.forces import Forces
 from tossid.rotations import geodesic_angle, quat_rotate
@@ -30,6 +32,8 @@ from tossid.types import Toss, frame_time
 
 if TYPE_CHECKING:
     from tossid.models.protocol import DynamicsModel
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -197,20 +201,23 @@ def world_of_mjcf(path: Path, *, width: float | None) -> tuple[World, Engine]:
 
     Raises:
         FileError, ObjectError: The file cannot be read, or holds no single free body.
-        InputError: It has no ground that is a plane.
+        InputError: It has no ground that is a plane, or several frictions with it.
     """
-    given = load_object(path, width=width)
-    m = read_spec(path).compile()
-    colliding = [g for g in range(m.ngeom) if m.geom_contype[g] or m.geom_conaffinity[g]]
-    grounds = [g for g in colliding if m.geom_bodyid[g] == 0]
-    own = [g for g in colliding if m.geom_bodyid[g] != 0]
+    m = read_model_file(path).compiled()
+    grounds, own = colliding_geoms(m)
     if len(grounds) != 1 or m.geom_type[grounds[0]] != mujoco.mjtGeom.mjGEOM_PLANE:
         raise InputError(f"{path}: has {len(grounds)} geoms to land on, expected one: the ground, a plane")
     ground = grounds[0]
+    frictions = sorted({contact_friction(m, ground, geom) for geom in own})
+    words = " and ".join(f"{value:g}" for value in frictions)
+    if len(frictions) > 1:
+        raise InputError(f"{path}: its geoms meet the ground with friction {words}, expected one of the whole object")
+    given = load_object(path, width=width, friction=next(iter(frictions), None))
+    _log.info(f"{path}: friction of object and ground is {words}, as MuJoCo combines their geoms'")
     normal = quat_rotate(m.geom_quat[ground], np.array([0.0, 0.0, 1.0]))
     g, mass = m.opt.gravity, float(given.mass.sum())
     world = World(
-        given.with_changes(friction=_friction(m, ground, own[0])),
+        given,
         gravity=float(-g[2]),
         forces=Forces(x=float(mass * g[0]), y=float(mass * g[1])),
         ground_height=float(m.geom_pos[ground] @ normal),
@@ -227,16 +234,6 @@ def _tilt_of(normal: np.ndarray) -> tuple[float, float]:
         return 0.0, 0.0
     angle = float(np.arctan2(size, normal[2]))
     return float(axis[0] / size * angle), float(axis[1] / size * angle)
-
-
-def _friction(m: mujoco.MjModel, ground: int, own: int) -> float:
-    """Sliding friction of two geoms as MuJoCo combines it: of their pair, of the one with priority, or the larger."""
-    for pair in range(m.npair):
-        if {int(m.pair_geom1[pair]), int(m.pair_geom2[pair])} == {ground, own}:
-            return float(m.pair_friction[pair, 0])
-    order = int(m.geom_priority[own]) - int(m.geom_priority[ground])
-    one, other = float(m.geom_friction[own, 0]), float(m.geom_friction[ground, 0])
-    return one if order > 0 else other if order < 0 else max(one, other)
 
 
 # ---------------------------------------------------------------- what is refused

@@ -27,14 +27,15 @@ def load_object(
     Args:
         what: A name among `tossid.settings.objects.PRESETS` ("cube", "elbow"), the path of an MJCF or URDF file,
             settings, or an object that is loaded already. "unknown" is an object of which nothing is stated.
-        **stated: What the file cannot say, or what shall differ from the settings: see `Stated`.
+        **stated: What the file cannot say, or what shall differ from it or from the settings: see `Stated`. What
+            friction holds, and whether it is a guess, is logged (logger `tossid`).
 
     Returns:
         The object. A base without a joint gets a free joint.
 
     Raises:
         ConfigError: There is neither an object nor a file of that name.
-        FileError: A file is missing or cannot be read.
+        FileError: A file is missing or cannot be read, or states several frictions and none is given.
         ObjectError: It is no tree of one free base with hinges and slides.
     """
     if isinstance(what, ObjectModel):
@@ -43,12 +44,14 @@ def load_object(
         return unstated_object()
     if isinstance(what, str):
         what = PRESETS.get(what, Path(what))
+    given: dict[str, Any] = dict(stated)
     if isinstance(what, ObjectSettings):
-        return _stating(object_from_file(found(what.path)), asdict(what) | {"path": None} | stated)
-    if not what.suffix and not what.exists():
+        given = asdict(what) | given
+        what = Path(given.pop("path"))
+    elif not what.suffix and not what.exists():
         expected = f"expected {', '.join(PRESETS)} or a file."
         raise ConfigError("object", f"there is no '{what}'; {expected}", suggestion=nearest(str(what), PRESETS))
-    return _stating(object_from_file(found(what)), stated)
+    return _stating(object_from_file(found(what), friction=given.get("friction")), given)
 
 
 def _stating(model: ObjectModel, stated: Any) -> ObjectModel:

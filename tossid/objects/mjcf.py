@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import FileError, ObjectError
+from tossid.objects.files.friction import friction_of
+from tossid.objects.files.model_file import first_line, read_model_file
+from tossid.objects.files.outline import hull_vertices, outline
 from tossid.objects.geoms import add_geoms
 from tossid.objects.model import GRAVITY, JointLaw, JointType, ObjectModel, Tag
-from tossid.objects.references import check_model_file
 from tossid.objects.roundness import RIM, Roundness, ball, disc, ellipsoid, joined, points
 from tossid.rotations import quat_to_matrix
 
@@ -27,7 +29,7 @@ class Stated(TypedDict, total=False):
 
     Attributes:
         name: The object's name; the model's own by default.
-        friction: Coulomb's coefficient of object and ground, 0.18 by default.
+        friction: Coulomb's coefficient of object and ground; what the file states by default, else a guess of 0.18.
         restitution: Newton's coefficient, 0 by default.
         compliance: How far a corner sinks for each newton on it [m/N], 0 by default.
         relaxation: Damping over stiffness of a corner [s], 0 by default.
@@ -37,7 +39,7 @@ class Stated(TypedDict, total=False):
     """
 
     name: str | None
-    friction: float
+    friction: float | None
     restitution: float
     compliance: float
     relaxation: float
@@ -46,34 +48,38 @@ class Stated(TypedDict, total=False):
     tags: Sequence[Tag] | str | Path | None
 
 
-def object_from_file(path: Path) -> ObjectModel:
+def object_from_file(path: Path, *, friction: float | None = None) -> ObjectModel:
     """The object of an MJCF or URDF file, without what the file cannot say.
+
+    Of a body with mesh files, the corners are those of the convex hull of all its geoms (`outline`), because nothing
+    else can touch the ground; its text (`ObjectModel.mjcf`) holds these, because a dataset carries no mesh files.
 
     Args:
         path: The file. A base without a joint gets a free joint.
+        friction: Coulomb's coefficient of object and ground; None: as the file states it, else a guess, of which is
+            logged.
 
     Raises:
-        FileError: The file is missing, asks for too much, or MuJoCo cannot parse it.
+        FileError: The file is missing, asks for too much, MuJoCo cannot parse it, or it states several frictions.
         ObjectError: It is no tree of one free base with hinges and slides.
     """
-    if not path.exists():
-        raise FileError(path, "no such object file; expected MJCF or URDF")
-    check_model_file(path)
+    file = read_model_file(path)
+    _free_base(file.spec)
+    m = file.compiled()
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except (ValueError, mujoco.FatalError) as error:
-        raise FileError(path, f"MuJoCo cannot parse it: {_first_line(error)}") from error
-    # arrays and text must agree to the last digit: read back what will be kept
-    _free_base(spec)
-    try:
-        _embed_meshes(spec, spec.compile())
-        spec.compile()
-        text = spec.to_xml()
+        found = friction_of(m, file.texts, friction, file=path.name)
+        if file.meshes:
+            text = to_mjcf(_outlined(_from_model(m, "", name=file.spec.modelname, friction=found.value)), ground=False)
+        else:
+            text = file.spec.to_xml()
+    except ObjectError as error:
+        raise FileError(path, str(error)) from error
     except UnicodeDecodeError as error:
         raise FileError(path, "holds letters that are not UTF-8, its own or an included file's") from error
-    except (ValueError, mujoco.FatalError) as error:
-        raise FileError(path, f"MuJoCo cannot compile it: {_first_line(error)}") from error
-    return object_from_mjcf(text)
+    # arrays and text must agree to the last digit: read back what will be kept
+    model = object_from_mjcf(text, friction=found.value)
+    found.say()
+    return model
 
 
 def object_from_mjcf(text: str, **stated: Any) -> ObjectModel:
@@ -84,21 +90,33 @@ def object_from_mjcf(text: str, **stated: Any) -> ObjectModel:
         **stated: What the text cannot say, see `Stated`; `tags` as a sequence.
 
     Raises:
-        ObjectError: MuJoCo cannot parse the text, or it is no tree of one free base with hinges and slides.
+        ObjectError: MuJoCo cannot parse the text, it is no tree of one free base with hinges and slides, or it states
+            several frictions and none is given.
     """
     try:
         spec = mujoco.MjSpec.from_string(text)
     except (ValueError, mujoco.FatalError) as error:
-        raise ObjectError(f"MuJoCo cannot parse the object's MJCF: {_first_line(error)}") from error
-    return _from_spec(spec, text, **stated)
+        raise ObjectError(f"MuJoCo cannot parse the object's MJCF: {first_line(error)}") from error
+    _free_base(spec)
+    try:
+        m = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ObjectError(f"MuJoCo cannot compile the object: {first_line(error)}") from error
+    name = stated.pop("name", None) or spec.modelname
+    if stated.get("friction") is not None:
+        return _from_model(m, text, name=name, **stated)
+    found = friction_of(m, [text], None, file=f"the MJCF of '{name}'")
+    model = _from_model(m, text, **{**stated, "name": name, "friction": found.value})
+    found.say()
+    return model
 
 
-def _from_spec(
-    spec: mujoco.MjSpec,
+def _from_model(
+    m: mujoco.MjModel,
     text: str,
     *,
-    name: str | None = None,
-    friction: float = 0.18,
+    name: str,
+    friction: float,
     restitution: float = 0.0,
     compliance: float = 0.0,
     relaxation: float = 0.0,
@@ -106,12 +124,6 @@ def _from_spec(
     width: float | None = None,
     tags: Sequence[Tag] = (),
 ) -> ObjectModel:
-    _free_base(spec)
-    try:
-        m = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise ObjectError(f"MuJoCo cannot compile the object: {_first_line(error)}") from error
-
     n = m.nbody - 1
     joint_type = np.zeros(n, dtype=np.int64)
     joint_pos, joint_axis = np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1))
@@ -140,7 +152,7 @@ def _from_spec(
     if not len(corner_body):
         raise ObjectError("the object has no box, mesh or round geom that could touch the ground")
     model = ObjectModel(
-        name=name or spec.modelname,
+        name=name,
         body_names=tuple(m.body(b + 1).name or f"body_{b}" for b in range(n)),
         parent=np.asarray(m.body_parentid[1:], dtype=np.int64) - 1,
         joint_type=joint_type,
@@ -206,27 +218,13 @@ def _free_base(spec: mujoco.MjSpec) -> None:
         roots[0].add_freejoint()
 
 
-def _embed_meshes(spec: mujoco.MjSpec, m: mujoco.MjModel) -> None:
-    """Put the hulls of mesh files into the model's own text, which a dataset carries without them.
-
-    The bodies' inertia, which MuJoCo may have taken from those files, is stated then.
-    """
-    from_files = [mesh for mesh in spec.meshes if mesh.file]
-    if not from_files:
-        return
-    for body in spec.bodies[1:]:
-        b = m.body(body.name).id if body.name else body.id
-        body.explicitinertial = True
-        body.mass, body.ipos, body.iquat = float(m.body_mass[b]), m.body_ipos[b], m.body_iquat[b]
-        body.inertia, body.fullinertia = m.body_inertia[b], np.full(6, np.nan)  # of the two, one may be said
-    for mesh in from_files:
-        at = mesh.id
-        # MuJoCo's copy is centred and turned to its principal axes
-        vertices = _hull(m, at) @ quat_to_matrix(m.mesh_quat[at]).T + m.mesh_pos[at]
-        mesh.file, mesh.scale = "", [1, 1, 1]
-        mesh.refpos, mesh.refquat = [0, 0, 0], [1, 0, 0, 0]
-        mesh.uservert = vertices.ravel()
-        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+def _outlined(model: ObjectModel) -> ObjectModel:
+    """The object whose corners are the outline of each body; as it is where it has round parts."""
+    if model.roundness is not None:
+        return model
+    of = [outline(model.corner_pos[model.corner_body == b]) for b in sorted(set(model.corner_body.tolist()))]
+    bodies = np.repeat(np.unique(model.corner_body), [len(points) for points in of])
+    return model.with_changes(corner_body=bodies, corner_pos=np.concatenate(of))
 
 
 def _hull(m: mujoco.MjModel, mesh: int) -> Array:
@@ -235,16 +233,12 @@ def _hull(m: mujoco.MjModel, mesh: int) -> Array:
     Raises:
         ObjectError: the mesh spans no volume.
     """
-    from scipy.spatial import ConvexHull, QhullError
-
     first, count = int(m.mesh_vertadr[mesh]), int(m.mesh_vertnum[mesh])
     vertices = np.asarray(m.mesh_vert[first : first + count], dtype=float)
     try:
-        return vertices[ConvexHull(vertices).vertices]
-    except QhullError as error:
-        raise ObjectError(
-            f"mesh '{m.mesh(mesh).name}' has no convex hull: its {count} vertices span no volume"
-        ) from error
+        return hull_vertices(vertices)
+    except ObjectError as error:
+        raise ObjectError(f"mesh '{m.mesh(mesh).name}' has no convex hull: {error}") from error
 
 
 def _corners(m: mujoco.MjModel) -> tuple[NDArray[np.int64], Array, Roundness | None]:
@@ -334,7 +328,7 @@ def to_mjcf(
             pos=model.body_pos[b] if b else [0, 0, 0],
             quat=model.body_quat[b] if b else [1, 0, 0, 0],
         )
-        I = model.inertia[b]
+        I = _rounds(model.inertia[b])
         body.explicitinertial = True
         body.mass, body.ipos = float(model.mass[b]), model.com[b]
         body.fullinertia = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
@@ -362,5 +356,10 @@ def to_mjcf(
     return spec.to_xml()
 
 
-def _first_line(error: BaseException) -> str:
-    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+def _rounds(inertia: Array) -> Array:
+    """Inertia (3, 3) that stays possible in the six digits that MuJoCo writes: that of a sheet is at the limit."""
+    values, axes = np.linalg.eigh(inertia)
+    lack = max(0.0, (1 + 2e-5) * values[2] - values[0] - values[1])
+    values[:2] += lack / 2
+    out: Array = inertia if lack == 0.0 else (axes * values) @ axes.T
+    return out

@@ -14,6 +14,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath, PureWindowsPath
+from urllib.parse import unquote
 from xml.parsers import expat
 
 from tossid import budget
@@ -26,8 +27,8 @@ _CODE = frozenset({"plugin", "extension"})
 _COPIES = frozenset({"attach", "composite", "flexcomp"})
 """Elements that add many others, by rules that only MuJoCo knows; no rigid object needs one."""
 _FOLDERS = frozenset({"meshdir", "texturedir", "assetdir"})
-_PACKAGE = "package://"
-"""How URDF names files of ROS packages; MuJoCo takes it away."""
+_PACKAGE, _FILE = re.compile("(?:package|model)://([^/]+)/(.+)"), re.compile("file:/(?:/[^/]*)?(/.+)")
+"""How URDF names a file of a package of ROS (or a model of Gazebo), and a file by its address."""
 _UNITS = {"k": 2**10, "m": 2**20, "g": 2**30, "t": 2**40, "p": 2**50, "e": 2**60}
 _MEMORY = 1 << 28
 """Bytes that `<size memory>` may ask for."""
@@ -108,7 +109,7 @@ def inside(folder: Path, name: str) -> Path:
     return path
 
 
-def check_model_file(path: Path, *, own_folder: Path | None = None) -> None:
+def check_model_file(path: Path, *, own_folder: Path | None = None) -> list[str]:
     """Refuse a model's file that asks for too much, or names files that it may not.
 
     Args:
@@ -116,12 +117,16 @@ def check_model_file(path: Path, *, own_folder: Path | None = None) -> None:
         own_folder: The folder that its files must lie in, of a model from outside; None for a user's own model, whose
             files may lie anywhere.
 
+    Returns:
+        Its text, and the texts of the models that it includes.
+
     Raises:
         FileError: It does, or it is no regular file, or cannot be read.
     """
     folders: set[str] = {""}
     waiting, seen, elements = [path], set[Path](), 0.0
     data: list[tuple[Path, str]] = []
+    texts: list[str] = []
     while waiting:
         file = waiting.pop()
         real = Path(os.path.realpath(file))
@@ -130,7 +135,8 @@ def check_model_file(path: Path, *, own_folder: Path | None = None) -> None:
         seen.add(real)
         budget.check_claim(file, "bytes of a model", budget.regular_size(file), budget.limits().model_text)
         try:
-            asked = _asked(file.read_text(encoding="utf-8"), outside=own_folder is not None)
+            texts.append(file.read_text(encoding="utf-8"))
+            asked = _asked(texts[-1], outside=own_folder is not None)
             elements += asked.elements
             folders |= asked.folders
             budget.check_claim(path, "elements", elements, budget.limits().elements)
@@ -148,15 +154,15 @@ def check_model_file(path: Path, *, own_folder: Path | None = None) -> None:
     try:
         for parent, name in data:
             for found in _existing(name, folders, {path.parent, parent}, own_folder):
-                _check_data(found)
+                check_data(found)
     except ObjectError as error:
         raise FileError(path, str(error)) from error
+    return texts
 
 
 def _existing(name: str, folders: set[str], parents: set[Path], own_folder: Path | None) -> list[Path]:
     """The files that a name may mean to MuJoCo, of those that are there."""
-    bare = name.removeprefix(_PACKAGE)
-    names = {str(PurePosixPath(folder) / spelled) for folder in folders for spelled in (bare, PurePosixPath(bare).name)}
+    names = {str(PurePosixPath(folder) / spelled) for folder in folders for spelled in (name, PurePosixPath(name).name)}
     found = []
     for parent in sorted(parents):
         for each in sorted(names):
@@ -170,8 +176,62 @@ def _existing(name: str, folders: set[str], parents: set[Path], own_folder: Path
     return found
 
 
-def _check_data(path: Path) -> None:
-    """Refuse a mesh or texture that is no regular file, or too large."""
+def located(model: Path, name: str, folder: str = "", *, bare: bool = False) -> Path:
+    """The file that a user's model means by a name.
+
+    A file of a package is sought in the package's folder: one of that name among the folders that the model lies in, or
+    in one of these. A folder with a package.xml of that name is the package's, whatever it is called.
+
+    Args:
+        model: The model's file.
+        name: A path, or `package://PACKAGE/PATH`, `model://MODEL/PATH` or `file:///PATH`.
+        folder: Where the model says that its meshes lie.
+        bare: Whether it says that folders in names do not count.
+
+    Returns:
+        The file's path, which may not exist where the name is a path.
+
+    Raises:
+        FileError: There is no such file in a package of that name.
+    """
+    spelled = name.replace("\\", "/")
+    if bare:
+        return model.parent / folder / PurePosixPath(spelled).name
+    if address := _FILE.fullmatch(name):
+        return Path(unquote(address[1]))
+    package = _PACKAGE.fullmatch(name)
+    if package is None:
+        return model.parent / folder / spelled
+    for above in model.absolute().parents:
+        itself = above.name == package[1] or _package_name(above) == package[1]
+        for each in (above, above / package[1]) if itself else (above / package[1],):
+            if (each / package[2]).is_file():
+                return each / package[2]
+    raise FileError(
+        model,
+        f"names {brief(name)}, and no folder '{brief(package[1])[1:-1]}' with that file is among the folders that it "
+        "lies in, or in one of them; put the package's folder there, or name the mesh by its path",
+    )
+
+
+def _package_name(folder: Path) -> str | None:
+    """The name that a folder's package.xml states; None without one."""
+    file = folder / "package.xml"
+    if not file.is_file() or budget.regular_size(file) > budget.limits().model_text:
+        return None
+    named = re.search(r"<name>\s*([^<]*?)\s*</name>", file.read_text(encoding="utf-8", errors="replace"))
+    return named[1] if named else None
+
+
+def check_data(path: Path) -> None:
+    """Refuse a mesh or texture that is no regular file, or too large.
+
+    Args:
+        path: The file.
+
+    Raises:
+        FileError: It is.
+    """
     budget.check_claim(path, "bytes of a mesh or texture", budget.regular_size(path), budget.limits().model_file)
     with path.open("rb") as file:
         head = file.read(24)

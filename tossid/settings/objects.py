@@ -28,8 +28,8 @@ class ObjectSettings(Checked):
     """what it is called"""
     path: Path
     """its MJCF or URDF file; a relative path is sought in the working folder, then beside tossid's own package"""
-    friction: Friction = 0.18
-    """Coulomb friction of object and ground"""
+    friction: Friction | None = None
+    """Coulomb friction of object and ground; null: as its file states it, else a guess (0.18)"""
     restitution: Restitution = 0.0
     """Newton's restitution, 0 for none"""
     width: Length | None = None
@@ -151,7 +151,9 @@ class UnknownObjectSettings(Checked):
 _LIBRARY = Path("tossid/objects/library")
 
 PRESETS = {
-    "cube": ObjectSettings("cube", _LIBRARY / "cube.xml", width=0.1048, tags=_LIBRARY / "cube_tags.yaml"),
+    "cube": ObjectSettings(
+        "cube", _LIBRARY / "cube.xml", friction=0.18, width=0.1048, tags=_LIBRARY / "cube_tags.yaml"
+    ),
     "elbow": ObjectSettings(
         "elbow", _LIBRARY / "elbow.xml", friction=0.3, width=0.1, tags=_LIBRARY / "elbow_tags.yaml"
     ),

@@ -25,7 +25,7 @@ def text_of_model(model: ObjectModel) -> str:
         if not text or not stands_alone(text):
             continue
         try:
-            again = object_from_mjcf(text, width=model.width)
+            again = object_from_mjcf(text, friction=model.friction, width=model.width)
         except ObjectError:
             continue
         if _same(model, again):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import subprocess
 import sys
@@ -67,3 +68,21 @@ sys.exit(app.run(["info", "a.h5"]))
     assert "interrupted" in one_line(done.stderr)
     assert (project / "a.h5").read_text() == "old"
     assert [path.name for path in project.iterdir()] == ["a.h5"]
+
+
+def test_what_the_library_logs_is_said_once(command: SimpleNamespace, capfd: pytest.CaptureFixture[str]) -> None:
+    def logs(path: Any, console: Console) -> dict[str, Any]:
+        for _ in range(2):
+            logging.getLogger("tossid.objects").info("thing.xml states friction 0.9")
+            logging.getLogger("tossid.objects").warning("0.18 is a guess")
+        logging.getLogger("elsewhere").warning("not ours")
+        return {}
+
+    command.does = logs
+    assert app.run(["info", "x"]) == 0
+    said = capfd.readouterr().err
+    assert (said.count("thing.xml states"), said.count("warning: 0.18 is"), said.count("0.18 is")) == (1, 1, 1)
+    assert app.run(["info", "x", "--quiet"]) == 0
+    said = capfd.readouterr().err
+    assert (said.count("thing.xml states"), said.count("0.18 is")) == (0, 1)
+    assert not logging.getLogger("tossid").handlers

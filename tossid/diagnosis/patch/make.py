@@ -16,6 +16,7 @@ import numpy as np
 from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.errors import ObjectError
 from tossid.objects import to_mjcf
+from tossid.objects.files.model_file import first_line, read_model_file
 from tossid.physics.effects import World
 from tossid.physics.effects.contact_in_mjcf import write_compliance, write_rigid_contact
 from tossid.physics.effects.mjcf_edit import Change, Edit
@@ -123,14 +124,15 @@ def read_spec(source: str | Path) -> mujoco.MjSpec:
         The model.
 
     Raises:
-        ObjectError: MuJoCo cannot read it.
+        FileError: The file is missing, or MuJoCo cannot read it or crashes while it compiles it.
+        ObjectError: MuJoCo cannot read the text.
     """
+    if isinstance(source, Path):
+        return read_model_file(source).spec
     try:
-        if isinstance(source, Path):
-            return mujoco.MjSpec.from_file(str(source))
         return mujoco.MjSpec.from_string(source)
     except (ValueError, mujoco.FatalError) as error:
-        raise ObjectError(f"MuJoCo cannot read the model: {str(error).splitlines()[0]}") from error
+        raise ObjectError(f"MuJoCo cannot read the model: {first_line(error)}") from error
 
 
 def _keys(before: World, after: World) -> dict[str, dict[str, Any]]:

@@ -1,0 +1,192 @@
+"""People's meshes load, touch the ground where their files say, and take no command along when MuJoCo crashes."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from tests.objects.meshes import KINDS, MJCF, divided_box, obj, scan, stl_in_words, urdf
+from tossid.errors import FileError
+from tossid.objects import load_object
+from tossid.objects.files import model_file
+from tossid.objects.roundness import directions
+from tossid.rotations import quat_to_matrix
+from tossid.store import open_dataset, write_dataset
+
+WAYS = directions(500)
+
+
+@pytest.fixture
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spare the process of its own, where what is read is known."""
+    monkeypatch.setattr(model_file, "_try", lambda *_: None)
+
+
+def reach(points: Any) -> Any:
+    """How far points reach in many directions [m]."""
+    return (np.asarray(points) @ WAYS.T).max(axis=0)
+
+
+def compiled(path: Path) -> mujoco.MjModel:
+    """A model as MuJoCo alone has it."""
+    spec = mujoco.MjSpec.from_file(str(path))
+    spec.worldbody.bodies[0].add_freejoint() if not list(spec.worldbody.bodies[0].joints) else None
+    return spec.compile()
+
+
+@pytest.mark.usefixtures("at_once")
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_mesh_touches_the_ground_where_its_file_says(kind: str, tmp_path: Path) -> None:
+    path, vertices = KINDS[kind](tmp_path)
+    model = load_object(path, friction=0.3)
+    size = np.ptp(vertices, axis=0).max()
+    np.testing.assert_allclose(reach(model.corner_pos), reach(vertices), atol=2e-6 * size)
+    if "box" in kind:
+        assert model.n_corners == 8
+    np.testing.assert_allclose(model.com, [[0.001, 0, 0]])
+    np.testing.assert_allclose(model.inertia, [0.00081 * np.eye(3)])
+
+
+FRAMES = {
+    "scale": ('<mesh name="m" file="scan.obj" scale="2 1 0.5"/>', '<geom type="mesh" mesh="m" mass="0.2"/>'),
+    "mirrored": ('<mesh name="m" file="scan.obj" scale="1 -1 1"/>', '<geom type="mesh" mesh="m" mass="0.2"/>'),
+    "reference frame": (
+        '<mesh name="m" file="scan.obj" refpos="0.1 0.2 -0.3" refquat="0.6 0.8 0 0"/>',
+        '<geom type="mesh" mesh="m" mass="0.2"/>',
+    ),
+    "geom's frame": (
+        '<mesh name="m" file="scan.obj" inertia="exact"/>',
+        '<geom type="mesh" mesh="m" density="700" pos="0.3 0 0.1" euler="20 30 40"/>',
+    ),
+    "two geoms, one only seen": (
+        '<mesh name="m" file="scan.obj" inertia="convex"/><mesh name="n" file="scan.obj" scale="3 3 3"/>',
+        '<geom type="mesh" mesh="m" mass="0.2"/><geom type="mesh" mesh="n" contype="0" conaffinity="0" mass="0.1"/>',
+    ),
+    "a box that is fitted to a mesh": (
+        '<mesh name="m" file="scan.obj"/>',
+        '<geom type="box" mesh="m" mass="0.2"/><geom type="box" size="0.01 0.01 0.09" mass="0.1"/>',
+    ),
+}
+
+
+@pytest.mark.usefixtures("at_once")
+@pytest.mark.parametrize("name", FRAMES)
+def test_position_and_inertia_are_those_of_the_file(name: str, tmp_path: Path) -> None:
+    (tmp_path / "scan.obj").write_text(obj(scan(21), normals=5))
+    path = tmp_path / "thing.xml"
+    assets, geoms = FRAMES[name]
+    path.write_text(MJCF.format(assets=assets, geoms=geoms))
+    m, model = compiled(path), load_object(path, friction=0.3)
+    R = quat_to_matrix(m.body_iquat[1])
+    inertia = R @ np.diag(m.body_inertia[1]) @ R.T
+    np.testing.assert_allclose(model.mass, m.body_mass[1:], rtol=1e-5)
+    np.testing.assert_allclose(model.com, m.body_ipos[1:], atol=1e-6)
+    np.testing.assert_allclose(model.inertia[0], inertia, atol=2e-5 * inertia.max())
+    corners = []
+    for geom in range(1, m.ngeom):
+        if m.geom_contype[geom]:
+            local = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * m.geom_size[geom]
+            if m.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+                mesh = m.mesh(int(m.geom_dataid[geom])).id
+                first = m.mesh_vertadr[mesh]
+                local = m.mesh_vert[first : first + m.mesh_vertnum[mesh]]
+            corners.append(local @ quat_to_matrix(m.geom_quat[geom]).T + m.geom_pos[geom])
+    np.testing.assert_allclose(reach(model.corner_pos), reach(np.concatenate(corners)), atol=1e-6)
+
+
+@pytest.mark.usefixtures("at_once")
+def test_a_thin_sheet_loads(tmp_path: Path) -> None:
+    (tmp_path / "sheet.obj").write_text(obj(divided_box((0.1, 0.06, 0.0001))))
+    path = tmp_path / "thing.xml"
+    path.write_text(
+        MJCF.format(assets='<mesh name="m" file="sheet.obj"/>', geoms='<geom type="mesh" mesh="m" mass="0.01"/>')
+    )
+    model = load_object(path, friction=0.3)
+    np.testing.assert_allclose(np.ptp(model.corner_pos, axis=0), [0.1, 0.06, 0.0001], atol=1e-8)
+    expected = 0.01 / 12 * np.array([0.06**2, 0.1**2, 0.1**2 + 0.06**2])
+    np.testing.assert_allclose(np.diag(model.inertia[0]), expected, rtol=1e-4)
+
+
+@pytest.mark.usefixtures("at_once")
+def test_a_dataset_carries_a_scan_without_its_files(tmp_path: Path) -> None:
+    from tests.store.makers import make_dataset
+
+    path, _ = KINDS["scan, normals and texture"](tmp_path)
+    model = load_object(path, friction=0.3)
+    write_dataset(make_dataset(model, tosses=1), tmp_path / "tosses.h5")
+    for file in (path, tmp_path / "scan.obj"):
+        file.unlink()
+    with open_dataset(tmp_path / "tosses.h5") as dataset:
+        np.testing.assert_allclose(reach(dataset.object.corner_pos), reach(model.corner_pos), atol=1e-7)
+
+
+def test_a_crash_of_the_compiler_is_one_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(model_file, "_TRIAL", "import os; os.kill(os.getpid(), 11)")
+    path, _ = KINDS["decomposed"](tmp_path)
+    with pytest.raises(FileError, match=r"thing\.urdf: crashes MuJoCo.*SIGSEGV.*part_0\.obj, part_1\.obj"):
+        load_object(path)
+    plain = tmp_path / "plain.xml"
+    plain.write_text(MJCF.format(assets="", geoms='<geom type="box" size="1 1 1"/>'))
+    load_object(plain, friction=0.3)  # no mesh file, no process
+
+
+def test_each_version_of_a_mesh_is_tried_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried, run = list[Any](), subprocess.run
+
+    def counted(*args: Any, **how: Any) -> Any:
+        tried.append(args)
+        return run(*args, **how)
+
+    monkeypatch.setattr(subprocess, "run", counted)
+    path, _ = KINDS["divided box"](tmp_path)
+    load_object(path, friction=0.3)
+    load_object(path, friction=0.3)
+    assert len(tried) == 1
+    (tmp_path / "box.obj").write_text(obj(divided_box((0.2, 0.1, 0.1))))
+    assert load_object(path, friction=0.3).width == pytest.approx(0.2)
+    assert len(tried) == 2
+
+
+PACKAGES = {
+    "beside the file's folder": ("thing/urdf", "thing/meshes/box.stl", None),
+    "beside the file": ("src", "src/thing/meshes/box.stl", None),
+    "a neighbour of a folder above": ("robots/all/urdf", "robots/thing/meshes/box.stl", None),
+    "under another name": ("thing-main/urdf", "thing-main/meshes/box.stl", "thing-main/package.xml"),
+}
+
+
+@pytest.mark.usefixtures("at_once")
+@pytest.mark.parametrize("where", PACKAGES)
+@pytest.mark.parametrize("scheme", ["package", "model"])
+def test_a_package_is_found_beside_the_file(where: str, scheme: str, tmp_path: Path) -> None:
+    folder, mesh, manifest = PACKAGES[where]
+    for each in (tmp_path / folder, (tmp_path / mesh).parent):
+        each.mkdir(parents=True, exist_ok=True)
+    (tmp_path / mesh).write_text(stl_in_words(divided_box()))
+    if manifest is not None:
+        (tmp_path / manifest).write_text("<package><name>thing</name></package>")
+    model = load_object(urdf(tmp_path / folder, f"{scheme}://thing/meshes/box.stl"), friction=0.3)
+    np.testing.assert_allclose(np.ptp(model.corner_pos, axis=0), [0.1, 0.06, 0.08], atol=1e-7)
+
+
+@pytest.mark.usefixtures("at_once")
+def test_an_address_of_a_file_and_names_without_folders_are_read(tmp_path: Path) -> None:
+    (tmp_path / "a b.obj").write_text(obj(divided_box()))
+    assert load_object(urdf(tmp_path, f"file://{tmp_path}/a%20b.obj"), friction=0.3).n_corners == 8
+    (tmp_path / "box.obj").write_text(obj(divided_box()))
+    path = urdf(tmp_path, "package://elsewhere/box.obj")
+    bare = '<robot name="thing"><mujoco><compiler strippath="true"/></mujoco>'
+    path.write_text(path.read_text().replace('<robot name="thing">', bare))
+    assert load_object(path, friction=0.3).n_corners == 8
+
+
+def test_a_package_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"thing\.urdf: names 'package://arm/box\.stl', and no folder 'arm' with that"):
+        load_object(urdf(tmp_path, "package://arm/box.stl"))
+    with pytest.raises(FileError, match=r"thing\.urdf: MuJoCo cannot compile it.*'.*box\.stl'"):
+        load_object(urdf(tmp_path, "box.stl"))

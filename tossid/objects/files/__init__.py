@@ -1,0 +1,1 @@
+"""What an object's file names, states and holds."""
