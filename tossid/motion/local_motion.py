@@ -46,6 +46,7 @@ class LocalMotion:
 
     Attributes:
         model: The object.
+        track: As recorded.
         t: Times [s], (n,).
         q: Configurations, (n, nq).
         com: The centre of mass [m], (n, 3).
@@ -82,7 +83,7 @@ class LocalMotion:
         """
         t, q, q_cov = track.t, track.q, track.q_cov
         com = center_of_mass(model, q)
-        self.model, self.t, self.com, self.q = model, t, com, q
+        self.model, self.track, self.t, self.com, self.q = model, track, t, com, q
         self.low = corner_heights(model, q).min(axis=1)
         self.dt, self.gravity, self.gyration2, self.settings = dt, gravity, gyration2, settings
         # the track's own noise, and at least that of its third differences

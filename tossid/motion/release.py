@@ -1,0 +1,201 @@
+"""The first frame by which the object has been let go: a change point between a hand and free flight.
+
+Flight is read backwards in time, from its end. Its centre of mass falls, and the attitude turns as Euler's equations
+have it; both up to a constant acceleration that is not known well (another gravity, a wrong inertia) and one that
+drifts slowly (drag). A hand accelerates the object as it likes. Each coordinate x is a Kalman filter's with the state
+(x, x', x'') and white jerk: of small densities in flight, of a large one in a hand, where x'' jumps besides. For every
+frame r, the evidence of "in flight from r on, in a hand before" follows from the innovations and their covariances.
+With as much belief beforehand in "in flight from the first frame on" as in all the others together, Bayes' rule gives
+the probability of each; the release is the first frame by which the object has been let go with `LEVEL`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.objects import GRAVITY, ObjectModel
+from tossid.motion.stability import center_of_mass
+from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_rotate, quat_to_matrix
+from tossid.types import PoseTrack
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.95
+"""Probability with which the object has been let go by the first frame of flight."""
+FEWEST_FRAMES = 6
+"""Frames of flight below which no release is looked for."""
+MOST_FRAMES = 256
+"""Frames that are looked at together; of longer flights every second, third ... first, then those near the release."""
+OTHER = 2.0
+"""Standard deviation of a constant acceleration in flight beside gravity's [m/s²], turns times the radius of gyration."""
+DRIFTS = (1e-2, 1.0, 1e2)
+"""Densities of the jerk in flight [m²/s⁵], equally likely: accelerations drift by 0.03, 0.3 and 3 m/s² in 0.1 s."""
+SPEED = 30.0
+"""Standard deviation of the speed, of which nothing is known [m/s]."""
+HAND = 10.0
+"""Standard deviation of a hand's acceleration where it lets go [m/s²]."""
+HAND_JERK = 5e3
+"""Density of its jerk [m²/s⁵]: 22 m/s² in 0.1 s."""
+STEPS = 8
+"""Frames after which nothing of a flight is left in the filter of a hand."""
+WRONG, WRONG_SIZE = 1e-3, 5e-3
+"""Share of coordinates that are wrong altogether, and by how much [m]."""
+BEFORE = 4.0
+"""Poses to which the stated covariance counts as much as the scatter that is seen."""
+LEAST_NOISE = 1e-6
+"""No pose is more certain [m]."""
+
+
+def release_frame(track: PoseTrack, model: ObjectModel, *, gravity: float = GRAVITY) -> int:
+    """The first frame of free flight in a track that ends in flight; 0 where no flight explains its end.
+
+    Args:
+        track: Poses up to where something may touch the object.
+        model: The object; the attitude counts where it is one rigid body whose inertia is stated.
+        gravity: [m/s²].
+    """
+    first, n = 0, len(track.t)
+    stride = -(-n // MOST_FRAMES)
+    if stride > 1:
+        coarse = (n - 1) % stride
+        first = coarse + stride * _release(track.frames(slice(coarse, None, stride)), model, gravity)
+        first = max(first - 2 * stride, 0)
+        track = track.frames(slice(first, first + MOST_FRAMES))
+    return first + _release(track, model, gravity)
+
+
+def _release(track: PoseTrack, model: ObjectModel, gravity: float) -> int:
+    n = len(track.t)
+    if n <= FEWEST_FRAMES:
+        return 0
+    t, y, var = _coordinates(track, model, gravity)
+    log = _evidence(t, y[:3], var[:3])
+    if len(y) > 3:  # a hand may move it, turn it, or both
+        turned = _evidence(t, y[3:], var[3:])
+        log = np.logaddexp(np.logaddexp(log, log[0]) + turned, log + turned[0]) - np.log(3)
+    log[1:] -= np.log(len(log) - 1)
+    if int(np.argmax(log)) == len(log) - 1:
+        return 0
+    p = np.exp(log - np.logaddexp.reduce(log))
+    return 0 if p[0] > 0.5 else int(np.searchsorted(np.cumsum(p), LEVEL))
+
+
+def _coordinates(track: PoseTrack, model: ObjectModel, gravity: float) -> tuple[Array, Array, Array]:
+    """Times before the last frame (n,), coordinates that flight keeps on lines, and their variances (3 or 6, n) [m]."""
+    s = track.t[-1] - track.t
+    com = center_of_mass(model, track.q)
+    com[:, 2] += 0.5 * gravity * s**2
+    y, stated = [com], [np.zeros((len(s), 3)) if track.q_cov is None else _diagonal(track.q_cov)[:, :3]]
+    if model.is_stated and not model.n_joints:
+        arm = float(np.sqrt(np.trace(model.inertia[0]) / 3 / model.mass[0]))
+        y.append(arm * _turned(track.t, track.q[:, 3:7], model.inertia[0]))
+        own = np.zeros(len(s)) if track.q_cov is None else _diagonal(track.q_cov)[:, 3:6].mean(axis=1)
+        stated.append(np.repeat(arm**2 * own[:, None], 3, axis=1))
+    x, var = np.concatenate(y, axis=1).T, np.concatenate(stated, axis=1).T
+    seen = _scatter(s, x)
+    if track.q_cov is None:
+        var = np.repeat(seen[:, None], len(s), axis=1)
+    else:
+        ratio = seen / np.median(var, axis=1)
+        var = var * ((BEFORE + len(s) * ratio) / (BEFORE + len(s)))[:, None]
+    return s, x, np.maximum(var, LEAST_NOISE**2)
+
+
+def _diagonal(cov: Array) -> Array:
+    return np.diagonal(cov, axis1=1, axis2=2)
+
+
+def _scatter(s: Array, x: Array) -> Array:
+    """Robust variance (k,) of coordinates (k, n): of what no parabola through four frames in a row explains."""
+    four = np.arange(len(s) - 3)[:, None] + np.arange(4)
+    gaps = s[four][:, :, None] - s[four][:, None, :] + np.eye(4)
+    contrast = 1 / gaps.prod(axis=2)
+    contrast /= np.linalg.norm(contrast, axis=1, keepdims=True)
+    return np.asarray((1.4826 * np.median(np.abs((x[:, four] * contrast).sum(axis=2)), axis=1)) ** 2)
+
+
+def _turned(t: Array, quat: Array, inertia: Array) -> Array:
+    """(n, 3) rotation vectors from a free body's attitudes to those recorded, in the world's axes.
+
+    The world's angular momentum L is constant, and the measured attitude says how R I^-1 R^T L turns the body.
+    """
+    R = quat_to_matrix(quat)
+    inverse = R @ np.linalg.inv(inertia) @ R.swapaxes(-1, -2)
+    per_momentum = np.diff(t)[:, None, None] * 0.5 * (inverse[1:] + inverse[:-1])
+    turns = quat_rotate(quat[:-1], quat_boxminus(quat[1:], quat[:-1]))
+    late = slice(len(t) // 2, None)
+    L = np.linalg.lstsq(per_momentum[late].reshape(-1, 3), turns[late].reshape(-1), rcond=None)[0]
+    steps = quat_exp(-per_momentum @ L)
+    free = np.empty_like(quat)
+    free[-1] = quat[-1]
+    for k in range(len(t) - 2, -1, -1):
+        free[k] = quat_mul(steps[k], free[k + 1])
+    return np.asarray(quat_rotate(free, quat_boxminus(quat, free)))
+
+
+class _Filter(NamedTuple):
+    """Means (..., 3) and covariances (..., 3, 3) of a coordinate, its speed and its acceleration."""
+
+    mean: Array
+    cov: Array
+
+    def after(self, h: Array, density: Array | float, jump: float = 0.0) -> _Filter:
+        """Some time later, with white jerk of a density and a jump of the acceleration at the beginning."""
+        one, zero, h = np.ones_like(h), np.zeros_like(h), np.asarray(h)
+        F = np.stack([one, h, h**2 / 2, zero, one, h, zero, zero, one], axis=-1).reshape(*h.shape, 3, 3)
+        at = np.stack([h**5 / 20, h**4 / 8, h**3 / 6, h**4 / 8, h**3 / 3, h**2 / 2, h**3 / 6, h**2 / 2, h], axis=-1)
+        cov = self.cov.copy()
+        cov[..., 2, 2] += jump**2
+        Q = np.asarray(density)[..., None, None] * at.reshape(*h.shape, 3, 3)
+        return _Filter((F @ self.mean[..., None])[..., 0], F @ cov @ F.swapaxes(-1, -2) + Q)
+
+    def given(self, y: Array, var: Array) -> tuple[_Filter, Array]:
+        """With a measurement, and the logarithm of its density; a wrong one counts little."""
+        e, V = y - self.mean[..., 0], self.cov[..., 0, 0] + var
+        wide = V + WRONG_SIZE**2
+        right = np.log(1 - WRONG) - 0.5 * (e**2 / V + np.log(V))
+        log = np.logaddexp(right, np.log(WRONG) - 0.5 * (e**2 / wide + np.log(wide)))
+        K = np.exp(right - log)[..., None] * self.cov[..., 0] / V[..., None]
+        return _Filter(self.mean + K * e[..., None], self.cov - K[..., None] * self.cov[..., :1, :]), log
+
+
+def _evidence(t: Array, y: Array, var: Array) -> Array:
+    """Logarithms of the evidence (n - FEWEST_FRAMES + 1,) that flight begins at each frame.
+
+    Args:
+        t: (n,) times before the end [s], falling.
+        y: (k, n) coordinates.
+        var: (k, n) their variances.
+    """
+    n, drift = len(t), np.array(DRIFTS)[:, None]
+    shape = (len(DRIFTS), len(y))
+    start = _Filter(np.zeros((*shape, 3)), np.broadcast_to(np.diag([0.0, SPEED**2, OTHER**2]), (*shape, 3, 3)).copy())
+    start.mean[..., 0], start.cov[..., 0, 0] = y[:, -1], var[:, -1]
+    flights, free = [start], np.zeros((n, *shape))
+    hand, held = start, np.zeros((n, *shape))
+    flight = start
+    for k in range(n - 2, -1, -1):
+        h = np.asarray(t[k] - t[k + 1])
+        flight, free[k] = flight.after(h, drift).given(y[:, k], var[:, k])
+        hand, held[k] = hand.after(h, HAND_JERK).given(y[:, k], var[:, k])
+        flights.append(flight)
+    # of flight from each frame r on, and of a hand before
+    r = np.arange(n - FEWEST_FRAMES + 1)
+    after = _Filter(*(np.stack(part[::-1])[r] for part in zip(*flights, strict=True)))
+    log = np.cumsum(free[::-1], axis=0)[::-1][r]
+    for step in range(1, STEPS + 1):
+        own = r >= step
+        at = r[own] - step
+        now = _Filter(after.mean[own], after.cov[own])
+        h = (t[at] - t[at + 1])[:, None, None]
+        now, density = now.after(h, HAND_JERK, HAND if step == 1 else 0.0).given(y[:, at].T[:, None], var[:, at].T[:, None])
+        after.mean[own], after.cov[own] = now
+        log[own] += density
+    earlier = np.concatenate([np.zeros((1, *shape)), np.cumsum(held, axis=0)])
+    log += earlier[np.maximum(r - STEPS, 0)]
+    log = log.sum(axis=-1)
+    top = log.max(axis=-1)
+    return np.asarray(top + np.log(np.exp(log - top[:, None]).mean(axis=-1)))
