@@ -11,13 +11,18 @@ the probability of each; the release is the first frame by which the object has 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.objects import GRAVITY, ObjectModel
+from tossid.motion.contact import Touch, may_touch
+from tossid.motion.noise import pose_noise
 from tossid.motion.stability import center_of_mass
+from tossid.objects import GRAVITY, ObjectModel
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_rotate, quat_to_matrix
 from tossid.types import PoseTrack
 
@@ -30,7 +35,7 @@ FEWEST_FRAMES = 6
 MOST_FRAMES = 256
 """Frames that are looked at together; of longer flights every second, third ... first, then those near the release."""
 OTHER = 2.0
-"""Standard deviation of a constant acceleration in flight beside gravity's [m/s²], turns times the radius of gyration."""
+"""Standard deviation of a constant acceleration in flight beside gravity's [m/s²]; turns count times a radius."""
 DRIFTS = (1e-2, 1.0, 1e2)
 """Densities of the jerk in flight [m²/s⁵], equally likely: accelerations drift by 0.03, 0.3 and 3 m/s² in 0.1 s."""
 SPEED = 30.0
@@ -41,12 +46,42 @@ HAND_JERK = 5e3
 """Density of its jerk [m²/s⁵]: 22 m/s² in 0.1 s."""
 STEPS = 8
 """Frames after which nothing of a flight is left in the filter of a hand."""
-WRONG, WRONG_SIZE = 1e-3, 5e-3
+LEAST_CHANGE = 2.5
+"""Change of the acceleration [m/s²] below which it is no hand, but the air, a tracker's slow errors, a centre of mass
+that is not quite where it is stated."""
+WRONG, WRONG_SIZE = 2e-4, 5e-3
 """Share of coordinates that are wrong altogether, and by how much [m]."""
-BEFORE = 4.0
-"""Poses to which the stated covariance counts as much as the scatter that is seen."""
-LEAST_NOISE = 1e-6
-"""No pose is more certain [m]."""
+BEFORE = 20.0
+"""Poses to whose scatter the stated covariance is worth as much: a tracker's own may be off by a factor."""
+LEAST_NOISE = 5e-5
+"""No pose is more certain [m]; errors of neighbouring frames are alike, which their scatter does not show."""
+
+
+def release_frames(
+    tracks: Sequence[PoseTrack], model: ObjectModel, *, gravity: float = GRAVITY, touch: Touch | None = None
+) -> NDArray[np.int64]:
+    """The first frame of free flight of each ready toss, (B,); 0 of those that begin on the ground.
+
+    Args:
+        tracks: Of one object, each from about its release on.
+        model: The object.
+        gravity: [m/s²].
+        touch: Where it may touch the ground, of an object without corners.
+    """
+    touch = partial(may_touch, model) if touch is None else touch
+    cov = None
+    if any(track.q_cov is None for track in tracks):
+        cov = pose_noise(tracks, model, touch=touch).q_cov
+    found = np.zeros(len(tracks), dtype=np.int64)
+    for i, track in enumerate(tracks):
+        last = int(np.argmax(np.append(touch(track.t, track.q), True)))
+        if last < FEWEST_FRAMES:
+            continue
+        flight = track.frames(slice(last + 1))
+        if flight.q_cov is None and cov is not None:
+            flight = replace(flight, q_cov=np.broadcast_to(cov, (len(flight.t), *cov.shape)).copy())
+        found[i] = release_frame(flight, model, gravity=gravity)
+    return found
 
 
 def release_frame(track: PoseTrack, model: ObjectModel, *, gravity: float = GRAVITY) -> int:
@@ -80,7 +115,10 @@ def _release(track: PoseTrack, model: ObjectModel, gravity: float) -> int:
     if int(np.argmax(log)) == len(log) - 1:
         return 0
     p = np.exp(log - np.logaddexp.reduce(log))
-    return 0 if p[0] > 0.5 else int(np.searchsorted(np.cumsum(p), LEVEL))
+    r = 0 if p[0] > 0.5 else int(np.searchsorted(np.cumsum(p), LEVEL))
+    near, u = slice(max(r - STEPS, 0), None), np.maximum(t - t[r], 0.0)
+    change = np.linalg.lstsq(np.stack([np.ones(n), t, 0.5 * u**2], axis=1)[near], y[:, near].T, rcond=None)[0][2]
+    return r if max(np.linalg.norm(change[:3]), np.linalg.norm(change[3:])) > LEAST_CHANGE else 0
 
 
 def _coordinates(track: PoseTrack, model: ObjectModel, gravity: float) -> tuple[Array, Array, Array]:
@@ -95,13 +133,10 @@ def _coordinates(track: PoseTrack, model: ObjectModel, gravity: float) -> tuple[
         own = np.zeros(len(s)) if track.q_cov is None else _diagonal(track.q_cov)[:, 3:6].mean(axis=1)
         stated.append(np.repeat(arm**2 * own[:, None], 3, axis=1))
     x, var = np.concatenate(y, axis=1).T, np.concatenate(stated, axis=1).T
-    seen = _scatter(s, x)
-    if track.q_cov is None:
-        var = np.repeat(seen[:, None], len(s), axis=1)
-    else:
-        ratio = seen / np.median(var, axis=1)
-        var = var * ((BEFORE + len(s) * ratio) / (BEFORE + len(s)))[:, None]
-    return s, x, np.maximum(var, LEAST_NOISE**2)
+    var = np.maximum(var, LEAST_NOISE**2)
+    trust = 0.0 if track.q_cov is None else BEFORE
+    ratio = (trust + len(s) * _scatter(s, x) / np.median(var, axis=1)) / (trust + len(s))
+    return s, x, np.maximum(ratio[:, None] * var, LEAST_NOISE**2)
 
 
 def _diagonal(cov: Array) -> Array:
@@ -191,7 +226,8 @@ def _evidence(t: Array, y: Array, var: Array) -> Array:
         at = r[own] - step
         now = _Filter(after.mean[own], after.cov[own])
         h = (t[at] - t[at + 1])[:, None, None]
-        now, density = now.after(h, HAND_JERK, HAND if step == 1 else 0.0).given(y[:, at].T[:, None], var[:, at].T[:, None])
+        now = now.after(h, HAND_JERK, HAND if step == 1 else 0.0)
+        now, density = now.given(y[:, at].T[:, None], var[:, at].T[:, None])
         after.mean[own], after.cov[own] = now
         log[own] += density
     earlier = np.concatenate([np.zeros((1, *shape)), np.cumsum(held, axis=0)])
