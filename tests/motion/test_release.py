@@ -181,10 +181,20 @@ def test_ready_tosses_that_begin_in_the_hand(cube: ObjectModel) -> None:
     assert (found[[1, 3, 5, 6]] == 0).all()
 
 
+def test_one_frame_in_the_hand_shows_where_all_tosses_have_it(cube: ObjectModel) -> None:
+    """It is off by 0.4 mm, and the noise of a pose is 0.09 mm: in a single toss that could be one wrong pose."""
+    rng, high = np.random.default_rng(8), np.array([0.0, 0.0, 0.6, 0, 0, 0, 0])
+    one = Throw(held=1 / 148.0, noise=(9e-5, 1.5e-3))
+    tracks = [replace(track, q=track.q + high) for track, _ in (one.made(rng) for _ in range(8))]
+    assert np.count_nonzero(release_frames(tracks, cube) == 1) >= 7
+    alone = [release_frame(track, cube) for track in tracks]
+    assert np.count_nonzero(alone) < 7
+
+
 def test_published_tosses_begin_in_flight(cube: ObjectModel, shared_data: Path) -> None:
     """Of the real cube's, hardly any has a hand in it."""
     tracks = read_contactnets(shared_data / "contactnets_cube")[::10]
-    assert np.count_nonzero(release_frames(tracks, cube)) <= 0.1 * len(tracks)
+    assert np.count_nonzero(release_frames(tracks, cube)) <= 0.02 * len(tracks)
 
 
 def test_a_dribbled_ball_keeps_its_flights(shared_data: Path) -> None:

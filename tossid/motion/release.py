@@ -6,7 +6,8 @@ drifts slowly (drag). A hand accelerates the object as it likes. Each coordinate
 (x, x', x'') and white jerk: of small densities in flight, of a large one in a hand, where x'' jumps besides. For every
 frame r, the evidence of "in flight from r on, in a hand before" follows from the innovations and their covariances.
 With as much belief beforehand in "in flight from the first frame on" as in all the others together, Bayes' rule gives
-the probability of each; the release is the first frame by which the object has been let go with `LEVEL`.
+the probability of each. Where it is `LEVEL` sure that there is a hand, the release is the first frame by which the
+object has been let go with the same probability.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ from tossid.types import PoseTrack
 Array = NDArray[np.float64]
 
 LEVEL = 0.95
-"""Probability with which the object has been let go by the first frame of flight."""
+"""Probability with which a hand is there, and with which it has let go by the first frame of flight."""
 FEWEST_FRAMES = 6
 """Frames of flight below which no release is looked for."""
-MOST_FRAMES = 256
-"""Frames that are looked at together; of longer flights every second, third ... first, then those near the release."""
+EXPECTATIONS = 10
+"""Steps in which the share of tosses that begin in a hand is estimated."""
 OTHER = 2.0
 """Standard deviation of a constant acceleration in flight beside gravity's [m/s²]; turns count times a radius."""
 DRIFTS = (1e-2, 1.0, 1e2)
@@ -62,6 +63,9 @@ def release_frames(
 ) -> NDArray[np.int64]:
     """The first frame of free flight of each ready toss, (B,); 0 of those that begin on the ground.
 
+    How many tosses begin in a hand, and for how many frames, is estimated from all of them (expectation maximisation):
+    a single frame that noise hides in one toss shows where all have it.
+
     Args:
         tracks: Of one object, each from about its release on.
         model: The object.
@@ -72,16 +76,21 @@ def release_frames(
     cov = None
     if any(track.q_cov is None for track in tracks):
         cov = pose_noise(tracks, model, touch=touch).q_cov
-    found = np.zeros(len(tracks), dtype=np.int64)
-    for i, track in enumerate(tracks):
+    logs: list[Array] = []
+    for track in tracks:
         last = int(np.argmax(np.append(touch(track.t, track.q), True)))
-        if last < FEWEST_FRAMES:
-            continue
-        flight = track.frames(slice(last + 1))
+        flight = track.frames(slice(max(last + 1, 2)))
         if flight.q_cov is None and cov is not None:
             flight = replace(flight, q_cov=np.broadcast_to(cov, (len(flight.t), *cov.shape)).copy())
-        found[i] = release_frame(flight, model, gravity=gravity)
-    return found
+        logs.append(_log_evidence(flight, model, gravity))
+    beliefs = [_belief(len(log)) for log in logs]
+    share = np.zeros(max((len(log) for log in logs), default=0))
+    for _ in range(EXPECTATIONS):
+        found = [_posterior(log, belief + share[: len(log)]) for log, belief in zip(logs, beliefs, strict=True)]
+        share = np.zeros_like(share)
+        for p in found:
+            share[: len(p)] += p
+    return np.array([_first(p) for p in found], dtype=np.int64)
 
 
 def release_frame(track: PoseTrack, model: ObjectModel, *, gravity: float = GRAVITY) -> int:
@@ -92,33 +101,45 @@ def release_frame(track: PoseTrack, model: ObjectModel, *, gravity: float = GRAV
         model: The object; the attitude counts where it is one rigid body whose inertia is stated.
         gravity: [m/s²].
     """
-    first, n = 0, len(track.t)
-    stride = -(-n // MOST_FRAMES)
-    if stride > 1:
-        coarse = (n - 1) % stride
-        first = coarse + stride * _release(track.frames(slice(coarse, None, stride)), model, gravity)
-        first = max(first - 2 * stride, 0)
-        track = track.frames(slice(first, first + MOST_FRAMES))
-    return first + _release(track, model, gravity)
+    log = _log_evidence(track, model, gravity)
+    return _first(_posterior(log, _belief(len(log))))
 
 
-def _release(track: PoseTrack, model: ObjectModel, gravity: float) -> int:
+def _belief(n: int) -> Array:
+    """Weights (n,) beforehand of a release at each frame: flight from the first on as much as all the others."""
+    return np.append(1.0, np.full(n - 1, 1 / max(n - 1, 1)))
+
+
+def _posterior(log: Array, belief: Array) -> Array:
+    """Probabilities (n,) of a release at each frame."""
+    log = log + np.log(belief)
+    return np.asarray(np.exp(log - np.logaddexp.reduce(log)))
+
+
+def _first(p: Array) -> int:
+    """The release, of its probabilities; 0 where no flight explains the end."""
+    if p[0] > 1 - LEVEL or p[-1] == p.max():
+        return 0
+    return int(np.searchsorted(np.cumsum(p), LEVEL))
+
+
+def _log_evidence(track: PoseTrack, model: ObjectModel, gravity: float) -> Array:
+    """Logarithms of the evidence that flight begins at each of the frames that leave enough of it."""
     n = len(track.t)
     if n <= FEWEST_FRAMES:
-        return 0
+        return np.zeros(1)
     t, y, var = _coordinates(track, model, gravity)
     log = _evidence(t, y[:3], var[:3])
     if len(y) > 3:  # a hand may move it, turn it, or both
         turned = _evidence(t, y[3:], var[3:])
         log = np.logaddexp(np.logaddexp(log, log[0]) + turned, log + turned[0]) - np.log(3)
-    log[1:] -= np.log(len(log) - 1)
-    if int(np.argmax(log)) == len(log) - 1:
-        return 0
-    p = np.exp(log - np.logaddexp.reduce(log))
-    r = 0 if p[0] > 0.5 else int(np.searchsorted(np.cumsum(p), LEVEL))
-    near, u = slice(max(r - STEPS, 0), None), np.maximum(t - t[r], 0.0)
-    change = np.linalg.lstsq(np.stack([np.ones(n), t, 0.5 * u**2], axis=1)[near], y[:, near].T, rcond=None)[0][2]
-    return r if max(np.linalg.norm(change[:3]), np.linalg.norm(change[3:])) > LEAST_CHANGE else 0
+    for r in range(1, len(log)):
+        near, u = slice(max(r - STEPS, 0), None), np.maximum(t - t[r], 0.0)
+        basis = np.stack([np.ones(n), t, 0.5 * u**2], axis=1)[near]
+        change = np.linalg.lstsq(basis, y[:, near].T, rcond=None)[0][2]
+        if max(np.linalg.norm(change[:3]), np.linalg.norm(change[3:])) < LEAST_CHANGE:
+            log[r] = -np.inf
+    return log
 
 
 def _coordinates(track: PoseTrack, model: ObjectModel, gravity: float) -> tuple[Array, Array, Array]:
