@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
-from tossid.motion.local_fits import local_parabolas, scatter
+from tossid.motion.local_motion import local_parabolas, scatter
 from tossid.motion.stability import center_of_mass, mean_pose, stands, still_for, touching
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.rotations import quat_exp, quat_mul, quat_to_matrix

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
+from tossid.motion.contact import may_touch
 from tossid.motion.local_motion import LocalMotion, alone, runs
+from tossid.motion.release import release_frame
 from tossid.motion.stability import mean_pose, near, stands, still_for
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.settings.segmentation import SegmentSettings
@@ -255,7 +257,7 @@ class _Block(LocalMotion):
                 reason = "carried: no free flight" if not flights else "carried: no free flight to the ground"
             yield a, b - (not at_end), reason
             return
-        first = release[0]
+        first = self._let_go(*release, a)
         if first > a:
             yield a, first - 1, "carried" if release == landed[0] else "taken up again before it rested"
         if at_end and open_end:
@@ -264,6 +266,14 @@ class _Block(LocalMotion):
             yield first, b, "too short: the track ends in its first flight"
         else:
             yield first, b, ""
+
+    def _let_go(self, first: int, last: int, a: int) -> int:
+        """The first frame that flight explains, of a flight whose first frame is known to a few frames."""
+        clear = np.flatnonzero(~may_touch(self.model, self.t[first : last + 1], self.q[first : last + 1]))
+        if not len(clear):
+            return first
+        begin, end = max(first - self.window, a), first + int(clear[-1]) + 1
+        return begin + release_frame(self.track.frames(slice(begin, end + 1)), self.model, gravity=self.gravity)
 
     def _lands(self, last: int, b: int) -> bool:
         """Whether a flight ends near the ground, or with the track."""

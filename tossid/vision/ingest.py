@@ -300,8 +300,10 @@ def _import_poses(
         lost = lost_frames(tracks, model, path, settings, report)
         mended = lost if settings.lost == "undo" else None
         tracks = tracks if mended is None else mended.mended(tracks)
-        flying = model if model.is_stated else find_parabola(tracks, model, gravity=settings.gravity).body()
+        parabola = None if model.is_stated else find_parabola(tracks, model, gravity=settings.gravity)
+        flying, touch = (model, None) if parabola is None else (parabola.body(), parabola.may_touch)
         _check_measured(tracks, flying, path, settings, report)
+        tracks, held = stages.from_release(tracks, flying, touch=touch, gravity=settings.gravity, report=report)
         order, copies = None, find_copies(tracks, settings=settings.same)
         if model.is_stated:
             turns = stages.turned_back(tracks, model, settings=settings, report=report)
@@ -328,6 +330,7 @@ def _import_poses(
                 "covariance_source": covariance_source(tracks),
                 "defects": "; ".join(f"{d.toss}: {d.rule} {d.value:.1f}" for d in defects),
                 **({} if mended is None else {"lost_frames": mended.facts()}),
+                **({"held_frames": held} if held else {}),
             },
             splits=_splits(kept, copies, frozenset() if mended is None else mended.unjudged, settings, report),
             order=order,

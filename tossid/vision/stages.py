@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 
 from tossid.errors import InputError, ObjectError
+from tossid.motion.contact import Touch
 from tossid.motion.ground_plane import Ground, find_ground
+from tossid.motion.release import release_frames
 from tossid.motion.segmentation import Stretch, segment
 from tossid.motion.sessions import find_sessions, levelled_tracks, session_words
 from tossid.motion.sessions.search import recording_order
 from tossid.motion.sessions.turns import Turns, find_turns, turn_words
-from tossid.objects import ObjectModel
+from tossid.objects import GRAVITY, ObjectModel
 from tossid.settings.ingestion import DetectSettings, IngestSettings, TossSettings
 from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection, LongTrack, OnDemand, PoseTrack, RecordingOrder
@@ -314,6 +316,36 @@ def segment_tosses(
         failure = f"no toss in {len(poses.t)} poses of '{model.name}'; see the reasons above"
         raise InputError(_with_causes(failure, opened, report))
     return tracks, stretches
+
+
+def from_release(
+    tracks: Sequence[PoseTrack],
+    model: ObjectModel,
+    *,
+    touch: Touch | None = None,
+    gravity: float = GRAVITY,
+    report: Reporter | None = None,
+) -> tuple[Sequence[PoseTrack], str]:
+    """Ready tosses without first frames in which a hand still moves the object.
+
+    Args:
+        tracks: One a toss, as recorded.
+        model: The object.
+        touch: Where it may touch the ground, of an object without corners.
+        gravity: [m/s²].
+        report: Takes a problem where frames are left out.
+
+    Returns:
+        The tracks, and how many frames are left out of which, in words.
+    """
+    first = release_frames(tracks, model, gravity=gravity, touch=touch)
+    if not first.any():
+        return tracks, ""
+    held = {tracks[i].name: int(first[i]) for i in np.flatnonzero(first).tolist()}
+    some = f"{len(held)} of {len(tracks)} tosses begin before the release"
+    (report or Reporter()).problem("import", f"{some}: {first.sum()} frames in which a hand moves them are left out")
+    words = "; ".join(f"{name}: {count}" for name, count in held.items())
+    return OnDemand(lambda i: tracks[i].frames(slice(int(first[i]), None)), len(tracks), kept=64), words
 
 
 def sessions(

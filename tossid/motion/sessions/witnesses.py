@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from tossid.motion.defects import find_defects
-from tossid.motion.local_fits import scatter
+from tossid.motion.local_motion import scatter
 from tossid.motion.stability import center_of_mass, mean_pose, near
 from tossid.objects import GRAVITY, ObjectModel, body_poses, corner_positions
 from tossid.rotations import quat_boxminus, quat_rotate
