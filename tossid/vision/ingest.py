@@ -16,7 +16,7 @@ from tossid.motion.segmentation import Stretch
 from tossid.motion.sessions import as_recorded
 from tossid.motion.sessions.copies import Copy, copy_words, find_copies
 from tossid.motion.sessions.lost_frames import LostFrames
-from tossid.motion.sessions.smoothing import WHITE, look_for_smoothing
+from tossid.motion.sessions.smoothing import WHITE, cause_words, fall_words, look_for_smoothing
 from tossid.objects import ObjectModel, load_object, recorded_object
 from tossid.settings.changed import changed
 from tossid.settings.ingestion import IngestSettings, TossSettings
@@ -266,6 +266,7 @@ def _segment_poses(
     model = opened.object()
     poses, ground = stages.level(opened, poses, settings=settings, report=report)
     tracks, rejected = stages.segment_tosses(opened, poses, settings=settings, report=report)
+    stages.check_falls(opened, tracks, settings=settings, report=report)
     tracks, order = stages.sessions(tracks, model, settings=settings, report=report)
     with output.sink(model) as sink:
         for toss in tosses_in_turn(tracks, model, gravity=settings.gravity):
@@ -338,17 +339,17 @@ def _import_poses(
 def _check_measured(
     tracks: Sequence[PoseTrack], model: ObjectModel, path: Path, settings: IngestSettings, report: Reporter
 ) -> None:
-    """Refuse tosses that a smoother made (`settings.smoothed`); report tosses that do not fall by the given gravity."""
+    """Refuse imported tosses that a smoother made (`settings.smoothed`); report those that do not fall by gravity."""
     seen = look_for_smoothing(tracks, model, gravity=settings.gravity, settings=settings.smoothing)
-    if seen.falls:
+    unlike = fall_words(seen, gravity=settings.gravity)
+    if unlike is None:
         return
-    gravity, off = f"{settings.gravity:g} m/s²", f"{seen.fall_error:.1f} m/s²"
-    unlike = f"they do not fall by gravity: where nearest to it ({gravity}), tosses are off by {off} in the median"
     if not seen.smoothed:
-        report.problem("import", f"{path}: {unlike} of {seen.n_falls}; is gravity={settings.gravity:g} right?")
+        causes = cause_words(seen, gravity=settings.gravity, lengths="the unit of lengths")
+        report.problem("import", f"{path}: {unlike}; {causes}")
         return
     smooth = f"fourth over third differences of positions are {seen.roughness:.2f}, and {WHITE:.2f} in white noise"
-    problem = f"the poses are a smoother's, not measured: {unlike} of {seen.n_falls}; {smooth}"
+    problem = f"the poses are a smoother's, not measured: {unlike}; {smooth}"
     if settings.smoothed == "refuse":
         raise FileError(path, f"{problem}. Nothing can be learned from them (smoothed=keep ingests them nevertheless)")
     report.problem("import", f"{path}: {problem}; kept as smoothed=keep asks")

@@ -17,13 +17,15 @@ from tossid.motion.ground_plane import Ground, find_ground
 from tossid.motion.segmentation import Stretch, segment
 from tossid.motion.sessions import find_sessions, levelled_tracks, session_words
 from tossid.motion.sessions.search import recording_order
+from tossid.motion.sessions.smoothing import cause_words, fall_words, look_for_smoothing
 from tossid.motion.sessions.turns import Turns, find_turns, turn_words
 from tossid.objects import ObjectModel
 from tossid.settings.ingestion import DetectSettings, IngestSettings, TossSettings
+from tossid.settings.sessions import SmoothingSettings
 from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection, LongTrack, OnDemand, PoseTrack, RecordingOrder
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.detection.detect import detect_frames
+from tossid.vision.detection.detect import DAMAGED, detect_frames
 from tossid.vision.pose_graph.stream import statics_known, track_stream
 from tossid.vision.pose_graph.track import Tracked
 from tossid.vision.progress import Reporter
@@ -94,6 +96,8 @@ def detect(
         tally=tally,
         progress=report.counter("detect", n_frames, "images"),
     )
+    if tally[DAMAGED]:
+        report.problem("detect", f"{opened.path}: {tally[DAMAGED]} of {n_frames} frames are damaged and left out")
     if not tally["tags"]:
         raise InputError(f"{opened.path}: no tag was seen in {n_frames} images")
     report.message("detect", f"detect: {tally['tags']} tags")
@@ -286,6 +290,26 @@ def segment_tosses(
     if not tracks:
         raise InputError(f"no toss in {len(poses.t)} poses of '{model.name}'; see the reasons above")
     return tracks, stretches
+
+
+def check_falls(
+    opened: Opened, tracks: Sequence[PoseTrack], *, settings: TossSettings = SEGMENT, report: Reporter | None = None
+) -> None:
+    """Report tosses of a recording that do not fall by gravity, with what usually is the cause.
+
+    Args:
+        opened: The recording with its object.
+        tracks: One a toss. Segmentation saw them fly, so that one alone can be judged.
+        settings: Gravity where it was recorded.
+        report: Takes the problem.
+    """
+    seen = look_for_smoothing(
+        tracks, opened.object(), gravity=settings.gravity, settings=SmoothingSettings(fewest_falls=1)
+    )
+    unlike = fall_words(seen, gravity=settings.gravity)
+    if unlike is not None:
+        causes = cause_words(seen, gravity=settings.gravity, lengths="the tags' size")
+        (report or Reporter()).problem("segment", f"{opened.path}: {unlike}; {causes}")
 
 
 def sessions(
