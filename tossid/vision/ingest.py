@@ -16,7 +16,7 @@ from tossid.motion.segmentation import Stretch
 from tossid.motion.sessions import as_recorded
 from tossid.motion.sessions.copies import Copy, copy_words, find_copies
 from tossid.motion.sessions.lost_frames import LostFrames
-from tossid.motion.sessions.smoothing import WHITE, cause_words, fall_words, look_for_smoothing
+from tossid.motion.sessions.smoothing import WHITE, look_for_smoothing
 from tossid.objects import ObjectModel, load_object, recorded_object
 from tossid.settings.changed import changed
 from tossid.settings.ingestion import IngestSettings, TossSettings
@@ -341,15 +341,15 @@ def _check_measured(
 ) -> None:
     """Refuse imported tosses that a smoother made (`settings.smoothed`); report those that do not fall by gravity."""
     seen = look_for_smoothing(tracks, model, gravity=settings.gravity, settings=settings.smoothing)
-    unlike = fall_words(seen, gravity=settings.gravity)
-    if unlike is None:
+    if seen.falls:
         return
+    gravity, off = f"{settings.gravity:g} m/s²", f"{seen.fall_error:.1f} m/s²"
+    unlike = f"they do not fall by gravity: where nearest to it ({gravity}), tosses are off by {off} in the median"
     if not seen.smoothed:
-        causes = cause_words(seen, gravity=settings.gravity, lengths="the unit of lengths")
-        report.problem("import", f"{path}: {unlike}; {causes}")
+        report.problem("import", f"{path}: {unlike} of {seen.n_falls}; is gravity={settings.gravity:g} right?")
         return
     smooth = f"fourth over third differences of positions are {seen.roughness:.2f}, and {WHITE:.2f} in white noise"
-    problem = f"the poses are a smoother's, not measured: {unlike}; {smooth}"
+    problem = f"the poses are a smoother's, not measured: {unlike} of {seen.n_falls}; {smooth}"
     if settings.smoothed == "refuse":
         raise FileError(path, f"{problem}. Nothing can be learned from them (smoothed=keep ingests them nevertheless)")
     report.problem("import", f"{path}: {problem}; kept as smoothed=keep asks")

@@ -16,12 +16,11 @@ from tossid.errors import InputError, ObjectError
 from tossid.motion.ground_plane import Ground, find_ground
 from tossid.motion.segmentation import Stretch, segment
 from tossid.motion.sessions import find_sessions, levelled_tracks, session_words
+from tossid.motion.sessions.falls import fall_words, rate_words
 from tossid.motion.sessions.search import recording_order
-from tossid.motion.sessions.smoothing import cause_words, fall_words, look_for_smoothing
 from tossid.motion.sessions.turns import Turns, find_turns, turn_words
 from tossid.objects import ObjectModel
 from tossid.settings.ingestion import DetectSettings, IngestSettings, TossSettings
-from tossid.settings.sessions import SmoothingSettings
 from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection, LongTrack, OnDemand, PoseTrack, RecordingOrder
 from tossid.vision.cameras.camera import Camera
@@ -288,7 +287,9 @@ def segment_tosses(
     for stretch in stretches:
         report.message("segment", f"  {stretch.t0:.2f} s to {stretch.t1:.2f} s: {stretch.reason}")
     if not tracks:
-        raise InputError(f"no toss in {len(poses.t)} poses of '{model.name}'; see the reasons above")
+        hint = rate_words(poses, model, gravity=settings.gravity, segments=settings.segment)
+        reasons = "see the reasons above" if hint is None else hint
+        raise InputError(f"no toss in {len(poses.t)} poses of '{model.name}'; {reasons}")
     return tracks, stretches
 
 
@@ -299,17 +300,13 @@ def check_falls(
 
     Args:
         opened: The recording with its object.
-        tracks: One a toss. Segmentation saw them fly, so that one alone can be judged.
+        tracks: One a toss.
         settings: Gravity where it was recorded.
         report: Takes the problem.
     """
-    seen = look_for_smoothing(
-        tracks, opened.object(), gravity=settings.gravity, settings=SmoothingSettings(fewest_falls=1)
-    )
-    unlike = fall_words(seen, gravity=settings.gravity)
-    if unlike is not None:
-        causes = cause_words(seen, gravity=settings.gravity, lengths="the tags' size")
-        (report or Reporter()).problem("segment", f"{opened.path}: {unlike}; {causes}")
+    said = fall_words(tracks, opened.object(), gravity=settings.gravity)
+    if said is not None:
+        (report or Reporter()).problem("segment", f"{opened.path}: {said}")
 
 
 def sessions(

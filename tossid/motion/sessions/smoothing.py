@@ -40,7 +40,6 @@ class Smoothing:
     Attributes:
         fall_error: How far the acceleration nearest to free fall is from it [m/s²], median over tosses; NaN where no
             toss comes down far enough.
-        acceleration: That acceleration's size, downward [m/s²], median over tosses.
         n_falls: Tosses that do.
         roughness: Size of fourth over third differences of positions in motion, median over frames; 1.87 for white
             noise, NaN where there are too few frames in a row.
@@ -49,7 +48,6 @@ class Smoothing:
     """
 
     fall_error: float
-    acceleration: float
     n_falls: int
     roughness: float
     falls: bool
@@ -74,62 +72,26 @@ def look_for_smoothing(
     Returns:
         Both signs, and what follows from them.
     """
-    found, third, fourth = [], [np.zeros(0)], [np.zeros(0)]
+    errors, third, fourth = [], [np.zeros(0)], [np.zeros(0)]
     for track in tracks:
         com = center_of_mass(model, track.q)
-        fall = _nearest_fall(track.t, com, gravity, settings)
-        if fall is not None:
-            found.append(fall)
+        error = _fall_error(track.t, com, gravity, settings)
+        if error is not None:
+            errors.append(error)
         a, b = _differences(track.t, com, settings)
         third.append(a)
         fourth.append(b)
-    fall_error, acceleration = (float(x) for x in np.median(found, axis=0)) if found else (float("nan"),) * 2
+    fall_error = float(np.median(errors)) if errors else float("nan")
     size = [np.abs(np.concatenate(parts)) for parts in (third, fourth)]
     enough = min(len(part) for part in size) >= settings.fewest_differences
     # noise-free rest in motion's place has differences of exactly 0
     roughness = float(np.median(size[1]) / np.median(size[0])) if enough and np.median(size[0]) > 0 else float("nan")
-    falls = not (len(found) >= settings.fewest_falls and fall_error > settings.fall_error * gravity)
-    smoothed = bool(not falls and roughness < settings.roughness)
-    return Smoothing(fall_error, acceleration, len(found), roughness, falls, smoothed)
+    falls = not (len(errors) >= settings.fewest_falls and fall_error > settings.fall_error * gravity)
+    return Smoothing(fall_error, len(errors), roughness, falls, bool(not falls and roughness < settings.roughness))
 
 
-def fall_words(seen: Smoothing, *, gravity: float = GRAVITY) -> str | None:
-    """That tosses do not fall, in words; None where they do.
-
-    Args:
-        seen: How they look.
-        gravity: Where they were recorded [m/s²].
-    """
-    if seen.falls:
-        return None
-    return (
-        f"they do not fall by gravity: where nearest to it ({gravity:g} m/s²), tosses fall with "
-        f"{seen.acceleration:.2f} m/s², off by {seen.fall_error:.1f} m/s², in the median of {seen.n_falls}"
-    )
-
-
-def cause_words(seen: Smoothing, *, gravity: float = GRAVITY, lengths: str) -> str:
-    """What usually is the cause where measured tosses do not fall, and by which factor.
-
-    Args:
-        seen: How they look.
-        gravity: Where they were recorded [m/s²].
-        lengths: What makes all lengths wrong together.
-    """
-    if seen.acceleration <= 0.01 * gravity:
-        return f"are the times and {lengths} right, is z up, is gravity={gravity:g} right?"
-    factor = gravity / seen.acceleration
-    return (
-        f"are the frames' times right (a rate {factor**0.5:.3g} times as high would explain it), is {lengths} "
-        f"(so would {factor:.3g} times as large), is gravity={gravity:g}?"
-    )
-
-
-def _nearest_fall(t: Array, com: Array, gravity: float, settings: SmoothingSettings) -> tuple[float, float] | None:
-    """The window of a toss that is nearest to free fall: how far its acceleration is from that, and how large downward.
-
-    Both in m/s²; None if the toss needs no fall.
-    """
+def _fall_error(t: Array, com: Array, gravity: float, settings: SmoothingSettings) -> float | None:
+    """Of all windows of a toss, the least distance of acceleration from free fall [m/s²]; None if it needs no fall."""
     step = float(np.median(np.diff(t)))
     width = max(settings.fewest_frames, int(np.ceil(settings.fall_time / step - 1e-3)) + 1)
     drop = float(np.max(np.maximum.accumulate(com[:, 2]) - com[:, 2]))
@@ -140,9 +102,7 @@ def _nearest_fall(t: Array, com: Array, gravity: float, settings: SmoothingSetti
     basis = np.stack([np.ones_like(s), s, 0.5 * s**2], axis=-1)
     windows = np.swapaxes(sliding_window_view(com, width, axis=0), 1, 2)
     acceleration = (np.linalg.pinv(basis) @ windows)[:, 2]
-    errors = np.linalg.norm(acceleration + np.array([0.0, 0.0, gravity]), axis=1)
-    best = int(np.argmin(errors))
-    return float(errors[best]), float(-acceleration[best, 2])
+    return float(np.linalg.norm(acceleration + np.array([0.0, 0.0, gravity]), axis=1).min())
 
 
 def _differences(t: Array, com: Array, settings: SmoothingSettings) -> tuple[Array, Array]:
