@@ -21,7 +21,7 @@ SEGMENTS = SegmentSettings()
 @pytest.fixture(scope="module")
 def track(cube: ObjectModel) -> PoseTrack:
     rng = np.random.default_rng(0)
-    return Handling(cube, rng).recording(25.0).tracked(rng)
+    return Handling(cube, rng).recording(15.0).tracked(rng)
 
 
 def _sized(track: PoseTrack, factor: float) -> PoseTrack:

@@ -23,6 +23,10 @@ FALL_ERROR = 0.1
 """Share of gravity by which tosses may fall otherwise before times or lengths are taken to be wrong."""
 SCALES = 1.4 ** np.arange(-7.0, 8.0)
 """Factors of times that are tried; segmentation sees flight in times that are 0.85 to 1.3 times too long."""
+RATES_HZ = (15.0, 1000.0)
+"""Rates to which they may lead: fewer frames show no flight, and more are rare and take long."""
+MOST_POSES = 20_000
+"""So many of a track are tried; they hold a few minutes."""
 FEWEST_TOSSES = 2
 """Tosses from which on other times are proposed: one may be a hand's motion."""
 
@@ -81,8 +85,10 @@ def rate_words(
         The words; None where there is no such rate.
     """
     best = 0, 1.0
-    for scale in SCALES:
-        tracks, _ = segment(_stretched(poses, scale), model, gravity=gravity, settings=segments)
+    part = poses.frames(slice(0, MOST_POSES))
+    rate = 1 / float(np.median(np.diff(part.t)))
+    for scale in SCALES[(rate / SCALES >= RATES_HZ[0]) & (rate / SCALES <= RATES_HZ[1])]:
+        tracks, _ = segment(replace(part, t=scale * part.t), model, gravity=gravity, settings=segments)
         seen = _falls(tracks, model, settings)
         if len(seen) >= max(FEWEST_TOSSES, best[0] + 1):
             best = len(seen), float(np.sqrt(gravity / np.median(seen[:, 0])) / scale)
@@ -104,14 +110,3 @@ def _falls(tracks: Sequence[PoseTrack], model: ObjectModel, settings: WitnessSet
     ]
     seen = [(fall["gravity"][0][0], fall["gravity"][1][0, 0] ** -0.5) for fall in falls if fall]
     return np.array(seen).reshape(-1, 2)
-
-
-def _stretched(poses: PoseTrack | LongTrack, scale: float) -> PoseTrack | LongTrack:
-    if isinstance(poses, PoseTrack):
-        return replace(poses, t=scale * poses.t)
-    whole = poses
-    return LongTrack(whole.name, scale * whole.t, lambda which: _stretched_frames(whole.frames(which), scale))
-
-
-def _stretched_frames(part: PoseTrack, scale: float) -> PoseTrack:
-    return replace(part, t=scale * part.t)
