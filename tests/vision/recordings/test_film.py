@@ -6,12 +6,11 @@ import struct
 import tracemalloc
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 import pytest
 
-from tests.vision.recordings.written_films import LATE, SIZE, STEADY, TICK, number_in, numbered, write_film
+from tests.vision.recordings.written_films import LATE, SIZE, STEADY, TICK, damage, number_in, numbered, write_film
 from tossid import budget
 from tossid.errors import FileError
 from tossid.settings.limits import ReadLimits
@@ -78,12 +77,7 @@ def test_a_cut_film_has_the_frames_before_the_cut(tmp_path: Path):
 
 def test_damaged_frames_are_none_and_the_others_are_right(tmp_path: Path):
     path = write_film(tmp_path / "a.mp4", STEADY)
-    with av.open(str(path)) as container:
-        places = [(packet.pos, packet.size) for packet in container.demux(video=0) if packet.size]
-    content = bytearray(path.read_bytes())
-    for at, size in places[24:36]:  # a keyframe, and what hangs on it
-        content[at : at + size] = bytes(size)
-    path.write_bytes(content)
+    damage(path, 24, 36)  # a keyframe, and what hangs on it
     index = index_film(path)
     found = _numbers(index, range(60))
     assert found[:24] == list(range(24))

@@ -71,6 +71,16 @@ def write_film(
     return path
 
 
+def damage(path: Path, first: int, last: int) -> None:
+    """Overwrite the packets of some frames of a film without B-frames with zeros."""
+    with av.open(str(path)) as container:
+        places = [(packet.pos, packet.size) for packet in container.demux(video=0) if packet.size]
+    content = bytearray(path.read_bytes())
+    for at, size in places[first:last]:
+        content[at : at + size] = bytes(size)
+    path.write_bytes(content)
+
+
 STEADY = np.arange(60) * 100
 LATE = {
     "constant": STEADY,

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.vision.recordings.written_films import LATE, SIZE, STEADY, TICK, number_in, write_film
-from tossid.errors import FileError
+from tests.vision.recordings.written_films import LATE, SIZE, STEADY, TICK, damage, number_in, write_film
+from tossid.errors import FileError, InputError
 from tossid.objects import ObjectModel
+from tossid.vision import stages
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.recordings.formats.videos import read_videos
+from tossid.vision.progress import Reporter
+from tossid.vision.recordings.formats.videos import VideoSource, read_videos
+from tossid.vision.recordings.registry import open_recording
 from tossid.vision.setup.calibration import write_cameras
 from tossid.vision.setup.layout import layout_of
 from tossid.vision.setup.tagslam import write_tagslam
@@ -109,6 +113,22 @@ def test_a_film_of_another_size_is_refused_before_it_is_read(folder: Path):
     _calibrated(folder, size=(1920, 1080))
     with pytest.raises(FileError, match="is 96 by 64 px, but left has 1920 by 1080 px"):
         read_videos(folder)
+
+
+def test_damaged_frames_are_counted_and_left_out(folder: Path, tagged: ObjectModel):
+    damage(write_film(folder / "left.mp4", STEADY), 24, 36)
+    recording = read_videos(folder)
+    assert [number_in(frame.image) for frame in recording.run(recording.frames["left"][20:40])] == [
+        *range(20, 24),
+        *range(36, 40),
+    ]
+    with pytest.raises(FileError, match=r"its frame at -0\.3\d+ s is damaged"):
+        recording.read(recording.frames["left"][25])
+    opened = replace(open_recording(VideoSource(path=folder)), model=tagged)
+    report = Reporter(lambda progress: None)
+    with pytest.raises(InputError, match="no tag was seen"):
+        list(stages.detect(opened, report=report))
+    assert f"{folder}: 12 of 60 frames are damaged and left out" in report.problems
 
 
 def test_a_missing_or_broken_video_is_named(folder: Path):
