@@ -278,24 +278,6 @@ def _database(script: str) -> Callable[[Path], list[str]]:
     return make
 
 
-def _avi(folder: Path) -> list[str]:
-    rec = recording(folder)
-    (rec / "frames" / "left" / "1.png").unlink()
-    (rec / "frames" / "left").rmdir()
-    (rec / "frames").rmdir()
-    video = cv2.VideoWriter(str(rec / "left.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 30, (64, 48))  # type: ignore[attr-defined]
-    for _ in range(2):
-        video.write(np.zeros((48, 64, 3), dtype=np.uint8))
-    video.release()
-    content = bytearray((rec / "left.avi").read_bytes())
-    count = struct.pack("<I", 2_000_000_000)
-    for name, offset in ((b"avih", 8 + 16), (b"strh", 8 + 32)):
-        at = content.index(name) + offset
-        content[at : at + 4] = count
-    (rec / "left.avi").write_bytes(content)
-    return ["ingest", "source=video", "source.path=rec", "object=cube"]
-
-
 def _png(folder: Path) -> list[str]:
     def part(name: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
@@ -383,7 +365,6 @@ CLAIMS: dict[str, Claim] = {
     "bag chunks": Claim(_chunks, "a.bag", "its chunks claim", "no end*"),
     "bag view": Claim(_database(ENDLESS), "bag", "its view 'message_definitions' is computed", "no end*"),
     "bag column": Claim(_database(COMPUTED), "bag", "its table 'messages' is computed", "not measured"),
-    "avi": Claim(_avi, "left.avi", "claims 2,000,000,000 frames", "3 to 8 GB"),
     "png": Claim(_png, "1.png", "claims 1,024,000,000 pixels (32000 by 32000)", "1 GB and more"),
     "png chunk": Claim(_png_chunk, "1.png", "claims 954,000,000 bytes", "0.6 s, 1 GB*"),
     "jpeg": Claim(_scans, "1.png", "pixels in its 2001 scans", "7.9 s*"),

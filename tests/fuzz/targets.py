@@ -123,7 +123,7 @@ def _cameras(name: str) -> Callable[[Path], Path]:
 
 def _bag(version: int, plugin: StoragePlugin, name: str) -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
-        path = write_bag(folder, version, plugin=plugin, frames=2)
+        path = write_bag(folder, version, plugin=plugin, frames=range(2))
         return path if path.is_file() else next(path.glob(name))
 
     return make

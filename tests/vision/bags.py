@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import cv2
+import lz4.frame
 import numpy as np
+from backports import zstd
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -58,10 +60,32 @@ CORNERS = np.array([[10.0, 30.0], [30.0, 31.0], [31.0, 11.0], [11.0, 10.0]])
 PICTURES = np.random.default_rng(0).integers(0, 255, (20, 48, 64), dtype=np.uint8)
 
 
+PACKERS = {"": bytes, "lz4": lz4.frame.compress, "zstd": zstd.compress}
+
+
 def write_bag(
-    folder: Path, version: int, *, plugin: StoragePlugin = StoragePlugin.SQLITE3, rauch: bool = False, frames: int = 20
+    folder: Path,
+    version: int,
+    *,
+    plugin: StoragePlugin = StoragePlugin.SQLITE3,
+    rauch: bool = False,
+    frames: range = range(20),
+    compression: CompressionMode = CompressionMode.NONE,
+    packed: str = "",
+    chunk: int = 20,
 ) -> Path:
-    """20 frames a camera at 10 Hz: detections of both, plain images of the left and packed ones of the right."""
+    """Frames at 10 Hz: detections of both cameras, plain images of the left and packed ones of the right.
+
+    Args:
+        folder: Where the bag goes.
+        version: Of ROS.
+        plugin: Storage of ROS 2.
+        rauch: Detections in apriltag_ros' message, not TagSLAM's.
+        frames: Their numbers.
+        compression: Of a database, its messages or its file.
+        packed: Compression of an MCAP's chunks.
+        chunk: Frames in each of an MCAP's chunks.
+    """
     path = folder / ("bag.bag" if version == 1 else "bag")
     store = STORES[version]
     kind = "AprilTagDetectionArray" if rauch else "ApriltagArrayStamped"
@@ -70,13 +94,20 @@ def write_bag(
         "left": "sensor_msgs/msg/Image",
         "right": "sensor_msgs/msg/CompressedImage",
     }
-    with Writer1(path) if version == 1 else Writer2(path, version=9, storage_plugin=plugin) as writer:
+    folder.mkdir(exist_ok=True)
+    writing = Writer1(path) if version == 1 else Writer2(path, version=9, storage_plugin=plugin)
+    if version == 2:
+        writing.set_compression(compression, CompressionFormat.ZSTD)
+    with writing as writer:
         connections = {}
         for camera in CAMERAS:
             image_topic = f"/{camera.name}/image" + ("/compressed" if camera.name == "right" else "")
             for what, topic in (("tags", camera.tag_topic), (camera.name, image_topic)):
                 connections[camera.name, what] = writer.add_connection(topic, types[what], typestore=store)
-        for i in range(frames):
+        storage = getattr(writer, "storage", None)
+        if plugin is StoragePlugin.MCAP:
+            storage.compression, storage.compressor = packed, PACKERS[packed]
+        for i in frames:
             for camera in CAMERAS:
                 t_ns = 10**9 + i * 10**8 + round(camera.clock_offset * 1e9)
                 messages = (
@@ -87,4 +118,6 @@ def write_bag(
                     kind = types[what]
                     raw = store.serialize_ros1(message, kind) if version == 1 else store.serialize_cdr(message, kind)
                     writer.write(connections[camera.name, what], t_ns + 5000, raw)  # recorded a little later
+            if plugin is StoragePlugin.MCAP and (i + 1) % chunk == 0:
+                storage.close_chunk()
     return path

@@ -55,8 +55,6 @@ class ReadLimits:
     """values and names that are written in a YAML file: a thousand take PyYAML some 25 ms"""
     yaml_nodes: Count = 200_000
     """values of a YAML file, with all that its aliases repeat"""
-    bytes_a_frame: Count = 8
-    """least bytes that a frame of a video takes"""
     message_items: Count = 10_000
     """items of the arrays of fixed length in a ROS message that are not plain numbers, all together"""
 

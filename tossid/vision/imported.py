@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 
 from tossid.errors import ConfigError
+from tossid.motion.contact import Touch
 from tossid.motion.hinge import find_hinge, hinged_tracks
 from tossid.motion.hull_ground import level_by_hull
+from tossid.motion.release import release_frames
 from tossid.motion.sessions.lost_frames import LostFrames, find_lost_frames, lost_words
-from tossid.objects import ObjectModel, unstated_object
+from tossid.objects import GRAVITY, ObjectModel, unstated_object
 from tossid.settings.ingestion import IngestSettings
 from tossid.store.importers.registry import FORMATS, InputFormat
-from tossid.types import PoseTrack
+from tossid.types import OnDemand, PoseTrack
 from tossid.vision.progress import Reporter
 
 
@@ -130,3 +132,33 @@ def lost_frames(
         aside = f"{len(found.unjudged)} of {len(tracks)} tosses have such an impact that cannot be judged, and no split"
         report.problem("import", f"{path}: {said}; times are mended, as lost=undo asks; {aside}")
     return found
+
+
+def from_release(
+    tracks: Sequence[PoseTrack],
+    model: ObjectModel,
+    *,
+    touch: Touch | None = None,
+    gravity: float = GRAVITY,
+    report: Reporter | None = None,
+) -> tuple[Sequence[PoseTrack], str]:
+    """Ready tosses without first frames in which a hand still moves the object.
+
+    Args:
+        tracks: One a toss, as recorded.
+        model: The object.
+        touch: Where it may touch the ground, of an object without corners.
+        gravity: [m/s²].
+        report: Takes a problem where frames are left out.
+
+    Returns:
+        The tracks, and how many frames are left out of which, in words.
+    """
+    first = release_frames(tracks, model, gravity=gravity, touch=touch)
+    if not first.any():
+        return tracks, ""
+    held = {tracks[i].name: int(first[i]) for i in np.flatnonzero(first).tolist()}
+    some = f"{len(held)} of {len(tracks)} tosses begin before the release"
+    (report or Reporter()).problem("import", f"{some}: {first.sum()} frames in which a hand moves them are left out")
+    words = "; ".join(f"{name}: {count}" for name, count in held.items())
+    return OnDemand(lambda i: tracks[i].frames(slice(int(first[i]), None)), len(tracks), kept=64), words

@@ -27,7 +27,7 @@ from tossid.store.provenance import provenance_of
 from tossid.types import LongTrack, PoseTrack
 from tossid.vision import stages
 from tossid.vision.dataset_output import DatasetOutput, dataset_output
-from tossid.vision.imported import ImportedPoses, levelled, lost_frames, read_links, read_poses
+from tossid.vision.imported import ImportedPoses, from_release, levelled, lost_frames, read_links, read_poses
 from tossid.vision.pose_graph.report import TrackReport
 from tossid.vision.progress import Progress, Reporter
 from tossid.vision.recordings.disk_buffer import pose_spool
@@ -266,6 +266,7 @@ def _segment_poses(
     model = opened.object()
     poses, ground = stages.level(opened, poses, settings=settings, report=report)
     tracks, rejected = stages.segment_tosses(opened, poses, settings=settings, report=report)
+    stages.check_falls(opened, tracks, settings=settings, report=report)
     tracks, order = stages.sessions(tracks, model, settings=settings, report=report)
     with output.sink(model) as sink:
         for toss in tosses_in_turn(tracks, model, gravity=settings.gravity):
@@ -303,7 +304,7 @@ def _import_poses(
         parabola = None if model.is_stated else find_parabola(tracks, model, gravity=settings.gravity)
         flying, touch = (model, None) if parabola is None else (parabola.body(), parabola.may_touch)
         _check_measured(tracks, flying, path, settings, report)
-        tracks, held = stages.from_release(tracks, flying, touch=touch, gravity=settings.gravity, report=report)
+        tracks, held = from_release(tracks, flying, touch=touch, gravity=settings.gravity, report=report)
         order, copies = None, find_copies(tracks, settings=settings.same)
         if model.is_stated:
             turns = stages.turned_back(tracks, model, settings=settings, report=report)
@@ -341,7 +342,7 @@ def _import_poses(
 def _check_measured(
     tracks: Sequence[PoseTrack], model: ObjectModel, path: Path, settings: IngestSettings, report: Reporter
 ) -> None:
-    """Refuse tosses that a smoother made (`settings.smoothed`); report tosses that do not fall by the given gravity."""
+    """Refuse imported tosses that a smoother made (`settings.smoothed`); report those that do not fall by gravity."""
     seen = look_for_smoothing(tracks, model, gravity=settings.gravity, settings=settings.smoothing)
     if seen.falls:
         return

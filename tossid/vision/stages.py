@@ -12,19 +12,18 @@ from typing import Any
 import numpy as np
 
 from tossid.errors import InputError, ObjectError
-from tossid.motion.contact import Touch
 from tossid.motion.ground_plane import Ground, find_ground
-from tossid.motion.release import release_frames
 from tossid.motion.segmentation import Stretch, segment
 from tossid.motion.sessions import find_sessions, levelled_tracks, session_words
+from tossid.motion.sessions.falls import fall_words, rate_words
 from tossid.motion.sessions.search import recording_order
 from tossid.motion.sessions.turns import Turns, find_turns, turn_words
-from tossid.objects import GRAVITY, ObjectModel
+from tossid.objects import ObjectModel
 from tossid.settings.ingestion import DetectSettings, IngestSettings, TossSettings
 from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection, LongTrack, OnDemand, PoseTrack, RecordingOrder
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.detection.detect import detect_frames
+from tossid.vision.detection.detect import DAMAGED, detect_frames
 from tossid.vision.detection.second_look import usual_cause
 from tossid.vision.pose_graph.scene import words
 from tossid.vision.pose_graph.stream import needs_all, track_stream
@@ -96,6 +95,8 @@ def detect(
         tally=tally,
         progress=report.counter("detect", n_frames, "images"),
     )
+    if tally[DAMAGED]:
+        report.problem("detect", f"{opened.path}: {tally[DAMAGED]} of {n_frames} frames are damaged and left out")
     if not tally["tags"]:
         rejected = ", ".join(f"{count} {what}" for what, count in sorted(tally.items()) if what.startswith("rejected"))
         cause = usual_cause(opened.recording, opened.model, settings=settings) or rejected
@@ -313,39 +314,27 @@ def segment_tosses(
     for stretch in stretches:
         report.message("segment", f"  {stretch.t0:.2f} s to {stretch.t1:.2f} s: {stretch.reason}")
     if not tracks:
-        failure = f"no toss in {len(poses.t)} poses of '{model.name}'; see the reasons above"
+        hint = rate_words(poses, model, gravity=settings.gravity, segments=settings.segment)
+        reasons = "see the reasons above" if hint is None else hint
+        failure = f"no toss in {len(poses.t)} poses of '{model.name}'; {reasons}"
         raise InputError(_with_causes(failure, opened, report))
     return tracks, stretches
 
 
-def from_release(
-    tracks: Sequence[PoseTrack],
-    model: ObjectModel,
-    *,
-    touch: Touch | None = None,
-    gravity: float = GRAVITY,
-    report: Reporter | None = None,
-) -> tuple[Sequence[PoseTrack], str]:
-    """Ready tosses without first frames in which a hand still moves the object.
+def check_falls(
+    opened: Opened, tracks: Sequence[PoseTrack], *, settings: TossSettings = SEGMENT, report: Reporter | None = None
+) -> None:
+    """Report tosses of a recording that do not fall by gravity, with what usually is the cause.
 
     Args:
-        tracks: One a toss, as recorded.
-        model: The object.
-        touch: Where it may touch the ground, of an object without corners.
-        gravity: [m/s²].
-        report: Takes a problem where frames are left out.
-
-    Returns:
-        The tracks, and how many frames are left out of which, in words.
+        opened: The recording with its object.
+        tracks: One a toss.
+        settings: Gravity where it was recorded.
+        report: Takes the problem.
     """
-    first = release_frames(tracks, model, gravity=gravity, touch=touch)
-    if not first.any():
-        return tracks, ""
-    held = {tracks[i].name: int(first[i]) for i in np.flatnonzero(first).tolist()}
-    some = f"{len(held)} of {len(tracks)} tosses begin before the release"
-    (report or Reporter()).problem("import", f"{some}: {first.sum()} frames in which a hand moves them are left out")
-    words = "; ".join(f"{name}: {count}" for name, count in held.items())
-    return OnDemand(lambda i: tracks[i].frames(slice(int(first[i]), None)), len(tracks), kept=64), words
+    said = fall_words(tracks, opened.object(), gravity=settings.gravity)
+    if said is not None:
+        (report or Reporter()).problem("segment", f"{opened.path}: {said}")
 
 
 def sessions(

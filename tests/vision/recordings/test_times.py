@@ -12,12 +12,14 @@ from tossid.errors import FileError
 from tossid.objects import ObjectModel
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.recordings.formats.frames import read_recording
-from tossid.vision.recordings.times import read_times, time_of
+from tossid.vision.recordings.times import check_rate, evened, read_times, time_of, usual_rate
 from tossid.vision.setup.calibration import write_cameras
 from tossid.vision.setup.layout import layout_of
 from tossid.vision.setup.tagslam import write_tagslam
 
 SMOOTH = np.tile(np.linspace(20, 120, 64), (48, 1)).astype(np.uint8)
+TIMES = np.array([2.5, 2.51, 2.52, 2.54, 2.55])
+"""[s]; a frame is missing."""
 
 
 def _frames(folder: Path, tagged: ObjectModel, names: list[str]) -> Path:
@@ -34,8 +36,8 @@ def _times(folder: Path) -> list[float]:
 
 
 def test_times_come_from_names_in_seconds_or_nanoseconds(tmp_path: Path, tagged: ObjectModel):
-    _frames(tmp_path, tagged, ["12.5.png", "0000000013000000000.png", "13.25.png"])
-    np.testing.assert_allclose(_times(tmp_path), [12.5, 13.0, 13.25])
+    _frames(tmp_path, tagged, ["12.5.png", "0000000012750000000.png", "13.0.png"])
+    np.testing.assert_allclose(_times(tmp_path), [12.5, 12.75, 13.0])
 
 
 @pytest.mark.parametrize("named", [True, False])
@@ -60,6 +62,98 @@ def test_a_frame_without_a_time_is_named(tmp_path: Path, tagged: ObjectModel):
         _times(_frames(tmp_path, tagged, ["frame_a.png"]))
 
 
+def test_images_that_are_numbered_have_no_times(tmp_path: Path, tagged: ObjectModel):
+    folder = _frames(tmp_path, tagged, [f"{i:04d}.png" for i in range(5)])
+    with pytest.raises(FileError, match=r"1e-09 s apart, read in ns.*are the images numbered\? A times.txt beside"):
+        _times(folder)
+
+
 @pytest.mark.parametrize(("text", "t_ns"), [("12.5", 12_500_000_000), ("5", 5_000_000_000), ("1.5e0", 1_500_000_000), ("1403636579763555584", 1403636579763555584), ("x", None), ("nan", None), ("inf", None)])  # fmt: skip  # noqa: E501
 def test_a_time_is_seconds_or_nanoseconds(text: str, t_ns: int | None):
     assert time_of(text) == t_ns
+
+
+def _lines(form: str, scale: float = 1.0, *, mark: str = ".") -> str:
+    return "\n".join(form.format(i=i, t=scale * t).replace(".", mark) for i, t in enumerate(TIMES))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        _lines("{t:.6f}"),
+        "# time\n" + _lines("{t:.6f}"),
+        "frame,timestamp\n" + _lines("{i},{t:.6f}"),
+        "# frame, time [ms]\n" + _lines("{i}, {t:.3f}", 1e3),
+        "index;t_us\n" + _lines("{i};{t:.0f}", 1e6),
+        "Time (s);Frame\n" + _lines("{t:.4f};{i}", mark=","),  # a spreadsheet's, where decimals have commas
+        "time\n" + _lines("{t:.5f}", mark=","),
+        "# timestamp format v2\n" + _lines("{t:.0f}", 1e3),  # mkvextract
+        "# timecode format v2\n" + _lines("{t:.6f}", 1e3),
+        _lines("frame,{t:.6f}"),  # ffprobe
+        "n\tpts_time\n" + _lines("{i}\t{t:.4f}"),
+        "# taken at half past three, by hand\n" + _lines("{t:.6f}"),
+        "#timestamp [ns],filename\n" + _lines("{t:.0f},{i}.png", 1e9),
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_files_of_times_say_what_their_numbers_are(tmp_path: Path, content: str, encoding: str):
+    path = tmp_path / "cam0.csv"
+    path.write_text(content, encoding=encoding)
+    np.testing.assert_allclose(read_times(path).times(5, "5 frames") * 1e-9, TIMES, atol=0.5e-9)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (_lines("{i},{t:.6f}"), r"row 1: '0,2\.500000' holds several numbers that may be the time.*'frame,time'"),
+        (_lines("{i} {t:.6f}"), "several numbers"),
+        (_lines("{t:.6f}", mark=","), "several numbers.*decimal commas"),
+        (_lines("{t:.6f}\t{i}\ta.png"), "several numbers"),
+        (_lines("{t:.3f}", 1e3), r"10 s apart, read in s.*are the times in ms\? A first line '# time \[ms\]' says so"),
+        (_lines("{t:.0f}", 1e6), r"1e\+04 s apart.*are the times in us\?"),
+        (_lines("{t:.0f}", 1e9), r"1e\+07 s apart.*are the times in ns\?"),  # of a clock that began with the recording
+        ("\n".join(f"{1.7e15 + 1e6 * t:.0f}" for t in TIMES), r"1e-05 s apart, read in ns.*are the times in us\?"),
+        ("\n".join(f"{1.7e12 + 1e3 * t:.0f}" for t in TIMES), r"1e-08 s apart, read in ns.*are the times in ms\?"),
+        ("time_s\n" + _lines("{t:.3f}", 1e3), r"are the times in ms\?"),
+        ("frame,time\n" + _lines("{t:.6f}"), "row 2: '2.500000' has 1 columns; its header names 2"),
+        ("time\n00:00:02.5\n", "row 2: '00:00:02.5' is no time"),
+        ("2024-05-01T12:00:00\n", "row 1: .* is no time"),
+        ("frame,date\n0,12\n", "row 1: 'frame,date' is no time"),
+        (str(10**25), "has a time of .* ns, expected at most"),
+    ],
+)
+def test_numbers_that_may_not_be_the_time_are_asked_for(tmp_path: Path, content: str, says: str):
+    path = tmp_path / "cam0.txt"
+    path.write_text(content)
+    with pytest.raises(FileError, match=says):
+        read_times(path).times(5, "5 frames")
+
+
+@pytest.mark.parametrize("rate", [29.97, 59.94, 148.0, 239.76])
+@pytest.mark.parametrize("tick_ms", [1.0, 1000 / 600])
+def test_rounded_times_are_put_back_on_their_grid(rate: float, tick_ms: float):
+    rng = np.random.default_rng(int(rate))
+    shown = np.flatnonzero(rng.random(2000) > 0.1)
+    t = 3.2 + shown / rate
+    rounded = np.round(np.round(t * 1e3 / tick_ms) * tick_ms * 1e6).astype(np.int64)
+    off = evened(rounded, tick_ms * 1e6) * 1e-9 - t
+    assert np.abs(off).max() < 0.05e-3
+    assert np.abs(rounded * 1e-9 - t).max() > 0.2e-3
+    assert usual_rate(rounded) == pytest.approx(rate, rel=2e-2)
+
+
+def test_times_that_are_on_no_grid_stay_as_they_are():
+    rng = np.random.default_rng(0)
+    t_ns = np.cumsum(rng.uniform(5e6, 9e6, 300)).astype(np.int64)
+    assert evened(t_ns, 1e6) is t_ns
+    assert evened(t_ns[:2], 1e6) is not None
+    slow = np.arange(6) * 10**9  # whole seconds say nothing of what lies between
+    assert evened(slow, 1e9) is slow
+    check_rate(Path("a"), t_ns, unit="ns")
+
+
+def test_an_hour_on_a_clock_that_drifts_is_no_grid():
+    n = np.arange(500_000)
+    t = n / 148 * (1 + 2e-9 * n)  # a part in a thousand over the hour
+    rounded = np.round(t * 1e3).astype(np.int64) * 10**6
+    assert np.abs(evened(rounded, 1e6) * 1e-9 - t).max() < 0.51e-3

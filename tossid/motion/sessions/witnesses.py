@@ -104,7 +104,7 @@ def toss_witnesses(
         low = corners[..., 2].min(axis=1)
         seen.append(
             {
-                **_fall(track, model, low, settings),
+                **fall_of(track, model, low, settings=settings),
                 **_rest(track, model, faces, settings),
                 **_contacts(corners, low, settings),
                 **_noise(track, model),
@@ -124,8 +124,18 @@ def toss_witnesses(
     return Witnesses(values, info, np.array(places), speeds, np.array(lows))
 
 
-def _fall(track: PoseTrack, model: ObjectModel, low: Array, settings: WitnessSettings) -> Seen:
-    """A parabola through the common centre of mass, from the release until a corner is near the ground."""
+def fall_of(track: PoseTrack, model: ObjectModel, low: Array, *, settings: WitnessSettings = DEFAULT) -> Seen:
+    """A parabola through the common centre of mass, from the release until a corner is near the ground.
+
+    Args:
+        track: Of a toss.
+        model: The object.
+        low: Height of its lowest corner in each frame (n,) [m].
+        settings: What counts as flight.
+
+    Returns:
+        Direction and size of the acceleration, and horizontal velocity; nothing where it does not fall long enough.
+    """
     clear = low - low.min() > settings.clear_height
     n = len(clear) if clear.all() else int(np.argmin(clear))
     if n < settings.fewest_flight:

@@ -30,6 +30,8 @@ Image = NDArray[np.uint8]
 
 TILE = 4
 """The AprilTag library's threshold is set by tiles of this many pixels."""
+DAMAGED = "damaged frames"
+"""Counts frames of films that cannot be decoded."""
 DEFAULT = DetectSettings()
 
 
@@ -346,5 +348,10 @@ def _detect_batch(
     recording: Recording, files: Sequence[FrameFile], model: ObjectModel | None, settings: DetectSettings
 ) -> tuple[list[Detection], Counter[str], int]:
     finder = TagFinder(recording.camera(files[0].camera), model, settings, layout=recording.layout)
-    found = [detection for frame in recording.run(files) for detection in finder.find(frame)]
+    found, n_frames = [], 0
+    for frame in recording.run(files):
+        found += finder.find(frame)
+        n_frames += 1
+    if n_frames < len(files):
+        finder.tally[DAMAGED] += len(files) - n_frames
     return found, finder.tally, len(files)

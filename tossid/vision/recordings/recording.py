@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 
 from tossid import budget
 from tossid.errors import FileError
-from tossid.types import Frame
+from tossid.types import Frame, OnDemand
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.recordings.image_header import Pixels, grey_pixels
+from tossid.vision.recordings.times import LATEST_NS
 from tossid.vision.setup.calibration import read_cameras
 from tossid.vision.setup.layout import TagLayout
 from tossid.vision.setup.tagslam import read_tagslam
 
-LATEST_NS = 1 << 62
-"""No clock shows a time beyond this: it is the year 2116."""
 LEVEL_FRAMES = 16
 """So many frames of a camera tell how bright its 16-bit images get."""
 HOT_PIXELS = 50
@@ -38,7 +37,7 @@ class FrameFile:
         camera: Name of its camera.
         t_ns: Time stamp [ns], corrected for the camera's clock offset.
         path: The image, video or bag.
-        index: Number of the frame in a video, time of recording [ns] in a bag.
+        index: Time stamp of the frame in a video, in its own unit; time of recording [ns] in a bag.
     """
 
     camera: str
@@ -50,8 +49,11 @@ class FrameFile:
 class FrameReader(Protocol):
     """Reads the images of a recording."""
 
-    def images(self, files: Sequence[FrameFile]) -> Iterator[Pixels]:
-        """Grey images (height, width) of 8 or 16 bits of some frames of one camera, in order of time."""
+    def images(self, files: Sequence[FrameFile]) -> Iterator[Pixels | None]:
+        """Grey images (height, width) of 8 or 16 bits of some frames of one camera, in order of time.
+
+        None where a frame is damaged.
+        """
         ...
 
 
@@ -100,15 +102,22 @@ class Recording:
 
     def read(self, file: FrameFile) -> Frame:
         """Read one frame (see `run`)."""
-        return next(self.run((file,)))
+        frame = next(self.run((file,)), None)
+        if frame is None:
+            raise FileError(file.path, f"its frame at {file.t_ns * 1e-9:.6f} s is damaged")
+        return frame
 
     def run(self, files: Sequence[FrameFile]) -> Iterator[Frame]:
-        """Read frames of one camera, in order of time; 16 bits are scaled to 8 by those that the camera uses.
+        """Read frames of one camera, in order of time; those of a film that are damaged are left out.
+
+        Images of 16 bits are scaled to 8 by those that the camera uses.
 
         Raises:
             FileError: one is missing, no image, cut short, or not of the camera's resolution.
         """
         for file, image in zip(files, self.reader.images(files), strict=True):
+            if image is None:
+                continue
             width, height = self.camera(file.camera).resolution
             if image.shape != (height, width):
                 raise FileError(
@@ -133,9 +142,11 @@ class Recording:
         """A 10 or 12-bit camera leaves the upper bits empty. One number for all frames, so that none flickers."""
         files = self.frames[camera]
         chosen = np.unique(np.linspace(0, len(files) - 1, LEVEL_FRAMES).astype(int)).tolist()
-        images = [next(iter(self.reader.images((files[i],)))) for i in chosen]
-        brightest = max(int(np.partition(image, -HOT_PIXELS, axis=None)[-HOT_PIXELS:].min()) for image in images)
-        return max(8, brightest.bit_length())
+        images = (next(iter(self.reader.images((files[i],)))) for i in chosen)
+        brightest = [
+            np.partition(image, -HOT_PIXELS, axis=None)[-HOT_PIXELS:].min() for image in images if image is not None
+        ]
+        return max(8, int(max(brightest, default=0)).bit_length())
 
     def __iter__(self) -> Iterator[Frame]:
         """All frames in order of time."""
@@ -173,13 +184,38 @@ def read_set_up(folder: str | Path) -> tuple[tuple[Camera, ...], TagLayout]:
     return read_cameras(folder, layout=layout), layout
 
 
+def frames_in_order(
+    camera: Camera, t_ns: NDArray[np.int64], path: Callable[[int], Path], index: Callable[[int], int] = lambda i: 0
+) -> Sequence[FrameFile]:
+    """The frames of a camera in order of time. An hour has hundreds of thousands: of each only its time is kept.
+
+    Args:
+        camera: The camera; its clock's offset is taken off.
+        t_ns: Time stamps of the frames [ns].
+        path: Where frame i lies.
+        index: Its index there.
+
+    Raises:
+        FileError: Two frames have one time stamp, or the clock's offset is beyond all times.
+    """
+    if abs(camera.clock_offset) * 1e9 > LATEST_NS / 4:
+        raise FileError(path(0), f"camera '{camera.name}' has a clock offset of {camera.clock_offset} s")
+    own = t_ns - round(camera.clock_offset * 1e9)
+    order = np.array(_order_of(own, path))
+    return OnDemand(
+        lambda i: FrameFile(camera.name, int(own[order[i]]), path(int(order[i])), index(int(order[i]))),
+        len(order),
+        kept=0,
+    )
+
+
 def in_order(files: Iterable[FrameFile]) -> tuple[FrameFile, ...]:
     """Frames of one camera in order of time. `FileError` where two have one time stamp."""
     given = tuple(files)
-    return tuple(given[i] for i in order_of([file.t_ns for file in given], lambda i: given[i].path))
+    return tuple(given[i] for i in _order_of([file.t_ns for file in given], lambda i: given[i].path))
 
 
-def order_of(t_ns: Sequence[int] | NDArray[np.int64], path: Callable[[int], Path]) -> list[int]:
+def _order_of(t_ns: Sequence[int] | NDArray[np.int64], path: Callable[[int], Path]) -> list[int]:
     """Frames' places in order of time. `FileError` where two have one time stamp; path: where a frame lies."""
     order = sorted(range(len(t_ns)), key=t_ns.__getitem__)
     for one, other in itertools.pairwise(order):

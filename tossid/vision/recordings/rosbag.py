@@ -1,17 +1,21 @@
 """ROS 1 and ROS 2 bags opened without ROS, by the `rosbags` library.
 
 A bag is a `.bag` file, plain or packed (`.bag.bz2`, `.bag.gz`), or a ROS 2 bag: its folder, or a single `.mcap`.
-A ROS 1 bag that breaks off is read as far as it is whole, and its `problems` say so.
+A bag whose recorder was killed is read as far as it is whole, and its `problems` say so: a ROS 1 bag or an MCAP that
+breaks off, a ROS 2 bag without metadata.yaml, or with one that does not name all of its files.
 """
 
 from __future__ import annotations
 
 import bz2
 import gzip
+import re
+import shutil
+import sqlite3
 import tempfile
 import zlib
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -26,11 +30,23 @@ from rosbags.typesys.store import Typestore
 from tossid import budget
 from tossid.errors import FileError, InputError
 from tossid.vision.recordings.image_header import Pixels, grey_pixels
-from tossid.vision.recordings.rosbag_budget import TooLarge, check_definitions, check_parts, copy_within, forget_excess
-from tossid.vision.recordings.rosbag_rescue import Rescue
+from tossid.vision.recordings.rosbag_budget import (
+    ZSTD_MAGIC,
+    TooLarge,
+    ZstdError,
+    check_definitions,
+    check_parts,
+    copy_within,
+    forget_excess,
+    missing_metadata,
+    open_zstd,
+    unpack_zstd,
+)
+from tossid.vision.recordings.rosbag_rescue import Rescue, RescuedMcap, whole_words
 
 SUFFIXES = (".bag", ".mcap", ".db3", ".bag.bz2", ".bag.gz")
-PACKED: dict[str, type[bz2.BZ2File] | type[gzip.GzipFile]] = {".bz2": bz2.BZ2File, ".gz": gzip.GzipFile}
+PARTS = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
+PACKED: dict[str, Callable[[Path], Any]] = {".bz2": bz2.BZ2File, ".gz": gzip.GzipFile, ".zstd": open_zstd}
 
 APRILTAG_MSGS = {
     "apriltag_msgs/msg/ApriltagArrayStamped": "std_msgs/Header header\nApriltag[] apriltags\n",
@@ -71,16 +87,32 @@ def find_bags(path: Path) -> tuple[Path, ...]:
     Raises:
         FileError: there is none.
     """
-    if path.is_file() or (path / "metadata.yaml").is_file():
+    if path.is_file() or is_bag_folder(path):
         return (path,)
     if not path.is_dir():
         raise FileError(path, "no such bag; expected a .bag, .bag.bz2 or .mcap file, or a ROS 2 bag's folder")
     inside = sorted(entry for entry in path.iterdir() if not entry.name.startswith("."))
-    bags = [entry for entry in inside if (entry / "metadata.yaml").is_file()]
+    bags = [entry for entry in inside if is_bag_folder(entry)]
     bags += [entry for entry in inside if entry.is_file() and entry.name.endswith(SUFFIXES)]
     if not bags:
         raise FileError(path, "holds no bag; expected a .bag, .bag.bz2 or .mcap file, or a ROS 2 bag's folder")
     return tuple(bags)
+
+
+def is_bag_folder(path: Path) -> bool:
+    """Whether a folder is a ROS 2 bag: with metadata.yaml, or with nothing but the parts of one and no calibration."""
+    if not path.is_dir():
+        return False
+    if (path / "metadata.yaml").is_file():
+        return True
+    names = {re.sub(r"(_\d+)?(\.\w+)+$", "", part.name) for part in bag_parts(path)}
+    return len(names) == 1 and not (path / "cameras.yaml").is_file()
+
+
+def bag_parts(folder: Path) -> list[Path]:
+    """The files of a ROS 2 bag's messages, in order of their numbers."""
+    parts = [entry for entry in folder.iterdir() if entry.is_file() and entry.name.endswith(PARTS)]
+    return sorted(parts, key=lambda part: (len(part.name), part.name))
 
 
 class Bag:
@@ -100,6 +132,8 @@ class Bag:
         self._stack = ExitStack()
         self._reader: AnyReader | None = None
         self._rescued: Rescue | None = None
+        self._bare = ""
+        """what its metadata lack"""
 
     def __enter__(self) -> Bag:
         """Open the bag.
@@ -109,10 +143,11 @@ class Bag:
         """
         forget_excess()
         try:
-            check_parts(self.path)
-            plain = self._unpacked()
-            if plain.is_dir() or plain.suffix != ".bag":
-                self._reader = self._stack.enter_context(AnyReader([plain], default_typestore=typestore()))
+            plain = self._unpacked(self.path)
+            if plain.suffix != ".bag" or plain.is_dir():
+                reader = AnyReader(self._parts(plain), default_typestore=typestore())
+                self._reader = self._stack.enter_context(reader)
+                self._say_what_is_whole(self._reader)
             else:
                 try:
                     self._reader = self._stack.enter_context(AnyReader([plain]))
@@ -145,22 +180,60 @@ class Bag:
         """Close the bag."""
         self._stack.close()
 
-    def _unpacked(self) -> Path:
-        """The bag as a plain file or folder; a packed one is unpacked to a temporary file."""
-        if self.path.is_dir() or self.path.suffix not in PACKED:
-            return self.path
+    def _parts(self, plain: Path) -> list[Path]:
+        """A ROS 2 bag as `rosbags` opens it: its folder, or its files where metadata are missing or not whole."""
+        if plain.is_file():
+            return [self._settled(plain)]
+        parts = bag_parts(plain)
+        lacks = missing_metadata(plain, [part.name for part in parts])
+        if lacks is None or not parts:
+            check_parts(plain)
+            return [plain]
+        self._bare = f"{self.path} {lacks}"
+        return [self._settled(self._unpacked(part)) for part in parts]
+
+    def _settled(self, part: Path) -> Path:
+        """A database with what a killed recorder left in SQLite's files beside it: a copy, where there are such."""
+        beside = [part.with_name(part.name + end) for end in ("-wal", "-journal")]
+        left = [file for file in beside if file.is_file() and budget.regular_size(file)]
+        if not left:
+            return part
         folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="tossid-bag-")))
-        plain = folder / self.path.stem
+        for file in (part, *left):
+            shutil.copyfile(file, folder / file.name)
+        try:
+            with closing(sqlite3.connect(folder / part.name)) as database:
+                database.execute("PRAGMA journal_mode=DELETE").fetchall()  # takes in the log, or rolls back
+        except sqlite3.Error as error:
+            raise FileError(part, f"does not go with {left[0].name}: {error}") from error
+        return folder / part.name
+
+    def _say_what_is_whole(self, reader: AnyReader) -> None:
+        inner: list[Any] = [one.storage for one in reader.readers]  # type: ignore[union-attr]
+        storages = [part for storage in inner for part in getattr(storage, "storages", [storage])]
+        cut = [storage for storage in storages if getattr(storage, "found", None)]
+        self.problems += [f"{storage.path} breaks off before its end: {storage.found}" for storage in cut]
+        # an MCAP tells by itself whether it is whole
+        if self._bare and not all(isinstance(storage, RescuedMcap) for storage in storages):
+            self.problems.append(f"{self._bare}: {whole_words(reader.message_count, reader.end_time - 1)}")
+
+    def _unpacked(self, path: Path) -> Path:
+        """A bag as a plain file or folder; a packed one is unpacked to a temporary file."""
+        size = None if path.is_dir() else budget.regular_size(path)
+        if size is None or path.suffix not in PACKED:
+            return path
+        folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="tossid-bag-")))
+        plain = folder / path.stem
         with plain.open("wb") as out:
             try:
-                with PACKED[self.path.suffix](self.path) as packed:
-                    copy_within(packed, out, budget.unpacked_allowance(budget.regular_size(self.path)))
+                with PACKED[path.suffix](path) as packed:
+                    copy_within(packed, out, budget.unpacked_allowance(size))
             except EOFError:
-                self.problems.append(f"{self.path} is packed, and breaks off before its end")
+                self.problems.append(f"{path} is packed, and breaks off before its end")
             except TooLarge as error:
-                raise FileError(self.path, str(error)) from error
-            except (OSError, zlib.error) as error:
-                raise FileError(self.path, f"cannot be unpacked: {error}") from error
+                raise FileError(path, str(error)) from error
+            except (OSError, zlib.error, ZstdError) as error:
+                raise FileError(path, f"cannot be unpacked: {error}") from error
         return plain
 
     def messages(self, topics: Sequence[str], *, start: int | None = None, stop: int | None = None) -> Iterator[Any]:
@@ -187,6 +260,8 @@ class Bag:
             chosen: list[Connection] = [c for c in self._reader.connections if c.topic.lstrip("/") in topics]
             if chosen:
                 for connection, t_ns, raw in self._reader.messages(chosen, start=start, stop=stop):
+                    if self._reader.is2 and raw[:4] == ZSTD_MAGIC:  # as missing metadata would say
+                        raw = unpack_zstd(raw)
                     yield connection.topic.lstrip("/"), t_ns, self._reader.deserialize(raw, connection.msgtype)
         except TooLarge as error:
             raise FileError(self.path, str(error)) from error

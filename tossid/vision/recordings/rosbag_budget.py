@@ -9,7 +9,7 @@ from __future__ import annotations
 import bz2
 import re
 import sqlite3
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
@@ -28,6 +28,9 @@ from tossid.objects.references import inside
 from tossid.yaml_files import read_yaml
 
 _ZSTD: Any = rosbag2.zstd
+ZstdError: type[Exception] = _ZSTD.ZstdError
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+"""First bytes of what Zstandard packed."""
 _AT_ONCE = 1 << 20
 """Bytes."""
 _COMPUTED = re.compile(r"\b(AS|VIRTUAL)\b", re.IGNORECASE)
@@ -87,6 +90,11 @@ def unpack_lz4(data: bytes) -> bytes:
 def unpack_zstd(data: bytes) -> bytes:
     """The content of a chunk or message that Zstandard packed; `TooLarge` beyond the budget."""
     return _unpack(_ZSTD.ZstdDecompressor, data)
+
+
+def open_zstd(path: Path) -> Any:
+    """A stream of the content of a file that Zstandard packed."""
+    return _ZSTD.open(path, "rb")
 
 
 def copy_within(packed: Any, out: BinaryIO, limit: int) -> None:
@@ -169,6 +177,28 @@ def check_parts(path: Path) -> None:
             inside(path, str(name))
         except ObjectError as error:
             raise FileError(path / "metadata.yaml", f"relative_file_paths: {error}") from error
+
+
+def missing_metadata(folder: Path, parts: Sequence[str]) -> str | None:
+    """What a ROS 2 bag's metadata.yaml lacks, None where it names topics and all of the folder's files.
+
+    Args:
+        folder: The bag.
+        parts: Names of its files of messages.
+    """
+    file = folder / "metadata.yaml"
+    if not file.is_file():
+        return "has no metadata.yaml"
+    try:
+        about = read_yaml(file).get("rosbag2_bagfile_information")
+    except FileError:
+        about = None
+    if not isinstance(about, dict) or not about.get("topics_with_message_count"):
+        return "has a metadata.yaml that names no topics"
+    names = about.get("relative_file_paths")
+    named = {Path(str(name)).name for name in names} if isinstance(names, list) else set()
+    strange = [part for part in parts if part not in named and f"{part}.zstd" not in named]
+    return f"has a metadata.yaml that does not name {strange[0]}" if strange else None
 
 
 def check_definitions(types: Mapping[str, Any]) -> None:

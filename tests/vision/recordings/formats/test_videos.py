@@ -1,64 +1,139 @@
-"""Frames from videos, and times from names and files."""
+"""Recordings of one film a camera: whose times hold, which way up images are, and what is said."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
-from tossid.errors import FileError
+from tests.vision.recordings.written_films import LATE, SIZE, STEADY, TICK, damage, number_in, write_film
+from tossid.errors import FileError, InputError
 from tossid.objects import ObjectModel
+from tossid.vision import stages
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.recordings.formats.videos import read_videos
+from tossid.vision.progress import Reporter
+from tossid.vision.recordings.formats.videos import VideoSource, read_videos
+from tossid.vision.recordings.registry import open_recording
 from tossid.vision.setup.calibration import write_cameras
 from tossid.vision.setup.layout import layout_of
 from tossid.vision.setup.tagslam import write_tagslam
 
-CAMERA = Camera("left", (64, 48), [60, 60, 32, 24], clock_offset=0.5)
-
-
-SMOOTH = np.tile(np.linspace(20, 120, 64), (48, 1)).astype(np.uint8)
-
 
 @pytest.fixture
-def videos(tmp_path: Path, tagged: ObjectModel) -> Path:
-    """A video of 12 frames, each brighter than the last."""
-    write_cameras([CAMERA], tmp_path)
+def folder(tmp_path: Path, tagged: ObjectModel) -> Path:
+    """A recording without films."""
+    _calibrated(tmp_path)
     write_tagslam(layout_of(tagged), tmp_path / "tagslam.yaml")
-    writer = cv2.VideoWriter(str(tmp_path / "left.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (64, 48))
-    for i in range(12):
-        writer.write(cv2.cvtColor(SMOOTH + 10 * i, cv2.COLOR_GRAY2BGR))
-    writer.release()
     return tmp_path
 
 
-def test_a_videos_frames_come_by_number(videos: Path):
-    recording = read_videos(videos)
+def _calibrated(folder: Path, *, size: tuple[int, int] = SIZE, rate_hz: float | None = None) -> None:
+    write_cameras([Camera("left", size, [60, 60, 32, 24], clock_offset=0.5, rate_hz=rate_hz)], folder)
+
+
+def _times(folder: Path, **keys: float) -> np.ndarray:
+    return np.array([file.t_ns for file in read_videos(folder, **keys).frames["left"]]) * 1e-9 + 0.5
+
+
+@pytest.mark.parametrize("kind", list(LATE))
+def test_times_are_the_containers(folder: Path, kind: str):
+    write_film(folder / "left.mp4", LATE[kind], b_frames=2)
+    np.testing.assert_allclose(_times(folder), LATE[kind] * float(TICK), atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["constant", "dropped", "variable", "offset"])
+def test_times_that_a_container_rounds_to_milliseconds_are_put_back_on_their_grid(folder: Path, kind: str):
+    write_film(folder / "left.mkv", LATE[kind])
+    off = _times(folder) - LATE[kind] * float(TICK)
+    assert np.ptp(off) < 0.2e-3  # rounded, it is 1 ms
+    assert abs(off.mean()) < 0.25e-3
+
+
+def test_batches_of_frames_are_read_in_any_order(folder: Path):
+    write_film(folder / "left.mp4", LATE["dropped"], b_frames=3)
+    recording = read_videos(folder)
     files = recording.frames["left"]
-    assert len(files) == 12
-    assert recording.rate_hz == pytest.approx(25.0)
-    for i, frame in zip(range(4, 9), recording.run(files[4:9]), strict=True):
-        assert frame.t == pytest.approx(i / 25 - 0.5)
-        assert np.abs(frame.image.astype(int) - (SMOOTH.astype(int) + 10 * i)).mean() < 3
+    assert recording.n_frames == 60
+    at_once = [recording.run(files[first : first + 20]) for first in (20, 0, 40)]  # as threads would
+    found = [[number_in(frame.image) for frame in run] for run in at_once]
+    assert found == [list(range(20, 40)), list(range(20)), list(range(40, 60))]
+    assert number_in(recording.read(files[7]).image) == 7
+    assert recording.read(files[7]).t == pytest.approx(LATE["dropped"][7] * float(TICK) - 0.5)
 
 
-def test_a_videos_times_come_from_a_file_or_a_rate(videos: Path):
-    assert read_videos(videos, rate_hz=50.0).rate_hz == pytest.approx(50.0)
-    times = 100 + np.arange(12) / 30 + (np.arange(12) > 6) * 0.1  # frames were dropped
-    (videos / "left.txt").write_text("# time\n" + "\n".join(f"{t:.6f}" for t in times))
-    files = read_videos(videos).frames["left"]
-    np.testing.assert_allclose([file.t_ns * 1e-9 for file in files], times - 0.5, atol=1e-6)
-    (videos / "left.txt").write_text("1.0\n2.0\n")
-    with pytest.raises(FileError, match="2 times for the 12 frames"):
-        read_videos(videos)
+def test_exact_times_beside_a_film_hold_where_their_number_is_that_of_its_frames(folder: Path):
+    write_film(folder / "left.mkv", LATE["offset"])  # the header has no count; a guess from its length is 109
+    times = 100 + np.cumsum(np.random.default_rng(0).uniform(0.006, 0.008, 60))
+    (folder / "left.txt").write_text("# time\n" + "\n".join(f"{t:.6f}" for t in times))
+    np.testing.assert_allclose(_times(folder), times, atol=1e-6)
+    (folder / "left.txt").write_text("1.0\n2.0\n")
+    with pytest.raises(FileError, match=r"has 2 times for the 60 frames of left\.mkv"):
+        read_videos(folder)
 
 
-def test_a_missing_or_broken_video_is_named(videos: Path):
-    (videos / "left.avi").write_bytes(b"no video")
-    with pytest.raises(FileError, match="not a video"):
-        read_videos(videos)
-    (videos / "left.avi").unlink()
+def test_a_rate_that_is_not_the_films_is_said_and_does_not_hold(folder: Path):
+    write_film(folder / "left.mp4", STEADY)
+    _calibrated(folder, rate_hz=240.0)
+    found = read_videos(folder)
+    assert found.rate_hz == pytest.approx(148, rel=1e-6)
+    (problem,) = found.problems
+    assert "cameras.yaml says 240 Hz for left, but the times of the video say 148 Hz; these hold" in problem
+    _calibrated(folder, rate_hz=147.0)
+    assert read_videos(folder).problems == ()
+
+
+def test_a_slow_motion_film_is_stretched_to_the_rate_that_is_given(folder: Path):
+    played = 8  # taken at eight times the rate at which it plays, with frames dropped
+    write_film(folder / "left.mp4", LATE["dropped"] * played)
+    times = _times(folder, rate_hz=148.0)
+    np.testing.assert_allclose(times, LATE["dropped"] * float(TICK), atol=1e-8)
+    (problem,) = read_videos(folder, rate_hz=148.0).problems
+    assert "plays at 18.5 Hz; its times are stretched to source.rate_hz=148" in problem
+
+
+@pytest.mark.parametrize("degrees", [90, 180, 270])
+def test_a_turned_film_goes_with_the_calibration_of_its_size(folder: Path, degrees: int):
+    write_film(folder / "left.mp4", STEADY, turned=degrees)
+    sideways = degrees % 180 != 0
+    _calibrated(folder, size=SIZE[::-1] if sideways else SIZE)
+    recording = read_videos(folder)
+    assert recording.read(recording.frames["left"][3]).image.shape == (SIZE if sideways else SIZE[::-1])
+    assert f"turned by {degrees}° as its metadata say" in recording.problems[0]
+    if sideways:
+        _calibrated(folder, size=SIZE)
+        recording = read_videos(folder)
+        assert number_in(recording.read(recording.frames["left"][3]).image) == 3
+        assert "left as they are stored, as left was calibrated" in recording.problems[0]
+
+
+def test_a_film_of_another_size_is_refused_before_it_is_read(folder: Path):
+    write_film(folder / "left.mp4", STEADY[:3])
+    _calibrated(folder, size=(1920, 1080))
+    with pytest.raises(FileError, match="is 96 by 64 px, but left has 1920 by 1080 px"):
+        read_videos(folder)
+
+
+def test_damaged_frames_are_counted_and_left_out(folder: Path, tagged: ObjectModel):
+    damage(write_film(folder / "left.mp4", STEADY), 24, 36)
+    recording = read_videos(folder)
+    assert [number_in(frame.image) for frame in recording.run(recording.frames["left"][20:40])] == [
+        *range(20, 24),
+        *range(36, 40),
+    ]
+    with pytest.raises(FileError, match=r"its frame at -0\.3\d+ s is damaged"):
+        recording.read(recording.frames["left"][25])
+    opened = replace(open_recording(VideoSource(path=folder)), model=tagged)
+    report = Reporter(lambda progress: None)
+    with pytest.raises(InputError, match="no tag was seen"):
+        list(stages.detect(opened, report=report))
+    assert f"{folder}: 12 of 60 frames are damaged and left out" in report.problems
+
+
+def test_a_missing_or_broken_video_is_named(folder: Path):
     with pytest.raises(FileError, match="no video of camera 'left'"):
-        read_videos(videos)
+        read_videos(folder)
+    (folder / "left.avi").write_bytes(b"no video")
+    with pytest.raises(FileError, match="not a video"):
+        read_videos(folder)

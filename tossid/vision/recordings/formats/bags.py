@@ -245,13 +245,15 @@ def _has_detections(path: Path, cameras: tuple[Camera, ...]) -> bool:
 
 def _is_bag(path: Path) -> bool:
     """A file is a bag; so is a folder that is one, or has one in it and no images."""
-    from tossid.vision.recordings.rosbag import SUFFIXES
+    from tossid.vision.recordings.rosbag import SUFFIXES, is_bag_folder
 
-    if path.is_file() or (path / "metadata.yaml").is_file():
+    if path.is_file() or is_bag_folder(path):
         return True
     if not path.is_dir() or (path / "frames").exists():
         return False
-    return any(".bag" in entry.name or entry.name.endswith(SUFFIXES) for entry in path.iterdir())
+    return any(
+        ".bag" in entry.name or entry.name.endswith(SUFFIXES) or is_bag_folder(entry) for entry in path.iterdir()
+    )
 
 
 register_recording(RosbagSource, _open, recognizes=_is_bag)

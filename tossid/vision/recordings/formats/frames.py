@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Literal
 
 from tossid.errors import ConfigError, FileError
 from tossid.vision.recordings.registry import Opened, register_recording
-from tossid.vision.recordings.times import TIME_FILES, time_of_name, times_of
 
 if TYPE_CHECKING:
     from tossid.vision.cameras.camera import Camera
@@ -60,7 +59,8 @@ def _list_frames(folder: Path, camera: Camera) -> Sequence[FrameFile]:
     import numpy as np
 
     from tossid.types import OnDemand
-    from tossid.vision.recordings.recording import LATEST_NS, FrameFile, order_of
+    from tossid.vision.recordings.recording import frames_in_order
+    from tossid.vision.recordings.times import TIME_FILES, check_rate, names_as_times, times_of
 
     if not folder.is_dir():
         raise FileError(folder, f"no such folder; expected the frames of camera '{camera.name}'")
@@ -84,15 +84,12 @@ def _list_frames(folder: Path, camera: Camera) -> Sequence[FrameFile]:
         return folder / os.fsdecode(names[i])
 
     images = OnDemand(path, len(names), kept=0)
-    stamps = times_of(folder / max(times), images) if times else [time_of_name(image) for image in images]
-    beyond = [i for i, t_ns in enumerate(stamps) if abs(t_ns) > LATEST_NS]
-    if beyond:
-        raise FileError(path(beyond[0]), f"has the time stamp {stamps[beyond[0]]} ns, expected at most {LATEST_NS}")
-    if abs(camera.clock_offset) * 1e9 > LATEST_NS / 4:
-        raise FileError(folder, f"camera '{camera.name}' has a clock offset of {camera.clock_offset} s")
-    t_ns = np.array(stamps, dtype=np.int64) - round(camera.clock_offset * 1e9)
-    order = np.array(order_of(t_ns, path))
-    return OnDemand(lambda i: FrameFile(camera.name, int(t_ns[order[i]]), path(order[i])), len(order), kept=0)
+    if times:
+        t_ns = times_of(folder / max(times), images)
+    else:
+        t_ns = names_as_times(images)
+        check_rate(folder, t_ns, unit="ns", named=True)
+    return frames_in_order(camera, t_ns, path)
 
 
 def _open(source: FramesSource) -> Opened:

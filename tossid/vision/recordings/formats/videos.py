@@ -1,29 +1,31 @@
-"""The format `video`: a recording with one video file a camera, read by OpenCV."""
+"""The format `video`: a recording with one video file a camera."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import threading
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from tossid import budget
 from tossid.errors import FileError
 from tossid.settings.kinds import Positive
 from tossid.vision.recordings.registry import Opened, register_recording
-from tossid.vision.recordings.times import read_times
 
 if TYPE_CHECKING:
-    import cv2
     import numpy as np
     from numpy.typing import NDArray
 
     from tossid.vision.cameras.camera import Camera
+    from tossid.vision.recordings.film import FilmDecoder, FilmIndex
     from tossid.vision.recordings.recording import FrameFile, Recording
 
     Image = NDArray[np.uint8]
 
 VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm")
+RATES_DIFFER = 0.02
+"""Relative difference from which on a stated rate is not that of a film's times."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,106 +37,152 @@ class VideoSource:
     path: Path
     """recording folder: CAMERA.mp4 for each camera, CAMERA.txt with its frames' times beside, or none"""
     rate_hz: Positive | None = None
-    """frames a second where no file has times; null: what cameras.yaml or the videos say"""
+    """frames a second as they were taken, of videos that play slower or faster (slow motion): their times are
+    stretched to it; null: the videos' own times"""
 
 
 class VideoFiles:
-    """Frames of videos, one file a camera (OpenCV)."""
+    """Frames of films, one file a camera, by their time stamps."""
 
-    def images(self, files: Sequence[FrameFile]) -> Iterator[Image]:
-        """Frames by number, from the first on."""
-        import cv2
-        import numpy as np
+    def __init__(self, films: Mapping[Path, FilmIndex], turns: Mapping[Path, int]) -> None:
+        """Read films.
 
+        Args:
+            films: Index of each.
+            turns: Quarter turns that the images of each are given.
+        """
+        self._films, self._turns = films, turns
+        self._idle: dict[Path, list[FilmDecoder]] = defaultdict(list)
+        self._lock = threading.Lock()
+
+    def images(self, files: Sequence[FrameFile]) -> Iterator[Image | None]:
+        """Frames of one film; None for those that cannot be decoded.
+
+        A decoder that comes free waits where it is, so that frames asked for in order are decoded about once.
+        """
         if not files:
             return
-        video = _open_video(files[0].path)
+        path = files[0].path
+        decoder = self._decoder(path, files[0].index)
         try:
-            at = files[0].index
-            if at:
-                video.set(cv2.CAP_PROP_POS_FRAMES, at)
             for file in files:
-                image = None
-                while at <= file.index:
-                    good, image = video.read()
-                    if not good:
-                        raise FileError(file.path, f"breaks off at frame {at}; expected {file.index} and more")
-                    at += 1
-                assert image is not None
-                grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-                yield np.ascontiguousarray(grey, dtype=np.uint8)
+                yield decoder.image(file.index)
         finally:
-            video.release()
+            with self._lock:
+                self._idle[path].append(decoder)
 
+    def _decoder(self, path: Path, pts: int) -> FilmDecoder:
+        """The idle decoder that has the least way to a frame, or a new one."""
+        from tossid.vision.recordings.film import FilmDecoder
 
-def _open_video(path: Path) -> cv2.VideoCapture:
-    import cv2
-
-    video = cv2.VideoCapture(str(path))
-    if not video.isOpened():
-        raise FileError(path, "is not a video that can be read")
-    return video
+        with self._lock:
+            idle = self._idle[path]
+            if idle:
+                best = max(idle, key=lambda decoder: (decoder.at <= pts, decoder.at))
+                idle.remove(best)
+                return best
+        return FilmDecoder(self._films[path], turns=self._turns[path])
 
 
 def read_videos(folder: str | Path, *, rate_hz: float | None = None) -> Recording:
     """Open a recording of one video a camera: NAME/CAMERA.mp4 (or .avi, .mkv, .mov), with its calibration.
 
-    A frame's time is a line of CAMERA.txt or CAMERA.csv beside the video, where there is one; else its number
-    over the rate: that given, that of `cameras.yaml`, or the video's own.
+    A frame's time is a line of CAMERA.txt or CAMERA.csv beside the video, where there is one; else the time at which
+    the video shows it. Images are turned as the video's metadata say, unless the camera was calibrated without that.
 
     Args:
         folder: Where the videos and the calibration lie.
-        rate_hz: Frames a second of all cameras; None: what the files say.
+        rate_hz: Frames a second as they were taken, where videos without a file of times play at another rate.
 
     Returns:
-        The recording.
+        The recording; its problems say which of its rates and turns do not go together.
 
     Raises:
-        FileError: A camera has no video, it cannot be read, or it and its times differ in length.
+        FileError: A camera has no video, it cannot be read or has another size than the camera, or it and its times
+            differ in length.
     """
+    from tossid.vision.recordings.film import index_film
     from tossid.vision.recordings.recording import Recording, read_set_up
 
     folder = Path(folder)
     cameras, layout = read_set_up(folder)
-    frames = {camera.name: _list_video(folder, camera, rate_hz) for camera in cameras}
-    return Recording(folder, cameras, layout, frames, VideoFiles())
+    paths = {camera.name: _video_path(folder, camera) for camera in cameras}
+    films = {path: index_film(path) for path in paths.values()}
+    problems: list[str] = []
+    turns = {path: _turns(films[path], camera, problems) for camera, path in zip(cameras, paths.values(), strict=True)}
+    frames = {camera.name: _listed(films[paths[camera.name]], camera, rate_hz, problems) for camera in cameras}
+    return Recording(folder, cameras, layout, frames, VideoFiles(films, turns), tuple(problems))
 
 
-def _list_video(folder: Path, camera: Camera, rate_hz: float | None) -> tuple[FrameFile, ...]:
-    import cv2
-    import numpy as np
-
-    from tossid.vision.recordings.recording import FrameFile, in_order
-
+def _video_path(folder: Path, camera: Camera) -> Path:
     names = [folder / f"{camera.name}{suffix}" for suffix in VIDEO_SUFFIXES]
     path = next((name for name in names if name.is_file()), None)
     if path is None:
         raise FileError(folder, f"has no video of camera '{camera.name}'; expected {names[0].name} or alike")
-    video = _open_video(path)
-    count, own_rate = int(video.get(cv2.CAP_PROP_FRAME_COUNT)), float(video.get(cv2.CAP_PROP_FPS))
-    width, height = (int(video.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-    video.release()
-    budget.check_pixels(path, width, height)
-    budget.check_claim(path, "frames", count, budget.regular_size(path) // budget.limits().bytes_a_frame)
-    if count < 1:
-        raise FileError(path, "is a video without frames")
-    times = next((path.with_suffix(suffix) for suffix in (".txt", ".csv") if path.with_suffix(suffix).is_file()), None)
-    if times is not None:
-        stamps = [t_ns for _, t_ns in read_times(times)]
-        if len(stamps) != count:
-            raise FileError(times, f"has {len(stamps)} times for the {count} frames of {path.name}")
+    return path
+
+
+def _turns(film: FilmIndex, camera: Camera, problems: list[str]) -> int:
+    """Quarter turns by which a film's images are those that its camera was calibrated with."""
+    if film.shown == camera.resolution:
+        if film.turns:
+            problems.append(
+                f"{film.path}: its images are turned by {90 * film.turns}° as its metadata say; {camera.name} must "
+                "have been calibrated with images that were turned alike"
+            )
+        return film.turns
+    if film.size == camera.resolution:
+        problems.append(
+            f"{film.path}: its images are left as they are stored, as {camera.name} was calibrated; its metadata turn "
+            f"them by {90 * film.turns}°"
+        )
+        return 0
+    width, height = film.shown
+    raise FileError(
+        film.path,
+        f"is {width} by {height} px, but {camera.name} has {camera.resolution[0]} by {camera.resolution[1]} px",
+    )
+
+
+def _listed(film: FilmIndex, camera: Camera, rate_hz: float | None, problems: list[str]) -> Sequence[FrameFile]:
+    """A film's frames in order of time."""
+    import numpy as np
+
+    from tossid.vision.recordings.recording import frames_in_order
+    from tossid.vision.recordings.times import evened, read_times, usual_rate
+
+    path, pts = film.path, film.pts
+    beside = next((path.with_suffix(suffix) for suffix in (".txt", ".csv") if path.with_suffix(suffix).is_file()), None)
+    stated = [("cameras.yaml", camera.rate_hz), ("source.rate_hz", rate_hz)]
+    if beside is not None:
+        t_ns, whose = read_times(beside).times(len(pts), f"the {len(pts)} frames of {path.name}"), beside.name
     else:
-        rate = rate_hz or camera.rate_hz or own_rate
-        if not rate or not np.isfinite(rate):
-            raise FileError(path, "has no rate; give source.rate_hz, rate_hz in cameras.yaml, or a file of times")
-        stamps = [round(i * 1e9 / rate) for i in range(count)]
-    late = round(camera.clock_offset * 1e9)
-    return in_order(FrameFile(camera.name, t_ns - late, path, i) for i, t_ns in enumerate(stamps))
+        t_ns, whose = evened(np.array(film.t_ns, dtype=np.int64), float(film.tick) * 1e9), "the video"
+        own = usual_rate(t_ns)
+        if rate_hz is not None and own is not None:
+            t_ns = t_ns[0] + np.round((t_ns - t_ns[0]) * (own / rate_hz)).astype(np.int64)
+            if abs(own / rate_hz - 1) > RATES_DIFFER:
+                problems.append(f"{path}: plays at {own:.4g} Hz; its times are stretched to source.rate_hz={rate_hz:g}")
+    own = usual_rate(t_ns)
+    for where, rate in stated:
+        if rate and own and abs(own / rate - 1) > RATES_DIFFER:
+            problems.append(
+                f"{path}: {where} says {rate:g} Hz for {camera.name}, but the times of {whose} say {own:.4g} Hz; these "
+                "hold (source.rate_hz=... stretches the times of a slow-motion video)"
+            )
+    return frames_in_order(camera, t_ns, lambda i: path, lambda i: int(pts[i]))
 
 
 def _open(source: VideoSource) -> Opened:
     found = read_videos(source.path, rate_hz=source.rate_hz)
-    return Opened(path=source.path, folder=source.path, cameras=found.cameras, layout=found.layout, recording=found)
+    return Opened(
+        path=source.path,
+        folder=source.path,
+        cameras=found.cameras,
+        layout=found.layout,
+        recording=found,
+        problems=found.problems,
+    )
 
 
 def _has_videos(path: Path) -> bool:
