@@ -266,7 +266,6 @@ def _segment_poses(
     model = opened.object()
     poses, ground = stages.level(opened, poses, settings=settings, report=report)
     tracks, rejected = stages.segment_tosses(opened, poses, settings=settings, report=report)
-    stages.check_falls(opened, tracks, settings=settings, report=report)
     tracks, order = stages.sessions(tracks, model, settings=settings, report=report)
     with output.sink(model) as sink:
         for toss in tosses_in_turn(tracks, model, gravity=settings.gravity):

@@ -300,7 +300,7 @@ def segment_tosses(
         opened: The recording with its object.
         poses: The object's track in a world whose ground is z = 0.
         settings: What counts as flight and as rest.
-        report: Takes findings.
+        report: Takes findings, and a problem where tosses do not fall by gravity.
 
     Returns:
         One track a toss, and every stretch that is none, with its reason.
@@ -318,23 +318,10 @@ def segment_tosses(
         reasons = "see the reasons above" if hint is None else hint
         failure = f"no toss in {len(poses.t)} poses of '{model.name}'; {reasons}"
         raise InputError(_with_causes(failure, opened, report))
-    return tracks, stretches
-
-
-def check_falls(
-    opened: Opened, tracks: Sequence[PoseTrack], *, settings: TossSettings = SEGMENT, report: Reporter | None = None
-) -> None:
-    """Report tosses of a recording that do not fall by gravity, with what usually is the cause.
-
-    Args:
-        opened: The recording with its object.
-        tracks: One a toss.
-        settings: Gravity where it was recorded.
-        report: Takes the problem.
-    """
-    said = fall_words(tracks, opened.object(), gravity=settings.gravity)
+    said = fall_words(tracks, model, gravity=settings.gravity)
     if said is not None:
-        (report or Reporter()).problem("segment", f"{opened.path}: {said}")
+        report.problem("segment", f"{opened.path}: {said}")
+    return tracks, stretches
 
 
 def sessions(
