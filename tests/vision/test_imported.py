@@ -16,7 +16,9 @@ from tossid.objects import ObjectModel, unstated_object
 from tossid.rotations import quat_exp, quat_mul
 from tossid.settings.ingestion import IngestSettings
 from tossid.settings.objects import UnknownObjectSettings
+from tossid.settings.training import TrainSettings
 from tossid.store import read_dataset, write_tum
+from tossid.training.api import prepare
 from tossid.types import PoseTrack
 from tossid.vision.imported import lost_frames
 from tossid.vision.progress import Reporter
@@ -50,8 +52,9 @@ def test_two_links_become_a_dataset_that_states_their_hinge_alone(
     again = body_tracks(dataset.object, dataset.tosses)
     for track, known in zip(again[1], links[1], strict=True):
         assert track.q[:, :3] == pytest.approx(known.q[: len(track.t), :3], abs=2e-3)
-    with pytest.raises(InputError, match="states no object"):
-        tossid.train(dataset, model="cn")
+    fit = prepare(dataset, TrainSettings())  # (trains without being told again that nothing is stated)
+    assert fit.settings.object == LINKS
+    assert fit.shown is not None
 
 
 def test_a_hinge_that_is_none_is_refused(ingested: Path, tmp_path: Path) -> None:
