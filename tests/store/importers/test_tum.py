@@ -143,7 +143,7 @@ def test_a_trajectory_that_is_none_is_refused_with_what_was_expected(tmp_path: P
     path = tmp_path / "poses.txt"
     for text, says in (
         ("words", "expected rows of"),
-        ("0 0 0 0 0 0 1", "has 7 columns"),
+        ("0 0 0 0 0 0 1\n1 0 0 0 0 0 1", "7 columns"),
         ("0 0 0 0 0 0 0 9\n1 0 0 0 0 0 0 9", "norm"),
     ):
         path.write_text(text)
