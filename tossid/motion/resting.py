@@ -119,7 +119,7 @@ def other_order(tracks: Sequence[PoseTrack], model: ObjectModel) -> OtherOrder |
     poses = [pose for i in chosen if (pose := resting_pose(tracks[i], times=_STILL)) is not None]
     if not poses or (not model.is_stated and len(poses) < _FEWEST_ALIKE):
         return None
-    as_read = _on_faces(np.array(poses), model)
+    as_read, found = _on_faces(np.array(poses), model), list[OtherOrder]()
     for name, order in COLUMN_ORDERS.items():
         others = np.array(poses)
         others[:, 3:7] = others[:, 3:7][:, order]
@@ -127,8 +127,8 @@ def other_order(tracks: Sequence[PoseTrack], model: ObjectModel) -> OtherOrder |
         # of a cube, two fifths of what lies flat seem to in the other order as well: those say nothing
         better, worse = int((flat & ~as_read).sum()), int((as_read & ~flat).sum())
         if flat.mean() >= _MOST_FLAT and better > _TIMES_BETTER * worse:
-            return OtherOrder(name, int(flat.sum()), int(as_read.sum()), len(poses))
-    return None
+            found.append(OtherOrder(name, int(flat.sum()), int(as_read.sum()), len(poses)))
+    return max(found, key=lambda order: order.flat, default=None)
 
 
 def _on_faces(poses: Array, model: ObjectModel) -> NDArray[np.bool_]:

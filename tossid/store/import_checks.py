@@ -238,9 +238,10 @@ def check_velocities(folder: Path, tracks: Sequence[PoseTrack], *, limits: Impor
     )
     for (what, _, hint), mismatch in zip(kinds, _mismatches(tracks, kinds), strict=True):
         if mismatch > limits.mismatch:
-            for name, order in COLUMN_ORDERS.items():
-                if _mismatches(tracks, kinds, order)[1] < limits.mismatch < mismatch and what != "velocities":
-                    hint = f"quaternions look like {name}: read so, they agree"
+            others = {name: _mismatches(tracks, kinds, order)[1] for name, order in COLUMN_ORDERS.items()}
+            name = min(others, key=lambda name: others[name])
+            if what != "velocities" and others[name] < limits.mismatch:
+                hint = f"quaternion order? they look like {name}: read so, they agree"
             raise FileError(folder, f"recorded {what} disagree with the poses by {mismatch:.0%} in the median; {hint}")
 
 

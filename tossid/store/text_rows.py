@@ -43,8 +43,6 @@ def read_rows(path: Path, form: str) -> tuple[Array, list[int], list[str]]:
             if line.strip() and not rows:
                 comments.append(line)
             continue
-        if rows and len(words) == len(rows[0]) + 1 and not words[-1]:
-            words.pop()  # a separator at the end of the line
         if rows and len(words) != len(rows[0]):
             raise FileError(path, f"{len(words)} columns, expected {len(rows[0])}: '{form}'", row=f"line {number}")
         if not rows and not header and all(_number(word) is None for word in words):
@@ -54,8 +52,11 @@ def read_rows(path: Path, form: str) -> tuple[Array, list[int], list[str]]:
         lines.append(number)
     if len(rows) < 2:
         raise FileError(path, f"has {len(rows)} rows of numbers, expected rows of '{form}', at least 2")
+    if not any(words[-1] for words in rows):  # a separator at the end of each line
+        rows = [words[:-1] for words in rows]
     if not header:
         named = [names for names in map(split_names, comments) if is_header(names, len(rows[0]))]
+        named = [names[: len(rows[0])] for names in named]  # (a remark may follow)
         header = named[-1] if named else []
     # (what stands beside poses may be words)
     beside = [(column := column_of(name)) is not None and not column.part for name in header]
