@@ -178,10 +178,6 @@ def wxyz_to_xyzw(quat: ArrayLike) -> Array:
     return np.roll(np.asarray(quat, dtype=float), -1, axis=-1)
 
 
-COLUMN_ORDERS = {"qw qx qy qz": np.array([1, 2, 3, 0]), "qx qy qz qw": np.array([3, 0, 1, 2])}
-"""Where wxyz stand in a quaternion that was read as wxyz, or as xyzw, and is in the order that the name says."""
-
-
 def transform(p: ArrayLike, quat: ArrayLike) -> Array:
     """Homogeneous T_a_b of a position [m] and a quaternion. (*b, 3), (*b, 4) -> (*b, 4, 4)."""
     R = quat_to_matrix(quat)

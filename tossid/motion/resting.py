@@ -19,7 +19,7 @@ from scipy.stats import median_abs_deviation
 
 from tossid.motion.stability import center_of_mass, mean_pose, near, stands, touching
 from tossid.objects import ObjectModel, corner_heights, corner_positions
-from tossid.rotations import COLUMN_ORDERS, quat_conj, quat_rotate
+from tossid.rotations import quat_conj, quat_rotate, wxyz_to_xyzw, xyzw_to_wxyz
 from tossid.settings.motion import RestScatterSettings
 from tossid.settings.sessions import WitnessSettings
 from tossid.types import PoseTrack, Toss
@@ -103,7 +103,7 @@ def bounce_heights(tracks: Sequence[PoseTrack], model: ObjectModel, *, rise: flo
     return np.array(found)
 
 
-def other_order(tracks: Sequence[PoseTrack], model: ObjectModel) -> OtherOrder | None:
+def other_order(tracks: Sequence[PoseTrack], model: ObjectModel, *, w_first: bool) -> OtherOrder | None:
     """The order in which quaternions were written, where places of rest refute the one that was read.
 
     Of an object without a stated shape, rests on one face share their downward direction in the body.
@@ -111,6 +111,7 @@ def other_order(tracks: Sequence[PoseTrack], model: ObjectModel) -> OtherOrder |
     Args:
         tracks: One a toss, z up.
         model: The object.
+        w_first: Whether quaternions were read as written w x y z, else as x y z w. The other one is looked at.
 
     Returns:
         The order; None where the one that was read is no worse, or nothing tells.
@@ -119,16 +120,14 @@ def other_order(tracks: Sequence[PoseTrack], model: ObjectModel) -> OtherOrder |
     poses = [pose for i in chosen if (pose := resting_pose(tracks[i], times=_STILL)) is not None]
     if not poses or (not model.is_stated and len(poses) < _FEWEST_ALIKE):
         return None
-    as_read, found = _on_faces(np.array(poses), model), list[OtherOrder]()
-    for name, order in COLUMN_ORDERS.items():
-        others = np.array(poses)
-        others[:, 3:7] = others[:, 3:7][:, order]
-        flat = _on_faces(others, model)
-        # of a cube, two fifths of what lies flat seem to in the other order as well: those say nothing
-        better, worse = int((flat & ~as_read).sum()), int((as_read & ~flat).sum())
-        if flat.mean() >= _MOST_FLAT and better > _TIMES_BETTER * worse:
-            found.append(OtherOrder(name, int(flat.sum()), int(as_read.sum()), len(poses)))
-    return max(found, key=lambda order: order.flat, default=None)
+    others = np.array(poses)
+    others[:, 3:7] = (xyzw_to_wxyz if w_first else wxyz_to_xyzw)(others[:, 3:7])
+    as_read, flat = _on_faces(np.array(poses), model), _on_faces(others, model)
+    # of a cube, two fifths of what lies flat seem to in the other order as well: those say nothing
+    better, worse = int((flat & ~as_read).sum()), int((as_read & ~flat).sum())
+    if flat.mean() < _MOST_FLAT or better <= _TIMES_BETTER * worse:
+        return None
+    return OtherOrder("qx qy qz qw" if w_first else "qw qx qy qz", int(flat.sum()), int(as_read.sum()), len(poses))
 
 
 def _on_faces(poses: Array, model: ObjectModel) -> NDArray[np.bool_]:

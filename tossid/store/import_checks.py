@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tossid import budget
 from tossid.errors import FileError, InputError, MotionError
-from tossid.rotations import COLUMN_ORDERS, quat_boxminus, quat_normalize
+from tossid.rotations import quat_boxminus, quat_normalize, xyzw_to_wxyz
 from tossid.settings.limits import ImportLimits
 from tossid.store.hashing import natural_key
 from tossid.store.importers.registry import holds
@@ -238,24 +238,24 @@ def check_velocities(folder: Path, tracks: Sequence[PoseTrack], *, limits: Impor
     )
     for (what, _, hint), mismatch in zip(kinds, _mismatches(tracks, kinds), strict=True):
         if mismatch > limits.mismatch:
-            others = {name: _mismatches(tracks, kinds, order)[1] for name, order in COLUMN_ORDERS.items()}
-            name = min(others, key=lambda name: others[name])
-            if what != "velocities" and others[name] < limits.mismatch:
-                hint = f"quaternion order? they look like {name}: read so, they agree"
+            if what != "velocities" and _mismatches(tracks, kinds, xyzw_to_wxyz)[1] < limits.mismatch:
+                hint = "quaternion order? they look like qx qy qz qw: read so, they agree"
             raise FileError(folder, f"recorded {what} disagree with the poses by {mismatch:.0%} in the median; {hint}")
 
 
 def _mismatches(
-    tracks: Sequence[PoseTrack], kinds: Sequence[tuple[str, float, str]], order: Sequence[int] | Array = (0, 1, 2, 3)
+    tracks: Sequence[PoseTrack],
+    kinds: Sequence[tuple[str, float, str]],
+    reordered: Callable[[Array], Array] = lambda quat: quat,
 ) -> list[float]:
     """Relative differences, in the median over moving frames, of velocities and of angular velocities.
 
-    order: where w, x, y, z stand in the tracks' quaternions.
+    reordered: makes wxyz of the tracks' quaternions.
     """
     mismatches: list[list[Array]] = [[] for _ in kinds]
     for track in tracks:
         assert track.v is not None
-        dt, quat = np.diff(track.t)[:, None], track.q[:, 3:7][:, order]
+        dt, quat = np.diff(track.t)[:, None], reordered(track.q[:, 3:7])
         moved = np.diff(track.q[:, :3], axis=0) / dt, quat_boxminus(quat[1:], quat[:-1]) / dt
         recorded = np.split(0.5 * (track.v[1:, :6] + track.v[:-1, :6]), 2, axis=1)
         for a, b, (_, least, _), of_kind in zip(moved, recorded, kinds, mismatches, strict=True):

@@ -59,7 +59,7 @@ def read_poses(source: Any, entry: InputFormat, model: ObjectModel, report: Repo
 
 def _check_order(read: Imported, model: ObjectModel, source: Any, report: Reporter) -> None:
     """Say, or refuse where nobody states it, an order of quaternions that the places of rest refute."""
-    found = other_order(read.tracks, model)
+    found = other_order(read.tracks, model, w_first=read.w_first)
     if found is None:
         return
     said = (

@@ -81,14 +81,15 @@ def _read(folder: Path, n_joints: int, limits: ImportLimits, columns: str | None
     from tossid.store.lost_rows import Lost
 
     files = files_of(Path(folder), ".txt", but_not=(_JOINTS, _LINK))
-    lost, stated = Lost(0, Counter()), True
+    lost, stated, w_first = Lost(0, Counter()), True, True
 
     def track(path: Path) -> PoseTrack:
-        nonlocal stated
+        nonlocal stated, w_first
         read = _read_track(path, n_joints, limits, columns)
         lost.rows += read.lost.rows
         lost.by_kind.update(read.lost.by_kind)
         stated &= read.stated
+        w_first &= read.w_first
         return read.track
 
     tracks = tracks_of(files, track)
@@ -96,7 +97,7 @@ def _read(folder: Path, n_joints: int, limits: ImportLimits, columns: str | None
         pass
     said = lost.words()
     remarks = () if said is None else (f"{said}: they are left out as lost frames",)
-    return Imported(tracks, remarks=remarks, stated=stated)
+    return Imported(tracks, remarks=remarks, w_first=w_first, stated=stated)
 
 
 def read_link_tum(
@@ -142,6 +143,7 @@ class _Read:
     all_t: Array
     kept: NDArray[np.int64]
     lost: Lost
+    w_first: bool
     stated: bool
 
 
@@ -170,9 +172,8 @@ def _read_track(path: Path, n_joints: int, limits: ImportLimits, columns: str | 
     elif beside.exists():
         raise FileError(beside, "gives joint angles, but the object has no joints")
     names = [f"line {lines[row]}" for row in kept]
-    return _Read(
-        checked_track(path, t[kept], q[kept], None, row_names=names, limits=limits), t, kept, lost, where.named
-    )
+    track = checked_track(path, t[kept], q[kept], None, row_names=names, limits=limits)
+    return _Read(track, t, kept, lost, min(where.quaternion) == where.quaternion[3], where.named)
 
 
 def write_tum(
