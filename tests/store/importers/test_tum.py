@@ -192,7 +192,7 @@ def test_columns_can_be_named_where_files_do_not(tmp_path: Path) -> None:
     np.testing.assert_allclose(again.t, t, atol=1e-8)
     with pytest.raises(ConfigError, match=r"source\.columns: names no column for qw"):
         read_tum(tmp_path, n_joints=0, columns="time_ms tx ty tz qx qy qz")
-    with pytest.raises(FileError, match=r"8 columns, expected 9: those that source\.columns names"):
+    with pytest.raises(FileError, match=r"has 8 columns, expected 9, as source\.columns names them"):
         read_tum(tmp_path, n_joints=0, columns="time_ms frame tx ty tz qx qy qz qw")
 
 

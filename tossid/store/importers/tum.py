@@ -302,8 +302,9 @@ def _read_poses(path: Path, columns: str | None) -> tuple[Array, list[int], Pose
             raise ConfigError("source.columns", str(error)) from error
         raise FileError(path, f"the header {error}") from error
     if rows.shape[1] != where.count:
-        called = f"'{_FORM}'" if not names else f"those that {'source.columns' if columns else 'the header'} names"
-        raise FileError(path, f"{rows.shape[1]} columns, expected {where.count}: {called}", row=f"line {lines[0]}")
+        who = "source.columns" if columns is not None else "the header"
+        expected = f"{where.count}, as {who} names them" if names else f"rows of '{_FORM}'"
+        raise FileError(path, f"has {rows.shape[1]} columns, expected {expected}", row=f"line {lines[0]}")
     return rows, lines, where
 
 
