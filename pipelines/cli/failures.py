@@ -104,6 +104,13 @@ def _explain(error: BaseException, args: list[str]) -> tuple[str, int]:
             return f"{name}: {problem}" if name else problem, 1
     if isinstance(error, MemoryError):
         return "out of memory", 1
+    refused = next((cause for cause in _causes(error) if type(cause).__module__ == "mlflow.exceptions"), None)
+    if refused is not None:
+        first = str(refused).partition("\n")[0]
+        return (
+            f"MLflow's store refuses ({first}); was something deleted there meanwhile? The command can be run again",
+            1,
+        )
     what = f"{type(error).__name__}: {_one_line(error)}".rstrip(": ")
     return f"this is a bug in tossid ({what[:200]}); {_log(error, args)}", 1
 

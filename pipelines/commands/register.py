@@ -20,13 +20,12 @@ def run(config: RegisterConfig, console: Console) -> dict[str, Any]:
     from pipelines.tracking.runs import find_run
 
     record = find_run(config.run)
-    if record.checkpoint is None:
-        raise InputError(f"run {record.name} ({record.id or record.folder}) has no checkpoint")
+    checkpoint = record.weights()
     if not record.id:
         raise InputError(f"run={config.run}: no run of MLflow stands behind this folder; name one by its id")
     store = client()
     with tempfile.TemporaryDirectory() as folder:
-        signature = write_model(record.checkpoint, Path(folder)).signature
+        signature = write_model(checkpoint, Path(folder)).signature
         store.log_artifacts(record.id, folder, "model")
     try:
         store.create_registered_model(config.name)

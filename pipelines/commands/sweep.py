@@ -149,8 +149,14 @@ class CellRuns:
         return run.id
 
     def _recall(self) -> None:
-        """Know the runs of cells that a killed command had logged and not noted; what it had half logged goes."""
-        for run in find_runs(parent=self._parent.id):
+        """Know the runs of cells that a killed command had logged and not noted; what it had half logged goes.
+
+        Cells whose run was deleted since are logged again.
+        """
+        there = find_runs(parent=self._parent.id)
+        ids = {run.info.run_id for run in there}
+        self._of_cell = {digest: run for digest, run in self._of_cell.items() if run in ids}
+        for run in there:
             digest = run.data.tags.get(CELL_TAG)
             if digest is None or digest in self._of_cell:
                 continue

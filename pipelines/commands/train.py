@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pipelines.cli.console import Console
 from pipelines.config.schemas import TrainConfig
 from pipelines.files.project import dataset_path
+from pipelines.tracking.runs import TRAININGS
 from tossid.errors import InputError
 from tossid.plain_json import digest_of
 from tossid.settings.training import TrainSettings
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
     from tossid.models import EpochRecord, TrainedModel
     from tossid.training.api import Epoch
     from tossid.training.fit import Fit
-
-FOLDER = Path("outputs/train")
 
 
 def run(config: TrainConfig, console: Console) -> dict[str, Any]:
@@ -43,7 +42,11 @@ def run(config: TrainConfig, console: Console) -> dict[str, Any]:
         raise InputError(f"{data}: {error}") from error
     if fit.leak is not None:
         console.warn(f"{data}: {fit.leak}")
-    folder = FOLDER / f"{config.model.name}-{digest_of([learning_keys(config), sha256])[:12]}"
+    unknown = fit.settings.object
+    if unknown is not None and config.object is None:
+        said = f"states no object: it is learned as object=unknown object.links={unknown.links} learns it"
+        console.say(f"{data}: {said}, with a mass of {unknown.mass:g} kg (object.mass says another)")
+    folder = TRAININGS / f"{config.model.name}-{digest_of([learning_keys(config), sha256])[:12]}"
     with only_writer(folder / "training"):
         unfinished = Unfinished(folder / "under_way", code=code_digest("tossid.training.api"))
         if unfinished.of_other_code():

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tossid.errors import InputError
-
 if TYPE_CHECKING:
     from pipelines.tracking.runs import RunRecord
     from tossid.models import TrainedModel
@@ -22,6 +20,4 @@ def trained_model(record: RunRecord) -> TrainedModel:
     """
     from tossid.models import TrainedModel
 
-    if record.checkpoint is None:
-        raise InputError(f"run {record.name} ({record.id or record.folder}) has no checkpoint")
-    return TrainedModel.load(record.checkpoint)
+    return TrainedModel.load(record.weights())

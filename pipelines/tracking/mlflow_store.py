@@ -15,8 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
+from pipelines.cli.console import Console
 from pipelines.tracking.addresses import check_address, is_database, is_server, redacted, without_password
-from tossid.errors import InputError
+from tossid import budget
+from tossid.errors import FileError, InputError
 from tossid.file_systems import network_file_system
 from tossid.locks import held
 
@@ -40,6 +42,7 @@ def client(*, patient: bool = True) -> MlflowClient:
 
     Raises:
         InputError: MLFLOW_TRACKING_URI names a server or database that does not answer or refuses.
+        FileError: The store's file is damaged, or another version of MLflow made it.
     """
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
@@ -61,11 +64,36 @@ def client(*, patient: bool = True) -> MlflowClient:
     if is_database(uri):
         _check_database(uri)
     if uri.startswith("sqlite:///"):
-        with _making(Path(unquote(uri.removeprefix("sqlite:///")))):
-            client = MlflowClient(uri)
-            client.search_experiments(max_results=1)
-            return client
+        database = Path(unquote(uri.removeprefix("sqlite:///")))
+        with _making(database):
+            return _opened(uri, database)
     return MlflowClient(uri)
+
+
+def _opened(uri: str, database: Path) -> MlflowClient:
+    """The client of a store in a file.
+
+    Raises:
+        FileError: The file is damaged, or another version of MLflow made it.
+    """
+    from mlflow import MlflowClient
+    from mlflow.exceptions import MlflowException
+    from sqlalchemy.exc import SQLAlchemyError
+
+    if database.exists():
+        budget.regular_size(database)
+    try:
+        client = MlflowClient(uri)
+        client.search_experiments(max_results=1)
+    except (MlflowException, SQLAlchemyError) as error:
+        if "database schema" in str(error):
+            said = f"another version of MLflow made this store; after a copy is made, 'mlflow db upgrade {uri}'"
+            raise FileError(database, f"{said} brings it to this version's form") from error
+        if "malformed" in str(error) or "not a database" in str(error):  # (SQLite's words; MLflow wraps its errors)
+            said = "MLflow's store is damaged; move it away, and the next command makes a new one"
+            raise FileError(database, said) from error
+        raise
+    return client
 
 
 def is_remote(client: MlflowClient) -> bool:
@@ -177,17 +205,44 @@ def _files(database: Path) -> list[Path]:
     return [database.with_name(database.name + end) for end in ("", "-wal", "-shm", "-journal")]
 
 
-def experiment_id(client: MlflowClient, name: str) -> str:
-    """The id of an experiment, made if it is not there."""
+def find_experiment(client: MlflowClient, name: str) -> str | None:
+    """The id of an experiment; one that was deleted in MLflow's page is restored with its runs, and a line says so.
+
+    MLflow refuses to log to a deleted experiment, and to make another of its name.
+
+    Args:
+        client: MLflow's client.
+        name: The experiment's name.
+
+    Returns:
+        The id; None if it is not there.
+    """
     from mlflow.exceptions import MlflowException
 
     found = client.get_experiment_by_name(name)
+    if found is None:
+        return None
+    if found.lifecycle_stage == "deleted":
+        try:
+            client.restore_experiment(found.experiment_id)
+        except MlflowException:  # another process was faster
+            if client.get_experiment(found.experiment_id).lifecycle_stage == "deleted":
+                raise
+        Console().warn(f"experiment '{name}' had been deleted in MLflow; it is restored, with all of its runs")
+    return str(found.experiment_id)
+
+
+def experiment_id(client: MlflowClient, name: str) -> str:
+    """The id of an experiment, made if it is not there, restored if it was deleted."""
+    from mlflow.exceptions import MlflowException
+
+    found = find_experiment(client, name)
     if found is not None:
-        return str(found.experiment_id)
+        return found
     try:
         return str(client.create_experiment(name))
     except MlflowException:  # another process was faster
-        found = client.get_experiment_by_name(name)
+        found = find_experiment(client, name)
         if found is None:
             raise
-        return str(found.experiment_id)
+        return found

@@ -136,6 +136,7 @@ def tracked_run(
     store = client()
     send_unsent(store, warn=Console().warn)
     plain = as_plain(config) if is_dataclass(config) else dict(config)
+    experiment = experiment_id(store, EXPERIMENT)  # first, since a deleted one is restored with its runs
     run = _left(store, resume)
     if run is None:
         all_tags = {COMMAND_TAG: command, "tossid.version": version(), **(tags or {})}
@@ -145,7 +146,7 @@ def tracked_run(
         all_tags |= {"mlflow.source.name": f"tossid {command}", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
         if parent is not None:
             all_tags["mlflow.parentRunId"] = parent.id if isinstance(parent, TrackedRun) else parent
-        created = store.create_run(experiment_id(store, EXPERIMENT), tags=all_tags, run_name=name)
+        created = store.create_run(experiment, tags=all_tags, run_name=name)
         run = TrackedRun(store, created.info.run_id, name)
     status = "FAILED"
     with ExitStack() as lock:

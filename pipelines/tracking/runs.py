@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlparse
 
-from pipelines.tracking.mlflow_store import client
+from pipelines.tracking.mlflow_store import client, find_experiment
 from tossid.errors import FileError, InputError
 
 EXPERIMENT = "tossid"
@@ -21,6 +21,8 @@ CHECKPOINT = "checkpoint.pt"
 CONFIG = "config.yaml"
 RUN = "run.json"
 """In a training's folder: {"run": MLflow's id}."""
+TRAININGS = Path("outputs/train")
+"""Folder of the trainings' folders, relative to the folder that a command is run in."""
 COMMAND_TAG = "tossid.command"
 _REGISTERED = "models:/"
 _COPIES = ExitStack()
@@ -36,13 +38,28 @@ class RunRecord:
         id: MLflow's run id; "" for a folder that names none.
         name: as MLflow has it.
         folder: where its artifacts lie on this machine.
-        checkpoint: its checkpoint, None if it logged none.
+        checkpoint: its checkpoint, None if it logged none, or its files are gone.
     """
 
     id: str
     name: str
     folder: Path
     checkpoint: Path | None
+
+    def weights(self) -> Path:
+        """Its checkpoint.
+
+        Raises:
+            InputError: It has none; names a folder of this project with the same, where there is one.
+        """
+        if self.checkpoint is not None:
+            return self.checkpoint
+        there = "has no checkpoint" if self.folder.is_dir() else f"has lost its files, there is no folder {self.folder}"
+        copies = [
+            path.parent for path in sorted(TRAININGS.glob(f"*/{RUN}")) if self.id and run_id_in(path.parent) == self.id
+        ]
+        remedy = f"; run={copies[0]} is the same training" if copies else "; run=NAME names another run, or a folder"
+        raise InputError(f"run {self.name} ({self.id or self.folder}) {there}{remedy}")
 
 
 def find_run(reference: str | Path | None = None, *, command: str = "train") -> RunRecord:
@@ -68,18 +85,34 @@ def find_run(reference: str | Path | None = None, *, command: str = "train") -> 
     found = find_runs(command=command, finished=reference is None, nested=reference is not None)
     if reference is None:
         if not found:
-            raise InputError(f"there is no finished run yet; make one with 'tossid {command}'")
+            gone = find_runs(command=command, finished=True, deleted=True)
+            yet = f" ({_deleted(gone[0])})" if gone else " yet"
+            raise InputError(f"there is no finished run{yet}; make one with 'tossid {command}'")
         return record_of(found[0])
     text = str(reference)
-    matches = [run for run in found if run.info.run_id == text] or [run for run in found if run.info.run_name == text]
-    if not matches and len(text) >= 6:
-        matches = [run for run in found if run.info.run_id.startswith(text)]
-        if len(matches) > 1:
-            raise InputError(f"run={text}: fits {len(matches)} runs; give more of the id")
+    matches = _matching(found, text)
     if not matches:
+        gone = _matching(find_runs(command=command, nested=True, deleted=True), text)
+        if gone:
+            raise InputError(f"run={text}: {_deleted(gone[0])}")
         known = ", ".join(f"{run.info.run_name} ({run.info.run_id[:8]})" for run in found[:3])
         raise InputError(f"run={text}: no such run of 'tossid {command}'; the newest are: {known or 'none'}")
     return record_of(matches[0])
+
+
+def _matching(runs: list[Any], text: str) -> list[Any]:
+    """The runs of an id, else of a name, else the one whose id begins so."""
+    matches = [run for run in runs if run.info.run_id == text] or [run for run in runs if run.info.run_name == text]
+    if not matches and len(text) >= 6:
+        matches = [run for run in runs if run.info.run_id.startswith(text)]
+        if len(matches) > 1:
+            raise InputError(f"run={text}: fits {len(matches)} runs; give more of the id")
+    return matches
+
+
+def _deleted(run: Any) -> str:
+    there = f"run {run.info.run_name} was deleted in MLflow"
+    return f"{there}; 'mlflow runs restore --run-id {run.info.run_id}' brings it back"
 
 
 def _registered(reference: str) -> RunRecord:
@@ -106,7 +139,10 @@ def _registered(reference: str) -> RunRecord:
         raise InputError(f"run={reference}: no such model; versions of '{name}': {known or 'none'}") from error
     if not found.run_id:
         raise InputError(f"run={reference}: was not registered from a run")
-    return record_of(store.get_run(found.run_id))
+    try:
+        return record_of(store.get_run(found.run_id))
+    except MlflowException as error:
+        raise InputError(f"run={reference}: the run that it was made from is not in MLflow any more") from error
 
 
 def find_runs(
@@ -116,15 +152,20 @@ def find_runs(
     tags: Mapping[str, str] | None = None,
     finished: bool = False,
     nested: bool = False,
+    deleted: bool = False,
 ) -> list[Any]:
     """MLflow runs, newest first: of a command, under a parent, with tags.
 
-    Runs of a study (with a parent) are left out unless `parent` or `nested` asks for them.
+    Runs of a study (with a parent) are left out unless `parent` or `nested` asks for them. Runs that were deleted in
+    MLflow are found by `deleted` alone.
     """
+    from mlflow.entities import ViewType
+
     store = client()
-    known = store.get_experiment_by_name(EXPERIMENT)
+    known = find_experiment(store, EXPERIMENT)
     if known is None:
         return []
+    view = ViewType.DELETED_ONLY if deleted else ViewType.ACTIVE_ONLY
     wanted = {**({COMMAND_TAG: command} if command else {}), **(tags or {})}
     if parent is not None:
         wanted["mlflow.parentRunId"] = parent
@@ -135,7 +176,7 @@ def find_runs(
     token: str | None = None
     while True:
         page = store.search_runs(
-            [known.experiment_id], " and ".join(terms), order_by=["attributes.start_time DESC"], page_token=token
+            [known], " and ".join(terms), view, order_by=["attributes.start_time DESC"], page_token=token
         )
         runs += [run for run in page if parent is not None or nested or "mlflow.parentRunId" not in run.data.tags]
         token = page.token

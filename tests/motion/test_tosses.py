@@ -80,6 +80,7 @@ def test_a_toss_ends_at_rest(cube: ObjectModel) -> None:
     [
         (lambda track: replace(track, q=np.concatenate([track.q, track.q[:, :1]], axis=1)), "1 joints"),
         (lambda track: replace(track, q=track.q - np.array([0, 0, 1.0, 0, 0, 0, 0])), "below the ground"),
+        (lambda track: replace(track, q=track.q + np.array([0, 0, 1.0, 0, 0, 0, 0])), "above the ground"),
     ],
 )
 def test_tracks_that_do_not_fit_are_refused(cube: ObjectModel, tracks: list[PoseTrack], spoil, says: str) -> None:

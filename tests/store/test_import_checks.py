@@ -121,7 +121,7 @@ def test_another_quaternion_order_is_noticed(tmp_path: Path) -> None:
         rows = pll_rows(40, rng)
         rows[:, :4] = wxyz_to_xyzw(rows[:, :4])
         save(tmp_path / f"{k}.pt", rows)
-    with pytest.raises(FileError, match="quaternion order"):
+    with pytest.raises(FileError, match="quaternion order\\? they look like qx qy qz qw: read so, they agree"):
         read_pll(tmp_path, n_joints=1)
 
 

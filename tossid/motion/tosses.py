@@ -13,6 +13,7 @@ from tossid.motion.contact import Touch
 from tossid.motion.noise import pose_noise, velocity_noise
 from tossid.motion.parabola import Parabola, find_parabola, phases_of_motion
 from tossid.motion.phases import label_phases
+from tossid.motion.resting import bounce_heights, rest_heights
 from tossid.motion.smoothing.smoother import Smoothed, gyration, smooth_in_turn
 from tossid.objects import GRAVITY, ObjectModel, corner_heights
 from tossid.settings.motion import MotionSettings
@@ -45,7 +46,7 @@ def tosses_from_tracks(
         settings: Of noise, smoothing and phases.
 
     Raises:
-        InputError: The tracks do not fit the object, or lie in the ground.
+        InputError: The tracks do not fit the object, lie in the ground, or touch nothing but air above it.
     """
     return tuple(tosses_in_turn(tracks, model, gravity=gravity, end_at_rest=end_at_rest, settings=settings))
 
@@ -140,12 +141,15 @@ def _check(tracks: Sequence[PoseTrack], model: ObjectModel, deepest: float) -> N
             )
     if not model.is_stated:
         return
+    expected = f"expected metres, the ground at z = 0, and object '{model.name}'"
     lowest = float(np.median([corner_heights(model, track.q).min() for track in tracks]))
     if lowest < -deepest * model.width:
-        raise InputError(
-            f"the tracks go {-lowest:.3g} m below the ground (median); expected metres, the ground at z = 0, "
-            f"and object '{model.name}'"
-        )
+        raise InputError(f"the tracks go {-lowest:.3g} m below the ground (median); {expected}")
+    if lowest > deepest * model.width:
+        touched = np.append(rest_heights(tracks, model), bounce_heights(tracks, model))
+        if len(touched):  # (else they may be nothing but flight)
+            high = float(np.median(touched))
+            raise InputError(f"tosses bounce or rest {high:.3g} m above the ground (median); {expected}")
 
 
 def _measurement_covariances(tracks: Sequence[PoseTrack], how: _How) -> Sequence[Array]:

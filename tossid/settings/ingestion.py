@@ -119,9 +119,9 @@ class TossSettings(Checked):
     """turn and shift the world so that the ground found from the tosses is z = 0. session: that of each session of the
     recording. auto: that of each session where its tilt changes between sessions; of frames, the whole recording's
     where no fixed tag says where the ground is, and it is off by more than 1 cm or 1 degree. always: of frames, the
-    whole recording's whatever it is"""
+    whole recording's whatever it is. Imported tosses that rest farther from z = 0 are shifted, but for never"""
     level_height: Positive = advanced(0.01)
-    """height of the ground above z = 0 from which on `level=auto` levels the world [m]"""
+    """height of the ground above z = 0 from which on `level=auto` levels the world, and shifts imported tosses [m]"""
     level_tilt: Positive = advanced(math.radians(1.0))
     """tilt of the ground from which on `level=auto` levels the world [rad]"""
     seed: Seed = 0

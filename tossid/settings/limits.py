@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from tossid.settings.kinds import Bounds, Count, Positive
+from tossid.settings.kinds import Bounds, Count, Fraction, Positive
 
 LARGEST_GRAVITY = 1e3
 """[m/s²], a hundred times the earth's."""
@@ -69,6 +69,10 @@ class ImportLimits:
     """largest speed [m/s]"""
     spin: Positive = 200.0
     """largest angular velocity about an axis, and joint rate [rad/s]"""
+    step: tuple[Positive, Positive] = (1e-5, 0.2)
+    """least and largest time between frames, in the median [s]: a toss takes some tenths of a second"""
+    lost: Fraction = 0.2
+    """largest share of a file's rows that may hold no pose, because the tracker had lost the object"""
     mismatch: Positive = 0.5
     """largest relative difference, in the median, between recorded velocities and the differences of the poses"""
     moving_speed: Positive = 0.1

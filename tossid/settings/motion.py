@@ -95,8 +95,8 @@ class MotionSettings:
     rest_kept: NonNegative = 0.1
     """rest that a toss keeps where its end is cut [s]"""
     deepest: Positive = 0.5
-    """tracks whose lowest corner is deeper in the ground than so many widths (median) are refused: they are in other
-    units, of another object, or over another ground"""
+    """tracks whose lowest corner is deeper in the ground than so many widths (median), or which rest or bounce so high
+    above it, are refused: they are in other units, of another object, or over another ground"""
 
 
 @dataclass(frozen=True, kw_only=True)

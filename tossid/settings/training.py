@@ -263,7 +263,7 @@ class TrainSettings(Checked):
     """the model"""
     object: UnknownObjectSettings | None = None
     """unknown: start from the shape and the centre of mass that the training tosses show, whatever object the dataset
-    states; null: start from that object"""
+    states; null: start from that object, or from unknown where it states none"""
     tosses: Count | None = None
     """learn from so many of the training tosses, and stop by at most as many others, drawn by the seed; null: all"""
     seed: Seed = 0

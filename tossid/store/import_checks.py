@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tossid import budget
 from tossid.errors import FileError, InputError, MotionError
-from tossid.rotations import quat_boxminus, quat_normalize
+from tossid.rotations import quat_boxminus, quat_normalize, xyzw_to_wxyz
 from tossid.settings.limits import ImportLimits
 from tossid.store.hashing import natural_key
 from tossid.store.importers.registry import holds
@@ -170,6 +170,7 @@ def checked_track(
     def row_of(row: int) -> int | str:
         return row if row_names is None else row_names[row]
 
+    check_times(path, t, limits)
     try:
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             track = PoseTrack(name=path.stem, t=t, q=q, v=v)
@@ -192,6 +193,31 @@ def checked_track(
     return track
 
 
+def check_times(path: Path, t: Array, limits: ImportLimits = DEFAULT_LIMITS) -> None:
+    """Raise `FileError` where the times of frames cannot be seconds; asks for the unit that they may have.
+
+    Args:
+        path: The file that they come from.
+        t: (n,) times.
+        limits: Least and largest time between frames.
+
+    Raises:
+        FileError: Frames are too close, or too far apart.
+    """
+    steps, (least, most) = np.diff(t), limits.step
+    step = float(np.median(steps)) if len(steps) else 0.0
+    # (of few frames nothing is said; times that do not increase are another error)
+    if len(steps) < 3 or not np.isfinite(step) or step <= 0 or least <= step <= most:
+        return
+    unit = next((name for name, size in (("ms", 1e-3), ("µs", 1e-6)) if least <= step * size <= most), "ns")
+    guess = "seconds, not hours or days" if step < least else "frame numbers" if (steps == 1).all() else f"in {unit}"
+    raise FileError(
+        path,
+        f"frames are {step:.3g} s apart (median), and it is {t[-1] - t[0]:.4g} s long; are the times {guess}? A header "
+        "that names the column's unit says so, such as time_ms",
+    )
+
+
 def check_velocities(folder: Path, tracks: Sequence[PoseTrack], *, limits: ImportLimits = DEFAULT_LIMITS) -> None:
     """Raise `FileError` unless recorded velocities agree with the poses' differences, in the median over all frames.
 
@@ -210,21 +236,34 @@ def check_velocities(folder: Path, tracks: Sequence[PoseTrack], *, limits: Impor
         ("velocities", limits.moving_speed, "lengths or rate in other units?"),
         ("angular velocities", limits.moving_spin, "quaternion order, frame or rate?"),
     )
+    for (what, _, hint), mismatch in zip(kinds, _mismatches(tracks, kinds), strict=True):
+        if mismatch > limits.mismatch:
+            if what != "velocities" and _mismatches(tracks, kinds, xyzw_to_wxyz)[1] < limits.mismatch:
+                hint = "quaternion order? they look like qx qy qz qw: read so, they agree"
+            raise FileError(folder, f"recorded {what} disagree with the poses by {mismatch:.0%} in the median; {hint}")
+
+
+def _mismatches(
+    tracks: Sequence[PoseTrack],
+    kinds: Sequence[tuple[str, float, str]],
+    reordered: Callable[[Array], Array] = lambda quat: quat,
+) -> list[float]:
+    """Relative differences, in the median over moving frames, of velocities and of angular velocities.
+
+    reordered: makes wxyz of the tracks' quaternions.
+    """
     mismatches: list[list[Array]] = [[] for _ in kinds]
     for track in tracks:
         assert track.v is not None
-        dt = np.diff(track.t)[:, None]
-        moved = np.diff(track.q[:, :3], axis=0) / dt, quat_boxminus(track.q[1:, 3:7], track.q[:-1, 3:7]) / dt
+        dt, quat = np.diff(track.t)[:, None], reordered(track.q[:, 3:7])
+        moved = np.diff(track.q[:, :3], axis=0) / dt, quat_boxminus(quat[1:], quat[:-1]) / dt
         recorded = np.split(0.5 * (track.v[1:, :6] + track.v[:-1, :6]), 2, axis=1)
         for a, b, (_, least, _), of_kind in zip(moved, recorded, kinds, mismatches, strict=True):
             size = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
             moving = size > least
             of_kind.append(np.linalg.norm(a - b, axis=1)[moving] / size[moving])
-    for (what, _, hint), of_kind in zip(kinds, mismatches, strict=True):
-        all_frames = np.concatenate(of_kind)
-        mismatch = float(np.median(all_frames)) if len(all_frames) else 0.0
-        if mismatch > limits.mismatch:
-            raise FileError(folder, f"recorded {what} disagree with the poses by {mismatch:.0%} in the median; {hint}")
+    frames = [np.concatenate(of_kind) for of_kind in mismatches]
+    return [float(np.median(each)) if len(each) else 0.0 for each in frames]
 
 
 def check_rate(rate_hz: float) -> None:

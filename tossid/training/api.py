@@ -18,6 +18,7 @@ from tossid.motion import MeasurementEstimate, MeasurementModel, estimate_measur
 from tossid.motion.sessions.copies import leak_words
 from tossid.objects import ObjectModel
 from tossid.settings.changed import changed
+from tossid.settings.objects import UnknownObjectSettings
 from tossid.settings.training import TrainSettings
 from tossid.store import Dataset
 from tossid.training.fit import Fit
@@ -155,11 +156,11 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
         settings: How to train.
 
     Raises:
-        InputError: A split is empty, or has fewer tosses than asked for, or no object is stated.
+        InputError: A split is empty, or has fewer tosses than asked for.
     """
     torch.set_num_threads(1)
     if settings.object is None and not dataset.object.is_stated:
-        raise InputError("the dataset states no object; object=unknown learns one (object.mass: its mass in kg)")
+        settings = replace(settings, object=UnknownObjectSettings(links=dataset.object.n_bodies))
     train, validation = training_tosses(dataset, settings)
     # no held-out toss takes part; where tosses are rationed, only those that are learned from do
     looked_at = (*train, *validation) if settings.tosses is None else train

@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tossid.errors import ConfigError
+from tossid.errors import ConfigError, FileError
 from tossid.motion.contact import Touch
 from tossid.motion.hinge import find_hinge, hinged_tracks
 from tossid.motion.hull_ground import level_by_hull
 from tossid.motion.release import release_frames
+from tossid.motion.resting import other_order, rest_heights, resting_pose
+from tossid.motion.sessions.levelling import IDENTITY, turned_track
 from tossid.motion.sessions.lost_frames import LostFrames, find_lost_frames, lost_words
 from tossid.objects import GRAVITY, ObjectModel, unstated_object
 from tossid.settings.ingestion import IngestSettings
-from tossid.store.importers.registry import FORMATS, InputFormat
+from tossid.store.import_checks import KEPT
+from tossid.store.importers.registry import FORMATS, Imported, InputFormat
 from tossid.types import OnDemand, PoseTrack
 from tossid.vision.progress import Reporter
+
+FAR_GROUND = 0.2
+"""Height of the tracked point at rest beyond which an object of unknown shape does not show its ground [m]."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +52,73 @@ def read_poses(source: Any, entry: InputFormat, model: ObjectModel, report: Repo
         report: Takes progress.
     """
     report.message("import", f"{source.path}: reading tosses of '{model.name}'")
-    tracks, rate_hz = entry.read(source, model)
-    return ImportedPoses(model, tracks, rate_hz)
+    read = entry.read(source, model)
+    for remark in read.remarks:
+        report.problem("import", f"{source.path}: {remark}")
+    _check_order(read, model, source, report)
+    return ImportedPoses(model, read.tracks, read.rate_hz)
+
+
+def _check_order(read: Imported, model: ObjectModel, source: Any, report: Reporter) -> None:
+    """Say, or refuse where nobody states it, an order of quaternions that the places of rest refute."""
+    found = other_order(read.tracks, model, w_first=read.w_first)
+    if found is None:
+        return
+    said = (
+        f"quaternions look like {found.name}: read so, {found.flat} of {found.rests} tosses come to rest on a face, "
+        f"and {found.as_read} as they were read"
+    )
+    if read.stated:
+        report.problem("import", f"{source.path}: {said}; they are kept in the order that the source states")
+        return
+    names = f"timestamp tx ty tz {found.name}"
+    raise FileError(source.path, f"{said}; source.columns='{names}', or a first line '# {names}', says so")
+
+
+def on_ground(read: ImportedPoses, path: Path, settings: IngestSettings, report: Reporter) -> ImportedPoses:
+    """Poses over the ground z = 0: of a stated object by where it rests, of an unknown one by its hull.
+
+    Args:
+        read: As recorded.
+        path: Where they come from.
+        settings: Whether the world is levelled.
+        report: Takes the remark that the ground is off.
+    """
+    if read.model.is_stated:
+        return grounded(read, path, settings, report)
+    return replace(read, tracks=levelled(read.tracks, read.model, path, settings, report))
+
+
+def grounded(read: ImportedPoses, path: Path, settings: IngestSettings, report: Reporter) -> ImportedPoses:
+    """Poses of a stated object over the ground z = 0, where it comes to rest at another height.
+
+    Args:
+        read: As recorded.
+        path: Where they come from.
+        settings: Whether the world is levelled, and from which height on.
+        report: Takes the remark that the ground is off.
+
+    Returns:
+        The poses, raised or lowered; as they are where the ground is z = 0, `level=never`, or tosses do not agree.
+    """
+    heights = rest_heights(read.tracks, read.model)
+    if not len(heights):
+        return read
+    ground = float(np.median(heights))
+    agree = int(np.sum(np.abs(heights - ground) < settings.level_height))
+    if abs(ground) < settings.level_height:
+        return read
+    found = f"{path}: tosses come to rest {1e3 * ground:.0f} mm {'above' if ground > 0 else 'below'} z = 0 (median)"
+    if settings.level == "never" or agree <= len(heights) / 2:
+        why = "as level=never asks" if settings.level == "never" else f"since only {agree} of {len(heights)} agree"
+        report.problem("level", f"{found}; left as it is, {why}")
+        return read
+    report.problem(
+        "level", f"{found}, as {agree} of {len(heights)} agree; the world is shifted so that the ground is z = 0"
+    )
+    tracks = read.tracks
+    shifted = OnDemand(lambda i: turned_track(tracks[i], IDENTITY, -ground), len(tracks), kept=KEPT)
+    return replace(read, tracks=shifted, facts={**read.facts, "ground_height_m": ground})
 
 
 def read_links(source: Any, entry: InputFormat, report: Reporter) -> ImportedPoses:
@@ -94,7 +165,18 @@ def levelled(
         path: Where they come from.
         settings: Whether the world is levelled.
         report: Takes the remark that the ground is off.
+
+    Raises:
+        FileError: The ground is too far from z = 0 to be found.
     """
+    poses = [pose for pose in map(resting_pose, tracks) if pose is not None]
+    high = float(np.median([pose[2] for pose in poses])) if poses else 0.0
+    if abs(high) > FAR_GROUND and settings.level != "never":
+        said = f"tosses come to rest with the tracked point {abs(high):.2f} m {'above' if high > 0 else 'below'} z = 0"
+        problem = (
+            "an object of unknown shape shows the ground only where it is near z = 0 (level=never takes it as it is)"
+        )
+        raise FileError(path, f"{said}; {problem}")
     found_tracks, ground = level_by_hull(tracks, tree=model)
     if ground is None:
         return tracks

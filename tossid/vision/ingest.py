@@ -27,7 +27,7 @@ from tossid.store.provenance import provenance_of
 from tossid.types import LongTrack, PoseTrack
 from tossid.vision import stages
 from tossid.vision.dataset_output import DatasetOutput, dataset_output
-from tossid.vision.imported import ImportedPoses, from_release, levelled, lost_frames, read_links, read_poses
+from tossid.vision.imported import ImportedPoses, from_release, lost_frames, on_ground, read_links, read_poses
 from tossid.vision.pose_graph.report import TrackReport
 from tossid.vision.progress import Progress, Reporter
 from tossid.vision.recordings.disk_buffer import pose_spool
@@ -295,8 +295,8 @@ def _import_poses(
     defects: list[Defect] = []
     with output.sink(model) as sink:
         report.message("import", f"{path}: {len(tracks)} tosses, {sum(len(track.t) for track in tracks)} frames")
-        if not model.is_stated:
-            tracks = levelled(tracks, model, path, settings, report)
+        read = on_ground(read, path, settings, report)
+        tracks = read.tracks
         lost = lost_frames(tracks, model, path, settings, report)
         mended = lost if settings.lost == "undo" else None
         tracks = tracks if mended is None else mended.mended(tracks)

@@ -70,7 +70,7 @@ def test_what_is_nothing_of_ours_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.pdf").touch()
     (tmp_path / "empty").mkdir()
     for name, says in (
-        ("backwards.txt", "row 1"),
+        ("backwards.txt", "line 2: time does not increase"),
         ("narrow.txt", "has 7 columns, expected rows of 'timestamp tx"),
         ("words.txt", "expected rows of 'timestamp tx"),
         ("a.pdf", "expected a dataset"),

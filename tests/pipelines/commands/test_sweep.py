@@ -126,6 +126,14 @@ def test_cells_that_a_killed_command_had_logged_are_not_logged_twice(beside: Pat
     assert again["cells"][1]["run"] != half
     assert [run.info.status for run in nested] == ["FINISHED", "FINISHED"]
 
+    # a run that a person deleted is logged again, and so is a study whose experiment was
+    client().delete_run(whole)
+    third = answer(*study)
+    assert third["cells"][0]["run"] != whole
+    assert third["cells"][1]["run"] == again["cells"][1]["run"]
+    client().delete_run(first["run"])
+    assert {run.data.tags["mlflow.parentRunId"] for run in find_runs(parent=answer(*study)["run"])} != {first["run"]}
+
 
 def cell_end(cell: dict[str, Any]) -> float:
     return float(cell["from_flight"]["rotation_error_deg"]["ci95"][1])

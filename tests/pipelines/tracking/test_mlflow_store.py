@@ -124,3 +124,51 @@ def test_a_store_that_is_there_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="of the caller"), _making(database):
         raise ValueError("of the caller")
     assert database.read_bytes() == b"whole"
+
+
+def _other_version(database: Path) -> None:
+    with closing(sqlite3.connect(database)) as store:
+        store.execute("UPDATE alembic_version SET version_num = '0584bdc529eb'")
+        store.commit()
+
+
+def _folder_instead(database: Path) -> None:
+    database.unlink()
+    database.mkdir()
+
+
+@pytest.mark.parametrize(
+    ("harm", "says"),
+    [
+        (lambda database: database.write_bytes(b"no database" * 500), "store is damaged"),
+        (lambda database: database.write_bytes(database.read_bytes()[:100_000]), "store is damaged"),
+        (_other_version, "another version of MLflow made this store; after a copy is made, 'mlflow db upgrade sqlite:"),
+        (_folder_instead, "is not a regular file"),
+    ],
+)
+def test_a_store_that_cannot_be_opened_is_named(
+    store: Path, project: Path, capfd: pytest.CaptureFixture[str], harm: Any, says: str
+) -> None:
+    with closing(sqlite3.connect(store / "mlflow.db")) as made, closing(sqlite3.connect("mlflow.db")) as copy:
+        made.backup(copy)
+    harm(project / "mlflow.db")
+    assert app.run(["evaluate"]) == 2
+    said = one_line(capfd.readouterr().err)
+    assert said.startswith(f"tossid evaluate: {project / 'mlflow.db'}: ")
+    assert says in said
+
+
+def test_what_is_deleted_while_a_command_works_is_no_bug(
+    project: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def deleted_meanwhile(*_: object, **__: object) -> None:
+        with tracked_run("there", {}, command="train") as run:
+            client().delete_run(run.id)
+            run.metrics({"loss": 1.0}, step=1)
+
+    monkeypatch.setattr("pipelines.tracking.runs.find_run", deleted_meanwhile)
+    assert app.run(["evaluate"]) == 1
+    said = one_line(capfd.readouterr().err)
+    assert "MLflow's store refuses (" in said
+    assert "must be in the 'active' state" in said
+    assert "The command can be run again" in said

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import tossid
 from tests.store.makers import make_toss, spinning
-from tossid.errors import FileError, InputError, OutputError
+from tossid.errors import ConfigError, FileError, InputError, OutputError
 from tossid.rotations import wxyz_to_xyzw
+from tossid.settings.limits import ImportLimits
 from tossid.store import read_tum, write_tum
 from tossid.store.importers.tum import read_link_tum, trajectory_info, write_trajectory
 from tossid.types import PoseTrack
@@ -143,9 +145,104 @@ def test_a_trajectory_that_is_none_is_refused_with_what_was_expected(tmp_path: P
     path = tmp_path / "poses.txt"
     for text, says in (
         ("words", "expected rows of"),
-        ("0 0 0 0 0 0 1", "has 7 columns"),
+        ("0 0 0 0 0 0 1\n1 0 0 0 0 0 1", "7 columns"),
         ("0 0 0 0 0 0 0 9\n1 0 0 0 0 0 0 9", "norm"),
     ):
         path.write_text(text)
         with pytest.raises(FileError, match=says):
             trajectory_info(path)
+
+
+def _flight(n: int = 40, rate: float = 148.0) -> tuple[np.ndarray, np.ndarray]:
+    _, q, _ = spinning(n, np.random.default_rng(1), n_joints=0)
+    return np.arange(n) / rate, q
+
+
+def _write(path: Path, header: str, columns: list[np.ndarray], *, separator: str = " ") -> None:
+    rows = np.column_stack(columns)
+    lines = [separator.join(f"{value:.9f}" for value in row) for row in rows]
+    path.write_text("\n".join(([header] if header else []) + lines) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("header", "make", "separator"),
+    [
+        ("# timestamp tx ty tz qw qx qy qz", lambda t, p, q: [t, p, q], " "),
+        ("time_ms,x,y,z,qx,qy,qz,qw", lambda t, p, q: [1e3 * t, p, wxyz_to_xyzw(q)], ","),
+        ("#timestamp [us],p_x [mm],p_y [mm],p_z [mm],q_w [],q_x [],q_y [],q_z []",
+         lambda t, p, q: [1e6 * t, 1e3 * p, q], ", "),
+        ("frame sec nsec x y z q_x q_y q_z q_w",
+         lambda t, p, q: [0 * t + 7, 0 * t, np.round(1e9 * t), p, wxyz_to_xyzw(q)], "\t"),
+    ],
+)  # fmt: skip
+def test_a_header_is_obeyed(tmp_path: Path, header: str, make: Any, separator: str) -> None:
+    t, q = _flight()
+    _write(tmp_path / "a.txt", header, make(t, q[:, :3], q[:, 3:7]), separator=separator)
+    track = read_tum(tmp_path, n_joints=0)[0]
+    np.testing.assert_allclose(track.t, t, atol=1e-8)
+    np.testing.assert_allclose(track.q, q, atol=1e-8)
+    assert trajectory_info(tmp_path / "a.txt")["rate_hz"] == pytest.approx(148, rel=1e-5)
+
+
+def test_columns_can_be_named_where_files_do_not(tmp_path: Path) -> None:
+    t, q = _flight()
+    _write(tmp_path / "a.txt", "", [1e3 * t, q])
+    again = read_tum(tmp_path, n_joints=0, columns="time_ms tx ty tz qw qx qy qz")[0]
+    np.testing.assert_allclose(again.q, q, atol=1e-8)
+    np.testing.assert_allclose(again.t, t, atol=1e-8)
+    with pytest.raises(ConfigError, match=r"source\.columns: names no column for qw"):
+        read_tum(tmp_path, n_joints=0, columns="time_ms tx ty tz qx qy qz")
+    with pytest.raises(FileError, match=r"has 8 columns, expected 9, as source\.columns names them"):
+        read_tum(tmp_path, n_joints=0, columns="time_ms frame tx ty tz qx qy qz qw")
+
+
+@pytest.mark.parametrize(
+    ("times", "says"),
+    [
+        (lambda t: 1e3 * t, r"frames are 6\.76 s apart \(median\), and it is 263\.5 s long; are the times in ms\?"),
+        (lambda t: 1.7e12 + 1e3 * t, r"are the times in ms\?"),
+        (lambda t: 1e6 * t * 0.148, r"are the times in µs\?"),
+        (lambda t: 1.7e18 + 1e9 * t, r"are the times in ns\?"),
+        (lambda t: np.arange(len(t)), r"are the times frame numbers\?"),
+        (lambda t: t / 86400, r"are the times seconds, not hours or days\?"),
+    ],
+)
+def test_times_are_asked_for_their_unit(tmp_path: Path, times: Any, says: str) -> None:
+    t, q = _flight()
+    rows = np.column_stack([times(t), q[:, :3], wxyz_to_xyzw(q[:, 3:7])])
+    np.savetxt(tmp_path / "a.txt", rows, fmt="%.15g" if rows[0, 0] < 1e15 else "%.20g")
+    for read in (lambda: read_tum(tmp_path, n_joints=0), lambda: trajectory_info(tmp_path / "a.txt")):
+        with pytest.raises(FileError, match=says) as caught:
+            read()
+        assert "names the column's unit says so, such as time_ms" in str(caught.value)
+
+
+def test_frames_in_which_the_object_was_lost_are_left_out_and_counted(tmp_path: Path) -> None:
+    t, q = _flight()
+    poses = np.concatenate([q[:, :3], wxyz_to_xyzw(q[:, 3:7])], axis=1)
+    poses[5:8] = np.nan
+    _write(tmp_path / "a.txt", "# timestamp tx ty tz qx qy qz qw", [t, poses])
+    angles = np.column_stack([t, 0.1 + 0 * t])
+    angles[6, 1] = np.nan
+    track = read_tum(tmp_path, n_joints=0)[0]
+    np.testing.assert_allclose(track.t, np.delete(t, [5, 6, 7]), atol=1e-9)
+    assert trajectory_info(tmp_path / "a.txt")["n_lost"] == 3
+    np.savetxt(tmp_path / "a.joints.txt", angles)
+    np.testing.assert_allclose(read_tum(tmp_path, n_joints=1)[0].q[:, 7], 0.1)
+    poses[10:16] = 0.0
+    _write(tmp_path / "a.txt", "", [t, poses])
+    with pytest.raises(FileError, match=r"line 6: 9 of 40 rows hold no pose \(3 not finite, 6 of zeros\); at most 20%"):
+        read_tum(tmp_path, n_joints=1)
+    assert len(read_tum(tmp_path, n_joints=1, limits=ImportLimits(lost=0.3))[0].t) == 31
+
+
+def test_frames_that_one_link_lost_are_left_out_of_both(tmp_path: Path) -> None:
+    t, q = _flight()
+    poses = np.concatenate([q[:, :3], wxyz_to_xyzw(q[:, 3:7])], axis=1)
+    for name, lost in (("a.txt", 5), ("a.link_2.txt", 9)):
+        own = poses.copy()
+        own[lost] = np.nan
+        _write(tmp_path / name, "", [t, own])
+    for links in read_link_tum(tmp_path):
+        np.testing.assert_allclose(links[0].t, np.delete(t, [5, 9]), atol=1e-9)
+        np.testing.assert_allclose(links[0].q[:, :3], np.delete(q, [5, 9], axis=0)[:, :3], atol=1e-8)

@@ -22,7 +22,8 @@ from scipy.spatial import ConvexHull, QhullError
 
 from tossid.motion.defects import find_defects
 from tossid.motion.local_motion import scatter
-from tossid.motion.stability import center_of_mass, mean_pose, near
+from tossid.motion.resting import resting_pose
+from tossid.motion.stability import center_of_mass
 from tossid.objects import GRAVITY, ObjectModel, body_poses, corner_positions
 from tossid.rotations import quat_boxminus, quat_rotate
 from tossid.settings.sessions import WitnessSettings
@@ -177,12 +178,9 @@ def resting_faces(
         faces: Of its links, see `link_faces`.
         settings: What counts as rest.
     """
-    n, nothing = settings.rest_frames, np.zeros((0, 3))
-    if len(track.t) < n or not faces:
-        return nothing
-    pose, last = mean_pose(track.q[-n:]), track.q[-n:]
-    if not near(last, pose, settings.rest_distance, settings.rest_angle).all():
-        return nothing
+    pose = resting_pose(track, settings=settings) if faces else None
+    if pose is None:
+        return np.zeros((0, 3))
     quat, at = body_poses(model, pose[None])[1][0], corner_positions(model, pose)
     found = []
     for link in range(model.n_bodies):

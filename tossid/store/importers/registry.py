@@ -37,6 +37,13 @@ class Imported(NamedTuple):
     """one track a toss"""
     rate_hz: float | None = None
     """frames a second; None: the median over the tracks"""
+    remarks: tuple[str, ...] = ()
+    """what a person should not miss of what was read"""
+    w_first: bool = True
+    """whether quaternions stand as w x y z in the source, else as x y z w"""
+    stated: bool = True
+    """whether the source, or a person, states the order of quaternions; one that is not is refused if
+    motion refutes it"""
 
 
 @dataclass(frozen=True, kw_only=True)

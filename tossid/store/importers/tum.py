@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from tossid import budget
-from tossid.errors import FileError, InputError
+from tossid.errors import ConfigError, FileError, InputError
 from tossid.outputs import write_whole
 from tossid.settings.kinds import advanced_part
 from tossid.settings.limits import ImportLimits
@@ -19,6 +18,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tossid.objects import ObjectModel
+    from tossid.store.lost_rows import Lost
+    from tossid.store.pose_columns import PoseColumns
     from tossid.types import PoseTrack, Toss
 
     Array = NDArray[np.float64]
@@ -28,7 +29,6 @@ _LINK = ".link_2.txt"
 _FORM = "timestamp tx ty tz qx qy qz qw"
 _SAME_TIME = 1e-6
 """[s] by which the times of poses and joints may differ (they are printed with some digits)."""
-_MAX_FILE = 1 << 28
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,21 +39,30 @@ class TumSource:
     """TUM trajectories"""
     path: Path
     """folder of NAME.txt files (beside them NAME.joints.txt for joints, NAME.link_2.txt for an unknown second link)"""
+    columns: str | None = None
+    """names of the columns, whatever the files say, such as "time_ms tx ty tz qw qx qy qz"; null: as their first line
+    names them, else "timestamp tx ty tz qx qy qz qw\""""
     limits: ImportLimits = advanced_part(ImportLimits)
     """values beyond which units are taken to be wrong"""
 
 
-def read_tum(folder: Path, *, n_joints: int, limits: ImportLimits = ImportLimits()) -> Sequence[PoseTrack]:
+def read_tum(
+    folder: Path, *, n_joints: int, limits: ImportLimits = ImportLimits(), columns: str | None = None
+) -> Sequence[PoseTrack]:
     """The tracks in a folder of `NAME.txt`, and for an articulated object `NAME.joints.txt` beside each.
 
     A pose is that of the object's first link in a world with z up and ground
     z = 0; times [s] increase, but need not be uniform; `#` starts a comment.
+    A first line that names columns is obeyed (`tossid.store.pose_columns`).
+    Rows without a pose, where the tracker had lost the object, are left out.
     `NAME.joints.txt` holds `timestamp angle…` [rad] at the same times.
 
     Args:
         folder: Where the files lie.
         n_joints: Joints of the object.
-        limits: Values beyond which units are taken to be wrong.
+        limits: Values beyond which units are taken to be wrong, and the share of rows that may hold no pose.
+        columns: Names of the columns, whatever the files say; None: as their first line says, else
+            `timestamp tx ty tz qx qy qz qw`.
 
     Returns:
         Tracks without velocities, 2 before 10.
@@ -61,23 +70,45 @@ def read_tum(folder: Path, *, n_joints: int, limits: ImportLimits = ImportLimits
     Raises:
         FileError: A file is missing or is not what it should be; names file and line.
     """
+    return _read(folder, n_joints, limits, columns).tracks
+
+
+def _read(folder: Path, n_joints: int, limits: ImportLimits, columns: str | None) -> Imported:
+    """The tracks of a folder, and what is to be said of its files; every file is checked now."""
+    from collections import Counter
+
     from tossid.store.import_checks import files_of, tracks_of
+    from tossid.store.lost_rows import Lost
 
-    folder = Path(folder)
-    tracks = tracks_of(
-        files_of(folder, ".txt", but_not=(_JOINTS, _LINK)), lambda path: _read_track(path, n_joints, limits)
-    )
-    for _ in tracks:  # every file is checked now
+    files = files_of(Path(folder), ".txt", but_not=(_JOINTS, _LINK))
+    lost, stated, w_first = Lost(0, Counter()), True, True
+
+    def track(path: Path) -> PoseTrack:
+        nonlocal stated, w_first
+        read = _read_track(path, n_joints, limits, columns)
+        lost.rows += read.lost.rows
+        lost.by_kind.update(read.lost.by_kind)
+        stated &= read.stated
+        w_first &= read.w_first
+        return read.track
+
+    tracks = tracks_of(files, track)
+    for _ in tracks:
         pass
-    return tracks
+    said = lost.words()
+    remarks = () if said is None else (f"{said}: they are left out as lost frames",)
+    return Imported(tracks, remarks=remarks, w_first=w_first, stated=stated)
 
 
-def read_link_tum(folder: Path, *, limits: ImportLimits = ImportLimits()) -> tuple[Sequence[PoseTrack], ...]:
+def read_link_tum(
+    folder: Path, *, limits: ImportLimits = ImportLimits(), columns: str | None = None
+) -> tuple[Sequence[PoseTrack], ...]:
     """The tracks of both links of an object of which nothing is stated: `NAME.txt` and `NAME.link_2.txt` beside each.
 
     Args:
         folder: Where the files lie.
-        limits: Values beyond which units are taken to be wrong.
+        limits: As `read_tum` has them. Frames without a pose of one link are left out of both.
+        columns: As `read_tum` has them.
 
     Returns:
         Tracks of link 1 and of link 2 at the same times, (n, 7) each, without velocities, 2 before 10.
@@ -85,40 +116,64 @@ def read_link_tum(folder: Path, *, limits: ImportLimits = ImportLimits()) -> tup
     Raises:
         FileError: A file is missing or is not what it should be; names file and line.
     """
+    import numpy as np
+
     from tossid.store.import_checks import files_of
     from tossid.types import PoseTrack
 
-    def second(path: Path, one: PoseTrack) -> PoseTrack:
+    first, second = list[PoseTrack](), list[PoseTrack]()
+    for path in files_of(Path(folder), ".txt", but_not=(_JOINTS, _LINK)):
         beside = path.with_name(path.name.removesuffix(".txt") + _LINK)
         if not beside.is_file():
             raise FileError(beside, "is missing; object.links=2 needs the poses of the second link")
-        two = _read_track(beside, 0, limits)
-        if len(two.t) != len(one.t) or not (abs(two.t - one.t) <= _SAME_TIME).all():
+        one, two = (_read_track(each, 0, limits, columns) for each in (path, beside))
+        if len(one.all_t) != len(two.all_t) or not (abs(one.all_t - two.all_t) <= _SAME_TIME).all():
             raise FileError(beside, f"its times are not those of {path.name}; expected both links in every frame")
-        return PoseTrack(one.name, one.t, two.q)
+        shared = np.intersect1d(one.kept, two.kept)
+        for read, links in ((one, first), (two, second)):
+            links.append(PoseTrack(path.stem, one.all_t[shared], read.track.q[np.isin(read.kept, shared)]))
+    return first, second
 
-    first = read_tum(folder, n_joints=0, limits=limits)
-    files = files_of(Path(folder), ".txt", but_not=(_JOINTS, _LINK))
-    return first, [second(path, one) for path, one in zip(files, first, strict=True)]
+
+@dataclass(frozen=True)
+class _Read:
+    """What one file holds: its track, and which of its rows that is."""
+
+    track: PoseTrack
+    all_t: Array
+    kept: NDArray[np.int64]
+    lost: Lost
+    w_first: bool
+    stated: bool
 
 
-def _read_track(path: Path, n_joints: int, limits: ImportLimits) -> PoseTrack:
+def _read_track(path: Path, n_joints: int, limits: ImportLimits, columns: str | None) -> _Read:
     import numpy as np
 
     from tossid.rotations import xyzw_to_wxyz
-    from tossid.store.import_checks import checked_track
+    from tossid.store.import_checks import check_times, checked_track
+    from tossid.store.lost_rows import lost_rows
 
-    rows, lines = _read_rows(path, 8, _FORM)
-    t = rows[:, 0].copy()
-    q = np.concatenate([rows[:, 1:4], xyzw_to_wxyz(rows[:, 4:8])], axis=1)
+    rows, lines, where = _read_poses(path, columns)
+    t = _time(path, rows, lines, where)
+    check_times(path, t, limits)
+    poses = np.concatenate([where.length * rows[:, where.position], rows[:, where.quaternion]], axis=1)
+    gone, lost = lost_rows(t, poses)
+    if gone.mean() > limits.lost:
+        said = f"{lost.words()}; at most {limits.lost:.0%} may be lost frames (source.limits.lost)"
+        raise FileError(path, said, row=f"line {lines[int(np.argmax(gone))]}")
+    kept = np.flatnonzero(~gone)
+    q = np.concatenate([poses[:, :3], xyzw_to_wxyz(poses[:, 3:])], axis=1)
     beside = path.with_name(path.name.removesuffix(".txt") + _JOINTS)
     if n_joints:
         if not beside.is_file():
             raise FileError(beside, f"is missing; the object has {n_joints} joints")
-        q = np.concatenate([q, _read_joints(beside, t, n_joints)], axis=1)
+        q = np.concatenate([q, _read_joints(beside, t, kept, n_joints)], axis=1)
     elif beside.exists():
         raise FileError(beside, "gives joint angles, but the object has no joints")
-    return checked_track(path, t, q, None, row_names=[f"line {line}" for line in lines], limits=limits)
+    names = [f"line {lines[row]}" for row in kept]
+    track = checked_track(path, t[kept], q[kept], None, row_names=names, limits=limits)
+    return _Read(track, t, kept, lost, min(where.quaternion) == where.quaternion[3], where.named)
 
 
 def write_tum(
@@ -181,27 +236,18 @@ def trajectory_info(path: Path) -> dict[str, Any]:
     """
     import numpy as np
 
-    from tossid.errors import MotionError
-    from tossid.types import check_motion
-
-    form = f"rows of '{_FORM}'"
-    try:
-        rows = np.loadtxt(path, comments="#", ndmin=2)
-    except (ValueError, UnicodeDecodeError) as error:
-        raise FileError(path, f"expected {form} ({' '.join(str(error).split())})") from error
-    if rows.shape[1] != 8:
-        raise FileError(path, f"has {rows.shape[1]} columns, expected {form}")
-    try:
-        check_motion(rows[:, 0], rows[:, [1, 2, 3, 7, 4, 5, 6]])
-    except MotionError as error:
-        raise FileError(path, error.problem, row=error.row) from error
+    read = _read_track(path, 0, ImportLimits(), None) if not path.name.endswith(_JOINTS) else None
+    if read is None:
+        raise FileError(path, f"gives joint angles, expected rows of '{_FORM}'")
+    t, places = read.track.t, read.track.q[:, :3]
     return {
         "kind": "poses",
-        "n_frames": len(rows),
-        "rate_hz": float(1 / np.median(np.diff(rows[:, 0]))),
-        "duration_s": float(rows[-1, 0] - rows[0, 0]),
-        "position_min_m": rows[:, 1:4].min(axis=0).tolist(),
-        "position_max_m": rows[:, 1:4].max(axis=0).tolist(),
+        "n_frames": len(t),
+        "n_lost": read.lost.by_kind.total(),
+        "rate_hz": float(1 / np.median(np.diff(t))),
+        "duration_s": float(t[-1] - t[0]),
+        "position_min_m": places.min(axis=0).tolist(),
+        "position_max_m": places.max(axis=0).tolist(),
     }
 
 
@@ -210,61 +256,82 @@ def _text(header: str, rows: Array) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def _read_joints(path: Path, t: Array, n_joints: int) -> Array:
+def _read_joints(path: Path, t: Array, kept: NDArray[np.int64], n_joints: int) -> Array:
+    """Angles (n, n_joints) [rad] at the times of all poses; only those of poses that are kept need to be numbers."""
     import numpy as np
 
-    rows, lines = _read_rows(path, 1 + n_joints, "timestamp" + " angle" * n_joints)
+    from tossid.store.pose_columns import column_of
+    from tossid.store.text_rows import read_rows
+
+    form = "timestamp" + " angle" * n_joints
+    rows, lines, names = read_rows(path, form)
+    if rows.shape[1] != 1 + n_joints:
+        raise FileError(path, f"{rows.shape[1]} columns, expected {1 + n_joints}: '{form}'", row=f"line {lines[0]}")
+    time = column_of(names[0]) if names else None
+    if names and (time is None or time.part != "timestamp"):
+        raise FileError(path, f"names its first column '{names[0]}', expected '{form}'")
+    rows[:, 0] *= 1.0 if time is None else time.size
+    for joint, name in enumerate(names[1:], start=1):
+        rows[:, joint] *= np.pi / 180 if "deg" in name.lower() else 1.0
     if len(rows) != len(t):
         raise FileError(path, f"has {len(rows)} rows, the poses beside it have {len(t)}")
     off = ~(np.abs(rows[:, 0] - t) <= _SAME_TIME)
     if off.any():
         row = int(np.argmax(off))
         raise FileError(path, f"time {rows[row, 0]:.9g} s, the pose has {t[row]:.9g} s", row=f"line {lines[row]}")
-    bad = ~np.isfinite(rows).all(axis=1)
+    bad = ~np.isfinite(rows[kept]).all(axis=1)
     if bad.any():
-        raise FileError(path, "is not finite (NaN or infinity)", row=f"line {lines[int(np.argmax(bad))]}")
-    return np.unwrap(rows[:, 1:], axis=0)
+        row = int(kept[np.argmax(bad)])
+        raise FileError(path, "is not finite (NaN or infinity)", row=f"line {lines[row]}")
+    rows[kept, 1:] = np.unwrap(rows[kept, 1:], axis=0)
+    return rows[:, 1:]
 
 
-def _read_rows(path: Path, columns: int, form: str) -> tuple[Array, list[int]]:
-    """Numbers of a text file (n, columns), and the line of each row, counted from 1."""
+def _read_poses(path: Path, columns: str | None) -> tuple[Array, list[int], PoseColumns]:
+    """The rows of a file of poses, the line of each, and where they hold what."""
+    from tossid.store.pose_columns import USUAL, pose_columns, split_names
+    from tossid.store.text_rows import read_rows
+
+    rows, lines, names = read_rows(path, _FORM)
+    if columns is not None:
+        names = split_names(columns)
+    try:
+        where = pose_columns(names) if names else USUAL
+    except ValueError as error:
+        if columns is not None:
+            raise ConfigError("source.columns", str(error)) from error
+        raise FileError(path, f"the header {error}") from error
+    if rows.shape[1] != where.count:
+        who = "source.columns" if columns is not None else "the header"
+        expected = f"{where.count}, as {who} names them" if names else f"rows of '{_FORM}'"
+        raise FileError(path, f"has {rows.shape[1]} columns, expected {expected}", row=f"line {lines[0]}")
+    return rows, lines, where
+
+
+def _time(path: Path, rows: Array, lines: list[int], where: PoseColumns) -> Array:
+    """Times (n,) [s], of whole seconds and nanoseconds too."""
     import numpy as np
 
-    try:
-        if budget.regular_size(path) > _MAX_FILE:
-            raise FileError(path, f"is larger than {_MAX_FILE >> 20} MiB, expected one toss as text")
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise FileError(path, f"cannot be read ({error.strerror or error})") from error
-    except UnicodeDecodeError as error:
-        raise FileError(path, f"is not text, expected rows of '{form}'") from error
-    rows: list[list[float]] = []
-    lines: list[int] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        words = line.split("#", 1)[0].replace(",", " ").split()
-        if not words:
-            continue
-        if len(words) != columns:
-            raise FileError(path, f"{len(words)} columns, expected {columns}: '{form}'", row=f"line {number}")
-        try:
-            rows.append([float(word.replace("_", "?")) for word in words])
-        except ValueError as error:
-            raise FileError(path, f"{error}, expected numbers: '{form}'", row=f"line {number}") from error
-        lines.append(number)
-    if len(rows) < 2:
-        raise FileError(path, f"has {len(rows)} rows of numbers, expected at least 2: '{form}'")
-    return np.array(rows), lines
+    for at, size in where.times[1:] if where.times[0][1] == 1.0 else where.times[:-1]:
+        beyond = ~((rows[:, at] >= 0) & (rows[:, at] * size < 1))
+        if beyond.any():
+            said = f"{rows[int(np.argmax(beyond)), at]:.9g} is no part of a second; expected one column of the time"
+            raise FileError(path, said, row=f"line {lines[int(np.argmax(beyond))]}")
+    t = np.sum([rows[:, at] * size for at, size in where.times], axis=0)
+    if np.isnan(t).any():
+        raise FileError(path, "has no time", row=f"line {lines[int(np.argmax(np.isnan(t)))]}")
+    return np.asarray(t)
 
 
 def _import(source: TumSource, model: ObjectModel) -> Imported:
     other = next(iter(sorted(Path(source.path).glob(f"*{_LINK}"))), None)
     if other is not None:
         raise FileError(other, "gives the poses of a second link, which object=unknown object.links=2 takes")
-    return Imported(read_tum(source.path, n_joints=model.n_joints, limits=source.limits))
+    return _read(source.path, model.n_joints, source.limits, source.columns)
 
 
 def _import_links(source: TumSource) -> tuple[Sequence[PoseTrack], ...]:
-    return read_link_tum(source.path, limits=source.limits)
+    return read_link_tum(source.path, limits=source.limits, columns=source.columns)
 
 
 register_importer(

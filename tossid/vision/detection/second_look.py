@@ -133,7 +133,7 @@ def _sample(recording: Recording) -> Iterator[Frame]:
     each = max(FEWEST, FRAMES // max(len(recording.frames), 1))
     for files in recording.frames.values():
         for i in np.unique(np.linspace(0, len(files) - 1, each).astype(int)).tolist():
-            yield recording.read(files[i])
+            yield from recording.run((files[i],))
 
 
 def _tags(image: Image, settings: DetectSettings, *, aruco: bool) -> Iterator[tuple[str, int]]:
