@@ -63,6 +63,16 @@ def test_a_replacement_that_died_halfway_is_put_back(tmp_path: Path) -> None:
     assert (tmp_path / "rec" / "kept").read_text() == "kept"
 
 
+def test_the_folder_that_one_is_in_is_put_back_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (tmp_path / ".mine.old").mkdir()
+    monkeypatch.chdir(folder)
+    recover_folder(Path("."))
+    assert folder.is_dir()
+    assert not (tmp_path / ".mine.old").exists()
+
+
 def test_an_error_leaves_the_earlier_folder(tmp_path: Path) -> None:
     out = tmp_path / "rec"
     with output_folder(out, made_by="test") as temporary:

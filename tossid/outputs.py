@@ -177,6 +177,7 @@ def only_writer(path: Path) -> Iterator[None]:
 
 def recover_folder(path: Path) -> None:
     """Put back a folder whose replacement died between two renames (only where the system cannot swap)."""
+    path = Path(os.path.abspath(path))  # "." has no name
     kept = path.with_name(f".{path.name}.old")
     if kept.is_dir():
         if path.exists():
