@@ -14,7 +14,7 @@ import pytest
 
 from tossid import outputs
 from tossid.errors import InputError, OutputError
-from tossid.outputs import move_files, output_file, output_folder, output_stream
+from tossid.outputs import move_files, output_file, output_folder, output_stream, recover_folder
 
 
 def entries(folder: Path) -> list[str]:
