@@ -11,7 +11,6 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
 from tossid.diagnosis.likelihood.first_frames import first_frames
 from tossid.diagnosis.likelihood.innovations import costs, factorise, gauss_newton, whiten
@@ -249,7 +248,7 @@ def _with_states(windows: Windows, index: Index, at_q: Array, at_v: Array) -> Wi
 
 
 def _perturbations(at: Windows, by_state: Array, rng: np.random.Generator) -> Array:
-    """(W, 2 K) changes of first states, alike in equal windows, from twice their posterior's standard deviation."""
+    """(W, 2 K) changes of first states, each by the same draw from its posterior, twice as wide."""
     W, K = len(by_state), at.channels
     # the identity of the first pose stands before the derivatives, and all is whitened by the poses' whole error
     first = np.broadcast_to(np.eye(K, 2 * K), (W, 1, K, 2 * K))
@@ -258,10 +257,9 @@ def _perturbations(at: Windows, by_state: Array, rng: np.random.Generator) -> Ar
     H = columns.mT @ columns
     speeds = np.arange(K, 2 * K)
     H[:, speeds, speeds] += at.prior[:, K:] ** -2.0
-    # H = L L^T, so that L^-T z has covariance H^-1
-    rows, place = distinct(at.q, at.v, at.at_q, at.at_v, at.steps)
-    draw = rng.normal(size=(len(rows), 2 * K, 1))[place]
-    return np.asarray(2 * np.linalg.solve(np.linalg.cholesky(H).mT, draw)[..., 0], dtype=float)
+    # H = L L^T, so that L^-T z has covariance H^-1; one z for all, so that no window's draw depends on the others
+    z = np.broadcast_to(rng.normal(size=(2 * K, 1)), (W, 2 * K, 1))
+    return np.asarray(2 * np.linalg.solve(np.linalg.cholesky(H).mT, z)[..., 0], dtype=float)
 
 
 def _estimate(
