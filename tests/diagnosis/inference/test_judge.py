@@ -1,0 +1,73 @@
+"""What judges a toss has not seen it: neither a choice nor a value changes with the toss."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tests.diagnosis.by_hand import EFFECTS
+from tossid.diagnosis.inference.evidence import Evidence
+from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.inference.judge import closed_share, cross_fit, frequencies
+from tossid.diagnosis.inference.sample import Sample
+from tossid.diagnosis.inference.search import Search
+from tossid.diagnosis.localisation.noise import expected_deviance
+
+LIBRARY = tuple(EFFECTS[name] for name in ("gravity", "friction", "restitution"))
+
+
+def folds_of(sample: Sample, stated: Hypothesis) -> list:
+    first = sample.evidence(stated)
+
+    def of(chosen: np.ndarray) -> tuple[Search, Evidence]:
+        return Search(sample.of_tosses(chosen), LIBRARY, stated, judging=True), first.of_tosses(chosen)
+
+    return cross_fit(of, first, n=sample.n, count=3)
+
+
+def test_a_judged_toss_moves_neither_the_choice_nor_a_value_that_judges_it(
+    slippery: Sample, stated: Hypothesis
+) -> None:
+    before = folds_of(slippery, stated)
+    judged = int(before[0].held[0])
+    # the toss falls 3 cm lower and slides as if pulled
+    y = slippery.windows.y.copy()
+    mine = slippery.windows.toss == judged
+    y[mine, :, 0] += np.linspace(0.0, 0.03, y.shape[1])
+    after = folds_of(replace(slippery, windows=replace(slippery.windows, y=y)), stated)
+    assert judged in after[0].held
+    assert after[0].found.hypothesis.names == before[0].found.hypothesis.names
+    assert np.array_equal(after[0].found.hypothesis.flat(), before[0].found.hypothesis.flat())
+    # it does move what the others are judged by, and its own likelihood
+    assert not np.array_equal(after[1].found.hypothesis.flat(), before[1].found.hypothesis.flat())
+    assert after[0].before.deviances().sum() > before[0].before.deviances().sum()
+
+
+def test_folds_hold_each_toss_once_and_name_what_is_there(slippery: Sample, stated: Hypothesis) -> None:
+    folds = folds_of(slippery, stated)
+    assert sorted(np.concatenate([fold.held for fold in folds]).tolist()) == list(range(slippery.n))
+    assert frequencies(folds) == {"friction": 1.0}
+    closed = [fold.after.deviances().sum() / fold.before.deviances().sum() for fold in folds]
+    assert max(closed) < 0.8
+
+
+def test_the_share_that_is_closed_is_of_judged_tosses_and_nothing_is_closed_by_wider_predictions(
+    slippery: Sample, stated: Hypothesis
+) -> None:
+    folds = folds_of(slippery, stated)
+    floor = np.full(6, expected_deviance(1.0))
+    share = closed_share(folds, floor)
+    assert share.low > 0.8
+    assert share.value <= 1.0
+    same = [replace(fold, after=fold.before) for fold in folds]
+    assert closed_share(same, floor).value == 0.0
+    # half as certain predictions leave half as large residuals of the same motions
+    wider = [replace(fold, after=half_as_certain(fold.before)) for fold in folds]
+    assert closed_share(wider, floor).value < 0.5
+
+
+def half_as_certain(evidence: Evidence) -> Evidence:
+    rows = evidence.windows.inside.sum(1) * evidence.windows.channels
+    whitening = replace(evidence.whitening, log_det=evidence.whitening.log_det - rows * np.log(2.0))
+    return replace(evidence, residuals=0.5 * evidence.residuals, whitening=whitening)

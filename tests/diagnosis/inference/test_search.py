@@ -1,0 +1,67 @@
+"""The search names what tosses were made with, at its size, and nothing where nothing is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from tests.diagnosis.inference.conftest import FRICTION
+from tests.diagnosis.tossed import with_effect
+from tossid.diagnosis.inference.found import Found, words
+from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.inference.sample import Sample
+from tossid.diagnosis.inference.search import Search
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World, effects_for
+
+
+@pytest.fixture(scope="module")
+def searched(cube: ObjectModel, stated: Hypothesis) -> Callable[[Sample], Found]:
+    return lambda sample: Search(sample, effects_for(cube), stated).run()
+
+
+def test_friction_is_named_at_its_size(slippery: Sample, searched: Callable[[Sample], Found]) -> None:
+    found = searched(slippery)
+    assert found.hypothesis.names == ("friction",)
+    assert found.hypothesis.flat()[0] == pytest.approx(FRICTION, abs=0.005)
+    assert found.needed["friction"].sum() > 100
+    assert words(found.hypothesis).startswith("coulomb; friction 0.2")
+
+
+def test_nothing_is_named_where_nothing_is(
+    cube: ObjectModel, sample_of: Callable[..., Sample], searched: Callable[[Sample], Found]
+) -> None:
+    found = searched(sample_of(World(cube), seed=11))
+    assert found.hypothesis.names == ()
+    assert found.needed == {}
+
+
+def test_flight_finds_the_centre_of_mass_and_contact_tells_it_from_the_frame(
+    cube: ObjectModel, sample_of: Callable[..., Sample], searched: Callable[[Sample], Found]
+) -> None:
+    found = searched(sample_of(with_effect(cube, "com_offset", [0.0, 0.0, 0.006]), seed=5))
+    assert found.hypothesis.names == ("com_offset",)
+    assert found.flown == {"com_offset"}
+    assert found.hypothesis.flat() == pytest.approx([0.0, 0.0, 0.006], abs=1e-3)
+    rivals = {rival.effect.name: rival for rival in found.rivals["com_offset"]}
+    assert not rivals["body_frame_offset"].is_alike
+
+
+def test_effects_of_flight_and_of_contact_are_both_named(
+    cube: ObjectModel, sample_of: Callable[..., Sample], searched: Callable[[Sample], Found]
+) -> None:
+    world = replace(with_effect(cube, "restitution", [0.3]), gravity=10.2)
+    found = searched(sample_of(world, seed=6))
+    values = {effect.name: value[0] for effect, value in found.hypothesis.items()}
+    assert values["restitution"] == pytest.approx(0.3, abs=0.02)
+    alike = {
+        name
+        for name, group in found.rivals.items()
+        for rival in group
+        if rival.is_alike
+        for name in (name, rival.effect.name)
+    }
+    assert "gravity" in {*values, *alike}
+    assert len(values) == 2

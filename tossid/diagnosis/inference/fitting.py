@@ -1,0 +1,176 @@
+"""Fits of a hypothesis's parameters: damped Gauss-Newton steps, with first states that follow (variable projection).
+
+Derivatives are central differences of whole predictions, two standard errors wide either way, over which the curvature
+that contact's roughness has shall hold. A step is accepted by the robust gain of log-likelihood at the first states
+before and after it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.inference.columns import Columns, slopes, sums
+from tossid.diagnosis.inference.evidence import Evidence, bounded
+from tossid.diagnosis.inference.hypothesis import Hypothesis
+
+Array = NDArray[np.float64]
+
+DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)
+"""Marquardt's, one after the other until a step gains."""
+FURTHER = 3
+"""How often a step that gains is doubled: first states that have not followed yet hold it back."""
+CONVERGED = 0.05
+"""Change in standard errors, and gain, at which a fit ends."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted hypothesis.
+
+    Attributes:
+        evidence: Of the hypothesis at the fitted values.
+        columns: Of the parameters that were fitted, there.
+        free: Numbers of these parameters.
+        sizes: (P,) widths of the differences, in declared steps.
+        n: How many tosses there are.
+    """
+
+    evidence: Evidence
+    columns: Columns
+    free: tuple[int, ...]
+    sizes: Array
+    n: int
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """At the fitted values."""
+        return self.evidence.hypothesis
+
+    def own(self, name: str) -> list[int]:
+        """Numbers of an effect's columns.
+
+        Args:
+            name: Of the effect.
+        """
+        owners = self.hypothesis.owners
+        return [k for k, j in enumerate(self.free) if owners[j] == name]
+
+    def optimism(self) -> Array:
+        """(n,) what each toss's log-likelihood owes to its own part in the fit, by the step that leaves it out."""
+        if not self.free:
+            return np.zeros(self.n)
+        return -self.columns.gains(self.columns.left_out() - self.columns.step())
+
+    def moved(self, step: Array) -> Hypothesis:
+        """The hypothesis moved in its free parameters, within their bounds.
+
+        Args:
+            step: (len(free),) in declared steps.
+        """
+        h = self.hypothesis
+        move = np.zeros(len(h.flat()))
+        move[list(self.free)] = np.clip(step, -100, 100)
+        return h.at(h.flat() + move * h.steps)
+
+    def away(self, name: str) -> Array:
+        """Differences of an effect's values to those that change nothing, in declared steps.
+
+        Args:
+            name: Of the effect.
+        """
+        h = self.hypothesis
+        place = h.place_of(name)
+        return np.asarray((h.values_of(name) - h.nominal_of(name)) / h.steps[place])
+
+    def wald(self, name: str) -> float:
+        """Wald's statistic that an effect's values change nothing, by the sandwich covariance.
+
+        Args:
+            name: Of the effect.
+        """
+        own = self.own(name)
+        cov, away = self.columns.covariance()[np.ix_(own, own)], self.away(name)
+        size = np.sqrt(np.maximum(np.diag(cov), 1e-300))
+        return float(away / size @ np.linalg.pinv(cov / np.outer(size, size), hermitian=True) @ (away / size))
+
+
+def fit(
+    near: Evidence,
+    start: Hypothesis,
+    *,
+    n: int,
+    iterations: int,
+    held: frozenset[str] = frozenset(),
+    follow: int = 1,
+    sizes: Array | None = None,
+) -> Fit:
+    """A hypothesis fitted from given values.
+
+    Args:
+        near: Evidence of a hypothesis near by.
+        start: Values to begin with.
+        n: How many tosses there are.
+        iterations: Most steps.
+        held: Names of effects whose values stay.
+        follow: Gauss-Newton steps of first states at the start, which may be far from `near`.
+        sizes: (P,) widths of the first differences, in declared steps; as wide as allowed if None.
+    """
+    evidence = near if start is near.hypothesis else near.near(start, steps=follow)
+    free = tuple(j for j, owner in enumerate(start.owners) if owner not in held)
+    settings = evidence.windows.settings.fit
+    sizes = np.full(len(start.flat()), settings.widest_difference) if sizes is None else sizes.copy()
+    columns = _columns(evidence, free, sizes, n)
+    for _ in range(iterations):
+        sizes[list(free)] = _difference_sizes(columns, settings.narrowest_difference, settings.widest_difference)
+        found = _step(Fit(evidence, columns, free, sizes, n))
+        if found is None:
+            break
+        before, (evidence, gain) = evidence, found
+        change = (evidence.hypothesis.flat() - before.hypothesis.flat())[list(free)] / start.steps[list(free)]
+        columns = _columns(evidence, free, sizes, n)
+        if gain < CONVERGED or np.abs(change * np.sqrt(np.diagonal(columns.H.sum(0)))).max() < CONVERGED:
+            break
+    return Fit(evidence, columns, free, sizes, n)
+
+
+def _columns(evidence: Evidence, free: tuple[int, ...], sizes: Array, n: int) -> Columns:
+    return sums(evidence, slopes(evidence, evidence.hypothesis, free, sizes), n)
+
+
+def _difference_sizes(columns: Columns, narrowest: float, widest: float) -> Array:
+    """Widths of central differences, in steps: two standard errors either way."""
+    return np.clip(4.0 / np.sqrt(np.maximum(np.diagonal(columns.H.sum(0)), 1e-12)), narrowest, widest)
+
+
+def _step(at: Fit) -> tuple[Evidence, float] | None:
+    """The evidence after a damped step that gains, and its gain; None if no damping gains."""
+    e = at.evidence
+    H, g = at.columns.H.sum(0), at.columns.g.sum(0)
+    scale = np.diag(H) + 1e-9 * max(np.trace(H), 1e-12)
+
+    def gain_of(hypothesis: Hypothesis) -> float:
+        """At the present first states."""
+        return float(bounded(e.log_likelihood_of(hypothesis, e.scales) - e.log_likelihood, e.density).sum())
+
+    for damping in DAMPINGS:
+        step = -np.linalg.solve(H + np.diag((damping + 1e-9) * scale), g)
+        moved = at.moved(step)
+        gain = gain_of(moved)
+        if not gain > 0:
+            continue
+        for _ in range(FURTHER):
+            step = 2 * step
+            further = at.moved(step)
+            beyond = gain_of(further)
+            if not beyond > gain:
+                break
+            moved, gain = further, beyond
+        there = e.near(moved)
+        # half of the gain at the first states of before, half at those that have followed: neither side is ahead
+        after = bounded(there.log_likelihood - there.log_likelihood_of(e.hypothesis, there.scales), e.density).sum()
+        if gain + after > 0:
+            return there, 0.5 * float(gain + after)
+    return None

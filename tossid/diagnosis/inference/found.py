@@ -1,0 +1,92 @@
+"""What a search has found, and what it has compared on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.inference.evidence import Evidence
+from tossid.diagnosis.inference.fitting import Fit
+from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.inference.sample import noise_of
+from tossid.diagnosis.inference.screening import Candidate, Screening
+from tossid.physics.effects import Effect
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A candidate that was fitted, with the gain (n,) of each toss over the hypothesis before."""
+
+    candidate: Candidate
+    fit: Fit
+    gain: Array
+
+
+@dataclass(frozen=True)
+class Round:
+    """What a round has compared: the hypothesis before, the library beside it, and what was fitted, the best first."""
+
+    before: Fit
+    screening: Screening
+    fitted: tuple[Fitted, ...]
+    joined: Fitted | None
+
+
+@dataclass(frozen=True)
+class Rival:
+    """What could take an effect's place, with the gain (n,) of each toss over the hypothesis with that effect."""
+
+    effect: Effect
+    fit: Fit
+    gain: Array
+
+    @property
+    def is_alike(self) -> bool:
+        """Whether the tosses cannot tell both apart: it is behind by no more than two standard errors."""
+        return bool(self.gain.sum() > -2 * noise_of(self.gain))
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search has found.
+
+    Attributes:
+        first: Evidence of the simulator as it is stated.
+        fit: The hypothesis with all effects; those of contact are free.
+        flight: The same in free flight alone, which determines the others; None where there is no flight.
+        rounds: How it was chosen.
+        needed: By an effect's name, the gain (n,) of each toss over the hypothesis without it.
+        rivals: By an effect's name, what could take its place.
+    """
+
+    first: Evidence
+    fit: Fit
+    flight: Fit | None
+    rounds: tuple[Round, ...]
+    needed: Mapping[str, Array] = field(default_factory=dict)
+    rivals: Mapping[str, tuple[Rival, ...]] = field(default_factory=dict)
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """With all effects."""
+        return self.fit.hypothesis
+
+    @property
+    def flown(self) -> frozenset[str]:
+        """Names of the effects that flight has determined."""
+        return frozenset() if self.flight is None else frozenset(self.flight.hypothesis.names)
+
+
+def words(hypothesis: Hypothesis) -> str:
+    """A hypothesis in a line.
+
+    Args:
+        hypothesis: The hypothesis.
+    """
+    effects = (f"{effect.name} " + ", ".join(f"{x:.4g}" for x in values) for effect, values in hypothesis.items())
+    return "; ".join([hypothesis.law.name, *effects])
