@@ -1,0 +1,180 @@
+"""The search on tosses that were made with known effects, and on tosses without any.
+
+    python -m experiments.search.made_cases OUT.jsonl                       # the cases below
+    python -m experiments.search.made_cases OUT.jsonl --nulls 400           # how often something is named by chance
+    python -m experiments.search.made_cases OUT.jsonl --cases rest com --tosses 40
+
+A line of JSON a case: what was made, what was found, seconds of processor time. Lines that are there are not made
+again, so an interrupted run goes on. `search.md` has the table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from tossid.diagnosis.inference.evidence import Evidence
+from tossid.diagnosis.inference.hypothesis import ContactLaw, Hypothesis
+from tossid.diagnosis.inference.judge import cross_fit, frequencies
+from tossid.diagnosis.inference.sample import Sample
+from tossid.diagnosis.inference.search import Search
+from tossid.diagnosis.likelihood.windows import make_windows
+from tossid.motion.resting import rest_scatter
+from tossid.objects import ObjectModel, load_object
+from tossid.physics.effects import World, effects_for
+from tossid.settings.ingestion import IngestSettings
+from tossid.settings.synthesis import LcpEngine, NoiseSettings, SynthesizeSettings
+from tossid.store import Dataset, read_dataset, write_tum
+from tossid.store.importers import TumSource
+from tossid.synthesis.engines import ENGINES
+from tossid.synthesis.tosses import add_noise, make_tosses
+from tossid.vision.ingest import ingest_source
+
+Effects = Mapping[str, Mapping[str, float]]
+
+CASES: dict[str, tuple[str, Effects]] = {
+    "null": ("lcp", {}),
+    "centre": ("lcp", {"com_offset": {"z_m": 0.005}}),
+    "gravity": ("lcp", {"gravity": {"g_ms2": 10.1}}),
+    "drag": ("lcp", {"linear_drag": {"c_nspm": 0.05}}),
+    "spin_drag": ("lcp", {"spin_drag": {"c_nms": 5e-4}}),
+    "magnus": ("lcp", {"magnus": {"c_ns2pm": 0.01}}),
+    "friction": ("lcp", {"friction": {"mu": 0.26}}),
+    "rebound": ("lcp", {"restitution": {"e": 0.25}}),
+    "inertia": ("lcp", {"inertia": {"scale_rel": 1.3}}),
+    "size": ("lcp", {"geometry": {"size_rel": 1.03}}),
+    "tilt": ("lcp", {"ground_tilt": {"x_rad": 0.012, "y_rad": -0.01}}),
+    "round": ("lcp", {"rounded_corners": {"radius_m": 0.006}}),
+    "soft": ("lcp", {"compliance": {"stiffness_npm": 5e3, "damping_nspm": 15.0}}),
+    "lengths": ("lcp", {"length_scale": {"scale_rel": 1.015}}),
+    "cohesion": ("lcp", {"cohesion": {"c_n": 0.15}}),
+    "delay": ("lcp", {"rotation_delay": {"delay_s": 0.003}}),
+    "two_frictions": ("lcp", {"velocity_friction": {"static_mu": 0.26, "sliding_mu": 0.15, "speed_ms": 0.25}}),
+    "centre_friction": ("lcp", {"com_offset": {"x_m": 0.003, "z_m": -0.003}, "friction": {"mu": 0.26}}),
+    "rebound_drag": ("lcp", {"restitution": {"e": 0.25}, "linear_drag": {"c_nspm": 0.05}}),
+    "gravity_inertia": ("lcp", {"gravity": {"g_ms2": 10.1}, "inertia": {"scale_rel": 1.3}}),
+    "mujoco_null": ("mujoco", {}),
+    "mujoco_friction": ("mujoco", {"friction": {"mu": 0.26}}),
+    "mujoco_centre": ("mujoco", {"com_offset": {"z_m": 0.005}}),
+    "mujoco_rebound": ("mujoco", {"restitution": {"e": 0.25}}),
+    "four": (
+        "lcp",
+        {
+            "gravity": {"g_ms2": 10.0},
+            "friction": {"mu": 0.24},
+            "restitution": {"e": 0.2},
+            "inertia": {"scale_rel": 1.25},
+        },
+    ),
+    "four_others": (
+        "lcp",
+        {
+            "com_offset": {"x_m": 0.002, "z_m": 0.003},
+            "linear_drag": {"c_nspm": 0.04},
+            "geometry": {"size_rel": 1.02},
+            "cohesion": {"c_n": 0.08},
+        },
+    ),
+}
+"""By name: the engine, and the effects that the stated cube lacks."""
+
+LAWS = (ContactLaw(), ContactLaw("routh", impulse_parts=8.0), ContactLaw("relaxed", lifting=1e-4))
+NOISE = NoiseSettings(position=1.5e-4, rotation=1.5e-3, joint=1.5e-3)
+SUBSTEPS = 32
+"""Of the exact engine a frame, sixteen times as fine as the search simulates."""
+
+
+def made(model: ObjectModel, engine: str, effects: Effects, tosses: int, seed: int) -> Dataset:
+    """A dataset of made tosses, with noise as a tracker has it, ingested from pose files.
+
+    Args:
+        model: The stated object.
+        engine: "lcp" or "mujoco".
+        effects: What the stated object lacks.
+        tosses: How many.
+        seed: Of throws and noise.
+    """
+    how = ENGINES[engine].settings()
+    how = replace(how, substeps=SUBSTEPS) if isinstance(how, LcpEngine) else how
+    settings = SynthesizeSettings(engine=how, tosses=tosses, effects={k: dict(v) for k, v in effects.items()})
+    thrown, noise = np.random.default_rng([seed, 5]).spawn(2)
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "tosses.h5"
+        write_tum(Path(folder) / "tum", add_noise(make_tosses(settings, model, thrown)[0], model, NOISE, noise))
+        source = TumSource(path=Path(folder) / "tum")
+        ingest_source(source, object=model, settings=IngestSettings(), out=out, progress=lambda done: None)
+        return read_dataset(out)
+
+
+def searched(dataset: Dataset, *, judged: bool, threads: int) -> dict[str, Any]:
+    """What a search over a dataset finds, and how often its names hold without a part of the tosses.
+
+    Args:
+        dataset: Of made tosses.
+        judged: Whether the search is cross-fitted.
+        threads: Of simulators.
+    """
+    begun, tosses, model = time.process_time(), dataset.tosses, dataset.object
+    sample = Sample(make_windows(tosses, model, scatter=rest_scatter(tosses, model)), len(tosses), threads)
+    search = Search(sample, effects_for(model), Hypothesis(World(model)), LAWS)
+    first = sample.evidence(search.stated)
+    found = search.run(first)
+    out: dict[str, Any] = {
+        "law": found.hypothesis.law.name,
+        "found": {effect.name: effect.named(values) for effect, values in found.hypothesis.items()},
+        "alike": {name: [r.effect.name for r in group if r.is_alike] for name, group in found.rivals.items()},
+        "gain": {name: float(gain.sum()) for name, gain in found.needed.items()},
+        "seconds": round(time.process_time() - begun, 2),
+    }
+    if judged:
+
+        def of(chosen: np.ndarray) -> tuple[Search, Evidence]:
+            part = replace(sample.of_tosses(chosen), n_threads=1)
+            return replace(search, sample=part, judging=True), first.of_tosses(chosen)
+
+        folds = cross_fit(of, first, n=sample.n, count=4, n_threads=threads)
+        out["frequency"] = {name: round(share, 3) for name, share in frequencies(folds).items()}
+        out["seconds_judged"] = round(time.process_time() - begun, 2)
+    return out
+
+
+def main() -> None:
+    """Make what is missing of the asked cases."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--cases", nargs="*", default=list(CASES))
+    parser.add_argument("--tosses", type=int, default=20)
+    parser.add_argument("--nulls", type=int, default=0, help="so many draws of the case 'null' instead")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--judged", action="store_true")
+    parser.add_argument("--threads", type=int, default=1)
+    given = parser.parse_args()
+    asked = [(name, given.seed + k) for k, name in enumerate(given.cases)]
+    if given.nulls:
+        asked = [("null", given.seed + k) for k in range(given.nulls)]
+    lines = given.out.read_text().splitlines() if given.out.exists() else []
+    known = {(line["case"], line["seed"], line["tosses"]) for line in map(json.loads, lines)}
+    model = load_object("cube")
+    for name, seed in asked:
+        if (name, seed, given.tosses) in known:
+            continue
+        engine, effects = CASES[name]
+        dataset = made(model, engine, effects, given.tosses, seed)
+        line = {"case": name, "seed": seed, "tosses": given.tosses, "truth": effects}
+        line |= searched(dataset, judged=given.judged, threads=given.threads)
+        with given.out.open("a") as file:
+            file.write(json.dumps(line) + "\n")
+        print(f"{name} {seed}: {line['found']} ({line['seconds']} s)", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
