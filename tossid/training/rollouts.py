@@ -131,8 +131,9 @@ class RolloutStage:
     def begin(self) -> None:
         """Choose where the contact law and friction start, where they are learned.
 
-        Contact is rigid, unless a softer start is clearly better. Friction stays, unless another value is:
-        near zero and far above the slope of flight paths, rollouts no longer depend on it.
+        Of a rival, contact is rigid, and friction stays. Otherwise contact is rigid unless a softer start is clearly
+        better, and friction stays unless another value is: near zero and far above the slope of flight paths, rollouts
+        no longer depend on it.
         """
         self._begin_contact_law()
         friction = self._plan.friction
@@ -197,6 +198,9 @@ class RolloutStage:
             with torch.no_grad():
                 law.value.copy_(start)
 
+        if self._plan.rival:
+            put(law.rigid())
+            return
         losses = self._compared(put, starts)
         best = int(np.argmin(losses))
         put(starts[best if losses[best] < settings.softer_share * losses[0] else 0])
@@ -217,8 +221,28 @@ class RolloutStage:
             passes += trials
             if done and self._averaged is None and self._settles and self._yields():
                 self._averaged, done = Averaged(0 * sums.H[0], 0 * x), False
-        validation_loss = self._loss(self._errors(self._validation), self._validation)
-        return Pass(loss, validation_loss, {"prediction": loss}, passes, done)
+        return Pass(loss, self.validation_loss(), {"prediction": loss}, passes, done)
+
+    def validation_loss(self) -> float:
+        """The loss of validation shots."""
+        return self._loss(self._errors(self._validation), self._validation)
+
+    def validation_by_toss(self) -> Array:
+        """(n_tosses,) parts of the validation loss, from first states that are estimated with the model as it is."""
+        shots = self._validation = self._make_shots()[1]
+        return self._sums_by_toss(self._errors(shots), shots) / shots.inside.sum()
+
+    def clearly_better(self, rival: Array) -> bool:
+        """Whether validation tosses are predicted clearly better than by a rival.
+
+        They are where the loss is lower by the share by which another friction has to be better, or where the tosses'
+        losses are lower beyond their scatter. Few tosses scatter too much, and many show small gains.
+
+        Args:
+            rival: Its `validation_by_toss`.
+        """
+        own = self.validation_by_toss()
+        return bool(own.sum() < self._restarts.better_share * rival.sum()) or self._is_worse(rival - own)
 
     def _try(self, sums: GaussNewton, errors: Array) -> tuple[float, int, bool]:
         """Steps with growing damping until one lowers the loss of calm frames.
