@@ -92,7 +92,7 @@ class Fit:
         self.way = [model.learned_object().corner_pos.tolist()]
         self._before: tuple[float, dict[str, Any]] | None = None
         self._following: Following | None = None
-        self._rival: tuple[list[float], dict[str, Any]] | None = None
+        self._rival: tuple[list[float], list[float], dict[str, Any]] | None = None
         self.near = self._geometry_of_contact(model.object)
         self._transitions = tuple(
             make_transitions(self.near, tosses, self.settings.transitions) for tosses in self._tosses
@@ -275,14 +275,14 @@ class Fit:
     def _against_rival(self, plan: StagePlan, stage: RolloutStage) -> None:
         """Note what a rival leaves; after the last stage, return to it unless the model is clearly better."""
         if plan.rival:
-            self._rival = stage.validation_by_toss().tolist(), _state_of(self.model)
+            train, validation = stage.losses_by_toss()
+            self._rival = train.tolist(), validation.tolist(), _state_of(self.model)
         elif self._rival is not None and self.stage + 1 == len(self.stages):
-            losses, simple = self._rival
-            better = stage.clearly_better(np.array(losses))
-            if not better:
+            *losses, simple = self._rival
+            if not stage.clearly_better((np.array(losses[0]), np.array(losses[1]))):
                 self.model.load_state_dict(simple)
-            moved = sum(parameter.numel() for parameter in plan.parameters)
-            self.restarts += [] if better else [Restart(plan.name, UNDETERMINED, moved, kept=False)]
+                moved = sum(parameter.numel() for parameter in plan.parameters)
+                self.restarts.append(Restart(plan.name, UNDETERMINED, moved, kept=False))
 
     def _plan(self) -> StagePlan:
         """The present stage, with the gap's width of the present pass."""

@@ -227,22 +227,30 @@ class RolloutStage:
         """The loss of validation shots."""
         return self._loss(self._errors(self._validation), self._validation)
 
-    def validation_by_toss(self) -> Array:
-        """(n_tosses,) parts of the validation loss, from first states that are estimated with the model as it is."""
-        shots = self._validation = self._make_shots()[1]
-        return self._sums_by_toss(self._errors(shots), shots) / shots.inside.sum()
+    def losses_by_toss(self) -> tuple[Array, Array]:
+        """Parts of the losses of training and of validation shots (n_tosses,), from first states as they are now."""
+        self._train, self._validation = self._make_shots()
+        train, validation = (
+            self._sums_by_toss(self._errors(shots), shots) / shots.inside.sum()
+            for shots in (self._train, self._validation)
+        )
+        return train, validation
 
-    def clearly_better(self, rival: Array) -> bool:
+    def clearly_better(self, rival: tuple[Array, Array]) -> bool:
         """Whether validation tosses are predicted clearly better than by a rival.
 
-        They are where the loss is lower by the share by which another friction has to be better, or where the tosses'
-        losses are lower beyond their scatter. Few tosses scatter too much, and many show small gains.
+        They are where their losses are lower beyond their scatter. Few tosses scatter too much for that: there, the
+        loss has to be lower by the share by which another friction has to be better, and the losses of training and
+        validation tosses together beyond their scatter.
 
         Args:
-            rival: Its `validation_by_toss`.
+            rival: Its `losses_by_toss`.
         """
-        own = self.validation_by_toss()
-        return bool(own.sum() < self._restarts.better_share * rival.sum()) or self._is_worse(rival - own)
+        train, validation = self.losses_by_toss()
+        if self._is_worse(rival[1] - validation):
+            return True
+        by_share = validation.sum() < self._restarts.better_share * rival[1].sum()
+        return bool(by_share) and self._is_worse(np.concatenate(rival) - np.concatenate([train, validation]))
 
     def _try(self, sums: GaussNewton, errors: Array) -> tuple[float, int, bool]:
         """Steps with growing damping until one lowers the loss of calm frames.
