@@ -192,7 +192,15 @@ def _show_convergence(trained: TrainedModel, console: Console) -> None:
     found = trained.parameters.get("convergence")
     if found is None:
         return
+    from tossid.training.restarts import UNDETERMINED
+
     for restart in found["restarts"]:
+        if restart["what"] == UNDETERMINED:
+            console.warn(
+                f"{restart['what']}: these tosses are too few to learn them. Validation tosses are predicted no better "
+                "than with friction alone, so they stay as before"
+            )
+            continue
         kept = "" if restart["kept"] else ", which did not help and was undone"
         count = f"{restart['moved']} corners" if restart["what"] == "corners" else restart["what"]
         console.say(f"{restart['stage']}: {count} started again{kept}")

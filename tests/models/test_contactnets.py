@@ -31,7 +31,7 @@ def test_gradient_by_the_envelope_theorem(cube: ObjectModel, transitions: Transi
     model = ContactNets(cube, settings, seed=1)
     rng = np.random.default_rng(0)
     plans = {plan.name: plan for plan in model.stages()}
-    parameters = plans["contact"].parameters + plans["continuous"].parameters
+    parameters = plans["inertia"].parameters + plans["continuous"].parameters
     with torch.no_grad():
         for p in parameters:
             p += 0.02 * torch.from_numpy(rng.normal(size=p.shape))

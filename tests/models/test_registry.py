@@ -20,8 +20,8 @@ from tossid.settings.training import TrainSettings
 STAGES = {
     "cn": ["contact", "rollout-20", "rollout-90"],
     "cnrp": ["continuous", "contact", "rollout-20", "rollout-90"],
-    "cnrpi": ["continuous", "contact", "rollout-20", "rollout-90"],
-    "diffsim": ["continuous", "rollout-20", "rollout-90"],
+    "cnrpi": ["flight", "continuous", "contact", "friction", "inertia", "rollout-20", "rollout-90"],
+    "diffsim": ["flight", "continuous", "friction", "rollout-20", "rollout-90"],
     "e2e": ["one-step"],
     "cnrp_world": ["continuous", "contact", "rollout-20", "rollout-90"],
     "paper_cn": ["together"],

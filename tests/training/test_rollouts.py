@@ -10,7 +10,7 @@ import pytest
 from tests.models.made import tosses
 from tossid.models.contactnets import ContactNets
 from tossid.objects import ObjectModel
-from tossid.settings.training import ModelSettings, RolloutSettings, TrainSettings
+from tossid.settings.training import ModelSettings, RestartSettings, RolloutSettings, TrainSettings
 from tossid.training.fit import Fit
 from tossid.training.rollouts import Averaged, RolloutStage
 
@@ -123,3 +123,22 @@ def test_where_contact_yields_the_last_stage_settles_and_resumes(cube: ObjectMod
     assert len(list(second.epochs())) == 2
     assert other.learned_object().friction == model.learned_object().friction
     assert model.learned_object().compliance > 0
+
+
+@pytest.mark.parametrize(
+    ("train", "validation", "better"),
+    [
+        ([0.5, 0.6, 0.4], [0.5], True),  # by a share, and on all tosses
+        ([1.1, 0.1, 0.9], [0.5], False),  # by a share of the one toss alone
+        ([0.9, 0.9, 0.9], [0.95], False),  # by too little for one toss
+        ([1.0, 1.0, 1.0], [0.95, 0.94, 0.96, 0.95], True),  # by little, on every validation toss
+        ([0.1, 0.1, 0.1], [1.2], False),  # on training tosses alone
+    ],
+)
+def test_a_rival_gives_way_to_what_is_clearly_better(
+    monkeypatch: pytest.MonkeyPatch, train: list[float], validation: list[float], better: bool
+) -> None:
+    stage = object.__new__(RolloutStage)
+    stage._settings, stage._restarts = RolloutSettings(), RestartSettings()
+    monkeypatch.setattr(stage, "losses_by_toss", lambda: (np.array(train), np.array(validation)))
+    assert stage.clearly_better((np.ones(len(train)), np.ones(len(validation)))) is better

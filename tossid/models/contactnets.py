@@ -165,32 +165,43 @@ class ContactNets(nn.Module):
     def stages(self) -> tuple[StagePlan, ...]:
         """Continuous dynamics from flight, contact by the implicit loss, then rollouts over growing horizons.
 
+        The inertia of a rigid body is learned stage by stage: what flight shows of it, then by the implicit loss, then
+        by rollouts. Each counts only if validation tosses say so, the last beside rollouts of friction alone.
+
         Rollouts determine few numbers; the corners are left to the implicit loss, unless the settings say otherwise.
         Objects with joints predict stretches of half the first horizon, and then of the first: a few impacts on, links
         may be anywhere. On demand there is one stage of the implicit loss in place of the first two, over everything.
         A stage that has nothing to learn is left out.
         """
-        settings, plans = self.settings, []
+        settings, plans, horizons = self.settings, [], self.settings.horizons
+        body, corners = _learned(self.inertia), self.geometry if self.learns_corners else None
+        held, friction = tuple(body) if self.learns_corners else (), self.friction if settings.learn_friction else None
+        starts = self.contact_law if settings.learn_contact_law else None
+        by_stages = bool(body) and not self.object.n_joints and not settings.together
         if settings.together:
             everything = _learned(self.geometry, self.friction, self.inertia, self.k_res)
             plans.append(StagePlan("together", Objective.LOSS, everything))
         elif self.k_res is not None:
             flight = _learned(self.k_res, self.inertia)
             vertical = self.k_res.vertical if self.k_res.gravity else None
+            if by_stages and vertical is not None:
+                shown, flight = [*body, vertical], _learned(self.k_res)
+                plans.append(StagePlan("flight", Objective.FLIGHT, shown, quadratic=vertical, judged=True))
             plans.append(StagePlan("continuous", Objective.FLIGHT_LOSS, flight, quadratic=vertical))
         if settings.implicit and not settings.together:
-            contact = _learned(self.geometry, self.friction, self.inertia)
-            held = tuple(_learned(self.inertia)) if self.learns_corners else ()
-            corners = self.geometry if self.learns_corners else None
+            contact = _learned(self.geometry, self.friction, None if by_stages else self.inertia)
             widen = self.widen_gap if self.learns_corners else None
             plans.append(StagePlan("contact", Objective.LOSS, contact, corners=corners, held=held, widen=widen))
-        horizons = settings.horizons
+        if by_stages and horizons:
+            simple, last = _learned(self.friction), horizons[-1]
+            plans.append(StagePlan("friction", Objective.ROLLOUT, simple, last, starts=starts, rival=True))
+        if by_stages and settings.implicit:
+            everything = _learned(self.geometry, self.friction, self.inertia)
+            plans.append(StagePlan("inertia", Objective.LOSS, everything, corners=corners, held=held, judged=True))
         if self.object.n_joints and horizons:
             horizons = (max(1, horizons[0] // 2), horizons[0])
         geometry = self.geometry if settings.refine_geometry else None
         parameters = _learned(self.friction, self.contact_law, self.inertia, geometry)
-        starts = self.contact_law if settings.learn_contact_law else None
-        friction = self.friction if settings.learn_friction else None
         for horizon in horizons:
             name = f"rollout-{horizon}"
             plans.append(StagePlan(name, Objective.ROLLOUT, parameters, horizon, starts=starts, friction=friction))

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 class Objective(Enum):
     """What a stage of training minimises."""
 
+    FLIGHT = auto()
+    """the misfit of measured poses in free flight, weighted by their covariances; of a rigid body"""
     FLIGHT_LOSS = auto()
     """the model's own loss, on transitions in free flight"""
     LOSS = auto()
@@ -92,6 +94,10 @@ class StagePlan:
         quadratic: One of its parameters, in which the loss is quadratic: it starts at the minimum along it. A gravity
             that is given 9.81 m/s² wrong is then found at once, and no first step along all parameters leaps for it.
         widen: Multiplies the distance below which a gap counts quadratically in the loss, relative to the stated one.
+        judged: Whether what it learns counts only if it lowers the loss of validation tosses: few tosses are fitted
+            better by any body with more freedom, and others worse.
+        rival: Whether training ends with what it leaves, unless the last stage predicts validation tosses clearly
+            better. Contact is rigid in it.
     """
 
     name: str
@@ -105,6 +111,8 @@ class StagePlan:
     friction: Coefficient | None = None
     quadratic: nn.Parameter | None = None
     widen: Callable[[float], None] | None = None
+    judged: bool = False
+    rival: bool = False
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +40,8 @@ class FlightState:
         cov: Covariance of (q, v) in the tangent space, (2 nv, 2 nv); scaled by `chi2` where that exceeds 1.
         n_frames: Frames used; 0 where the toss starts in contact, and q and v are as recorded.
         chi2: Weighted squared residual over its degrees of freedom; 1 where the noise is as stated.
+        residuals: Weighted residuals, (6 N + 6,), N the most frames of flight of any toss that was fitted with it; none
+            where there is no flight.
     """
 
     q: Array
@@ -47,6 +49,7 @@ class FlightState:
     cov: Array
     n_frames: int
     chi2: float
+    residuals: Array = field(default_factory=lambda: np.zeros(0), repr=False)
 
 
 class _Body(NamedTuple):
@@ -146,7 +149,7 @@ def flight_states(
     chi2 = (r**2).sum(-1) / free
     cov = inverse @ inverse.mT * np.maximum(1.0, chi2)[:, None, None]
     for k, i in enumerate(flying):
-        states[i] = FlightState(state_q[k], state_v[k], cov[k], int(n[k]), float(chi2[k]))
+        states[i] = FlightState(state_q[k], state_v[k], cov[k], int(n[k]), float(chi2[k]), r[k])
     return states
 
 

@@ -2,12 +2,16 @@
 
 The model names its stages (`models.protocol.StagePlan`); for ContactNets these are
 
-1. "continuous": the learned acceleration, by the implicit loss on transitions that surely involve no contact. Learned
+1. "flight": centre of mass, ratios of inertia and gravity, by the likelihood of poses in flight.
+2. "continuous": the learned acceleration, by the implicit loss on transitions that surely involve no contact. Learned
    together with contact, impulses at rest would stand in for missing gravity.
-2. "contact": geometry, friction (and inertia), by the implicit loss on all transitions.
-3. "rollout-N": friction (and contact law and inertia), by open-loop prediction until N frames after first contact,
+3. "contact": geometry and friction, by the implicit loss on all transitions, and then "inertia": these and the inertia.
+4. "rollout-N": friction (and contact law and inertia), by open-loop prediction until N frames after first contact,
    N growing: short predictions are smooth in the parameters from far away, long ones decide the last digits. Of objects
    with joints, over stretches of N frames from everywhere in a toss.
+
+What more freedom gains counts only if validation tosses show it: a judged stage is undone unless they are predicted
+better, and all after "contact" is, unless they are predicted clearly better than with friction refined alone.
 
 The loop yields records and knows no tracker. Its state is plain tensors and numbers, so that an interrupted fit goes on
 exactly where it was.
@@ -32,12 +36,11 @@ from tossid.models.shots import Shots, first_states, make_shots, make_stretches
 from tossid.models.trained import EpochRecord
 from tossid.models.transitions import Transitions, make_transitions
 from tossid.objects import ObjectModel
-from tossid.objects.convex_shape import ConvexShape
 from tossid.objects.shape_evidence import ShapeEvidence
 from tossid.settings.training import TrainSettings
-from tossid.training.flights import Flights, fit_flights
+from tossid.training.flights import Flights, FlightStage, fit_flights
 from tossid.training.losses import LossStage, Stage
-from tossid.training.restarts import Following, Restart, evidence_of
+from tossid.training.restarts import UNDETERMINED, Following, Restart, judging_frames, with_shown_corners
 from tossid.training.rollouts import RolloutStage
 from tossid.training.unknown import UnknownObject
 from tossid.types import Toss
@@ -83,11 +86,13 @@ class Fit:
         self.evidence: ShapeEvidence | str = "a round shape is not held against the hull of its frames"
         self._source: ShapeEvidence | str = self.evidence
         if model.object.roundness is None:
-            self.evidence, self._source = self._frames(None if shown is None else shown.shapes[0])
+            known = None if shown is None else shown.shapes[0]
+            self.evidence, self._source = judging_frames(*self._tosses, self.settings, known)
         self.restarts: list[Restart] = []
         self.way = [model.learned_object().corner_pos.tolist()]
         self._before: tuple[float, dict[str, Any]] | None = None
         self._following: Following | None = None
+        self._rival: tuple[list[float], list[float], dict[str, Any]] | None = None
         self.near = self._geometry_of_contact(model.object)
         self._transitions = tuple(
             make_transitions(self.near, tosses, self.settings.transitions) for tosses in self._tosses
@@ -114,29 +119,11 @@ class Fit:
         """The tosses to learn from, with true lengths and velocities."""
         return self._tosses[0]
 
-    def _frames(self, known: ConvexShape | None) -> tuple[ShapeEvidence | str, ShapeEvidence | str]:
-        """The frames that judge corners, and those that say where corners that are started again begin.
-
-        Frames of validation tosses judge: a corner that never touched in a few training tosses, others bring down. They
-        move no corner where training tosses are rationed: who asks what eight tosses teach means these eight.
-        """
-        train, validation = self._tosses
-        limits, rationed = self.settings.restarts, self.settings.tosses is not None
-        judges = evidence_of((*train, *validation), limits, shape=None if rationed else known)
-        return judges, evidence_of(train, limits, shape=known) if rationed else judges
-
     def _geometry_of_contact(self, start: ObjectModel) -> ObjectModel:
-        """The object that says which frames may involve contact: the start, unless tosses contradict its corners.
-
-        Then it has the corners that they show, and an inertia that does not depend on the start: evenly filled.
-        """
+        """The object that says which frames may involve contact: the start, unless tosses contradict its corners."""
         if isinstance(self._source, str) or not self._contradicts(start.corner_pos):
             return start
-        shown = self._source.shown()
-        if len(shown) < 4:
-            return start
-        inertia = start.mass[:, None, None] * self._source.shape.solid()[2]
-        return start.with_changes(corner_pos=shown, corner_body=np.zeros(len(shown), dtype=np.int64), inertia=inertia)
+        return with_shown_corners(start, self._source)
 
     def _contradicts(self, corners: Array) -> bool:
         return not isinstance(self.evidence, str) and self.evidence.contradiction(corners) is not None
@@ -150,6 +137,7 @@ class Fit:
             Objective.FLIGHT_LOSS: partial(
                 self._loss_stage, choose=Transitions.in_flight if self.near is self.model.object else Transitions.free
             ),
+            Objective.FLIGHT: lambda plan: FlightStage(plan, self.model, self._tosses, self.settings, self._n_threads),
             Objective.LOSS: self._loss_stage,
             Objective.ROLLOUT: self._rollout_stage,
         }
@@ -205,15 +193,10 @@ class Fit:
             return train, validation
         if self._flights is None or self._flights.outdated(learned, gravity):
             self._flights = fit_flights(learned, self._tosses, gravity, self.settings.rollouts, self._n_threads)
+        firsts = (first_states(tosses, learned, predictor, velocity_lag=lag) for tosses in self._tosses)
         train, validation = (
-            make_shots(
-                learned,
-                tosses,
-                horizon=horizon,
-                first=first_states(tosses, learned, predictor, velocity_lag=lag),
-                flight=flight,
-            )
-            for tosses, flight in zip(self._tosses, self._flights.fitted, strict=True)
+            make_shots(learned, tosses, horizon=horizon, first=first, flight=flight)
+            for tosses, first, flight in zip(self._tosses, firsts, self._flights.fitted, strict=True)
         )
         return train, validation
 
@@ -230,6 +213,7 @@ class Fit:
             "following": None if self._following is None else asdict(self._following),
             "holds": self._holds,
             "way": self.way,
+            "rival": self._rival,
             "model": _state_of(self.model),
             "current": None if self._current is None else self._current.state_dict(),
         }
@@ -245,6 +229,7 @@ class Fit:
         self.model.load_state_dict(state["model"])
         self.restarts = [Restart(**restart) for restart in state["restarts"]]
         self._before, self._holds, self.way = state["before"], state["holds"], state["way"]
+        self._rival = state["rival"]
         self._following = None if state["following"] is None else Following(**state["following"])
         self._current = None
         if state["current"] is not None and self.stage < len(self.stages):
@@ -267,6 +252,8 @@ class Fit:
                 self._holds = bool(plan.held) and self._contradicted(plan.corners)
                 self._current = self._make(plan)
                 self._current.begin()
+                if plan.judged:
+                    self.best_loss, self.best = self._current.validation_loss(), _state_of(self.model)
                 if isinstance(self._current, RolloutStage) and self._current.friction_restarted:
                     self.restarts.append(Restart(plan.name, "friction", 1, kept=True))
             done = False
@@ -277,11 +264,25 @@ class Fit:
                     self.epoch = self._current.epochs
                 yield record
             self.model.load_state_dict(self.best)
+            if isinstance(self._current, RolloutStage):
+                self._against_rival(plan, self._current)
             corners = self._learned_by(plan).corner_pos.tolist()
             if corners != self.way[-1]:
                 self.way.append(corners)
             self.stage += 0 if self._again(plan) else 1
             self.epoch, self.stale, self.best_loss, self._current = 0, 0, float("inf"), None
+
+    def _against_rival(self, plan: StagePlan, stage: RolloutStage) -> None:
+        """Note what a rival leaves; after the last stage, return to it unless the model is clearly better."""
+        if plan.rival:
+            train, validation = stage.losses_by_toss()
+            self._rival = train.tolist(), validation.tolist(), _state_of(self.model)
+        elif self._rival is not None and self.stage + 1 == len(self.stages):
+            *losses, simple = self._rival
+            if not stage.clearly_better((np.array(losses[0]), np.array(losses[1]))):
+                self.model.load_state_dict(simple)
+                moved = sum(parameter.numel() for parameter in plan.parameters)
+                self.restarts.append(Restart(plan.name, UNDETERMINED, moved, kept=False))
 
     def _plan(self) -> StagePlan:
         """The present stage, with the gap's width of the present pass."""

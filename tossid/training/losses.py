@@ -54,6 +54,9 @@ class Stage(Protocol):
     def step(self) -> Pass:
         """One epoch; changes the model in place."""
 
+    def validation_loss(self) -> float:
+        """The loss of validation data as the model is now."""
+
     def state_dict(self) -> dict[str, Any]:
         """Tensors and numbers to go on from."""
 
@@ -147,8 +150,12 @@ class LossStage:
                 loss, parts = self._model.loss(self._train)
             else:
                 loss, parts = here.loss, here.parts
-            validation_loss = float(self._model.loss(self._validation)[0])
-        return Pass(float(loss), validation_loss, parts, passes)
+        return Pass(float(loss), self.validation_loss(), parts, passes)
+
+    def validation_loss(self) -> float:
+        """The model's loss of validation transitions."""
+        with torch.no_grad():
+            return float(self._model.loss(self._validation)[0])
 
     def _gradient(self, batch: Transitions) -> _Evaluation:
         loss, parts = self._model.loss(batch)

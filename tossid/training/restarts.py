@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tossid.errors import InputError
 from tossid.models.trained import EpochRecord
 from tossid.objects import ObjectModel, body_poses, corner_heights, corner_positions
+from tossid.objects.convex_shape import ConvexShape
 from tossid.objects.half_spaces import protrusion, turned
 from tossid.objects.model import HULL_POINTS
 from tossid.objects.roundness import directions
@@ -30,15 +31,19 @@ from tossid.types import Phase, Toss
 Array = NDArray[np.float64]
 
 
+UNDETERMINED = "inertia and contact law"
+"""What is not kept where validation tosses are not predicted clearly better than with friction alone."""
+
+
 @dataclass(frozen=True)
 class Restart:
     """A parameter that was started again.
 
     Attributes:
         stage: In which stage of training.
-        what: "corners", "all corners" (which are then followed to an end that does not depend on the start) or
-            "friction".
-        moved: How many numbers were moved: corners, or one.
+        what: "corners", "all corners" (which are then followed to an end that does not depend on the start),
+            "friction", or `UNDETERMINED`, which was learned and is not kept.
+        moved: How many numbers were moved: corners, or all that a stage learns.
         kept: Whether the validation loss then ended lower than before (for all corners: not much higher); if not, what
             was before was restored.
     """
@@ -83,6 +88,39 @@ def evidence_of(tosses: Sequence[Toss], settings: RestartSettings, **known: Any)
         return ShapeEvidence(tosses, settings.evidence, **known)
     except InputError as error:
         return str(error)
+
+
+def judging_frames(
+    train: Sequence[Toss], validation: Sequence[Toss], settings: TrainSettings, known: ConvexShape | None
+) -> tuple[ShapeEvidence | str, ShapeEvidence | str]:
+    """The frames that judge corners, and those that say where corners that are started again begin.
+
+    Frames of validation tosses judge: a corner that never touched in a few training tosses, others bring down. They
+    move no corner where training tosses are rationed: who asks what eight tosses teach means these eight.
+
+    Args:
+        train: Tosses with true lengths.
+        validation: The same.
+        settings: Whether tosses are rationed.
+        known: The hull of the frames, where it is known already.
+    """
+    limits, rationed = settings.restarts, settings.tosses is not None
+    judges = evidence_of((*train, *validation), limits, shape=None if rationed else known)
+    return judges, evidence_of(train, limits, shape=known) if rationed else judges
+
+
+def with_shown_corners(start: ObjectModel, evidence: ShapeEvidence) -> ObjectModel:
+    """An object with the corners that tosses show, evenly filled; as it is where they show fewer than four.
+
+    Args:
+        start: A rigid body.
+        evidence: The frames.
+    """
+    shown = evidence.shown()
+    if len(shown) < 4:
+        return start
+    inertia = start.mass[:, None, None] * evidence.shape.solid()[2]
+    return start.with_changes(corner_pos=shown, corner_body=np.zeros(len(shown), dtype=np.int64), inertia=inertia)
 
 
 def seen_corners(model: ObjectModel, tosses: Sequence[Toss], settings: EvidenceSettings) -> NDArray[np.bool_]:

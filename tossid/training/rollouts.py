@@ -131,8 +131,9 @@ class RolloutStage:
     def begin(self) -> None:
         """Choose where the contact law and friction start, where they are learned.
 
-        Contact is rigid, unless a softer start is clearly better. Friction stays, unless another value is:
-        near zero and far above the slope of flight paths, rollouts no longer depend on it.
+        Of a rival, contact is rigid, and friction stays. Otherwise contact is rigid unless a softer start is clearly
+        better, and friction stays unless another value is: near zero and far above the slope of flight paths, rollouts
+        no longer depend on it.
         """
         self._begin_contact_law()
         friction = self._plan.friction
@@ -197,6 +198,9 @@ class RolloutStage:
             with torch.no_grad():
                 law.value.copy_(start)
 
+        if self._plan.rival:
+            put(law.rigid())
+            return
         losses = self._compared(put, starts)
         best = int(np.argmin(losses))
         put(starts[best if losses[best] < settings.softer_share * losses[0] else 0])
@@ -217,8 +221,36 @@ class RolloutStage:
             passes += trials
             if done and self._averaged is None and self._settles and self._yields():
                 self._averaged, done = Averaged(0 * sums.H[0], 0 * x), False
-        validation_loss = self._loss(self._errors(self._validation), self._validation)
-        return Pass(loss, validation_loss, {"prediction": loss}, passes, done)
+        return Pass(loss, self.validation_loss(), {"prediction": loss}, passes, done)
+
+    def validation_loss(self) -> float:
+        """The loss of validation shots."""
+        return self._loss(self._errors(self._validation), self._validation)
+
+    def losses_by_toss(self) -> tuple[Array, Array]:
+        """Parts of the losses of training and of validation shots (n_tosses,), from first states as they are now."""
+        self._train, self._validation = self._make_shots()
+        train, validation = (
+            self._sums_by_toss(self._errors(shots), shots) / shots.inside.sum()
+            for shots in (self._train, self._validation)
+        )
+        return train, validation
+
+    def clearly_better(self, rival: tuple[Array, Array]) -> bool:
+        """Whether validation tosses are predicted clearly better than by a rival.
+
+        They are where their losses are lower beyond their scatter. Few tosses scatter too much for that: there, the
+        loss has to be lower by the share by which another friction has to be better, and the losses of training and
+        validation tosses together beyond their scatter.
+
+        Args:
+            rival: Its `losses_by_toss`.
+        """
+        train, validation = self.losses_by_toss()
+        if self._is_worse(rival[1] - validation):
+            return True
+        by_share = validation.sum() < self._restarts.better_share * rival[1].sum()
+        return bool(by_share) and self._is_worse(np.concatenate(rival) - np.concatenate([train, validation]))
 
     def _try(self, sums: GaussNewton, errors: Array) -> tuple[float, int, bool]:
         """Steps with growing damping until one lowers the loss of calm frames.
