@@ -172,10 +172,11 @@ def _show_intervals(trained: TrainedModel, console: Console) -> None:
     rows = [
         [key, f"{each['value']:.3g}", f"{each['ci95'][0]:.3g} to {each['ci95'][1]:.3g}"]
         for key, each in found["intervals"].items()
+        if each["ci95"] is not None
     ]
-    console.table(["learned from rollouts", "value", "95 % interval"], rows, title=found["method"])
-    for text in found["not_seen"]:
-        console.say(f"not determined: {text}")
+    if rows:
+        console.table(["learned from rollouts", "value", "95 % interval"], rows, title=found["method"])
+    console.say(f"not determined: {found['not_determined']}")
 
 
 def _show_convergence(trained: TrainedModel, console: Console) -> None:

@@ -39,6 +39,13 @@ def test_a_parameter_is_shown_with_its_interval_or_alone(trained: TrainedModel) 
     assert replace(trained, parameters={}).intervals == {}
 
 
+def test_what_tosses_leave_open_is_shown_without_numbers(trained: TrainedModel) -> None:
+    known = {"friction": {"value": 0.1817, "ci95": None, "reason": "the tosses leave it open"}}
+    shown = replace(trained, parameters={"uncertainty": {"intervals": known}})
+    assert repr(shown).splitlines()[1:] == ["  friction: not determined"]
+    assert "0.1817" not in shown._repr_html_()
+
+
 def test_a_notebook_shows_a_curve_for_each_stage(trained: TrainedModel) -> None:
     html = trained._repr_html_()
     assert html.count("<svg") == 2

@@ -133,6 +133,8 @@ def _with_corners(given: ObjectModel, corners: dict[str, torch.Tensor] | None) -
 def _train_settings(values: dict[str, Any]) -> TrainSettings:
     model = settings_from(values["model"])
     rest = {name: value for name, value in values.items() if name != "model"}
+    if "intervals" in rest:  # of earlier versions: resampled sets of tosses
+        rest["intervals"] = {name: value for name, value in rest["intervals"].items() if name != "draws"}
     return replace(from_plain(TrainSettings(), rest), model=model)
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.physics import ExactCone, Simulation, System, simulate
+from tossid.physics.forces import law_of
 from tossid.physics.free import free_accelerations
 from tossid.physics.solvers.registry import ContactSolver
+from tossid.settings.diagnosis.likelihood import EngineSettings
 from tossid.settings.training import ModelSettings
 
 Array = NDArray[np.float64]
@@ -60,6 +62,16 @@ class Simulator:
     def corner_pos(self) -> Array:
         """(n_c, 3) corners in their bodies' frames [m]."""
         return self.system.corner_pos
+
+    def relaxed(self) -> Simulator | None:
+        """This simulator with the convex relaxation of Coulomb's law, as MuJoCo has it: what slips is lifted.
+
+        None where the solver has no such law.
+        """
+        if not isinstance(self.solver, ExactCone):
+            return None
+        law = law_of(self.system.law)._replace(lifting=EngineSettings.lifting)
+        return replace(self, system=self.system._replace(law=np.array(law)))
 
     def rollout(
         self, q0: Array, v0: Array, *, n_steps: int | NDArray[np.int64], dt: float, n_threads: int = 1

@@ -85,7 +85,10 @@ class TrainedModel:
 
     @property
     def intervals(self) -> dict[str, dict[str, Any]]:
-        """95 % intervals of what rollouts determine: {name: {"value", "ci95"}}; empty where there are none."""
+        """95 % intervals of what rollouts learned: {name: {"value", "ci95"}}; empty where there are none.
+
+        "ci95" is None of what the tosses do not determine, and "reason" says why.
+        """
         found: dict[str, dict[str, Any]] = self.parameters.get("uncertainty", {}).get("intervals", {})
         return found
 
@@ -142,7 +145,7 @@ class TrainedModel:
 
     def _rows(self) -> list[tuple[str, str]]:
         """Names and values of the parameters that are single numbers, with their intervals."""
-        known = {name: f"{x['value']:.4g} ({_ends(x['ci95'])})" for name, x in self.intervals.items()}
+        known = {name: _with_interval(x["value"], x["ci95"]) for name, x in self.intervals.items()}
         plain = {k: f"{v:.4g}" for k, v in self.parameters.items() if isinstance(v, float) and k not in known}
         return list({**plain, **known}.items())
 
@@ -150,8 +153,8 @@ class TrainedModel:
         return [(stage, list(records)) for stage, records in groupby(self.history, key=lambda record: record.stage)]
 
 
-def _ends(interval: Sequence[float]) -> str:
-    return f"{interval[0]:.4g} to {interval[1]:.4g}"
+def _with_interval(value: float, interval: Sequence[float] | None) -> str:
+    return "not determined" if interval is None else f"{value:.4g} ({interval[0]:.4g} to {interval[1]:.4g})"
 
 
 def _curve(values: Sequence[float], *, width: int = 160, height: int = 48) -> str:

@@ -33,6 +33,8 @@ class Transitions:
         xdd: (N, n_b, 3) acceleration of bodies' origins at zero dv/dt.
         R: (N, n_b, 3, 3) bodies' rotations.
         features: (N, n_f) the input of k_res, with the features of the world.
+        instruments: (N, n_f) the same with the velocity of other frames of the flight; equal to `features` where there
+            are none.
         z: (N,) height of the base's origin before the step [m].
         up_next: (N, n_b, 3) the world's vertical in each body's axes after the step.
         z_next: (N, n_b) height of each body's origin after the step [m].
@@ -51,6 +53,7 @@ class Transitions:
     xdd: Tensor
     R: Tensor
     features: Tensor
+    instruments: Tensor
     z: Tensor
     up_next: Tensor
     z_next: Tensor
@@ -75,12 +78,23 @@ class Transitions:
         return Transitions(**parts)
 
     def in_flight(self) -> Transitions:
-        """The transitions that surely involve no contact."""
-        return self.rows(self.flight)
+        """The transitions that surely involve no contact, with instruments in place of features.
+
+        The noise of v is in dv = v' - v, too. A regression of dv / dt on v finds a drag var(noise) / var(v) / dt that
+        is not there: 0.4 / s, where speeds of 1 m/s are 0.05 m/s off at 148 Hz. The noise of other frames is not in dv
+        (instrumental variables; Young, "Recursive Estimation and Time-Series Analysis", 2011).
+        """
+        rows = self.rows(self.flight)
+        return replace(rows, features=rows.instruments)
 
     def free(self) -> Transitions:
         """The transitions that surely involve no contact, marked so: wrong corners below the ground do not count."""
         return replace(self.in_flight(), near=self.near[:0])
+
+
+APART = 2
+"""Frames between a transition and those of its instruments: a velocity that is the difference of two poses shares the
+noise of one with its neighbour."""
 
 
 def make_transitions(
@@ -121,6 +135,8 @@ def make_transitions(
         scatter = 1.4826 * np.median(np.abs(a[clear] - middle), axis=0)
         limit = np.maximum(settings.outlier_deviations * scatter, settings.outlier_floor)
         clear &= (np.abs(a - middle) <= limit).all(axis=1)
+    index = np.concatenate([np.full(len(toss) - 1, i) for i, toss in enumerate(tosses)])
+    apart = _of_other_frames(v, v_next, clear, index)
 
     def tensor(array: np.ndarray) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(array))
@@ -136,10 +152,30 @@ def make_transitions(
         xdd=tensor(here.xdd),
         R=tensor(here.R),
         features=tensor(here.features),
+        instruments=tensor(tree_batch(make_system(model), q, apart).features),
         z=tensor(here.x[:, 0, 2]),
         up_next=tensor(quat_to_matrix(quat_next)[:, :, 2, :]),
         z_next=tensor(x_next[:, :, 2]),
         near=tensor(np.flatnonzero(lowest < margin)),
         flight=tensor(np.flatnonzero(clear)),
-        toss=tensor(np.concatenate([np.full(len(toss) - 1, i) for i, toss in enumerate(tosses)])),
+        toss=tensor(index),
     )
+
+
+def _of_other_frames(v: np.ndarray, v_next: np.ndarray, clear: np.ndarray, toss: np.ndarray) -> np.ndarray:
+    """Velocities (N, nv) of flights, each the mean of the frames `APART` from its transition, or the one there is.
+
+    Args:
+        v: (N, nv) before each transition.
+        v_next: (N, nv) after it.
+        clear: (N,) marks flight.
+        toss: (N,) index of the toss.
+    """
+    flight = np.cumsum(~clear | (np.diff(toss, prepend=-1) != 0))  # each stretch of flight has a number of its own
+    total, count = np.zeros_like(v), np.zeros((len(v), 1))
+    together = clear[:-APART] & clear[APART:] & (flight[:-APART] == flight[APART:])
+    total[APART:][together] += v[:-APART][together]
+    total[:-APART][together] += v_next[APART:][together]
+    count[APART:][together] += 1
+    count[:-APART][together] += 1
+    return np.where(count > 0, total / np.maximum(count, 1), v)

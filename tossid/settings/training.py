@@ -243,8 +243,6 @@ class RestartSettings:
 class IntervalSettings:
     """Intervals of what rollouts determine (`tossid.training.uncertainty`)."""
 
-    draws: Count = 500
-    """sets of tosses that the bootstrap draws"""
     weak_friction: Positive = 0.05
     """half width of friction's interval beyond which the tosses do not determine it"""
     weak_com: Positive = 5e-3

@@ -124,7 +124,7 @@ def fit_model(
             each_epoch(Epoch(len(history), record, state_now))
     took = seconds()
     parameters = fit.model.parameters_report()
-    intervals = parameter_intervals(fit, seed=fit.settings.seed)
+    intervals = parameter_intervals(fit)
     if intervals is not None:
         parameters["uncertainty"] = intervals
     if fit.shown is not None:

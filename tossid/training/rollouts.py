@@ -12,6 +12,7 @@ of their quadratics, later ones counting more, does not. Where contact is rigid,
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import log
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from tossid.least_squares import Damping, damped_step, search_damping
-from tossid.models.predictor import Predictor
+from tossid.models.predictor import Predictor, Simulator
 from tossid.models.protocol import Coefficient, DynamicsModel, StagePlan
 from tossid.models.shots import Shots, prediction_errors
 from tossid.parallel import in_threads
@@ -123,6 +124,7 @@ class RolloutStage:
         self._n_threads = n_threads
         self._damping, self._settles = settings.damping, settles
         self._averaged: Averaged | None = None
+        self._relaxed = False
         self._shares = self._train.in_shares(settings.raced_tosses)
         self.central = len(self._shares) == 1 or model.object.n_joints > 0
         self._restarts = restarts or RestartSettings()
@@ -337,6 +339,18 @@ class RolloutStage:
         np.add.at(g, shots.toss, np.squeeze(rows.mT @ (w * errors.reshape(*w.shape)), -1))
         return GaussNewton(H, g, x, calm)
 
+    def with_relaxed_contact(self) -> RolloutStage | None:
+        """This stage, its rollouts by the convex relaxation of Coulomb's law; None where they cannot have it."""
+        if not isinstance(simulator := self._model.simulator(), Simulator) or simulator.relaxed() is None:
+            return None
+        other = copy.copy(self)
+        other._relaxed = True
+        return other
+
+    def training_losses(self) -> Array:
+        """(n_tosses,) sums of the loss over the frames of each training toss, at the present parameters."""
+        return self._sums_by_toss(self._errors(self._train), self._train)
+
     def set_parameters(self, x: Array) -> None:
         """Put parameters into the model.
 
@@ -350,15 +364,19 @@ class RolloutStage:
     def _get(self) -> Array:
         return nn.utils.parameters_to_vector(self._plan.parameters).detach().numpy().copy()
 
+    def _simulator(self) -> Predictor:
+        now = self._model.simulator()
+        return now.relaxed() or now if self._relaxed and isinstance(now, Simulator) else now
+
     def _moved(self, x: Array, j: int, by: float) -> Predictor:
         """The simulator with parameter j changed."""
         changed = x.copy()
         changed[j] += by
         self.set_parameters(changed)
-        return self._model.simulator()
+        return self._simulator()
 
     def _errors(self, shots: Shots) -> Array:
-        return prediction_errors(self._model.simulator(), shots, n_threads=self._n_threads)
+        return prediction_errors(self._simulator(), shots, n_threads=self._n_threads)
 
     def _loss(self, errors: Array, shots: Shots, counted: NDArray[np.bool_] | None = None) -> float:
         return float(self._loss_by_frame(errors, counted).sum() / shots.inside.sum())

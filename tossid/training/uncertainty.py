@@ -1,13 +1,24 @@
-"""Intervals of what rollouts determine, by a bootstrap over tosses, and what the tosses do not determine.
+"""Intervals of what rollouts determine, over tosses, and what the tosses do not determine.
 
-Gauss-Newton's sums of each toss at the minimum x, H_i and g_i, give every resampled set of tosses its own minimum
-without training again,
+The toss is the unit: its frames share one first state. Gauss-Newton's sums of each toss at the end of training, H_i and
+g_i with sums H and g, say how far the parameters would be elsewhere without toss i, without training again:
 
-    x_b = x - (sum_i c_i H_i)^-1 (sum_i c_i g_i - sum_i g_i),
+    d_i = -(H - H_i)^-1 (g - g_i).
 
-with c_i how often toss i was drawn: the one-step bootstrap (Efron and Tibshirani, "An Introduction to the Bootstrap",
-1993; the toss is the unit). What each x_b means (friction, centre of mass, ...) is read off the model. The noise of
-first states is in the intervals, as each toss has its own; a wrong physical assumption is not.
+With d their mean, (n - 1) / n sum_i (d_i - d)(d_i - d)^T is the jackknife's covariance, which is the sandwich corrected
+for each toss's leverage (MacKinnon, Nielsen and Webb, "Fast and reliable jackknife and bootstrap methods for
+cluster-robust inference", J. Appl. Econometrics 2023). Of ten tosses and as many parameters it has too low a rank. So
+its scale alone is taken from it, pooled over the P directions, and the directions from H:
+
+    V = s² H^-1,   s² = (n - 1) / (n P) sum_i (d_i - d)^T H (d_i - d).
+
+Two terms are added. Training ends beside the minimum, by a step h = -H^-1 g: h h^T. And rollouts follow Coulomb's law,
+where MuJoCo, and perhaps the thing, follow its convex relaxation, in which what slips is lifted (Anitescu 2006). By
+that law the minimum is a step a elsewhere: a a^T, unless the tosses reject it, by their paired losses.
+
+An interval is value -+ t sigma, or value exp(-+ t sigma / value) of what is positive, with Student's t of n - 1 degrees
+of freedom. What earlier stages learned (corners, k_res) is taken as it is. `docs/experiments/coverage.md` has how many
+intervals hold the truth.
 """
 
 from __future__ import annotations
@@ -17,61 +28,130 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from tossid.errors import ObjectError
 from tossid.models.parameters import ContactLaw
 from tossid.objects import ObjectModel
 from tossid.settings.training import IntervalSettings
 from tossid.training.fit import Fit
+from tossid.training.rollouts import GaussNewton, RolloutStage
 
 Array = NDArray[np.float64]
 
-METHOD = "one-step bootstrap over tosses, percentiles"
+METHOD = "jackknife over tosses with pooled scale, Student's t"
+REJECTED = 0.05
+"""Probability that the relaxation predicts tosses better, below which they reject it."""
+STEP = 1e-3
+"""Of the differences of what parameters mean, in the parameters' own units of order one."""
+TOTAL_MASS = "total mass: tosses over a fixed ground show ratios of masses only"
+OPEN, OPEN_LAW = "the tosses leave it open", "the tosses do not tell Coulomb's law from its relaxation (MuJoCo's)"
+"""Why there is no interval."""
 
 
-def parameter_intervals(fit: Fit, *, seed: int = 0) -> dict[str, Any] | None:
+def parameter_intervals(fit: Fit) -> dict[str, Any] | None:
     """95 % intervals of what the rollout stage learned, and the quantities that these tosses do not determine.
 
     Args:
         fit: At its end.
-        seed: Of the resampling.
 
     Returns:
-        {"method", "n_tosses", "intervals": {name: {"value", "ci95"}}, "not_seen": [text]} in SI units, names such
-        as "com_z_m" (with the body's name where there are several); None if there was no rollout stage, only
-        one toss, or rollouts that depend on no parameter.
+        {"method", "n_tosses", "intervals": {name: {"value", "ci95"}}, "not_determined": text} in SI units, names such
+        as "com_z_m" (with the body's name where there are several). "ci95" is None of what the tosses do not determine,
+        beside a "reason"; the text, one line, has these names. None if there was no rollout stage.
     """
     stage = fit.longest_rollout()
     if stage is None:
         return None
     sums = stage.gauss_newton(central=stage.central)
-    n, size = sums.g.shape
-    if n < 2 or not sums.H.any():  # rollouts that never land depend on nothing that is learned
-        return None
-    rng, settings = np.random.default_rng(seed), fit.settings.intervals
-    ridge = 1e-6 * np.trace(sums.H.sum(0)) / size * np.eye(size)
+    n, none = len(sums.g), {"method": METHOD, "n_tosses": len(sums.g), "intervals": {}}
+    if n < 2:
+        return {**none, "not_determined": "all that was learned: one toss has no scatter"}
+    if not sums.H.any():
+        return {**none, "not_determined": "all that was learned: no rollout comes to the ground"}
+    cov, sure_of_law = covariance(stage, sums)
     fitted = fit.model.learned_object()
     yields = fitted.compliance > 0
-    value, drawn = _readings(fitted, yields=yields), []
-    counts = rng.multinomial(n, np.full(n, 1 / n), size=settings.draws)
-    H, g = np.tensordot(counts, sums.H, 1) + ridge, counts @ sums.g - sums.g.sum(0)
-    for step in np.linalg.solve(H, g[..., None])[..., 0]:
-        stage.set_parameters(sums.x - step)
-        with suppress(ObjectError):  # these tosses alone would lead beyond every body
-            drawn.append(list(_readings(fit.model.learned_object(), yields=yields).values()))
-    stage.set_parameters(sums.x)
-    intervals, weak = {}, ["total mass: tosses over a fixed ground show ratios of masses only"]
-    if len(drawn) < settings.draws:
-        weak.append(f"{settings.draws - len(drawn)} of {settings.draws} resampled sets of tosses lead to no body")
-    low, high = np.percentile(drawn or [list(value.values())], [2.5, 97.5], axis=0)
-    for i, (name, number) in enumerate(value.items()):
-        half = 0.5 * (high[i] - low[i])
+    values, slopes = _readings(fitted, yields=yields), _slopes(fit, stage, sums.x, yields=yields)
+    reach = student.ppf(0.975, n - 1) * np.sqrt(np.einsum("kp,pq,kq->k", slopes, cov, slopes))
+    intervals: dict[str, dict[str, Any]] = {}
+    for (name, value), half in zip(values.items(), reach.tolist(), strict=True):
         if half == 0.0:
             continue  # given, not learned
-        intervals[name] = {"value": number, "ci95": [float(low[i]), float(high[i])]}
-        if half > _limit(name, number, settings):
-            weak.append(f"{name}: known to ± {half:.2g} only")
-    return {"method": METHOD, "n_tosses": n, "intervals": intervals, "not_seen": weak}
+        if not half <= _limit(name, value, fit.settings.intervals):
+            intervals[name] = {"value": value, "ci95": None, "reason": OPEN}
+        elif "inertia" in name and not sure_of_law:  # contact alone shows its size, flight no more than ratios
+            intervals[name] = {"value": value, "ci95": None, "reason": OPEN_LAW}
+        else:
+            intervals[name] = {"value": value, "ci95": _ends(name, value, half)}
+    return {**none, "intervals": intervals, "not_determined": _line(intervals, n)}
+
+
+def covariance(stage: RolloutStage, sums: GaussNewton) -> tuple[Array, bool]:
+    """Covariance of a stage's parameters (P, P), as the module says, and whether tosses reject the relaxation.
+
+    Args:
+        stage: At the parameters of the sums, at which it stays.
+        sums: Of two tosses or more.
+    """
+    (n, size), H, g = sums.g.shape, sums.H.sum(0), sums.g.sum(0)
+    ridge = 1e-6 * np.trace(H) / size * np.eye(size)
+    left_out = -np.linalg.solve(H - sums.H + ridge, (g - sums.g)[..., None])[..., 0]
+    spread = left_out - left_out.mean(0)
+    scale = (n - 1) / (n * size) * np.einsum("ip,pq,iq->", spread, H + ridge, spread)
+    beside = np.linalg.solve(H + ridge, g)
+    cov = scale * np.linalg.inv(H + ridge) + np.outer(beside, beside)
+    relaxed = stage.with_relaxed_contact()
+    if relaxed is None:
+        return cov, True
+    before, there = stage.training_losses(), relaxed.gauss_newton(central=stage.central)
+    away = -np.linalg.solve(there.H.sum(0) + ridge, there.g.sum(0))
+    stage.set_parameters(sums.x + away)
+    with suppress(ObjectError):  # a step beyond every body
+        gain = before - relaxed.training_losses()
+        z = gain.mean() / max(gain.std(ddof=1) / np.sqrt(n), 1e-300)
+        if norm.cdf(z) < REJECTED:
+            away *= 0.0
+    stage.set_parameters(sums.x)
+    return cov + np.outer(away, away), not away.any()
+
+
+def _slopes(fit: Fit, stage: RolloutStage, x: Array, *, yields: bool) -> Array:
+    """Derivatives (K, P) of what the parameters mean; NaN where there is no body to either side."""
+    rows = []
+    for j in range(len(x)):
+        ends: list[tuple[float, Array]] = []
+        for by in (-STEP, 0.0, STEP):
+            moved = x.copy()
+            moved[j] += by
+            stage.set_parameters(moved)
+            with suppress(ObjectError):
+                ends.append((by, np.array(list(_readings(fit.model.learned_object(), yields=yields).values()))))
+        (first, low), (last, high) = ends[0], ends[-1]
+        rows.append((high - low) / (last - first) if last > first else np.full_like(low, np.nan))
+    stage.set_parameters(x)
+    return np.array(rows).T
+
+
+def _ends(name: str, value: float, half: float) -> list[float]:
+    """The interval's ends: of what is positive, by its logarithm."""
+    if "com" in name:
+        return [value - half, value + half]
+    if "cohesion" in name:
+        return [max(0.0, value - half), value + half]
+    return [value * float(np.exp(-half / value)), value * float(np.exp(half / value))]
+
+
+def _line(intervals: dict[str, dict[str, Any]], n: int) -> str:
+    """What is not determined, in one line."""
+    names = [name for name, each in intervals.items() if each["ci95"] is None]
+    if not names:
+        return TOTAL_MASS
+    which = "all that was learned" if len(names) == len(intervals) else ", ".join(names)
+    law = [name for name in names if intervals[name]["reason"] == OPEN_LAW]
+    also = f" ({OPEN_LAW})" if law == names else f" ({', '.join(law)}: {OPEN_LAW})" if law else ""
+    return f"{which}, by {n} tosses{also}; {TOTAL_MASS}"
 
 
 def _limit(name: str, value: float, settings: IntervalSettings) -> float:

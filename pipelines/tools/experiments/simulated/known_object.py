@@ -62,7 +62,7 @@ def row(engine: str, noise: str, model: str, *, seeds: int, tosses: int) -> list
         inertias.append(float(np.trace(learned.inertia[0]) / np.trace(true.inertia[0])))
         for name, found in trained.intervals.items():
             axis = {"inertia_xx_kgm2": 0, "inertia_yy_kgm2": 1, "inertia_zz_kgm2": 2}.get(name)
-            if name != "friction" and axis is None:
+            if found["ci95"] is None or (name != "friction" and axis is None):
                 continue
             truth = FRICTION if axis is None else float(true.inertia[0][axis, axis])
             kept = right["friction" if axis is None else "inertia"]
