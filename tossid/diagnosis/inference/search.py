@@ -131,7 +131,13 @@ class Search:
             if joined is None or joined.candidate.name not in flight.hypothesis.names:
                 continue
             name, least = joined.candidate.name, ALIKE * joined.candidate.total
-            others = [c for c in one.screening.candidates if c.total > least and c.name not in flight.hypothesis.names]
+            others = [
+                c
+                for c in one.screening.candidates
+                # (what contains the effect always fits as well)
+                if c.effect and c.total > least and name not in c.effect.contains
+                if c.name not in flight.hypothesis.names
+            ]
             for c in others[:MOST_RIVALS]:
                 if c.effect is not None and not any((name, c.name) == (o.instead_of, o.name) for o in causes):
                     option = flight.hypothesis.instead(name, c.effect, c.start.values_of(c.name))
