@@ -14,9 +14,8 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from math import log
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -29,6 +28,7 @@ from tossid.models.protocol import Coefficient, DynamicsModel, StagePlan
 from tossid.models.shots import Shots, prediction_errors
 from tossid.parallel import in_threads
 from tossid.settings.training import RestartSettings, RolloutSettings
+from tossid.training.gauss_newton import Averaged, GaussNewton
 from tossid.training.losses import Pass
 
 Array = NDArray[np.float64]
@@ -39,47 +39,6 @@ LEAST_ERROR = 1e-4
 """Standard error of a parameter, in its own unit of order one, below which no step needs to be shorter."""
 DIVERGED = 1e6
 """Squared error of a frame whose prediction is not finite."""
-
-
-class GaussNewton(NamedTuple):
-    """Gauss-Newton's sums, toss by toss.
-
-    Attributes:
-        H: (n_tosses, P, P) weighted J^T J.
-        g: (n_tosses, P) weighted J^T error.
-        x: (P,) parameters at which they were taken.
-        calm: (S, L) marks the frames that count in them.
-    """
-
-    H: Array
-    g: Array
-    x: Array
-    calm: NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Averaged:
-    """The sum of quadratics x^T H x / 2 - b^T x, the k-th weighted with k.
-
-    Attributes:
-        H: (P, P).
-        b: (P,).
-        count: How many.
-    """
-
-    H: Array
-    b: Array
-    count: int = 0
-
-    def with_quadratic(self, H: Array, b: Array) -> Averaged:
-        """The sum with one more.
-
-        Args:
-            H: (P, P) of it.
-            b: (P,) of it.
-        """
-        k = self.count + 1
-        return Averaged(self.H + k * H, self.b + k * b, k)
 
 
 class RolloutStage:
