@@ -12,7 +12,8 @@ from tossid.models.contactnets import ContactNets
 from tossid.objects import ObjectModel
 from tossid.settings.training import ModelSettings
 from tossid.training.fit import Fit
-from tossid.training.rollouts import GaussNewton, RolloutStage
+from tossid.training.gauss_newton import GaussNewton
+from tossid.training.rollouts import RolloutStage
 from tossid.training.uncertainty import OPEN, OPEN_LAW, _readings, covariance, parameter_intervals
 from tossid.types import Toss
 

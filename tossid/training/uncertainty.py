@@ -36,7 +36,8 @@ from tossid.models.protocol import Objective
 from tossid.objects import ObjectModel
 from tossid.settings.training import IntervalSettings
 from tossid.training.fit import Fit
-from tossid.training.rollouts import GaussNewton, RolloutStage
+from tossid.training.gauss_newton import GaussNewton
+from tossid.training.rollouts import RolloutStage
 
 Array = NDArray[np.float64]
 
