@@ -25,7 +25,7 @@ DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock demo experiments calibration unknown shapes links starts fields paper tagslam truth test test-slow fuzz check format dependencies bench bench-against profile scale docs figures clean distclean
+.PHONY: help setup lock demo experiments coverage calibration unknown shapes links starts fields paper tagslam truth test test-slow fuzz check format dependencies bench bench-against profile scale docs figures clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -59,6 +59,9 @@ demo: $(STAMP)  ## the main job, end to end, on embedded defaults
 
 experiments: $(STAMP)  ## the studies on published recordings, hours: make DATA=FOLDER experiments
 	$(BIN)/python -m pipelines.tools.experiments.run_all $(DATA)
+
+coverage: $(STAMP)  ## do intervals of learned parameters hold the truth? 100 sets of made tosses, a quarter of an hour
+	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.simulated.coverage $(OPTIONS)
 
 calibration: $(STAMP)  ## are intervals right? diagnoses of effects drawn at random, hours; goes on where it was
 	$(BIN)/tossid audit cases=200 seed=1 'kinds=[effect]' 'engines=[lcp]' tosses=16 repeats=0 $(OPTIONS)
