@@ -182,7 +182,9 @@ def test_tosses_that_pull_apart_determine_nothing(
     assert {each["reason"] for each in known["intervals"].values()} == {OPEN}
 
 
-def test_inertia_is_open_where_the_law_of_contact_is(cube: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_the_law_of_contact_is_open_the_centre_of_mass_alone_is_known(
+    cube: ObjectModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     fit = fit_of(cube, ModelSettings(learn_geometry=False, learn_inertia=True, implicit=False), 30, seed=4, train=24)
     found = []
     for sure in (True, False):
@@ -195,7 +197,7 @@ def test_inertia_is_open_where_the_law_of_contact_is(cube: ObjectModel, monkeypa
         found.append(known)
     assert all(each["ci95"] for each in found[0]["intervals"].values())
     reasons = {name: each.get("reason") for name, each in found[1]["intervals"].items()}
-    assert reasons == {name: OPEN_LAW if "inertia" in name else None for name in found[0]["intervals"]}
+    assert reasons == {name: None if "com" in name else OPEN_LAW for name in found[0]["intervals"]}
     assert found[1]["not_determined"].count(OPEN_LAW) == 1
 
 

@@ -14,7 +14,9 @@ its scale alone is taken from it, pooled over the P directions, and the directio
 
 Two terms are added. Training ends beside the minimum, by a step h = -H^-1 g: h h^T. And rollouts follow Coulomb's law,
 where MuJoCo, and perhaps the thing, follow its convex relaxation, in which what slips is lifted (Anitescu 2006). By
-that law the minimum is a step a elsewhere: a a^T, unless the tosses reject it, by their paired losses.
+that law the minimum is a step a elsewhere: a a^T, unless the tosses reject it, by their paired losses. Where inertia is
+learned, friction, inertia and spring make up for the law together, over a longer way than a step. Then the tosses
+determine the centre of mass alone.
 
 An interval is value -+ t sigma, or value exp(-+ t sigma / value) of what is positive, with Student's t of n - 1 degrees
 of freedom. Corners are taken as they are. So is k_res, for which V counts 1.5 times. `docs/experiments/coverage.md` has
@@ -80,13 +82,14 @@ def parameter_intervals(fit: Fit) -> dict[str, Any] | None:
     yields = fitted.compliance > 0
     values, slopes = _readings(fitted, yields=yields), _slopes(fit, stage, sums.x, yields=yields)
     reach = student.ppf(0.975, n - 1) * np.sqrt(np.einsum("kp,pq,kq->k", slopes, cov, slopes))
+    halves = {name: half for name, half in zip(values, reach.tolist(), strict=True) if half != 0.0}  # the rest is given
+    makes_up = not sure_of_law and any("inertia" in name for name in halves)
     intervals: dict[str, dict[str, Any]] = {}
-    for (name, value), half in zip(values.items(), reach.tolist(), strict=True):
-        if half == 0.0:
-            continue  # given, not learned
+    for name, half in halves.items():
+        value = values[name]
         if not half <= _limit(name, value, fit.settings.intervals):
             intervals[name] = {"value": value, "ci95": None, "reason": OPEN}
-        elif "inertia" in name and not sure_of_law:  # contact alone shows its size, flight no more than ratios
+        elif makes_up and "com" not in name:
             intervals[name] = {"value": value, "ci95": None, "reason": OPEN_LAW}
         else:
             intervals[name] = {"value": value, "ci95": _ends(name, value, half)}
