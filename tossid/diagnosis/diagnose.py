@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -42,6 +43,8 @@ from tossid.settings.changed import changed
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.store import Dataset
 from tossid.types import PoseTrack, Progress, RecordingOrder, Toss, silent
+
+_log = logging.getLogger(__name__)
 
 
 def diagnose(
@@ -233,6 +236,9 @@ def prepare(
         frames = "frame is" if held == 1 else f"{held} frames are"
         remarks += (f"The first {frames} left out of each toss: there the object was not in free flight yet.",)
     check_same_object(judged.world, recorded, where=name or "the dataset", settings=settings.checks)
+    if judged.mjcf is not None:
+        friction = f"{judged.world.object.friction:g}, as MuJoCo combines their geoms'"
+        _log.info(f"{judged.mjcf}: friction of object and ground is {friction}")
     apart = None if dataset.order is None else recordings_apart(dataset.order)
     if apart is not None:
         remarks += (f"{apart} No change of a simulator closes that part of the gap; 'tossid ingest' levels sessions.",)

@@ -6,7 +6,6 @@ under `@reader(KIND, ACCEPTS)`.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,8 +31,6 @@ from tossid.types import Toss, frame_time
 
 if TYPE_CHECKING:
     from tossid.models.protocol import DynamicsModel
-
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -213,7 +210,6 @@ def world_of_mjcf(path: Path, *, width: float | None) -> tuple[World, Engine]:
     if len(frictions) > 1:
         raise InputError(f"{path}: its geoms meet the ground with friction {words}, expected one of the whole object")
     given = load_object(path, width=width, friction=next(iter(frictions), None))
-    _log.info(f"{path}: friction of object and ground is {words}, as MuJoCo combines their geoms'")
     normal = quat_rotate(m.geom_quat[ground], np.array([0.0, 0.0, 1.0]))
     g, mass = m.opt.gravity, float(given.mass.sum())
     world = World(

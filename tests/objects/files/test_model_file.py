@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -147,7 +148,9 @@ def test_each_version_of_a_mesh_is_tried_once(tmp_path: Path, monkeypatch: pytes
     load_object(path, friction=0.3)
     load_object(path, friction=0.3)
     assert len(tried) == 1
-    (tmp_path / "box.obj").write_text(obj(divided_box((0.2, 0.1, 0.1))))
+    mesh = tmp_path / "box.obj"
+    mesh.write_text(obj(divided_box((0.2, 0.1, 0.1))))
+    os.utime(mesh, (mesh.stat().st_atime, mesh.stat().st_mtime + 2))  # MuJoCo takes a file's version by its seconds
     assert load_object(path, friction=0.3).width == pytest.approx(0.2)
     assert len(tried) == 2
 
