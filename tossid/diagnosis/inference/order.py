@@ -1,0 +1,483 @@
+"""Effects that are not the same in all tosses: they step at a toss, or drift, over the order of recording.
+
+A design X (n, q) says how an effect goes over the order: a column of ones (it is the same in all tosses), one for each
+stretch of tosses, or ones and the centred order. Toss i has the effect's parameters theta_i = X_i B. So the sums H_i,
+g_i of `Columns` become sums by B without a simulation, and steps, tosses left out, gains and the jackknife follow.
+
+Whether anything changes is tested by permutation, since the order means nothing where nothing changes. Tosses have
+scores beside a constant value of the effect, of which the normal scores of the ranks are taken, so that no toss
+decides. The clearest of all effects and places in each drawn order is the distribution of chance (Westfall and Young
+1993).
+
+Which effect changes is compared by likelihood. Where a change is large, derivatives at one hypothesis are rough. So the
+likeliest few are fitted to blocks of few tosses, and the same algebra is done with derivatives there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import comb
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm, rankdata
+from scipy.stats import t as student_t
+
+from tossid.diagnosis.findings import Interval
+from tossid.diagnosis.inference.columns import LONGEST_SECANT, Columns, slopes, sums
+from tossid.diagnosis.inference.evidence import Evidence, collect, log_likelihood_ratio
+from tossid.diagnosis.inference.fitting import Fit, fit
+from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.inference.screening import Screening, Start
+from tossid.diagnosis.likelihood.windows import Windows, make_windows
+from tossid.motion.resting import rest_scatter
+from tossid.objects import ObjectModel
+from tossid.physics.effects import Effect
+from tossid.types import Toss
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+LEVEL = 0.005
+"""How often something is said to change where nothing does."""
+ORDERS = 1999
+"""That are drawn, beside the recorded one."""
+FEWEST = 5
+"""Tosses of a stretch."""
+SUSPECTS, ROUNDS, ITERATIONS = 4, 3, 4
+"""Effects that are fitted in a round, effects that change at most, and most steps of a fit."""
+LEAST_GAIN = 3.0
+"""Of log-likelihood over a constant value, by values that the other tosses determine."""
+LIKELY, OF_WORLD = {"measurement": 1.0, "body": 0.5}, 0.9
+"""What a gain counts, by the effect's family: a recording changes sooner than the world, and an object hardly does."""
+SPECIAL = 0.75
+"""Share of an effect's gain from which on a special case of it is the simpler story."""
+SHOWN = 0.05
+"""P-value, adjusted for all effects, up to which an effect may be the one that changes."""
+NO: Index = np.zeros(0, dtype=int)
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Tosses in which an effect has the same values, from `first` to before `stop`; of a drift, one toss."""
+
+    first: int
+    stop: int
+    values: dict[str, Interval]
+
+
+@dataclass(frozen=True)
+class Change:
+    """An effect that changes over the order.
+
+    Attributes:
+        effect: The effect.
+        form: How.
+        p_value: That any effect changes as clearly in an order that means nothing.
+        gain: Of log-likelihood, over a constant value.
+        stretches: Of steps, all; of a drift, the first toss and the last.
+        rate: Of a drift, the change of each parameter from toss to toss.
+        values: (n, P) its parameters in each toss.
+    """
+
+    effect: Effect
+    form: Literal["steps", "drift"]
+    p_value: float
+    gain: float
+    stretches: tuple[Stretch, ...]
+    rate: dict[str, Interval]
+    values: Array
+
+
+@dataclass(frozen=True)
+class OverOrder:
+    """What changes over the order.
+
+    Attributes:
+        changes: Effects that change, the likeliest first.
+        left: The p-value that anything changes beside them; None where tosses are too few to test that.
+        place: First toss after a significant change that no effect explains; None without.
+    """
+
+    changes: tuple[Change, ...]
+    left: float | None
+    place: int | None
+
+
+def designed(columns: Columns, active: Index, own: Index, design: Array) -> Columns:
+    """Columns of active parameters and of B (A + q P): an effect's parameters are design_i B in toss i.
+
+    Args:
+        columns: Of all.
+        active: (A,) numbers of the columns whose parameters are the same in all tosses.
+        own: (P,) numbers of the effect's columns.
+        design: (n, q).
+    """
+    part = columns.part(np.concatenate([active, own]))
+    A, P, (n, q) = len(active), len(own), design.shape
+    E = np.zeros((n, A + P, A + q * P))
+    E[:, :A, :A] = np.eye(A)
+    E[:, A:, A:] = np.einsum("nq,ij->niqj", design, np.eye(P)).reshape(n, P, q * P)
+    return Columns(np.einsum("nia,nij,njb->nab", E, part.H, E), np.einsum("nia,ni->na", E, part.g), part.curvature)
+
+
+def steps_at(edges: Sequence[int]) -> Array:
+    """(n, q) which of q stretches each toss is of.
+
+    Args:
+        edges: (q + 1,) first tosses of the stretches, and n.
+    """
+    return np.asarray(np.eye(len(edges) - 1)[np.searchsorted(edges, np.arange(edges[-1]), side="right") - 1])
+
+
+def line_over(n: int) -> Array:
+    """(n, 2) ones, and the order about its mean."""
+    return np.stack([np.ones(n), np.arange(n) - 0.5 * (n - 1)], axis=1)
+
+
+def gain_of(columns: Columns, active: Index, own: Index, design: Array) -> float:
+    """Leave-one-out gain of a design, whose arguments are those of `designed`."""
+    some = designed(columns, active, own, design)
+    return float(some.gains(some.left_out()).sum())
+
+
+def enough(n: int) -> bool:
+    """Whether n tosses can show a change at all: a division into halves is one of so many."""
+    return n >= 2 * FEWEST and 2 / comb(n, n // 2) <= LEVEL
+
+
+def normal_scores(columns: Columns, active: Index, own: Index) -> Array:
+    """(n, r) uncorrelated scores of tosses by rank, beside the active columns and a constant value.
+
+    Args:
+        columns: Of all.
+        active: Numbers of the active columns.
+        own: Numbers of the effect's columns.
+    """
+    joint = designed(columns, active, own, np.ones((columns.n, 1)))
+    after = Columns(joint.H, joint.g + joint.H @ joint.step(), joint.curvature)
+    raw, _ = after.scores(np.arange(len(active), joint.g.shape[1]), np.arange(len(active)))
+    size = np.sqrt(np.einsum("nii->ni", columns.H[:, own, own][:, :, None] * np.eye(len(own))))
+    each = np.where(size > 1e-6 * size.max(0), raw / np.maximum(size, 1e-300), 0.0)
+    score = norm.ppf(rankdata(each, axis=0) / (len(each) + 1))
+    score = score - score.mean(0)
+    w, Q = np.linalg.eigh(score.T @ score / (len(score) - 1))
+    kept = w > 1e-6
+    return np.asarray(score @ Q[:, kept] / np.sqrt(w[kept]))
+
+
+def clearness(scores: Array, orders: Index, boundaries: Iterable[int] = ()) -> tuple[Array, int]:
+    """How clear a change is in each order (F,), as -log p, and the clearest first toss of a step in the first order.
+
+    Args:
+        scores: (n, r) of `normal_scores`.
+        orders: (F, n) of the tosses.
+        boundaries: First tosses of known sessions, whose places need not be sought.
+    """
+    (n, r), k = scores.shape, np.arange(FEWEST, len(scores) - FEWEST + 1)
+    if r == 0:
+        return np.zeros(len(orders)), n // 2
+    ordered, t = scores[orders], line_over(n)[:, 1]
+    steps = (np.cumsum(ordered, axis=1)[:, k - 1] ** 2).sum(-1) * (n / (k * (n - k)))
+    line = np.einsum("i,fir->fr", t, ordered) ** 2 / (t @ t)
+    # a place that is sought among so many counts so much less than a known one
+    tests = [-chi2.logsf(steps.max(1), r) - np.log(len(k)), -chi2.logsf(line.sum(1), r)]
+    tests += [-chi2.logsf(steps[:, b - FEWEST], r) for b in boundaries if FEWEST <= b <= n - FEWEST]
+    return np.max(tests, axis=0), int(k[steps[0].argmax()])
+
+
+def tested(
+    columns: Columns, effects: Sequence[Sequence[tuple[Index, Index]]], boundaries: Iterable[int], seed: int
+) -> tuple[Array, Array]:
+    """P-values (m,) that effects change over the order, adjusted for all of them, and the clearest places (m,).
+
+    Args:
+        columns: Of all, whose tosses are in the order of recording.
+        effects: Of each of m effects, numbers of the active columns and of its own, for each of its starts.
+        boundaries: First tosses of known sessions.
+        seed: Of the orders.
+    """
+    drawn = np.random.default_rng(seed).permuted(np.tile(np.arange(columns.n), (ORDERS, 1)), axis=1)
+    orders, known = np.concatenate([np.arange(columns.n)[None], drawn]), tuple(boundaries)
+    found = [[clearness(normal_scores(columns, *each), orders, known) for each in starts] for starts in effects]
+    clear = np.array([np.max([c for c, _ in starts], axis=0) for starts in found])
+    place = np.array([max(starts, key=lambda each: each[0][0])[1] for starts in found])
+    return (clear.max(0) >= clear[:, :1] * (1 - 1e-9)).mean(1), place
+
+
+@dataclass(frozen=True)
+class _Suspect:
+    """An effect with its starts, and the columns that are active beside it."""
+
+    effect: Effect
+    starts: tuple[Start, ...]
+    active: Index
+
+    def on(self, part: Evidence, h: Hypothesis, values: Array | None = None) -> Hypothesis:
+        """One of its hypotheses in the world of a part, with other values if given."""
+        name = self.effect.name
+        here = replace(h.without(*({*h.names} - {*part.hypothesis.names, name})), base=part.hypothesis.base)
+        if values is None:
+            return here
+        flat = here.flat()
+        flat[here.place_of(name)] = values
+        return here.at(flat)
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """Tosses in their order, each under the hypothesis of its part, and columns of what may change beside that."""
+
+    parts: tuple[Evidence, ...]
+    edges: tuple[int, ...]
+    columns: Columns
+    suspects: tuple[_Suspect, ...]
+
+    def part_of(self, a: int, b: int) -> Evidence:
+        """The evidence of tosses of one part."""
+        k = int(np.searchsorted(self.edges, a, side="right")) - 1
+        return self.parts[k].of_tosses(np.arange(a, b) - self.edges[k])
+
+    def after(self, change: Change, fitted: Fit, windows: Callable[[Sequence[int]], Windows] | None) -> _Beside:
+        """With a change in each part's world. What is left of it is no effect that does the same."""
+        effect, name = change.effect, change.effect.name
+        new = np.flatnonzero(np.any(np.diff(change.values, axis=0) != 0, axis=1)) + 1
+        edges, parts, sums_of = tuple(sorted({*self.edges, *new.tolist()})), list[Evidence](), list[Columns]()
+        all_windows = None if windows is None else windows(edges)
+        same = {name, *effect.contains} | effect.one_of_group | effect.made_of
+        kept = tuple(s for s in self.suspects if s.effect.name not in same and name not in s.effect.contains)
+        free = [owner for j, owner in enumerate(fitted.hypothesis.owners) if j in fitted.free and owner != name]
+        for a, b in pairwise(edges):
+            before = self.part_of(a, b)
+            h = replace(before.hypothesis.without(name), base=effect.at(before.hypothesis.base, change.values[a]))
+            own = before.windows if all_windows is None else all_windows.of_tosses(np.arange(a, b))
+            part = collect(own, h, n_threads=before.n_threads)
+            J = np.zeros((*part.residuals.shape, self.columns.g.shape[1]))
+            for each in dict.fromkeys(free):
+                place = h.place_of(each)
+                J[..., fitted.own(each)] = slopes(part, h, range(place.start, place.stop))
+            for s, start in ((each, start) for each in kept for start in each.starts if each.effect.name not in free):
+                there = s.on(part, start.hypothesis)
+                place = there.place_of(s.effect.name)
+                secant = (part.residuals_of(there) - part.residuals)[..., None] if start.secant else None
+                J[..., start.columns] = (
+                    slopes(part, there, range(place.start, place.stop)) if secant is None else secant
+                )
+            parts.append(part)
+            sums_of.append(sums(part, J, b - a))
+        H, g = (np.concatenate([getattr(each, of) for each in sums_of]) for of in "Hg")
+        return _Beside(tuple(parts), edges, Columns(H, g, self.columns.curvature), kept)
+
+
+@dataclass(frozen=True)
+class _Local:
+    """An effect fitted to blocks of tosses: its columns there, counted from zero, and fitted values (n, P) in steps."""
+
+    suspect: _Suspect
+    columns: Columns
+    values: Array
+    gain: float
+
+    def designed(self, design: Array, a: int = 0) -> Columns:
+        """Columns of a design of some tosses, from a on."""
+        b, own = a + len(design), np.arange(self.values.shape[1])
+        return designed(Columns(self.columns.H[a:b], self.columns.g[a:b], self.columns.curvature), NO, own, design)
+
+    def within(self, values: Array) -> Array:
+        """Values (..., P) in steps, within their bounds."""
+        low, high, step = np.array([(p.low, p.high, p.step) for p in self.suspect.effect.parameters]).T
+        return np.clip(values, low / step, high / step)
+
+    def gain_of(self, design: Array) -> float:
+        """Of log-likelihood, by a design whose values in a toss the others determine."""
+        steps = self.designed(design).left_out().reshape(len(design), design.shape[1], -1)
+        values = self.within(np.einsum("nq,nqp->np", design, steps))
+        return self.gain + float((self.columns.gains(values) - self.columns.gains(self.values)).sum())
+
+    def form(self, known: Sequence[int], seed: int) -> tuple[float, tuple[int, ...] | None]:
+        """The gain of the form that gains more, and the edges of its stretches; None for a drift."""
+        n, own = len(self.values), np.arange(self.values.shape[1])
+        edges: tuple[int, ...] = (0, n)
+        found = _with_step(self.columns, NO, own, edges, known)[1]
+        while found != edges:
+            edges = found
+            for a, b in pairwise(edges):
+                part, inner = self.designed(np.ones((b - a, 1)), a), [k - a for k in known]
+                if enough(b - a) and tested(part, [[(NO, own)]], inner, seed)[0][0] <= LEVEL:
+                    more, cut = _with_step(part, NO, own, (0, b - a), inner)
+                    if more > gain_of(part, NO, own, np.ones((b - a, 1))):
+                        found = tuple(sorted({*edges, *(a + k for k in cut)}))
+                        break
+        line, steps = self.gain_of(line_over(n)), self.gain_of(steps_at(edges))
+        steps -= len({*edges[1:-1]} - {*known}) * float(np.log(n))
+        return (line, None) if line > steps else (steps, edges)
+
+    def described(self, edges: Sequence[int] | None, p_value: float, gain: float) -> Change:
+        """The change in a form, with intervals by the jackknife over the tosses that determine them."""
+        effect, n, P = self.suspect.effect, len(self.values), self.values.shape[1]
+        size = np.array([p.step for p in effect.parameters])
+
+        def intervals(design: Array, a: int, rows: Array) -> list[dict[str, Interval]]:
+            """Of rows (r, q) of combinations of the design's coefficients."""
+            some = self.designed(design, a)
+            B, out = some.step(), []
+            cov = Columns(some.H, some.g + some.H @ B, some.curvature).covariance()
+            t = student_t.ppf(0.975, max(len(design) - design.shape[1], 1))
+            for row in rows:
+                X = np.kron(row, np.eye(P))
+                half = t * np.sqrt(np.maximum(np.diag(X @ cov @ X.T), 0.0)) * size
+                ends = zip(effect.parameters, X @ B * size, half, strict=True)
+                out.append({p.name: Interval(float(x), float(x - h), float(x + h)) for p, x, h in ends})
+            return out
+
+        design = line_over(n) if edges is None else steps_at(edges)
+        values = self.within(design @ self.designed(design).step().reshape(-1, P)) * size
+        if edges is None:
+            first, last, rate = intervals(design, 0, np.array([design[0], design[-1], [0.0, 1.0]]))
+            ends = (Stretch(0, 1, first), Stretch(n - 1, n, last))
+            return Change(effect, "drift", p_value, gain, ends, rate, values)
+        one = np.ones((1, 1))
+        parts = (Stretch(a, b, intervals(np.ones((b - a, 1)), a, one)[0]) for a, b in pairwise(edges))
+        return Change(effect, "steps", p_value, gain, tuple(parts), {}, values)
+
+
+def _with_step(
+    columns: Columns, active: Index, own: Index, edges: Sequence[int], known: Sequence[int]
+) -> tuple[float, tuple[int, ...]]:
+    """The gain by the best further edge, and all edges; a moment that is not known costs log n (Schwarz 1978)."""
+    best: tuple[float, tuple[int, ...]] = -np.inf, tuple(edges)
+    for k in (k for a, b in pairwise(edges) for k in range(a + FEWEST, b - FEWEST + 1)):
+        tried = tuple(sorted({*edges, k}))
+        gain = gain_of(columns, active, own, steps_at(tried)) - (0.0 if k in known else float(np.log(columns.n)))
+        best = max(best, (gain, tried), key=lambda each: each[0])
+    return best
+
+
+def _locally(beside: _Beside, suspect: _Suspect, edges: Iterable[int]) -> _Local:
+    """An effect fitted to blocks of few tosses, none of which has an edge within, each from where its columns lead."""
+    name, gain, H, g, values = suspect.effect.name, 0.0, list[Array](), list[Array](), list[Array]()
+    size = np.array([p.step for p in suspect.effect.parameters])
+    for first, stop in pairwise(sorted({*beside.edges, *edges})):
+        blocks = np.linspace(first, stop, max((stop - first) // FEWEST, 1) + 1).round().astype(int)
+        for a, b in pairwise(blocks.tolist()):
+            part, begun = beside.part_of(a, b), list[tuple[float, Hypothesis]]()
+            for start in suspect.starts:
+                all_tosses = beside.columns.part(start.columns)
+                some = Columns(all_tosses.H[a:b], all_tosses.g[a:b], all_tosses.curvature)
+                h, step = suspect.on(part, start.hypothesis), np.clip(some.step(), -100, 100)
+                here, nominal = h.values_of(name), h.nominal_of(name)
+                step = np.clip(step, 0.0, LONGEST_SECANT) if start.secant else step
+                there = nominal + step * (here - nominal) if start.secant else here + step * size
+                begun.append((float(some.gains(step).sum()), suspect.on(part, h, there)))
+            h = max(begun, key=lambda each: each[0])[1]
+            held = frozenset(h.names) - {name}
+            one = fit(part, h, n=b - a, iterations=ITERATIONS, held=held, follow=2)
+            gain += float(log_likelihood_ratio(one.evidence, part).sum())
+            values.append(np.tile(one.hypothesis.values_of(name) / size, (b - a, 1)))
+            H.append(one.columns.H)
+            g.append(one.columns.g - one.columns.H @ values[-1][0])
+    columns = Columns(np.concatenate(H), np.concatenate(g), beside.columns.curvature)
+    return _Local(suspect, columns, np.concatenate(values), gain)
+
+
+def _constant_gain(beside: _Beside, suspect: _Suspect, values: Array) -> float:
+    """What the likeliest of some values (m, P) gains if all tosses have it, or nothing of the effect."""
+
+    def gain(each: Array, part: Evidence) -> float:
+        there = part.near(suspect.on(part, suspect.starts[0].hypothesis, each), steps=3)
+        return float(log_likelihood_ratio(there, part).sum())
+
+    return max(0.0, *(sum(gain(each, part) for part in beside.parts) for each in values))
+
+
+def _likeliest(beside: _Beside, p_values: Array, places: Array, known: Sequence[int], seed: int) -> Change | None:
+    """The effect whose change explains most; None if none does."""
+    n, made = beside.columns.n, list[Change]()
+
+    def weight(effect: Effect) -> float:
+        return LIKELY.get(effect.family, OF_WORLD)
+
+    def closed(s: _Suspect, start: Start) -> float:
+        """The gain of a change over a constant value, with derivatives at one hypothesis."""
+        where = beside.columns, s.active, start.columns
+        change = max(_with_step(*where, (0, n), known)[0], gain_of(*where, line_over(n)))
+        return weight(s.effect) * (change - gain_of(*where, np.ones((n, 1))))
+
+    likely = [k for k in range(len(p_values)) if p_values[k] <= SHOWN]
+    gains = {k: max(closed(beside.suspects[k], start) for start in beside.suspects[k].starts) for k in likely}
+    for k in sorted(likely, key=lambda k: -gains[k])[:SUSPECTS]:
+        suspect, place = beside.suspects[k], int(places[k])
+        local = _locally(beside, suspect, (place,))
+        gain, edges = local.form(known, seed)
+        if edges is not None and place not in edges:
+            local = _locally(beside, suspect, edges)
+            gain, edges = local.form(known, seed)
+        change = local.described(edges, float(p_values.min()), gain)
+        tried = np.stack([change.values[0], change.values[-1], change.values.mean(0)])
+        made.append(replace(change, gain=gain - _constant_gain(beside, suspect, tried)))
+    made = [each for each in made if each.gain > LEAST_GAIN]
+    chosen = max(made, key=lambda each: weight(each.effect) * each.gain, default=None)
+    while chosen is not None:
+        inner = [e for e in made if e.effect.name in chosen.effect.contains and e.gain > SPECIAL * chosen.gain]
+        if not inner:
+            break
+        chosen = max(inner, key=lambda each: each.gain)
+    return chosen
+
+
+def over_order(
+    present: Fit,
+    screening: Screening,
+    *,
+    boundaries: Sequence[int] = (),
+    windows: Callable[[Sequence[int]], Windows] | None = None,
+    seed: int = 0,
+) -> OverOrder:
+    """What changes over the order of recording, beside a hypothesis.
+
+    Args:
+        present: The hypothesis, whose tosses are in the order of recording.
+        screening: The library beside it.
+        boundaries: First tosses of sessions of the dataset, but for the first session.
+        windows: Of all tosses, given the edges of stretches between which something has changed: a tracker's slow
+            errors are what scatters within stretches (`windows_within`). If None, they stay as they are.
+        seed: Of the orders that are drawn.
+    """
+    h, active, changes = present.hypothesis, screening.active, list[Change]()
+    columns_of = {name: np.asarray(present.own(name), dtype=int) for name in h.names}
+    suspects = [
+        _Suspect(h.effect(name), (Start(h, own, False),), np.setdiff1d(active, own))
+        for name, own in columns_of.items()
+        if len(own)
+    ]
+    suspects += [_Suspect(c.effect, c.starts, active) for c in screening.candidates if c.effect is not None]
+    beside = _Beside((present.evidence,), (0, present.n), screening.columns, tuple(suspects))
+    while enough(present.n) and beside.suspects:
+        effects = [[(s.active, start.columns) for start in s.starts] for s in beside.suspects]
+        p_values, places = tested(beside.columns, effects, boundaries, seed)
+        left = float(p_values.min())
+        if left > LEVEL:
+            return OverOrder(tuple(changes), left, None)
+        change = _likeliest(beside, p_values, places, boundaries, seed) if len(changes) < ROUNDS else None
+        if change is None:
+            return OverOrder(tuple(changes), left, int(places[p_values.argmin()]))
+        changes.append(change)
+        beside = beside.after(change, present, windows)
+    return OverOrder(tuple(changes), None, None)
+
+
+def windows_within(tosses: Sequence[Toss], model: ObjectModel, edges: Sequence[int]) -> Windows:
+    """Windows of tosses, whose slow errors are what scatters within stretches of them.
+
+    Args:
+        tosses: In the order of recording.
+        model: The stated object.
+        edges: First tosses of the stretches, and the number of tosses. Those of fewer than `FEWEST` say nothing.
+    """
+    parts = [tosses[a:b] for a, b in pairwise(edges) if b - a >= FEWEST] or [tosses]
+    scatter = np.array([rest_scatter(part, model, over_order=True) for part in parts])
+    height, turn = np.sqrt(np.average(scatter**2, axis=0, weights=[len(part) for part in parts])).tolist()
+    return make_windows(tosses, model, scatter=(height, turn))
