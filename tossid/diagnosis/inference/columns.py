@@ -60,6 +60,15 @@ class Columns:
         index = np.asarray(index, dtype=int)
         return Columns(self.H[:, index[:, None], index], self.g[:, index], self.curvature)
 
+    def of_tosses(self, first: int, stop: int) -> Columns:
+        """The columns of tosses from one to before another.
+
+        Args:
+            first: Number of the first.
+            stop: Of the first after them.
+        """
+        return Columns(self.H[first:stop], self.g[first:stop], self.curvature)
+
     def step(self, weights: Array | None = None) -> Array:
         """(..., C) Gauss-Newton steps of weighted tosses.
 

@@ -28,7 +28,7 @@ from scipy.stats import t as student_t
 
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.inference.columns import LONGEST_SECANT, Columns, slopes, sums
-from tossid.diagnosis.inference.evidence import Evidence, collect, log_likelihood_ratio
+from tossid.diagnosis.inference.evidence import Evidence, bounded, collect, log_likelihood_ratio
 from tossid.diagnosis.inference.fitting import Fit, fit
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.screening import Screening, Start
@@ -53,6 +53,8 @@ LEAST_GAIN = 3.0
 """Of log-likelihood over a constant value, by values that the other tosses determine."""
 LIKELY, OF_WORLD = {"measurement": 1.0, "body": 0.5}, 0.9
 """What a gain counts, by the effect's family: a recording changes sooner than the world, and an object hardly does."""
+LEAST_SHARE = 0.2
+"""Of the first change's gain, that a further one must bring: less may be what hypotheses leave of the first."""
 SPECIAL = 0.75
 """Share of an effect's gain from which on a special case of it is the simpler story."""
 SHOWN = 0.05
@@ -284,7 +286,7 @@ class _Local:
     def designed(self, design: Array, a: int = 0) -> Columns:
         """Columns of a design of some tosses, from a on."""
         b, own = a + len(design), np.arange(self.values.shape[1])
-        return designed(Columns(self.columns.H[a:b], self.columns.g[a:b], self.columns.curvature), NO, own, design)
+        return designed(self.columns.of_tosses(a, b), NO, own, design)
 
     def within(self, values: Array) -> Array:
         """Values (..., P) in steps, within their bounds."""
@@ -363,16 +365,18 @@ def _locally(beside: _Beside, suspect: _Suspect, edges: Iterable[int]) -> _Local
     for first, stop in pairwise(sorted({*beside.edges, *edges})):
         blocks = np.linspace(first, stop, max((stop - first) // FEWEST, 1) + 1).round().astype(int)
         for a, b in pairwise(blocks.tolist()):
-            part, begun = beside.part_of(a, b), list[tuple[float, Hypothesis]]()
+            part, begun = beside.part_of(a, b), list[Hypothesis]()
             for start in suspect.starts:
-                all_tosses = beside.columns.part(start.columns)
-                some = Columns(all_tosses.H[a:b], all_tosses.g[a:b], all_tosses.curvature)
-                h, step = suspect.on(part, start.hypothesis), np.clip(some.step(), -100, 100)
+                columns = beside.columns.part(start.columns).of_tosses(a, b)
+                h, step = suspect.on(part, start.hypothesis), np.clip(columns.step(), -100, 100)
                 here, nominal = h.values_of(name), h.nominal_of(name)
-                step = np.clip(step, 0.0, LONGEST_SECANT) if start.secant else step
-                there = nominal + step * (here - nominal) if start.secant else here + step * size
-                begun.append((float(some.gains(step).sum()), suspect.on(part, h, there)))
-            h = max(begun, key=lambda each: each[0])[1]
+                if start.secant:
+                    begun += [h, suspect.on(part, h, nominal + np.clip(step, 0.0, LONGEST_SECANT) * (here - nominal))]
+                else:
+                    begun.append(suspect.on(part, h, here + step * size))
+            if values:
+                begun.append(suspect.on(part, begun[0], values[-1][0] * size))
+            h = max(begun, key=lambda each: _gain_at_once(part, each))
             held = frozenset(h.names) - {name}
             one = fit(part, h, n=b - a, iterations=ITERATIONS, held=held, follow=2)
             gain += float(log_likelihood_ratio(one.evidence, part).sum())
@@ -381,6 +385,12 @@ def _locally(beside: _Beside, suspect: _Suspect, edges: Iterable[int]) -> _Local
             g.append(one.columns.g - one.columns.H @ values[-1][0])
     columns = Columns(np.concatenate(H), np.concatenate(g), beside.columns.curvature)
     return _Local(suspect, columns, np.concatenate(values), gain)
+
+
+def _gain_at_once(part: Evidence, h: Hypothesis) -> float:
+    """Of log-likelihood, by a hypothesis at the first states of another."""
+    gains = part.log_likelihood_of(h, part.scales) - part.log_likelihood
+    return float(bounded(gains, part.density).sum())
 
 
 def _constant_gain(beside: _Beside, suspect: _Suspect, values: Array) -> float:
@@ -462,7 +472,7 @@ def over_order(
         if left > LEVEL:
             return OverOrder(tuple(changes), left, None)
         change = _likeliest(beside, p_values, places, boundaries, seed) if len(changes) < ROUNDS else None
-        if change is None:
+        if change is None or (changes and change.gain < LEAST_SHARE * changes[0].gain):
             return OverOrder(tuple(changes), left, int(places[p_values.argmin()]))
         changes.append(change)
         beside = beside.after(change, present, windows)
