@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student_t
 
 from tossid.diagnosis.findings import Interval
-from tossid.diagnosis.inference.columns import LONGEST_SECANT, Columns, slopes, sums
+from tossid.diagnosis.inference.columns import Columns, slopes, sums
 from tossid.diagnosis.inference.designs import (
     FEWEST,
     LEVEL,
@@ -30,7 +30,7 @@ from tossid.diagnosis.inference.designs import (
     steps_at,
     with_step,
 )
-from tossid.diagnosis.inference.evidence import Evidence, bounded, collect, log_likelihood_ratio
+from tossid.diagnosis.inference.evidence import Evidence, collect, log_likelihood_ratio
 from tossid.diagnosis.inference.fitting import Fit, fit
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.screening import Screening, Start
@@ -252,16 +252,12 @@ def _locally(beside: _Beside, suspect: _Suspect, edges: Iterable[int]) -> _Local
             for start in suspect.starts:
                 columns = beside.columns.part(start.columns).of_tosses(a, b)
                 h, step = suspect.on(part, start.hypothesis), np.clip(columns.step(), -100, 100)
-                here, nominal = h.values_of(name), h.nominal_of(name)
-                if start.secant:
-                    begun += [h, suspect.on(part, h, nominal + np.clip(step, 0.0, LONGEST_SECANT) * (here - nominal))]
-                else:
-                    begun.append(suspect.on(part, h, here + step * size))
+                begun.append(h if start.secant else suspect.on(part, h, h.values_of(name) + step * size))
             if values:
                 begun.append(suspect.on(part, begun[0], values[-1][0] * size))
-            h = max(begun, key=lambda each: _gain_at_once(part, each))
-            held = frozenset(h.names) - {name}
-            one = fit(part, h, n=b - a, iterations=ITERATIONS, held=held, follow=2)
+            near = max((_reached(part, h) for h in begun), key=lambda e: float(log_likelihood_ratio(e, part).sum()))
+            held = frozenset(near.hypothesis.names) - {name}
+            one = fit(near, near.hypothesis, n=b - a, iterations=ITERATIONS, held=held)
             gain += float(log_likelihood_ratio(one.evidence, part).sum())
             values.append(np.tile(one.hypothesis.values_of(name) / size, (b - a, 1)))
             H.append(one.columns.H)
@@ -270,10 +266,13 @@ def _locally(beside: _Beside, suspect: _Suspect, edges: Iterable[int]) -> _Local
     return _Local(suspect, columns, np.concatenate(values), gain)
 
 
-def _gain_at_once(part: Evidence, h: Hypothesis) -> float:
-    """Of log-likelihood, by a hypothesis at the first states of another."""
-    gains = part.log_likelihood_of(h, part.scales) - part.log_likelihood
-    return float(bounded(gains, part.density).sum())
+def _reached(part: Evidence, h: Hypothesis) -> Evidence:
+    """The evidence of a hypothesis far away: from the recording, where the first states of the present one feel none.
+
+    Objects that rest above the stated ground do not feel that it is somewhat higher.
+    """
+    near = part.near(h, steps=2)
+    return collect(part.windows, h, n_threads=part.n_threads) if np.array_equal(near.raw, part.raw) else near
 
 
 def _constant_gain(beside: _Beside, suspect: _Suspect, values: Array) -> float:
@@ -286,7 +285,9 @@ def _constant_gain(beside: _Beside, suspect: _Suspect, values: Array) -> float:
     return max(0.0, *(sum(gain(each, part) for part in beside.parts) for each in values))
 
 
-def _likeliest(beside: _Beside, p_values: Array, places: Array, known: Sequence[int], seed: int) -> Change | None:
+def _likeliest(
+    beside: _Beside, p_values: Array, places: Array, known: Sequence[int], seed: int, only: str = ""
+) -> Change | None:
     """The effect whose change explains most; None if none does."""
     n, made = beside.columns.n, list[Change]()
 
@@ -299,7 +300,7 @@ def _likeliest(beside: _Beside, p_values: Array, places: Array, known: Sequence[
         change = max(with_step(*where, (0, n), known)[0], gain_of(*where, line_over(n)))
         return weight(s.effect) * (change - gain_of(*where, np.ones((n, 1))))
 
-    likely = [k for k in range(len(p_values)) if p_values[k] <= SHOWN]
+    likely = [k for k, s in enumerate(beside.suspects) if only == s.effect.name or (not only and p_values[k] <= SHOWN)]
     gains = {k: max(closed(beside.suspects[k], start) for start in beside.suspects[k].starts) for k in likely}
     for k in sorted(likely, key=lambda k: -gains[k])[:SUSPECTS]:
         suspect, place = beside.suspects[k], int(places[k])
@@ -347,7 +348,7 @@ def over_order(
         if len(own)
     ]
     suspects += [_Suspect(c.effect, c.starts, active) for c in screening.candidates if c.effect is not None]
-    beside = _Beside((present.evidence,), (0, present.n), screening.columns, tuple(suspects))
+    alone = beside = _Beside((present.evidence,), (0, present.n), screening.columns, tuple(suspects))
     while enough(present.n) and beside.suspects:
         effects = [[(s.active, start.columns) for start in s.starts] for s in beside.suspects]
         p_values, places = change_p_values(beside.columns, effects, boundaries, seed)
@@ -357,6 +358,13 @@ def over_order(
         change = _likeliest(beside, p_values, places, boundaries, seed) if len(changes) < ROUNDS else None
         if change is None or (changes and change.gain < LEAST_SHARE * changes[0].gain):
             return OverOrder(tuple(changes), left, int(places[p_values.argmin()]))
+        if len(changes) == 1 and change.gain > changes[0].gain:
+            # what gains more beside another than that alone may explain it
+            names = [s.effect.name for s in alone.suspects]
+            at = np.full(len(names), change.stretches[-1].first)
+            first = _likeliest(alone, np.full(len(names), changes[0].p_value), at, boundaries, seed, change.effect.name)
+            if first is not None and first.gain > changes[0].gain:
+                changes, beside, change = [], alone, first
         changes.append(change)
         beside = beside.after(change, present, windows)
     return OverOrder(tuple(changes), None, None)
