@@ -289,7 +289,7 @@ def _likeliest(
     beside: _Beside, p_values: Array, places: Array, known: Sequence[int], seed: int, only: str = ""
 ) -> Change | None:
     """The effect whose change explains most; None if none does."""
-    n, made = beside.columns.n, list[Change]()
+    n, made = beside.columns.n, list[tuple[float, float, Change]]()
 
     def weight(effect: Effect) -> float:
         return LIKELY.get(effect.family, OF_WORLD)
@@ -311,15 +311,17 @@ def _likeliest(
             gain, edges = local.form(known, seed)
         change = local.described(edges, float(p_values.min()), gain)
         tried = np.stack([change.values[0], change.values[-1], change.values.mean(0)])
-        made.append(replace(change, gain=gain - _constant_gain(beside, suspect, tried)))
-    made = [each for each in made if each.gain > LEAST_GAIN]
-    chosen = max(made, key=lambda each: weight(each.effect) * each.gain, default=None)
+        over_constant = gain - _constant_gain(beside, suspect, tried)
+        if over_constant > LEAST_GAIN:
+            made.append((weight(suspect.effect) * gain, gain, replace(change, gain=over_constant)))
+    # (what is gained over a constant value lacks what that takes of the change, more for one effect than for another)
+    chosen = max(made, key=lambda each: each[0], default=None)
     while chosen is not None:
-        inner = [e for e in made if e.effect.name in chosen.effect.contains and e.gain > SPECIAL * chosen.gain]
+        inner = [e for e in made if e[2].effect.name in chosen[2].effect.contains and e[1] > SPECIAL * chosen[1]]
         if not inner:
-            break
-        chosen = max(inner, key=lambda each: each.gain)
-    return chosen
+            return chosen[2]
+        chosen = max(inner, key=lambda each: each[1])
+    return None
 
 
 def over_order(
