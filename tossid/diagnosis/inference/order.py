@@ -302,7 +302,8 @@ def _likeliest(
 
     likely = [k for k, s in enumerate(beside.suspects) if only == s.effect.name or (not only and p_values[k] <= SHOWN)]
     gains = {k: max(closed(beside.suspects[k], start) for start in beside.suspects[k].starts) for k in likely}
-    for k in sorted(likely, key=lambda k: -gains[k])[:SUSPECTS]:
+
+    def fit_in_form(k: int) -> None:
         suspect, place = beside.suspects[k], int(places[k])
         local = _locally(beside, suspect, (place,))
         gain, edges = local.form(known, seed)
@@ -310,18 +311,27 @@ def _likeliest(
             local = _locally(beside, suspect, edges)
             gain, edges = local.form(known, seed)
         change = local.described(edges, float(p_values.min()), gain)
-        tried = np.stack([change.values[0], change.values[-1], change.values.mean(0)])
-        over_constant = gain - _constant_gain(beside, suspect, tried)
+        constants = np.stack([change.values[0], change.values[-1], change.values.mean(0)])
+        over_constant = gain - _constant_gain(beside, suspect, constants)
         if over_constant > LEAST_GAIN:
             made.append((weight(suspect.effect) * gain, gain, replace(change, gain=over_constant)))
-    # (what is gained over a constant value lacks what that takes of the change, more for one effect than for another)
-    chosen = max(made, key=lambda each: each[0], default=None)
-    while chosen is not None:
-        inner = [e for e in made if e[2].effect.name in chosen[2].effect.contains and e[1] > SPECIAL * chosen[1]]
-        if not inner:
-            return chosen[2]
+
+    # What is gained over a constant value lacks what that takes of the change, more for one effect than for another. So
+    # the whole gains are compared, and then those of what does nearly the same as the best.
+    tried = sorted(likely, key=lambda k: -gains[k])[:SUSPECTS]
+    for k in tried:
+        fit_in_form(k)
+    if not made:
+        return None
+    best = max(made, key=lambda each: each[0])[2].effect
+    alike = best.one_of_group | best.made_of | {*best.contains}
+    for k in likely:
+        if k not in tried and beside.suspects[k].effect.name in alike:
+            fit_in_form(k)
+    chosen = max(made, key=lambda each: each[0])
+    while inner := [e for e in made if e[2].effect.name in chosen[2].effect.contains and e[1] > SPECIAL * chosen[1]]:
         chosen = max(inner, key=lambda each: each[1])
-    return None
+    return chosen[2]
 
 
 def over_order(
