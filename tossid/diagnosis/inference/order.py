@@ -325,8 +325,8 @@ def _likeliest(
         return None
     best = max(made, key=lambda each: each[0])[2].effect
     alike = best.one_of_group | best.made_of | {*best.contains}
-    for k in likely:
-        if k not in tried and beside.suspects[k].effect.name in alike:
+    for k, suspect in enumerate(beside.suspects):
+        if k not in tried and suspect.effect.name in alike:
             fit_in_form(k)
     chosen = max(made, key=lambda each: each[0])
     while inner := [e for e in made if e[2].effect.name in chosen[2].effect.contains and e[1] > SPECIAL * chosen[1]]:
