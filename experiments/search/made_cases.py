@@ -2,7 +2,8 @@
 
     python -m experiments.search.made_cases OUT.jsonl                       # the cases below
     python -m experiments.search.made_cases OUT.jsonl --nulls 400           # how often something is named by chance
-    python -m experiments.search.made_cases OUT.jsonl --cases rest com --tosses 40
+    python -m experiments.search.made_cases OUT.jsonl --cases rebound centre --tosses 40
+    python -m experiments.search.made_cases OUT.jsonl --data CUBE.h5 --skip 0 40 80 --tosses 40    # its train split
 
 A line of JSON a case: what was made, what was found, seconds of processor time. Lines that are there are not made
 again, so an interrupted run goes on. `search.md` has the table.
@@ -155,20 +156,29 @@ def main() -> None:
     parser.add_argument("--tosses", type=int, default=20)
     parser.add_argument("--nulls", type=int, default=0, help="so many draws of the case 'null' instead")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--data", type=Path, help="a dataset of recorded tosses instead")
+    parser.add_argument("--skip", type=int, nargs="*", default=[0], help="its tosses before the first, of each search")
     parser.add_argument("--judged", action="store_true")
     parser.add_argument("--threads", type=int, default=1)
     given = parser.parse_args()
     asked = [(name, given.seed + k) for k, name in enumerate(given.cases)]
     if given.nulls:
         asked = [("null", given.seed + k) for k in range(given.nulls)]
+    if given.data is not None:
+        asked = [(given.data.stem, skip) for skip in given.skip]
     lines = given.out.read_text().splitlines() if given.out.exists() else []
     known = {(line["case"], line["seed"], line["tosses"]) for line in map(json.loads, lines)}
     model = load_object("cube")
     for name, seed in asked:
         if (name, seed, given.tosses) in known:
             continue
-        engine, effects = CASES[name]
-        dataset = made(model, engine, effects, given.tosses, seed)
+        engine, effects = CASES.get(name, ("recorded", {}))
+        if given.data is None:
+            dataset = made(model, engine, effects, given.tosses, seed)
+        else:
+            recorded = read_dataset(given.data)
+            chosen = recorded.of_split("train")[seed : seed + given.tosses]
+            dataset = replace(recorded, tosses=chosen)
         line = {"case": name, "seed": seed, "tosses": given.tosses, "truth": effects}
         line |= searched(dataset, judged=given.judged, threads=given.threads)
         with given.out.open("a") as file:

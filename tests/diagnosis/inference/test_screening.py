@@ -32,6 +32,20 @@ def test_another_law_of_contact_is_a_candidate(slippery: Sample, stated: Hypothe
     assert found.candidates[0].start.law.name == "relaxed"
 
 
+def test_effects_are_chosen_together_beside_those_that_are_there(slippery: Sample, stated: Hypothesis) -> None:
+    """Also where a special case of one makes room for it."""
+    made = slippery.fixed(slippery.evidence(stated.plus(EFFECTS["gravity"], np.array([9.7]))))
+    h = made.hypothesis.plus(EFFECTS["friction"])
+    near = made.evidence.near(h)
+    others = [EFFECTS[name] for name in ("gravity", "anisotropic_friction", "restitution")]
+    found = screen(near, others, n=slippery.n, free=(1,), rng=np.random.default_rng(0))
+    chosen = found.together(3, -1e9)
+    assert {effect.name for effect, _ in chosen} == {"anisotropic_friction", "restitution"}
+    general = next(c for c in found.candidates if c.name == "anisotropic_friction")
+    assert general.start.names == ("gravity", "anisotropic_friction")
+    assert general.start.values_of("gravity").tolist() == [9.7]
+
+
 def test_what_could_take_an_effects_place_is_found_in_closed_form(slippery: Sample, stated: Hypothesis) -> None:
     h = stated.plus(EFFECTS["friction"])
     made = slippery.refitted(slippery.evidence(stated), h, iterations=6, follow=1)

@@ -107,7 +107,7 @@ class Screening:
             if best is None:
                 break
             _, joined, start = best
-            h = start.hypothesis if start.secant else _begun(self.columns, start, self.active, ())
+            h = start.hypothesis if start.secant else _begun(self.columns, start, self.active)
             chosen.append((joined, h.values_of(joined.name)))
             taken |= {joined.name, *joined.contains}
             active = np.concatenate([active, start.columns])
@@ -190,7 +190,8 @@ def screen(
     for (name, of_effect, made), p_value in zip(starts, p_values, strict=True):
         gains = [_gain(columns, each, active) for each in made]
         best = int(np.argmax([gain.sum() for gain in gains]))
-        begun = _begun(columns, made[best], active, free)
+        whole = set(present.names) <= set(made[best].hypothesis.names)  # nothing has made room
+        begun = _begun(columns, made[best], active, free if whole else ())
         candidates.append(Candidate(name, of_effect, gains[best], begun, tuple(made), p_value))
     candidates.sort(key=lambda each: -each.total)
     return Screening(columns, active, tuple(candidates))
@@ -240,16 +241,19 @@ def _gain(columns: Columns, start: Start, active: Index) -> Array:
     return gain
 
 
-def _begun(columns: Columns, start: Start, active: Index, free: Sequence[int]) -> Hypothesis:
-    """The hypothesis from which a fit begins: a declared start itself, or where the joint step leads."""
+def _begun(columns: Columns, start: Start, active: Index, following: Sequence[int] = ()) -> Hypothesis:
+    """The hypothesis from which a fit begins: a declared start itself, or where the joint step leads.
+
+    following: numbers of the active parameters in the start's hypothesis, where these follow; else they keep values.
+    """
     h = start.hypothesis
     if start.secant:
         return h
     joint = columns.part(np.concatenate([active, start.columns]))
     step = _joint_step(joint, start, active, joint.step())
     move = np.zeros(len(h.flat()))
-    if len(h.flat()) - len(start.columns) >= len(free):  # nothing has made room
-        move[list(free)] = step[: len(active)]
+    if len(following):
+        move[list(following)] = step[: len(active)]
     move[h.place_of(h.names[-1])] = step[len(active) :]
     return h.at(h.flat() + np.clip(move, -100, 100) * h.steps)
 
