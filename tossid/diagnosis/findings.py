@@ -14,6 +14,10 @@ EffectVerdict = Literal["identified", "candidate", "confusable", "not_supported"
 
 FOUND: tuple[EffectVerdict, ...] = ("identified", "candidate", "confusable")
 """Verdicts of effects that are found, or may be what is found."""
+FELT_PCT, FELT_DEG = 0.5, 0.5
+"""Change of whole tosses from which a person would notice it [% of the width], [deg]: means over frames."""
+RESAMPLES = 500
+"""Of tosses, for intervals of means and shares."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,14 @@ class Interval:
     value: float
     low: float
     high: float
+
+    def scaled(self, by: float) -> Interval:
+        """All three times a factor.
+
+        Args:
+            by: The factor, not negative.
+        """
+        return Interval(by * self.value, by * self.low, by * self.high)
 
     def as_json(self) -> dict[str, Any]:
         """{"value", "ci95"}."""
@@ -55,9 +67,10 @@ class Gap:
     Attributes:
         total: Root mean square of whitened residuals.
         noise_floor: What it would be if the simulator were right, from the noise of the recorded poses.
+        position_mm: Root mean square distance of predictions over short windows [mm].
+        rotation_deg: Root mean square angle, likewise [deg].
         by_phase: Shares of the excess of deviance over the floor.
         by_channel: Likewise.
-        by_length: (frames, root mean square, floor) for windows of several lengths.
         frames: (m, 4) toss, time [s], phase and excess of each row of a window, for figures.
         odd: Names of tosses whose residuals are far larger than the others'.
         after_impacts: The share in frames that follow an impact within the same window, whatever phase they are in:
@@ -66,9 +79,10 @@ class Gap:
 
     total: Interval
     noise_floor: float
+    position_mm: float
+    rotation_deg: float
     by_phase: tuple[Share, ...]
     by_channel: tuple[Share, ...]
-    by_length: tuple[tuple[int, float, float], ...]
     frames: Array
     odd: tuple[str, ...]
     after_impacts: Share = Share("after_impacts", Interval(0.0, 0.0, 0.0))
@@ -180,20 +194,26 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Consequence:
-    """How far whole tosses move when one effect is taken out of the last hypothesis, from the same first states.
+class Felt:
+    """Differences of whole tosses, means over frames.
 
     Attributes:
-        position_pct: Median over tosses of the mean distance over frames [% of the object's width].
-        rotation_deg: Median over tosses of the mean angle over frames [deg].
-        closed: Share of the gap that the effect closes.
-        matters: Whether one of these is beyond its tolerance.
+        position_pct: Of the object's width.
+        rotation_deg: Of its attitude.
     """
 
     position_pct: float
     rotation_deg: float
-    closed: float
-    matters: bool
+
+    def is_over(self, limit: Felt | None = None) -> bool:
+        """Whether a person would notice it: it exceeds half a percent or half a degree, and what noise alone makes.
+
+        Args:
+            limit: What noise of the first states makes of the same tosses; nothing if None.
+        """
+        noise = limit or Felt(0.0, 0.0)
+        position, rotation = max(FELT_PCT, noise.position_pct), max(FELT_DEG, noise.rotation_deg)
+        return self.position_pct > position or self.rotation_deg > rotation
 
     def as_json(self) -> dict[str, Any]:
         """An effect's "whole_tosses" in gap.json."""
@@ -260,19 +280,19 @@ class Finding:
 
     Attributes:
         name: Of the effect.
-        verdict: What is concluded.
+        verdict: What is concluded (`verdict`).
         says: The effect in words.
         phases: In which it acts.
-        parameters: Values with intervals, if it is named or confusable.
-        evidence: Gain of log-likelihood on tosses that took no part in the fit, p-value, number of tosses.
-        gap_closed: Share of the gap; of a named effect beyond those before it, else by it alone.
-        confusable_with: Other effects of its class.
+        parameters: Values with intervals, if it is found or may be the cause in place of what is.
+        stated: Values of the same parameters in the simulator as it is stated.
+        evidence: Gain of log-likelihood by values that other tosses determine, p-value, number of tosses.
+        gap_closed: Share of the gap that is lost without it, on tosses that took no part.
+        confusable_with: Other effects that may be the cause in its place.
         detectable: The smallest size of each parameter that these tosses would reveal.
-        consequence: What it does to whole tosses, if it is named or confusable.
-        frequency: Share of the repeated searches that name it; None if none were made.
+        felt: How whole tosses change without it, if it is found.
+        frequency: Share of resampled searches that name it; None if none were made.
         over_order: How it goes over the order of recording; None if it is the same in all tosses.
         correlation: (P, P) of the errors of its parameters, where they have values.
-        saturated: Whether more of it changes nothing, so that its interval ends where its range does.
     """
 
     name: str
@@ -280,20 +300,20 @@ class Finding:
     says: str
     phases: tuple[str, ...]
     parameters: dict[str, Interval]
+    stated: dict[str, float]
     evidence: dict[str, float]
     gap_closed: Interval
     confusable_with: tuple[str, ...] = ()
     detectable: dict[str, float] = field(default_factory=dict)
-    consequence: Consequence | None = None
+    felt: Felt | None = None
     frequency: float | None = None
     over_order: OverOrder | None = None
     correlation: tuple[tuple[float, ...], ...] = ()
-    saturated: bool = False
 
     @property
-    def headline(self) -> bool:
-        """Whether it is found, or may be what is found, and matters."""
-        return self.verdict in FOUND and (self.consequence is None or self.consequence.matters)
+    def matters(self) -> bool:
+        """Whether it is found, and whole tosses change by more than a person would notice."""
+        return self.felt is not None and self.felt.is_over()
 
     def as_json(self) -> dict[str, Any]:
         """One of gap.json's "effects"."""
@@ -303,17 +323,121 @@ class Finding:
             "says": self.says,
             "phases": list(self.phases),
             "parameters": {name: value.as_json() for name, value in self.parameters.items()},
+            "stated": self.stated,
             "correlation": [list(row) for row in self.correlation],
-            "saturated": self.saturated,
             "evidence": self.evidence,
             "gap_closed": self.gap_closed.as_json(),
             "confusable_with": list(self.confusable_with),
             "frequency": self.frequency,
             "detectable": self.detectable,
-            "matters": self.consequence is not None and self.consequence.matters,
-            "whole_tosses": None if self.consequence is None else self.consequence.as_json(),
+            "matters": self.matters,
+            "whole_tosses": None if self.felt is None else self.felt.as_json(),
             **({} if self.over_order is None else self.over_order.as_json()),
         }
+
+
+@dataclass(frozen=True)
+class Change:
+    """What a person changes in the simulator, or in the recording.
+
+    Attributes:
+        name: Of the effect.
+        parameter: Its parameter.
+        stated: The value that the simulator has.
+        value: The value that the tosses show.
+    """
+
+    name: str
+    parameter: str
+    stated: float
+    value: Interval
+
+    def as_json(self) -> dict[str, Any]:
+        """One of gap.json's "change"."""
+        interval = [self.value.low, self.value.high]
+        return {
+            "name": self.name,
+            "parameter": self.parameter,
+            "from": self.stated,
+            "to": self.value.value,
+            "ci95": interval,
+        }
+
+
+@dataclass(frozen=True)
+class Brings:
+    """Errors of whole tosses before and after the changes, each predicted by what was found without it.
+
+    Attributes:
+        engine: In which they are predicted: the user's own simulator wherever it can be run.
+        before: (n, 2) mean position error [% of the width] and rotation error [deg]; NaN where a rollout diverged.
+        after: (n, 2) the same with the changes.
+        width: Of the object [m].
+        unseen: Whether the tosses took no part; else values were fitted to them.
+    """
+
+    engine: Literal["mujoco", "python", "tossid"]
+    before: Array
+    after: Array
+    width: float
+    unseen: bool = True
+
+    @property
+    def n(self) -> int:
+        """How many tosses are predicted, before and after."""
+        return int(self._both.sum())
+
+    @property
+    def _both(self) -> NDArray[np.bool_]:
+        return np.isfinite(self.before).all(1) & np.isfinite(self.after).all(1)
+
+    def position_pct(self) -> tuple[Interval, Interval]:
+        """Position errors before and after [% of the width]: means over tosses, with intervals over tosses."""
+        return mean_over_tosses(self.before[self._both, 0]), mean_over_tosses(self.after[self._both, 0])
+
+    def position_mm(self) -> tuple[Interval, Interval]:
+        """The same [mm]."""
+        before, after = self.position_pct()
+        return before.scaled(10 * self.width), after.scaled(10 * self.width)
+
+    def rotation_deg(self) -> tuple[Interval, Interval]:
+        """Rotation errors before and after [deg], likewise."""
+        return mean_over_tosses(self.before[self._both, 1]), mean_over_tosses(self.after[self._both, 1])
+
+    @property
+    def left(self) -> Felt:
+        """What is left: medians over tosses, since contact turns any difference into a large one in a few tosses."""
+        if not self.n:
+            return Felt(np.inf, np.inf)
+        return Felt(*(float(x) for x in np.median(self.after[self._both], axis=0)))
+
+    @property
+    def improves(self) -> bool:
+        """Whether tosses are predicted no worse, but for what a person would not notice."""
+        worse = np.nan_to_num(self.after - self.before, nan=np.inf)
+        return not Felt(*(float(x) for x in np.median(worse, axis=0))).is_over()
+
+    def as_json(self) -> dict[str, Any]:
+        """gap.json's "brings"."""
+        kinds = {
+            "position_error_pct": self.position_pct(),
+            "rotation_error_deg": self.rotation_deg(),
+            "position_error_mm": self.position_mm(),
+        }
+        out: dict[str, Any] = {"in": self.engine, "n_tosses": self.n, "took_no_part": self.unseen}
+        for name, (before, after) in kinds.items():
+            intervals = {"before": [before.low, before.high], "after": [after.low, after.high]}
+            out[name] = {"before": before.value, "after": after.value, "ci95": intervals}
+        return out
+
+
+def mean_over_tosses(values: Array) -> Interval:
+    """The mean of values (n,), with its percentile interval by resampled tosses; NaN of none."""
+    if not len(values):
+        return Interval(np.nan, np.nan, np.nan)
+    drawn = values[np.random.default_rng(0).integers(0, len(values), (RESAMPLES, len(values)))].mean(1)
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return Interval(float(values.mean()), float(low), float(high))
 
 
 @dataclass(frozen=True)
@@ -322,46 +446,12 @@ class ChangeLeft:
 
     Attributes:
         before: Name of the first toss after it.
-        p_values: By effect, or "residual" for the size of the gap, the probability of such a change in an order that
-            means nothing, corrected for all that was looked at.
+        p_value: Probability of a change as clear in an order that means nothing.
     """
 
     before: str
-    p_values: dict[str, float]
+    p_value: float
 
     def as_json(self) -> dict[str, Any]:
         """One of gap.json's "changes_left"."""
-        return {"before": self.before, "p_values": self.p_values}
-
-
-@dataclass(frozen=True)
-class Step:
-    """Rollout errors on tosses that took no part in the fit, with some effects in.
-
-    Attributes:
-        effects: Their names.
-        position_error_pct: Mean distance, in % of the object's width; each toss at values fitted to the other folds.
-        rotation_error_deg: Mean angle, likewise.
-        gap_left: Mean square of whitened residuals, likewise.
-        unseen_position_error_pct: Of other tosses, at values fitted to all of these; None if there are none.
-        unseen_rotation_error_deg: Likewise.
-    """
-
-    effects: tuple[str, ...]
-    position_error_pct: Interval
-    rotation_error_deg: Interval
-    gap_left: Interval
-    unseen_position_error_pct: Interval | None = None
-    unseen_rotation_error_deg: Interval | None = None
-
-    def as_json(self) -> dict[str, Any]:
-        """One of gap.json's "steps"."""
-        values = {
-            "position_error_pct": self.position_error_pct,
-            "rotation_error_deg": self.rotation_error_deg,
-            "gap_left": self.gap_left,
-            "unseen_position_error_pct": self.unseen_position_error_pct,
-            "unseen_rotation_error_deg": self.unseen_rotation_error_deg,
-        }
-        plain = {name: None if value is None else value.as_json() for name, value in values.items()}
-        return {"effects": list(self.effects), **plain}
+        return {"before": self.before, "p_value": self.p_value}

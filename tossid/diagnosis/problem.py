@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
-from tossid.diagnosis.likelihood.engine_discrepancy import Engine
-from tossid.diagnosis.selection.cross_validation import CrossValidator
-from tossid.diagnosis.sessions.heights import ending_at_origin
+from tossid.diagnosis.inference.hypothesis import ContactLaw, Hypothesis
+from tossid.diagnosis.inference.sample import Sample
+from tossid.diagnosis.inference.search import Search
+from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.diagnosis.under_way import UnderWay
-from tossid.physics.effects import LIBRARY, Effect, World
+from tossid.diagnosis.witness import measured_values
+from tossid.motion.resting import rest_scatter
+from tossid.physics.effects import LIBRARY, Effect
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import RecordingOrder, Toss
 
@@ -20,23 +24,23 @@ class Problem:
 
     Attributes:
         tosses: Recorded motions of one object; the covariances of their poses are the noise.
-        world: The simulator.
+        stated: The simulator, without effects, under its own law of contact.
+        laws: Of contact, that the tosses may follow instead.
         library: The effects to choose from.
-        engine: The other engine, whose differences are no evidence; near-rigid MuJoCo if None.
         n_threads: Of simulators.
         seed: Of the folds and of simulated noise.
         unseen: Other tosses of the same recording, which take no part and are judged in one pass at the end.
         names: Of all these tosses in the order of their recording; empty: as they are given, the unseen ones last.
         sessions: Names of the first tosses of sessions that the dataset has, but for the first.
-        own_heights: Whether the tosses' heights were set one by one (`sessions.heights`).
+        own_heights: Whether the tosses' heights were set one by one.
         under_way: Told what is known as soon as it is.
         settings: Of everything else. Its `seed` and `threads` are not read here.
     """
 
     tosses: Sequence[Toss]
-    world: World
-    library: Sequence[Effect] = LIBRARY
-    engine: Engine | None = None
+    stated: Hypothesis
+    laws: tuple[ContactLaw, ...] = ()
+    library: tuple[Effect, ...] = LIBRARY
     n_threads: int = 1
     seed: int = 0
     unseen: Sequence[Toss] = ()
@@ -62,20 +66,33 @@ class Problem:
         tosses = tuple(sorted(self.tosses, key=lambda toss: place[toss.name]))
         return replace(self, tosses=tosses, names=tuple(names))
 
-    def validator(self, *, over_order: bool = False) -> CrossValidator:
-        """What fits hypotheses to the tosses and judges them.
+    @cached_property
+    def sample(self) -> Sample:
+        """The windows of the tosses; a tracker's slow errors are as their own poses at rest scatter."""
+        return Sample(self.windows_of(self.tosses, self.tosses), len(self.tosses), self.n_threads)
+
+    def windows_of(self, tosses: Sequence[Toss], scattered: Sequence[Toss]) -> Windows:
+        """Windows of tosses.
 
         Args:
-            over_order: As of `CrossValidator.of`. Tosses with heights of their own then all end at one place.
+            tosses: The tosses.
+            scattered: Those whose poses at rest show a tracker's slow errors.
         """
-        return CrossValidator.of(
-            ending_at_origin(self.tosses, self.world.object) if over_order and self.own_heights else self.tosses,
-            self.world.object,
-            seed=self.seed,
-            n_threads=self.n_threads,
-            engine=self.engine,
-            over_order=over_order,
-            settings=self.settings,
+        model = self.stated.base.object
+        return make_windows(
+            tosses, model, settings=self.settings.likelihood, scatter=rest_scatter(scattered, model)
+        )
+
+    def search(self) -> Search:
+        """The search over all tosses."""
+        return Search(
+            self.sample,
+            self.library,
+            self.stated,
+            self.laws,
+            measured_values(self.tosses, self.stated.base),
+            self.seed,
+            report=self.under_way.say,
         )
 
 

@@ -10,19 +10,23 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import ChangeLeft, Finding, Gap, Interval, Place, Share, Step
+from tossid.diagnosis.findings import (
+    FOUND,
+    Brings,
+    Change,
+    ChangeLeft,
+    Finding,
+    Gap,
+    Interval,
+    Place,
+    Share,
+)
+from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.learned import LearnedForces
-from tossid.diagnosis.likelihood.evidence import Hypothesis
 from tossid.diagnosis.localisation.disagreement import SolverDisagreement
-from tossid.diagnosis.localisation.misspecification import Misspecification
 from tossid.diagnosis.localisation.noise import MeasuredNoise
-from tossid.diagnosis.localisation.refusal import Refuted, RolloutCheck
-from tossid.diagnosis.localisation.unseen import Unseen
-from tossid.diagnosis.selection.plane import Plane
-from tossid.diagnosis.selection.significance import TossesNeeded
-from tossid.diagnosis.selection.stability import Stability
+from tossid.diagnosis.plane import Plane
 from tossid.diagnosis.witness import Witness
-from tossid.settings.diagnosis.report import ReportSettings
 from tossid.types import RecordingOrder
 
 if TYPE_CHECKING:
@@ -31,7 +35,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 SCHEMA = "tossid.gap/1"
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained", "within_solver_disagreement", "incomplete"]
-Contact = Literal["coulomb", "routh", "relaxed", "own"]
 
 
 @dataclass(frozen=True)
@@ -51,57 +54,64 @@ class Interruption:
         return {"during": self.stage, "suspects": [{"name": name, "gain": gain} for name, gain in self.suspects]}
 
 
+@dataclass(frozen=True)
+class Unseen:
+    """What was found, on tosses of the test split, which nothing has seen before.
+
+    Attributes:
+        tosses: How many.
+        closed: Share of the gap above the noise floor that all effects close.
+        brings: Whole tosses.
+    """
+
+    tosses: int
+    closed: Interval
+    brings: Brings
+
+    def as_json(self) -> dict[str, Any]:
+        """gap.json's "unseen"."""
+        return {"n_tosses": self.tosses, "gap_closed": self.closed.as_json(), "brings": self.brings.as_json()}
+
+
 @dataclass(frozen=True, repr=False)
 class Diagnosis:
     """Where a simulator differs from tosses, which effects explain it, and how far they close the gap.
 
     Attributes:
-        verdict: What the named effects make of the gap.
-        gap: The gap of the simulator as it is stated.
-        left: The gap that is left with the named effects in.
-        findings: What the tosses say of each effect, ordered by evidence.
-        named: Names of the effects that explain the gap and matter, ordered by what is lost without each.
-        gap_closed: Share of the gap above the noise floor that all named effects close together.
-        unexplained: Phases in which clearly something is left, with its share of the first gap.
-        steps: Rollout errors without effects and after each effect that joined.
-        hypothesis: The simulator's world with all effects, fitted to all tosses.
-        n_tosses: How many tosses were diagnosed.
-        seconds: How long it took [s].
-        alternatives: Hypotheses that may be right instead: with other causes that do the same in flight, and with one
-            effect replaced by another of its confusable class.
-        exchanged: Names of effects of the hypothesis, and of those other causes; both empty if there are none.
-        contact: The contact law that the tosses follow most: Coulomb's, its convex relaxation, or the MuJoCo model's
-            own. It is no effect.
+        verdict: What is said of the whole gap (`verdict`).
+        gap: Of the simulator as it is stated.
+        left: With what was found, each toss predicted by what was found without it.
+        findings: What the tosses say of each effect of the library: what is found first, in the order in which it
+            matters, then the others by evidence.
+        change: What a person changes, in the order in which it matters.
+        brings: What that brings for whole tosses, in the user's own engine wherever it can be run.
+        gap_closed: Share of the gap that all effects close, on tosses that took no part.
+        unexplained: Phases in which clearly much of the gap is left.
+        hypothesis: The simulator with all effects.
+        n_tosses: How many tosses took part.
+        seconds: How long it took.
+        folds: Parts of the tosses without which the search was repeated to judge it; 0 if it was not judged.
+        draws: How many resampled searches the frequencies are shares of.
+        probability_none: Share of them that name nothing; None if none were made.
+        passes: How often each window was simulated, in the mean.
+        alternatives: Hypotheses that may be right instead: with another effect in the place of one.
         place: Where in the state of the motion and on the object the gap is.
         witnesses: What the tosses say of some effects without a simulator.
-        other_laws: Effects that stand in for a force of another law, each with the further power of its state by which
-            that force grows. Such a force has no name.
-        unsteady: Effects that stand in for a force that is not the same in all tosses. Nor has such a force a name.
+        disagreement: The gap that another exact solver of the same rigid body shows; None for a user's own contact.
+        noise: The noise of the recorded poses over the stated one.
+        plane: The plane in which all motion lies, and what it cannot show; None if there is none.
+        learned: What the simulator's learned acceleration stands for; None if it has none.
+        unseen: What was found, on the test split; None if that was diagnosed itself.
+        changes_left: Where something still changes over the order; None where it was not looked at.
         simulator: What was diagnosed.
         tosses_of: The tosses in words: of which dataset, and which of it.
         data: gap.json's "data": the dataset's `path`, `sha256` and `object`.
         next_toss: gap.json's "next_toss": the release that would best separate what is confusable.
-        patch: gap.json's "patch": the changed MJCF and keys, and the patched simulator's rerun.
+        patch: gap.json's "patch": the changed MJCF and keys, and the patched model's rerun in MuJoCo.
         remarks: What a reader should know beside, in sentences.
         order: The dataset's order of recording and its sessions, None where it was not looked at.
-        needed: How many tosses a name needs; None where it was not computed.
-        noise: The noise of the recorded poses over the stated one; None where it was not measured.
-        misspecification: What the diagnosis itself leaves of the found world's own motions; no verdict rests on it.
-        unseen: What was found, on tosses that took no part; None if there were none.
-        minor: Names of effects that were found too, and are too small to matter.
-        rollouts: What the effects do to whole tosses that took no part in the fits; None without effects.
-        refuted: Effects without which it was searched once more, as whole tosses refute them; None if there are none.
-        candidates: Names of effects that are significant and matter, but that repeated searches name too rarely, that
-            leave most of the gap, or that make predictions of whole tosses worse.
-        stability: What repeated searches name.
-        plane: The plane in which all motion lies, and what it cannot show; None if there is none.
-        implausible: Effects of the hypothesis that have no name, with why: "no_change" or "at_bound".
-        disagreement: The gap that another exact solver of the same rigid body shows; None for a user's own contact.
-        learned: What the simulator's learned acceleration stands for; None if it has none.
-        report: What the figures of the report draw.
-        tosses: Names of the tosses in the order in which they were diagnosed, that of their recording.
+        tosses: Names of the tosses in the order of their recording.
         places: Where each ends, x and y as recorded [m], (n, 2).
-        changes_left: Where something still changes over the order with everything in; None where it was not looked at.
         interruption: Where it was interrupted; None if it is complete.
     """
 
@@ -109,20 +119,26 @@ class Diagnosis:
     gap: Gap
     left: Gap
     findings: tuple[Finding, ...]
-    named: tuple[str, ...]
+    change: tuple[Change, ...]
+    brings: Brings
     gap_closed: Interval
     unexplained: tuple[Share, ...]
-    steps: tuple[Step, ...]
     hypothesis: Hypothesis
     n_tosses: int
     seconds: float
+    folds: int = 0
+    draws: int = 0
+    probability_none: float | None = None
+    passes: float = 0.0
     alternatives: tuple[Hypothesis, ...] = ()
-    exchanged: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
-    contact: Contact = "coulomb"
     place: Place = field(default_factory=Place)
     witnesses: tuple[Witness, ...] = ()
-    other_laws: tuple[tuple[str, Interval], ...] = ()
-    unsteady: tuple[str, ...] = ()
+    disagreement: SolverDisagreement | None = None
+    noise: MeasuredNoise | None = None
+    plane: Plane | None = None
+    learned: LearnedForces | None = None
+    unseen: Unseen | None = None
+    changes_left: tuple[ChangeLeft, ...] | None = None
     simulator: Simulator | None = None
     tosses_of: str = ""
     data: dict[str, Any] | None = None
@@ -130,47 +146,55 @@ class Diagnosis:
     patch: dict[str, Any] | None = None
     remarks: tuple[str, ...] = ()
     order: RecordingOrder | None = None
-    needed: TossesNeeded | None = None
-    minor: tuple[str, ...] = ()
-    candidates: tuple[str, ...] = ()
-    stability: Stability = Stability()
-    plane: Plane | None = None
-    implausible: tuple[tuple[str, str], ...] = ()
-    disagreement: SolverDisagreement | None = None
-    unseen: Unseen | None = None
-    rollouts: RolloutCheck | None = None
-    refuted: Refuted | None = None
-    noise: MeasuredNoise | None = None
-    misspecification: Misspecification | None = None
-    learned: LearnedForces | None = None
-    report: ReportSettings = ReportSettings()
     tosses: tuple[str, ...] = ()
     places: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    changes_left: tuple[ChangeLeft, ...] | None = None
     interruption: Interruption | None = None
 
     @property
-    def found(self) -> tuple[str, ...]:
-        """Names of effects that are significant and matter, those that are sure first."""
-        return (*self.named, *self.candidates)
+    def contact(self) -> str:
+        """The law of contact that the tosses follow most: "coulomb", "routh", "relaxed", or the simulator's "own"."""
+        return self.hypothesis.law.name
+
+    @property
+    def found(self) -> tuple[Finding, ...]:
+        """What the search has found, whatever its verdict."""
+        return tuple(f for f in self.findings if f.felt is not None or f.over_order is not None)
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Names of effects that are sure and matter."""
+        return tuple(f.name for f in self.found if f.matters and f.verdict in ("identified", "confusable"))
+
+    @property
+    def candidates(self) -> tuple[str, ...]:
+        """Names of effects that matter and are not sure."""
+        return tuple(f.name for f in self.found if f.matters and f.verdict == "candidate")
+
+    @property
+    def minor(self) -> tuple[str, ...]:
+        """Names of effects that are found, and that whole tosses do not feel."""
+        return tuple(f.name for f in self.found if not f.matters and f.verdict in FOUND)
+
+    def finding(self, name: str) -> Finding | None:
+        """What is said of an effect; None if it was not looked for.
+
+        Args:
+            name: Of the effect.
+        """
+        return next((f for f in self.findings if f.name == name), None)
 
     def as_json(self) -> dict[str, Any]:
         """The content of gap.json (schema tossid.gap/1)."""
         gap = {
-            "total": {**self.gap.total.as_json(), "unit": "standard deviations of noise"},
-            "noise_floor": self.gap.noise_floor,
+            **_gap_json(self.gap),
             "by_phase": [{"phase": s.name, **_share(s)} for s in self.gap.by_phase],
             "by_channel": [{"channel": s.name, **_share(s)} for s in self.gap.by_channel],
-            "by_length": [{"frames": n, "rms": rms, "floor": floor} for n, rms, floor in self.gap.by_length],
-            "after_impacts": _share(self.gap.after_impacts),
             "odd_tosses": list(self.gap.odd),
             "by_corner": [corner.as_json() for corner in self.place.corners],
             "wrench": [relation.as_json() for relation in self.place.wrench],
         }
         left = {
-            **self.left.total.as_json(),
-            "noise_floor": self.left.noise_floor,
-            "after_impacts": _share(self.left.after_impacts),
+            **_gap_json(self.left),
             "by_corner": [corner.as_json() for corner in self.place.corners_left],
             "wrench": [relation.as_json() for relation in self.place.wrench_left],
         }
@@ -179,6 +203,8 @@ class Diagnosis:
             "complete": self.interruption is None,
             "n_tosses": self.n_tosses,
             "contact": self.contact,
+            "change": [each.as_json() for each in self.change],
+            "brings": self.brings.as_json(),
             "gap": gap,
             "gap_left": left,
             "effects": [finding.as_json() for finding in self.findings],
@@ -186,24 +212,18 @@ class Diagnosis:
                 "verdict": self.verdict,
                 "effects": list(self.named),
                 "candidates": list(self.candidates),
-                "repeats": len(self.stability.repeats),
-                "repeated": [each.as_json() for each in self.stability.repeats],
-                "probability_none": self.stability.probability_none,
+                "minor": list(self.minor),
+                "folds": self.folds,
+                "draws": self.draws,
+                "probability_none": self.probability_none,
                 "gap_closed": self.gap_closed.as_json(),
                 "unexplained_share": max(0.0, 1.0 - self.gap_closed.value),
                 "unexplained_where": [{"phase": s.name, **_share(s)} for s in self.unexplained],
-                "other_laws": [{"like": name, "further_power": each.as_json()} for name, each in self.other_laws],
-                "unsteady": list(self.unsteady),
-                "minor": list(self.minor),
-                "same_in_flight": [list(names) for names in self.exchanged if names],
-                "refused": [] if self.rollouts is None else list(self.rollouts.refused),
-                "refuted": None if self.refuted is None else self.refuted.as_json(),
-                "no_name": [{"like": name, "why": why} for name, why in self.implausible],
                 "hypothesis": {effect.name: effect.named(x) for effect, x in self.hypothesis.items()},
             },
-            "steps": [step.as_json() for step in self.steps],
             "witnesses": [witness.as_json() for witness in self.witnesses],
             "seconds": self.seconds,
+            "passes": self.passes,
         }
         beside = {
             "interrupted": None if self.interruption is None else self.interruption.as_json(),
@@ -212,13 +232,10 @@ class Diagnosis:
             "simulator": None if self.simulator is None else self.simulator.as_json(),
             "data": self.data,
             "noise": None if self.noise is None else self.noise.as_json(),
-            "misspecification": None if self.misspecification is None else self.misspecification.as_json(),
             "unseen": None if self.unseen is None else self.unseen.as_json(),
-            "rollouts": None if self.rollouts is None else self.rollouts.as_json(),
             "learned_acceleration": None if self.learned is None else self.learned.as_json(),
             "solver_disagreement": None if self.disagreement is None else self.disagreement.as_json(),
             "plane": None if self.plane is None else self.plane.as_json(),
-            "tosses_needed": None if self.needed is None else self.needed.as_json(),
             "changes_left": None if self.changes_left is None else [each.as_json() for each in self.changes_left],
         }
         whole |= {name: value for name, value in beside.items() if value is not None}
@@ -243,7 +260,7 @@ class Diagnosis:
     def metrics(self) -> dict[str, float]:
         """The main numbers, flat, as a tracker logs them; unknown ones are left out.
 
-        The gap, how much of it is closed, the first and last rollouts' errors, and the parameters of named effects.
+        The gap, how much of it is closed, whole tosses before and after, and the parameters of named effects.
         """
         numbers = {
             "gap_total": self.gap.total.value,
@@ -253,17 +270,16 @@ class Diagnosis:
             "n_effects": float(len(self.named)),
             "seconds": self.seconds,
         }
-        for when, step in (("before", self.steps[:1]), ("after", self.steps[-1:])):
-            for each in step:
-                numbers[f"position_error_pct/{when}"] = each.position_error_pct.value
-                numbers[f"rotation_error_deg/{when}"] = each.rotation_error_deg.value
+        kinds = {"position_error_pct": self.brings.position_pct(), "rotation_error_deg": self.brings.rotation_deg()}
+        for name, (before, after) in kinds.items():
+            numbers |= {f"{name}/before": before.value, f"{name}/after": after.value}
         for finding in self.findings:
             if finding.name in self.named:
                 numbers |= {f"{finding.name}/{key}": value.value for key, value in finding.parameters.items()}
         return {name: value for name, value in numbers.items() if math.isfinite(value)}
 
     def __repr__(self) -> str:
-        """The verdict, the effects with intervals, and the share that they close."""
+        """What to change, what that brings, how sure it is, and what is left."""
         from tossid.diagnosis.presentation import summary
 
         return summary(self)
@@ -272,6 +288,16 @@ class Diagnosis:
         from tossid.diagnosis.presentation import notebook_html
 
         return notebook_html(self)
+
+
+def _gap_json(gap: Gap) -> dict[str, Any]:
+    return {
+        "total": {**gap.total.as_json(), "unit": "standard deviations of noise"},
+        "noise_floor": gap.noise_floor,
+        "position_mm": gap.position_mm,
+        "rotation_deg": gap.rotation_deg,
+        "after_impacts": _share(gap.after_impacts),
+    }
 
 
 def _share(share: Share) -> dict[str, Any]:
