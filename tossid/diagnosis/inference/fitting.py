@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
 from scipy.stats import t as student_t
 
 from tossid.diagnosis.findings import Interval
