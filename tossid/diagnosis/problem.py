@@ -79,9 +79,7 @@ class Problem:
             scattered: Those whose poses at rest show a tracker's slow errors.
         """
         model = self.stated.base.object
-        return make_windows(
-            tosses, model, settings=self.settings.likelihood, scatter=rest_scatter(scattered, model)
-        )
+        return make_windows(tosses, model, settings=self.settings.likelihood, scatter=rest_scatter(scattered, model))
 
     def search(self) -> Search:
         """The search over all tosses."""
@@ -92,7 +90,7 @@ class Problem:
             self.laws,
             measured_values(self.tosses, self.stated.base),
             self.seed,
-            report=self.under_way.say,
+            watch=self.under_way.watched,
         )
 
 
