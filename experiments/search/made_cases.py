@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from tossid.diagnosis.inference.evidence import Evidence
-from tossid.diagnosis.inference.hypothesis import ContactLaw, Hypothesis
+from tossid.diagnosis.inference.hypothesis import COULOMB, RELAXED, ROUTH, Hypothesis
 from tossid.diagnosis.inference.judge import cross_fit, frequencies
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.inference.search import Search
@@ -88,7 +88,6 @@ CASES: dict[str, tuple[str, Effects]] = {
 }
 """By name: the engine, and the effects that the stated cube lacks."""
 
-LAWS = (ContactLaw(), ContactLaw("routh", impulse_parts=8.0), ContactLaw("relaxed", lifting=1e-4))
 NOISE = NoiseSettings(position=1.5e-4, rotation=1.5e-3, joint=1.5e-3)
 SUBSTEPS = 32
 """Of the exact engine a frame, sixteen times as fine as the search simulates."""
@@ -126,7 +125,7 @@ def searched(dataset: Dataset, *, judged: bool, threads: int) -> dict[str, Any]:
     """
     begun, tosses, model = time.process_time(), dataset.tosses, dataset.object
     sample = Sample(make_windows(tosses, model, scatter=rest_scatter(tosses, model)), len(tosses), threads)
-    search = Search(sample, effects_for(model), Hypothesis(World(model)), LAWS)
+    search = Search(sample, effects_for(model), Hypothesis(World(model)), (COULOMB, ROUTH, RELAXED))
     first = sample.evidence(search.stated)
     found = search.run(first)
     out: dict[str, Any] = {

@@ -14,7 +14,7 @@ import pytest
 from tests.diagnosis.tossed import seen
 from tests.objects.meshes import obj, scan
 from tossid.diagnosis import simulators
-from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.inference.hypothesis import COULOMB, RELAXED, ROUTH, Hypothesis
 from tossid.diagnosis.patch.make import make_patch
 from tossid.diagnosis.simulators import (
     Simulator,
@@ -29,6 +29,7 @@ from tossid.diagnosis.simulators import (
 from tossid.errors import InputError
 from tossid.objects import ObjectModel, load_object
 from tossid.physics.effects import World
+from tossid.physics.forces import Law
 
 MJCF = """<mujoco model="mine">
   <option timestep="0.001" gravity="0.37 0 -9.7"/>
@@ -54,8 +55,11 @@ def test_each_kind_is_read(cube: ObjectModel, tmp_path: Path) -> None:
     (tmp_path / "mine.xml").write_text(MJCF)
     stated = read_simulator("nominal", cube)
     assert (stated.kind, stated.world) == ("nominal", World(cube))
+    assert (stated.law, stated.laws) == (COULOMB, (ROUTH, RELAXED))
     world = World(cube, gravity=3.0)
     assert read_simulator(world, cube).world is world
+    relaxed = read_simulator(World(cube, law=Law(lifting=2e-4)), cube)
+    assert (relaxed.law.name, relaxed.law.lifting, relaxed.laws) == ("relaxed", 2e-4, (COULOMB, ROUTH))
     ready = nominal(cube, gravity=0.0)
     assert read_simulator(ready, cube) is ready
     for given in (trained(cube), SimpleNamespace(model=trained(cube))):
@@ -68,6 +72,8 @@ def test_an_mjcf_file_is_read_as_a_world(cube: ObjectModel, tmp_path: Path) -> N
     (tmp_path / "mine.xml").write_text(MJCF)
     found = read_simulator(str(tmp_path / "mine.xml"), cube)
     assert (found.kind, found.mjcf) == ("mjcf", tmp_path / "mine.xml")
+    assert [law.name for law in (found.law, *found.laws)] == ["own", "coulomb", "routh", "relaxed"]
+    assert found.law.engine.model is not None
     world = found.world
     assert world.gravity == pytest.approx(9.7)
     assert world.forces.x == pytest.approx(0.37 * 0.37)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
+from tossid.diagnosis.effect_findings import NOTHING, changes, phases_of
 from tossid.diagnosis.findings import Finding
-from tossid.diagnosis.localisation.gap import measure_gap, share_left
+from tossid.diagnosis.inference.brings import errors_in_tossid, felt_of_each
+from tossid.diagnosis.inference.sample import Sample
+from tossid.diagnosis.localisation.gap import measure_gap, rows_of
 from tossid.diagnosis.localisation.noise import noise_floor
-from tossid.diagnosis.localisation.rollouts import rollout_errors
-from tossid.diagnosis.result import Diagnosis, Interruption
-from tossid.diagnosis.selection.refinement import intervals
+from tossid.diagnosis.result import Brings, Diagnosis, Interruption
 from tossid.diagnosis.under_way import SoFar
-from tossid.types import Phase
 
 MOST_SUSPECTS = 5
 """Suspects that are listed."""
@@ -22,52 +20,50 @@ MOST_SUSPECTS = 5
 def known_so_far(so_far: SoFar, stage: str) -> Diagnosis:
     """What is known at a time, as a diagnosis that says that it is not complete.
 
-    Effects that joined are candidates. Nothing is said of the others.
+    Effects that joined are candidates. Values were fitted to the tosses that they predict, which the report says.
 
     Args:
         so_far: What is known.
         stage: What was under way.
     """
     tosses, first, present = so_far.tosses, so_far.first, so_far.present
-    settings = so_far.validator.settings
-    short = replace(settings, localisation=replace(settings.localisation, other_lengths=()))
-    validator = replace(so_far.validator, settings=short)
-    floor, n = noise_floor(validator.windows), validator.n
-    gap = measure_gap(tosses, first, validator, floor)
-    left = gap if present is first else measure_gap(tosses, present, validator, floor)
-    closed, unexplained = share_left(first, present, validator, floor)
-    values, hypothesis = intervals(present.fitted, n), present.hypothesis
+    h = first.hypothesis if present is None else present.hypothesis
+    everything = present is not None and len(present.evidence.windows.toss) == len(first.windows.toss)
+    last = present.evidence if present is not None and everything else first  # a round of flight has flight alone
+    numbers, floor = np.arange(len(tosses)), noise_floor(first.windows)
+    before, after = (rows_of([(each, numbers)], floor) for each in (first, last))
+    sample = Sample(first.windows, len(tosses), first.n_threads)
+    felt = felt_of_each(h, tosses, sample)
     findings = tuple(
         Finding(
             effect.name,
             "candidate",
             effect.says,
-            tuple(Phase(phase).name.lower() for phase in effect.phases),
-            values[effect.name],
-            {"n_tosses": float(n)},
-            closed,
+            phases_of(effect),
+            {} if present is None or not present.own(effect.name) else present.intervals(effect.name),
+            effect.named(effect.nominal(first.hypothesis.world())),
+            {"n_tosses": float(len(tosses))},
+            NOTHING,
+            felt=felt[effect.name],
         )
-        for effect in hypothesis.effects
+        for effect in h.effects
     )
-    steps = tuple(
-        rollout_errors(tosses, (), each, validator) for each in (first, present)[: 1 + (present is not first)]
-    )
-    suspects = tuple((each.effect.name, each.gain) for each in so_far.suspects[:MOST_SUSPECTS])
+    stated = errors_in_tossid(first.hypothesis, tosses, sample)
+    changed = errors_in_tossid(h, tosses, sample) if h.effects else stated
     return Diagnosis(
         verdict="incomplete",
-        gap=gap,
-        left=left,
+        gap=measure_gap(tosses, before, floor),
+        left=measure_gap(tosses, after, floor),
         findings=findings,
-        named=(),
-        gap_closed=closed,
-        unexplained=unexplained,
-        steps=steps,
-        hypothesis=hypothesis,
-        n_tosses=n,
+        change=changes(findings),
+        brings=Brings("tossid", stated, changed, h.base.object.width, unseen=False),
+        gap_closed=NOTHING,
+        unexplained=(),
+        hypothesis=h,
+        n_tosses=len(tosses),
         seconds=so_far.seconds,
-        candidates=hypothesis.names,
         noise=floor.noise,
-        interruption=Interruption(stage, suspects),
+        interruption=Interruption(stage, so_far.suspects[:MOST_SUSPECTS]),
         tosses=tuple(toss.name for toss in tosses),
         places=np.array([toss.q[-1, :2] for toss in tosses]),
     )

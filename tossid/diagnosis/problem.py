@@ -90,7 +90,7 @@ class Problem:
             self.laws,
             measured_values(self.tosses, self.stated.base),
             self.seed,
-            report=self.under_way.say,
+            watch=self.under_way.watched,
         )
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
+from tossid.diagnosis.inference.hypothesis import COULOMB, RELAXED, ROUTH, ContactLaw
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
 from tossid.diagnosis.likelihood.simulator_process import FromFile, Given, SimulatorProcess
 from tossid.diagnosis.likelihood.step_changes import State
@@ -41,21 +42,38 @@ class Simulator:
         kind: What it is: "nominal", "run", "mjcf", "python" or "world".
         about: The simulator in words.
         world: The simulator as a world of tossid's own, to which effects are added.
+        contact: Laws of contact that tosses may follow, its own first; those of rigid contact if there are none here.
         mjcf: The user's own MJCF file, which the patch changes.
-        engine: The user's own MuJoCo model, whose contact may be taken as it is; none beside a simulator of a user.
         run: The tracker's id of the training that the model comes from.
     """
 
     kind: str
     about: str
     world: World
+    contact: tuple[ContactLaw, ...] = ()
     mjcf: Path | None = None
-    engine: Engine | None = None
     run: str | None = None
+
+    @property
+    def law(self) -> ContactLaw:
+        """Its own law of contact."""
+        return (self.contact or _rigid_laws(self.world))[0]
+
+    @property
+    def laws(self) -> tuple[ContactLaw, ...]:
+        """Others that tosses may follow."""
+        return (self.contact or _rigid_laws(self.world))[1:]
 
     def as_json(self) -> dict[str, Any]:
         """gap.json's "simulator"."""
         return {"sim": self.kind, "about": self.about, "run": self.run}
+
+
+def _rigid_laws(world: World) -> tuple[ContactLaw, ...]:
+    """Laws of rigid contact, that of a world first."""
+    like = RELAXED if world.law.lifting > 0 else ROUTH if world.law.impulse_parts > 1 else COULOMB
+    own = replace(like, lifting=world.law.lifting, impulse_parts=world.law.impulse_parts)
+    return own, *(law for law in (COULOMB, ROUTH, RELAXED) if law is not like)
 
 
 Reader = Callable[[Any, ObjectModel], Simulator]
@@ -120,7 +138,8 @@ def _trained(given: Any, recorded: ObjectModel) -> Simulator:
 def _mjcf(given: Any, recorded: ObjectModel) -> Simulator:
     path = Path(given)
     world, engine = world_of_mjcf(path, width=recorded.width if recorded.is_stated else None)
-    return Simulator("mjcf", f"the MuJoCo model {path}", world, mjcf=path, engine=engine)
+    own = replace(RELAXED, name="own", engine=engine)
+    return Simulator("mjcf", f"the MuJoCo model {path}", world, (own, COULOMB, ROUTH, RELAXED), mjcf=path)
 
 
 @reader("python", lambda given: callable(given) and not hasattr(_model_in(given), "learned_object"))
@@ -147,7 +166,8 @@ def users_simulator(
     """
     need_stated(recorded, "a simulator in Python (sim=python)")
     process = SimulatorProcess(source, about=about, seconds=settings.simulator_seconds)
-    return Simulator("python", about, UsersWorld.of(World(recorded), process), engine=Engine(none=True))
+    own = ContactLaw("own", engine=Engine(none=True))
+    return Simulator("python", about, UsersWorld.of(World(recorded), process), (own,))
 
 
 def _model_in(given: Any) -> Any:

@@ -7,84 +7,21 @@ is rolled out open loop from the first state that its flight determines, by what
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import Interval
+from tossid.diagnosis.findings import Brings, Felt
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.judge import Fold
 from tossid.diagnosis.inference.sample import Sample
-from tossid.diagnosis.inference.verdict import Felt
-from tossid.diagnosis.localisation.gap import bootstrap_ratio
-from tossid.diagnosis.localisation.rollouts import toss_errors
+from tossid.diagnosis.localisation.rollouts import distances, first_states, made_by, toss_errors, whole_motions
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
 Errors = Callable[[Hypothesis, Sequence[Toss], Sample], Array]
 """(m, 2) mean position error [% of the width] and rotation error [deg] of whole tosses; NaN where one diverged."""
-
-
-@dataclass(frozen=True)
-class Brings:
-    """Errors of whole tosses, each predicted by what was found without it.
-
-    Attributes:
-        before: (n, 2) mean position error [% of the width] and rotation error [deg] of the simulator as stated.
-        after: (n, 2) the same with what was found.
-        width: Of the object [m].
-    """
-
-    before: Array
-    after: Array
-    width: float
-
-    def position_pct(self) -> tuple[Interval, Interval]:
-        """Position errors before and after [% of the width], with intervals over tosses."""
-        return _mean(self.before[:, 0]), _mean(self.after[:, 0])
-
-    def position_mm(self) -> tuple[Interval, Interval]:
-        """The same [mm]."""
-        return _scaled(self.position_pct(), 10 * self.width)
-
-    def rotation_deg(self) -> tuple[Interval, Interval]:
-        """Rotation errors before and after [deg]."""
-        return _mean(self.before[:, 1]), _mean(self.after[:, 1])
-
-    def improves(self) -> bool:
-        """Whether tosses are predicted no worse with what was found, but for what a person would not notice."""
-        worse = np.nan_to_num(self.after - self.before, nan=np.inf)
-        felt = Felt(float(np.median(worse[:, 0])), float(np.median(worse[:, 1])))
-        return not felt.is_over(Felt(0.0, 0.0))
-
-
-def whole_tosses(
-    folds: Sequence[Fold],
-    tosses: Sequence[Toss],
-    sample: Sample,
-    stated: Hypothesis,
-    *,
-    errors: Errors | None = None,
-) -> Brings:
-    """What was found without each toss brings for it.
-
-    Args:
-        folds: Of `judge.cross_fit`.
-        tosses: All of them.
-        sample: Their windows.
-        stated: The simulator as it is stated.
-        errors: Of whole tosses under a hypothesis, in a user's own engine; in tossid's simulator if None.
-    """
-    errors = errors or errors_in_tossid
-    before, after = np.full((len(tosses), 2), np.nan), np.full((len(tosses), 2), np.nan)
-    for fold in folds:
-        held = [tosses[i] for i in fold.held.tolist()]
-        part = sample.of_tosses(fold.held)
-        before[fold.held] = errors(stated, held, part)
-        unchanged = fold.found.hypothesis.world() is stated.world()
-        after[fold.held] = before[fold.held] if unchanged else errors(fold.found.hypothesis, held, part)
-    return Brings(before, after, stated.base.object.width)
 
 
 def errors_in_tossid(hypothesis: Hypothesis, tosses: Sequence[Toss], sample: Sample) -> Array:
@@ -98,12 +35,105 @@ def errors_in_tossid(hypothesis: Hypothesis, tosses: Sequence[Toss], sample: Sam
     return toss_errors(tosses, hypothesis.world(), sample.windows, n_threads=sample.n_threads)
 
 
-def _mean(values: Array) -> Interval:
-    """The mean over tosses whose rollouts did not diverge, with its percentile interval."""
-    good = values[np.isfinite(values)]
-    return bootstrap_ratio(good, np.ones(len(good)))
+def whole_tosses(
+    folds: Sequence[Fold],
+    tosses: Sequence[Toss],
+    stated: Hypothesis,
+    *,
+    engine: Literal["mujoco", "python", "tossid"] = "tossid",
+    errors: Errors = errors_in_tossid,
+    unseen: bool = True,
+    n_threads: int = 1,
+) -> Brings:
+    """What was found without each toss brings for it.
+
+    Args:
+        folds: Of `judge.cross_fit`.
+        tosses: All of them.
+        stated: The simulator as it is stated.
+        engine: Of the errors.
+        errors: Of whole tosses under a hypothesis.
+        unseen: Whether the folds' tosses took no part.
+        n_threads: Of simulators.
+    """
+    before, after = np.full((len(tosses), 2), np.nan), np.full((len(tosses), 2), np.nan)
+    for fold in folds:
+        held, part = _part(fold, tosses, n_threads)
+        before[fold.held] = errors(stated, held, part)
+        unchanged = fold.after is fold.before
+        after[fold.held] = before[fold.held] if unchanged else errors(fold.found.hypothesis, held, part)
+    return Brings(engine, before, after, stated.base.object.width, unseen)
 
 
-def _scaled(pair: tuple[Interval, Interval], by: float) -> tuple[Interval, Interval]:
-    one, other = (Interval(by * x.value, by * x.low, by * x.high) for x in pair)
-    return one, other
+def worsen(folds: Sequence[Fold], tosses: Sequence[Toss], names: Sequence[str], n_threads: int = 1) -> set[str]:
+    """Effects with which whole tosses that took no part are predicted worse, by more than a person would notice.
+
+    Args:
+        folds: Of `judge.cross_fit`.
+        tosses: All of them.
+        names: Of the effects.
+        n_threads: Of simulators.
+    """
+    worse: dict[str, list[Array]] = {name: [] for name in names}
+    for fold in folds:
+        held, part = _part(fold, tosses, n_threads)
+        h = fold.found.hypothesis
+        inside = [name for name in names if name in h.names]
+        whole = errors_in_tossid(h, held, part) if inside else np.zeros((len(held), 2))
+        for name in inside:
+            worse[name].append(whole - errors_in_tossid(h.without(name), held, part))
+    medians = {name: np.nanmedian(np.concatenate(each), axis=0) for name, each in worse.items() if each}
+    return {name for name, median in medians.items() if Felt(float(median[0]), float(median[1])).is_over()}
+
+
+def _part(fold: Fold, tosses: Sequence[Toss], n_threads: int) -> tuple[list[Toss], Sample]:
+    """The judged tosses of a fold, and their windows."""
+    return [tosses[i] for i in fold.held.tolist()], Sample(fold.before.windows, len(fold.held), n_threads)
+
+
+def felt_of_each(hypothesis: Hypothesis, tosses: Sequence[Toss], sample: Sample) -> dict[str, Felt]:
+    """How whole tosses change when each effect is taken out, from the same first states: medians over tosses.
+
+    Medians, because contact turns any change into a large one in a few tosses.
+
+    Args:
+        hypothesis: With the effects.
+        tosses: Rolled out.
+        sample: Their windows.
+    """
+    if not hypothesis.effects:
+        return {}
+    w, threads, width = sample.windows, sample.n_threads, hypothesis.base.object.width
+    first = first_states(tosses, hypothesis.world(), w, n_threads=threads)
+    whole = whole_motions(tosses, hypothesis.world(), first, w, threads)
+    out = {}
+    for name in hypothesis.names:
+        without = whole_motions(tosses, hypothesis.without(name).world(), first, w, threads)
+        out[name] = median_of(distances(whole, without, width))
+    return out
+
+
+def noise_limit(hypothesis: Hypothesis, tosses: Sequence[Toss], sample: Sample, *, seed: int) -> Felt:
+    """What noise alone makes of whole tosses: how the hypothesis predicts those that it makes itself.
+
+    Their first states are estimated from measurements with the same noise, as of recorded tosses.
+
+    Args:
+        hypothesis: The simulator.
+        tosses: As recorded.
+        sample: Their windows.
+        seed: Of the noise.
+    """
+    world, threads = hypothesis.world(), sample.n_threads
+    made = made_by(tosses, world, sample.windows, draws=1, seed=seed, n_threads=threads)
+    return median_of(toss_errors(made, world, n_threads=threads)) if made else Felt(0.0, 0.0)
+
+
+def median_of(errors: Array) -> Felt:
+    """Medians over tosses (n, 2); what diverges is infinitely far.
+
+    Args:
+        errors: Position [% of the width] and rotation [deg].
+    """
+    position, rotation = np.median(np.where(np.isfinite(errors), errors, np.inf), axis=0)
+    return Felt(float(position), float(rotation))

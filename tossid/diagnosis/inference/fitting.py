@@ -12,6 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scipy.stats import t as student_t
+
+from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.inference.columns import Columns, slopes, sums
 from tossid.diagnosis.inference.evidence import Evidence, bounded
 from tossid.diagnosis.inference.hypothesis import Hypothesis
@@ -84,6 +87,33 @@ class Fit:
         h = self.hypothesis
         place = h.place_of(name)
         return np.asarray((h.values_of(name) - h.nominal_of(name)) / h.steps[place])
+
+    def intervals(self, name: str) -> dict[str, Interval]:
+        """An effect's parameters with 95 % intervals: Student's t of the jackknife over tosses, within their bounds.
+
+        Args:
+            name: Of the effect, whose values were fitted.
+        """
+        h, own = self.hypothesis, self.own(name)
+        place = h.place_of(name)
+        error = np.sqrt(np.maximum(np.diag(self.columns.covariance())[own], 0.0)) * h.steps[place]
+        half = student_t.ppf(0.975, max(self.n - 1, 1)) * error
+        low, high = (bound[place] for bound in h.bounds)
+        value = h.values_of(name)
+        ends = zip(value, np.clip(value - half, low, high), np.clip(value + half, low, high), strict=True)
+        parameters = h.effect(name).parameters
+        return {p.name: Interval(*map(float, three)) for p, three in zip(parameters, ends, strict=True)}
+
+    def correlation(self, name: str) -> tuple[tuple[float, ...], ...]:
+        """(P, P) of the errors of an effect's parameters.
+
+        Args:
+            name: Of the effect, whose values were fitted.
+        """
+        own = self.own(name)
+        cov = self.columns.covariance()[np.ix_(own, own)]
+        size = np.sqrt(np.maximum(np.diag(cov), 1e-300))
+        return tuple(tuple(float(x) for x in row) for row in cov / np.outer(size, size))
 
     def wald(self, name: str) -> float:
         """Wald's statistic that an effect's values change nothing, by the sandwich covariance.

@@ -77,6 +77,27 @@ class Found:
         return self.fit.hypothesis
 
     @property
+    def rival_names(self) -> tuple[str, ...]:
+        """Names of effects that could take the place of one."""
+        return tuple(rival.effect.name for group in self.rivals.values() for rival in group)
+
+    def alike(self, name: str) -> tuple[Rival, ...]:
+        """Effects that the tosses cannot tell from one.
+
+        Args:
+            name: Of the effect.
+        """
+        return tuple(rival for rival in self.rivals.get(name, ()) if rival.is_alike)
+
+    def fit_of(self, name: str) -> Fit:
+        """The fit that has determined an effect's values.
+
+        Args:
+            name: Of the effect.
+        """
+        return self.flight if self.flight is not None and name in self.flown else self.fit
+
+    @property
     def flown(self) -> frozenset[str]:
         """Names of the effects that flight has determined."""
         return frozenset() if self.flight is None else frozenset(self.flight.hypothesis.names)

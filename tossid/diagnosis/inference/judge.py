@@ -2,7 +2,7 @@
 
 What was chosen, and every value, comes from tosses that are not judged. So a share of the gap that was closed, and how
 often each effect is named, hold for further tosses of the same kind (Chernozhukov et al., Econometrics Journal 2018).
-Nothing is shared between folds but the evidence of the simulator as it is stated, for which nothing was fitted.
+Nothing is shared between folds. The windows of judged tosses have a tracker's slow errors as the others show them.
 
 How often an effect is named comes from tosses drawn with replacement, in each fold's own search. In a draw an effect
 stays if the drawn tosses still need it, and prefer it to what could take its place. That is a sum of known gains, and
@@ -11,18 +11,19 @@ costs no simulation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
-from tossid.diagnosis.findings import Interval
+from tossid.diagnosis.findings import RESAMPLES, Interval
 from tossid.diagnosis.inference.evidence import Evidence, collect
 from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.search import LEAST_GAIN, Search
 from tossid.diagnosis.likelihood.density import student_deviance
+from tossid.diagnosis.likelihood.windows import Windows
 from tossid.parallel import in_threads
 
 Array = NDArray[np.float64]
@@ -30,8 +31,6 @@ Index = NDArray[np.int64]
 
 DRAWS = 200
 """Of tosses with replacement, in each fold."""
-RESAMPLES = 500
-"""Of tosses, for the interval of a share."""
 
 
 @dataclass(frozen=True)
@@ -43,28 +42,48 @@ class Fold:
         found: By the search over the others.
         before: Evidence of the judged tosses, with the simulator as it is stated.
         after: The same with what was found.
+        without: The same without each effect, by its name.
     """
 
     held: Index
     found: Found
     before: Evidence
     after: Evidence
+    without: Mapping[str, Evidence]
+
+
+def judged_by(held: Index, windows: Windows, search: Search, found: Found) -> Fold:
+    """Tosses that judge what was found without them.
+
+    Args:
+        held: Their numbers.
+        windows: Of them.
+        search: The search over the others.
+        found: What it has found.
+    """
+    threads = search.sample.n_threads
+    before = collect(windows, search.stated, n_threads=threads)
+    h = found.hypothesis
+    changed = h.effects or h.law != search.stated.law
+    after = collect(windows, h, n_threads=threads) if changed else before
+    without = {name: after.near(h.without(name), steps=3) for name in h.names}
+    return Fold(held, found, before, after, without)
 
 
 def cross_fit(
-    search_of: Callable[[Index], tuple[Search, Evidence | None]],
-    first: Evidence,
+    search_of: Callable[[Index], Search],
+    windows_of: Callable[[Index, Index], Windows],
     *,
     n: int,
     count: int,
     seed: int = 0,
     n_threads: int = 1,
-) -> list[Fold]:
+) -> Iterator[Fold]:
     """Folds of the tosses, each judging what the others find.
 
     Args:
-        search_of: The search over some tosses, and their evidence without effects if it is known.
-        first: Evidence of all tosses, with the simulator as it is stated.
+        search_of: The search over some tosses.
+        windows_of: The windows of tosses (the first numbers), with slow errors as other tosses (the second) show them.
         n: How many tosses.
         count: Of folds.
         seed: Of the division.
@@ -74,34 +93,59 @@ def cross_fit(
 
     def fold(k: int) -> Fold:
         held, others = np.flatnonzero(place == k), np.flatnonzero(place != k)
-        search, known = search_of(others)
-        found = search.run(known)
-        before = after = first.of_tosses(held)
-        if found.hypothesis.effects or found.hypothesis.law != search.stated.law:
-            after = collect(before.windows, found.hypothesis, n_threads=search.sample.n_threads)
-        return Fold(held, found, before, after)
+        search = search_of(others)
+        return judged_by(held, windows_of(held, others), search, search.run())
 
-    return list(in_threads(fold, range(min(count, n)), n_threads))
+    yield from in_threads(fold, range(min(count, n)), n_threads)
 
 
-def frequencies(folds: Sequence[Fold], *, seed: int = 0) -> dict[str, float]:
+@dataclass(frozen=True)
+class Frequencies:
+    """How often effects are named by searches over resampled tosses.
+
+    Attributes:
+        names: P names of effects.
+        drawn: (draws, P) which of them each search names.
+    """
+
+    names: tuple[str, ...]
+    drawn: NDArray[np.bool_]
+
+    @property
+    def none(self) -> float:
+        """Share of the searches that name nothing."""
+        return float((~self.drawn.any(1)).mean())
+
+    def of_any(self, names: Collection[str]) -> float:
+        """Share of the searches that name any of some effects.
+
+        Args:
+            names: Of the effects.
+        """
+        return float(self.drawn[:, [each in names for each in self.names]].any(1).mean())
+
+
+def frequencies(folds: Sequence[Fold], *, seed: int = 0) -> Frequencies:
     """How often each effect is named by searches over resampled tosses of the other folds.
 
     Args:
         folds: Of `cross_fit`.
         seed: Of the draws.
     """
-    rng, out = np.random.default_rng(seed), dict[str, float]()
-    for fold in folds:
-        for name, gain in fold.found.needed.items():
-            drawn = rng.integers(0, len(gain), (DRAWS, len(gain)))
+    rng = np.random.default_rng(seed)
+    found = [fold.found for fold in folds]
+    names = tuple(dict.fromkeys([*(n for f in found for n in f.needed), *(n for f in found for n in f.rival_names)]))
+    named = np.zeros((len(folds), DRAWS, len(names)), dtype=bool)
+    for each, out in zip(found, named, strict=True):
+        drawn = rng.integers(0, each.fit.n, (DRAWS, each.fit.n))
+        for name, gain in each.needed.items():
             kept = gain[drawn].sum(1) > LEAST_GAIN
-            for rival in fold.found.rivals.get(name, ()):
+            for rival in each.rivals.get(name, ()):
                 ahead = kept & (rival.gain[drawn].sum(1) > 0)
-                out[rival.effect.name] = out.get(rival.effect.name, 0.0) + float(ahead.mean()) / len(folds)
+                out[:, names.index(rival.effect.name)] |= ahead
                 kept = kept & ~ahead
-            out[name] = out.get(name, 0.0) + float(kept.mean()) / len(folds)
-    return out
+            out[:, names.index(name)] |= kept
+    return Frequencies(names, named.reshape(-1, len(names)))
 
 
 def closed_share(folds: Sequence[Fold], floor: Array) -> Interval:
@@ -114,12 +158,38 @@ def closed_share(folds: Sequence[Fold], floor: Array) -> Interval:
         folds: Of `cross_fit`.
         floor: (K,) expected deviance of noise alone in each channel.
     """
-    before, after = np.zeros(0), np.zeros(0)
-    for fold in folds:
-        deviances = [_deviance_of_tosses(e, floor, fold.after) for e in (fold.before, fold.after)]
-        before, after = np.append(before, deviances[0]), np.append(after, deviances[1])
-    whole = before.sum()
-    if not whole > 0:
+    before = _of_all([fold.before for fold in folds], folds, floor)
+    return _share(before, _of_all([fold.after for fold in folds], folds, floor))
+
+
+def lost_without(folds: Sequence[Fold], name: str, floor: Array) -> Interval:
+    """The share of the gap above noise that is lost without one effect, the others at their values.
+
+    Args:
+        folds: Of `cross_fit`.
+        name: Of the effect. A fold that has not found it loses nothing.
+        floor: (K,) expected deviance of noise alone in each channel.
+    """
+    before, after, without = (
+        _of_all(each, folds, floor)
+        for each in (
+            [fold.before for fold in folds],
+            [fold.after for fold in folds],
+            [fold.without.get(name, fold.after) for fold in folds],
+        )
+    )
+    return _share(before, before - (without - after))
+
+
+def _of_all(evidences: Sequence[Evidence], folds: Sequence[Fold], floor: Array) -> Array:
+    """(n,) deviance above noise of the judged tosses, in the order of the folds."""
+    pairs = zip(evidences, folds, strict=True)
+    return np.concatenate([_deviance_of_tosses(each, floor, fold.after) for each, fold in pairs])
+
+
+def _share(before: Array, after: Array) -> Interval:
+    """1 - after / before of sums over tosses, with its percentile interval; at most 1."""
+    if not before.sum() > 0:
         return Interval(0.0, 0.0, 0.0)
 
     def share(before: Array, after: Array, axis: int = -1) -> Array:

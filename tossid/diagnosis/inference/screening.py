@@ -133,6 +133,39 @@ class Screening:
                 out.append((1 + max(gains) / lost, c))
         return sorted(out, key=lambda each: -each[0])
 
+    def standard_errors(self, candidate: Candidate) -> dict[str, float]:
+        """Standard errors that an effect's parameters would have beside the hypothesis, where it does nothing.
+
+        Args:
+            candidate: One of the candidates.
+
+        Returns:
+            By a parameter's name; those that move nothing are left out.
+        """
+        if candidate.effect is None:
+            return {}
+        start = min(candidate.starts, key=lambda each: each.secant)
+        h, H = start.hypothesis, self.columns.H.sum(0)
+        own, active = start.columns, self.active
+        inner = H[np.ix_(own, own)]
+        if len(active):  # what the active parameters would take of it
+            across = H[np.ix_(active, own)]
+            inner = inner - across.T @ np.linalg.lstsq(H[np.ix_(active, active)], across, rcond=1e-9)[0]
+        size = np.sqrt(np.maximum(np.diag(inner), 0.0))
+        moves = size > 1e-6 * np.sqrt(max(float(np.diag(H).max(initial=0.0)), 1e-300))
+        if not moves.any():
+            return {}
+        scaled = inner[np.ix_(moves, moves)] / np.outer(size[moves], size[moves])
+        errors = np.full(len(own), np.inf)
+        errors[moves] = np.sqrt(np.diag(np.linalg.pinv(scaled, rcond=1e-9, hermitian=True))) / size[moves]
+        if start.secant:  # one column: the multiple of the whole change to the declared values
+            change = np.abs(h.values_of(candidate.name) - h.nominal_of(candidate.name))
+            steps = change * errors[0]
+        else:
+            steps = h.steps[h.place_of(candidate.name)] * errors
+        pairs = zip(candidate.effect.parameters, steps, strict=True)
+        return {p.name: float(error) for p, error in pairs if np.isfinite(error) and error > 0}
+
 
 def screen(
     evidence: Evidence,

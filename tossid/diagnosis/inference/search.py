@@ -9,6 +9,7 @@ what could take its place.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -27,6 +28,7 @@ from tossid.parallel import in_threads
 from tossid.physics.effects import Effect
 from tossid.types import Phase
 
+_log = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 Item = TypeVar("Item")
 Made = TypeVar("Made")
@@ -64,7 +66,7 @@ class Search:
         measured: Values by an effect's name that tosses show without a simulator.
         seed: Of flips and draws.
         judging: Whether it is repeated on fewer tosses to judge what all have found, at `JUDGING_LEVEL`.
-        report: Called with what a round did.
+        watch: Called with what a round has reached, and what stands beside it.
     """
 
     sample: Sample
@@ -74,7 +76,7 @@ class Search:
     measured: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     seed: int = 0
     judging: bool = False
-    report: Callable[[str], None] = lambda text: None
+    watch: Callable[[Fit, Screening], None] = lambda present, screening: None
 
     def run(self, first: Evidence | None = None) -> Found:
         """The whole search: on few tosses, then from there on all.
@@ -88,7 +90,6 @@ class Search:
             few = np.sort(np.random.default_rng(self.seed).permutation(n)[:FEW])
             part = replace(self, sample=self.sample.of_tosses(few))
             begun = part._blocks(first.of_tosses(few), None)
-            self.report(f"all {n} tosses")
         return self._compared(self._blocks(first, begun))
 
     # ---------------------------------------------------------------- flight, then contact
@@ -210,7 +211,8 @@ class Search:
         made = sorted(self._map(lambda each: fitted(*each), tried), key=lambda each: -each.gain.sum())
         good = [each for each in made if each.gain.sum() > LEAST_GAIN and closes(each.fit.evidence, e, first)]
         joined = _simplest(good)
-        self._tell(screening, made, joined)
+        _log.debug("%s", "\n".join(_in_words(screening, made, joined)))
+        self.watch(present, screening)
         return Round(present, screening, tuple(made), joined)
 
     def _all_at_once(self, present: Fit, first: Evidence, one: Round, held: frozenset[str]) -> Fit:
@@ -224,7 +226,7 @@ class Search:
         fewer = self._pruned(made, first, held)
         while fewer is not made:
             made, fewer = fewer, self._pruned(fewer, first, held)
-        self.report(f"all at once, {sample.gains(made, present).sum():.0f}: {words(made.hypothesis)}")
+        _log.debug("all at once, %.0f: %s", sample.gains(made, present).sum(), words(made.hypothesis))
         return made if sample.gains(made, present).sum() > 0 else present
 
     def _pruned(self, present: Fit, first: Evidence, held: frozenset[str]) -> Fit:
@@ -235,7 +237,7 @@ class Search:
                 break
             without = self.sample.without(present, name, held)
             gain = self.sample.gains(present, without)
-            self.report(f"    without {name}: Wald {wald:.0f}, loses {gain.sum():.1f} +- {noise_of(gain):.1f}")
+            _log.debug("without %s: Wald %.0f, loses %.1f +- %.1f", name, wald, gain.sum(), noise_of(gain))
             needed = gain.sum() > max(LEAST_GAIN, 2 * noise_of(gain))
             if not (needed and closes(present.evidence, without.evidence, first)):
                 return self.sample.settled(without, held)
@@ -261,7 +263,7 @@ class Search:
             better = [r for r in rivals[name] if r.gain.sum() > max(LEAST_GAIN, 2 * noise_of(r.gain))]
             if better and not settled:
                 best = max(better, key=lambda each: each.gain.sum())
-                self.report(f"{best.effect.name} takes the place of {name}")
+                _log.debug("%s takes the place of %s", best.effect.name, name)
                 present = self.sample.settled(best.fit, found.flown)
                 round_ = self._round(present, found.first, self.library, found.flown)
                 return self._compared(replace(found, fit=present, rounds=(*found.rounds, round_)), settled=True)
@@ -276,12 +278,6 @@ class Search:
 
     def _map(self, made: Callable[[Item], Made], items: Iterable[Item]) -> list[Made]:
         return list(in_threads(made, items, self.sample.n_threads))
-
-    def _tell(self, screening: Screening, fitted: Sequence[Fitted], joined: Fitted | None) -> None:
-        screened = (f"{c.name} {c.total:.0f} (p {c.p_value:.3f})" for c in screening.candidates[:6])
-        lines = [f"    {f.candidate.name} {f.gain.sum():.1f}: {words(f.fit.hypothesis)}" for f in fitted]
-        end = "-> " + ("nothing" if joined is None else joined.candidate.name)
-        self.report("\n".join(["screened " + ", ".join(screened), *lines, end]))
 
 
 @dataclass(frozen=True)
@@ -308,6 +304,14 @@ def _rivals(causes: Sequence[_Cause], ratios: Sequence[Array], best: int) -> dic
             continue
         out[name] = (*out.get(name, ()), Rival(each.fit.hypothesis.effect(other), each.fit, ratios[k]))
     return out
+
+
+def _in_words(screening: Screening, fitted: Sequence[Fitted], joined: Fitted | None) -> list[str]:
+    """A round in lines."""
+    screened = (f"{c.name} {c.total:.0f} (p {c.p_value:.3f})" for c in screening.candidates[:6])
+    lines = [f"    {f.candidate.name} {f.gain.sum():.1f}: {words(f.fit.hypothesis)}" for f in fitted]
+    end = "-> " + ("nothing" if joined is None else joined.candidate.name)
+    return ["screened " + ", ".join(screened), *lines, end]
 
 
 def _is_rough(evidence: Evidence) -> bool:

@@ -3,60 +3,101 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import Gap, Interval, Share
+from tossid.diagnosis.findings import RESAMPLES, Gap, Interval, Share
+from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.likelihood.density import student_deviance
-from tossid.diagnosis.likelihood.evidence import Evidence
-from tossid.diagnosis.likelihood.whitening import linearise
-from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.diagnosis.localisation.noise import Floor
-from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
 from tossid.types import Phase, Toss
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 PHASES = (Phase.FLIGHT, Phase.IMPACT, Phase.SLIDE, Phase.ROLL, Phase.REST)
 CHANNELS = ("p_x", "p_y", "p_z", "r_x", "r_y", "r_z")
 """Of the base; those of joints are joint_1 and so on."""
+LEAST_LEFT = 0.15
+"""Share of the first gap that must clearly be left in a phase for it to be named as not explained."""
+FAR, FAR_TOO = 8.0, 1.0
+"""A toss is odd if its mean square exceeds the median by so many median deviations, and by so much more."""
 
 
-def deviance(evidence: Evidence, residuals: Array) -> Array:
-    """(W, L, K) Student's deviance of whitened residuals in the consecutive windows; 0 outside them.
+@dataclass(frozen=True)
+class Rows:
+    """The residuals of m rows of windows, each frame of a toss once.
 
-    Args:
-        evidence: Of W windows.
-        residuals: (W, L, K) whitened.
-    """
-    return np.where(evidence.windows.counted[..., None], student_deviance(residuals, evidence.density), 0.0)
-
-
-def by_toss(evidence: Evidence, values: Array, n: int) -> Array:
-    """(n,) sums over each toss's windows.
-
-    Args:
-        evidence: Of W windows.
-        values: (W, ...).
+    Attributes:
+        toss: (m,) number of the toss.
+        time: (m,) since the toss began [s].
+        phase: (m,) `Phase`.
+        after_impact: (m,) whether an impact is earlier in the same window.
+        raw: (m, K) measured minus predicted poses [m, rad].
+        whitened: (m, K) the same over their standard deviations, none beyond the largest that counts.
+        excess: (m, K) Student's deviance above what noise leaves.
         n: How many tosses.
     """
-    sums = np.bincount(evidence.windows.toss, weights=values.reshape(len(values), -1).sum(1), minlength=n)
-    return sums.astype(float)
+
+    toss: Index
+    time: Array
+    phase: NDArray[np.uint8]
+    after_impact: NDArray[np.bool_]
+    raw: Array
+    whitened: Array
+    excess: Array
+    n: int
+
+    def by_toss(self, values: Array) -> Array:
+        """(n,) sums over each toss.
+
+        Args:
+            values: (m,) or (m, K).
+        """
+        flat = values if values.ndim == 1 else values.sum(1)
+        return np.bincount(self.toss, weights=flat, minlength=self.n).astype(float)
 
 
-def bootstrap_ratio(above: Array, below: Array, *, seed: int = 0, resamples: int = 500) -> Interval:
+def rows_of(parts: Sequence[tuple[Evidence, Index]], floor: Floor) -> Rows:
+    """The rows of tosses, of which each part is judged by an evidence of its own.
+
+    Args:
+        parts: Evidences, each with the numbers (m,) of the tosses that it is of.
+        floor: What noise leaves.
+    """
+    made = []
+    for evidence, numbers in parts:
+        w, largest = evidence.windows, evidence.density.largest_residual
+        impact = w.phase == Phase.IMPACT
+        after = np.logical_or.accumulate(impact & w.inside, axis=1) & ~impact
+        toss = np.broadcast_to(numbers[w.toss][:, None], w.tick.shape)
+        of_rows = (
+            toss,
+            w.tick * w.dt,
+            w.phase,
+            after,
+            evidence.raw,
+            np.clip(evidence.residuals, -largest, largest),
+            student_deviance(evidence.residuals, evidence.density) - floor.deviance,
+        )
+        made.append([each[w.counted] for each in of_rows])
+    n = max((int(numbers.max(initial=-1)) + 1 for _, numbers in parts), default=0)
+    return Rows(*(np.concatenate(each) for each in zip(*made, strict=True)), n)
+
+
+def bootstrap_ratio(above: Array, below: Array, *, seed: int = 0) -> Interval:
     """sum(above) / sum(below) with its percentile interval over tosses.
 
     Args:
         above: (n,), one a toss.
         below: (n,), likewise.
         seed: Of the resamples.
-        resamples: How many.
     """
     rng = np.random.default_rng(seed)
     n = len(above)
-    index = rng.integers(0, n, (resamples, n))
+    index = rng.integers(0, n, (RESAMPLES, n))
     bottom = below[index].sum(1)
     ratio = above[index].sum(1) / np.where(np.abs(bottom) > 1e-9, bottom, 1e-9)
     low, high = np.percentile(ratio, [2.5, 97.5])
@@ -64,169 +105,90 @@ def bootstrap_ratio(above: Array, below: Array, *, seed: int = 0, resamples: int
     return Interval(float(above.sum() / (total if abs(total) > 1e-9 else 1e-9)), float(low), float(high))
 
 
-def measure_gap(tosses: Sequence[Toss], state: Candidate, validator: CrossValidator, floor: Floor) -> Gap:
-    """The gap of a hypothesis: its size, and its shares by phase, channel and length of prediction.
+def measure_gap(tosses: Sequence[Toss], rows: Rows, floor: Floor) -> Gap:
+    """The gap of a hypothesis: its size, and its shares by phase and channel.
 
     Args:
-        tosses: As recorded.
-        state: The hypothesis, judged if it has effects.
-        validator: Of all windows.
+        tosses: n, as recorded.
+        rows: Of their windows.
         floor: The noise floor.
     """
-    n, e, residuals = validator.n, state.evidence, judged_residuals(state)
-    w, settings = e.windows, validator.settings
-    resamples = settings.localisation.resamples
-    squares, entries = _counted_squares(e, residuals)
-    per_toss, count = by_toss(e, squares, n), by_toss(e, entries, n)
-    ratio = bootstrap_ratio(per_toss, count, resamples=resamples)
+    squares, count = rows.by_toss(rows.whitened**2), rows.by_toss(np.ones_like(rows.whitened))
+    ratio = bootstrap_ratio(squares, count)
     total = Interval(*(float(np.sqrt(max(x, 0.0))) for x in (ratio.value, ratio.low, ratio.high)))
-    excess = deviance(e, residuals) - floor.deviance
-    whole = by_toss(e, excess, n)
+    whole = rows.by_toss(rows.excess)
 
     def share(name: str, part: Array) -> Share:
-        return Share(name, bootstrap_ratio(by_toss(e, part, n), whole, resamples=resamples))
+        return Share(name, bootstrap_ratio(rows.by_toss(part), whole))
 
-    phases = tuple(share(phase.name.lower(), np.where((w.phase == phase)[..., None], excess, 0.0)) for phase in PHASES)
-    channels = tuple(share(name, excess[..., c]) for c, name in enumerate(channels_of(residuals.shape[-1])))
-    toss = np.broadcast_to(w.toss[:, None], w.tick.shape)
-    rows = np.stack([toss, w.tick * w.dt, w.phase, excess.mean(-1)], axis=-1)[w.counted]
-    mean = per_toss / np.maximum(count, 1)
+    def of_rows(chosen: NDArray[np.bool_]) -> Array:
+        return np.where(chosen[:, None], rows.excess, 0.0)
+
+    mean = squares / np.maximum(count, 1)
     middle = np.median(mean)
-    far = middle + 8 * np.median(np.abs(mean - middle)) + 1.0
-    odd = tuple(toss.name for toss, size in zip(tosses, mean, strict=True) if size > far)
-    own, others = settings.likelihood.windows.length, settings.localisation.other_lengths
-    of_others = validator.map(lambda length: _rms_of(tosses, length, state, validator), others)
-    rms = {own: total.value} | dict(zip(others, of_others, strict=True))
-    lengths = tuple((length, rms[length], floor.rms) for length in sorted(rms))
-    impact = w.phase == Phase.IMPACT
-    followed = np.logical_or.accumulate(impact & w.inside, axis=1) & ~impact
-    after = share("after_impacts", np.where(followed[..., None], excess, 0.0))
-    return Gap(total, floor.rms, phases, channels, lengths, rows, odd, after)
+    far = middle + FAR * np.median(np.abs(mean - middle)) + FAR_TOO
+    distance, angle = (np.sqrt((rows.raw[:, part] ** 2).sum(1).mean()) for part in (slice(0, 3), slice(3, 6)))
+    return Gap(
+        total=total,
+        noise_floor=floor.rms,
+        position_mm=float(1e3 * distance),
+        rotation_deg=float(np.rad2deg(angle)),
+        by_phase=tuple(share(phase.name.lower(), of_rows(rows.phase == phase)) for phase in PHASES),
+        by_channel=tuple(share(name, rows.excess[:, c]) for c, name in enumerate(channels_of(rows.excess.shape[1]))),
+        frames=np.stack([rows.toss, rows.time, rows.phase, rows.excess.mean(1)], axis=1),
+        odd=tuple(toss.name for toss, size in zip(tosses, mean, strict=True) if size > far),
+        after_impacts=share("after_impacts", of_rows(rows.after_impact)),
+    )
 
 
-def in_short(state: Candidate) -> str:
-    """The size of a hypothesis's gap, and the phase and channel that have most of it, in a few words.
+def phases_left(before: Rows, after: Rows) -> tuple[Share, ...]:
+    """Phases in which clearly some of the first gap is left.
 
     Args:
-        state: The hypothesis.
+        before: Of the simulator as it is stated.
+        after: With what was found.
     """
-    e = state.evidence
-    squares, entries = _counted_squares(e, judged_residuals(state))
-    rms, above = float(np.sqrt(squares.sum() / max(entries.sum(), 1.0))), squares - entries
-    phase = max(PHASES, key=lambda each: float(above[e.windows.phase == each].sum()))
-    channel = channels_of(above.shape[-1])[int(above.sum((0, 1)).argmax())]
-    return f"the gap is {rms:.1f} standard deviations, most in {phase.name.lower()} and {channel}"
+    whole, out = before.by_toss(before.excess), []
+    for phase in PHASES:
+        left = after.by_toss(np.where((after.phase == phase)[:, None], after.excess, 0.0))
+        share = bootstrap_ratio(left, whole)
+        if share.low > 0 and share.value > LEAST_LEFT:
+            out.append(Share(phase.name.lower(), share))
+    return tuple(out)
+
+
+def share_closed_in(before: Rows, after: Rows, phases: Sequence[Phase]) -> float:
+    """The share of the gap in some phases that is closed; 1 where there was none.
+
+    Args:
+        before: Of the simulator as it is stated.
+        after: With what was found.
+        phases: Which.
+    """
+    whole, left = (float(each.excess[np.isin(each.phase, phases)].sum()) for each in (before, after))
+    return 1.0 - left / whole if whole > 0 else 1.0
+
+
+def in_short(rows: Rows) -> str:
+    """The size of a gap, and the phase and channel that have most of it, in a few words.
+
+    Args:
+        rows: Of a hypothesis.
+    """
+    squares = rows.whitened**2
+    phase = max(PHASES, key=lambda each: float((squares[rows.phase == each] - 1).sum()))
+    channel = channels_of(squares.shape[1])[int(squares.sum(0).argmax())]
+    distance, angle = (np.sqrt((rows.raw[:, part] ** 2).sum(1).mean()) for part in (slice(0, 3), slice(3, 6)))
+    return (
+        f"the gap over short windows is {np.sqrt(squares.mean()):.1f} standard deviations of noise "
+        f"({1e3 * distance:.2g} mm, {np.rad2deg(angle):.2g} deg), most in {phase.name.lower()} and {channel}"
+    )
 
 
 def channels_of(count: int) -> tuple[str, ...]:
     """Names of channels.
 
     Args:
-        count: How many: 6, and one a joint.
+        count: How many.
     """
-    return CHANNELS + tuple(f"joint_{k + 1}" for k in range(count - len(CHANNELS)))
-
-
-def _counted_squares(evidence: Evidence, residuals: Array) -> tuple[Array, Array]:
-    """(W, L, K) limited squares of whitened residuals, and 1, in consecutive windows; 0 outside them."""
-    counted = evidence.windows.counted[..., None]
-    squares = np.minimum(residuals**2, evidence.density.largest_residual**2)
-    return np.where(counted, squares, 0.0), np.where(counted, np.ones_like(residuals), 0.0)
-
-
-def _rms_of(tosses: Sequence[Toss], length: int, state: Candidate, validator: CrossValidator) -> float:
-    """Root mean square of whitened residuals in windows of so many frames."""
-    world, model, settings = state.hypothesis.world(), state.hypothesis.base.object, validator.settings.likelihood
-    windows = make_windows(tosses, model, settings=settings, length=length, long=0, flights=False)
-    # of short windows some are enough
-    windows = windows.rows(np.arange(0, len(windows.toss), max(1, settings.windows.length // length)))
-    kept, whitening = linearise(windows, world, n_threads=validator.n_threads)
-    evidence = Evidence(kept, whitening, validator.n_threads)
-    evidence = validator.with_engine_difference(evidence, state.hypothesis, restarts=0)
-    return limited_rms(evidence, evidence.residuals(world)[evidence.windows.inside])
-
-
-def limited_rms(evidence: Evidence, residuals: Array) -> float:
-    """Root mean square of residuals, none of which counts more than the largest that the density allows.
-
-    Args:
-        evidence: Whose residuals they are.
-        residuals: Whitened.
-    """
-    return float(np.sqrt(np.minimum(residuals**2, evidence.density.largest_residual**2).mean()))
-
-
-def share_left(
-    first: Candidate, last: Candidate, validator: CrossValidator, floor: Floor
-) -> tuple[Interval, tuple[Share, ...]]:
-    """The share of the first gap that is closed, and phases with some left; each toss at the other folds' values.
-
-    What is left below the noise floor is all closed. So where the first gap lies below the floor too, as that of a
-    small effect can, its share is taken above what is left.
-
-    Args:
-        first: The hypothesis without effects.
-        last: The hypothesis with effects.
-        validator: Of all windows.
-        floor: The noise floor.
-    """
-    n, settings = validator.n, validator.settings.localisation
-    before = deviance(first.evidence, first.fitted.residuals) - floor.deviance
-    after = deviance(last.evidence, cross_fitted(last, validator)) - floor.deviance
-    whole, rest = by_toss(first.evidence, before, n), by_toss(last.evidence, after, n)
-    if not whole.sum() > 0:
-        rows = by_toss(last.evidence, last.evidence.windows.counted.astype(float), n)
-        below = float(rest.sum()) / max(float(rows.sum()), 1.0) * rows
-        whole, rest = whole - below, rest - below
-    if not whole.sum() > 0:
-        return Interval(0.0, 0.0, 0.0), ()
-    closed = bootstrap_ratio(whole - rest, whole, resamples=settings.resamples)
-    # below the floor is no more than all
-    closed = Interval(*(min(1.0, x) for x in (closed.value, closed.low, closed.high)))
-    left = []
-    for phase in PHASES:
-        there = np.where((last.evidence.windows.phase == phase)[..., None], after, 0.0)
-        share = bootstrap_ratio(by_toss(last.evidence, there, n), whole, resamples=settings.resamples)
-        if share.low > 0 and share.value > settings.least_left:
-            left.append(Share(phase.name.lower(), share))
-    return closed, tuple(left)
-
-
-def cross_fitted(state: Candidate, validator: CrossValidator) -> Array:
-    """(W, L, K) whitened residuals of every toss without which the hypothesis was chosen and fitted.
-
-    A hypothesis on the way, which was not judged so, has its values moved by one Gauss-Newton step only.
-
-    Args:
-        state: The hypothesis.
-        validator: Of all windows.
-    """
-    fitted, e = state.fitted, state.evidence
-    if not fitted.hypothesis.effects or state.judged is not None:
-        return judged_residuals(state)
-    out = fitted.residuals.copy()
-    for held in validator.folds:
-        rows = np.flatnonzero(held[e.windows.toss])
-        out[rows] = e.residuals(fitted.of_part(~held).world(), rows)
-    return out
-
-
-def judged_residuals(state: Candidate) -> Array:
-    """(W, L, K) whitened residuals as judged, or as fitted where nothing was judged.
-
-    Args:
-        state: The hypothesis.
-    """
-    return state.fitted.residuals if state.judged is None else state.judged
-
-
-def mean_square(state: Candidate, validator: CrossValidator) -> Interval:
-    """Mean square of whitened residuals, each toss at values fitted to the other folds.
-
-    Args:
-        state: The hypothesis.
-        validator: Of all windows.
-    """
-    squares, count = _counted_squares(state.evidence, cross_fitted(state, validator))
-    sums = (by_toss(state.evidence, each, validator.n) for each in (squares, count))
-    return bootstrap_ratio(*sums, resamples=validator.settings.localisation.resamples)
+    return (*CHANNELS, *(f"joint_{i}" for i in range(1, count - len(CHANNELS) + 1)))

@@ -67,10 +67,10 @@ class MeasuredNoise:
 
 @dataclass(frozen=True)
 class Floor:
-    """What noise alone leaves, of each entry of the windows.
+    """What noise alone leaves of each channel.
 
     Attributes:
-        deviance: (W, L, K) expected deviance; 0 outside the consecutive windows.
+        deviance: (K,) expected deviance.
         rms: Root mean square of whitened residuals.
         noise: The noise as it was measured.
     """
@@ -127,11 +127,11 @@ def noise_floor(windows: Windows) -> Floor:
     Args:
         windows: Of all tosses.
     """
-    noise, counted = measure_noise(windows), windows.counted
+    noise = measure_noise(windows)
     factors = noise.factors(windows.channels)
     expected = np.array([expected_deviance(each, windows.settings.density) for each in factors])
     rms = float(np.sqrt((factors**2).mean()))
-    return Floor(np.where(counted[..., None], expected, 0.0), rms, noise)
+    return Floor(expected, rms, noise)
 
 
 def expected_deviance(std: float, density: DensitySettings = DensitySettings()) -> float:

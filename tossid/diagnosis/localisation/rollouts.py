@@ -7,50 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import Interval, Step
 from tossid.diagnosis.likelihood.states import moved_pose
 from tossid.diagnosis.likelihood.whitening import linearise
 from tossid.diagnosis.likelihood.windows import Windows, make_windows, steps_of
-from tossid.diagnosis.localisation.gap import bootstrap_ratio, mean_square
-from tossid.diagnosis.selection.cross_validation import Candidate, CrossValidator
-from tossid.diagnosis.selection.nested import JudgingFold
 from tossid.motion import flight_states
 from tossid.physics.effects import World
 from tossid.rotations import geodesic_angle
-from tossid.types import Toss, frame_time
+from tossid.types import Toss
 
 Array = NDArray[np.float64]
-
-
-def rollout_errors(
-    tosses: Sequence[Toss],
-    unseen: Sequence[Toss],
-    state: Candidate,
-    validator: CrossValidator,
-    begin: Windows | None = None,
-    folds: Sequence[JudgingFold] = (),
-) -> Step:
-    """Errors of rollouts of whole tosses under a hypothesis.
-
-    Args:
-        tosses: Rolled out at values fitted to the other folds.
-        unseen: Other tosses, rolled out at the hypothesis's own values.
-        state: The hypothesis.
-        validator: Of all windows.
-        begin: The windows of the unseen tosses.
-        folds: What was chosen and fitted without each; one Gauss-Newton step from all tosses' values if there are none.
-    """
-    errors = np.full((validator.n, 2), np.nan)
-    without = [(fold.held, fold.hypothesis) for fold in folds]
-    for held, hypothesis in without or [(held, state.fitted.of_part(~held)) for held in validator.folds]:
-        some = np.flatnonzero(held)
-        chosen, own = [tosses[i] for i in some.tolist()], validator.windows.of_tosses(some)
-        errors[held] = toss_errors(chosen, hypothesis.world(), own, n_threads=validator.n_threads)
-    left, names = mean_square(state, validator), state.hypothesis.names
-    if not unseen:
-        return Step(names, *_means(errors), left)
-    unseen_errors = toss_errors(unseen, state.hypothesis.world(), begin, n_threads=validator.n_threads)
-    return Step(names, *_means(errors), left, *_means(unseen_errors))
 
 
 def toss_errors(tosses: Sequence[Toss], world: World, windows: Windows | None = None, *, n_threads: int) -> Array:
@@ -65,22 +30,51 @@ def toss_errors(tosses: Sequence[Toss], world: World, windows: Windows | None = 
     Returns:
         Means over frames; NaN where a rollout diverged.
     """
-    out = np.empty((len(tosses), 2))
-    for row, (toss, q) in enumerate(zip(tosses, _rolled_out(tosses, world, windows, n_threads), strict=True)):
-        out[row, 0] = 100 * np.linalg.norm(q[:, :3] - toss.q[:, :3], axis=1).mean() / world.object.width
-        out[row, 1] = np.rad2deg(geodesic_angle(q[:, 3:7], toss.q[:, 3:7])).mean()
+    stated = world.object if windows is None or windows.stated is None else windows.stated
+    runs = _rolled_out(tosses, world, windows, n_threads)
+    return distances(runs, [toss.q for toss in tosses], stated.width)
+
+
+def distances(runs: Sequence[Array], others: Sequence[Array], width: float) -> Array:
+    """(B, 2) mean distances [% of a width] and angles [deg] over frames; NaN where a motion diverged.
+
+    Args:
+        runs: B motions (n, nq).
+        others: B others, of as many frames each.
+        width: Of the object [m].
+    """
+    out = np.empty((len(runs), 2))
+    for row, (q, other) in enumerate(zip(runs, others, strict=True)):
+        out[row, 0] = 100 * np.linalg.norm(q[:, :3] - other[:, :3], axis=1).mean() / width
+        out[row, 1] = np.rad2deg(geodesic_angle(q[:, 3:7], other[:, 3:7])).mean()
     return out
+
+
+def whole_motions(
+    tosses: Sequence[Toss], world: World, first: tuple[Array, Array], windows: Windows, n_threads: int
+) -> list[Array]:
+    """Poses (n, nq) of each toss's frames in a world, from given first states.
+
+    Args:
+        tosses: B, whose frames count.
+        world: The simulator.
+        first: (B, nq) poses and (B, nv) velocities.
+        windows: Of these tosses.
+        n_threads: Of the simulator.
+    """
+    dt = windows.dt
+    ticks = [toss.ticks(dt) for toss in tosses]
+    steps = np.array([each[-1] for each in ticks])
+    how = steps_of(world, windows.settings.simulation)
+    run = world.roll_out(*first, n_steps=steps, dt=dt, **how, n_threads=n_threads)
+    return [run[row, each] for row, each in enumerate(ticks)]
 
 
 def _rolled_out(tosses: Sequence[Toss], world: World, windows: Windows | None, n_threads: int) -> list[Array]:
     """Poses (n, nq) of each toss's frames in the world, as of `toss_errors`."""
-    dt = frame_time(tosses)
-    q0, v0 = first_states(tosses, world, windows, n_threads=n_threads)
-    ticks = [toss.ticks(dt) for toss in tosses]
-    steps = np.array([each[-1] for each in ticks])
-    how = steps_of(world) if windows is None else steps_of(world, windows.settings.simulation)
-    run = world.roll_out(q0, v0, n_steps=steps, dt=dt, **how, n_threads=n_threads)
-    return [run[row, each] for row, each in enumerate(ticks)]
+    windows = make_windows(tosses, world.object) if windows is None else windows
+    first = first_states(tosses, world, windows, n_threads=n_threads)
+    return whole_motions(tosses, world, first, windows, n_threads)
 
 
 def made_by(
@@ -116,13 +110,6 @@ def made_by(
             q_seen = moved_pose(q, noise)
             out.append(Toss(toss.name, toss.t, q_seen, toss.v, cov, toss.v_cov, toss.phase))
     return out
-
-
-def _means(errors: Array) -> tuple[Interval, Interval]:
-    """Means over tosses of errors (B, 2), of those whose rollouts did not diverge."""
-    good = errors[np.isfinite(errors).all(axis=1)]
-    ones = np.ones(len(good))
-    return bootstrap_ratio(good[:, 0], ones), bootstrap_ratio(good[:, 1], ones)
 
 
 def first_states(

@@ -13,7 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.errors import ObjectError
 from tossid.objects import to_mjcf
 from tossid.objects.files.model_file import first_line, read_model_file
