@@ -75,7 +75,8 @@ class MujocoWorld:
             )
 
         def onward(q: Array, v: Array, n_steps: int | NDArray[np.int64], dt: float) -> tuple[Array, Array]:
-            return _frames(m, np.concatenate([q, v], axis=1), dt * np.arange(1, int(np.max(n_steps)) + 1), nq, n_threads)
+            times: Array = dt * np.arange(1.0, np.max(n_steps) + 1)
+            return _frames(m, np.concatenate([q, v], axis=1), times, nq, n_threads)
 
         run = onward(*self.recorded.to_ground(q0, v0), n_steps, dt / rate)
         return self.recorded.recorded_motions(*run, n_steps=n_steps, dt=dt / rate, onward=onward)
