@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.likelihood.engine_discrepancy import Engine
+from tossid.diagnosis.likelihood.engine_discrepancy import IMPULSE_PARTS, LIFTING, Engine
 from tossid.physics.effects import Effect, World
 
 Array = NDArray[np.float64]
@@ -44,10 +44,8 @@ class ContactLaw:
 
 
 COULOMB = ContactLaw()
-ROUTH = ContactLaw("routh", impulse_parts=8.0)
-"""Sixty-four parts would move a thrown cube by 0.01 mm three frames after an impact."""
-RELAXED = ContactLaw("relaxed", lifting=1e-4)
-"""Corners are in contact from a height of 0.1 mm on, which is below the noise of a tracker."""
+ROUTH = ContactLaw("routh", impulse_parts=IMPULSE_PARTS)
+RELAXED = ContactLaw("relaxed", lifting=LIFTING)
 
 
 @dataclass(frozen=True)
