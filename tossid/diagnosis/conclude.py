@@ -202,7 +202,7 @@ class _Concluded:
             found=any(f.matters for f in findings),
             gap_over_floor=gap.total.value / gap.noise_floor,
             left=brings.left,
-            noise=noise_limit(h, tosses, problem.sample, seed=problem.seed) if h.effects else Felt(0.0, 0.0),
+            noise=noise_limit(found, tosses, problem.sample, seed=problem.seed) if h.effects else Felt(0.0, 0.0),
             closed=closed,
             within_solvers=_within(solvers, left),
         )
