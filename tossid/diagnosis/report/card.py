@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tossid.diagnosis.findings import FELT_DEG, FELT_PCT, FOUND, Finding, Interval, Share
+from tossid.diagnosis.findings import FELT_DEG, FELT_PCT, Finding, Interval
 from tossid.diagnosis.report.units import in_units, listed, parameter, percent, quantity, short
 from tossid.diagnosis.report.words import PHASES, estimates, over_order_words, release_words
 from tossid.diagnosis.result import Diagnosis
-from tossid.physics.effects import LIBRARY
+from tossid.physics.effects import effect_named
 
 ENGINES = {"mujoco": "MuJoCo", "python": "your simulator", "tossid": "tossid's simulator"}
 VERDICTS = {
@@ -17,12 +17,12 @@ VERDICTS = {
     "explained": "The gap is explained",
     "partly_explained": "The gap is partly explained",
     "unexplained": "The gap is not explained",
-    "within_solver_disagreement": "The gap is no larger than what exact rigid-body solvers disagree on",
-    "incomplete": "Interrupted before the diagnosis was complete",
+    "within_solver_disagreement": "The gap is within what rigid-body solvers disagree on",
+    "incomplete": "Interrupted before the gap was explained",
 }
-_PARTS = {2: "half", 3: "a third", 4: "a quarter", 5: "a fifth"}
-_FEW_TOSSES = 12
-"""Tosses with which a test over the whole library can name an effect of contact: its p-value is at least 2^(1 - n)."""
+PARTS = {2: "half", 3: "a third", 4: "a quarter", 5: "a fifth"}
+FEW_TOSSES = 12
+"""Tosses from which on a test over the whole library can name an effect of contact: no p-value is below 2^(1 - n)."""
 
 
 @dataclass(frozen=True)
@@ -66,34 +66,27 @@ def card_of(diagnosis: Diagnosis) -> Card:
     Args:
         diagnosis: What was found.
     """
+    headline = VERDICTS[diagnosis.verdict]
+    if diagnosis.named:
+        headline += f": {listed([_or_alike(finding) for finding in _of(diagnosis, diagnosis.named)])}"
+    if diagnosis.candidates:
+        headline += f"; not sure: {listed([_or_alike(finding) for finding in _of(diagnosis, diagnosis.candidates)])}"
     rows = {
         "Change": _change(diagnosis),
         "It brings": _brings(diagnosis),
         "How sure": _how_sure(diagnosis),
-        "Not told apart": _not_told_apart(diagnosis),
+        "Alternatives": _alternatives(diagnosis),
         "Left": _left(diagnosis),
         "Do next": _next(diagnosis),
     }
-    return Card(headline(diagnosis), tuple(Row(label, tuple(lines)) for label, lines in rows.items() if lines))
-
-
-def headline(diagnosis: Diagnosis) -> str:
-    """The verdict in a line, with the names that are sure and those that are not.
-
-    Args:
-        diagnosis: What was found.
-    """
-    line = VERDICTS[diagnosis.verdict]
-    if diagnosis.named:
-        line += f": {listed([_or_alike(finding) for finding in _of(diagnosis, diagnosis.named)])}"
-    return line + (f"; not sure: {listed(diagnosis.candidates)}" if diagnosis.candidates else "")
+    return Card(headline, tuple(Row(label, tuple(lines)) for label, lines in rows.items() if lines))
 
 
 def _change(diagnosis: Diagnosis) -> list[str]:
     """A line for each effect, in the order in which they matter."""
     changed = dict.fromkeys(change.name for change in diagnosis.change)
-    over_order = [f.name for f in diagnosis.findings if f.over_order is not None and f.verdict in FOUND]
-    return [_one_change(diagnosis, name) for name in (*changed, *(x for x in over_order if x not in changed))]
+    over_order = [f.name for f in diagnosis.found if f.over_order is not None and f.verdict != "candidate"]
+    return [_one_change(diagnosis, name) for name in dict.fromkeys((*changed, *over_order))]
 
 
 def _one_change(diagnosis: Diagnosis, name: str) -> str:
@@ -106,16 +99,14 @@ def _one_change(diagnosis: Diagnosis, name: str) -> str:
         for each in diagnosis.change
         if each.name == name
     ]
-    return f"{name}: {', '.join(parts)}" + (", in the recording" if name in _OF_RECORDING else "")
-
-
-_OF_RECORDING = {effect.name for effect in LIBRARY if effect.family == "measurement"}
+    recording = " (of the recording)" if effect_named(name).family == "measurement" else ""
+    unsure = ", not sure" if name in diagnosis.candidates else ""
+    return f"{name}{recording}: {', '.join(parts)}{unsure}"
 
 
 def _stated(key: str, stated: float, value: Interval) -> str:
     """The simulator's own value without its unit; what rounding leaves of zero is zero."""
-    rounded = 0.0 if abs(stated) < 1e-6 * abs(value.value) else stated
-    return quantity(key, rounded).split(" ")[0]
+    return quantity(key, 0.0 if abs(stated) < 1e-6 * abs(value.value) else stated).split(" ")[0]
 
 
 def _brings(diagnosis: Diagnosis) -> list[str]:
@@ -124,50 +115,46 @@ def _brings(diagnosis: Diagnosis) -> list[str]:
     if not diagnosis.change or not len(brings.before):
         return []
     if not brings.n:
-        return [f"Not known: no whole toss could be predicted in {ENGINES[brings.engine]}."]
-    (mm, mm_after), (pct, pct_after), (deg, deg_after) = (
-        (short(before.value, 2), short(after.value, 2))
+        return [f"Not known: every whole toss diverged in {ENGINES[brings.engine]}."]
+    mm, pct, deg = (
+        f"{short(before.value, 2)} → {short(after.value, 2)}"
         for before, after in (brings.position_mm(), brings.position_pct(), brings.rotation_deg())
     )
-    tosses = "1 whole toss" if brings.n == 1 else f"Means of {brings.n} whole tosses"
-    how = (
-        "that took no part: each is predicted by changes that were found without it"
-        if brings.unseen
-        else "to which the changes were fitted"
-    )
     lost = len(brings.before) - brings.n
+    tosses = "One whole toss" if brings.n == 1 else f"Means of {brings.n} whole tosses"
+    how = "each predicted by what was found without it" if brings.unseen else "to which the changes were fitted"
     return [
-        f"position error {mm} → {mm_after} mm ({pct} → {pct_after} % of the width), "
-        f"rotation error {deg} → {deg_after} deg",
-        f"{tosses} in {ENGINES[brings.engine]} {how}." + (f" {lost} more diverged." if lost else ""),
+        f"Position error {mm} mm ({pct} % of the width), rotation error {deg} deg.",
+        f"{tosses} in {ENGINES[brings.engine]}, {how}." + (f" {lost} more diverged." if lost else ""),
     ]
 
 
 def _how_sure(diagnosis: Diagnosis) -> list[str]:
     """How often resampled searches name what was found, and how that was computed."""
-    draws, folds = diagnosis.draws, diagnosis.folds
-    if not diagnosis.found and not draws:
-        return []
-    if not folds or not draws:
-        return ["Not judged: no search was repeated without a part of the tosses, so names may be chance."]
+    draws, folds, none = diagnosis.draws, diagnosis.folds, diagnosis.probability_none
+    if not draws or not folds:
+        return ["Not judged: the search was not repeated, so these names may be chance."] if diagnosis.found else []
     named = [
-        f"{finding.name} in {percent(finding.frequency)}"
+        f"{_or_alike(finding)} {percent(finding.frequency)}"
         for finding in _of(diagnosis, (*diagnosis.named, *diagnosis.candidates))
         if finding.frequency is not None
     ]
-    text = f"named {listed(named)} of {draws} resampled searches" if named else f"{draws} resampled searches"
-    none = diagnosis.probability_none
     if none is not None and (none >= 0.005 or not named):
-        text += f"; {percent(none)} of them name nothing"
-    part = _PARTS.get(folds, f"one part in {folds}")
-    return [f"{text[0].upper()}{text[1:]}.", f"The search was repeated without {part} of the tosses each, and its "
-            "tosses were drawn anew."]  # fmt: skip
+        named.append(f"nothing {percent(none)}")
+    return [
+        f"Named in {draws} resampled searches: {listed(named)}.",
+        f"These are {folds} searches, each without {PARTS.get(folds, f'one part in {folds}')} of the tosses, and "
+        f"{draws // folds} draws of the tosses of each.",
+    ]
 
 
-def _not_told_apart(diagnosis: Diagnosis) -> list[str]:
+def _alternatives(diagnosis: Diagnosis) -> list[str]:
     """Effects that may be the cause in place of another, and the toss that would decide."""
-    groups = {frozenset((f.name, *f.confusable_with)): f for f in diagnosis.found if f.confusable_with}
-    lines = [f"These tosses do not tell {f.name} from {listed(f.confusable_with, 'or')}." for f in groups.values()]
+    lines = []
+    for finding in diagnosis.found:
+        others = [", ".join([each.name, *estimates(each)]) for each in _of(diagnosis, finding.confusable_with)]
+        if others:
+            lines.append(f"Instead of {finding.name} it may be {listed(others, 'or')}.")
     if lines and diagnosis.next_toss is not None:
         release = diagnosis.next_toss.get("release")
         lines.append(
@@ -176,70 +163,73 @@ def _not_told_apart(diagnosis: Diagnosis) -> list[str]:
             else f"This toss would tell: {release_words(release)}."
         )
     if diagnosis.plane is not None:
-        lines.append("All motion lies in one plane. What that cannot show is listed under details.")
+        lines.append("All motion lies in one plane; the details have what that cannot show.")
     return lines
 
 
 def _left(diagnosis: Diagnosis) -> list[str]:
     """What is left and where, what is not sure, and what is too small to feel."""
-    lines = [_of_gap(diagnosis)]
-    if diagnosis.candidates:
-        lines.append(f"not sure: {'; '.join(_values(f) for f in _of(diagnosis, diagnosis.candidates))}")
-    if diagnosis.minor:
-        lines.append(f"too small to feel: {'; '.join(_values(f) for f in _of(diagnosis, diagnosis.minor))}")
+    lines = [_of_whole_tosses(diagnosis), _of_windows(diagnosis)]
+    kinds = {"Not sure": diagnosis.candidates, "Too small to feel": diagnosis.minor}
+    lines += [f"{kind}: {'; '.join(map(_values, _of(diagnosis, names)))}." for kind, names in kinds.items() if names]
     if diagnosis.changes_left:
         starts = listed([change.before for change in diagnosis.changes_left])
-        lines.append(f"something changes from toss {starts} on, which no effect explains")
+        lines.append(f"Something changes from toss {starts} on, which no effect explains.")
     if diagnosis.gap.odd:
-        lines.append(f"far larger errors than in all other tosses: {listed(diagnosis.gap.odd)}")
+        lines.append(f"Far larger errors than in all other tosses: {listed(diagnosis.gap.odd)}.")
     return [line for line in lines if line]
 
 
-def _of_gap(diagnosis: Diagnosis) -> str:
-    """What is left of the gap, in millimetres and degrees."""
-    left, brings = diagnosis.left, diagnosis.brings
-    windows = f"{short(left.position_mm, 2)} mm and {short(left.rotation_deg, 2)} deg in short windows"
+def _of_whole_tosses(diagnosis: Diagnosis) -> str:
+    """What whole tosses still feel, if the card does not have it already."""
+    brings = diagnosis.brings
+    if not brings.n or (diagnosis.change and diagnosis.verdict != "explained"):
+        return ""
+    felt = brings.left
+    half = f"Half of the whole tosses are off by at most {short(felt.position_pct, 2)} % of the width and "
+    half += f"{short(felt.rotation_deg, 2)} deg"
+    if diagnosis.verdict != "explained":
+        return f"{half}."
+    noise = f"{half}, no more than noise of the first states makes."
+    return noise if felt.is_over() else f"{half}: less than a person notices ({FELT_PCT} % and {FELT_DEG} deg)."
+
+
+def _of_windows(diagnosis: Diagnosis) -> str:
+    """What is left in short windows, unless nobody feels it."""
+    left, other = diagnosis.left, diagnosis.disagreement
+    sizes = f"{short(left.position_mm, 2)} mm and {short(left.rotation_deg, 2)} deg"
+    if diagnosis.verdict == "explained":
+        return ""
     if diagnosis.verdict == "no_gap":
-        return f"{windows}, which noise makes"
-    if diagnosis.verdict == "within_solver_disagreement" and (other := diagnosis.disagreement) is not None:
-        solvers = f"{short(other.position_mm, 2)} mm and {short(other.rotation_deg, 2)} deg"
-        return f"{windows}; in contact, another exact solver differs by up to {solvers} (95 % of windows)"
-    if diagnosis.verdict == "explained" and brings.n:
-        felt = brings.left
-        half = f"half of the tosses are off by less than {short(felt.position_pct, 2)} % and "
-        half += f"{short(felt.rotation_deg, 2)} deg"
-        why = (
-            "no more than noise makes" if felt.is_over() else f"nobody feels less than {FELT_PCT} % and {FELT_DEG} deg"
-        )
-        return f"{half}; {why}"
-    share = percent(max(0.0, 1.0 - diagnosis.gap_closed.value)) if diagnosis.found else "all"
-    where = [f"{PHASES[s.name]} ({percent(s.share.value)})" for s in _largest(diagnosis.unexplained)]
-    return f"{windows}, {share} of the gap" + (f", most of it {listed(where)}" if where else "")
-
-
-def _largest(shares: Iterable[Share]) -> list[Share]:
-    return sorted(shares, key=lambda share: -share.share.value)[:2]
+        return f"Short windows are off by {sizes}, which noise makes."
+    if diagnosis.verdict == "within_solver_disagreement" and other is not None:
+        limit = f"{short(other.position_mm, 2)} mm and {short(other.rotation_deg, 2)} deg"
+        return f"Short windows are off by {sizes}. Another exact solver differs by up to {limit} in contact."
+    shares = diagnosis.unexplained or (() if diagnosis.found else diagnosis.gap.by_phase)
+    largest = sorted((s for s in shares if s.share.value > 0), key=lambda s: -s.share.value)[:2]
+    where = listed([f"{PHASES[s.name]} ({percent(s.share.value)} of the gap)" for s in largest])
+    return f"Short windows are off by {sizes}" + (f", mostly {where}." if where else ".")
 
 
 def _next(diagnosis: Diagnosis) -> list[str]:
     """What a person does next."""
-    few = diagnosis.n_tosses < _FEW_TOSSES
-    more = [f"Record at least {_FEW_TOSSES} tosses: fewer cannot name an effect of contact."] if few else []
+    lines = []
     if diagnosis.interruption is not None:
-        suspects = listed([name for name, _ in diagnosis.interruption.suspects[:3]], "or")
-        guess = f" Suspected next: {suspects}." if suspects else ""
-        return [f"Let it run to the end; it was interrupted while: {diagnosis.interruption.stage}.{guess}"]
+        lines.append(f"Run it to the end. It was interrupted in this stage: {diagnosis.interruption.stage}.")
+        suspects = [name for name, _ in diagnosis.interruption.suspects[:3]]
+        return lines + ([f"Suspected, but not fitted yet: {listed(suspects)}."] if suspects else [])
     if diagnosis.verdict == "no_gap":
-        return ["Nothing. The table of effects has the smallest change that these tosses would reveal.", *more]
-    if diagnosis.verdict == "within_solver_disagreement":
-        return ["Nothing: tosses cannot tell which solver is right where several corners touch at once."]
-    if diagnosis.change:
+        lines.append("Nothing. The table of effects has the smallest change that these tosses would reveal.")
+    elif diagnosis.verdict == "within_solver_disagreement":
+        lines.append("Nothing: tosses cannot tell which solver is right where several corners touch at once.")
+    elif diagnosis.change:
         patched = bool((diagnosis.patch or {}).get("mjcf"))
-        apply = "Use patched.xml, which has these changes." if patched else "Make these changes in your simulator."
-        return [apply] + (more if diagnosis.candidates or diagnosis.verdict != "explained" else [])
-    if diagnosis.candidates:
-        return ["Record more tosses: these do not show an effect surely enough to change it.", *more]
-    return ["Look where the gap is, and check the recording there. If it is right, add an effect of your own.", *more]
+        lines.append("Use patched.xml, which has the changes." if patched else "Make the changes in your simulator.")
+    else:
+        lines.append("See where the gap is, and check the recording there. Is it right, add an effect of your own.")
+    if diagnosis.n_tosses < FEW_TOSSES and diagnosis.verdict != "explained":
+        lines.append(f"Record at least {FEW_TOSSES} tosses: fewer cannot name an effect of contact.")
+    return lines
 
 
 def _of(diagnosis: Diagnosis, names: Iterable[str]) -> list[Finding]:
@@ -254,8 +244,7 @@ def _or_alike(finding: Finding) -> str:
 
 
 def _values(finding: Finding) -> str:
-    """An effect with its values, and how whole tosses change by it."""
-    text = f"{finding.name} ({', '.join(estimates(finding))})" if finding.parameters else finding.name
-    if finding.frequency is not None and finding.verdict == "candidate":
-        return f"{text}, named in {percent(finding.frequency)}"
-    return text
+    """An effect with its values, and how often it is named if that is not often."""
+    often = finding.verdict == "candidate" and finding.frequency is not None
+    named = [f"named in {percent(finding.frequency)}"] if often and finding.frequency is not None else []
+    return ", ".join([finding.name, *estimates(finding), *named])

@@ -6,6 +6,7 @@ The templates hold the page and its sentences; this module gathers what they sho
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -43,6 +44,7 @@ _TEMPLATES = Environment(
     loader=PackageLoader("tossid.diagnosis.report"), autoescape=True, trim_blocks=True, undefined=StrictUndefined
 )
 _TEMPLATES.filters |= {
+    "unbroken": lambda text: re.sub(r"(?<=\d) (?=[^\W\d_]|%)", "\u00a0", text),  # a number and its unit
     "listed": units.listed,
     "percent": units.percent,
     "percent_span": units.percent_span,
