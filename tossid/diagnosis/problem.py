@@ -10,8 +10,8 @@ from tossid.diagnosis.inference.hypothesis import ContactLaw, Hypothesis
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.inference.search import Search
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
+from tossid.diagnosis.localisation.witnesses import measured_values
 from tossid.diagnosis.under_way import UnderWay
-from tossid.diagnosis.witness import measured_values
 from tossid.motion.resting import rest_scatter
 from tossid.physics.effects import LIBRARY, Effect
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings

@@ -25,8 +25,8 @@ from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.learned import LearnedForces
 from tossid.diagnosis.localisation.disagreement import SolverDisagreement
 from tossid.diagnosis.localisation.noise import MeasuredNoise
+from tossid.diagnosis.localisation.witnesses import Witness
 from tossid.diagnosis.plane import Plane
-from tossid.diagnosis.witness import Witness
 from tossid.types import RecordingOrder
 
 if TYPE_CHECKING:

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tests.diagnosis.by_hand import gap, with_place
 from tests.diagnosis.tossed import seen
-from tossid.diagnosis.findings import Gap
-from tossid.diagnosis.likelihood.evidence import Hypothesis
-from tossid.diagnosis.localisation.corners import corner_shares
-from tossid.diagnosis.localisation.gap import measure_gap
-from tossid.diagnosis.localisation.noise import noise_floor
-from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.inference.evidence import collect
+from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.likelihood.windows import make_windows
+from tossid.diagnosis.localisation.corners import corner_shares, place_of
+from tossid.diagnosis.localisation.gap import Rows
 from tossid.objects import ObjectModel, corner_positions
-from tossid.physics.effects import World
-from tossid.settings.changed import changed
-from tossid.settings.diagnosis.diagnose import DiagnoseSettings
-from tossid.types import Phase
+from tossid.physics.effects import World, effect_named
+from tossid.types import Phase, Toss
 
 
-def contact_gap(nominal: ObjectModel, wrong: int, *, n: int = 12) -> tuple[list, Gap]:
+def contact_gap(nominal: ObjectModel, wrong: int, *, n: int = 12) -> tuple[list[Toss], Rows]:
     """Tosses whose excess is 2 in contact while corner `wrong` is the lowest, else 0.2; 5 in flight."""
     tosses = seen(World(nominal), nominal, n, seed=4)
     rows = []
@@ -32,27 +27,31 @@ def contact_gap(nominal: ObjectModel, wrong: int, *, n: int = 12) -> tuple[list,
         for k in range(1, len(toss)):
             excess = 5.0 if toss.phase[k] == Phase.FLIGHT else 2.0 if lowest[k] == wrong else 0.2
             rows.append((i, k * (toss.t[1] - toss.t[0]), toss.phase[k], excess))
-    return tosses, replace(gap(2.0, n=n), frames=np.array(rows))
+    number, time, phase, excess = np.array(rows).T
+    none = np.zeros((len(rows), 1))
+    flags = np.zeros(len(rows), dtype=bool)
+    made = Rows(number.astype(int), time, phase.astype(np.uint8), flags, none, none, excess[:, None], n)
+    return tosses, made
 
 
 def test_shares_of_corners_add_up(cube: ObjectModel) -> None:
     tosses, made = contact_gap(cube, 3)
-    shares = corner_shares(tosses, World(cube), made, 1 / 148)
+    shares = corner_shares(tosses, World(cube), made, 1 / 148, whole=made)
     assert sum(c.share.value for c in shares) == pytest.approx(1.0)
     np.testing.assert_allclose([c.place for c in shares], cube.corner_pos)
     touching = sum(int((toss.phase[1:] != Phase.FLIGHT).sum()) for toss in tosses)
     assert touching <= sum(c.frames for c in shares) <= 4 * touching
     assert max(range(8), key=lambda c: shares[c].per_frame or 0.0) == 3
-    half = replace(made, frames=made.frames * [1, 1, 1, 0.5])
+    half = replace(made, excess=0.5 * made.excess)
     left = corner_shares(tosses, World(cube), half, 1 / 148, whole=made)
     assert sum(c.share.value for c in left) == pytest.approx(0.5)
 
 
 def test_no_gap_in_contact_is_not_shared_out(cube: ObjectModel) -> None:
     tosses, made = contact_gap(cube, 3)
-    noise = made.frames.copy()
-    noise[:, 3] = np.where(noise[:, 2] == Phase.FLIGHT, 5.0, np.random.default_rng(0).normal(size=len(noise)))
-    assert corner_shares(tosses, World(cube), replace(made, frames=noise), 1 / 148) == ()
+    drawn = np.random.default_rng(0).normal(size=made.excess.shape)
+    noise = replace(made, excess=np.where((made.phase == Phase.FLIGHT)[:, None], 5.0, drawn))
+    assert corner_shares(tosses, World(cube), noise, 1 / 148, whole=noise) == ()
 
 
 def test_a_wrong_corner_has_the_gap(cube: ObjectModel) -> None:
@@ -60,22 +59,24 @@ def test_a_wrong_corner_has_the_gap(cube: ObjectModel) -> None:
     places = cube.corner_pos.copy()
     places[wrong] *= 0.95
     tosses = seen(World(cube.with_changes(corner_pos=places)), cube, n, seed=2)
-    settings = changed(DiagnoseSettings(), {"other_lengths": ()})
-    judge = CrossValidator.of(tosses, cube, seed=0, settings=settings)
-    first = judge.evaluate(Hypothesis(World(cube)))
-    measured = measure_gap(tosses, first, judge, noise_floor(judge.windows))
-    shares = corner_shares(tosses, World(cube), measured, 1 / 148)
+    shares = place_of(tosses, collect(make_windows(tosses, cube), Hypothesis(World(cube))), None, seed=0).corners
     assert shares[wrong].share.value > 0.6
     assert shares[wrong].share.low > 0.4
     assert sum(c.share.value for c in shares) == pytest.approx(1.0)
 
 
-def test_gap_json_says_where(cube: ObjectModel) -> None:
-    made = json.loads(json.dumps(with_place(cube).as_json(), allow_nan=False))
-    corner = made["gap"]["by_corner"][0]
-    assert set(corner) >= {"corner", "share", "ci95", "frames"}
-    relation = made["gap"]["wrench"][0]
-    assert (relation["component"], relation["state"]) == ("force_along", "horizontal_speed")
-    assert relation["clear"] is True
-    assert relation["r2"]["ci95"][0] <= relation["r2"]["value"]
-    assert len(made["gap_left"]["by_corner"]) == 8
+def test_what_explains_the_gap_leaves_no_wrench_and_little_at_any_corner(cube: ObjectModel) -> None:
+    """Without friction's right value a force against the path is missing; with it, none is."""
+    tosses = seen(World(cube.with_changes(friction=0.25)), cube, 14, seed=1)
+    stated, friction = Hypothesis(World(cube)), effect_named("friction")
+    windows = make_windows(tosses, cube)
+    before = collect(windows, stated)
+    place = place_of(tosses, before, collect(windows, stated.plus(friction, np.array([0.25]))), seed=0)
+    contact = next(each for each in place.wrench if each.phase == "contact")
+    assert contact.clear
+    assert contact.component == "force_along"
+    assert not any(each.clear for each in place.wrench_left)
+    assert sum(c.share.value for c in place.corners) == pytest.approx(1.0)
+    assert sum(c.share.value for c in place.corners_left) < 0.1
+    alone = place_of(tosses, before, None, seed=0)
+    assert alone.corners == alone.corners_left == place.corners

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.diagnosis.tossed import recorded, seen
-from tests.models.made import DT
-from tossid.diagnosis.localisation.rollouts import made_by
-from tossid.diagnosis.localisation.witnesses import witnesses
-from tossid.diagnosis.witness import Witness
+from tests.diagnosis.tossed import recorded, seen, seen_with_joint
+from tests.models.made import DT, thrown
+from tossid.diagnosis.findings import Interval
+from tossid.diagnosis.localisation.witnesses import Witness, measured_values, witnesses
 from tossid.objects import ObjectModel, load_object
 from tossid.physics.effects import World, effect_named
 from tossid.physics.forces import Law
+from tossid.types import Toss
 
 BALL = """
 <mujoco model="ball">
@@ -31,6 +32,13 @@ BALL = """
 def found(truth: World, cube: ObjectModel, *, count: int = 40) -> dict[str, Witness]:
     tosses = seen(truth, cube, count, seed=3, frames=120)
     return {w.quantity: w for w in witnesses(tosses, World(cube), truth)}
+
+
+def made(world: World, cube: ObjectModel) -> list[Toss]:
+    """Forty tosses that a world makes from the first states of `seen`, measured with other noise."""
+    q, v = thrown(np.random.default_rng(3), 40)
+    run = world.roll_out(q, v, n_steps=120, dt=DT, substeps=32, impact_parts=8)
+    return recorded(run, cube, np.random.default_rng(4))
 
 
 def test_inertia_and_restitution_come_from_lone_corners(cube: ObjectModel) -> None:
@@ -59,6 +67,28 @@ def test_friction_shows_by_speed_and_in_impacts(cube: ObjectModel) -> None:
 
 def test_too_few_tosses_are_no_witness(cube: ObjectModel) -> None:
     assert found(World(cube), cube, count=2) == {}
+    assert measured_values(seen(World(cube), cube, 2, seed=3, frames=120), World(cube)) == {}
+    assert measured_values([], World(cube)) == {}
+
+
+def test_a_search_begins_at_what_tosses_show(cube: ObjectModel) -> None:
+    truth = World(cube.with_changes(restitution=0.25, inertia=1.3 * cube.inertia, friction=0.26))
+    values = measured_values(seen(truth, cube, 30, seed=3, frames=120), World(cube))
+    assert values["inertia"]["scale_rel"] == pytest.approx(1.3, rel=0.05)
+    assert values["restitution"]["e"] == pytest.approx(0.25, abs=0.03)
+    assert values["friction"]["mu"] == pytest.approx(0.26, abs=0.02)
+
+
+def test_where_nothing_is_wrong_it_begins_near_what_is_stated(cube: ObjectModel) -> None:
+    values = measured_values(seen(World(cube), cube, 30, seed=3, frames=120), World(cube))
+    assert values["inertia"]["scale_rel"] == pytest.approx(1.0, rel=0.12)  # little rebounds, and what does is chosen
+    assert values["restitution"]["e"] == pytest.approx(0.0, abs=0.12)
+    assert values["friction"]["mu"] == pytest.approx(cube.friction, abs=0.02)
+
+
+def test_what_tosses_show_of_a_joint_is_not_measured(elbow: ObjectModel) -> None:
+    tosses = seen_with_joint(World(elbow), elbow, 8, seed=3, frames=60, height=0.1)
+    assert measured_values(tosses, World(elbow)) == {}
 
 
 @pytest.mark.parametrize("impedance", [0.0, 0.9])
@@ -82,7 +112,7 @@ def test_made_tosses_show_what_biases_a_measurement(cube: ObjectModel) -> None:
     """Lone corners that fly on after an impact are chosen, and so rebound without restitution. Made tosses do alike."""
     truth = World(cube)
     tosses = seen(truth, cube, 40, seed=3, frames=120)
-    said = {w.quantity: w for w in witnesses(tosses, truth, truth, made=made_by(tosses, truth, draws=2))}
+    said = {w.quantity: w for w in witnesses(tosses, truth, truth, made(truth, cube))}
     rebound = said["rebound of a lone corner"]
     assert rebound.found == 0.0
     assert rebound.measured.value > 0.03
@@ -94,7 +124,7 @@ def test_made_tosses_show_what_biases_a_measurement(cube: ObjectModel) -> None:
 def test_a_wrong_rebound_is_contradicted(cube: ObjectModel) -> None:
     truth, wrong = (World(cube.with_changes(restitution=e)) for e in (0.4, 0.5))
     tosses = seen(truth, cube, 40, seed=3, frames=120)
-    said = {w.quantity: w for w in witnesses(tosses, World(cube), wrong, made=made_by(tosses, wrong, draws=2))}
+    said = {w.quantity: w for w in witnesses(tosses, World(cube), wrong, made(wrong, cube))}
     assert said["rebound of a lone corner"].contradicts
     assert not said["inertia over the stated"].contradicts
 
@@ -120,3 +150,13 @@ def test_what_moves_in_a_plane_hits_with_an_edge(cube: ObjectModel) -> None:
     said = {w.quantity: w for w in witnesses(tosses, World(cube), truth)}
     assert said["inertia over the stated"].measured.value == pytest.approx(1.2, rel=0.04)
     assert said["rebound of a lone corner"].measured.value == pytest.approx(0.5, abs=0.03)
+
+
+def test_gap_json_has_the_stated_the_found_the_measured_and_the_made_value() -> None:
+    said = Witness("rebound", "restitution", 0.0, 0.31, Interval(0.3, 0.25, 0.35), 7)
+    found = said.as_json()
+    assert (found["stated"], found["found"], found["measured"]["value"]) == (0.0, 0.31, 0.3)
+    assert (found["predicted"], found["contradicts"]) == (None, False)
+    made = replace(said, predicted=Interval(0.4, 0.38, 0.42), contradicts=True).as_json()
+    assert made["predicted"] == {"value": 0.4, "ci95": [0.38, 0.42]}
+    assert made["contradicts"]

@@ -33,9 +33,6 @@ from tossid.physics.mujoco_engine import quiet
 
 Array = NDArray[np.float64]
 
-LIFTING = 1e-4
-"""Length scale of the relaxed friction law, in which what slides is lifted [m]. Tosses are those of MuJoCo, and it is
-below what a tracker sees."""
 IMPULSE_PARTS = 8.0
 """Parts in which the impulse of an impact is found where the slip turns meanwhile; 64 move a thrown cube by 0.01 mm
 three frames later."""

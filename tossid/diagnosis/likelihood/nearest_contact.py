@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from tossid.diagnosis.likelihood.engine_discrepancy import IMPULSE_PARTS, LIFTING
+from tossid.diagnosis.likelihood.engine_discrepancy import IMPULSE_PARTS
 from tossid.diagnosis.likelihood.step_changes import Contact, State, motions
 from tossid.objects import corner_heights
 from tossid.physics.effects import World
+from tossid.physics.mujoco_engine import LIFTING
 
 Array = NDArray[np.float64]
 

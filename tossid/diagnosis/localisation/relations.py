@@ -1,8 +1,8 @@
 """How a component of the residual wrench depends on a state of the motion.
 
-A curve of one component over one state is fitted and judged on tosses that took no part. The best of all pairs counts
-only if signs drawn by toss rarely give as good a best pair (the maximum's own distribution; Westfall and Young 1993),
-and the state only if it explains as rarely good beyond the component's mean.
+A curve of one component over one state is judged on each toss as the other tosses determine it. The best of all pairs
+counts only if signs drawn by toss rarely give as good a best pair (the maximum's own distribution; Westfall and Young
+1993), and the state only if it rarely explains as much beyond the component's mean.
 """
 
 from __future__ import annotations
@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import median_abs_deviation
 
-from tossid.diagnosis.findings import Interval, Relation
-from tossid.settings.diagnosis.diagnose import WrenchSettings
+from tossid.diagnosis.findings import RESAMPLES, Interval, Relation
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+Index = NDArray[np.int64]
 
 COMPONENTS = (
     "force_x", "force_y", "force_z", "force_along", "force_left",
@@ -31,6 +30,19 @@ STATES = (
 )  # fmt: skip
 """Means over a window, but for the lowest corner, which is the deepest that any gets; SI units, the world's frame. And
 the angle of each joint, from -pi to pi, and its rate: joint_1, joint_1_rate and so on."""
+
+LEVEL = 0.01
+"""Level of a clear relation."""
+FLIPS = 499
+"""Draws of signs by toss."""
+FEWEST = 6
+"""Tosses that must determine a component."""
+CURVED = 30
+"""Windows from which a curve is quadratic instead of straight."""
+RANGE = 2.5
+"""Standard deviations of a state beyond which a curve is level: few windows are there."""
+OUTLIER = 6.0
+"""Robust standard deviations to which a component is limited."""
 
 
 def components_of(count: int) -> tuple[str, ...]:
@@ -53,15 +65,9 @@ def states_of(count: int) -> tuple[str, ...]:
 
 
 def relate(
-    phase: str,
-    value: Array,
-    variance: Array,
-    states: Array,
-    toss: NDArray[np.int64],
-    rng: np.random.Generator,
-    settings: WrenchSettings = WrenchSettings(),
+    phase: str, value: Array, variance: Array, states: Array, toss: Index, rng: np.random.Generator
 ) -> Relation | None:
-    """The pair of component and state that explains most on tosses that took no part; None for too few windows.
+    """The pair of component and state that explains most; None if too few tosses determine any component.
 
     Args:
         phase: The windows' phase, in the result.
@@ -69,149 +75,133 @@ def relate(
         variance: (W, C) their variances; infinite where a component has no value.
         states: (W, S).
         toss: (W,) number of the toss.
-        rng: For folds, signs and resamples.
-        settings: How curves are fitted and judged.
+        rng: For signs and resamples.
     """
     numbers, toss = np.unique(toss, return_inverse=True)
-    n, components, names = len(numbers), components_of(value.shape[1]), states_of(states.shape[1])
-    signs = rng.choice([-1.0, 1.0], (n, settings.sign_flips))
-    fold = rng.permutation(n) % settings.folds
-    pick = rng.integers(0, n, (settings.resamples, n))
+    n = len(numbers)
+    # first what is there, then draws
+    signs = np.concatenate([np.ones((n, 1)), rng.choice([-1.0, 1.0], (n, FLIPS))], axis=1)
+    counts = np.concatenate([np.ones((1, n)), rng.multinomial(n, np.full(n, 1 / n), RESAMPLES)])
     samples = {}
-    for k, component in enumerate(components):
+    for k, component in enumerate(components_of(value.shape[1])):
         known = np.isfinite(variance[:, k])
-        if known.sum() >= settings.fewest and len(np.unique(toss[known])) >= settings.fewest:
-            y, weight = _weighted(value[known, k], variance[known, k], settings.outlier)
-            samples[component] = _Sample(known, y, weight, toss[known], fold[toss[known]], n, settings)
+        if len(np.unique(toss[known])) >= FEWEST:
+            samples[component] = _Sample.of(value[known, k], variance[known, k], states[known], toss[known], n)
     if not samples:
         return None
-    scores, chance = {}, np.full(settings.sign_flips, -np.inf)
-    for component, sample in samples.items():
-        drawn = sample.with_flipped(sample.y, signs)
-        for s in range(len(names)):
-            _, share = sample.explained(states[sample.known, s], drawn)
-            scores[component, s] = share[0]
-            chance = np.maximum(chance, share[1:])
-    component, s = max(scores, key=lambda pair: scores[pair])
-    p_value = _p_value(chance, scores[component, s])
+    shares = np.array([each.shares(each.y, signs) for each in samples.values()])
+    k, s = divmod(int(shares[..., 0].argmax()), shares.shape[1])
+    p_value = _p_value(shares.max((0, 1)))
 
-    best, k = samples[component], components.index(component)
-    x = states[best.known, s]
-    # the same beyond the component's mean: does it depend on a state at all?
-    drawn = best.with_flipped(best.y - np.average(best.y, weights=best.weight), signs)
-    chance = np.max([best.explained(states[best.known, i], drawn)[1][1:] for i in range(len(names))], axis=0)
-    beyond, share = best.explained(x, drawn)
-    p_state = _p_value(chance, share[0])
-    r2, r2_state = best.interval(best.explained(x, best.y[:, None])[0], pick), best.interval(beyond, pick)
-    clear = p_value <= settings.level and r2.low > 0
-    state_clear = clear and p_state <= settings.level and r2_state.low > 0
-    if clear and not state_clear:
-        r2 = best.interval(best.explained(None, best.y[:, None])[0], pick)
+    component, best = list(samples.items())[k]
+    beyond = best.y - np.average(best.y, weights=best.weight)
+    shares = best.shares(beyond, signs)
+    p_state = _p_value(np.append(shares[s, 0], shares[:, 1:].max(0)))
+    r2, r2_state = best.explained(s, best.y, counts), best.explained(s, beyond, counts)
+    clear = p_value <= LEVEL and r2.low > 0
+    state_clear = clear and p_state <= LEVEL and r2_state.low > 0
     return Relation(
         phase=phase,
-        windows=len(x),
+        windows=len(best.y),
         tosses=len(np.unique(best.toss)),
         component=component,
-        state=names[s],
-        r2=r2,
+        state=states_of(states.shape[1])[s],
+        r2=best.explained(None, best.y, counts) if clear and not state_clear else r2,
         p_value=p_value,
         clear=clear,
         r2_state=r2_state,
         p_state=p_state,
         state_clear=state_clear,
-        means={name: each.mean(pick) for name, each in samples.items()},
-        points=np.stack([x, value[best.known, k], np.sqrt(variance[best.known, k]), best.toss], axis=1),
-        curve=best.curve(x, pick),
+        means={name: _interval(each.coefficients(None, counts)[:, 0]) for name, each in samples.items()},
+        points=np.stack([best.states[:, s], best.value, np.sqrt(best.variance), best.toss], axis=1),
+        curve=best.curve(s, counts),
     )
 
 
-def _p_value(chance: Array, share: float) -> float:
-    """How often chance explains as much."""
-    return float((1 + (chance >= share).sum()) / (1 + len(chance)))
+def _p_value(shares: Array) -> float:
+    """How often what chance explains, all but the first, is as much as the first."""
+    return float((shares >= shares[0]).mean())
 
 
-def _weighted(y: Array, variance: Array, outlier: float) -> tuple[Array, Array]:
-    """Values without outliers (n,), and weights (n,) by precision and by the scatter beyond it.
-
-    The scatter between windows is that of DerSimonian and Laird (1986).
-    """
-    middle = np.median(y)
-    far = outlier * float(median_abs_deviation(y, scale="normal")) + 1e-12
-    y = np.clip(y, middle - far, middle + far)
-    w = 1 / variance
-    q = (w * (y - np.average(y, weights=w)) ** 2).sum()
-    between = max(0.0, (q - (len(y) - 1)) / max(w.sum() - (w**2).sum() / w.sum(), 1e-300))
-    return y, 1 / (variance + between)
+def _interval(drawn: Array) -> Interval:
+    """The first value, with the percentile interval of the others."""
+    low, high = np.percentile(drawn[1:], [2.5, 97.5])
+    return Interval(float(drawn[0]), float(low), float(high))
 
 
 @dataclass(frozen=True)
 class _Sample:
-    """The windows that determine one component.
+    """The m windows that determine one component.
 
-    known: which of all windows; y: values; weight: their weights; toss: numbers of n tosses; fold: of these.
+    value: (m,) as measured; variance: (m,) of these; y: (m,) the same without outliers; weight: (m,) by precision and
+    by the scatter beyond it; states: (m, S); toss: (m,) number of the toss, of n.
     """
 
-    known: Flags
+    value: Array
+    variance: Array
     y: Array
     weight: Array
-    toss: NDArray[np.int64]
-    fold: NDArray[np.int64]
+    states: Array
+    toss: Index
     n: int
-    settings: WrenchSettings
 
-    def with_flipped(self, values: Array, signs: Array) -> Array:
-        """(m, 1 + flips) values, and values with signs (n, flips) drawn by toss."""
-        return values[:, None] * np.concatenate([np.ones((len(values), 1)), signs[self.toss]], axis=1)
+    @classmethod
+    def of(cls, value: Array, variance: Array, states: Array, toss: Index, n: int) -> _Sample:
+        """The scatter between windows is that of DerSimonian and Laird (1986)."""
+        middle = np.median(value)
+        far = OUTLIER * float(median_abs_deviation(value, scale="normal")) + 1e-12
+        y, w = np.clip(value, middle - far, middle + far), 1 / variance
+        q = (w * (y - np.average(y, weights=w)) ** 2).sum()
+        between = max(0.0, (q - (len(y) - 1)) / max(w.sum() - (w**2).sum() / w.sum(), 1e-300))
+        return cls(value, variance, y, 1 / (variance + between), states, toss, n)
 
-    def _basis(self, x: Array, of: Array) -> Array:
-        """(m, 2 or 3) 1, s and, of many windows, s²; s is the state over its standard deviation."""
-        spread = max(float(of.std()), 1e-9)
-        s = np.clip((x - of.mean()) / spread, -self.settings.range, self.settings.range)
-        return np.stack([s**i for i in range(3 if len(of) >= self.settings.curved else 2)], axis=1)
+    def _basis(self, s: int | None, x: Array | None = None) -> Array:
+        """(m, 1 to 3) 1 and, over the state over its standard deviation, z and, of many windows, z²."""
+        if s is None:
+            return np.ones((len(self.y), 1))
+        of = self.states[:, s]
+        z = np.clip(((of if x is None else x) - of.mean()) / max(float(of.std()), 1e-9), -RANGE, RANGE)
+        return np.stack([z**i for i in range(3 if len(of) >= CURVED else 2)], axis=1)
 
-    def explained(self, x: Array | None, Y: Array) -> tuple[Array, Array]:
-        """How much a curve over x, or the mean if None, fitted to the other folds explains of every column of Y (m, c).
-
-        Returns:
-            Weighted squares of the first column by toss (n, 2), all and about the curve; and the share explained (c,).
-        """
-        X, after = np.ones((len(Y), 1)) if x is None else self._basis(x, x), np.empty_like(Y)
-        for k in range(self.settings.folds):
-            held = self.fold == k
-            w = np.where(held, 0.0, self.weight)
-            H = (X * w[:, None]).T @ X
-            H += 1e-6 * np.trace(H) * np.eye(len(H))
-            after[held] = Y[held] - X[held] @ np.linalg.solve(H, (X * w[:, None]).T @ Y)
-        share: Array = 1 - self.weight @ after**2 / np.maximum(self.weight @ Y**2, 1e-300)
-        return self._sums(np.stack([Y[:, 0] ** 2, after[:, 0] ** 2], axis=1)), share
-
-    def _sums(self, values: Array) -> Array:
+    def _by_toss(self, values: Array) -> Array:
         """(n, ...) weighted sums over each toss's windows."""
         out = np.zeros((self.n, *values.shape[1:]))
-        np.add.at(out, self.toss, self.weight.reshape(-1, *[1] * (values.ndim - 1)) * values)
+        np.add.at(out, self.toss, (self.weight * values.T).T)
         return out
 
-    def interval(self, squares: Array, pick: NDArray[np.int64]) -> Interval:
-        """The share explained, with its interval over tosses, of the squares of `explained`."""
-        drawn = squares[pick].sum(1)
-        low, high = np.percentile(1 - drawn[:, 1] / np.maximum(drawn[:, 0], 1e-300), [2.5, 97.5])
-        whole, left = squares.sum(0)
-        return Interval(float(1 - left / max(whole, 1e-300)), float(low), float(high))
+    def _normal(self, X: Array, Y: Array) -> tuple[Array, Array, Array]:
+        """Least squares of Y (m, c) on a basis (m, p): each toss's X'X (n, p, p) and X'Y (n, p, c), and a ridge."""
+        A, b = self._by_toss(X[:, :, None] * X[:, None, :]), self._by_toss(X[:, :, None] * Y[:, None, :])
+        return A, b, 1e-6 * np.trace(A.sum(0)) * np.eye(X.shape[1])
 
-    def mean(self, pick: NDArray[np.int64]) -> Interval:
-        """Weighted mean, with its interval over tosses."""
-        sums = self._sums(np.stack([self.y, np.ones_like(self.y)], axis=1))
-        drawn = sums[pick].sum(1)
-        low, high = np.percentile(drawn[:, 0] / np.maximum(drawn[:, 1], 1e-300), [2.5, 97.5])
-        return Interval(float(sums[:, 0].sum() / sums[:, 1].sum()), float(low), float(high))
+    def left(self, s: int | None, Y: Array) -> Array:
+        """(m, c) what a curve over a state, or the mean if None, of the other tosses leaves of each toss's Y (m, c)."""
+        X = self._basis(s)
+        A, b, ridge = self._normal(X, Y)
+        others = np.linalg.solve(A.sum(0) - A + ridge, b.sum(0) - b)
+        out: Array = Y - np.einsum("mp,mpc->mc", X, others[self.toss])
+        return out
 
-    def curve(self, x: Array, pick: NDArray[np.int64]) -> Array:
+    def shares(self, y: Array, signs: Array) -> Array:
+        """(S, c) shares of the squares of y (m,), with signs (n, c) by toss, that a curve over each state explains."""
+        Y = y[:, None] * signs[self.toss]
+        whole = max(float(self.weight @ y**2), 1e-300)
+        return np.array([1 - self.weight @ self.left(s, Y) ** 2 / whole for s in range(self.states.shape[1])])
+
+    def explained(self, s: int | None, y: Array, counts: Array) -> Interval:
+        """The share of the squares of y (m,) that a curve explains, with its interval over tosses."""
+        whole, left = counts @ self._by_toss(y**2), counts @ self._by_toss(self.left(s, y[:, None])[:, 0] ** 2)
+        return _interval(1 - left / np.maximum(whole, 1e-300))
+
+    def coefficients(self, s: int | None, counts: Array) -> Array:
+        """(r, p) of the curve over a state, or of the mean if None, in samples in which tosses count (r, n) times."""
+        A, b, ridge = self._normal(self._basis(s), self.y[:, None])
+        found = np.linalg.solve(np.tensordot(counts, A, 1) + ridge, np.tensordot(counts, b, 1))
+        return np.asarray(found[..., 0], dtype=float)
+
+    def curve(self, s: int, counts: Array) -> Array:
         """(40, 4) state, fitted component, and its 95 % band over tosses."""
-        low, high = np.percentile(x, [1, 99])
+        low, high = np.percentile(self.states[:, s], [1, 99])
         grid = np.linspace(low, high, 40)
-        X, at = self._basis(x, x), self._basis(grid, x)
-        A, b = self._sums(X[:, :, None] * X[:, None, :]), self._sums(X * self.y[:, None])
-        ridge = 1e-6 * np.trace(A.sum(0)) * np.eye(X.shape[1])
-        drawn = np.linalg.solve(A[pick].sum(1) + ridge, b[pick].sum(1)[..., None])[..., 0] @ at.T
-        fitted = at @ np.linalg.solve(A.sum(0) + ridge, b.sum(0))
+        fitted, *drawn = self.coefficients(s, counts) @ self._basis(s, grid).T
         return np.stack([grid, fitted, *np.percentile(drawn, [2.5, 97.5], axis=0)], axis=1)

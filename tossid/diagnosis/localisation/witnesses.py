@@ -7,32 +7,235 @@ velocity, at an arm r from there. Its moment makes the spin's jump dw, whatever 
 
 and the corner's own velocities before and after give restitution and, where it still slips, friction at an impact's
 load. Of a body that slides on a face, local parabolas give friction at its weight's load, slow and fast. The centre of
-mass and the errors of the recording are taken from the diagnosis: flight determines them.
+mass and the errors of the recording are taken from a world: flight determines them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import bootstrap
 
-from tossid.diagnosis.findings import Interval
-from tossid.diagnosis.witness import Witness
+from tossid.diagnosis.findings import RESAMPLES, Interval
 from tossid.objects import ObjectModel, Roundness
 from tossid.physics.body import rounded_corner_centres
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_conj, quat_exp, quat_mul, quat_rotate, quat_to_matrix
-from tossid.settings.diagnosis.diagnose import WitnessSettings
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+
+FEWEST = 5
+"""Tosses that a measurement needs."""
+PARAMETERS = {"inertia": "scale_rel", "restitution": "e", "friction": "mu"}
+"""Of effects, that tosses show."""
+TOLERANCE = 0.05
+"""Share of a value within which made tosses may differ from recorded ones by how finely they are simulated."""
+
+FLIGHT = 6
+"""Frames of flight before and after an impact, from which its velocities are taken."""
+JUMP, QUIET = 0.2, 0.04
+"""Change of velocity between frames that is an impact at least, and that is none at most, beyond noise [m/s]."""
+LONGEST, LONGEST_ROUND = 2, 5
+"""Frames in which the velocity jumps, of an impact of a corner, and of a round object, which may be soft."""
+LONE = 0.1
+"""Share of the object's width by which all other corners are higher than a lone one."""
+ALONG_EDGE = 0.05
+"""Sine of the angle to the spin below which an edge is hit as one place, at its middle."""
+LEAST_CLOSING, LEAST_SLIP = 0.3, 0.3
+"""Speed at which a corner hits at least, and at which it slips afterwards, for friction to be at its limit [m/s]."""
+LEAST_SPIN_CHANGE = 5.0
+"""Change of spin by an impact from which inertia is measured [rad/s]."""
+
+PARABOLA = 11
+"""Frames of a local parabola of sliding."""
+FLAT = 0.015
+"""Share of the object's width within which three corners are as low, on a face."""
+UNEVEN = 0.3
+"""Share by which a time step while sliding may differ from the median one."""
+SLOW, FAST = (0.05, 0.1), (0.3, 0.6)
+"""Slow and fast sliding [m/s]."""
+MOST_SPIN = 0.5
+"""Largest spin in sliding [rad/s]."""
 _DOWN = np.array([0.0, 0.0, -1.0])
+
+
+@dataclass(frozen=True)
+class Witness:
+    """A quantity that tosses reveal without a simulator.
+
+    Attributes:
+        quantity: In words.
+        effect: Name of the effect of which it speaks.
+        stated: Its value in the stated simulator.
+        found: Its value with the effects that the diagnosis found.
+        measured: Its value in the tosses.
+        tosses: How many reveal it.
+        predicted: Its value in tosses that the simulator with these effects makes, measured alike, so that what biases
+            the measurement biases both. None where too few of them reveal it, or none were made.
+        contradicts: Whether the tosses clearly have another value than those made tosses.
+    """
+
+    quantity: str
+    effect: str
+    stated: float
+    found: float
+    measured: Interval
+    tosses: int
+    predicted: Interval | None = None
+    contradicts: bool = False
+
+    def as_json(self) -> dict[str, Any]:
+        """One of gap.json's "witnesses"."""
+        return {
+            "quantity": self.quantity,
+            "effect": self.effect,
+            "stated": self.stated,
+            "found": self.found,
+            "measured": self.measured.as_json(),
+            "tosses": self.tosses,
+            "predicted": None if self.predicted is None else self.predicted.as_json(),
+            "contradicts": self.contradicts,
+        }
+
+
+class Measurement(NamedTuple):
+    """A quantity in m impacts or stretches of sliding.
+
+    Attributes:
+        says: What it is, in words.
+        effect: Name of the effect of which it speaks.
+        stated: Its value in the stated world.
+        found: Its value in the found world.
+        measured: (m,).
+        toss: (m,) numbers of the tosses.
+    """
+
+    says: str
+    effect: str
+    stated: float
+    found: float
+    measured: Array
+    toss: Index
+
+    def interval(self) -> Interval | None:
+        """The median over tosses of their medians, with its percentile interval over tosses; None of too few."""
+        medians = _medians(self.measured, self.toss)
+        if len(medians) < FEWEST:
+            return None
+        pick = np.random.default_rng(0).integers(0, len(medians), (RESAMPLES, len(medians)))
+        low, high = np.percentile(np.median(medians[pick], axis=1), [2.5, 97.5])
+        return Interval(float(np.median(medians)), float(low), float(high))
+
+
+def _medians(measured: Array, toss: Index) -> Array:
+    """(n,) median of each toss."""
+    return np.array([np.median(measured[toss == i]) for i in np.unique(toss)])
+
+
+def measured_values(tosses: Sequence[Toss], world: World) -> dict[str, dict[str, float]]:
+    """Values of effects that tosses show without a simulator, by the effects' and their parameters' names.
+
+    Each is a median over at least five tosses. Only impacts after which the body flies on are measured. Where nothing
+    rebounds, these are few special ones, which show a rebound of some 0.08 and up to a tenth less inertia. So these
+    are values to begin a search with, not to end it.
+
+    Args:
+        tosses: As recorded.
+        world: The simulator as it is stated.
+    """
+    all_values, out = measurements(tosses, world, world), dict[str, dict[str, float]]()
+    for effect, parameter in PARAMETERS.items():
+        some = [each for each in all_values if each.effect == effect]
+        if not some:
+            continue
+        medians = _medians(np.concatenate([m.measured for m in some]), np.concatenate([m.toss for m in some]))
+        if len(medians) >= FEWEST:
+            out[effect] = {parameter: float(np.median(medians))}
+    return out
+
+
+def witnesses(tosses: Sequence[Toss], stated: World, found: World, made: Sequence[Toss] = ()) -> tuple[Witness, ...]:
+    """What tosses, best others than those diagnosed, say of inertia, restitution and friction.
+
+    Args:
+        tosses: As recorded.
+        stated: The world before the diagnosis.
+        found: The world after it. Its recording errors, centre of mass and corners are used; its other values are only
+            compared.
+        made: Tosses that the found world makes. Those of equal name are draws of one toss.
+    """
+    predicted = {each.says: each.interval() for each in measurements(made, stated, found)}
+    out = []
+    for each in measurements(tosses, stated, found):
+        value, theirs = each.interval(), predicted.get(each.says)
+        if value is not None:
+            against = theirs is not None and _are_apart(value, theirs)
+            n = len(np.unique(each.toss))
+            out.append(Witness(each.says, each.effect, each.stated, each.found, value, n, theirs, against))
+    return tuple(out)
+
+
+def _are_apart(one: Interval, other: Interval) -> bool:
+    """Whether two intervals are further apart than a simulator's own errors."""
+    return max(one.low - other.high, other.low - one.high) > TOLERANCE * abs(one.value)
+
+
+def measurements(tosses: Sequence[Toss], stated: World, found: World) -> list[Measurement]:
+    """All quantities in impacts and slides.
+
+    Args:
+        tosses: As of `witnesses`.
+        stated: As of `witnesses`.
+        found: As of `witnesses`.
+
+    Returns:
+        None of an object with joints, whose impacts move its links in more complicated ways.
+    """
+    model, other = found.object, stated.object
+    if model.n_joints or not tosses:
+        return []
+    is_round = model.roundness is not None
+    part = "the lowest point" if is_round else "a lone corner"
+    hit = lone_impacts(tosses, found)
+    number = {name: i for i, name in enumerate(dict.fromkeys(toss.name for toss in tosses))}
+    of_toss = np.array([number[toss.name] for toss in tosses], dtype=np.int64)
+
+    turned = np.linalg.norm(hit.dw, axis=1) > LEAST_SPIN_CHANGE
+    back = quat_to_matrix(hit.q).swapaxes(1, 2)
+    impulse = (back @ np.cross(hit.arm, float(other.mass[0]) * hit.dv)[..., None])[..., 0]
+    inertial = (back @ hit.dw[..., None])[..., 0] @ other.inertia[0].T
+    ratio = ((impulse * inertial).sum(1) / np.maximum((inertial**2).sum(1), 1e-30))[turned]
+    size = float(np.trace(model.inertia[0]) / model.mass[0] / (np.trace(other.inertia[0]) / other.mass[0]))
+    of_hit = of_toss[hit.toss]
+    bounced, rebounds = -hit.after[:, 2] / hit.before[:, 2], (_rebound(stated, hit), _rebound(found, hit))
+    out = [
+        Measurement("inertia over the stated", "inertia", 1.0, size, ratio, of_hit[turned]),
+        Measurement(f"rebound of {part}", "restitution", *rebounds, bounced, of_hit),
+    ]
+    if is_round:
+        # a round object sticks in most impacts, and has no face to slide on
+        return out
+
+    slips = np.linalg.norm(hit.after[:, :2], axis=1) > LEAST_SLIP
+    slips &= (hit.before[:, :2] * hit.after[:, :2]).sum(axis=1) > 0  # what springs back has stuck
+    ratio = (np.linalg.norm(hit.dv[:, :2], axis=1) / np.maximum(hit.dv[:, 2], 1e-9))[slips]
+    of_found = _mu(found, 1.0)
+    out.append(Measurement("friction of a hit corner", "friction", other.friction, of_found, ratio, of_hit[slips]))
+    slides, load = sliding(tosses, found), found.gravity * float(model.mass[0])
+    for name, (low, high) in (("slow", SLOW), ("fast", FAST)):
+        inside = (slides[:, 1] >= low) & (slides[:, 1] < high)
+        says = f"friction of {name} sliding ({low:g} to {high:g} m/s)"
+        # each of the four corners of a face is held, and holds
+        expected = _mu(found, 0.5 * (low + high)) * (1 + 4 * found.law.adhesion / load) + 4 * model.cohesion / load
+        of_slide = of_toss[slides[inside, 0].astype(np.int64)]
+        out.append(Measurement(says, "friction", other.friction, expected, slides[inside, 2], of_slide))
+    return out
 
 
 @dataclass(frozen=True)
@@ -60,135 +263,17 @@ class Impacts:
     height: Array
 
 
-class Measurement(NamedTuple):
-    """A quantity in n impacts or stretches of sliding.
-
-    Attributes:
-        says: What it is, in words.
-        effect: Name of the effect of which it speaks.
-        values: In the stated and in the found world.
-        measured: (n,) each.
-        toss: (n,) numbers of the tosses.
-    """
-
-    says: str
-    effect: str
-    values: tuple[float, float]
-    measured: Array
-    toss: Index
-
-    def interval(self, fewest: int) -> tuple[Interval, int] | None:
-        """The median over tosses of their medians, with its percentile interval (bootstrap over tosses).
-
-        Args:
-            fewest: Tosses that it takes.
-
-        Returns:
-            It, and how many tosses; None where they are too few.
-        """
-        numbers = np.unique(self.toss)
-        if len(numbers) < fewest:
-            return None
-        medians = np.array([np.median(self.measured[self.toss == i]) for i in numbers])
-        ends = bootstrap(
-            (medians,), np.median, confidence_level=0.95, method="percentile", rng=np.random.default_rng(0)
-        ).confidence_interval
-        return Interval(float(np.median(medians)), float(ends.low), float(ends.high)), len(numbers)
-
-
-def witnesses(
-    tosses: Sequence[Toss],
-    stated: World,
-    found: World,
-    settings: WitnessSettings = WitnessSettings(),
-    made: Sequence[Toss] = (),
-) -> tuple[Witness, ...]:
-    """What tosses, best others than those diagnosed, say of inertia, restitution and friction.
-
-    Args:
-        tosses: As recorded.
-        stated: The world before the diagnosis.
-        found: The world after it. Its recording errors, centre of mass and corners are used; its other values are only
-            compared.
-        settings: Which impacts and slides are measured.
-        made: Tosses that the found world makes. Those of equal name are draws of one toss.
-
-    Returns:
-        None of an object with joints, whose impacts move its links in more complicated ways.
-    """
-    if found.object.n_joints:
-        return ()
-    predicted = {each.says: each.interval(settings.fewest_tosses) for each in _measured(made, stated, found, settings)}
-    out = []
-    for each in _measured(tosses, stated, found, settings):
-        value = each.interval(settings.fewest_tosses)
-        if value is not None:
-            theirs = predicted.get(each.says)
-            against = theirs is not None and _apart(value[0], theirs[0], settings.solver_error)
-            out.append(Witness(each.says, each.effect, *each.values, *value, theirs and theirs[0], against))
-    return tuple(out)
-
-
-def _apart(one: Interval, other: Interval, tolerance: float) -> bool:
-    """Whether two intervals are further apart than a share of the first value."""
-    return max(one.low - other.high, other.low - one.high) > tolerance * abs(one.value)
-
-
-def _measured(tosses: Sequence[Toss], stated: World, found: World, settings: WitnessSettings) -> list[Measurement]:
-    """All quantities in impacts and slides, as of `witnesses`."""
-    part = "a lone corner" if found.object.roundness is None else "the lowest point"
-    hit = lone_impacts(tosses, found, settings)
-    model, other = found.object, stated.object
-    number = {name: i for i, name in enumerate(dict.fromkeys(toss.name for toss in tosses))}
-    of_toss = np.array([number[toss.name] for toss in tosses], dtype=np.int64)
-    out: list[Measurement] = []
-
-    def add(says: str, effect: str, values: tuple[float, float], measured: Array, toss: Index, chosen: Flags) -> None:
-        out.append(Measurement(says, effect, values, measured[chosen], of_toss[toss[chosen]]))
-
-    turned = np.linalg.norm(hit.dw, axis=1) > settings.least_spin_change
-    back = quat_to_matrix(hit.q).swapaxes(1, 2)
-    impulse = (back @ np.cross(hit.arm, float(other.mass[0]) * hit.dv)[..., None])[..., 0]
-    inertial = (back @ hit.dw[..., None])[..., 0] @ other.inertia[0].T
-    ratio = (impulse * inertial).sum(1) / np.maximum((inertial**2).sum(1), 1e-30)
-    size = float(np.trace(model.inertia[0]) / model.mass[0] / (np.trace(other.inertia[0]) / other.mass[0]))
-    add("inertia over the stated", "inertia", (1.0, size), ratio, hit.toss, turned)
-
-    bounced = -hit.after[:, 2] / hit.before[:, 2]
-    everywhere = np.ones(len(bounced), bool)
-    bounce = (_rebound(stated, hit), _rebound(found, hit))
-    add(f"rebound of {part}", "restitution", bounce, bounced, hit.toss, everywhere)
-
-    if found.object.roundness is not None:
-        # a round object sticks in most impacts, and has no face to slide on
-        return out
-
-    slips = np.linalg.norm(hit.after[:, :2], axis=1) > settings.least_slip
-    slips &= (hit.before[:, :2] * hit.after[:, :2]).sum(axis=1) > 0  # what springs back has stuck
-    ratio = np.linalg.norm(hit.dv[:, :2], axis=1) / np.maximum(hit.dv[:, 2], 1e-9)
-    add("friction of a hit corner", "friction", (other.friction, _mu(found, 1.0)), ratio, hit.toss, slips)
-    slides, load = sliding(tosses, found, settings), found.gravity * float(model.mass[0])
-    for name, (low, high) in (("slow", settings.slow), ("fast", settings.fast)):
-        inside = (slides[:, 1] >= low) & (slides[:, 1] < high)
-        says = f"friction of {name} sliding ({low:g} to {high:g} m/s)"
-        # each of the four corners of a face is held, and holds
-        expected = _mu(found, 0.5 * (low + high)) * (1 + 4 * found.law.adhesion / load) + 4 * model.cohesion / load
-        add(says, "friction", (other.friction, expected), slides[:, 2], slides[:, 0].astype(np.int64), inside)
-    return out
-
-
-def lone_impacts(tosses: Sequence[Toss], world: World, settings: WitnessSettings = WitnessSettings()) -> Impacts:
+def lone_impacts(tosses: Sequence[Toss], world: World) -> Impacts:
     """Impacts on a lone corner between two flights.
 
     Args:
         tosses: As recorded.
         world: Whose recording errors, centre of mass and corners are used.
-        settings: What counts as one.
     """
     gravity, radius = world.gravity_on_ground(), world.law.rounding
-    com, n = world.object.com[0], settings.flight
+    com, n = world.object.com[0], FLIGHT
     shape = _Shape.of(world.object, radius)
-    most = 2 if shape.roundness is None else settings.longest_round
+    most = LONGEST if shape.roundness is None else LONGEST_ROUND
     rows: list[tuple[int, Array]] = []
     for number, toss in enumerate(tosses):
         q, t, noise = _true(toss, world)
@@ -197,7 +282,7 @@ def lone_impacts(tosses: Sequence[Toss], world: World, settings: WitnessSettings
         velocities = np.diff(place, axis=0) / h[:, None]
         jumps = np.linalg.norm(np.diff(velocities, axis=0) - gravity * (0.5 * (t[2:] - t[:-2]))[:, None], axis=1)
         blur = noise * np.sqrt(h[1:] ** -2 + (1 / h[1:] + 1 / h[:-1]) ** 2 + h[:-1] ** -2)
-        struck = np.flatnonzero(jumps > settings.jump + 8 * blur) + 1
+        struck = np.flatnonzero(jumps > JUMP + 8 * blur) + 1
         for group in np.split(struck, np.flatnonzero(np.diff(struck) > 1) + 1):
             if not 0 < len(group) <= most:
                 continue
@@ -205,9 +290,9 @@ def lone_impacts(tosses: Sequence[Toss], world: World, settings: WitnessSettings
             if last < n or first + n >= len(q):
                 continue
             beside = np.concatenate([np.arange(last - n, last - 1), np.arange(first, first + n - 1)])
-            if (jumps[beside] > settings.quiet + 4 * blur[beside]).any():
+            if (jumps[beside] > QUIET + 4 * blur[beside]).any():
                 continue
-            row = _impact(q, place, t, (last, first), gravity, shape, settings)
+            row = _impact(q, place, t, (last, first), gravity, shape)
             if row is not None:
                 rows.append((number, row))
     values = np.array([row for _, row in rows]).reshape(len(rows), 20)
@@ -237,15 +322,7 @@ class _Shape(NamedTuple):
         return np.asarray(arms[np.argsort(arms[:, 2])])
 
 
-def _impact(
-    q: Array,
-    place: Array,
-    t: Array,
-    frames: tuple[int, int],
-    gravity: Array,
-    shape: _Shape,
-    settings: WitnessSettings,
-) -> Array | None:
+def _impact(q: Array, place: Array, t: Array, frames: tuple[int, int], gravity: Array, shape: _Shape) -> Array | None:
     """(20,) arm, dv, dw, before, after, attitude and height of an impact between two frames.
 
     None if no lone corner is hit.
@@ -260,20 +337,20 @@ def _impact(
         turns = quat_rotate(q[frames[:-1], 3:], quat_boxminus(q[frames[1:], 3:], q[frames[:-1], 3:]) / h)
         return line[0], line[1], turns.mean(axis=0)
 
-    p, v, w = flown(np.arange(last - settings.flight, last + 1))
-    p_after, v_after, w_after = flown(np.arange(first, first + settings.flight + 1))
+    p, v, w = flown(np.arange(last - FLIGHT, last + 1))
+    p_after, v_after, w_after = flown(np.arange(first, first + FLIGHT + 1))
     jump = v_after - v
     # both parabolas pass through the impact
     when = float(jump @ (p - p_after) / (jump @ jump))
     if abs(when) > max(1.5 * float(np.diff(t[last : first + 1]).min()), 0.5 * (t[first] - t[last])):
         return None
     attitude = quat_mul(quat_exp(w * (middle - t[last] + when)), q[last, 3:])
-    arms = _merged(shape.arms(attitude), (w, w_after), settings.lone * shape.width, settings.along_edge)
+    arms = _merged(shape.arms(attitude), (w, w_after), LONE * shape.width, ALONG_EDGE)
     arm = arms[0]
     before = v + gravity * when + np.cross(w, arm)
-    if len(arms) > 1 and arms[1, 2] - arm[2] < settings.lone * shape.width:
+    if len(arms) > 1 and arms[1, 2] - arm[2] < LONE * shape.width:
         return None
-    if before[2] > -settings.least_closing:
+    if before[2] > -LEAST_CLOSING:
         return None
     after = v_after + gravity * when + np.cross(w_after, arm)
     height = p[2:] + v[2] * when + 0.5 * gravity[2] * when**2
@@ -295,15 +372,14 @@ def _merged(arms: Array, spins: tuple[Array, Array], near: float, along: float) 
     return np.concatenate([[0.5 * (arms[0] + arms[1])], arms[2:]]) if across < along else arms
 
 
-def sliding(tosses: Sequence[Toss], world: World, settings: WitnessSettings = WitnessSettings()) -> Array:
+def sliding(tosses: Sequence[Toss], world: World) -> Array:
     """(n, 3) toss, speed [m/s], and deceleration over gravity, of stretches that slide on a face and hardly turn.
 
     Args:
         tosses: As recorded.
         world: Whose recording errors and corners are used.
-        settings: What counts as sliding.
     """
-    corners, width, length = world.object.corner_pos, world.object.width, settings.parabola
+    corners, width, length = world.object.corner_pos, world.object.width, PARABOLA
     x = np.arange(length) - length // 2
     rows: list[tuple[int, float, float]] = []
     for number, toss in enumerate(tosses):
@@ -311,16 +387,16 @@ def sliding(tosses: Sequence[Toss], world: World, settings: WitnessSettings = Wi
         dt = float(np.median(np.diff(t)))
         fit = np.linalg.pinv(np.stack([np.ones(length), x * dt, 0.5 * (x * dt) ** 2], axis=1))
         heights = np.sort(q[:, 2:3] + quat_rotate(q[:, None, 3:], corners)[..., 2], axis=1)
-        flat = heights[:, 2] - heights[:, 0] < settings.flat * width
+        flat = heights[:, 2] - heights[:, 0] < FLAT * width
         for first in range(0, len(q) - length + 1, length // 2):
             part = slice(first, first + length)
-            uneven = np.abs(np.diff(t[part]) / dt - 1).max() > settings.uneven
+            uneven = np.abs(np.diff(t[part]) / dt - 1).max() > UNEVEN
             if uneven or not flat[part].all() or np.ptp(q[part, 2]) > 4e-4 + 6 * noise:
                 continue
             turn = quat_boxminus(q[part][-1, 3:], q[part][0, 3:]) / ((length - 1) * dt)
             _, v, a = fit @ q[part, :2]
             speed = float(np.linalg.norm(v))
-            if speed > settings.slow[0] and np.linalg.norm(turn) < settings.most_spin:
+            if speed > SLOW[0] and np.linalg.norm(turn) < MOST_SPIN:
                 rows.append((number, speed, float(-(a @ v) / speed / world.gravity)))
     return np.array(rows).reshape(len(rows), 3)
 

@@ -12,6 +12,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from tossid.diagnosis.findings import Finding, Interval
+from tossid.diagnosis.localisation.witnesses import Witness
 from tossid.diagnosis.report.figures import VERDICTS, gain_per_toss
 from tossid.diagnosis.report.localisation_text import next_toss_words
 from tossid.diagnosis.report.registry import REPORT_FIGURES
@@ -29,7 +30,6 @@ from tossid.diagnosis.report.units import (
     span,
 )
 from tossid.diagnosis.result import Diagnosis
-from tossid.diagnosis.witness import Witness
 
 _TEMPLATES = Environment(
     loader=PackageLoader("tossid.diagnosis.report"), autoescape=True, trim_blocks=True, undefined=StrictUndefined
