@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from tossid.diagnosis.findings import Corner, Finding, Gap, Interval, Place, Share, Step
-from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tossid.diagnosis.findings import Brings, Change, Corner, Felt, Finding, Gap, Interval, Place, Share
+from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.localisation.relations import COMPONENTS, STATES, relate
 from tossid.diagnosis.result import Diagnosis
-from tossid.objects import ObjectModel
+from tossid.objects import ObjectModel, load_object
 from tossid.physics.effects import LIBRARY, Effect, World
 
 EFFECTS: dict[str, Effect] = {effect.name: effect for effect in LIBRARY}
+STATED = World(load_object("cube"))
 
 
 def hypothesis(model: ObjectModel, **values: list[float]) -> Hypothesis:
@@ -42,15 +43,16 @@ def gap(rms: float, *, n: int, seed: int = 0) -> Gap:
         Share(name, Interval(x, x - 0.05, x + 0.05))
         for name, x in (("p_x", 0.4), ("p_y", 0.3), ("p_z", 0.1), ("r_x", 0.05), ("r_y", 0.05), ("r_z", 0.1))
     )
-    lengths = tuple((k, rms, 1.0) for k in (5, 10, 20, 40))
-    return Gap(Interval(rms, 0.9 * rms, 1.1 * rms), 1.0, phases, channels, lengths, np.array(rows), ())
+    total = Interval(rms, 0.9 * rms, 1.1 * rms)
+    return Gap(total, 1.0, 0.2 * rms, 0.1 * rms, phases, channels, np.array(rows), ())
 
 
 def finding(effect: Effect, verdict: str, **changes: Any) -> Finding:
     """What the tosses say of an effect, as if it had been fitted."""
     phases = tuple(phase.name.lower() for phase in effect.phases)
     evidence = {"gain": 0.0, "p_value": 1.0, "n_tosses": 20.0}
-    plain = Finding(effect.name, verdict, effect.says, phases, {}, evidence, Interval(0, 0, 0))  # type: ignore[arg-type]
+    stated = {p.name: float(x) for p, x in zip(effect.parameters, effect.nominal(STATED), strict=True)}
+    plain = Finding(effect.name, verdict, effect.says, phases, {}, stated, evidence, Interval(0, 0, 0))  # type: ignore[arg-type]
     return replace(plain, detectable={p.name: p.step for p in effect.parameters}, **changes)
 
 
@@ -64,6 +66,8 @@ def diagnosis(model: ObjectModel, *, n: int = 20) -> Diagnosis:
             evidence={"gain": 400.0, "p_value": 1e-8, "n_tosses": 20.0},
             gap_closed=Interval(0.93, 0.85, 0.98),
             confusable_with=("cohesion",),
+            felt=Felt(12.1, 5.2),
+            frequency=0.97,
         ),
         finding(
             EFFECTS["cohesion"],
@@ -76,24 +80,29 @@ def diagnosis(model: ObjectModel, *, n: int = 20) -> Diagnosis:
         finding(EFFECTS["gravity"], "not_supported", evidence={"gain": -3.0, "p_value": 0.9, "n_tosses": 20.0}),
         finding(EFFECTS["magnus"], "not_identifiable"),
     ]
-    steps = (
-        Step((), Interval(12.5, 9.2, 16.0), Interval(5.5, 2.5, 10.6), Interval(13, 10, 17)),
-        Step(("friction",), Interval(0.6, 0.5, 0.8), Interval(0.4, 0.3, 0.6), Interval(0.9, 0.3, 1.9)),
-    )
     return Diagnosis(
         verdict="explained",
         gap=gap(5.0, n=n),
         left=gap(1.2, n=n, seed=1),
         findings=tuple(found),
-        named=("friction",),
+        change=(Change("friction", "mu", 0.18, Interval(0.3, 0.297, 0.303)),),
+        brings=brings(12.5, 0.3, n=n),
         gap_closed=Interval(0.93, 0.85, 0.98),
         unexplained=(),
-        steps=steps,
         hypothesis=hypothesis(model, friction=[0.3]),
         n_tosses=n,
         seconds=12.0,
+        folds=4,
+        draws=800,
+        probability_none=0.0,
         alternatives=(hypothesis(model, cohesion=[0.2]),),
     )
+
+
+def brings(before: float, after: float, *, n: int) -> Brings:
+    """Whole tosses with so many percent of the width, and half as many degrees, before and after."""
+    spread = np.linspace(0.8, 1.2, n)[:, None] * np.array([1.0, 0.5])
+    return Brings("tossid", before * spread, after * spread, 0.1048)
 
 
 def without_effects(model: ObjectModel, verdict: str, *, n: int = 20) -> Diagnosis:
@@ -104,9 +113,9 @@ def without_effects(model: ObjectModel, verdict: str, *, n: int = 20) -> Diagnos
         verdict=verdict,  # type: ignore[arg-type]
         left=made.gap,
         findings=tuple(finding(effect, "not_supported") for effect in LIBRARY),
-        named=(),
+        change=(),
+        brings=brings(12.5, 12.5, n=n),
         gap_closed=Interval(0, 0, 0),
-        steps=made.steps[:1],
         hypothesis=Hypothesis(World(model)),
         alternatives=(),
     )

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
+
 from tests.diagnosis.by_hand import EFFECTS, finding, with_place
-from tossid.diagnosis.findings import Consequence, Corner, Interval, Step
+from tossid.diagnosis.findings import Brings, Corner, Felt, Interval, mean_over_tosses
 from tossid.objects import ObjectModel
 
 ONE = Interval(1.0, 0.5, 1.5)
@@ -43,18 +45,42 @@ def test_an_effect_is_written_with_all_that_was_found_of_it() -> None:
     assert found["phases"]
 
 
-def test_errors_on_unseen_tosses_are_null_where_there_are_none() -> None:
-    seen = Step(("friction",), ONE, ONE, ONE)
-    assert seen.as_json()["unseen_position_error_pct"] is None
-    assert Step((), ONE, ONE, ONE, ONE, ONE).as_json()["unseen_rotation_error_deg"] == ONE.as_json()
-
-
-def test_a_headline_is_found_and_matters() -> None:
+def test_an_effect_matters_where_whole_tosses_feel_it() -> None:
     friction = EFFECTS["friction"]
-    assert finding(friction, "identified").headline
-    assert not finding(friction, "not_supported").headline
-    for matters in (True, False):
-        found = finding(friction, "confusable", consequence=Consequence(0.1, 0.2, 0.01, matters))
-        assert found.headline == matters
+    for felt, matters in ((Felt(0.6, 0.0), True), (Felt(0.0, 0.6), True), (Felt(0.5, 0.5), False)):
+        found = finding(friction, "confusable", felt=felt)
+        assert found.matters == matters
         assert found.as_json()["matters"] == matters
-        assert found.as_json()["whole_tosses"] == {"position_pct": 0.1, "rotation_deg": 0.2}
+        assert found.as_json()["whole_tosses"] == {"position_pct": felt.position_pct, "rotation_deg": felt.rotation_deg}
+    assert not finding(friction, "not_supported").matters
+    assert not Felt(0.9, 0.3).is_over(Felt(1.0, 0.1))
+
+
+def test_only_tosses_that_end_before_and_after_are_compared() -> None:
+    before = np.array([[4.0, 2.0], [6.0, 1.0], [np.nan, np.nan]])
+    made = Brings("mujoco", before, before / 2, 0.1)
+    assert made.n == 2
+    assert [x.value for x in made.position_pct()] == [5.0, 2.5]
+    assert [x.value for x in made.position_mm()] == [5.0, 2.5]
+    assert made.left == Felt(2.5, 0.75)
+    assert made.improves
+    nothing = Brings("tossid", np.full((2, 2), np.nan), before[:2], 0.1)
+    assert nothing.n == 0
+    assert nothing.left.is_over()
+
+
+def test_worse_tosses_are_no_improvement_and_lost_ones_are_worse() -> None:
+    before = np.full((5, 2), 1.0)
+    assert not Brings("tossid", before, before + np.array([0.6, 0.0]), 0.1).improves
+    assert Brings("tossid", before, before + np.array([0.4, 0.4]), 0.1).improves
+    assert not Brings("tossid", before, np.full((5, 2), np.nan), 0.1).improves
+
+
+def test_means_over_tosses_have_intervals_that_hold_them() -> None:
+    """95 % percentile intervals of means over 30 tosses, in 200 draws."""
+    rng = np.random.default_rng(0)
+    inside = 0
+    for _ in range(200):
+        found = mean_over_tosses(rng.normal(3.0, 1.0, 30))
+        inside += found.low <= 3.0 <= found.high
+    assert 178 <= inside <= 199

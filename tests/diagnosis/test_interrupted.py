@@ -2,48 +2,50 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from tests.diagnosis.by_hand import EFFECTS
-from tests.diagnosis.tossed import seen
-from tossid.diagnosis.explain import begin
+from tests.diagnosis.tossed import seen, with_effect
+from tossid.diagnosis.conclude import report_gap
+from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.interrupted import known_so_far
 from tossid.diagnosis.problem import Problem
-from tossid.diagnosis.report.text import headline, sentences
 from tossid.diagnosis.under_way import UnderWay
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
-from tossid.types import Toss
-
-FEW = [EFFECTS[name] for name in ("gravity", "friction", "restitution")]
 
 
 @pytest.fixture(scope="module")
-def tosses(cube: ObjectModel) -> list[Toss]:
-    return seen(World(cube.with_changes(friction=0.3)), cube, 6, seed=1)
+def problem(cube: ObjectModel) -> Problem:
+    """Twelve tosses with friction 0.3, where 0.18 is stated."""
+    tosses = seen(with_effect(cube, "friction", [0.3]), cube, 12, seed=1, frames=70)
+    few = tuple(EFFECTS[name] for name in ("gravity", "friction", "restitution"))
+    return Problem(tosses, Hypothesis(World(cube)), library=few, under_way=UnderWay())
 
 
-def test_the_gap_the_suspects_and_what_joined_are_reported(cube: ObjectModel, tosses: list[Toss]) -> None:
-    under_way = UnderWay()
-    validator, first = begin(Problem(tosses, World(cube), library=FEW, under_way=under_way))
+def test_the_gap_alone_is_known_at_first_then_suspects_and_what_joined(problem: Problem) -> None:
+    under_way = problem.under_way
+    first = report_gap(problem)
     assert under_way.so_far is not None
-    early = known_so_far(under_way.so_far, "round 1")
+    early = known_so_far(under_way.so_far, "the gap")
     assert early.verdict == "incomplete"
     assert early.findings == ()
     assert early.gap.total.low > 1.5
     assert early.as_json()["complete"] is False
-    assert early.as_json()["interrupted"]["during"] == "round 1"
-    assert early.as_json()["interrupted"]["suspects"][0]["name"] == "friction"
 
-    known = first.hypothesis.plus(EFFECTS["friction"])
-    present = validator.cross_validate(first, EFFECTS["friction"], known)
-    under_way.reached(present)
-    later = known_so_far(under_way.so_far, "round 2")
+    problem.search().run(first)
+    later = known_so_far(under_way.so_far, "the search")
     (found,) = later.findings
     assert found.verdict == "candidate"
     assert later.named == ()
+    assert later.candidates == ("friction",)
     assert found.parameters["mu"].low - 0.01 < 0.3 < found.parameters["mu"].high + 0.01
     assert later.left.total.value < 0.7 * later.gap.total.value
-    assert later.gap_closed.value > 0.5
-    assert headline(later).startswith("Interrupted")
-    assert "round 2" in sentences(later)[0]
+    assert later.change[0].stated == pytest.approx(0.18)
+    before, after = later.brings.position_pct()
+    assert after.value < 0.5 * before.value
+    assert later.brings.as_json()["took_no_part"] is False
+    named = replace(under_way.so_far, suspects=(("gravity", 3.0),))
+    assert known_so_far(named, "x").as_json()["interrupted"]["suspects"] == [{"name": "gravity", "gain": 3.0}]

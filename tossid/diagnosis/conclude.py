@@ -62,37 +62,47 @@ class Engine:
     errors: Errors = errors_in_tossid
 
 
-def explain(problem: Problem, engine: Engine = Engine()) -> Diagnosis:
+def explain(problem: Problem, engine: Engine = Engine()) -> tuple[Diagnosis, Undone]:
     """Where a simulator's predictions differ from tosses, which effects explain it, and how far.
 
     Args:
         problem: The tosses, the simulator and the effects to choose from.
         engine: Where whole tosses are predicted.
+
+    Returns:
+        The diagnosis, and the tosses without what changes in their recording.
     """
     started, recorded = time.perf_counter(), problem.in_order()
     library, plane = in_plane(
         recorded.tosses, problem.stated.base, problem.library, settings=problem.settings, n_threads=problem.n_threads
     )
     recorded = replace(recorded, library=library)
-    first = _gap_is_known(recorded)
+    first = report_gap(recorded)
     recorded.under_way("the search", GAP)
     undone = without_changes(recorded)
-    concluded = _Concluded.of(recorded, first, undone, engine)
-    made = concluded.diagnosis()
+    made = _Concluded.of(recorded, first, undone, engine).diagnosis()
     if plane is not None:
         not_shown = (e for e in problem.library if e.name in plane.effects)
         made = replace(made, plane=plane, findings=(*made.findings, *map(hidden, not_shown)))
-    return replace(made, seconds=time.perf_counter() - started)
+    return replace(made, seconds=time.perf_counter() - started), undone
 
 
-def _gap_is_known(problem: Problem) -> Evidence:
-    """Evidence of the simulator as it is stated, whose gap is reported."""
+def report_gap(problem: Problem, *, of_all: int | None = None) -> Evidence:
+    """Evidence of the simulator as it is stated, whose gap is reported.
+
+    Args:
+        problem: The tosses and the simulator.
+        of_all: How many tosses there are, if these are the first of them only.
+    """
     problem.under_way("the gap", 0.0)
-    begun, sample = time.perf_counter(), problem.sample
+    began, sample = time.perf_counter(), problem.sample
     first = sample.evidence(problem.stated)
-    seconds = time.perf_counter() - begun
-    rows = rows_of([(first, np.arange(sample.n))], noise_floor(sample.windows))
-    problem.under_way.known(problem.tosses, first, in_short(rows))
+    seconds = time.perf_counter() - began
+    line = in_short(rows_of([(first, np.arange(sample.n))], noise_floor(sample.windows)))
+    if of_all is not None:
+        problem.under_way.known(problem.tosses, first, f"{line} (of the first {sample.n} of {of_all} tosses)")
+        return first
+    problem.under_way.known(problem.tosses, first, line)
     folds = problem.settings.repeats
     repeats = f" and its {folds} repeats" if folds else ""
     problem.under_way.say(f"the search{repeats} over {sample.n} tosses takes about {_rounded(COST * seconds)}")
@@ -192,7 +202,7 @@ class _Concluded:
             found=any(f.matters for f in findings),
             gap_over_floor=gap.total.value / gap.noise_floor,
             left=brings.left,
-            noise=noise_limit(h, tosses, problem.sample, seed=problem.seed) if h.effects else Felt(0.0, 0.0),
+            noise=noise_limit(found, tosses, problem.sample, seed=problem.seed) if h.effects else Felt(0.0, 0.0),
             closed=closed,
             within_solvers=_within(solvers, left),
         )

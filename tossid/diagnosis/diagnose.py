@@ -5,25 +5,24 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
 
-from tossid.diagnosis.enough import first_drawn, searched
+from tossid.diagnosis.conclude import Engine, explain, report_gap
+from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.interrupted import known_so_far
 from tossid.diagnosis.learned import learned_forces
 from tossid.diagnosis.next_toss import next_toss
+from tossid.diagnosis.over_order import Undone, corrections, have_own_heights
 from tossid.diagnosis.patch.make import make_patch
-from tossid.diagnosis.patch.rerun import rerun
+from tossid.diagnosis.patch.rerun import errors_in_mujoco, rerun
 from tossid.diagnosis.problem import Problem, session_starts
 from tossid.diagnosis.release import bound_frames
-from tossid.diagnosis.result import Diagnosis, Interruption
-from tossid.diagnosis.sessions.correction import corrections
-from tossid.diagnosis.sessions.explained import Explained, explain_over_order, fewest_over_order
-from tossid.diagnosis.sessions.heights import have_own_heights
-from tossid.diagnosis.sessions.looking import tell_gap_of_first
+from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.simulators import (
     Simulator,
     check_runs,
@@ -45,6 +44,13 @@ from tossid.store import Dataset
 from tossid.types import PoseTrack, Progress, RecordingOrder, Toss, silent
 
 _log = logging.getLogger(__name__)
+
+MOST = 80
+"""Tosses that take part where nobody says how many."""
+FEWEST_SHOWN, MOST_SHOWN = 3, 8
+"""Tosses whose gap is reported first."""
+SHORTEST = 11
+"""Frames of a toss that can be predicted: half a window, and the first."""
 
 
 def diagnose(
@@ -106,48 +112,38 @@ class Task:
     order: RecordingOrder | None = None
     names: tuple[str, ...] = ()
 
-    def tell_first(self, under_way: UnderWay) -> None:
-        """Tell the gap of the first tosses, seconds before `run` tells that of all it searches.
+    def gap_of_first(self, under_way: UnderWay) -> None:
+        """Report the gap of the first few tosses, seconds before `run` reports that of all it searches.
 
         Args:
-            under_way: Told the gap.
+            under_way: Given the gap.
         """
-        tell_gap_of_first(self._problem(first_drawn(self.tosses, self.settings), (), under_way).in_order())
+        few = self.tosses[: min(len(self.tosses) // 3, MOST_SHOWN)]
+        if len(few) >= FEWEST_SHOWN:
+            with suppress(InputError):  # these may be too short; of all, the whole search says it
+                report_gap(self._problem(few, under_way), of_all=len(self.tosses))
 
     def run(self, under_way: UnderWay | None = None) -> Diagnosis:
         """The diagnosis.
 
         Args:
-            under_way: Told what is known as soon as it is.
+            under_way: Given what is known as soon as it is.
         """
         under_way = under_way or UnderWay()
-        under_way.repeats = self.settings.repeats
-        threads = _threads(self.settings)
-
-        def search(tosses: Sequence[Toss], others: Sequence[Toss]) -> Explained:
-            judges = self.unseen if len(self.unseen) >= len(tosses) else (*self.unseen, *others)
-            return explain_over_order(self._problem(tosses, judges, under_way))
-
-        explained, of_number = searched(
-            self.tosses,
-            search,
-            engine=self.simulator.engine,
-            n_threads=threads,
-            settings=self.settings,
-            under_way=under_way,
-        )
-        found, tosses = explained.diagnosis, explained.tosses
+        tosses, remarks = searched(self.tosses, self.settings)
+        problem = self._problem(tosses, under_way)
+        found, undone = explain(problem, self.engine())
         under_way("next toss and patch", 0.95)
+        corrected = undone.problem.tosses
         following = next_toss(
             found.hypothesis,
             found.alternatives,
-            tosses,
+            corrected,
             self.recorded,
             rng=np.random.default_rng(self.settings.seed),
-            n_threads=threads,
-            settings=self.settings,
+            n_threads=problem.n_threads,
         )
-        patch = _patch(found, self, tosses, threads)
+        patch = _patch(found, self, corrected, undone, problem.n_threads)
         under_way("done", 1.0)
         return replace(
             found,
@@ -156,22 +152,27 @@ class Task:
             data={"object": self.recorded.name},
             next_toss=following,
             patch=patch,
-            remarks=(*of_number, *self.remarks, *_of_order(found, self), *_of_contact(found, self.simulator)),
+            remarks=(*remarks, *self.remarks, *_of_order(found), *_of_contact(found, self.simulator)),
             order=self.order,
-            learned=learned_forces(self.simulator.world, self.tosses, self.library, self.settings.learned),
-            report=self.settings.report,
+            learned=learned_forces(self.simulator.world, self.tosses, self.library),
         )
 
-    def _problem(self, tosses: Sequence[Toss], unseen: Sequence[Toss], under_way: UnderWay) -> Problem:
-        """Of some of the tosses, judged by others."""
+    def engine(self) -> Engine:
+        """Where whole tosses are predicted: the user's own simulator wherever it can be run."""
+        if self.simulator.mjcf is not None:
+            return Engine("mujoco", errors_in_mujoco(self.simulator.mjcf))
+        return Engine("python" if self.simulator.kind == "python" else "tossid")
+
+    def _problem(self, tosses: Sequence[Toss], under_way: UnderWay) -> Problem:
+        """Of some of the tosses."""
         return Problem(
             tosses,
-            self.simulator.world,
+            Hypothesis(self.simulator.world, self.simulator.law),
+            laws=self.simulator.laws,
             library=self.library,
-            engine=self.simulator.engine,
             n_threads=_threads(self.settings),
             seed=self.settings.seed,
-            unseen=unseen,
+            unseen=self.unseen,
             names=self.names,
             sessions=session_starts(self.order),
             own_heights=have_own_heights(tosses, self.recorded, self.order),
@@ -185,19 +186,32 @@ class Task:
         Args:
             under_way: What `run` was given. It must know the gap.
         """
-        furthest, answer = under_way.furthest, under_way.answer
-        assert furthest is not None
-        known = known_so_far(furthest, under_way.stage) if answer is None else answer
+        assert under_way.so_far is not None
         return replace(
-            known,
-            interruption=known.interruption or Interruption(under_way.stage),
+            known_so_far(under_way.so_far, under_way.stage),
             simulator=self.simulator,
             tosses_of=self.tosses_of,
             data={"object": self.recorded.name},
             remarks=self.remarks,
             order=self.order,
-            report=self.settings.report,
         )
+
+
+def searched(tosses: Sequence[Toss], settings: DiagnoseSettings) -> tuple[tuple[Toss, ...], tuple[str, ...]]:
+    """The tosses that take part, drawn at random where there are many, and a remark that says so.
+
+    More tosses than `MOST` would narrow the intervals, and cost time and memory in proportion.
+
+    Args:
+        tosses: All that may take part.
+        settings: Of the diagnosis. Where they name a number of tosses, all take part.
+    """
+    n = len(tosses)
+    if settings.tosses is not None or n <= MOST:
+        return tuple(tosses), ()
+    drawn = np.sort(np.random.default_rng(settings.seed).permutation(n)[:MOST])
+    said = f"{MOST} of {n} tosses take part, drawn at random. tosses={n} takes all, and longer in proportion."
+    return tuple(tosses[i] for i in drawn.tolist()), (said,)
 
 
 def prepare(
@@ -293,7 +307,7 @@ def _in_words(name: str, settings: DiagnoseSettings) -> str:
 
 def _moving(tosses: Sequence[Toss], settings: DiagnoseSettings) -> tuple[tuple[Toss, ...], tuple[Toss, ...]]:
     """Tosses that are half a window long, and those of them in which anything moves."""
-    least = settings.likelihood.windows.length // 2 + 1
+    least = SHORTEST
     long = tuple(toss for toss in tosses if len(toss) >= least)
     return long, tuple(toss for toss in long if moves(toss, settings.checks))
 
@@ -318,7 +332,7 @@ def _usable(
     kept = tuple(toss for toss in moving if toss.name not in copies)
     why = []
     if len(long) < len(tosses):
-        least = settings.likelihood.windows.length // 2 + 1
+        least = SHORTEST
         why.append(f"{len(tosses) - len(long)} of {len(tosses)} are shorter than {least} frames")
     if len(moving) < len(long):
         why.append(f"in {len(long) - len(moving)} of {len(tosses)} nothing moves")
@@ -333,52 +347,46 @@ def _usable(
     return kept, (f"Tosses left out: {', '.join(why)}.",) if why else ()
 
 
-def _patch(found: Diagnosis, task: Task, tosses: Sequence[Toss], threads: int) -> dict[str, Any]:
+def _patch(found: Diagnosis, task: Task, tosses: Sequence[Toss], undone: Undone, threads: int) -> dict[str, Any]:
     """gap.json's "patch", with its rerun in MuJoCo where there is anything to rerun."""
     mjcf = task.simulator.mjcf
-    settings = task.settings.patch
-    rigid = mjcf is not None and found.contact != "own"
-    patch = make_patch(found.hypothesis, mjcf=mjcf, rigid=rigid, settings=settings)
+    patch = make_patch(found.hypothesis, mjcf=mjcf)
     report: dict[str, Any] = {**patch.as_json(), "rerun": None}
-    report["recording"] = {**report["recording"], **corrections(found)}
+    report["recording"] = {**report["recording"], **corrections(undone.changes)}
     if patch.changes or patch.recording or mjcf is not None:
         try:
-            report["rerun"] = rerun(
-                patch, found.hypothesis, tosses, task.recorded, n_threads=threads, settings=settings
-            )
+            report["rerun"] = rerun(patch, found.hypothesis, tosses, task.recorded, n_threads=threads)
         except TossidError as error:
             report["rerun"] = {"problem": str(error)}
     return report
 
 
-def _of_order(found: Diagnosis, task: Task) -> tuple[str, ...]:
+def _of_order(found: Diagnosis) -> tuple[str, ...]:
     """A remark where too few tosses took part for a change over their order."""
     if found.changes_left is not None:
         return ()
-    least = fewest_over_order(task.library, task.settings)
-    return (
-        f"{len(found.tosses)} tosses are too few for a change of an effect over their order to be seen; it takes "
-        f"{least}.",
-    )
+    return (f"{len(found.tosses)} tosses are too few for a change of an effect over their order to be seen.",)
 
 
 def _of_contact(found: Diagnosis, simulator: Simulator) -> tuple[str, ...]:
-    """A remark where tosses follow another contact law than the simulator's."""
-    if found.contact == "relaxed" and simulator.mjcf is None:
-        return (
-            "These tosses follow MuJoCo's relaxed friction, in which a sliding contact lifts off, more closely than "
-            "Coulomb's law. The effects are fitted with relaxed friction.",
-        )
-    if found.contact == "routh" and simulator.mjcf is None:
-        return (
-            "In these tosses, friction of an impact is against the slip as it turns meanwhile (Routh's law), more than "
-            "against the slip after the impact, as in simulators that resolve impacts at once. The effects are fitted "
-            "with Routh's law.",
-        )
-    if found.contact != "own" and simulator.mjcf is not None:
+    """A remark where tosses follow another law of contact than the simulator's."""
+    if found.contact == simulator.law.name:
+        return ()
+    if simulator.mjcf is not None:
         return (
             "These tosses follow rigid contact more closely than your model's own contact. The effects are fitted "
             "with rigid contact, and the patch makes the model's contact rigid (solref, solimp, a shorter time step "
             "and an elliptic cone).",
         )
-    return ()
+    if found.contact == "relaxed":
+        return (
+            "These tosses follow MuJoCo's relaxed friction, in which a sliding contact lifts off, more closely than "
+            "Coulomb's law. The effects are fitted with relaxed friction.",
+        )
+    if found.contact == "routh":
+        return (
+            "In these tosses, friction of an impact is against the slip as it turns meanwhile (Routh's law), more than "
+            "against the slip after the impact, as in simulators that resolve impacts at once. The effects are fitted "
+            "with Routh's law.",
+        )
+    return ("These tosses follow Coulomb's law of friction more closely than the simulator's own law.",)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from tossid.physics import ExactCone, Simulation, System, simulate
 from tossid.physics.forces import law_of
 from tossid.physics.free import free_accelerations
+from tossid.physics.mujoco_engine import LIFTING
 from tossid.physics.solvers.registry import ContactSolver
-from tossid.settings.diagnosis.likelihood import EngineSettings
 from tossid.settings.training import ModelSettings
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ class Simulator:
         """
         if not isinstance(self.solver, ExactCone):
             return None
-        law = law_of(self.system.law)._replace(lifting=EngineSettings.lifting)
+        law = law_of(self.system.law)._replace(lifting=LIFTING)
         return replace(self, system=self.system._replace(law=np.array(law)))
 
     def rollout(

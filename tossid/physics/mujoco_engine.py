@@ -30,6 +30,9 @@ from tossid.objects import ObjectModel, to_mjcf
 
 Array = NDArray[np.float64]
 
+LIFTING = 1e-4
+"""`Law.lifting` [m] of the relaxed friction law, in which what slides is lifted (Anitescu, Math. Prog. 2006)."""
+
 RIGID_STEP = 5e-5
 """Time step [s] at which a landing cube sinks in by less than 0.1 mm."""
 

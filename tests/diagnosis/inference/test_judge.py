@@ -5,25 +5,30 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
+from numpy.typing import NDArray
 
 from tests.diagnosis.by_hand import EFFECTS
 from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.inference.judge import closed_share, cross_fit, frequencies
+from tossid.diagnosis.inference.judge import DRAWS, Fold, closed_share, cross_fit, frequencies, lost_without
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.inference.search import Search
+from tossid.diagnosis.likelihood.windows import Windows
 from tossid.diagnosis.localisation.noise import expected_deviance
 
+Index = NDArray[np.int64]
 LIBRARY = tuple(EFFECTS[name] for name in ("gravity", "friction", "restitution"))
 
 
-def folds_of(sample: Sample, stated: Hypothesis) -> list:
-    first = sample.evidence(stated)
+def folds_of(sample: Sample, stated: Hypothesis) -> list[Fold]:
+    def search_of(chosen: Index) -> Search:
+        return Search(sample.of_tosses(chosen), LIBRARY, stated, judging=True)
 
-    def of(chosen: np.ndarray) -> tuple[Search, Evidence]:
-        return Search(sample.of_tosses(chosen), LIBRARY, stated, judging=True), first.of_tosses(chosen)
+    def windows_of(held: Index, others: Index) -> Windows:
+        return sample.windows.of_tosses(held)
 
-    return cross_fit(of, first, n=sample.n, count=3)
+    return list(cross_fit(search_of, windows_of, n=sample.n, count=3))
 
 
 def test_a_judged_toss_moves_neither_the_choice_nor_a_value_that_judges_it(
@@ -47,7 +52,11 @@ def test_a_judged_toss_moves_neither_the_choice_nor_a_value_that_judges_it(
 def test_folds_hold_each_toss_once_and_name_what_is_there(slippery: Sample, stated: Hypothesis) -> None:
     folds = folds_of(slippery, stated)
     assert sorted(np.concatenate([fold.held for fold in folds]).tolist()) == list(range(slippery.n))
-    assert frequencies(folds) == {"friction": 1.0}
+    found = frequencies(folds)
+    assert found.names[0] == "friction"
+    assert len(found.drawn) == 3 * DRAWS
+    assert found.of_any(("friction",)) == 1.0
+    assert found.of_any(("gravity",)) == found.of_any(()) == found.none == 0.0
     closed = [fold.after.deviances().sum() / fold.before.deviances().sum() for fold in folds]
     assert max(closed) < 0.8
 
@@ -60,6 +69,9 @@ def test_the_share_that_is_closed_is_of_judged_tosses_and_nothing_is_closed_by_w
     share = closed_share(folds, floor)
     assert share.low > 0.8
     assert share.value <= 1.0
+    lost = lost_without(folds, "friction", floor)
+    assert lost.value == pytest.approx(share.value, abs=0.1)
+    assert lost_without(folds, "gravity", floor).value == 0.0
     same = [replace(fold, after=fold.before) for fold in folds]
     assert closed_share(same, floor).value == 0.0
     # half as certain predictions leave half as large residuals of the same motions

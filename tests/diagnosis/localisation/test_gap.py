@@ -2,94 +2,109 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from tests.diagnosis.tossed import seen
-from tossid.diagnosis.findings import Interval
-from tossid.diagnosis.likelihood.evidence import Hypothesis
+from tests.diagnosis.tossed import seen, with_effect
+from tossid.diagnosis.inference.evidence import Evidence, collect
+from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.diagnosis.localisation.gap import (
+    Rows,
     bootstrap_ratio,
-    by_toss,
     channels_of,
-    deviance,
+    in_short,
     measure_gap,
-    share_left,
+    phases_left,
+    rows_of,
+    share_closed_in,
 )
-from tossid.diagnosis.localisation.noise import noise_floor
-from tossid.diagnosis.selection.cross_validation import CrossValidator
+from tossid.diagnosis.localisation.noise import Floor, noise_floor
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, World
-from tossid.settings.changed import changed
-from tossid.settings.diagnosis.diagnose import DiagnoseSettings
-from tossid.types import Toss
+from tossid.physics.effects import World
+from tossid.types import Phase, Toss
 
-FRICTION = next(effect for effect in LIBRARY if effect.name == "friction")
 COUNT = 8
 
 
 @pytest.fixture(scope="module")
 def tosses(cube: ObjectModel) -> list[Toss]:
     """Of a cube with friction 0.3, where 0.18 is stated."""
-    return seen(World(cube.with_changes(friction=0.3)), cube, COUNT, seed=4)
+    return seen(with_effect(cube, "friction", [0.3]), cube, COUNT, seed=4)
 
 
 @pytest.fixture(scope="module")
-def validator(cube: ObjectModel, tosses: list[Toss]) -> CrossValidator:
-    return CrossValidator.of(tosses, cube, seed=0, settings=changed(DiagnoseSettings(), {"other_lengths": (10,)}))
+def windows(cube: ObjectModel, tosses: list[Toss]) -> Windows:
+    return make_windows(tosses, cube)
+
+
+@pytest.fixture(scope="module")
+def floor(windows: Windows) -> Floor:
+    return noise_floor(windows)
+
+
+@pytest.fixture(scope="module")
+def stated(cube: ObjectModel, windows: Windows) -> Evidence:
+    return collect(windows, Hypothesis(World(cube)))
+
+
+@pytest.fixture(scope="module")
+def true(cube: ObjectModel, windows: Windows) -> Evidence:
+    return collect(windows, Hypothesis(with_effect(cube, "friction", [0.3])))
+
+
+def rows(evidence: Evidence, floor: Floor) -> Rows:
+    return rows_of([(evidence, np.arange(COUNT))], floor)
 
 
 def test_what_an_impact_gets_wrong_is_seen_after_it(cube: ObjectModel) -> None:
     """A missing bounce leaves nothing in flight before and little at the impact itself: most is in what follows it."""
     made = seen(World(cube.with_changes(restitution=0.5)), cube, COUNT, seed=4)
-    validator = CrossValidator.of(made, cube, seed=0, settings=changed(DiagnoseSettings(), {"other_lengths": (10,)}))
-    gap = measure_gap(made, validator.evaluate(Hypothesis(World(cube))), validator, noise_floor(validator.windows))
+    windows = make_windows(made, cube)
+    floor = noise_floor(windows)
+    gap = measure_gap(made, rows(collect(windows, Hypothesis(World(cube))), floor), floor)
     assert gap.after_impacts.share.value > 0.6
 
 
 def test_friction_closes_the_gap_that_it_makes(
-    cube: ObjectModel, tosses: list[Toss], validator: CrossValidator
+    tosses: list[Toss], stated: Evidence, true: Evidence, floor: Floor
 ) -> None:
-    stated = Hypothesis(World(cube))
-    first, last = validator.evaluate(stated), validator.evaluate(stated.plus(FRICTION, np.array([0.3])))
-    floor = noise_floor(validator.windows)
     assert floor.rms == pytest.approx(1.0, abs=0.1)
-    gap, left = (measure_gap(tosses, each, validator, floor) for each in (first, last))
+    before, after = rows(stated, floor), rows(true, floor)
+    gap, left = (measure_gap(tosses, each, floor) for each in (before, after))
     assert gap.total.value > 2 * left.total.value
+    assert gap.position_mm > left.position_mm > 0.1
+    assert gap.rotation_deg > left.rotation_deg > 0.05
     assert sum(share.share.value for share in gap.by_phase) == pytest.approx(1.0)
     assert sum(share.share.value for share in gap.by_channel) == pytest.approx(1.0)
     assert next(share.share.value for share in gap.by_phase if share.name == "slide") > 0.4
-    assert [frames for frames, _, _ in gap.by_length] == [10, 20]
-    assert 0.1 < gap.after_impacts.share.value < 0.9
-    closed, unexplained = share_left(first, last, validator, floor)
-    assert closed.value > 0.8
-    assert unexplained == ()
-    nothing, everything = share_left(first, first, validator, floor)
-    assert nothing.value == pytest.approx(0.0, abs=1e-12)
-    assert "slide" in [share.name for share in everything]
+    assert share_closed_in(before, after, [Phase.SLIDE]) > 0.8
+    assert share_closed_in(before, before, [Phase.SLIDE]) == 0.0
+    assert phases_left(before, after) == ()
+    assert "slide" in [share.name for share in phases_left(before, before)]
+    assert "most in slide" in in_short(before)
 
 
-def test_a_gap_below_the_floor_is_closed_by_what_leaves_less(cube: ObjectModel, validator: CrossValidator) -> None:
-    stated = Hypothesis(World(cube))
-    first, last = validator.evaluate(stated), validator.evaluate(stated.plus(FRICTION, np.array([0.3])))
-    floor = noise_floor(validator.windows)
-    high = replace(floor, deviance=20.0 * floor.deviance)
-    closed, unexplained = share_left(first, last, validator, high)
-    assert closed.value == pytest.approx(1.0)
-    assert unexplained == ()
-    for one, other in ((first, first), (last, first)):  # nothing is better than what was there
-        assert share_left(one, other, validator, high) == (Interval(0.0, 0.0, 0.0), ())
+def test_parts_judged_by_evidences_of_their_own_are_the_whole(
+    tosses: list[Toss], stated: Evidence, floor: Floor
+) -> None:
+    numbers = [np.array([0, 3, 5]), np.array([1, 2, 4, 6, 7])]
+    parts = [(stated.of_tosses(each), each) for each in numbers]
+    whole, of_parts = rows(stated, floor), rows_of(parts, floor)
+    assert of_parts.n == COUNT
+    np.testing.assert_allclose(of_parts.by_toss(of_parts.raw**2), whole.by_toss(whole.raw**2))
+    counted = stated.windows.counted
+    assert len(whole.toss) == counted.sum()
+    one = measure_gap(tosses, of_parts, floor)
+    assert one.position_mm == pytest.approx(measure_gap(tosses, whole, floor).position_mm)
 
 
-def test_sums_by_toss_are_those_of_its_windows(cube: ObjectModel, validator: CrossValidator) -> None:
-    evidence = validator.evaluate(Hypothesis(World(cube))).evidence
-    values = deviance(evidence, np.ones(evidence.windows.noise.shape))
-    sums = by_toss(evidence, values, COUNT)
-    assert sums.sum() == pytest.approx(values.sum())
-    counts = np.bincount(evidence.windows.toss, weights=evidence.windows.counted.sum(1))
-    np.testing.assert_allclose(sums / counts, sums[0] / counts[0])
+def test_a_toss_that_is_far_off_is_odd(tosses: list[Toss], stated: Evidence, floor: Floor) -> None:
+    made = rows(stated, floor)
+    far = made.whitened.copy()
+    far[made.toss == 2] = 30.0
+    changed = Rows(*(far if name == "whitened" else getattr(made, name) for name in made.__dataclass_fields__))
+    assert measure_gap(tosses, changed, floor).odd == (tosses[2].name,)
 
 
 def test_the_interval_of_a_ratio_covers_it() -> None:

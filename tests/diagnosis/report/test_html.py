@@ -9,8 +9,8 @@ from html.parser import HTMLParser
 
 from tests.diagnosis.by_hand import diagnosis, without_effects
 from tossid.diagnosis.findings import Interval
-from tossid.diagnosis.report import report_html, report_pngs
 from tossid.diagnosis.localisation.witnesses import Witness
+from tossid.diagnosis.report import report_html, report_pngs
 from tossid.objects import ObjectModel
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from tests.diagnosis.by_hand import diagnosis
-from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.localisation.refusal import Growth, Refuted, RolloutCheck
 from tossid.diagnosis.report.refusal_text import contradiction_sentences, refusal_sentences, refusal_words
-from tossid.diagnosis.report.text import headline, sentences
+
+from tests.diagnosis.by_hand import diagnosis
+from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.localisation.witnesses import Witness
+from tossid.diagnosis.report.text import headline, sentences
 from tossid.objects import ObjectModel
 
 FINE, WORSE = Growth(-4.0, -2.0, -5.7, 1.0, 0.05), Growth(3.87, -0.2, 3.7, 2.4e-5, 0.05)

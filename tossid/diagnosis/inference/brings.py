@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Brings, Felt
+from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.judge import Fold
 from tossid.diagnosis.inference.sample import Sample
@@ -20,6 +21,8 @@ from tossid.diagnosis.localisation.rollouts import distances, first_states, made
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
+NOISE_DRAWS = 4
+"""Of noise and of parameters, for the limit below which whole tosses feel nothing but these."""
 Errors = Callable[[Hypothesis, Sequence[Toss], Sample], Array]
 """(m, 2) mean position error [% of the width] and rotation error [deg] of whole tosses; NaN where one diverged."""
 
@@ -113,20 +116,49 @@ def felt_of_each(hypothesis: Hypothesis, tosses: Sequence[Toss], sample: Sample)
     return out
 
 
-def noise_limit(hypothesis: Hypothesis, tosses: Sequence[Toss], sample: Sample, *, seed: int) -> Felt:
-    """What noise alone makes of whole tosses: how the hypothesis predicts those that it makes itself.
+def noise_limit(found: Found, tosses: Sequence[Toss], sample: Sample, *, seed: int) -> Felt:
+    """What noise alone makes of whole tosses: how what was found predicts tosses that it makes itself.
 
-    Their first states are estimated from measurements with the same noise, as of recorded tosses.
+    Their first states are estimated from measurements with the same noise, as of recorded tosses, and parameters are
+    drawn from their covariance: noise has made both uncertain. Two standard deviations above the mean of the draws.
 
     Args:
-        hypothesis: The simulator.
+        found: By a search.
         tosses: As recorded.
         sample: Their windows.
         seed: Of the noise.
     """
-    world, threads = hypothesis.world(), sample.n_threads
-    made = made_by(tosses, world, sample.windows, draws=1, seed=seed, n_threads=threads)
-    return median_of(toss_errors(made, world, n_threads=threads)) if made else Felt(0.0, 0.0)
+    world, threads, medians = found.hypothesis.world(), sample.n_threads, []
+    for rng in np.random.default_rng(seed).spawn(NOISE_DRAWS):
+        seed_of_draw = int(rng.integers(2**31))
+        made = made_by(tosses, world, sample.windows, draws=1, seed=seed_of_draw, n_threads=threads)
+        if made:
+            felt = median_of(toss_errors(made, drawn(found, rng).world(), n_threads=threads))
+            medians.append((felt.position_pct, felt.rotation_deg))
+    if not medians:
+        return Felt(0.0, 0.0)
+    position, rotation = np.mean(medians, axis=0) + 2 * np.std(medians, axis=0, ddof=1)
+    return Felt(float(position), float(rotation))
+
+
+def drawn(found: Found, rng: np.random.Generator) -> Hypothesis:
+    """A hypothesis with parameters drawn from a normal distribution about their values.
+
+    Args:
+        found: By a search: the values, and the covariances of their fits.
+        rng: Of the draw.
+    """
+    h, flat = found.hypothesis, found.hypothesis.flat()
+    for fitted in (found.fit, found.flight):
+        if fitted is None or not fitted.free:
+            continue
+        moved = rng.multivariate_normal(np.zeros(len(fitted.free)), fitted.columns.covariance(), method="eigh")
+        for name in fitted.hypothesis.names:
+            own = fitted.own(name)
+            if own and found.fit_of(name) is fitted:
+                place = h.place_of(name)
+                flat[place] += moved[own] * h.steps[place]
+    return h.at(flat)
 
 
 def median_of(errors: Array) -> Felt:

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.settings.diagnosis.likelihood import EffectFitSettings
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -28,6 +27,8 @@ LARGEST = 1e3
 """Entry of a column beyond which contact, not the parameter, decides: standard deviations a step."""
 RIDGE = 1e-9
 """Over the mean of the diagonal, so that a parameter that moves nothing has a step of zero."""
+MOST_LEVERAGE, LEVERAGE_WINDOWS = 4.0, 10
+"""Most information of one window over the 90 % quantile of those in which a column acts, and from how many of these."""
 LONGEST_SECANT = 1.5
 """Largest multiple of the change to a declared start."""
 
@@ -161,7 +162,7 @@ def sums(evidence: Evidence, J: Array, n: int) -> Columns:
     weight = np.where(w.inside[..., None], (nu + 1) / (nu + (evidence.residuals / s) ** 2) / s**2, 0.0)
     root = np.sqrt(weight)
     A = np.clip(np.nan_to_num(J), -LARGEST, LARGEST) * root[..., None]
-    A *= _bounded_leverage((A**2).sum((1, 2)), w.settings.fit)[:, None, None, :]
+    A *= _bounded_leverage((A**2).sum((1, 2)))[:, None, None, :]
     e = evidence.residuals * root
     C = A.shape[-1]
     H, g = np.zeros((n, C, C)), np.zeros((n, C))
@@ -173,7 +174,7 @@ def sums(evidence: Evidence, J: Array, n: int) -> Columns:
     return Columns(H, g, density.curvature)
 
 
-def _bounded_leverage(information: Array, settings: EffectFitSettings) -> Array:
+def _bounded_leverage(information: Array) -> Array:
     """(W, C) factors of columns, given each one's information (W, C) in each window.
 
     Where contact amplifies a parameter far beyond what it does elsewhere, derivatives hold in no neighbourhood, and one
@@ -181,8 +182,8 @@ def _bounded_leverage(information: Array, settings: EffectFitSettings) -> Array:
     """
     acts = information > 1e-6 * information.max(0, initial=0.0)
     out = np.ones_like(information)
-    for c in np.flatnonzero(acts.sum(0) >= settings.leverage_windows):
-        most = settings.leverage * np.quantile(information[acts[:, c], c], 0.9)
+    for c in np.flatnonzero(acts.sum(0) >= LEVERAGE_WINDOWS):
+        most = MOST_LEVERAGE * np.quantile(information[acts[:, c], c], 0.9)
         out[:, c] = np.sqrt(most / np.maximum(information[:, c], most))
     return out
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
 from scipy.stats import t as student_t
 
 from tossid.diagnosis.findings import Interval
@@ -25,6 +24,8 @@ DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)
 """Marquardt's, one after the other until a step gains."""
 FURTHER = 3
 """How often a step that gains is doubled: first states that have not followed yet hold it back."""
+NARROWEST, WIDEST = 0.5, 8.0
+"""Central differences, in a parameter's declared steps: contact is rough at scales that no toss resolves."""
 CONVERGED = 0.05
 """Change in standard errors, and gain, at which a fit ends."""
 
@@ -150,11 +151,10 @@ def fit(
     """
     evidence = near if start is near.hypothesis else near.near(start, steps=follow)
     free = tuple(j for j, owner in enumerate(start.owners) if owner not in held)
-    settings = evidence.windows.settings.fit
-    sizes = np.full(len(start.flat()), settings.widest_difference) if sizes is None else sizes.copy()
+    sizes = np.full(len(start.flat()), WIDEST) if sizes is None else sizes.copy()
     columns = _columns(evidence, free, sizes, n)
     for _ in range(iterations):
-        sizes[list(free)] = _difference_sizes(columns, settings.narrowest_difference, settings.widest_difference)
+        sizes[list(free)] = _difference_sizes(columns)
         found = _step(Fit(evidence, columns, free, sizes, n))
         if found is None:
             break
@@ -170,9 +170,9 @@ def _columns(evidence: Evidence, free: tuple[int, ...], sizes: Array, n: int) ->
     return sums(evidence, slopes(evidence, evidence.hypothesis, free, sizes), n)
 
 
-def _difference_sizes(columns: Columns, narrowest: float, widest: float) -> Array:
+def _difference_sizes(columns: Columns) -> Array:
     """Widths of central differences, in steps: two standard errors either way."""
-    return np.clip(4.0 / np.sqrt(np.maximum(np.diagonal(columns.H.sum(0)), 1e-12)), narrowest, widest)
+    return np.clip(4.0 / np.sqrt(np.maximum(np.diagonal(columns.H.sum(0)), 1e-12)), NARROWEST, WIDEST)
 
 
 def _step(at: Fit) -> tuple[Evidence, float] | None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
 from tossid.physics.effects import Effect, World
+from tossid.physics.mujoco_engine import LIFTING
 
 Array = NDArray[np.float64]
 
@@ -46,8 +47,8 @@ class ContactLaw:
 COULOMB = ContactLaw()
 ROUTH = ContactLaw("routh", impulse_parts=8.0)
 """Sixty-four parts would move a thrown cube by 0.01 mm three frames after an impact."""
-RELAXED = ContactLaw("relaxed", lifting=1e-4)
-"""Corners are in contact from a height of 0.1 mm on, which is below the noise of a tracker."""
+RELAXED = ContactLaw("relaxed", lifting=LIFTING)
+"""What slides is lifted by so much a metre, which is near the noise of a tracker."""
 
 
 @dataclass(frozen=True)

@@ -2,19 +2,18 @@
 
 Rigid contact with friction is not one law but several. MuJoCo's is the convex relaxation of Coulomb's (Anitescu 2006):
 what slides is also lifted, a cube at 1 m/s by 1.5 mm. Friction of an impact may be against the slip after it, or as it
-turns meanwhile (`Law.impulse_parts`). Which law the tosses follow is determined before any effect is sought
-(`selection.contact_law`), and is no effect. Beyond that, impacts on several corners, how far
-contact yields, how several corners bounce, and what torsional friction and rolling resistance leave of sliding friction
-differ between engines. So each window has one more nuisance parameter c, the multiple of the difference between the
-other engine and ours (both with the same body, contact and gravity) that the residuals contain, c ~ N(0, 1). Where a
-user's MuJoCo model is diagnosed, its difference to our reading of it is expected once, c ~ N(1, 1). Where any other
-simulator of a user is diagnosed, it is what is judged, and there is no other engine (`users_world`).
+turns meanwhile (`Law.impulse_parts`). Which law the tosses follow is no effect (`inference.hypothesis.ContactLaw`).
+
+Beyond that, impacts on several corners, how far contact yields, how several corners bounce, and what torsional friction
+and rolling resistance leave of sliding friction differ between engines. So each window has one more nuisance parameter
+c, the multiple of the difference between the other engine and ours (both with the same body, contact and gravity) that
+the residuals contain, c ~ N(0, 1). Where a user's MuJoCo model is diagnosed, its difference to our reading of it is
+expected once, c ~ N(1, 1). Where any other simulator of a user is diagnosed, it is what is judged, and there is no
+other engine (`users_world`).
 """
 
 from __future__ import annotations
 
-import copy
-import math
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -23,6 +22,7 @@ from mujoco import rollout
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.distinct import distinct
+from tossid.diagnosis.likelihood.states import moved_pose
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.errors import InputError
 from tossid.parallel import threads_at_hand
@@ -55,7 +55,7 @@ class MujocoWorld:
     def roll_out(self, q0: Array, v0: Array, *, n_steps: NDArray[np.int64], dt: float, n_threads: int = 1) -> Array:
         """(B, T + 1, nq) recorded poses from recorded first states; NaN from where MuJoCo gave up.
 
-        The time step is the model's own, shortened so that a whole number of steps makes a frame.
+        The time step is the model's own.
 
         Args:
             q0: (B, nq) first poses.
@@ -67,42 +67,47 @@ class MujocoWorld:
         Raises:
             InputError: The model has another state than its object.
         """
-        m, rate = copy.copy(self.model), self.recorded.recording.clock_rate
+        m, rate = self.model, self.recorded.recording.clock_rate
         nq, nv = self.recorded.object.nq, self.recorded.object.nv
         if mujoco.mj_stateSize(m, mujoco.mjtState.mjSTATE_FULLPHYSICS) != 1 + nq + nv or m.nq != nq:
             raise InputError(
                 f"the MuJoCo model has more or other state than one object's {nq} coordinates and {nv} speeds"
             )
-        finest = m.opt.timestep
 
         def onward(q: Array, v: Array, n_steps: int | NDArray[np.int64], dt: float) -> tuple[Array, Array]:
-            count = math.ceil(dt / finest - 1e-9)
-            m.opt.timestep = dt / count
-            return _frames(m, np.concatenate([q, v], axis=1), int(np.max(n_steps)), count, nq, n_threads)
+            return _frames(m, np.concatenate([q, v], axis=1), dt * np.arange(1, int(np.max(n_steps)) + 1), nq, n_threads)
 
         run = onward(*self.recorded.to_ground(q0, v0), n_steps, dt / rate)
         return self.recorded.recorded_motions(*run, n_steps=n_steps, dt=dt / rate, onward=onward)
 
 
-def _frames(m: mujoco.MjModel, first: Array, steps: int, count: int, nq: int, n_threads: int) -> tuple[Array, Array]:
-    """Frames of motions, each of so many time steps, from first states (B, nq + nv); NaN from where MuJoCo gave up."""
-    out = np.full((len(first), steps + 1, first.shape[1]), np.nan)
+def _frames(m: mujoco.MjModel, first: Array, times: Array, nq: int, n_threads: int) -> tuple[Array, Array]:
+    """Motions at times (T,), from first states (B, nq + nv); NaN from where MuJoCo gave up.
+
+    MuJoCo moves a body through a time step with the velocity at its end. So does this between time steps.
+    """
+    h, last = m.opt.timestep, np.ceil(times / m.opt.timestep - 1e-6).astype(int)
+    early = np.maximum(last * h - times, 0.0)
+    early[early < 1e-6 * h] = 0.0
+    out = np.full((len(first), len(times) + 1, first.shape[1]), np.nan)
     out[:, 0] = first
     start = np.concatenate([np.zeros((len(first), 1)), first], axis=1)
     data = [mujoco.MjData(m) for _ in range(threads_at_hand(max(1, n_threads)))]
-    at_once = max(n_threads, _ROWS_AT_ONCE // (steps * count), 1)
+    at_once = max(n_threads, _ROWS_AT_ONCE // last[-1], 1)
     for begin in range(0, len(first), at_once):
         part = slice(begin, begin + at_once)
         with quiet():
-            states, _ = rollout.rollout(m, data, start[part], nstep=steps * count)
-        frames = np.asarray(states)[:, count - 1 :: count]
+            states, _ = rollout.rollout(m, data, start[part], nstep=last[-1])
+        frames = np.asarray(states)[:, last - 1]
         # where MuJoCo gives up it resets the state, and its clock falls behind
-        clock = np.arange(1, steps + 1) * count * m.opt.timestep
-        good = np.isfinite(frames).all(-1) & (np.abs(frames[..., 0] - clock) < 1e-6 * clock[-1])
+        good = np.isfinite(frames).all(-1) & (np.abs(frames[..., 0] - last * h) < 1e-6 * last[-1] * h)
         good &= np.abs(frames[..., 1:4]).max(-1) < FARTHEST
         good = np.logical_and.accumulate(good, axis=1)
         out[part, 1:] = np.where(good[..., None], frames[..., 1:], np.nan)
-    return out[..., :nq], out[..., nq:]
+    q, v = out[..., :nq], out[..., nq:]
+    between = 1 + np.flatnonzero(early)
+    q[:, between] = moved_pose(q[:, between], -early[between - 1, None] * v[:, between])
+    return q, v
 
 
 @dataclass(frozen=True)

@@ -21,16 +21,14 @@ from scipy.optimize import minimize
 from tossid.diagnosis.likelihood.step_changes import Contact, State, motions
 from tossid.objects import corner_heights
 from tossid.physics.effects import World
-from tossid.settings.diagnosis.likelihood import EngineSettings
+from tossid.physics.mujoco_engine import LIFTING
 
 Array = NDArray[np.float64]
 
 MOST_MOTIONS, MOST_STATES = 16, 300
 """Motions, and states of them near the ground, that are looked at."""
-LIFTING = EngineSettings.lifting
-"""Height of a corner below which contact is relaxed [m], where it is (`EngineSettings.lifting`)."""
-PARTS = float(EngineSettings.impulse_parts)
-"""Parts of an impact whose friction is against the slip as it turns (`EngineSettings.impulse_parts`)."""
+PARTS = 8.0
+"""Parts of an impact whose friction is against the slip as it turns, where it is."""
 BEGINNINGS = ((2e3, 40.0, 0.9), (2e4, 60.0, 0.1))
 """Stiffness [N/m] and damping [N s/m] of a corner and its impedance, from which contact that yields is fitted."""
 MOST_EVALUATIONS = 80

@@ -21,7 +21,6 @@ from tossid.physics.effects import World
 from tossid.physics.effects.contact_in_mjcf import write_compliance, write_rigid_contact
 from tossid.physics.effects.mjcf_edit import Change, Edit
 from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, RIGID_STEP
-from tossid.settings.diagnosis.patch import PatchSettings
 
 
 @dataclass(frozen=True)
@@ -30,8 +29,7 @@ class Patch:
 
     Attributes:
         mjcf: Text of the changed model.
-        before: The model as it was, compiled by MuJoCo.
-        after: The changed model, compiled by MuJoCo.
+        model: The changed model, compiled by MuJoCo: from its text, or from the file that nothing changes.
         changes: The changed attributes.
         keys: Changed numbers of tossid's own object and simulator: `before` and `after` by key.
         recording: By effect, how the recorded data are corrected where the recording is wrong, not the simulator.
@@ -39,8 +37,7 @@ class Patch:
     """
 
     mjcf: str
-    before: mujoco.MjModel
-    after: mujoco.MjModel
+    model: mujoco.MjModel
     changes: tuple[Change, ...]
     keys: dict[str, dict[str, Any]]
     recording: dict[str, str]
@@ -61,20 +58,14 @@ class Patch:
         }
 
 
-def make_patch(
-    hypothesis: Hypothesis,
-    *,
-    mjcf: Path | None = None,
-    rigid: bool = False,
-    settings: PatchSettings = PatchSettings(),
-) -> Patch:
-    """The changes from the base world of a hypothesis to the world with its effects.
+def make_patch(hypothesis: Hypothesis, *, mjcf: Path | None = None) -> Patch:
+    """The changes from the base world of a hypothesis to the world with its effects, under its law of contact.
+
+    A user's model keeps its contact under its own law. Under any other it is made as rigid as MuJoCo bears.
 
     Args:
         hypothesis: The world and its effects.
         mjcf: File of the user's own MuJoCo model; a scene of the base world with nearly rigid contact if None.
-        rigid: Whether the model's contact is made rigid first, because the hypothesis has rigid contact.
-        settings: How effects are written.
 
     Returns:
         The patch.
@@ -83,28 +74,36 @@ def make_patch(
         ObjectError: MuJoCo cannot compile the model.
     """
     spec = read_spec(mjcf or _rigid_scene(hypothesis.base))
-    edit = Edit(spec, settings=settings)
-    before = hypothesis.base
-    if mjcf is None and before.object.compliance > 0:  # what the base already has and rigid MJCF lacks
-        write_compliance(edit, before, before)
+    edit = Edit(spec)
+    world = hypothesis.base
+    if mjcf is None and world.object.compliance > 0:  # what the base already has and rigid MJCF lacks
+        write_compliance(edit, world, world)
         edit.changes.clear()
-    compiled = edit.compiled()
-    if before.k_res is not None:
+    if world.k_res is not None:
         edit.cannot["residual"] = "MJCF has no learned acceleration"
-    if rigid:
+    if mjcf is not None and hypothesis.law.name != "own":
         edit.effect = "rigid contact"
         write_rigid_contact(edit)
-    world = before
     for effect, values in hypothesis.items():
         after = effect.at(world, values)
         edit.effect = effect.name
         effect.mjcf.write(edit, world, after)
         world = after
-    patched = edit.compiled()
-    if mjcf is not None:  # the text is for another place than the file's
-        spec.meshdir = str(mjcf.resolve().parent / spec.meshdir)
-    keys = _keys(before, world)
-    return Patch(spec.to_xml(), compiled, patched, tuple(edit.changes), keys, edit.recording, edit.cannot)
+    model = edit.compiled()
+    if mjcf is not None:
+        _find_assets_from_anywhere(spec, mjcf.resolve().parent)
+    text = spec.to_xml()
+    if edit.changes:  # the text has fewer digits
+        model = read_spec(text).compile()
+    return Patch(text, model, tuple(edit.changes), _keys(hypothesis.base, world), edit.recording, edit.cannot)
+
+
+def _find_assets_from_anywhere(spec: mujoco.MjSpec, folder: Path) -> None:
+    """Name the folders of a model's meshes and textures, where it has any: its text is for another place."""
+    if any(mesh.file for mesh in spec.meshes) or any(field.file for field in spec.hfields):
+        spec.meshdir = str(folder / spec.meshdir)
+    if any(texture.file or any(texture.cubefiles) for texture in spec.textures):
+        spec.texturedir = str(folder / spec.texturedir)
 
 
 def _rigid_scene(world: World) -> str:

@@ -18,6 +18,9 @@ from tossid.physics.effects.world import World
 from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, RIGID_STEP
 from tossid.rotations import skew
 
+STEPS_PER_SWING = 20.0
+"""MuJoCo steps within 1 / omega of a contact's spring: the motion is then that of the spring within a few percent."""
+
 
 def write_friction(edit: Edit, before: World, after: World) -> None:
     """Set sliding, torsional and rolling friction.
@@ -64,7 +67,7 @@ def write_compliance(edit: Edit, before: World, after: World) -> None:
     edit.set(pair, "solref", soft.solref, where, note=note)
     edit.set(pair, "solimp", soft.solimp, where)
     swing = float(np.sqrt(stiffness / (_corner_mass(after) + after.law.added_mass)))
-    refine_step(edit, 1 / (edit.settings.steps_per_swing * swing))
+    refine_step(edit, 1 / (STEPS_PER_SWING * swing))
     if after.law.added_mass == 0:
         edit.set(pair, "solreffriction", soft.solreffriction(edit.spec.option.timestep), where)
     round_cone(edit)

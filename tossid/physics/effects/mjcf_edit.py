@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from tossid.errors import ObjectError
 from tossid.physics.effects.world import World
 from tossid.rotations import quat_to_matrix
-from tossid.settings.diagnosis.patch import PatchSettings
 
 Array = NDArray[np.float64]
 
@@ -58,7 +57,6 @@ class Edit:
         changes: What has changed.
         recording: Corrections of the recorded data, by effect.
         cannot: Why MJCF cannot express an effect, by effect.
-        settings: How effects are written.
     """
 
     spec: mujoco.MjSpec
@@ -66,7 +64,6 @@ class Edit:
     changes: list[Change] = field(default_factory=list)
     recording: dict[str, str] = field(default_factory=dict)
     cannot: dict[str, str] = field(default_factory=dict)
-    settings: PatchSettings = PatchSettings()
 
     def compiled(self) -> mujoco.MjModel:
         """The model, compiled.

@@ -1,4 +1,4 @@
-"""Settings of how likely recorded tosses are under a simulator: windows, whitening, density, fits."""
+"""Settings of how likely recorded tosses are under a simulator: windows, whitening, density."""
 
 from __future__ import annotations
 
@@ -114,13 +114,6 @@ class DensitySettings:
 class EngineSettings:
     """The other engine: MuJoCo, whose differences to ours are no evidence of an effect."""
 
-    lifting: Positive = 1e-4
-    """length scale of the relaxed friction law, in which what slides is lifted [m] (Anitescu, Math. Prog. 2006)"""
-    impulse_parts: Count = 8
-    """parts of an impact whose friction is against the slip as it turns meanwhile, where tosses follow that; 64 move a
-    thrown cube by 0.01 mm three frames later"""
-    turning_closes: Fraction = 0.05
-    """share of contact's deviance that this friction has to close to be taken before effects are known"""
     substeps: Count = 17
     """MuJoCo's steps a frame for near-rigid contact; 135 give the same differences to a few percent"""
     bouncing_substeps: Count = 68
@@ -129,35 +122,6 @@ class EngineSettings:
     """fixed steps a frame of the other exact solver, in which impacts of a step are resolved at once"""
     reuse_share: Fraction = 0.2
     """share of the engines' difference by which our predictions may move before it is computed anew"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class EffectFitSettings:
-    """How the parameters of effects are fitted (Gauss-Newton with Student's weights)."""
-
-    iterations: Count = 8
-    """most iterations"""
-    converged: Positive = 0.05
-    """change of every parameter, in standard errors, at which a fit ends"""
-    least_gain: Positive = 0.05
-    """gain of log-likelihood at which a fit ends"""
-    narrowest_difference: Positive = 0.5
-    """smallest central difference, in the parameter's own step: contact is rough at scales that no toss resolves"""
-    widest_difference: Positive = 8.0
-    """largest central difference, in the parameter's own step"""
-    leverage: Positive = 4.0
-    """most information of one window, over the 90 % quantile of the windows in which the parameter acts
-    (bounded influence; Krasker and Welsch, JASA 1982)"""
-    leverage_windows: Count = 10
-    """windows in which a parameter acts, from which leverage is bounded"""
-    dampings: Count = 5
-    """dampings that are tried in an iteration"""
-    doublings: Annotated[int, Bounds(low=0)] = 3
-    """how often a successful step is doubled: first states that have not followed yet hold it back"""
-    perturbed_directions: Annotated[int, Bounds(low=0)] = 6
-    """eigenvectors of the correlations along which a fit is perturbed"""
-    largest_perturbation: Positive = 16.0
-    """largest perturbation [standard errors]"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,5 +138,3 @@ class LikelihoodSettings:
     """the density of whitened residuals"""
     engine: EngineSettings = advanced_part(EngineSettings)
     """the other engine"""
-    fit: EffectFitSettings = advanced_part(EffectFitSettings)
-    """how parameters are fitted"""
