@@ -1,4 +1,4 @@
-"""The search on tosses that were made with known effects, and on tosses without any.
+"""The diagnosis of tosses that were made with known effects, and on tosses without any.
 
     python -m experiments.search.made_cases OUT.jsonl                       # the cases below
     python -m experiments.search.made_cases OUT.jsonl --nulls 400           # how often something is named by chance
@@ -23,15 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from tossid.diagnosis.inference.evidence import Evidence
-from tossid.diagnosis.inference.hypothesis import COULOMB, RELAXED, ROUTH, Hypothesis
-from tossid.diagnosis.inference.judge import cross_fit, frequencies
-from tossid.diagnosis.inference.sample import Sample
-from tossid.diagnosis.inference.search import Search
-from tossid.diagnosis.likelihood.windows import make_windows
-from tossid.motion.resting import rest_scatter
+from tossid.diagnosis.diagnose import diagnose
 from tossid.objects import ObjectModel, load_object
-from tossid.physics.effects import World, effects_for
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.settings.ingestion import IngestSettings
 from tossid.settings.synthesis import LcpEngine, NoiseSettings, SynthesizeSettings
 from tossid.store import Dataset, read_dataset, write_tum
@@ -93,7 +87,9 @@ SUBSTEPS = 32
 """Of the exact engine a frame, sixteen times as fine as the search simulates."""
 
 
-def made(model: ObjectModel, engine: str, effects: Effects, tosses: int, seed: int) -> Dataset:
+def made(
+    model: ObjectModel, engine: str, effects: Effects, tosses: int, seed: int, noise: NoiseSettings = NOISE
+) -> Dataset:
     """A dataset of made tosses, with noise as a tracker has it, ingested from pose files.
 
     Args:
@@ -102,49 +98,49 @@ def made(model: ObjectModel, engine: str, effects: Effects, tosses: int, seed: i
         effects: What the stated object lacks.
         tosses: How many.
         seed: Of throws and noise.
+        noise: Of the poses.
     """
     how = ENGINES[engine].settings()
     how = replace(how, substeps=SUBSTEPS) if isinstance(how, LcpEngine) else how
     settings = SynthesizeSettings(engine=how, tosses=tosses, effects={k: dict(v) for k, v in effects.items()})
-    thrown, noise = np.random.default_rng([seed, 5]).spawn(2)
+    of_throws, of_noise = np.random.default_rng([seed, 5]).spawn(2)
     with TemporaryDirectory() as folder:
         out = Path(folder) / "tosses.h5"
-        write_tum(Path(folder) / "tum", add_noise(make_tosses(settings, model, thrown)[0], model, NOISE, noise))
+        write_tum(Path(folder) / "tum", add_noise(make_tosses(settings, model, of_throws)[0], model, noise, of_noise))
         source = TumSource(path=Path(folder) / "tum")
         ingest_source(source, object=model, settings=IngestSettings(), out=out, progress=lambda done: None)
         return read_dataset(out)
 
 
-def searched(dataset: Dataset, *, judged: bool, threads: int) -> dict[str, Any]:
-    """What a search over a dataset finds, and how often its names hold without a part of the tosses.
+def diagnosed(dataset: Dataset, *, judged: bool, threads: int) -> dict[str, Any]:
+    """What a diagnosis of a dataset's nominal simulator says.
 
     Args:
-        dataset: Of made tosses.
-        judged: Whether the search is cross-fitted.
+        dataset: Of tosses.
+        judged: Whether the search is repeated without parts of the tosses, which judge it.
         threads: Of simulators.
     """
-    begun, tosses, model = time.process_time(), dataset.tosses, dataset.object
-    sample = Sample(make_windows(tosses, model, scatter=rest_scatter(tosses, model)), len(tosses), threads)
-    search = Search(sample, effects_for(model), Hypothesis(World(model)), (COULOMB, ROUTH, RELAXED))
-    first = sample.evidence(search.stated)
-    found = search.run(first)
-    out: dict[str, Any] = {
-        "law": found.hypothesis.law.name,
-        "found": {effect.name: effect.named(values) for effect, values in found.hypothesis.items()},
-        "alike": {name: [r.effect.name for r in group if r.is_alike] for name, group in found.rivals.items()},
-        "gain": {name: float(gain.sum()) for name, gain in found.needed.items()},
-        "seconds": round(time.process_time() - begun, 2),
+    began, elapsed = time.process_time(), time.perf_counter()
+    gap = diagnose(dataset, "nominal", repeats=FOLDS if judged else 0, threads=threads, tosses=len(dataset))
+    before, after = gap.brings.position_pct()
+    return {
+        "law": gap.contact,
+        "verdict": gap.verdict,
+        "found": {f.name: {key: x.as_json() for key, x in f.parameters.items()} for f in gap.found},
+        "effects": {f.name: f.verdict for f in gap.found},
+        "minor": list(gap.minor),
+        "alike": {f.name: list(f.confusable_with) for f in gap.found if f.confusable_with},
+        "gain": {f.name: f.evidence["gain"] for f in gap.found},
+        "frequency": {f.name: f.frequency for f in gap.found} if judged else None,
+        "closed": gap.gap_closed.as_json() if judged else None,
+        "position_error_pct": [before.value, after.value],
+        "seconds": round(time.process_time() - began, 2),
+        "elapsed": round(time.perf_counter() - elapsed, 2),
     }
-    if judged:
 
-        def of(chosen: np.ndarray) -> tuple[Search, Evidence]:
-            part = replace(sample.of_tosses(chosen), n_threads=1)
-            return replace(search, sample=part, judging=True), first.of_tosses(chosen)
 
-        folds = cross_fit(of, first, n=sample.n, count=4, n_threads=threads)
-        out["frequency"] = {name: round(share, 3) for name, share in frequencies(folds).items()}
-        out["seconds_judged"] = round(time.process_time() - begun, 2)
-    return out
+FOLDS = DiagnoseSettings().repeats
+"""Parts of the tosses that judge the search."""
 
 
 def main() -> None:
@@ -179,7 +175,7 @@ def main() -> None:
             chosen = recorded.of_split("train")[seed : seed + given.tosses]
             dataset = replace(recorded, tosses=chosen)
         line = {"case": name, "seed": seed, "tosses": given.tosses, "truth": effects}
-        line |= searched(dataset, judged=given.judged, threads=given.threads)
+        line |= diagnosed(dataset, judged=given.judged, threads=given.threads)
         with given.out.open("a") as file:
             file.write(json.dumps(line) + "\n")
         print(f"{name} {seed}: {line['found']} ({line['seconds']} s)", file=sys.stderr)

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 import tossid
-from tossid.diagnosis.audit.strengths import world_with
+from tossid.audit.strengths import world_with
 from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.diagnosis.localisation.refusal import Growth
 from tossid.diagnosis.localisation.rollouts import toss_errors
