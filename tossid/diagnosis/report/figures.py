@@ -77,7 +77,7 @@ def whole_tosses(diagnosis: Diagnosis) -> Figure:
         ax.set_ylabel(label)
         ax.yaxis.set_major_formatter(plain)
         ax.yaxis.set_minor_formatter("")
-    footnote(figure, f"Grey: below {FELT_PCT} % and {FELT_DEG} deg, which nobody feels.")
+    footnote(figure, f"Grey: less than a person notices ({FELT_PCT} % and {FELT_DEG} deg).")
     return figure
 
 
