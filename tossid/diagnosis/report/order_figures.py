@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Gap
-from tossid.diagnosis.report.figures import AFTER, BEFORE, plain
+from tossid.diagnosis.report.figures import AFTER, BEFORE, colour_key, plain
 from tossid.diagnosis.report.registry import report_figure
 from tossid.diagnosis.result import Diagnosis
 from tossid.evaluation.figures.sessions import recording_over_order
-from tossid.evaluation.figures.style import MUTED, key_row, new_figure, panel_grid, styled
+from tossid.evaluation.figures.style import MUTED, new_figure, panel_grid, styled
 
 OVER_ORDER = "Over the order of recording"
 
@@ -64,8 +63,7 @@ def gap_over_order(diagnosis: Diagnosis) -> Figure:
         ax.axvline(at - 0.5, color=MUTED, linewidth=1.0)
     ax.set_xlabel("number of the toss [in the order of recording]")
     ax.set_ylabel("excess over noise [1]")
-    handles = [Line2D([], [], color=color, marker=".", linestyle="") for color in (BEFORE, AFTER)]
-    key_row(figure, list(zip(handles, ("before", "after"), strict=True)), y=0.72)
+    colour_key(figure, y=0.72)
     place.scatter(*diagnosis.places.T, c=np.log1p(np.maximum(after, 0.0)), cmap="viridis_r", s=14)
     place.set_title("left, where each toss ends")
     place.set_aspect("equal", adjustable="datalim")

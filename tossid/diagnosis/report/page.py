@@ -27,18 +27,6 @@ COLORS = {
     "not_identifiable": "#e3e5e8",
 }
 """Of each verdict of an effect; the page writes the verdict beside its colour."""
-MEANINGS = {
-    "identified": "found in most searches, and no other effect explains the tosses as well",
-    "confusable": "found, and another effect explains the tosses about as well",
-    "candidate": "found, but not surely: too few searches find it, or whole tosses are predicted worse with it, or most "
-    "of the gap where it acts is left",
-    "not_supported": "not found, and these tosses would have shown it",
-    "not_identifiable": "no plausible size of it would be visible in these tosses",
-}
-NOISIER = 1.1
-"""Measured noise over the stated one that is worth a sentence."""
-CARRIED = 0.25
-"""Share of what is left, after impacts, that is worth a sentence."""
 
 _TEMPLATES = Environment(
     loader=PackageLoader("tossid.diagnosis.report"), autoescape=True, trim_blocks=True, undefined=StrictUndefined
@@ -110,11 +98,8 @@ def _content(diagnosis: Diagnosis, figures: Mapping[str, bytes]) -> dict[str, An
         "listed": [f for f in diagnosis.findings if f.verdict != "not_identifiable"],
         "hidden": [f.name for f in diagnosis.findings if f.verdict == "not_identifiable"],
         "colors": COLORS,
-        "meanings": MEANINGS,
         "verdicts": [verdict for verdict in COLORS if verdict in verdicts],
         "worst_corner": max(corners, key=lambda corner: corner.per_frame or 0.0, default=None),
-        "noisier": NOISIER,
-        "carried": CARRIED,
         "patch": _patch(diagnosis.patch),
     }
 
