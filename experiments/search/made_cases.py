@@ -87,7 +87,9 @@ SUBSTEPS = 32
 """Of the exact engine a frame, sixteen times as fine as the search simulates."""
 
 
-def made(model: ObjectModel, engine: str, effects: Effects, tosses: int, seed: int) -> Dataset:
+def made(
+    model: ObjectModel, engine: str, effects: Effects, tosses: int, seed: int, noise: NoiseSettings = NOISE
+) -> Dataset:
     """A dataset of made tosses, with noise as a tracker has it, ingested from pose files.
 
     Args:
@@ -96,14 +98,15 @@ def made(model: ObjectModel, engine: str, effects: Effects, tosses: int, seed: i
         effects: What the stated object lacks.
         tosses: How many.
         seed: Of throws and noise.
+        noise: Of the poses.
     """
     how = ENGINES[engine].settings()
     how = replace(how, substeps=SUBSTEPS) if isinstance(how, LcpEngine) else how
     settings = SynthesizeSettings(engine=how, tosses=tosses, effects={k: dict(v) for k, v in effects.items()})
-    thrown, noise = np.random.default_rng([seed, 5]).spawn(2)
+    of_throws, of_noise = np.random.default_rng([seed, 5]).spawn(2)
     with TemporaryDirectory() as folder:
         out = Path(folder) / "tosses.h5"
-        write_tum(Path(folder) / "tum", add_noise(make_tosses(settings, model, thrown)[0], model, NOISE, noise))
+        write_tum(Path(folder) / "tum", add_noise(make_tosses(settings, model, of_throws)[0], model, noise, of_noise))
         source = TumSource(path=Path(folder) / "tum")
         ingest_source(source, object=model, settings=IngestSettings(), out=out, progress=lambda done: None)
         return read_dataset(out)

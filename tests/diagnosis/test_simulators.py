@@ -132,7 +132,7 @@ def test_a_scene_with_a_scan_is_diagnosed_as_it_is(tmp_path: Path, caplog: pytes
     assert (given.friction, world.object.friction) == (0.3, 1.0)
     assert "states friction 0.3; 1 holds instead" in caplog.text
     patch = make_patch(Hypothesis(world), mjcf=path)
-    np.testing.assert_allclose(patch.after.body_mass[1], 0.2)
+    np.testing.assert_allclose(patch.model.body_mass[1], 0.2)
 
 
 def test_a_scene_of_several_frictions_is_refused(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ def test_factors_whiten_the_covariance_of_the_model(cube: ObjectModel, windows: 
         own = slow + noise[..., None] ** 2 * np.eye(rows)
         known = replace(windows, slow=slow, root=np.linalg.inv(np.linalg.cholesky(own)))
         other = 1e-3 * rng.normal(size=(W, L, K)) * known.inside[..., None]
-        engine = EngineDifference(other, 0.0, other)
+        engine = EngineDifference(other, 0.0)
         kept, whitening = linearise(known, World(cube), refine=0, difference=engine)
         basis = np.eye(K * L).reshape(K * L, 1, L, K) + whitening.mean.reshape(W, L, K)
         factor = np.stack([whitening(each).reshape(W, K * L) for each in basis], axis=2)

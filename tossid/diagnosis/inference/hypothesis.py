@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.likelihood.engine_discrepancy import Engine
+from tossid.diagnosis.likelihood.engine_discrepancy import IMPULSE_PARTS, Engine
 from tossid.physics.effects import Effect, World
 from tossid.physics.mujoco_engine import LIFTING
 
@@ -45,8 +45,7 @@ class ContactLaw:
 
 
 COULOMB = ContactLaw()
-ROUTH = ContactLaw("routh", impulse_parts=8.0)
-"""Sixty-four parts would move a thrown cube by 0.01 mm three frames after an impact."""
+ROUTH = ContactLaw("routh", impulse_parts=IMPULSE_PARTS)
 RELAXED = ContactLaw("relaxed", lifting=LIFTING)
 """What slides is lifted by so much a metre, which is near the noise of a tracker."""
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from tossid.diagnosis.likelihood.engine_discrepancy import IMPULSE_PARTS
 from tossid.diagnosis.likelihood.step_changes import Contact, State, motions
 from tossid.objects import corner_heights
 from tossid.physics.effects import World
@@ -27,8 +28,6 @@ Array = NDArray[np.float64]
 
 MOST_MOTIONS, MOST_STATES = 16, 300
 """Motions, and states of them near the ground, that are looked at."""
-PARTS = 8.0
-"""Parts of an impact whose friction is against the slip as it turns, where it is."""
 BEGINNINGS = ((2e3, 40.0, 0.9), (2e4, 60.0, 0.1))
 """Stiffness [N/m] and damping [N s/m] of a corner and its impedance, from which contact that yields is fitted."""
 MOST_EVALUATIONS = 80
@@ -116,7 +115,7 @@ def nearest_contact(frames: Frames, world: World, dt: float, **how: Any) -> Cont
         return [replace(contact, step_count=1 + n) for n in range(MOST_STEPS)]
 
     rigid = [Contact(lifting=lifting) for lifting in (0.0, LIFTING)]
-    best = min([*rigid, Contact(impulse_parts=PARTS)], key=error)
+    best = min([*rigid, Contact(impulse_parts=IMPULSE_PARTS)], key=error)
     best = min([best, *in_steps(best)], key=error)
     first = [replace(each, step_count=FIRST_STEPS) for each in rigid]
     soft = [_fitted(begin, each, error, world) for each in first for begin in BEGINNINGS]
