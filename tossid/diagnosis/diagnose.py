@@ -234,7 +234,7 @@ def prepare(
     unseen = tuple(toss for toss in moving if toss.name not in _copies((*tosses, *moving)))
     if len(unseen) < len(moving):
         remarks += (f"{len(moving) - len(unseen)} of {len(moving)} unseen tosses left out: they are copies of others.",)
-    held = bound_frames(tosses, recorded, settings.release)
+    held = bound_frames(tosses, recorded)
     if held:
         tosses, unseen = (tuple(toss.frames(slice(held, None)) for toss in each) for each in (tosses, unseen))
         frames = "frame is" if held == 1 else f"{held} frames are"
