@@ -50,6 +50,8 @@ MOST = 80
 """Tosses that take part where nobody says how many."""
 FEWEST_SHOWN, MOST_SHOWN = 3, 8
 """Tosses whose gap is reported first."""
+FEWEST_FOR_A_NAME = 12
+"""Tosses from which an effect of contact has been named (`experiments/search/search.md`)."""
 SHORTEST = 11
 """Frames of a toss that can be predicted: half a window, and the first."""
 
@@ -147,7 +149,13 @@ class Task:
             data={"object": self.recorded.name},
             next_toss=following,
             patch=patch,
-            remarks=(*remarks, *self.remarks, *_of_order(found), *_of_contact(found, self.simulator)),
+            remarks=(
+                *remarks,
+                *self.remarks,
+                *_of_number(found),
+                *_of_order(found),
+                *_of_contact(found, self.simulator),
+            ),
             order=self.order,
             learned=learned_forces(self.simulator.world, self.tosses, self.library),
         )
@@ -355,6 +363,17 @@ def _patch(found: Diagnosis, task: Task, undone: Undone) -> dict[str, Any]:
         except TossidError as error:
             report["rerun"] = {"problem": str(error)}
     return report
+
+
+def _of_number(found: Diagnosis) -> tuple[str, ...]:
+    """A remark where nothing was found, and too few tosses took part for a name."""
+    n = found.n_tosses
+    if found.found or found.verdict == "no_gap" or n >= FEWEST_FOR_A_NAME:
+        return ()
+    return (
+        f"{n} tosses are too few: even if all agreed, that could be chance, given how many effects are tried. Some "
+        "twelve are needed to name an effect of contact, and fewer for one of flight.",
+    )
 
 
 def _of_order(found: Diagnosis) -> tuple[str, ...]:

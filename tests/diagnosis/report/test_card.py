@@ -21,7 +21,9 @@ def rows(made: Diagnosis) -> dict[str, str]:
 
 
 def test_it_says_everything_in_its_order(cube: ObjectModel) -> None:
-    made = replace(diagnosis(cube), patch={"mjcf": "<mujoco/>"}, brings=replace(brings(5.8, 0.34, n=20), engine="mujoco"))
+    made = replace(
+        diagnosis(cube), patch={"mjcf": "<mujoco/>"}, brings=replace(brings(5.8, 0.34, n=20), engine="mujoco")
+    )
     assert card_of(made).headline == "The gap is explained: friction or cohesion"
     said = rows(made)
     assert list(said) == ["Change", "It brings", "How sure", "Alternatives", "Left", "Do next"]

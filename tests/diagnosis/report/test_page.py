@@ -111,7 +111,9 @@ def test_details_hold_every_effect_with_its_smallest_detectable_size(cube: Objec
     assert "not supported : not found, and these tosses would have shown it" in page.text
     assert "candidate :" not in page.text  # which does not occur
     table = page_of(diagnosis(cube)).text
-    assert "confusable, or cohesion, named in 97 % mu 0.3000 (0.2970 to 0.3030) 0.18 12 % of the width, 5.2 deg" in table
+    assert (
+        "confusable, or cohesion, named in 97 % mu 0.3000 (0.2970 to 0.3030) 0.18 12 % of the width, 5.2 deg" in table
+    )
     assert "Not identifiable: magnus." in table
 
 
