@@ -25,7 +25,7 @@ import json
 from tossid.code_digest import code_digest
 entries = {
     "training": "tossid.training.api",
-    "audit": "tossid.diagnosis.audit.steps",
+    "audit": "tossid.audit.sealed_case",
     "detections": "tossid.vision.stages",
     "diagnosis": "tossid.diagnosis.diagnose",
 }
@@ -88,7 +88,7 @@ def test_imports_that_are_read_as_text_are_python_s_own() -> None:
 
 
 def test_imports_inside_functions_and_through_packages_count() -> None:
-    found = imported_modules("tossid.diagnosis.audit.run")
+    found = imported_modules("tossid.audit.run")
     assert "tossid.synthesis.tosses" in found  # imported inside a function
     found = imported_modules("tossid.training.api")
     assert "tossid.objects.model" in found  # as `from tossid.objects import ObjectModel`
@@ -130,7 +130,7 @@ def test_versions_of_what_computes_count(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_what_a_registry_holds_counts_only_where_it_is_reached(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(digests, "_outside", {})
-    reaches, apart = "tossid.diagnosis.audit.steps", "tossid.types"
+    reaches, apart = "tossid.audit.sealed_case", "tossid.types"
     before = code_digest(reaches), code_digest(apart)
     note_registered("tossid.physics.effects.registry", written)
     assert code_digest(reaches) != before[0]

@@ -2,10 +2,9 @@
 
     python -m experiments.search.over_order OUT.jsonl [cases=21] [nulls=30] [data=CUBE.h5] [seed=2] [boundary=TOSS]
 
-The cases are those of `pipelines.tools.experiments.changes_over_order`, which measures the older search: in `cases`
-something changes, in `nulls` nothing does; of a dataset, a third of the nulls are its tosses in random order. A line of
-JSON a case: what was made, what was found, seconds of processor time. Lines that are there are not made again.
-`over_order.md` has the table.
+The cases are those of `order_cases`: in `cases` something changes, in `nulls` nothing does; of a dataset, a third of
+the nulls are its tosses in random order. A line of JSON a case: what was made, what was found, seconds of processor
+time. Lines that are there are not made again. `over_order.md` has the table.
 """
 
 from __future__ import annotations
@@ -21,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from pipelines.tools.experiments.changes_over_order import problems
-from tossid.diagnosis.audit.over_order import score_over_order
+from experiments.search.order_cases import cases_over_order, score_over_order
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.order import OverOrder, over_order, windows_within
@@ -30,7 +28,7 @@ from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.inference.screening import screen
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World, effects_for
-from tossid.settings.diagnosis.audit import AuditSettings
+from tossid.settings.audit import AuditSettings
 from tossid.types import Toss
 
 
@@ -80,10 +78,11 @@ def main(arguments: list[str]) -> None:
     settings = replace(AuditSettings(), tosses=int(given.get("tosses", "40")), seed=int(given.get("seed", "2")))
     known = len(out.read_text().splitlines()) if out.exists() else 0
     boundaries = (int(given["boundary"]),) if "boundary" in given else ()
-    for k, (problem, truth) in enumerate(problems({"cases": "21", "nulls": "30", **given}, settings)):
+    cases = cases_over_order({"cases": "21", "nulls": "30", **given}, settings)
+    for k, (tosses, model, truth) in enumerate(cases):
         if k >= known:
-            found, seconds = looked_at(problem.tosses, problem.world.object, boundaries)
-            write(out, found, seconds, problem.tosses, truth)
+            found, seconds = looked_at(tosses, model, boundaries)
+            write(out, found, seconds, tosses, truth)
 
 
 def write(out: Path, found: OverOrder, seconds: float, tosses: Sequence[Toss], truth: Mapping[str, Any]) -> None:
@@ -97,7 +96,8 @@ def write(out: Path, found: OverOrder, seconds: float, tosses: Sequence[Toss], t
         truth: Of the case.
     """
     gap = as_findings(found, [toss.name for toss in tosses])
-    line = {"order": truth["case"]["order"], "effects": truth["effects"], "engine": truth["engine"], "found": gap}
+    about = {"order": truth["order"], "effects": truth["effects"], "engine": truth["case"]["engine"]}
+    line: dict[str, Any] = {**about, "found": gap}
     line |= {"score": score_over_order(truth, gap), "seconds": round(seconds, 1)}
     with out.open("a") as file:
         file.write(json.dumps(line, default=float) + "\n")

@@ -1,19 +1,15 @@
-"""`tossid audit`: gives the cases of `tossid.diagnosis.audit` to workers; tracks and prints what is found."""
+"""`tossid audit`: gives the cases of `tossid.audit` to workers; tracks and prints what is found."""
 
 from __future__ import annotations
 
 import os
 import time
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from pipelines.cli.console import Console
 from pipelines.config.schemas import AuditConfig
 from pipelines.execution.workers import open_workers
-from pipelines.files.project import dataset_path
-from tossid.parallel import as_done
 
 FOLDER = Path("outputs/audit")
 
@@ -21,20 +17,16 @@ FOLDER = Path("outputs/audit")
 def run(config: AuditConfig, console: Console) -> dict[str, Any]:
     """Audit; returns the summary, a row a case, and where all of it lies."""
     from pipelines.tracking.run import tracked_run
-    from tossid.diagnosis.audit.result import CASE_HEADINGS, MEASURE_HEADINGS
-    from tossid.diagnosis.audit.run import audit
+    from tossid.audit.result import CASE_HEADINGS, MEASURE_HEADINGS
+    from tossid.audit.run import audit
 
     started = time.perf_counter()
-    data = None if config.data is None else dataset_path(config.data)
-    out = config.out or FOLDER / (f"{config.seed}" if data is None else f"real-{config.seed}")
+    out = config.out or FOLDER / str(config.seed)
     processes = min(config.workers or os.cpu_count() or 1, config.cases)
     with (
-        # a thread leads a case through what workers do of it; it ends after them, else it would wait for them
-        ExitStack() as last,
         open_workers(config.launcher, processes) as pool,
         console.progress("auditing", config.cases, unit="cases") as bar,
     ):
-        lead = last.enter_context(ThreadPoolExecutor(config.workers or pool.count))
         done = 0
 
         def report(text: str, share: float) -> None:
@@ -43,15 +35,7 @@ def run(config: AuditConfig, console: Console) -> dict[str, Any]:
             bar.advance(now - done, note=text)
             done = now
 
-        found = audit(
-            config.object,
-            out=out,
-            data=data,
-            settings=config,
-            submit=pool.submit,
-            each=lambda function, jobs: as_done(function, jobs, lead.submit),
-            progress=report,
-        )
+        found = audit(config.object, out=out, settings=config, submit=pool.submit, progress=report)
     for name, problem in found.failed.items():
         console.warn(f"case {name}: {problem}")
     with tracked_run(f"audit-{out.name}", config, command="audit") as tracked:

@@ -5,44 +5,28 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from tossid.diagnosis.report import report_html, report_notebook, report_pngs
-from tossid.diagnosis.report.text import headline, verdict_of
-from tossid.diagnosis.report.units import closed_share, in_units, parameter
+from tossid.diagnosis.report import card_of, report_html, report_notebook, report_pngs
 from tossid.diagnosis.result import Diagnosis
 from tossid.outputs import write_whole
 from tossid.plain_json import jsonable
 
-HEADINGS = ("effect", "estimate (95 % interval)", "closes of the gap", "verdict")
-
-
-def effect_rows(diagnosis: Diagnosis) -> list[list[str]]:
-    """A row for each effect that was found, under `HEADINGS`."""
-    return [
-        [
-            finding.name,
-            ", ".join(f"{parameter(key)} {in_units(key, value)}" for key, value in finding.parameters.items()),
-            closed_share(finding.gap_closed),
-            verdict_of(finding),
-        ]
-        for finding in diagnosis.findings
-        if finding.headline
-    ]
-
 
 def summary(diagnosis: Diagnosis) -> str:
-    """The verdict, the effects with their intervals, and the share that they close, in a few lines."""
-    rows = ["  " + "; ".join(text for text in row if text) for row in effect_rows(diagnosis)]
-    whole = (
-        [f"  all named together close {closed_share(diagnosis.gap_closed)}"]
-        if diagnosis.named or diagnosis.candidates
-        else []
-    )
-    return "\n".join([headline(diagnosis), *rows, *whole])
+    """The card of a diagnosis in lines of text.
+
+    Args:
+        diagnosis: What `diagnose` returned.
+    """
+    return str(card_of(diagnosis))
 
 
 def notebook_html(diagnosis: Diagnosis) -> str:
-    """The verdict in sentences, the effects in a table, the main figures, and the other ones folded away."""
-    return report_notebook(diagnosis, report_pngs(diagnosis, settings=diagnosis.report))
+    """The card and the main figures, and all details folded.
+
+    Args:
+        diagnosis: What `diagnose` returned.
+    """
+    return report_notebook(diagnosis, report_pngs(diagnosis))
 
 
 def save(diagnosis: Diagnosis, folder: Path) -> Path:
@@ -58,7 +42,7 @@ def save(diagnosis: Diagnosis, folder: Path) -> Path:
     Raises:
         OutputError: The disk refuses.
     """
-    figures = report_pngs(diagnosis, settings=diagnosis.report)
+    figures = report_pngs(diagnosis)
     page = report_html(diagnosis, figures)
     gap = json.dumps(jsonable(diagnosis.as_json()), indent=2, allow_nan=False) + "\n"
     files = {"gap.html": page.encode(), "gap.json": gap.encode()}

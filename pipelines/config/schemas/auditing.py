@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipelines.config.schemas.launching import Launcher
-from tossid.settings.diagnosis.audit import AuditSettings
+from tossid.settings.audit import AuditSettings
 from tossid.settings.kinds import Count
 from tossid.settings.objects import ObjectSettings
 
@@ -19,8 +19,6 @@ class AuditConfig(AuditSettings):
     """what is tossed"""
     out: Path | None
     """folder of the audit; null: outputs/audit/SEED"""
-    data: Path | None
-    """a dataset of real tosses: the simulator is spoilt instead, relative to what a first diagnosis finds"""
     workers: Count | None
     """cases at the same time; null: one a core, or as many as the cluster has workers"""
     launcher: Launcher

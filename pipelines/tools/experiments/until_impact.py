@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.audit.strengths import world_with
+from tossid.audit.strengths import world_with
 from tossid.diagnosis.likelihood.windows import make_windows, steps_of
 from tossid.diagnosis.localisation.rollouts import first_states
 from tossid.errors import InputError

@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 import tossid
 from pipelines.files.json_lines import add_line, lines_so_far, read_lines
-from tossid.diagnosis.audit.strengths import world_with
+from tossid.audit.strengths import world_with
 from tossid.diagnosis.likelihood.simulator_process import BatchFunction, Given, SimulatorProcess
 from tossid.diagnosis.likelihood.states import difference
 from tossid.diagnosis.likelihood.step_changes import State

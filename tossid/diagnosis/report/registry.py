@@ -1,7 +1,7 @@
 """The figures of a report: each is one function, registered by one line.
 
     @report_figure("gap_energy", alt="Energy over time, measured and predicted.")
-    def energy(diagnosis: Diagnosis, settings: ReportSettings) -> Figure:
+    def energy(diagnosis: Diagnosis) -> Figure:
         ...
 
 The figure then stands on the page of every diagnosis, and is written beside it as a file.
@@ -9,7 +9,7 @@ The figure then stands on the page of every diagnosis, and is written beside it 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -17,30 +17,30 @@ from matplotlib.figure import Figure
 
 from tossid.diagnosis.result import Diagnosis
 from tossid.evaluation.figures.style import as_png
-from tossid.settings.diagnosis.report import ReportSettings
 
-Draw = Callable[[Diagnosis, ReportSettings], Figure]
+Draw = Callable[[Diagnosis], Figure]
 D = TypeVar("D", bound=Draw)
 
 
 @dataclass(frozen=True)
 class ReportFigure:
-    """A figure of the report, and how the page presents it."""
+    """A figure of the report, and how the page presents it.
+
+    Attributes:
+        name: Its name as a file, without a suffix.
+        draw: Draws it.
+        alt: What it shows, for readers who cannot see it.
+        detail: Heading of its section among the details; empty for a figure at the top of the page.
+        note: How it is read, below the figure.
+        applies: Whether a diagnosis has anything to draw.
+    """
 
     name: str
-    """Its name as a file, without a suffix."""
     draw: Draw
-    """Draws it."""
     alt: str
-    """What it shows, for readers who cannot see it."""
     detail: str
-    """Heading of its section among the details; empty for a figure at the top of the page."""
-    text: Callable[[Diagnosis], Sequence[str]]
-    """Paragraphs over the figure, in its section."""
     note: str
-    """How it is read, below the figure, in its section."""
     applies: Callable[[Diagnosis], bool]
-    """Whether a diagnosis has anything to draw."""
 
 
 REPORT_FIGURES: dict[str, ReportFigure] = {}
@@ -52,7 +52,6 @@ def report_figure(
     *,
     alt: str,
     detail: str = "",
-    text: Callable[[Diagnosis], Sequence[str]] = lambda diagnosis: (),
     note: str = "",
     applies: Callable[[Diagnosis], bool] = lambda diagnosis: True,
 ) -> Callable[[D], D]:
@@ -61,9 +60,9 @@ def report_figure(
     Args:
         name: Its name as a file, without a suffix; a name that is registered already is replaced.
         alt: What it shows, for readers who cannot see it.
-        detail: Heading of its section among the details; empty for a figure at the top of the page.
-        text: Paragraphs over the figure, in its section.
-        note: How it is read, below the figure, in its section.
+        detail: Heading of its section among the details, where figures of the same heading stand together; empty for
+            a figure at the top of the page.
+        note: How it is read, below the figure.
         applies: Whether a diagnosis has anything to draw.
 
     Returns:
@@ -71,30 +70,28 @@ def report_figure(
     """
 
     def register(draw: D) -> D:
-        REPORT_FIGURES[name] = ReportFigure(name, draw, alt, detail, text, note, applies)
+        REPORT_FIGURES[name] = ReportFigure(name, draw, alt, detail, note, applies)
         return draw
 
     return register
 
 
-def report_figures(diagnosis: Diagnosis, *, settings: ReportSettings = ReportSettings()) -> dict[str, Figure]:
+def report_figures(diagnosis: Diagnosis) -> dict[str, Figure]:
     """All registered figures of a diagnosis, by name, in the order of the page.
 
     Args:
         diagnosis: What was found.
-        settings: What the figures draw.
 
     Returns:
         The figures of which the diagnosis has something to draw.
     """
-    return {name: each.draw(diagnosis, settings) for name, each in REPORT_FIGURES.items() if each.applies(diagnosis)}
+    return {name: each.draw(diagnosis) for name, each in REPORT_FIGURES.items() if each.applies(diagnosis)}
 
 
-def report_pngs(diagnosis: Diagnosis, *, settings: ReportSettings = ReportSettings()) -> dict[str, bytes]:
+def report_pngs(diagnosis: Diagnosis) -> dict[str, bytes]:
     """What `report_figures` draws, each as the PNG that the page embeds and a folder holds.
 
     Args:
         diagnosis: What was found.
-        settings: What the figures draw.
     """
-    return {name: as_png(figure) for name, figure in report_figures(diagnosis, settings=settings).items()}
+    return {name: as_png(figure) for name, figure in report_figures(diagnosis).items()}

@@ -27,7 +27,7 @@ P = ParamSpec("P")
 
 DPI = 150
 WIDTH = 9.0
-"""Width of every figure [in]: 1350 pixels, readable where a browser halves them."""
+"""Width of nearly every figure [in]: 1350 pixels, readable where a browser halves them."""
 INK = "#26282c"
 MUTED = "#70757d"
 GRID = "#e3e5e8"
@@ -160,21 +160,22 @@ def as_png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def new_figure(title: str, subtitle: str = "", *, height: float) -> Figure:
-    """An empty figure of the common width, with its title.
+def new_figure(title: str, subtitle: str = "", *, height: float, width: float = WIDTH) -> Figure:
+    """An empty figure with its title.
 
     Args:
         title: The title.
         subtitle: Lines below the title.
         height: Height [in].
+        width: Width [in].
 
     Returns:
         The figure.
     """
-    figure = Figure(figsize=(WIDTH, height), dpi=DPI)
-    figure.text(0.15 / WIDTH, 1 - 0.14 / height, title, va="top", fontsize=12.5, fontweight="bold")
+    figure = Figure(figsize=(width, height), dpi=DPI)
+    figure.text(0.15 / width, 1 - 0.14 / height, title, va="top", fontsize=12.5, fontweight="bold")
     if subtitle:
-        figure.text(0.15 / WIDTH, 1 - 0.42 / height, subtitle, va="top", fontsize=9.5, color=MUTED, linespacing=1.35)
+        figure.text(0.15 / width, 1 - 0.42 / height, subtitle, va="top", fontsize=9.5, color=MUTED, linespacing=1.35)
     return figure
 
 
@@ -188,9 +189,8 @@ def footnote(figure: Figure, text: str) -> Text:
     Returns:
         The text.
     """
-    return figure.text(
-        0.15 / WIDTH, 0.10 / figure.get_figheight(), text, va="bottom", fontsize=SMALL, color=MUTED, linespacing=1.3
-    )
+    w, h = figure.get_size_inches()
+    return figure.text(0.15 / w, 0.10 / h, text, va="bottom", fontsize=SMALL, color=MUTED, linespacing=1.3)
 
 
 def panel_grid(

@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from tossid.diagnosis.audit.strengths import world_with
+from tossid.audit.strengths import world_with
 from tossid.physics.effects import World
 from tossid.store import Dataset, read_dataset
 from tossid.types import Toss
