@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tossid.diagnosis.selection.plane import in_plane, plane_normal
 
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen

@@ -16,6 +16,7 @@ from tossid.diagnosis.conclude import Engine, explain, report_gap
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.interrupted import known_so_far
 from tossid.diagnosis.learned import learned_forces
+from tossid.diagnosis.next_toss import next_toss
 from tossid.diagnosis.over_order import Undone, corrections
 from tossid.diagnosis.patch.make import make_patch
 from tossid.diagnosis.patch.rerun import errors_in_mujoco, rerun
@@ -134,6 +135,9 @@ class Task:
         problem = self._problem(tosses, under_way)
         found, undone = explain(problem, self.engine())
         under_way("next toss and patch", 0.95)
+        own = undone.problem
+        rng = np.random.default_rng(self.settings.seed)
+        following = next_toss(found.hypothesis, found.alternatives, own.tosses, own.sample, rng=rng)
         patch = _patch(found, self, undone)
         under_way("done", 1.0)
         return replace(
@@ -141,6 +145,7 @@ class Task:
             simulator=self.simulator,
             tosses_of=self.tosses_of,
             data={"object": self.recorded.name},
+            next_toss=following,
             patch=patch,
             remarks=(*remarks, *self.remarks, *_of_order(found), *_of_contact(found, self.simulator)),
             order=self.order,
