@@ -75,7 +75,7 @@ def whole_tosses(diagnosis: Diagnosis) -> Figure:
         ax.set_xticks([])
         ax.grid(axis="x", visible=False)
         ax.set_ylabel(label)
-        ax.yaxis.set_major_formatter(plain)
+        ax.yaxis.set_major_formatter("{x:g}")
         ax.yaxis.set_minor_formatter("")
     footnote(figure, f"Grey: less than a person notices ({FELT_PCT} % and {FELT_DEG} deg).")
     return figure
@@ -203,22 +203,10 @@ def gap_over_time(diagnosis: Diagnosis) -> Figure:
     w, box = figure.get_figwidth(), axes[-1].get_position()
     bar = figure.add_axes((box.x1 + 0.15 / w, box.y0, 0.13 / w, box.height))
     colors = figure.colorbar(image, cax=bar)
-    colors.ax.yaxis.set_major_formatter(plain)
+    colors.ax.yaxis.set_major_formatter("{x:g}")
     colors.set_label("excess over noise [1]", fontsize=8.5)
     footnote(figure, "Palest: no more than noise. Grey: no frame.")
     return figure
-
-
-def plain(value: float, _: float) -> str:
-    """A tick's label without trailing zeros, with a typographic minus.
-
-    Args:
-        value: The tick.
-
-    Returns:
-        The label.
-    """
-    return f"{value:g}".replace("-", "−")
 
 
 def _order(frames: Array, n: int) -> NDArray[np.int64]:

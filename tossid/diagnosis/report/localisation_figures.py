@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Corner, Relation
-from tossid.diagnosis.report.figures import colour_key, plain, share_rows
+from tossid.diagnosis.report.figures import colour_key, share_rows
 from tossid.diagnosis.report.registry import report_figure
 from tossid.diagnosis.report.units import place_of
 from tossid.diagnosis.report.words import state_words, wrench_words
@@ -93,7 +93,7 @@ def _relation(ax: Axes, title: str, relation: Relation | None, color: str) -> No
     low_y, high_y = min(np.percentile(y, DRAWN[0]), 0.0), max(np.percentile(y, DRAWN[1]), 0.0)
     room = 0.12 * max(high_y - low_y, 1e-9)
     ax.set_ylim(low_y - room, high_y + room)
-    ax.yaxis.set_major_formatter(plain)
+    ax.yaxis.set_major_formatter("{x:g}")
     name, of = state_words(relation.state)
     ax.set_xlabel(f"{name} [{of}]")
     unit = "N" if relation.component.startswith("force") else "N m"

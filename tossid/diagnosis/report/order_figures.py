@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Gap
-from tossid.diagnosis.report.figures import AFTER, BEFORE, colour_key, plain
+from tossid.diagnosis.report.figures import AFTER, BEFORE, colour_key
 from tossid.diagnosis.report.registry import report_figure
 from tossid.diagnosis.result import Diagnosis
 from tossid.evaluation.figures.sessions import recording_over_order
@@ -56,7 +56,7 @@ def gap_over_order(diagnosis: Diagnosis) -> Figure:
     for color, excess in ((BEFORE, before), (AFTER, after)):
         ax.plot(np.arange(n), excess, ".", color=color, markersize=4)
     ax.set_yscale("symlog", linthresh=1.0)
-    ax.yaxis.set_major_formatter(plain)
+    ax.yaxis.set_major_formatter("{x:g}")
     steps = [f.over_order for f in diagnosis.findings if f.over_order is not None and f.over_order.form == "steps"]
     starts = {stretch.first for each in steps for stretch in each.stretches[1:]}
     for at in (i for i, name in enumerate(diagnosis.tosses) if name in starts):

@@ -32,7 +32,7 @@ _TEMPLATES = Environment(
     loader=PackageLoader("tossid.diagnosis.report"), autoescape=True, trim_blocks=True, undefined=StrictUndefined
 )
 _TEMPLATES.filters |= {
-    "unbroken": lambda text: re.sub(r"(?<=\d) (?=[^\W\d_]|%)", "\u00a0", text),  # a number and its unit
+    "unbroken": lambda text: re.sub(r"(?<=\d) (?=(?!to\b)[^\W\d_]|%)", "\u00a0", text),  # a number and its unit
     "listed": units.listed,
     "percent": units.percent,
     "percent_span": units.percent_span,
@@ -54,27 +54,21 @@ _TEMPLATES.filters |= {
 
 
 def report_html(diagnosis: Diagnosis, figures: Mapping[str, bytes]) -> str:
-    """The page.
+    """The page as HTML.
 
     Args:
         diagnosis: What was found.
         figures: PNGs by name (of `report_figures`), in the order in which they are read.
-
-    Returns:
-        The page as HTML.
     """
     return _TEMPLATES.get_template("gap.html.j2").render(_content(diagnosis, figures))
 
 
 def report_notebook(diagnosis: Diagnosis, figures: Mapping[str, bytes]) -> str:
-    """The same content for a cell of a notebook.
+    """The same content for a cell of a notebook, with its own style, which does not reach the rest of the notebook.
 
     Args:
         diagnosis: What was found.
         figures: As `report_html` takes them.
-
-    Returns:
-        A piece of HTML with its own style, which does not reach the rest of the notebook.
     """
     return _TEMPLATES.get_template("body.html.j2").render(_content(diagnosis, figures))
 
