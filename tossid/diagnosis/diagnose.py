@@ -142,8 +142,10 @@ class Task:
         following = next_toss(found.hypothesis, found.alternatives, own.tosses, own.sample, rng=rng)
         patch = _patch(found, self, undone)
         under_way("done", 1.0)
+        asked = self.simulator.frames
         return replace(
             found,
+            passes=None if asked is None else asked / float(own.sample.windows.steps.sum()),
             simulator=self.simulator,
             tosses_of=self.tosses_of,
             data={"object": self.recorded.name},
