@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from tossid.diagnosis.conclude import Engine, explain, report_gap
+from tossid.diagnosis.correction import have_own_heights
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.interrupted import known_so_far
 from tossid.diagnosis.learned import learned_forces
 from tossid.diagnosis.next_toss import next_toss
-from tossid.diagnosis.over_order import Undone, corrections, have_own_heights
+from tossid.diagnosis.over_order import Undone, corrections
 from tossid.diagnosis.patch.make import make_patch
 from tossid.diagnosis.patch.rerun import errors_in_mujoco, rerun
 from tossid.diagnosis.problem import Problem, session_starts
@@ -352,7 +353,7 @@ def _patch(found: Diagnosis, task: Task, tosses: Sequence[Toss], undone: Undone,
     mjcf = task.simulator.mjcf
     patch = make_patch(found.hypothesis, mjcf=mjcf)
     report: dict[str, Any] = {**patch.as_json(), "rerun": None}
-    report["recording"] = {**report["recording"], **corrections(undone.changes)}
+    report["recording"] = {**report["recording"], **corrections(undone)}
     if patch.changes or patch.recording or mjcf is not None:
         try:
             report["rerun"] = rerun(patch, found.hypothesis, tosses, task.recorded, n_threads=threads)
