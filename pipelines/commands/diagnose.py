@@ -46,7 +46,7 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
             console.shares(f"diagnosing {simulator.about}") as progress,
         ):
             under_way.progress = progress
-            task.tell_first(under_way)  # before the tracker, which takes a second to open
+            task.gap_of_first(under_way)  # before the tracker, which takes a second to open
             with tracked_run(folder.name, config, command="diagnose") as tracked:
                 tracked.data(data, sha256, context="diagnosis")
                 found = replace(task.run(under_way), data=about)
@@ -139,19 +139,10 @@ def _dataset_name(data: Path) -> str:
 
 
 def _say(found: Diagnosis, folder: Path, console: Console) -> None:
-    """The verdict in words, the effects in a table."""
-    from tossid.diagnosis.presentation import HEADINGS, effect_rows
-    from tossid.diagnosis.report.text import headline, sentences
-
-    console.say(headline(found))
-    for text in sentences(found):
-        console.say(f"  {text}")
-    rows = effect_rows(found)
-    if rows:
-        console.table(list(HEADINGS), rows)
+    """The diagnosis's card, and where the report is."""
+    for line in str(found).splitlines():
+        console.say(line)
     problem = ((found.patch or {}).get("rerun") or {}).get("problem")
     if problem:
         console.warn(f"the patch was not rerun in MuJoCo: {problem}")
-    if (found.next_toss or {}).get("release"):
-        console.say(f"next toss: see {folder / 'gap.html'}")
     console.say(f"report: {folder / 'gap.html'}")

@@ -46,7 +46,7 @@ def test_tables_say_how_many_were_right() -> None:
 
 def test_files_hold_the_rows(tmp_path: Path) -> None:
     paths = made().save(tmp_path)
-    assert [path.name for path in paths] == ["detection.png", "ranks.png"]
+    assert [path.name for path in paths] == ["detection.png"]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
     content = json.loads((tmp_path / "audit.json").read_text())
     assert content["summary"] == made().summary

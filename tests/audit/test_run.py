@@ -13,7 +13,6 @@ import pytest
 from tests.audit.answers import answer
 from tossid.audit import sealed_case
 from tossid.audit.run import audit, plan
-from tossid.audit.sealed_case import read_case
 from tossid.errors import ConfigError, InputError, SolverError
 from tossid.objects import ObjectModel
 from tossid.settings.audit import AuditSettings
@@ -86,17 +85,6 @@ def test_bad_settings_are_refused(cube: ObjectModel, elbow: ObjectModel, tmp_pat
         audit(elbow, out=tmp_path, engines=())
     with pytest.raises(ConfigError, match="no tags"):
         audit(replace(cube, tags=()), out=tmp_path, filmed=True)
-
-
-def test_a_case_is_known_again_by_all_that_it_depends_on(cube: ObjectModel, quick: list[int], tmp_path: Path) -> None:
-    settings = replace(SETTINGS, cases=1)
-    audit(cube, out=tmp_path, settings=settings)
-    (folder,) = (tmp_path / "cases").glob("000-*")
-    job = replace(plan(cube, settings)[0], digest=folder.name[4:] + 56 * "0")
-    assert read_case(tmp_path, job) is None  # of the same name and another digest
-    (folder / "result.json").write_text("{")
-    audit(cube, out=tmp_path, settings=settings)
-    assert quick == [0, 0]
 
 
 def test_digests_follow_the_object_the_settings_and_the_code(cube: ObjectModel) -> None:

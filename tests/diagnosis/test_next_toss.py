@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.diagnosis.by_hand import EFFECTS, hypothesis
+from tossid.diagnosis.inference.hypothesis import ContactLaw
+from tossid.diagnosis.inference.sample import Sample
+from tossid.diagnosis.likelihood.engine_discrepancy import Engine
+from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.diagnosis.next_toss import Releases, draw_releases, next_toss, separations
 from tossid.motion import lowest_corner
 from tossid.objects import ObjectModel
@@ -33,6 +39,10 @@ def tosses(cube: ObjectModel) -> list[Toss]:
     return [Toss(str(i), np.arange(FRAMES) / 148, run[i], v[i], cov, cov, phase) for i in range(n)]
 
 
+def sample_of(tosses: list[Toss], cube: ObjectModel) -> Sample:
+    return Sample(make_windows(tosses, cube), len(tosses))
+
+
 def test_releases_are_feasible(cube: ObjectModel, tosses: list[Toss]) -> None:
     drawn = draw_releases(tosses, cube, 300, rng=np.random.default_rng(0))
     seen = np.stack([toss.q[0] for toss in tosses])
@@ -48,14 +58,16 @@ def test_releases_are_feasible(cube: ObjectModel, tosses: list[Toss]) -> None:
 def test_alike_hypotheses_are_not_separated(cube: ObjectModel, tosses: list[Toss]) -> None:
     one = hypothesis(cube, friction=[0.3])
     drawn = draw_releases(tosses, cube, 5, rng=np.random.default_rng(0))
-    np.testing.assert_allclose(separations([one, one], drawn, tosses, 30), 0, atol=1e-6)
-    found = next_toss(one, [one], tosses, cube, rng=np.random.default_rng(0))
+    np.testing.assert_allclose(separations([one, one], drawn, tosses, 30, sample_of(tosses, cube)), 0, atol=1e-6)
+    found = next_toss(one, [one], tosses, sample_of(tosses, cube), rng=np.random.default_rng(0))
     assert found["release"] is None
     assert "none of 200 feasible releases" in found["reason"]
 
 
 def test_nothing_confusable_needs_no_toss(cube: ObjectModel, tosses: list[Toss]) -> None:
-    found = next_toss(hypothesis(cube, friction=[0.3]), [], tosses, cube, rng=np.random.default_rng(0))
+    found = next_toss(
+        hypothesis(cube, friction=[0.3]), [], tosses, sample_of(tosses, cube), rng=np.random.default_rng(0)
+    )
     assert found["release"] is None
     assert "no two effects are confusable" in found["reason"]
 
@@ -65,7 +77,7 @@ def test_magnus_shows_with_spin_across_the_velocity_only(cube: ObjectModel, toss
     q = np.tile([0.0, 0.0, 1.5, 1.0, 0.0, 0.0, 0.0], (3, 1))
     v = np.zeros((3, 6))
     v[1, 3], v[2, 5] = 20.0, 20.0  # it falls: spin about a horizontal axis is across, about the vertical along
-    still, across, along = separations(rivals, Releases(q, v), tosses, 60)
+    still, across, along = separations(rivals, Releases(q, v), tosses, 60, sample_of(tosses, cube))
     assert across > 10
     assert along < 1e-3 * across
     assert still < 1e-6
@@ -76,7 +88,7 @@ def test_a_separation_is_what_a_fit_would_see(cube: ObjectModel, tosses: list[To
     force, n, dt, sigma = 0.002, 20, 1 / 148, 1.5e-4
     rivals = [hypothesis(cube), hypothesis(cube, uniform_force=[force, 0.0, 0.0])]
     q = np.array([[0.0, 0.0, 1.5, 1.0, 0.0, 0.0, 0.0]])
-    found = float(separations(rivals, Releases(q, np.zeros((1, 6))), tosses, n)[0])
+    found = float(separations(rivals, Releases(q, np.zeros((1, 6))), tosses, n, sample_of(tosses, cube))[0])
     t = dt * np.arange(1, n + 1)
     c = 0.5 * force / 0.37 * t**2
     S = np.stack([np.ones(n), t], axis=1)
@@ -89,21 +101,36 @@ def test_what_a_refit_takes_back_does_not_separate(cube: ObjectModel, tosses: li
     """The fewer earlier tosses hold a force, the more of a difference it takes back when it is fitted again."""
     q, v = np.array([[0.0, 0.0, 1.5, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6))
     rivals = [hypothesis(cube, uniform_force=[0.01, 0.0, 0.0]), hypothesis(cube, magnus=[0.0])]
-    by_eight, by_one = (float(separations(rivals, Releases(q, v), some, 60)[0]) for some in (tosses, tosses[:1]))
+    by_eight, by_one = (
+        float(separations(rivals, Releases(q, v), some, 60, sample_of(some, cube))[0]) for some in (tosses, tosses[:1])
+    )
     assert 0.5 * by_eight < by_one < 0.95 * by_eight
 
 
 def test_the_best_release_beats_a_usual_toss(cube: ObjectModel, tosses: list[Toss]) -> None:
     one, other = hypothesis(cube, friction=[0.3]), hypothesis(cube, velocity_friction=[0.33, 0.28, 0.3])
-    found = next_toss(one, [other], tosses, cube, rng=np.random.default_rng(0))
+    found = next_toss(one, [other], tosses, sample_of(tosses, cube), rng=np.random.default_rng(0))
     assert found["between"] == ["friction", "velocity_friction"]
     assert found["separation_sd"] > 1.5 * found["separation_of_tosses_seen_sd"]
     both = [rival.plus(EFFECTS["gravity"]) for rival in (one, other)]
-    named = next_toss(both[0], both[1:], tosses[:6], cube, rng=np.random.default_rng(0))["between"]
+    named = next_toss(both[0], both[1:], tosses[:6], sample_of(tosses[:6], cube), rng=np.random.default_rng(0))[
+        "between"
+    ]
     assert named == ["friction", "velocity_friction"]  # what both have is not said
     release = found["release"]
     again = Releases(
         np.array([release["position_m"] + release["attitude_wxyz"]]),
         np.array([release["velocity_ms"] + release["spin_body_rads"]]),
     )
-    np.testing.assert_allclose(separations([one, other], again, tosses, FRAMES - 1), found["separation_sd"], rtol=1e-6)
+    np.testing.assert_allclose(
+        separations([one, other], again, tosses, FRAMES - 1, sample_of(tosses, cube)), found["separation_sd"], rtol=1e-6
+    )
+
+
+def test_what_engines_disagree_on_does_not_separate(cube: ObjectModel, tosses: list[Toss]) -> None:
+    rivals = [hypothesis(cube, friction=[0.3]), hypothesis(cube, friction=[0.3], cohesion=[0.02])]
+    alone = [replace(rival, law=ContactLaw(engine=Engine(none=True))) for rival in rivals]
+    drawn, sample = draw_releases(tosses, cube, 20, rng=np.random.default_rng(0)), sample_of(tosses, cube)
+    one, other = (separations(each, drawn, tosses, 40, sample) for each in (rivals, alone))
+    assert (one < 1.01 * other).all()
+    assert (one / other).min() < 0.9

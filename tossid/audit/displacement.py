@@ -34,13 +34,7 @@ TOLERANCE = 0.2
 
 
 def motion(
-    world: World,
-    q0: Array,
-    v0: Array,
-    *,
-    n_steps: int,
-    dt: float,
-    push: Push | None = None,
+    world: World, q0: Array, v0: Array, *, n_steps: int, dt: float, push: Push | None = None
 ) -> tuple[Array, Array]:
     """True motions in the ground's frame.
 

@@ -1,4 +1,4 @@
-"""Figures of an audit: right names by how far the effect moves the object, and ranks of true values."""
+"""The figure of an audit: right names by how far the effect moves the object."""
 
 from __future__ import annotations
 
@@ -10,67 +10,20 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from tossid.audit.cases import OF_LIBRARY
-from tossid.audit.ranks import band
 from tossid.evaluation.figures.style import INK, MUTED, footnote, key_row, new_figure, panel_grid, styled
 
-RIGHT, WRONG, SHADE = "#0072B2", "#D55E00", "#8b9098"
+RIGHT, WRONG = "#0072B2", "#D55E00"
 MARKERS = {"lcp": "o", "mujoco": "s", "drake": "^", "bullet": "v"}
 GROUPS = 4
 """Of equally many cases, whose share of right names is drawn over the displacement."""
 
-Row = Mapping[str, Any]
-
-
-def audit_figures(rows: Sequence[Row]) -> dict[str, Figure]:
-    """The figures of an audit by name, as far as its cases have what they draw.
-
-    Args:
-        rows: Its cases, with `kind`, `engine`, `displacement`, `right` and `parameters`.
-    """
-    figures = {}
-    drawn = [row for row in rows if row["kind"] in OF_LIBRARY and row["displacement"]]
-    if drawn:
-        figures["detection"] = detection(drawn)
-    ranks_of_cases = [[p["rank"] for p in row["parameters"] if p["rank"] is not None] for row in rows]
-    if any(ranks_of_cases):
-        figures["ranks"] = ranks([each for each in ranks_of_cases if each])
-    return figures
-
 
 @styled
-def ranks(cases: Sequence[Sequence[float]]) -> Figure:
-    """How far the cumulative distribution of ranks of true values is from that of uniform numbers.
-
-    Args:
-        cases: Ranks of the parameters of each case.
-    """
-    values = np.sort(np.concatenate([np.asarray(each) for each in cases]))
-    figure = new_figure(
-        "Audit: are the intervals right?",
-        f"true values of {len(values)} parameters of {len(cases)} cases: their rank within what is stated of them",
-        height=4.4,
-    )
-    ax = panel_grid(figure, 1, 1, left=0.9, right=0.4, top=0.9, bottom=1.1)[0, 0]
-    half = band(len(cases))
-    ax.axhspan(-half, half, color=SHADE, alpha=0.15, lw=0)
-    ax.axhline(0, color=MUTED, lw=1, ls=":")
-    x = np.concatenate([[0.0], values, [1.0]])
-    share = np.concatenate([[0.0], np.arange(1, len(values) + 1) / len(values), [1.0]])
-    ax.step(x, share - x, where="post", color=RIGHT, lw=1.6)
-    ax.set_xlim(0, 1)
-    ax.set_xlabel("rank: stated probability below the true value")
-    ax.set_ylabel("share of ranks below, minus the rank")
-    footnote(figure, f"Shaded: where {len(cases)} independent ranks stay with 95 % probability (Kolmogorov).")
-    return figure
-
-
-@styled
-def detection(rows: Sequence[Row]) -> Figure:
+def detection(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """Share of right names against the displacement by the effect over the position noise, with the single cases.
 
     Args:
-        rows: Cases with effects of the library.
+        rows: Cases with effects of the library: their `engine`, `displacement` and whether they are `right`.
     """
     figure = new_figure(
         "Audit: right names by displacement",
@@ -114,10 +67,8 @@ def wilson(count: int, of: int) -> tuple[float, float]:
 
     Args:
         count: How many.
-        of: Of how many.
+        of: Of how many, at least one.
     """
-    if of == 0:
-        return 0.0, 1.0
     z, p = 1.96, count / of
     middle, half = p + z * z / (2 * of), z * math.sqrt(p * (1 - p) / of + z * z / (4 * of * of))
     return (middle - half) / (1 + z * z / of), (middle + half) / (1 + z * z / of)

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import kstest, kstwo
+from scipy.stats import kstest
 from scipy.stats import t as student
 
 
@@ -44,15 +44,6 @@ def within(ranks: Sequence[float], level: float) -> list[bool]:
         level: Coverage of the interval.
     """
     return [abs(2 * each - 1) <= level for each in ranks]
-
-
-def band(n: int) -> float:
-    """Half width of the 95 % band of the whole cumulative distribution of `n` uniform numbers (Kolmogorov).
-
-    Args:
-        n: How many independent numbers.
-    """
-    return float(kstwo.ppf(0.95, n))
 
 
 def uniform_p(cases: Sequence[Sequence[float]]) -> float | None:

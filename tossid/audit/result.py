@@ -10,7 +10,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from tossid.audit.figures import audit_figures
+from tossid.audit.cases import OF_LIBRARY
+from tossid.audit.figures import detection
 from tossid.audit.scores import MEASURES, score, summarise
 from tossid.evaluation.figures.style import as_png
 from tossid.html import html_table
@@ -48,8 +49,9 @@ class Audit:
         return cls(rows, summarise(list(scores.values())), dict(failed))
 
     def figures(self) -> dict[str, Figure]:
-        """The share of right names by displacement, and the ranks of true values within what is stated of them."""
-        return audit_figures(self.rows)
+        """The figures by name: the share of right names by displacement, if any case has an effect of the library."""
+        rows = [row for row in self.rows if row["kind"] in OF_LIBRARY]
+        return {"detection": detection(rows)} if rows else {}
 
     def case_table(self) -> list[list[str]]:
         """A row for each case, under `CASE_HEADINGS`."""

@@ -79,7 +79,7 @@ def explain(problem: Problem, engine: Engine = Engine()) -> tuple[Diagnosis, Und
     recorded = replace(recorded, library=library)
     first = report_gap(recorded)
     recorded.under_way("the search", GAP)
-    undone = without_changes(recorded)
+    undone = without_changes(recorded, first)
     made = _Concluded.of(recorded, first, undone, engine).diagnosis()
     if plane is not None:
         not_shown = (e for e in problem.library if e.name in plane.effects)

@@ -24,6 +24,7 @@ from tossid.diagnosis.patch.rerun import errors_in_mujoco, rerun
 from tossid.diagnosis.problem import Problem, session_starts
 from tossid.diagnosis.release import bound_frames
 from tossid.diagnosis.result import Diagnosis
+from tossid.diagnosis.sessions.heights import have_own_heights
 from tossid.diagnosis.simulators import (
     Simulator,
     check_runs,
@@ -50,6 +51,8 @@ MOST = 80
 """Tosses that take part where nobody says how many."""
 FEWEST_SHOWN, MOST_SHOWN = 3, 8
 """Tosses whose gap is reported first."""
+FEWEST_FOR_A_NAME = 12
+"""Tosses from which an effect of contact has been named (`experiments/search/search.md`)."""
 SHORTEST = 11
 """Frames of a toss that can be predicted: half a window, and the first."""
 
@@ -135,16 +138,10 @@ class Task:
         problem = self._problem(tosses, under_way)
         found, undone = explain(problem, self.engine())
         under_way("next toss and patch", 0.95)
-        corrected = undone.problem.tosses
-        following = next_toss(
-            found.hypothesis,
-            found.alternatives,
-            corrected,
-            self.recorded,
-            rng=np.random.default_rng(self.settings.seed),
-            n_threads=problem.n_threads,
-        )
-        patch = _patch(found, self, corrected, undone, problem.n_threads)
+        own = undone.problem
+        rng = np.random.default_rng(self.settings.seed)
+        following = next_toss(found.hypothesis, found.alternatives, own.tosses, own.sample, rng=rng)
+        patch = _patch(found, self, undone)
         under_way("done", 1.0)
         return replace(
             found,
@@ -153,7 +150,13 @@ class Task:
             data={"object": self.recorded.name},
             next_toss=following,
             patch=patch,
-            remarks=(*remarks, *self.remarks, *_of_order(found), *_of_contact(found, self.simulator)),
+            remarks=(
+                *remarks,
+                *self.remarks,
+                *_of_number(found),
+                *_of_order(found),
+                *_of_contact(found, self.simulator),
+            ),
             order=self.order,
             learned=learned_forces(self.simulator.world, self.tosses, self.library),
         )
@@ -245,7 +248,7 @@ def prepare(
     unseen = tuple(toss for toss in moving if toss.name not in _copies((*tosses, *moving)))
     if len(unseen) < len(moving):
         remarks += (f"{len(moving) - len(unseen)} of {len(moving)} unseen tosses left out: they are copies of others.",)
-    held = bound_frames(tosses, recorded, settings.release)
+    held = bound_frames(tosses, recorded)
     if held:
         tosses, unseen = (tuple(toss.frames(slice(held, None)) for toss in each) for each in (tosses, unseen))
         frames = "frame is" if held == 1 else f"{held} frames are"
@@ -348,18 +351,30 @@ def _usable(
     return kept, (f"Tosses left out: {', '.join(why)}.",) if why else ()
 
 
-def _patch(found: Diagnosis, task: Task, tosses: Sequence[Toss], undone: Undone, threads: int) -> dict[str, Any]:
+def _patch(found: Diagnosis, task: Task, undone: Undone) -> dict[str, Any]:
     """gap.json's "patch", with its rerun in MuJoCo where there is anything to rerun."""
-    mjcf = task.simulator.mjcf
-    patch = make_patch(found.hypothesis, mjcf=mjcf)
+    mjcf, problem = task.simulator.mjcf, undone.problem
+    h = found.hypothesis
+    patch = make_patch(h, mjcf=mjcf)
     report: dict[str, Any] = {**patch.as_json(), "rerun": None}
     report["recording"] = {**report["recording"], **corrections(undone)}
     if patch.changes or patch.recording or mjcf is not None:
         try:
-            report["rerun"] = rerun(patch, found.hypothesis, tosses, task.recorded, n_threads=threads)
+            report["rerun"] = rerun(h, problem.stated, problem.tosses, problem.sample, mjcf=mjcf)
         except TossidError as error:
             report["rerun"] = {"problem": str(error)}
     return report
+
+
+def _of_number(found: Diagnosis) -> tuple[str, ...]:
+    """A remark where nothing was found, and too few tosses took part for a name."""
+    n = found.n_tosses
+    if found.found or found.verdict == "no_gap" or n >= FEWEST_FOR_A_NAME:
+        return ()
+    return (
+        f"{n} tosses are too few: even if all agreed, that could be chance, given how many effects are tried. Some "
+        "twelve are needed to name an effect of contact, and fewer for one of flight.",
+    )
 
 
 def _of_order(found: Diagnosis) -> tuple[str, ...]:

@@ -20,10 +20,18 @@ from scipy.optimize import least_squares
 from tossid.physics.effects import Effect, World
 from tossid.physics.effects.fields import acceleration_of_motions, airborne, learned_field
 from tossid.physics.effects.in_mujoco import body_motions
-from tossid.settings.diagnosis.diagnose import LearnedSettings
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
+
+MOST_STATES = 2000
+"""States in flight at which the acceleration is compared with effects."""
+MOST_EFFECTS = 3
+"""That it is said to stand for."""
+LEAST_SHARE = 0.05
+"""Of its mean square, that an effect must do beyond those before it."""
+LEAST_ACCELERATION = 0.05
+"""Root mean square below which it does next to nothing [m/s²]; angular accelerations count over half a width."""
 
 
 @dataclass(frozen=True)
@@ -79,16 +87,13 @@ class _Fit:
     left: float
 
 
-def learned_forces(
-    world: World, tosses: Sequence[Toss], library: Sequence[Effect], settings: LearnedSettings = LearnedSettings()
-) -> LearnedForces | None:
+def learned_forces(world: World, tosses: Sequence[Toss], library: Sequence[Effect]) -> LearnedForces | None:
     """What a world's learned acceleration stands for in the flights of tosses; None if there is none, or no flight.
 
     Args:
         world: The simulator.
         tosses: As recorded.
         library: Effects to choose from; those that are forces in flight are considered.
-        settings: How many states and effects, and which are too small.
     """
     if world.k_res is None:
         return None
@@ -96,13 +101,13 @@ def learned_forces(
     flying = np.flatnonzero(airborne(world.object, q))
     if not len(flying):
         return None
-    chosen = flying[np.unique(np.linspace(0, len(flying) - 1, settings.states).astype(int))]
+    chosen = flying[np.unique(np.linspace(0, len(flying) - 1, MOST_STATES).astype(int))]
     q, v = q[chosen], v[chosen]
     target = learned_field(world.object, world.k_res, q, v)
     linear, angular = (float(np.sqrt(np.square(x).sum(axis=1).mean())) for x in (target[:, :3], target[:, 3:]))
     weight = np.where(np.arange(target.shape[1]) < 3, 1.0, 0.5 * world.object.width)
     whole = float(np.square(weight * target).sum(axis=1).mean())
-    if np.sqrt(whole) < settings.least_acceleration:
+    if np.sqrt(whole) < LEAST_ACCELERATION:
         return LearnedForces(linear, angular, small=True)
     motions = body_motions(world.object, q, v)  # the same with every force
     given = acceleration_of_motions(world, q, motions)
@@ -113,13 +118,13 @@ def learned_forces(
 
     candidates = [effect for effect in library if _is_force(world, effect)]
     best, n, shares = _Fit((), np.zeros(0), whole), len(tosses), list[float]()
-    while len(best.effects) < settings.effects:
+    while len(best.effects) < MOST_EFFECTS:
         fits = [_fitted(world, best, e, errors) for e in candidates if all(e is not other for other in best.effects)]
         if not fits:
             break
         found = min(fits, key=lambda fit: _criterion(fit, n))
         gained = (best.left - found.left) / whole
-        if gained < settings.least_share or _criterion(found, n) >= _criterion(best, n):
+        if gained < LEAST_SHARE or _criterion(found, n) >= _criterion(best, n):
             break
         best = found
         shares.append(gained)

@@ -23,10 +23,20 @@ from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, Strength, World
 from tossid.rotations import quat_conj, quat_rotate
-from tossid.settings.diagnosis.diagnose import DiagnoseSettings, PlaneSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
+
+OUT_OF_PLANE = 0.02
+"""Share of velocities along the normal, and of spins about other axes, up to which a motion is in the plane."""
+MOST_WINDOWS, STEPS = 60, 2.0
+"""Windows in which parameters are tried, and the steps by which each is moved to either side."""
+LEAST_CHANGE, LEAST_WINDOWS = 1e-5, 0.05
+"""Change of a pose [m, rad] from which a parameter does anything in a window, and the share of windows in which it
+must."""
+LEAST_SHARE = 0.5
+"""Of what a parameter changes, that must differ in the plane between both sides for it to be shown."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +62,7 @@ class Plane:
         }
 
 
-def plane_normal(tosses: Sequence[Toss], settings: PlaneSettings = PlaneSettings()) -> Array | None:
+def plane_normal(tosses: Sequence[Toss]) -> Array | None:
     """(3,) the unit normal of the plane in which all tosses move; None if there is none.
 
     It is the axis of all spins (the first right singular vector of the angular velocities in the world), if nearly all
@@ -60,7 +70,6 @@ def plane_normal(tosses: Sequence[Toss], settings: PlaneSettings = PlaneSettings
 
     Args:
         tosses: Of one object.
-        settings: What counts as nearly.
     """
     if tosses[0].v.shape[1] > 6:
         return None
@@ -70,7 +79,7 @@ def plane_normal(tosses: Sequence[Toss], settings: PlaneSettings = PlaneSettings
     normal = axes[0] * np.sign(axes[0][np.argmax(np.abs(axes[0]))])
     along = float(np.linalg.norm(velocity @ normal)) / max(float(np.linalg.norm(velocity)), 1e-12)
     beside = float(np.linalg.norm(sizes[1:])) / max(float(sizes[0]), 1e-12)
-    return normal if along < settings.out_of_plane and beside < settings.out_of_plane and sizes[0] > 0 else None
+    return normal if along < OUT_OF_PLANE and beside < OUT_OF_PLANE and sizes[0] > 0 else None
 
 
 def in_plane(
@@ -87,13 +96,13 @@ def in_plane(
         tosses: Of one object.
         world: The simulator.
         library: The effects to choose from.
-        settings: How planes are recognised, and windows in which parameters are tried.
+        settings: Of the windows in which parameters are tried.
         n_threads: Of the simulator.
 
     Returns:
         The effects, each with the parameters that the plane shows, and the plane; None where there is none.
     """
-    normal = plane_normal(tosses, settings.plane)
+    normal = plane_normal(tosses)
     if normal is None:
         return tuple(library), None
     trial = _Trial.of(tosses, world.object, normal, settings, n_threads)
@@ -133,7 +142,6 @@ class _Trial:
 
     windows: Windows
     normal: Array
-    settings: PlaneSettings
     n_threads: int
 
     @staticmethod
@@ -145,13 +153,13 @@ class _Trial:
         n_threads: int,
     ) -> _Trial:
         windows = make_windows(tosses, model, settings=settings.likelihood)
-        some = np.unique(np.linspace(0, len(windows.toss) - 1, settings.plane.windows).astype(int))
+        some = np.unique(np.linspace(0, len(windows.toss) - 1, MOST_WINDOWS).astype(int))
         windows = windows.rows(some)
         axis = quat_rotate(quat_conj(windows.q[:, 3:7]), np.broadcast_to(normal, (len(some), 3)))
         v = windows.v.copy()
         v[:, :3] -= np.outer(v[:, :3] @ normal, normal)
         v[:, 3:6] = axis * (v[:, 3:6] * axis).sum(1, keepdims=True)
-        return _Trial(replace(windows, at_v=v), normal, settings.plane, n_threads)
+        return _Trial(replace(windows, at_v=v), normal, n_threads)
 
     def hidden(self, effect: Effect, world: World) -> tuple[str, ...]:
         """Names of the parameters that no motion in the plane shows."""
@@ -169,7 +177,7 @@ class _Trial:
     def _is_shown(self, effect: Effect, world: World, values: Array, k: int) -> bool:
         """Whether a parameter at either side of its value makes motions in the plane that differ."""
         p = effect.parameters[k]
-        size = self.settings.steps * p.step
+        size = STEPS * p.step
 
         def predicted(x: float) -> Array:
             moved = values.copy()
@@ -188,9 +196,9 @@ class _Trial:
         )
         # the median over windows in which it does anything: contact amplifies a few beyond measure
         changes, differs = (np.abs(each).max((1, 2)) for each in (whole, inside))
-        acts = changes > self.settings.least_change
-        enough = acts.mean() > self.settings.least_windows
-        return bool(enough and np.median(differs[acts] / changes[acts]) > self.settings.least_share)
+        acts = changes > LEAST_CHANGE
+        enough = acts.mean() > LEAST_WINDOWS
+        return bool(enough and np.median(differs[acts] / changes[acts]) > LEAST_SHARE)
 
     def _axis(self, poses: Array) -> Array:
         """The plane's normal in the body frame of poses (..., 7)."""

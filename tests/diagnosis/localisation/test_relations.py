@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tossid.diagnosis.localisation.relations import COMPONENTS, STATES, components_of, relate, states_of
+from tossid.diagnosis.localisation.relations import COMPONENTS, STATES, relate
 
 
 def test_the_best_of_many_pairs_is_no_finding() -> None:
@@ -43,8 +43,3 @@ def test_a_linear_dependence_comes_back(slope: float) -> None:
     np.testing.assert_allclose(fitted, slope * x, atol=0.05)
     assert (low <= fitted).all()
     assert (fitted <= high).all()
-
-
-def test_joints_have_a_torque_an_angle_and_a_rate() -> None:
-    assert components_of(len(COMPONENTS) + 1)[-1] == "torque_joint_1"
-    assert states_of(len(STATES) + 2)[-2:] == ("joint_1", "joint_1_rate")

@@ -11,36 +11,20 @@ from tests.diagnosis.by_hand import diagnosis, gap, without_effects
 from tests.evaluation.figures.reading import assert_legible, words
 from tossid.diagnosis.findings import Interval, Share
 from tossid.diagnosis.report import report_figures
-from tossid.diagnosis.report.figures import evidence, gain_per_toss, gap_by_part, gap_over_time
+from tossid.diagnosis.report.figures import gap_by_part, gap_over_time, whole_tosses
 from tossid.objects import ObjectModel
-from tossid.settings.diagnosis.report import ReportSettings
-
-SETTINGS = ReportSettings()
 
 
-def test_intervals_of_gains_are_students(cube: ObjectModel) -> None:
-    rng = np.random.default_rng(0)
-    gains = rng.normal(3.0, 5.0, 20)
-    from scipy.stats import t, ttest_1samp
-
-    p = float(ttest_1samp(gains, 0, alternative="greater").pvalue)
-    found = diagnosis(cube).findings[0]
-    found = replace(found, evidence={"gain": float(gains.sum()), "p_value": p, "n_tosses": 20.0})
-    mean, low, high = gain_per_toss(found)
-    half = float(t.ppf(0.975, 19) * gains.std(ddof=1) / np.sqrt(20))
-    np.testing.assert_allclose((mean, low, high), (gains.mean(), gains.mean() - half, gains.mean() + half), rtol=1e-6)
-
-
-@pytest.mark.parametrize("draw", [gap_by_part, gap_over_time, evidence])
+@pytest.mark.parametrize("draw", [whole_tosses, gap_by_part, gap_over_time])
 @pytest.mark.parametrize("n", [6, 60])
 def test_pictures_are_legible(cube: ObjectModel, draw, n: int) -> None:  # type: ignore[no-untyped-def]
-    assert_legible(draw(diagnosis(cube, n=n), SETTINGS))
-    assert_legible(draw(without_effects(cube, "unexplained", n=n), SETTINGS))
+    assert_legible(draw(diagnosis(cube, n=n)))
+    assert_legible(draw(without_effects(cube, "unexplained", n=n)))
 
 
 def test_bars_after_are_on_the_scale_of_the_first_gap(cube: ObjectModel) -> None:
     found = diagnosis(cube)
-    figure = gap_by_part(found, SETTINGS)
+    figure = gap_by_part(found)
     left = found.left.frames[:, 3].sum() / found.gap.frames[:, 3].sum()
     (ax, _) = figure.axes[:2]
     widths = [patch.get_width() for patch in ax.patches]
@@ -64,12 +48,17 @@ def test_shares_that_are_not_known_do_no_harm(cube: ObjectModel) -> None:
     found = without_effects(cube, "no_gap")
     wild = tuple(Share(s.name, Interval(-0.6, -4.3, 4.8)) for s in found.gap.by_phase)
     found = replace(found, gap=replace(found.gap, by_phase=wild))
-    assert_legible(gap_by_part(found, SETTINGS))
+    assert_legible(gap_by_part(found))
 
 
-def test_the_time_bin_is_a_setting(cube: ObjectModel) -> None:
-    found = diagnosis(cube, n=6)
-    tables = [
-        gap_over_time(found, ReportSettings(time_bin=width)).axes[0].images[0].get_array() for width in (0.02, 0.04)
-    ]
-    assert tables[0].shape[1] == pytest.approx(2 * tables[1].shape[1], abs=1)
+def test_each_whole_toss_is_a_dot_before_and_after(cube: ObjectModel) -> None:
+    found = diagnosis(cube)
+    figure = whole_tosses(found)
+    for k, ax in enumerate(figure.axes[:2]):
+        before, after = (line.get_ydata() for line in ax.lines if line.get_marker() == "o")
+        np.testing.assert_allclose(before, found.brings.before[:, k])
+        np.testing.assert_allclose(after, found.brings.after[:, k])
+        assert ax.get_ylim()[0] < after.min() < before.max() < ax.get_ylim()[1]
+    assert "before\n12" in words(figure)
+    unchanged = whole_tosses(without_effects(cube, "unexplained"))
+    assert "after" not in words(unchanged)

@@ -12,7 +12,6 @@ from tossid.diagnosis.report import REPORT_FIGURES, report_figure, report_figure
 from tossid.diagnosis.result import Diagnosis
 from tossid.evaluation.figures.style import new_figure
 from tossid.objects import ObjectModel
-from tossid.settings.diagnosis.report import ReportSettings
 
 
 @pytest.fixture(autouse=True)
@@ -23,7 +22,7 @@ def _registry(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     REPORT_FIGURES.update(kept)
 
 
-def toy(diagnosis: Diagnosis, settings: ReportSettings) -> Figure:
+def toy(diagnosis: Diagnosis) -> Figure:
     return new_figure("Toy", "One function, one line.", height=2.0)
 
 
@@ -31,19 +30,19 @@ def test_a_figure_from_outside_is_on_the_page(cube: ObjectModel) -> None:
     report_figure("toy", alt="A toy & its <words>.")(toy)
     found = diagnosis(cube)
     figures = report_figures(found)
-    assert list(figures) == ["gap_where", "gap_when", "gap_which", "toy"]
+    assert list(figures) == ["gap_tosses", "gap_where", "gap_when", "toy"]
     page = report_html(found, report_pngs(found))
     assert 'alt="A toy &amp; its &lt;words&gt;."' in page
-    assert page.index("A toy") < page.index("Effects found")
+    assert page.index("A toy") < page.index("<h2>Details</h2>")
 
 
-def test_a_detail_has_its_heading_and_words(cube: ObjectModel) -> None:
-    report_figure("toy", alt="", detail="A toy detail", text=lambda d: [f"{d.n_tosses} tosses."], note="A note.")(toy)
+def test_a_detail_has_its_heading_and_its_note(cube: ObjectModel) -> None:
+    report_figure("toy", alt="", detail="A toy detail", note="A note.")(toy)
     found = diagnosis(cube)
     page = report_html(found, report_pngs(found))
     detail = page[page.index("<summary>A toy detail</summary>") :]
     assert page.index("A toy detail") > page.index("<h2>Details</h2>")
-    for piece in ("<p>20 tosses.</p>", "data:image/png;base64,", "A note."):
+    for piece in ("data:image/png;base64,", "A note."):
         assert piece in detail[: detail.index("</details>")]
 
 
@@ -52,13 +51,9 @@ def test_a_figure_that_does_not_apply_is_left_out(cube: ObjectModel) -> None:
     assert "toy" not in report_figures(diagnosis(cube))
 
 
-def test_settings_reach_the_figure(cube: ObjectModel) -> None:
-    seen = []
-
-    @report_figure("toy", alt="toy")
-    def own(diagnosis: Diagnosis, settings: ReportSettings) -> Figure:
-        seen.append(settings.time_bin)
-        return toy(diagnosis, settings)
-
-    report_figures(diagnosis(cube), settings=ReportSettings(time_bin=0.5))
-    assert seen == [0.5]
+def test_figures_of_one_heading_stand_together(cube: ObjectModel) -> None:
+    report_figure("toy", alt="A toy", detail="Where the gap is")(toy)
+    found = diagnosis(cube)
+    page = report_html(found, report_pngs(found))
+    detail = page[page.index("<summary>Where the gap is</summary>") :]
+    assert detail[: detail.index("</details>")].count("data:image/png") == 3

@@ -9,15 +9,6 @@ from typing import Any
 
 import pytest
 
-from pipelines.cli import app
-from tests.pipelines.conftest import one_line
-
-
-def test_only_simulators_of_single_bodies_are_spoilt(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert app.run(["audit", "object=elbow", "cases=1", "data=elbow.h5"]) == 2
-    assert "data" in one_line(capfd.readouterr().err)
-    assert not (project / "outputs/audit").exists()
-
 
 @pytest.mark.slow
 def test_an_audit_end_to_end_and_again(project: Path, answer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -34,5 +25,5 @@ def test_an_audit_end_to_end_and_again(project: Path, answer: Any, monkeypatch: 
     assert (folder / "result.json").stat().st_mtime_ns == before
     assert second["cases"][0]["name"] == first["cases"][0]["name"]
     assert [row["kind"] for row in second["cases"]] == ["null", "effect"]
-    assert {Path(path).name for path in second["figures"]} == {"confusion.png", "detection.png"}
+    assert {Path(path).name for path in second["figures"]} == {"detection.png"}
     assert json.loads((project / "o/audit.json").read_text())["summary"] == second["summary"]

@@ -83,7 +83,7 @@ def test_ctrl_c_leaves_what_is_known(spoilt: Path, tmp_path: Path) -> None:
         lines = []
         for line in running.stderr:
             lines.append(line)
-            if "leading suspect" in line:
+            if "next suspect" in line:
                 break
         os.kill(running.pid, signal.SIGINT)
         rest, code = running.stderr.read(), running.wait(timeout=60)

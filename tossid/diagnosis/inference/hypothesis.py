@@ -47,6 +47,7 @@ class ContactLaw:
 COULOMB = ContactLaw()
 ROUTH = ContactLaw("routh", impulse_parts=IMPULSE_PARTS)
 RELAXED = ContactLaw("relaxed", lifting=LIFTING)
+"""What slides is lifted by so much a metre, which is near the noise of a tracker."""
 
 
 @dataclass(frozen=True)

@@ -23,13 +23,12 @@ COMPONENTS = (
     "torque_x", "torque_y", "torque_z", "torque_spin", "torque_left",
 )  # fmt: skip
 """Along x, y, z of the world (z up), along the horizontal velocity, horizontally to its left, along the spin. Objects
-with joints have a torque in each, torque_joint_1 and so on, and none on the whole."""
+with joints have the forces only."""
 STATES = (
     "time", "x", "y", "height", "lowest_corner", "velocity_x", "velocity_y", "velocity_z", "horizontal_speed",
     "speed", "spin", "spin_vertical",
 )  # fmt: skip
-"""Means over a window, but for the lowest corner, which is the deepest that any gets; SI units, the world's frame. And
-the angle of each joint, from -pi to pi, and its rate: joint_1, joint_1_rate and so on."""
+"""Means over a window, but for the lowest corner, which is the deepest that any gets; SI units, the world's frame."""
 
 LEVEL = 0.01
 """Level of a clear relation."""
@@ -43,25 +42,6 @@ RANGE = 2.5
 """Standard deviations of a state beyond which a curve is level: few windows are there."""
 OUTLIER = 6.0
 """Robust standard deviations to which a component is limited."""
-
-
-def components_of(count: int) -> tuple[str, ...]:
-    """Names of components.
-
-    Args:
-        count: How many: those of `COMPONENTS`, and one a joint.
-    """
-    return COMPONENTS + tuple(f"torque_joint_{k + 1}" for k in range(count - len(COMPONENTS)))
-
-
-def states_of(count: int) -> tuple[str, ...]:
-    """Names of states.
-
-    Args:
-        count: How many: those of `STATES`, and two a joint.
-    """
-    joints = [f"joint_{k + 1}" for k in range((count - len(STATES)) // 2)]
-    return (*STATES, *joints, *(f"{name}_rate" for name in joints))
 
 
 def relate(
@@ -79,11 +59,13 @@ def relate(
     """
     numbers, toss = np.unique(toss, return_inverse=True)
     n = len(numbers)
+    if n < FEWEST:
+        return None
     # first what is there, then draws
     signs = np.concatenate([np.ones((n, 1)), rng.choice([-1.0, 1.0], (n, FLIPS))], axis=1)
     counts = np.concatenate([np.ones((1, n)), rng.multinomial(n, np.full(n, 1 / n), RESAMPLES)])
     samples = {}
-    for k, component in enumerate(components_of(value.shape[1])):
+    for k, component in enumerate(COMPONENTS[: value.shape[1]]):
         known = np.isfinite(variance[:, k])
         if len(np.unique(toss[known])) >= FEWEST:
             samples[component] = _Sample.of(value[known, k], variance[known, k], states[known], toss[known], n)
@@ -105,7 +87,7 @@ def relate(
         windows=len(best.y),
         tosses=len(np.unique(best.toss)),
         component=component,
-        state=states_of(states.shape[1])[s],
+        state=STATES[s],
         r2=best.explained(None, best.y, counts) if clear and not state_clear else r2,
         p_value=p_value,
         clear=clear,

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import RESAMPLES, Interval
-from tossid.objects import ObjectModel, Roundness
 from tossid.physics.body import rounded_corner_centres
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_conj, quat_exp, quat_mul, quat_rotate, quat_to_matrix
@@ -54,15 +53,14 @@ LEAST_SPIN_CHANGE = 5.0
 
 PARABOLA = 11
 """Frames of a local parabola of sliding."""
-FLAT = 0.015
-"""Share of the object's width within which three corners are as low, on a face."""
-UNEVEN = 0.3
-"""Share by which a time step while sliding may differ from the median one."""
+FLAT, UNEVEN = 0.015, 0.3
+"""Share of the object's width within which three corners of a face are as low, and of the median time step by which
+another may differ."""
 SLOW, FAST = (0.05, 0.1), (0.3, 0.6)
 """Slow and fast sliding [m/s]."""
 MOST_SPIN = 0.5
 """Largest spin in sliding [rad/s]."""
-_DOWN = np.array([0.0, 0.0, -1.0])
+DOWN = np.array([0.0, 0.0, -1.0])
 
 
 @dataclass(frozen=True)
@@ -92,16 +90,8 @@ class Witness:
 
     def as_json(self) -> dict[str, Any]:
         """One of gap.json's "witnesses"."""
-        return {
-            "quantity": self.quantity,
-            "effect": self.effect,
-            "stated": self.stated,
-            "found": self.found,
-            "measured": self.measured.as_json(),
-            "tosses": self.tosses,
-            "predicted": None if self.predicted is None else self.predicted.as_json(),
-            "contradicts": self.contradicts,
-        }
+        predicted = None if self.predicted is None else self.predicted.as_json()
+        return {**vars(self), "measured": self.measured.as_json(), "predicted": predicted}
 
 
 class Measurement(NamedTuple):
@@ -141,9 +131,8 @@ def _medians(measured: Array, toss: Index) -> Array:
 def measured_values(tosses: Sequence[Toss], world: World) -> dict[str, dict[str, float]]:
     """Values of effects that tosses show without a simulator, by the effects' and their parameters' names.
 
-    Each is a median over at least five tosses. Only impacts after which the body flies on are measured. Where nothing
-    rebounds, these are few special ones, which show a rebound of some 0.08 and up to a tenth less inertia. So these
-    are values to begin a search with, not to end it.
+    They are medians over tosses, to begin a search with. Only impacts after which the body flies on are measured: where
+    nothing rebounds, these are special ones, which show a rebound of some 0.08 and up to a tenth less inertia.
 
     Args:
         tosses: As recorded.
@@ -174,16 +163,13 @@ def witnesses(tosses: Sequence[Toss], stated: World, found: World, made: Sequenc
     out = []
     for each in measurements(tosses, stated, found):
         value, theirs = each.interval(), predicted.get(each.says)
-        if value is not None:
-            against = theirs is not None and _are_apart(value, theirs)
-            n = len(np.unique(each.toss))
-            out.append(Witness(each.says, each.effect, each.stated, each.found, value, n, theirs, against))
+        if value is None:
+            continue
+        n, against = len(np.unique(each.toss)), False
+        if theirs is not None:
+            against = max(value.low - theirs.high, theirs.low - value.high) > TOLERANCE * abs(value.value)
+        out.append(Witness(each.says, each.effect, each.stated, each.found, value, n, theirs, against))
     return tuple(out)
-
-
-def _are_apart(one: Interval, other: Interval) -> bool:
-    """Whether two intervals are further apart than a simulator's own errors."""
-    return max(one.low - other.high, other.low - one.high) > TOLERANCE * abs(one.value)
 
 
 def measurements(tosses: Sequence[Toss], stated: World, found: World) -> list[Measurement]:
@@ -225,16 +211,16 @@ def measurements(tosses: Sequence[Toss], stated: World, found: World) -> list[Me
     slips = np.linalg.norm(hit.after[:, :2], axis=1) > LEAST_SLIP
     slips &= (hit.before[:, :2] * hit.after[:, :2]).sum(axis=1) > 0  # what springs back has stuck
     ratio = (np.linalg.norm(hit.dv[:, :2], axis=1) / np.maximum(hit.dv[:, 2], 1e-9))[slips]
-    of_found = _mu(found, 1.0)
-    out.append(Measurement("friction of a hit corner", "friction", other.friction, of_found, ratio, of_hit[slips]))
-    slides, load = sliding(tosses, found), found.gravity * float(model.mass[0])
+    frictions = other.friction, _mu(found, 1.0)
+    out.append(Measurement("friction of a hit corner", "friction", *frictions, ratio, of_hit[slips]))
+    number_of, speed, slowed = sliding(tosses, found).T
+    load = found.gravity * float(model.mass[0])
     for name, (low, high) in (("slow", SLOW), ("fast", FAST)):
-        inside = (slides[:, 1] >= low) & (slides[:, 1] < high)
-        says = f"friction of {name} sliding ({low:g} to {high:g} m/s)"
+        inside = (speed >= low) & (speed < high)
         # each of the four corners of a face is held, and holds
         expected = _mu(found, 0.5 * (low + high)) * (1 + 4 * found.law.adhesion / load) + 4 * model.cohesion / load
-        of_slide = of_toss[slides[inside, 0].astype(np.int64)]
-        out.append(Measurement(says, "friction", other.friction, expected, slides[inside, 2], of_slide))
+        says, of_slide = f"friction of {name} sliding ({low:g} to {high:g} m/s)", of_toss[number_of[inside].astype(int)]
+        out.append(Measurement(says, "friction", other.friction, expected, slowed[inside], of_slide))
     return out
 
 
@@ -253,7 +239,7 @@ class Impacts:
         height: (n,) of the centre of mass [m].
     """
 
-    toss: NDArray[np.int64]
+    toss: Index
     arm: Array
     dv: Array
     dw: Array
@@ -270,67 +256,41 @@ def lone_impacts(tosses: Sequence[Toss], world: World) -> Impacts:
         tosses: As recorded.
         world: Whose recording errors, centre of mass and corners are used.
     """
-    gravity, radius = world.gravity_on_ground(), world.law.rounding
-    com, n = world.object.com[0], FLIGHT
-    shape = _Shape.of(world.object, radius)
-    most = LONGEST if shape.roundness is None else LONGEST_ROUND
-    rows: list[tuple[int, Array]] = []
+    gravity, n = world.gravity_on_ground(), FLIGHT
+    most = LONGEST if world.object.roundness is None else LONGEST_ROUND
+    numbers, rows = list[int](), list[Array]()
     for number, toss in enumerate(tosses):
         q, t, noise = _true(toss, world)
-        place = q[:, :3] + quat_rotate(q[:, 3:], com)
+        place = q[:, :3] + quat_rotate(q[:, 3:], world.object.com[0])
         h = np.diff(t)
         velocities = np.diff(place, axis=0) / h[:, None]
         jumps = np.linalg.norm(np.diff(velocities, axis=0) - gravity * (0.5 * (t[2:] - t[:-2]))[:, None], axis=1)
         blur = noise * np.sqrt(h[1:] ** -2 + (1 / h[1:] + 1 / h[:-1]) ** 2 + h[:-1] ** -2)
         struck = np.flatnonzero(jumps > JUMP + 8 * blur) + 1
         for group in np.split(struck, np.flatnonzero(np.diff(struck) > 1) + 1):
-            if not 0 < len(group) <= most:
+            if not 0 < len(group) <= most or group[0] <= n or group[-1] + 1 + n >= len(q):
                 continue
             last, first = int(group[0]) - 1, int(group[-1]) + 1
-            if last < n or first + n >= len(q):
-                continue
             beside = np.concatenate([np.arange(last - n, last - 1), np.arange(first, first + n - 1)])
             if (jumps[beside] > QUIET + 4 * blur[beside]).any():
                 continue
-            row = _impact(q, place, t, (last, first), gravity, shape)
+            row = _impact(q, place, t, last, first, world)
             if row is not None:
-                rows.append((number, row))
-    values = np.array([row for _, row in rows]).reshape(len(rows), 20)
+                numbers.append(number)
+                rows.append(row)
+    values = np.array(rows).reshape(len(rows), 20)
     arm, dv, dw, before, after, q, height = np.split(values, [3, 6, 9, 12, 15, 19], axis=1)
-    return Impacts(np.array([number for number, _ in rows], dtype=int), arm, dv, dw, before, after, q, height[:, 0])
+    return Impacts(np.array(numbers, dtype=np.int64), arm, dv, dw, before, after, q, height[:, 0])
 
 
-class _Shape(NamedTuple):
-    """An object's corners (n_c, 3) from its centre of mass [m], and their radius [m] or what stands there."""
+def _impact(q: Array, place: Array, t: Array, last: int, first: int, world: World) -> Array | None:
+    """(20,) arm, dv, dw, before, after, attitude and height of an impact between two frames; None of no lone corner.
 
-    corners: Array
-    radius: float
-    roundness: Roundness | None
-    width: float
-
-    @classmethod
-    def of(cls, model: ObjectModel, radius: float) -> _Shape:
-        corners = model.corner_pos if model.roundness is not None else rounded_corner_centres(model.corner_pos, radius)
-        return cls(corners - model.com[0], radius, model.roundness, model.width)
-
-    def arms(self, attitude: Array) -> Array:
-        """(n_c, 3) from the centre of mass to where each corner would touch [m], lowest first."""
-        at = self.corners
-        if self.roundness is not None:
-            at = at + self.roundness.offset(np.tile(quat_rotate(quat_conj(attitude), _DOWN), (len(at), 1)))
-        arms = quat_rotate(attitude, at) + self.radius * _DOWN
-        return np.asarray(arms[np.argsort(arms[:, 2])])
-
-
-def _impact(q: Array, place: Array, t: Array, frames: tuple[int, int], gravity: Array, shape: _Shape) -> Array | None:
-    """(20,) arm, dv, dw, before, after, attitude and height of an impact between two frames.
-
-    None if no lone corner is hit.
+    q: (n, 7) poses; place: (n, 3) of the centre of mass [m]; t: (n,) [s]; last: frame before the impact; first: after.
     """
-    last, first = frames
-    middle = 0.5 * (t[last] + t[first])
+    middle, gravity, lone = 0.5 * (t[last] + t[first]), world.gravity_on_ground(), LONE * world.object.width
 
-    def flown(frames: NDArray[np.integer]) -> tuple[Array, Array, Array]:
+    def flown(frames: Index) -> tuple[Array, Array, Array]:
         """Position, velocity and spin of a flight at the middle."""
         s, h = t[frames] - middle, np.diff(t[frames])[:, None]
         line = np.polynomial.polynomial.polyfit(s, place[frames] - 0.5 * np.outer(s**2, gravity), 1)
@@ -345,31 +305,32 @@ def _impact(q: Array, place: Array, t: Array, frames: tuple[int, int], gravity: 
     if abs(when) > max(1.5 * float(np.diff(t[last : first + 1]).min()), 0.5 * (t[first] - t[last])):
         return None
     attitude = quat_mul(quat_exp(w * (middle - t[last] + when)), q[last, 3:])
-    arms = _merged(shape.arms(attitude), (w, w_after), LONE * shape.width, ALONG_EDGE)
+    arms = _arms(world, attitude)
+    if len(arms) > 2 and arms[1, 2] - arms[0, 2] < lone and _turns_about(arms[1] - arms[0], (w, w_after)):
+        arms = np.concatenate([[0.5 * (arms[0] + arms[1])], arms[2:]])
     arm = arms[0]
     before = v + gravity * when + np.cross(w, arm)
-    if len(arms) > 1 and arms[1, 2] - arm[2] < LONE * shape.width:
-        return None
-    if before[2] > -LEAST_CLOSING:
+    if (len(arms) > 1 and arms[1, 2] - arm[2] < lone) or before[2] > -LEAST_CLOSING:
         return None
     after = v_after + gravity * when + np.cross(w_after, arm)
     height = p[2:] + v[2] * when + 0.5 * gravity[2] * when**2
     return np.concatenate([arm, jump, w_after - w, before, after, attitude, height])
 
 
-def _merged(arms: Array, spins: tuple[Array, Array], near: float, along: float) -> Array:
-    """Places of contact, lowest first, with the two ends of an edge as its middle where the body turns about the edge.
+def _arms(world: World, attitude: Array) -> Array:
+    """(n_c, 3) from the centre of mass to where each corner would touch [m], in the ground's axes, lowest first."""
+    model, radius = world.object, world.law.rounding
+    if model.roundness is None:
+        at = rounded_corner_centres(model.corner_pos, radius)
+    else:
+        at = model.corner_pos + model.roundness.offset(quat_rotate(quat_conj(attitude), DOWN)[None])
+    arms = quat_rotate(attitude, at - model.com[0]) + radius * DOWN
+    return np.asarray(arms[np.argsort(arms[:, 2])])
 
-    So does a body that moves in a plane, of which no corner is ever alone.
 
-    arms: (n_c, 3) from the centre of mass [m], lowest first. spins: before and after the impact [rad/s]. near: height
-    below which two corners are hit together [m]. along: largest sine of the angle between the edge and a spin.
-    """
-    if len(arms) < 3 or arms[1, 2] - arms[0, 2] > near:
-        return arms
-    edge = arms[1] - arms[0]
-    across = max(float(np.linalg.norm(np.cross(w, edge)) / (np.linalg.norm(w) * np.linalg.norm(edge))) for w in spins)
-    return np.concatenate([[0.5 * (arms[0] + arms[1])], arms[2:]]) if across < along else arms
+def _turns_about(edge: Array, spins: tuple[Array, Array]) -> bool:
+    """Whether a body turns about an edge (3,) before and after an impact. So does one that moves in a plane."""
+    return all(np.linalg.norm(np.cross(w, edge)) < ALONG_EDGE * np.linalg.norm(w) * np.linalg.norm(edge) for w in spins)
 
 
 def sliding(tosses: Sequence[Toss], world: World) -> Array:
@@ -417,7 +378,7 @@ def _rebound(world: World, hit: Impacts) -> float:
     model = world.object
     if model.compliance == 0 or not len(hit.toss):
         return model.restitution
-    lever = (quat_to_matrix(hit.q).swapaxes(1, 2) @ np.cross(hit.arm, _DOWN)[..., None])[..., 0]
+    lever = (quat_to_matrix(hit.q).swapaxes(1, 2) @ np.cross(hit.arm, DOWN)[..., None])[..., 0]
     yields = 1 / float(model.mass[0]) + np.einsum("ni,ij,nj->n", lever, np.linalg.inv(model.inertia[0]), lever)
     mass = 1 / float(np.median(yields)) + world.law.added_mass
     damping = 0.5 * model.relaxation / np.sqrt(model.compliance * mass)

@@ -21,7 +21,7 @@ from tossid.diagnosis.findings import Relation
 from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.likelihood.windows import Windows
-from tossid.diagnosis.localisation.relations import components_of, relate
+from tossid.diagnosis.localisation.relations import relate
 from tossid.objects import GRAVITY, ObjectModel, corner_heights
 from tossid.physics import LearnedAcceleration, n_features
 from tossid.physics.effects import World
@@ -39,8 +39,6 @@ KNOWN = 0.15
 """Share of the prior's standard deviation below which a window determines a component."""
 LEAST_SPEED, LEAST_SPIN = 0.05, 0.5
 """Horizontal speed [m/s] below which it has no direction, and spin [rad/s] below which it has no axis."""
-SOFT = 1e-9
-"""Stiffness [N m/rad] of a spring that is so far from its rest that its torque is constant."""
 
 
 def residual_wrench(evidence: Evidence, *, seed: int = 0) -> tuple[Relation, ...]:
@@ -51,11 +49,10 @@ def residual_wrench(evidence: Evidence, *, seed: int = 0) -> tuple[Relation, ...
         seed: Of signs and resamples.
     """
     windows, model = evidence.windows, evidence.hypothesis.base.object
-    wrench, cov = wrenches(evidence)
-    states, velocity, spin = _states(windows, model)
-    value, variance = _components(wrench, cov, velocity, spin, _attitude(windows))
-    unit = np.where([name.startswith("force") for name in components_of(value.shape[1])], *_units(model))
-    variance = np.where(variance < (KNOWN * PRIOR * unit) ** 2, variance, np.inf)
+    states, *motion = _states(windows, model)
+    value, variance = _components(*wrenches(evidence), *motion)
+    known = KNOWN * PRIOR * np.repeat(_units(model)[::3], 5)
+    variance = np.where(variance < known**2, variance, np.inf)
     rng = np.random.default_rng(seed)
     found = [
         relate(phase, value[rows], variance[rows], states[rows], windows.toss[rows], rng)
@@ -65,68 +62,57 @@ def residual_wrench(evidence: Evidence, *, seed: int = 0) -> tuple[Relation, ...
 
 
 def wrenches(evidence: Evidence) -> tuple[Array, Array]:
-    """Each window's residual wrench (W, K) and its covariance (W, K, K).
+    """Each window's residual wrench (W, P) and its covariance (W, P, P).
 
-    It is a force [N] in the world's frame, a torque [N m] about the centre of mass in the body's axes, and a torque
-    [N m] in each joint. For an object with joints no torque on the whole is estimated.
+    It is a force [N] in the world's frame, P = 3, and of a single body a torque [N m] about the centre of mass in the
+    body's axes, P = 6.
 
     Args:
         evidence: Of W windows under a hypothesis.
     """
     hypothesis, (W, L, K) = evidence.hypothesis, evidence.residuals.shape
     world = hypothesis.world()
-    force, torque = _units(world.object)
-    unit = np.array([force] * 3 + [torque] * (K - 3))
-    J = np.zeros((W, L * K, K))
-    for i in range(K) if K == 6 else (0, 1, 2, *range(6, K)):
-        push = DIFFERENCE * unit * (np.arange(K) == i)
+    unit = _units(world.object)
+    J = np.zeros((W, L * K, len(unit)))
+    for i, push in enumerate(DIFFERENCE * np.diag(unit)):
         forth, back = (
             evidence.residuals_of(Hypothesis(with_wrench(world, sign * push), hypothesis.law)) for sign in (1, -1)
         )
         J[..., i] = (forth - back).reshape(W, -1) / (2 * DIFFERENCE)
-    largest, prior = evidence.density.largest_residual, PRIOR**-2 * np.eye(K)
+    largest, prior = evidence.density.largest_residual, PRIOR**-2 * np.eye(len(unit))
     r = np.clip(evidence.residuals.reshape(W, -1), -largest, largest)
     H = J.mT @ J
     w = -np.linalg.solve(H + prior, J.mT @ r[..., None])[..., 0]
-    left = ((r + (J @ w[..., None])[..., 0]) ** 2).sum(1) / np.maximum(K * evidence.windows.inside.sum(1) - K, 1)
+    left = ((r + (J @ w[..., None])[..., 0]) ** 2).sum(1) / np.maximum(K * (evidence.windows.inside.sum(1) - 1), 1)
     cov = np.linalg.inv(H / np.maximum(left, 1.0)[:, None, None] + prior)
     return w * unit, cov * np.outer(unit, unit)
 
 
-def _units(model: ObjectModel) -> tuple[float, float]:
-    """The object's weight [N], and its weight times half its width [N m]."""
+def _units(model: ObjectModel) -> Array:
+    """(P,) the object's weight [N] and, of a single body, its weight times half its width [N m]."""
     weight = float(model.mass.sum()) * GRAVITY
-    return weight, 0.5 * weight * model.width
+    return weight * np.array([1.0] * 3 if model.n_joints else [1.0] * 3 + [0.5 * model.width] * 3)
 
 
 def with_wrench(world: World, wrench: Array) -> World:
-    """The world with a constant force and torque on its body, and constant torques in its joints.
+    """The world with a constant force and torque on its body.
 
-    The force is one of the world's own. The torque is one more unit of the learned acceleration, which is always on. A
-    joint's torque is that of a soft spring far from its rest.
+    The force is one of the world's own. The torque is one more unit of the learned acceleration, which is always on.
 
     Args:
         world: Of a single body, or with joints.
-        wrench: (6 + n_joints,) force [N, world], torque [N m, body's axes] about a single body's centre of mass, and
-            torques in joints [N m].
+        wrench: (3,) force [N, world]; or (6,) with a torque [N m, body's axes] about a single body's centre of mass.
     """
     x, y, z = (float(f) for f in wrench[:3])
     forces = world.forces._replace(x=world.forces.x + x, y=world.forces.y + y, z=world.forces.z + z)
     world = replace(world, forces=forces)
-    if wrench[6:].any():
-        law = world.object.joints
-        stiffness, rest = law.stiffness.copy(), law.rest.copy()
-        stiffness[1:] = np.where(stiffness[1:] > 0, stiffness[1:], SOFT)
-        rest[1:] += wrench[6:] / stiffness[1:]
-        law = law._replace(stiffness=stiffness, rest=rest)
-        return replace(world, object=world.object.with_changes(joint_law=law))
-    if not wrench[3:6].any():
+    if not wrench[3:].any():
         return world
     old, f = world.k_res, n_features(0)
     if old is None or not len(old.linear):
         nothing = np.zeros((0, f)), np.zeros(0), np.zeros((0, 0)), np.zeros(0)
         old = LearnedAcceleration(np.zeros((6, f)), *nothing, np.zeros((6, 0)))
-    spin = np.linalg.solve(world.object.inertia[0], wrench[3:6])
+    spin = np.linalg.solve(world.object.inertia[0], wrench[3:])
     # acceleration of the body frame's origin, which circles the centre of mass
     always = np.zeros((len(old.linear), 1))
     always[:6, 0] = np.concatenate([np.cross(world.object.com[0], spin), spin]) / np.tanh(1.0)
@@ -154,8 +140,8 @@ def phase_groups(windows: Windows) -> tuple[Flags, Flags]:
     return windows.free | (airborne & ~again), ~windows.free & ~airborne
 
 
-def _states(windows: Windows, model: ObjectModel) -> tuple[Array, Array, Array]:
-    """(W, S) measured states (`relations.STATES`); mean velocity and spin (W, 3) [world]."""
+def _states(windows: Windows, model: ObjectModel) -> tuple[Array, Array, Array, Array]:
+    """(W, S) measured states (`relations.STATES`); mean velocity and spin (W, 3) [world]; attitude midway (W, 4)."""
     F, dt, y = windows.y.shape[1], windows.dt, windows.y
     n = np.minimum(windows.steps, F)
     there, rows = np.arange(F) < n[:, None], np.arange(len(y))
@@ -165,7 +151,6 @@ def _states(windows: Windows, model: ObjectModel) -> tuple[Array, Array, Array]:
     spin = quat_rotate(y[:, 1:, 3:7], quat_boxminus(y[:, 1:, 3:7], y[:, :-1, 3:7])).sum(1) / span
     lowest = np.where(there, corner_heights(model, y).min(-1), np.inf).min(1)
     place = np.where(there[..., None], y[..., :3], 0.0).sum(1) / n[:, None]
-    angle = y[rows, n // 2, 7:]
     states = [
         (windows.first + 0.5 * (n + 1))[:, None] * dt,
         place,
@@ -173,34 +158,23 @@ def _states(windows: Windows, model: ObjectModel) -> tuple[Array, Array, Array]:
         velocity,
         *(np.linalg.norm(each, axis=1)[:, None] for each in (velocity[:, :2], velocity, spin)),
         spin[:, 2:],
-        (angle + np.pi) % (2 * np.pi) - np.pi,
-        (y[rows, n - 1, 7:] - y[:, 0, 7:]) / span,
     ]
-    return np.concatenate(states, axis=1), velocity, spin
-
-
-def _attitude(windows: Windows) -> Array:
-    """(W, 4) in the middle of each window."""
-    return windows.y[np.arange(len(windows.y)), np.minimum(windows.steps, windows.y.shape[1]) // 2, 3:7]
+    return np.concatenate(states, axis=1), velocity, spin, y[rows, n // 2, 3:7]
 
 
 def _components(wrench: Array, cov: Array, velocity: Array, spin: Array, attitude: Array) -> tuple[Array, Array]:
     """(W, C) components of wrenches, and their variances, infinite along a direction that does not exist."""
     axes = [np.broadcast_to(axis, velocity.shape) for axis in np.eye(3)]
-    speed, rate = np.linalg.norm(velocity[:, :2], axis=1)[:, None], np.linalg.norm(spin, axis=1)[:, None]
-    along = velocity * [1.0, 1.0, 0.0] / np.maximum(speed, LEAST_SPEED)
-    left, about = np.cross(axes[2], along), spin / np.maximum(rate, LEAST_SPIN)
-    moving, turning = speed[:, 0] > LEAST_SPEED, rate[:, 0] > LEAST_SPIN
-    always, back = np.ones(len(speed), dtype=bool), quat_conj(attitude)
-    force = [*((axis, always) for axis in axes), (along, moving), (left, moving)]
-    torque = [*((axis, always) for axis in axes), (about, turning), (left, moving)]
+    speed, rate = np.linalg.norm(velocity[:, :2], axis=1), np.linalg.norm(spin, axis=1)
+    along = velocity * [1.0, 1.0, 0.0] / np.maximum(speed, LEAST_SPEED)[:, None]
+    left, about = np.cross(axes[2], along), spin / np.maximum(rate, LEAST_SPIN)[:, None]
+    moving, turning = speed > LEAST_SPEED, rate > LEAST_SPIN
+    always = [(axis, np.ones(len(speed), dtype=bool)) for axis in axes]
+    directions = [*always, (along, moving), (left, moving), *always, (about, turning), (left, moving)]
     values, variances = [], []
-    for part, directions in ((slice(0, 3), force), (slice(3, 6), torque)):
-        for direction, exists in directions:
-            d = quat_rotate(back, direction) if part.start else direction
-            values.append((d * wrench[:, part]).sum(1))
-            variances.append(np.where(exists, np.einsum("wi,wij,wj->w", d, cov[:, part, part], d), np.inf))
-    for k in range(6, wrench.shape[1]):
-        values.append(wrench[:, k])
-        variances.append(cov[:, k, k])
+    for k, (direction, exists) in enumerate(directions[: 5 if wrench.shape[1] == 3 else 10]):
+        part = slice(0, 3) if k < 5 else slice(3, 6)
+        d = direction if k < 5 else quat_rotate(quat_conj(attitude), direction)
+        values.append((d * wrench[:, part]).sum(1))
+        variances.append(np.where(exists, np.einsum("wi,wij,wj->w", d, cov[:, part, part], d), np.inf))
     return np.stack(values, axis=1), np.stack(variances, axis=1)

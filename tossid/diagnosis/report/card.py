@@ -26,38 +26,23 @@ FEW_TOSSES = 12
 
 
 @dataclass(frozen=True)
-class Row:
-    """A row of the card.
-
-    Attributes:
-        label: What it is about.
-        lines: What there is to say.
-    """
-
-    label: str
-    lines: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class Card:
     """The card.
 
     Attributes:
         headline: The verdict in a line.
-        rows: In the order in which they are read.
+        rows: Lines under labels, in the order in which they are read.
     """
 
     headline: str
-    rows: tuple[Row, ...]
+    rows: dict[str, list[str]]
 
     def __str__(self) -> str:
         """The card as lines of text."""
-        width = max((len(row.label) for row in self.rows), default=0)
-        lines = [self.headline]
-        for row in self.rows:
-            labels = [row.label, *[""] * (len(row.lines) - 1)]
-            lines += [f"  {label:<{width}}  {line}" for label, line in zip(labels, row.lines, strict=True)]
-        return "\n".join(lines)
+        width, out = max(map(len, self.rows), default=0), [self.headline]
+        for label, lines in self.rows.items():
+            out += [f"  {label if i == 0 else '':<{width}}  {line}" for i, line in enumerate(lines)]
+        return "\n".join(out)
 
 
 def card_of(diagnosis: Diagnosis) -> Card:
@@ -79,7 +64,7 @@ def card_of(diagnosis: Diagnosis) -> Card:
         "Left": _left(diagnosis),
         "Do next": _next(diagnosis),
     }
-    return Card(headline, tuple(Row(label, tuple(lines)) for label, lines in rows.items() if lines))
+    return Card(headline, {label: lines for label, lines in rows.items() if lines})
 
 
 def _change(diagnosis: Diagnosis) -> list[str]:

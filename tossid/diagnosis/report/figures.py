@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch as Swatch
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import FELT_DEG, FELT_PCT, Gap, Interval, Share
+from tossid.diagnosis.findings import FELT_DEG, FELT_PCT, Gap, Interval
 from tossid.diagnosis.report.registry import report_figure
-from tossid.diagnosis.report.units import short
+from tossid.diagnosis.report.units import percent, short
 from tossid.diagnosis.result import Diagnosis
 from tossid.evaluation.figures.style import INK, MUTED, footnote, key_row, new_figure, panel_grid, styled
 from tossid.types import Phase
@@ -35,8 +35,6 @@ TIME_BIN = 0.02
 """Width of a cell of the figure over time [s]: three frames at 148 Hz."""
 PALEST = 0.3
 """Excess of a frame at which colours begin: less is what noise alone often gives."""
-LEAST_SHARE = 0.1
-"""Share of the gap that is left, below which the shares of it are too uncertain for an interval."""
 SMALLEST = 1e-2
 """Errors below are drawn here [%], [deg]."""
 
@@ -71,30 +69,16 @@ def whole_tosses(diagnosis: Diagnosis) -> Figure:
         for x, (values, color) in enumerate(zip(errors, (BEFORE, AFTER), strict=False)):
             ax.plot(np.full(len(values), x), values, "o", color=color, ms=4, alpha=0.6)
             ax.plot([x - 0.22, x + 0.22], [max(means[x].value, SMALLEST)] * 2, color=color, lw=3)
-            _below(ax, x, f"{('before', 'after')[x]}\n{short(means[x].value, 2)}", color)
+            text, below = f"{('before', 'after')[x]}\n{short(means[x].value, 2)}", ax.get_xaxis_transform()
+            ax.text(x, -0.04, text, transform=below, ha="center", va="top", color=color, weight="bold")
         ax.set_xlim(-0.5, 0.5 + changed)
         ax.set_xticks([])
         ax.grid(axis="x", visible=False)
         ax.set_ylabel(label)
-        ax.yaxis.set_major_formatter(plain)
+        ax.yaxis.set_major_formatter("{x:g}")
         ax.yaxis.set_minor_formatter("")
-    footnote(figure, f"Grey: below {FELT_PCT} % and {FELT_DEG} deg, which nobody feels.")
+    footnote(figure, f"Grey: less than a person notices ({FELT_PCT} % and {FELT_DEG} deg).")
     return figure
-
-
-def _below(ax: Axes, x: float, text: str, color: str) -> None:
-    ax.annotate(
-        text,
-        (x, 0),
-        (0, -5),
-        xycoords=("data", "axes fraction"),
-        textcoords="offset points",
-        ha="center",
-        va="top",
-        color=color,
-        fontsize=9.5,
-        weight="bold",
-    )
 
 
 @report_figure("gap_where", alt="Shares of the gap by phase and by channel, before and after.", detail=WHERE)
@@ -105,21 +89,24 @@ def gap_by_part(diagnosis: Diagnosis) -> Figure:
     Args:
         diagnosis: What was found.
     """
-    before, after = diagnosis.gap, diagnosis.left
-    scale = _share_left(before, after) if diagnosis.found else None
+    before, left = diagnosis.gap, diagnosis.left
+    scale = _share_left(before, left)
     figure = new_figure(WHERE, "Shares of the gap above the noise in short windows.", height=4.6)
     axes = panel_grid(figure, 1, 2, left=0.7, right=1.0, top=1.25, bottom=0.85, between=2.45)[0]
-    groups = (
-        ("By phase of the motion", before.by_phase, after.by_phase, lambda name: name),
-        ("By channel", before.by_channel, after.by_channel, lambda name: CHANNELS.get(name, name.replace("_", " "))),
-    )
-    for ax, (name, one, other, words) in zip(axes, groups, strict=True):
-        ax.set_title(name)
-        _bars(ax, one, other, scale, words)
-    handles = [(Swatch(color=BEFORE), "before")]
-    if diagnosis.found:
-        handles.append((Swatch(color=AFTER), with_what(diagnosis)))
-    key_row(figure, handles, y=0.78)
+    for ax, title, ours, theirs in (
+        (axes[0], "By phase of the motion", before.by_phase, left.by_phase),
+        (axes[1], "By channel", before.by_channel, left.by_channel),
+    ):
+        ax.set_title(title)
+        after = {s.name: Interval(*(scale * x for x in (s.share.value, s.share.low, s.share.high))) for s in theirs}
+        share_rows(
+            ax,
+            [CHANNELS.get(s.name, s.name.replace("_", " ")) for s in ours],
+            [s.share for s in ours],
+            [after[s.name] for s in ours] if diagnosis.found else (),
+        )
+        ax.set_xlabel("share of the original gap [%]")
+    colour_key(figure, y=0.78, after=bool(diagnosis.found))
     footnote(
         figure,
         "Thin lines: 95 % intervals over tosses, cut at the ends of the axis. Negative: less than noise alone gives.",
@@ -127,14 +114,17 @@ def gap_by_part(diagnosis: Diagnosis) -> Figure:
     return figure
 
 
-def with_what(diagnosis: Diagnosis) -> str:
-    """The effects that were found: "with friction, com_offset", or their number, where the names are many.
+def colour_key(figure: Figure, *, y: float, x: float = 0.15, after: bool = True) -> None:
+    """Write which colour is before the changes, and which is after them.
 
     Args:
-        diagnosis: That has found something.
+        figure: The figure.
+        y: As of `key_row`.
+        x: As of `key_row`.
+        after: Whether there is an after.
     """
-    names = [finding.name for finding in diagnosis.found]
-    return "with " + ", ".join(names) if len(names) < 4 else f"with the {len(names)} effects that were found"
+    handles = [(Swatch(color=BEFORE), "before"), (Swatch(color=AFTER), "after")]
+    key_row(figure, handles[: 1 + after], y=y, x=x)
 
 
 def _share_left(before: Gap, after: Gap) -> float:
@@ -143,67 +133,34 @@ def _share_left(before: Gap, after: Gap) -> float:
     return float(after.frames[:, 3].sum()) / whole if whole > 0 and len(after.frames) else 0.0
 
 
-def _bars(
-    ax: Axes,
-    before: tuple[Share, ...],
-    after: tuple[Share, ...],
-    scale: float | None,
-    words: Callable[[str], str],
+def share_rows(
+    ax: Axes, names: Sequence[str], before: Sequence[Interval], after: Sequence[Interval], notes: Sequence[str] = ()
 ) -> None:
-    names = [share.name for share in before]
-    left = {share.name: share.share for share in after}
-    rows = np.arange(len(names))[::-1].astype(float)
-    values = [share.share.value for share in before]
-    low, high = min(0.0, min(values, default=0.0)), max(values, default=1.0)
-    ends = (max(-40.0, 100 * min(low * 1.3, -0.05)), min(140.0, 100 * max(high * 1.35, 0.3)))
-    ax.set_xlim(*ends)
-    for row, name, share in zip(rows, names, before, strict=True):
-        _bar(ax, row + (0.18 if scale is not None else 0.0), share.share, BEFORE, ends)
-        text = f"{100 * share.share.value:.0f}"
-        if scale is not None and name in left:
-            rest = Interval(*(scale * x for x in (left[name].value, left[name].low, left[name].high)))
-            _bar(ax, row - 0.18, rest, AFTER, ends, interval=abs(scale) > LEAST_SHARE)
-            text += f" → {100 * rest.value:.0f}"
-        beside(ax, 1.0, row, 6, f"{text} %".replace("-0 ", "0 ").replace("-", "−"), "left")
-        beside(ax, 0.0, row, -7, words(name), "right")
-    ax.set_yticks([])
-    ax.set_ylim(-0.6, len(names) - 0.4)
-    ax.axvline(0, color=MUTED, lw=0.8)
-    ax.grid(axis="y", visible=False)
-    ax.set_xlabel("share of the original gap [%]")
-
-
-def _bar(
-    ax: Axes, row: float, share: Interval, color: str, ends: tuple[float, float], *, interval: bool = True
-) -> None:
-    ax.barh(row, np.clip(100 * share.value, *ends), height=0.32, color=color, alpha=0.85)
-    if interval:
-        low, high = np.clip(np.sort([100 * share.low, 100 * share.high]), *ends)
-        ax.plot([low, high], [row, row], color=INK, lw=0.9)
-
-
-def beside(ax: Axes, x: float, row: float, off: float, text: str, ha: str) -> None:
-    """Write a text beside a row of a panel.
+    """Shares of the gap as bars with intervals, one below the other, each with its numbers.
 
     Args:
         ax: The panel.
-        x: 0 for its left end, 1 for its right one.
-        row: The row.
-        off: Distance from that end [pt].
-        text: The text.
-        ha: Its alignment.
+        names: Of the rows.
+        before: Their shares.
+        after: What is left of them; none if empty.
+        notes: Of each row, after its numbers; none if empty.
     """
-    ax.annotate(
-        text,
-        (x, row),
-        (off, 0),
-        xycoords=("axes fraction", "data"),
-        textcoords="offset points",
-        ha=ha,
-        va="center",
-        color=INK,
-        fontsize=9,
-    )
+    values = [100 * share.value for share in before]
+    ends = (max(-40.0, 1.3 * min(0.0, *values) - 0.05), min(140.0, max(0.3, 1.35 * max(values))))
+    for k, row in enumerate(range(len(names) - 1, -1, -1)):
+        both = [(before[k], BEFORE, row + 0.18), (after[k], AFTER, row - 0.18)] if after else [(before[k], BEFORE, row)]
+        for share, color, at in both:
+            ax.barh(at, np.clip(100 * share.value, *ends), height=0.32, color=color, alpha=0.85)
+            ax.plot(np.clip([100 * share.low, 100 * share.high], *ends), [at, at], color=INK, lw=0.9)
+        numbers = " → ".join(percent(share.value)[:-2] for share, _, _ in both) + " %"
+        note = f", {notes[k]}" if notes else ""
+        ax.text(1.03, row, numbers + note, transform=ax.get_yaxis_transform(), va="center", fontsize=9)
+        ax.text(-0.03, row, names[k], transform=ax.get_yaxis_transform(), va="center", ha="right", fontsize=9)
+    ax.set_xlim(*ends)
+    ax.set_ylim(-0.6, len(names) - 0.4)
+    ax.set_yticks([])
+    ax.axvline(0, color=MUTED, lw=0.8)
+    ax.grid(axis="y", visible=False)
 
 
 @report_figure("gap_when", alt="Errors of every toss over time, before and after.", detail=WHERE)
@@ -225,7 +182,7 @@ def gap_over_time(diagnosis: Diagnosis) -> Figure:
     first = gaps[0].frames
     highest = max(10.0, float(np.percentile(first[:, 3], 99))) if len(first) else 10.0
     norm, order = LogNorm(vmin=PALEST, vmax=highest), _order(first, n)
-    for ax, gap, title in zip(axes, gaps, ("before", with_what(diagnosis)), strict=False):
+    for ax, gap, title in zip(axes, gaps, ("before", "after"), strict=False):
         ax.set_title(title, fontsize=9.5)
         table = _cells(gap.frames, n, end)[order]
         image = ax.imshow(
@@ -246,22 +203,10 @@ def gap_over_time(diagnosis: Diagnosis) -> Figure:
     w, box = figure.get_figwidth(), axes[-1].get_position()
     bar = figure.add_axes((box.x1 + 0.15 / w, box.y0, 0.13 / w, box.height))
     colors = figure.colorbar(image, cax=bar)
-    colors.ax.yaxis.set_major_formatter(plain)
+    colors.ax.yaxis.set_major_formatter("{x:g}")
     colors.set_label("excess over noise [1]", fontsize=8.5)
     footnote(figure, "Palest: no more than noise. Grey: no frame.")
     return figure
-
-
-def plain(value: float, _: float) -> str:
-    """A tick's label without trailing zeros, with a typographic minus.
-
-    Args:
-        value: The tick.
-
-    Returns:
-        The label.
-    """
-    return f"{value:g}".replace("-", "−")
 
 
 def _order(frames: Array, n: int) -> NDArray[np.int64]:

@@ -9,16 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch as Swatch
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import Corner, Interval, Relation
-from tossid.diagnosis.report.figures import AFTER, BEFORE, beside, plain, with_what
+from tossid.diagnosis.findings import Corner, Relation
+from tossid.diagnosis.report.figures import colour_key, share_rows
 from tossid.diagnosis.report.registry import report_figure
-from tossid.diagnosis.report.units import percent_span, place_of, short, span
+from tossid.diagnosis.report.units import place_of
 from tossid.diagnosis.report.words import state_words, wrench_words
 from tossid.diagnosis.result import Diagnosis
-from tossid.evaluation.figures.style import INK, MUTED, SMALL, footnote, key_row, new_figure, panel_grid, styled
+from tossid.evaluation.figures.style import INK, MUTED, SMALL, footnote, new_figure, panel_grid, styled
 from tossid.evaluation.figures.wireframe import view_from, wireframe
 
 Array = NDArray[np.float64]
@@ -55,87 +54,50 @@ def wrench_over_state(diagnosis: Diagnosis) -> Figure:
     place = diagnosis.place
     columns = [("before", place.wrench)]
     if diagnosis.found:
-        columns.append((with_what(diagnosis), place.wrench_left))
+        columns.append(("after", place.wrench_left))
     phases = [phase for phase in COLORS if any(r.phase == phase for _, found in columns for r in found)]
     figure = new_figure(
         "The residual force or torque",
-        "What would remove a window's residuals, over the state that explains most of it on held-out tosses.\n"
-        "Dots: windows, with standard errors. Line: the fitted dependence.",
-        height=1.75 + 2.95 * len(phases),
+        "What would remove a window's residuals, over the state that explains most of it.\n"
+        "Dots: windows, with standard errors. Line: the fitted dependence, or the mean.",
+        height=1.25 + 2.75 * len(phases),
     )
-    axes = panel_grid(figure, len(phases), len(columns), left=0.85, top=1.65, bottom=1.0, between=1.0, above=1.3)
+    axes = panel_grid(figure, len(phases), len(columns), left=0.85, top=1.25, bottom=0.95, between=1.0, above=0.95)
     for i, phase in enumerate(phases):
         for j, (when, found) in enumerate(columns):
             relation = next((r for r in found if r.phase == phase), None)
             _relation(axes[i, j], f"In {phase}, {when}", relation, COLORS[phase])
-    footnote(figure, "Bands: 95 % intervals over tosses. Explained: share of the squares, on held-out tosses.")
+    footnote(figure, "Bands: 95 % intervals over tosses.")
     return figure
 
 
 def _relation(ax: Axes, title: str, relation: Relation | None, color: str) -> None:
-    ax.annotate(
-        title, (0, 1), (0, 34), xycoords="axes fraction", textcoords="offset points", weight="bold", fontsize=10
-    )
+    ax.set_title(title)
     if relation is None:
         ax.axis("off")
         ax.text(0.5, 0.5, "too few windows to estimate a force", ha="center", va="center", color=MUTED)
         return
-    factor, unit = _unit(relation)
-    x, y, error, _ = relation.points.T
-    y, error = factor * y, factor * error
-    drawn = error < 4 * np.median(error)
-    solid = np.clip(np.median(error) / np.maximum(error, 1e-12), 0.15, 0.8)
-    for k in np.flatnonzero(drawn):
-        ax.plot([x[k], x[k]], [y[k] - error[k], y[k] + error[k]], color=color, lw=0.8, alpha=0.6 * solid[k])
-    ax.scatter(x[drawn], y[drawn], s=14, color=color, alpha=solid[drawn], linewidths=0)
+    x, y, error, _ = relation.points[relation.points[:, 2] < 4 * np.median(relation.points[:, 2])].T
+    ax.errorbar(x, y, error, fmt="o", ms=3.5, color=color, elinewidth=0.8, alpha=0.6)
     grid, fitted, low, high = relation.curve.T
     if relation.state_clear:
-        ax.fill_between(grid, factor * low, factor * high, color=INK, alpha=0.12, lw=0)
-        ax.plot(grid, factor * fitted, color=INK, lw=1.6)
+        ax.fill_between(grid, low, high, color=INK, alpha=0.12, lw=0)
+        ax.plot(grid, fitted, color=INK, lw=1.6)
     elif relation.clear:
         mean = relation.means[relation.component]
-        ax.axhspan(factor * mean.low, factor * mean.high, color=INK, alpha=0.12, lw=0)
-        ax.axhline(factor * mean.value, color=INK, lw=1.6)
+        ax.axhspan(mean.low, mean.high, color=INK, alpha=0.12, lw=0)
+        ax.axhline(mean.value, color=INK, lw=1.6)
+    else:
+        ax.set_title(f"{title}: not significant", color=MUTED)
     ax.axhline(0, color=MUTED, lw=0.8, ls="--")
-    low_y, high_y = np.percentile(y[drawn], DRAWN)
-    low_y, high_y = min(low_y, 0.0), max(high_y, 0.0)
+    low_y, high_y = min(np.percentile(y, DRAWN[0]), 0.0), max(np.percentile(y, DRAWN[1]), 0.0)
     room = 0.12 * max(high_y - low_y, 1e-9)
     ax.set_ylim(low_y - room, high_y + room)
-    ax.yaxis.set_major_formatter(plain)
+    ax.yaxis.set_major_formatter("{x:g}")
     name, of = state_words(relation.state)
     ax.set_xlabel(f"{name} [{of}]")
-    ax.set_ylabel(f"{wrench_words(relation.component)} [{unit}]")
-    ax.annotate(
-        _summary(relation, factor, unit),
-        (0, 1),
-        (0, 6),
-        xycoords="axes fraction",
-        textcoords="offset points",
-        fontsize=8.5,
-        color=INK if relation.clear else MUTED,
-        linespacing=1.3,
-    )
-
-
-def _unit(relation: Relation) -> tuple[float, str]:
-    """The factor to a unit in which the component is of everyday size, and its name."""
     unit = "N" if relation.component.startswith("force") else "N m"
-    size = float(np.quantile(np.abs(relation.points[:, 1]), 0.9))
-    if size > 0.3:
-        return 1.0, unit
-    return (1e3, f"m{unit}") if size > 3e-4 else (1e6, f"µ{unit}")
-
-
-def _summary(relation: Relation, factor: float, unit: str) -> str:
-    mean = relation.means[relation.component]
-    average = span(Interval(*(factor * x for x in (mean.value, mean.low, mean.high))), unit)
-    r2 = relation.r2
-    share = percent_span(Interval(*(max(x, 0.0) for x in (r2.value, r2.low, r2.high))))
-    if relation.state_clear:
-        return f"the state explains {share} of it;\nits mean is {average}"
-    if relation.clear:
-        return f"no state explains more than the mean,\n{average}, explains: {share}"
-    return f"not significant; the best pair explains\n{share}, p = {short(relation.p_value, 2)}"
+    ax.set_ylabel(f"{wrench_words(relation.component)} [{unit}]")
 
 
 # ---------------------------------------------------------------- corners
@@ -173,11 +135,15 @@ def gap_by_corner(diagnosis: Diagnosis) -> Figure:
     colors = figure.colorbar(ScalarMappable(norm=norm, cmap="YlOrRd"), cax=bar)
     colors.set_label("share of the gap per frame [mean = 1]", fontsize=SMALL)
     _body(view, found, density, norm, letters)
-    _shares(ax, found, left, letters)
-    handles = [(Swatch(color=BEFORE), "before")]
-    if left:
-        handles.append((Swatch(color=AFTER), with_what(diagnosis)))
-    key_row(figure, handles, y=0.92, x=4.4)
+    share_rows(
+        ax,
+        [f"{letter}  {place_of(found[c].place)}" for c, letter in letters.items()],
+        [found[c].share for c in letters],
+        [left[c].share for c in letters] if left else (),
+        [f"{found[c].frames} frames" for c in letters],
+    )
+    ax.set_xlabel("share of the gap\nin contact [%]")
+    colour_key(figure, y=0.92, x=4.4, after=bool(left))
     footnote(figure, "Thin lines: 95 % intervals over tosses. 0 %: no more than noise. White: no contact.")
     return figure
 
@@ -209,7 +175,6 @@ def _body(
         for (i, j), front in zip(frame.edges.tolist() if solid else (), near.tolist(), strict=False):
             ax.plot(*flat[own[[i, j]]].T, color=MUTED, lw=0.9, ls="-" if front else (0, (3, 3)), zorder=1)
     colors = ScalarMappable(norm=norm, cmap="YlOrRd")
-    size = np.ptp(flat, axis=0).max()
     for c in np.argsort(depth).tolist():
         none = found[c].per_frame is None
         face = "white" if none else colors.to_rgba(density[c])
@@ -218,35 +183,4 @@ def _body(
             dark = not none and norm(density[c]) > 0.6
             x, y = flat[c]
             ax.text(x, y, letters[c], ha="center", va="center_baseline", weight="bold", color="white" if dark else INK)
-    origin = places.mean(0)
-    for axis, name in zip(np.eye(3), "xyz", strict=True):
-        tip = view(np.stack([origin, origin + 0.28 * size * axis]))
-        ax.annotate("", tip[1], tip[0], arrowprops={"arrowstyle": "->", "color": MUTED, "lw": 1.0})
-        x, y = tip[0] + 1.22 * (tip[1] - tip[0])
-        ax.text(x, y, name, color=MUTED, fontsize=SMALL, ha="center", va="center")
     ax.margins(0.16)
-
-
-def _shares(ax: Axes, found: Sequence[Corner], left: Sequence[Corner], letters: dict[int, str]) -> None:
-    rows = np.arange(len(letters))[::-1]
-    values = [found[c].share for c in letters]
-    most = max(0.05, *(s.value for s in values))
-    end = 100 * min(1.05 * max(most, *(s.high for s in values)), 2.5 * most)
-    for row, c in zip(rows, letters, strict=True):
-        both = [(found[c].share, BEFORE, 0.18 if left else 0.0)]
-        if left:
-            both.append((left[c].share, AFTER, -0.18))
-        for share, color, off in both:
-            ax.barh(row + off, min(100 * share.value, end), height=0.32, color=color, alpha=0.85)
-            ends = np.clip([100 * share.low, 100 * share.high], 0.0, end)
-            ax.plot(ends, [row + off, row + off], color=INK, lw=0.9)
-        text = " → ".join(f"{100 * share.value:.0f}" for share, _, _ in both)
-        frames = "1 frame" if found[c].frames == 1 else f"{found[c].frames} frames"
-        beside(ax, 1.0, row, 6, f"{text} %, {frames}", "left")
-        beside(ax, 0.0, row, -7, f"{letters[c]}  {place_of(found[c].place)}", "right")
-    ax.set_yticks([])
-    ax.set_xlim(0.0, end)
-    ax.set_ylim(-0.6, len(letters) - 0.4)
-    ax.axvline(0, color=MUTED, lw=0.8)
-    ax.grid(axis="y", visible=False)
-    ax.set_xlabel("share of the gap\nin contact [%]")

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Gap
-from tossid.diagnosis.report.figures import AFTER, BEFORE, plain
+from tossid.diagnosis.report.figures import AFTER, BEFORE, colour_key
 from tossid.diagnosis.report.registry import report_figure
 from tossid.diagnosis.result import Diagnosis
 from tossid.evaluation.figures.sessions import recording_over_order
-from tossid.evaluation.figures.style import MUTED, key_row, new_figure, panel_grid, styled
+from tossid.evaluation.figures.style import MUTED, new_figure, panel_grid, styled
 
 OVER_ORDER = "Over the order of recording"
 
@@ -57,15 +56,14 @@ def gap_over_order(diagnosis: Diagnosis) -> Figure:
     for color, excess in ((BEFORE, before), (AFTER, after)):
         ax.plot(np.arange(n), excess, ".", color=color, markersize=4)
     ax.set_yscale("symlog", linthresh=1.0)
-    ax.yaxis.set_major_formatter(plain)
+    ax.yaxis.set_major_formatter("{x:g}")
     steps = [f.over_order for f in diagnosis.findings if f.over_order is not None and f.over_order.form == "steps"]
     starts = {stretch.first for each in steps for stretch in each.stretches[1:]}
     for at in (i for i, name in enumerate(diagnosis.tosses) if name in starts):
         ax.axvline(at - 0.5, color=MUTED, linewidth=1.0)
     ax.set_xlabel("number of the toss [in the order of recording]")
     ax.set_ylabel("excess over noise [1]")
-    handles = [Line2D([], [], color=color, marker=".", linestyle="") for color in (BEFORE, AFTER)]
-    key_row(figure, list(zip(handles, ("before", "after"), strict=True)), y=0.72)
+    colour_key(figure, y=0.72)
     place.scatter(*diagnosis.places.T, c=np.log1p(np.maximum(after, 0.0)), cmap="viridis_r", s=14)
     place.set_title("left, where each toss ends")
     place.set_aspect("equal", adjustable="datalim")

@@ -27,24 +27,12 @@ COLORS = {
     "not_identifiable": "#e3e5e8",
 }
 """Of each verdict of an effect; the page writes the verdict beside its colour."""
-MEANINGS = {
-    "identified": "found in most searches, and no other effect explains the tosses as well",
-    "confusable": "found, and another effect explains the tosses about as well",
-    "candidate": "found, but not surely: too few searches find it, or whole tosses are predicted worse with it, or most "
-    "of the gap where it acts is left",
-    "not_supported": "not found, and these tosses would have shown it",
-    "not_identifiable": "no plausible size of it would be visible in these tosses",
-}
-NOISIER = 1.1
-"""Measured noise over the stated one that is worth a sentence."""
-CARRIED = 0.25
-"""Share of what is left, after impacts, that is worth a sentence."""
 
 _TEMPLATES = Environment(
     loader=PackageLoader("tossid.diagnosis.report"), autoescape=True, trim_blocks=True, undefined=StrictUndefined
 )
 _TEMPLATES.filters |= {
-    "unbroken": lambda text: re.sub(r"(?<=\d) (?=[^\W\d_]|%)", "\u00a0", text),  # a number and its unit
+    "unbroken": lambda text: re.sub(r"(?<=\d) (?=(?!to\b)[^\W\d_]|%)", "\u00a0", text),  # a number and its unit
     "listed": units.listed,
     "percent": units.percent,
     "percent_span": units.percent_span,
@@ -66,27 +54,21 @@ _TEMPLATES.filters |= {
 
 
 def report_html(diagnosis: Diagnosis, figures: Mapping[str, bytes]) -> str:
-    """The page.
+    """The page as HTML.
 
     Args:
         diagnosis: What was found.
         figures: PNGs by name (of `report_figures`), in the order in which they are read.
-
-    Returns:
-        The page as HTML.
     """
     return _TEMPLATES.get_template("gap.html.j2").render(_content(diagnosis, figures))
 
 
 def report_notebook(diagnosis: Diagnosis, figures: Mapping[str, bytes]) -> str:
-    """The same content for a cell of a notebook.
+    """The same content for a cell of a notebook, with its own style, which does not reach the rest of the notebook.
 
     Args:
         diagnosis: What was found.
         figures: As `report_html` takes them.
-
-    Returns:
-        A piece of HTML with its own style, which does not reach the rest of the notebook.
     """
     return _TEMPLATES.get_template("body.html.j2").render(_content(diagnosis, figures))
 
@@ -110,11 +92,8 @@ def _content(diagnosis: Diagnosis, figures: Mapping[str, bytes]) -> dict[str, An
         "listed": [f for f in diagnosis.findings if f.verdict != "not_identifiable"],
         "hidden": [f.name for f in diagnosis.findings if f.verdict == "not_identifiable"],
         "colors": COLORS,
-        "meanings": MEANINGS,
         "verdicts": [verdict for verdict in COLORS if verdict in verdicts],
         "worst_corner": max(corners, key=lambda corner: corner.per_frame or 0.0, default=None),
-        "noisier": NOISIER,
-        "carried": CARRIED,
         "patch": _patch(diagnosis.patch),
     }
 

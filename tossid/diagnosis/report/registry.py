@@ -55,7 +55,7 @@ def report_figure(
     note: str = "",
     applies: Callable[[Diagnosis], bool] = lambda diagnosis: True,
 ) -> Callable[[D], D]:
-    """A decorator that registers a figure of the report.
+    """A decorator that registers a figure of the report, and leaves the function as it is.
 
     Args:
         name: Its name as a file, without a suffix; a name that is registered already is replaced.
@@ -64,9 +64,6 @@ def report_figure(
             a figure at the top of the page.
         note: How it is read, below the figure.
         applies: Whether a diagnosis has anything to draw.
-
-    Returns:
-        The decorator; it leaves the function as it is.
     """
 
     def register(draw: D) -> D:
@@ -77,13 +74,10 @@ def report_figure(
 
 
 def report_figures(diagnosis: Diagnosis) -> dict[str, Figure]:
-    """All registered figures of a diagnosis, by name, in the order of the page.
+    """The registered figures of which a diagnosis has something to draw, by name, in the order of the page.
 
     Args:
         diagnosis: What was found.
-
-    Returns:
-        The figures of which the diagnosis has something to draw.
     """
     return {name: each.draw(diagnosis) for name, each in REPORT_FIGURES.items() if each.applies(diagnosis)}
 

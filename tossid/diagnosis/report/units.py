@@ -25,7 +25,7 @@ _UNITS = {
     "ps": ("1/s", 1.0),
 }
 """Suffix of a parameter's name: the unit in which it is written, and the factor from SI to that unit."""
-_ZERO = 1e-12
+_ZERO = 1e-9
 """Size below which a number is what rounding leaves of zero."""
 _NARROW = 1e-6
 """Width of an interval over its value below which it is one value."""

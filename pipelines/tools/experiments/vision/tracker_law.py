@@ -21,20 +21,20 @@ from numpy.typing import NDArray
 import tossid
 from pipelines.cli.console import Console
 from pipelines.cli.failures import guarded
-from tossid.diagnosis.likelihood.evidence import Hypothesis
-from tossid.diagnosis.selection.contact_law import with_contact_law
-from tossid.diagnosis.selection.cross_validation import CrossValidator
-from tossid.diagnosis.selection.flight_search import search_flight
+from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.inference.sample import Sample
+from tossid.diagnosis.inference.search import Search
+from tossid.diagnosis.likelihood.windows import make_windows
+from tossid.motion.resting import rest_scatter
 from tossid.motion.sessions.copies import find_copies
 from tossid.motion.sessions.turns import InThrow, Turns, find_turns
 from tossid.motion.sessions.witnesses import link_faces, resting_faces
 from tossid.objects import ObjectModel, corner_heights, load_object
 from tossid.physics.effects import World, effects_for
 from tossid.rotations import quat_to_matrix
-from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.store import drawn_splits
 from tossid.store.importers import read_contactnets
-from tossid.types import PoseTrack, Toss
+from tossid.types import Phase, PoseTrack, Toss
 
 Array = NDArray[np.float64]
 
@@ -264,12 +264,10 @@ def flight_effects(tosses: Sequence[Toss], model: ObjectModel) -> dict[str, tupl
         tosses: Of a dataset.
         model: Its object, and the simulator.
     """
-    world, settings = World(model), DiagnoseSettings(threads=1)
-    validator, world = with_contact_law(CrossValidator.of(tosses, model, seed=0, settings=settings), world)
-    found = search_flight(validator, effects_for(model), Hypothesis(world))
-    if found is None:
-        return {}
-    hypothesis = found.present.hypothesis
+    windows = make_windows(tosses, model, scatter=rest_scatter(tosses, model))
+    flying = tuple(effect for effect in effects_for(model) if Phase.FLIGHT in effect.phases)
+    search = Search(Sample(windows, len(tosses)).in_flight(), flying, Hypothesis(World(model)))
+    hypothesis = search.run().hypothesis
     return {name: tuple(float(x) for x in hypothesis.values_of(name)) for name in hypothesis.names}
 
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tossid.diagnosis.selection.plane import in_plane, plane_normal
 
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
 from tests.models.made import DT
 from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.diagnosis.localisation.noise import noise_floor, still_channels
+from tossid.diagnosis.plane import in_plane, plane_normal
 from tossid.motion import label_phases
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
