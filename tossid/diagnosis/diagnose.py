@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tossid.diagnosis.conclude import Engine, explain, report_gap
+from tossid.diagnosis.correction import have_own_heights
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.interrupted import known_so_far
 from tossid.diagnosis.learned import learned_forces
