@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from tossid.diagnosis.findings import Brings, Change, Corner, Felt, Finding, Gap, Interval, Place, Share
+from tossid.diagnosis.findings import Brings, Change, Felt, Finding, Gap, Interval, Share
 from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.localisation.place import Corner, Place
 from tossid.diagnosis.localisation.relations import COMPONENTS, STATES, relate
 from tossid.diagnosis.result import Diagnosis
 from tossid.objects import ObjectModel, load_object

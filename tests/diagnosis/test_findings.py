@@ -7,7 +7,8 @@ import json
 import numpy as np
 
 from tests.diagnosis.by_hand import EFFECTS, finding, with_place
-from tossid.diagnosis.findings import Brings, Corner, Felt, Interval, mean_over_tosses
+from tossid.diagnosis.findings import Brings, Felt, Interval, mean_over_tosses
+from tossid.diagnosis.localisation.place import Corner
 from tossid.objects import ObjectModel
 
 ONE = Interval(1.0, 0.5, 1.5)

@@ -23,7 +23,7 @@ from tossid.diagnosis.patch.make import make_patch
 from tossid.diagnosis.patch.rerun import errors_in_mujoco, rerun
 from tossid.diagnosis.problem import Problem, session_starts
 from tossid.diagnosis.release import bound_frames
-from tossid.diagnosis.result import Diagnosis
+from tossid.diagnosis.result import Diagnosis, Interruption
 from tossid.diagnosis.simulators import (
     Simulator,
     check_runs,
@@ -50,8 +50,6 @@ MOST = 80
 """Tosses that take part where nobody says how many."""
 FEWEST_SHOWN, MOST_SHOWN = 3, 8
 """Tosses whose gap is reported first."""
-FEWEST_FOR_A_NAME = 12
-"""Tosses from which an effect of contact has been named (`experiments/search/search.md`)."""
 SHORTEST = 11
 """Frames of a toss that can be predicted: half a window, and the first."""
 
@@ -136,6 +134,7 @@ class Task:
         tosses, remarks = searched(self.tosses, self.settings)
         problem = self._problem(tosses, under_way)
         found, undone = explain(problem, self.engine())
+        under_way.answer = found
         under_way("next toss and patch", 0.95)
         own = undone.problem
         rng = np.random.default_rng(self.settings.seed)
@@ -151,13 +150,7 @@ class Task:
             data={"object": self.recorded.name},
             next_toss=following,
             patch=patch,
-            remarks=(
-                *remarks,
-                *self.remarks,
-                *_of_number(found),
-                *_of_order(found),
-                *_of_contact(found, self.simulator),
-            ),
+            remarks=(*remarks, *self.remarks, *remarks_on(found, self.simulator)),
             order=self.order,
             learned=learned_forces(self.simulator.world, self.tosses, self.library),
         )
@@ -192,8 +185,11 @@ class Task:
             under_way: What `run` was given. It must know the gap.
         """
         assert under_way.so_far is not None
+        answer, stage = under_way.answer, under_way.stage
+        known = known_so_far(under_way.so_far, stage) if answer is None else answer
         return replace(
-            known_so_far(under_way.so_far, under_way.stage),
+            known,
+            interruption=known.interruption or Interruption(stage),
             simulator=self.simulator,
             tosses_of=self.tosses_of,
             data={"object": self.recorded.name},
@@ -365,45 +361,3 @@ def _patch(found: Diagnosis, task: Task, undone: Undone) -> dict[str, Any]:
         except TossidError as error:
             report["rerun"] = {"problem": str(error)}
     return report
-
-
-def _of_number(found: Diagnosis) -> tuple[str, ...]:
-    """A remark where nothing was found, and too few tosses took part for a name."""
-    n = found.n_tosses
-    if found.found or found.verdict == "no_gap" or n >= FEWEST_FOR_A_NAME:
-        return ()
-    return (
-        f"{n} tosses are too few: even if all agreed, that could be chance, given how many effects are tried. Some "
-        "twelve are needed to name an effect of contact, and fewer for one of flight.",
-    )
-
-
-def _of_order(found: Diagnosis) -> tuple[str, ...]:
-    """A remark where too few tosses took part for a change over their order."""
-    if found.changes_left is not None:
-        return ()
-    return (f"{len(found.tosses)} tosses are too few for a change of an effect over their order to be seen.",)
-
-
-def _of_contact(found: Diagnosis, simulator: Simulator) -> tuple[str, ...]:
-    """A remark where tosses follow another law of contact than the simulator's."""
-    if found.contact == simulator.law.name:
-        return ()
-    if simulator.mjcf is not None:
-        return (
-            "These tosses follow rigid contact more closely than your model's own contact. The effects are fitted "
-            "with rigid contact, and the patch makes the model's contact rigid (solref, solimp, a shorter time step "
-            "and an elliptic cone).",
-        )
-    if found.contact == "relaxed":
-        return (
-            "These tosses follow MuJoCo's relaxed friction, in which a sliding contact lifts off, more closely than "
-            "Coulomb's law. The effects are fitted with relaxed friction.",
-        )
-    if found.contact == "routh":
-        return (
-            "In these tosses, friction of an impact is against the slip as it turns meanwhile (Routh's law), more than "
-            "against the slip after the impact, as in simulators that resolve impacts at once. The effects are fitted "
-            "with Routh's law.",
-        )
-    return ("These tosses follow Coulomb's law of friction more closely than the simulator's own law.",)

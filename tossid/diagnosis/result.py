@@ -10,21 +10,12 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import (
-    FOUND,
-    Brings,
-    Change,
-    ChangeLeft,
-    Finding,
-    Gap,
-    Interval,
-    Place,
-    Share,
-)
+from tossid.diagnosis.findings import FOUND, Brings, Change, ChangeLeft, Finding, Gap, Interval, Share
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.learned import LearnedForces
 from tossid.diagnosis.localisation.disagreement import SolverDisagreement
 from tossid.diagnosis.localisation.noise import MeasuredNoise
+from tossid.diagnosis.localisation.place import Place
 from tossid.diagnosis.localisation.witnesses import Witness
 from tossid.diagnosis.plane import Plane
 from tossid.types import RecordingOrder

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.tossed import seen, seen_with_joint
-from tossid.diagnosis.findings import Relation
 from tossid.diagnosis.inference.evidence import Evidence, collect
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.likelihood.windows import make_windows
+from tossid.diagnosis.localisation.place import Relation
 from tossid.diagnosis.localisation.relations import COMPONENTS
 from tossid.diagnosis.localisation.wrench import phase_groups, residual_wrench, with_wrench, wrenches
 from tossid.objects import ObjectModel

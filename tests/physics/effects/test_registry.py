@@ -7,8 +7,8 @@ import pytest
 
 from tests.physics.effects.toy import HEIGHT_PULL, registered
 from tossid import code_digest as digests
-from tossid.code_digest import code_digest
 from tossid.audit.strengths import strengths_for
+from tossid.code_digest import code_digest
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.physics.effects import (

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import RESAMPLES, Corner, Interval, Place
+from tossid.diagnosis.findings import RESAMPLES, Interval
 from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.localisation.gap import Rows, rows_of
 from tossid.diagnosis.localisation.noise import noise_floor
+from tossid.diagnosis.localisation.place import Corner, Place
 from tossid.diagnosis.localisation.wrench import residual_wrench
 from tossid.objects import corner_heights, corner_positions
 from tossid.physics.effects import World

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import median_abs_deviation
 
-from tossid.diagnosis.findings import RESAMPLES, Interval, Relation
+from tossid.diagnosis.findings import RESAMPLES, Interval
+from tossid.diagnosis.localisation.place import Relation
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -17,10 +17,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import Relation
 from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.likelihood.windows import Windows
+from tossid.diagnosis.localisation.place import Relation
 from tossid.diagnosis.localisation.relations import relate
 from tossid.objects import GRAVITY, ObjectModel, corner_heights
 from tossid.physics import LearnedAcceleration, n_features

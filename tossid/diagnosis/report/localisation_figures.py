@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import Corner, Relation
+from tossid.diagnosis.localisation.place import Corner, Relation
 from tossid.diagnosis.report.figures import colour_key, share_rows
 from tossid.diagnosis.report.registry import report_figure
 from tossid.diagnosis.report.units import place_of
