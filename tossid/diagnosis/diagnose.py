@@ -24,7 +24,6 @@ from tossid.diagnosis.patch.rerun import errors_in_mujoco, rerun
 from tossid.diagnosis.problem import Problem, session_starts
 from tossid.diagnosis.release import bound_frames
 from tossid.diagnosis.result import Diagnosis
-from tossid.diagnosis.sessions.heights import have_own_heights
 from tossid.diagnosis.simulators import (
     Simulator,
     check_runs,
@@ -143,8 +142,10 @@ class Task:
         following = next_toss(found.hypothesis, found.alternatives, own.tosses, own.sample, rng=rng)
         patch = _patch(found, self, undone)
         under_way("done", 1.0)
+        asked = self.simulator.frames
         return replace(
             found,
+            passes=None if asked is None else asked / float(own.sample.windows.steps.sum()),
             simulator=self.simulator,
             tosses_of=self.tosses_of,
             data={"object": self.recorded.name},

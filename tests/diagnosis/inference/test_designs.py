@@ -82,9 +82,7 @@ def test_a_known_boundary_shows_what_a_search_of_all_places_does_not() -> None:
     for seed in range(30):
         columns, _, _ = simulated(np.repeat([0.0, 0.5], [12, 12]), seed=seed, scatter=0.3)
         effects = [[(columns, NO, np.array([0]))]]
-        clearer += int(
-            change_p_values(effects, (12,), 0)[0][0] < change_p_values(effects, (), 0)[0][0]
-        )
+        clearer += int(change_p_values(effects, (12,), 0)[0][0] < change_p_values(effects, (), 0)[0][0])
     assert clearer > 18
 
 
