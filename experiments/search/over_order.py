@@ -1,10 +1,11 @@
-"""How well changes over the order of recording are found in closed form, beside the simulator as it is stated.
+"""How well changes over the order of recording are found and undone, and whether their intervals hold.
 
     python -m experiments.search.over_order OUT.jsonl [cases=21] [nulls=30] [data=CUBE.h5] [seed=2] [boundary=TOSS]
 
 The cases are those of `order_cases`: in `cases` something changes, in `nulls` nothing does; of a dataset, a third of
 the nulls are its tosses in random order. A line of JSON a case: what was made, what was found, seconds of processor
-time. Lines that are there are not made again. `over_order.md` has the table.
+time, of all and of the searches alone. Lines that are there are not made again. `over_order.md` has the table. At the
+end, it says how many intervals after a step hold the true value, by engine and effect.
 """
 
 from __future__ import annotations
@@ -12,68 +13,60 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
-import numpy as np
-
-from experiments.search.order_cases import cases_over_order, score_over_order
-from tossid.diagnosis.findings import Interval
+from experiments.search.order_cases import STEP, cases_over_order, score_over_order
+from tossid.diagnosis.inference.evidence import Evidence
+from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.inference.order import OverOrder, over_order, windows_within
-from tossid.diagnosis.inference.sample import Sample
-from tossid.diagnosis.inference.screening import screen
+from tossid.diagnosis.inference.search import Search
+from tossid.diagnosis.over_order import changes_left, findings_over_order, without_changes
+from tossid.diagnosis.problem import Problem
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World, effects_for
 from tossid.settings.audit import AuditSettings
 from tossid.types import Toss
 
 
-def looked_at(tosses: Sequence[Toss], model: ObjectModel, boundaries: Sequence[int] = ()) -> tuple[OverOrder, float]:
-    """What changes in tosses beside the stated simulator, and the seconds of processor time.
+def looked_at(tosses: Sequence[Toss], model: ObjectModel, boundaries: Sequence[int] = ()) -> dict[str, Any]:
+    """What a diagnosis finds over the order of tosses, as gap.json has it, and the seconds of processor time.
 
     Args:
         tosses: In the order of recording.
         model: The stated object.
         boundaries: First tosses of sessions.
     """
-    begun, n = time.process_time(), len(tosses)
-    sample = Sample(windows_within(tosses, model, (0, n)), n)
-    first = sample.evidence(Hypothesis(World(model)))
-    screening = screen(first, effects_for(model), n=n, rng=np.random.default_rng(0))
-    windows = partial(windows_within, tosses, model)
-    found = over_order(sample.fixed(first), screening, boundaries=boundaries, windows=windows)
-    return found, time.process_time() - begun
+    searched, run = [0.0], Search.run
 
+    def timed(search: Search, first: Evidence | None = None) -> Found:
+        begun = time.process_time()
+        found = run(search, first)
+        searched[0] += time.process_time() - begun
+        return found
 
-def as_findings(found: OverOrder, names: Sequence[str]) -> dict[str, Any]:
-    """What was found, as far as `score_over_order` reads it of a diagnosis.
-
-    Args:
-        found: The changes.
-        names: Of the tosses.
-    """
-
-    def values(of: Mapping[str, Interval]) -> dict[str, Any]:
-        return {name: each.as_json() for name, each in of.items()}
-
-    effects = []
-    for change in found.changes:
-        one: dict[str, Any] = {"name": change.effect.name, "over_order": {"p_value": change.p_value}}
-        if change.form == "steps":
-            one["sessions"] = [{"first": names[s.first], "parameters": values(s.values)} for s in change.stretches]
-        else:
-            one["drift"] = {"per_toss": values(change.rate), "ends": [values(s.values) for s in change.stretches]}
-        effects.append({**one, "gain": change.gain})
-    left = [] if found.place is None else [{"before": names[found.place]}]
-    return {"effects": effects, "changes_left": left, "p_left": found.left}
+    sessions = tuple(tosses[k].name for k in boundaries)
+    problem = Problem(tosses, Hypothesis(World(model)), library=effects_for(model), sessions=sessions).in_order()
+    begun = time.process_time()
+    with patch.object(Search, "run", timed):
+        undone = without_changes(problem)
+    seconds = time.process_time() - begun
+    left = changes_left(undone, problem.tosses) or ()
+    return {
+        "effects": [finding.as_json() for finding in findings_over_order(undone, problem.tosses)],
+        "changes_left": [each.as_json() for each in left],
+        "p_left": undone.left.left,
+        "in_all_tosses": list(undone.found.hypothesis.names),
+        "seconds": round(seconds, 1),
+        "seconds_of_searches": round(searched[0], 1),
+    }
 
 
 def main(arguments: list[str]) -> None:
-    """Make what is missing of the cases."""
+    """Make what is missing of the cases, and say which intervals hold."""
     out, given = Path(arguments[0]), dict(argument.split("=", 1) for argument in arguments[1:])
     settings = replace(AuditSettings(), tosses=int(given.get("tosses", "40")), seed=int(given.get("seed", "2")))
     known = len(out.read_text().splitlines()) if out.exists() else 0
@@ -81,26 +74,40 @@ def main(arguments: list[str]) -> None:
     cases = cases_over_order({"cases": "21", "nulls": "30", **given}, settings)
     for k, (tosses, model, truth) in enumerate(cases):
         if k >= known:
-            found, seconds = looked_at(tosses, model, boundaries)
-            write(out, found, seconds, tosses, truth)
+            gap = looked_at(tosses, model, boundaries)
+            about = {"order": truth["order"], "effects": truth["effects"], "engine": truth["case"]["engine"]}
+            with out.open("a") as file:
+                line = {**about, "found": gap, "score": score_over_order(truth, gap)}
+                file.write(json.dumps(line, default=float) + "\n")
+    print_intervals([json.loads(line) for line in out.read_text().splitlines()])
 
 
-def write(out: Path, found: OverOrder, seconds: float, tosses: Sequence[Toss], truth: Mapping[str, Any]) -> None:
-    """Add a line with a case's truth, what was found, and its score.
+def print_intervals(lines: Sequence[Mapping[str, Any]]) -> None:
+    """How many intervals after a step hold the true value.
 
     Args:
-        out: The file of lines.
-        found: The changes.
-        seconds: Of processor time.
-        tosses: Of the case.
-        truth: Of the case.
+        lines: Of the file.
     """
-    gap = as_findings(found, [toss.name for toss in tosses])
-    about = {"order": truth["order"], "effects": truth["effects"], "engine": truth["case"]["engine"]}
-    line: dict[str, Any] = {**about, "found": gap}
-    line |= {"score": score_over_order(truth, gap), "seconds": round(seconds, 1)}
-    with out.open("a") as file:
-        file.write(json.dumps(line, default=float) + "\n")
+    held: dict[tuple[str, str], list[bool]] = {}
+    for line in lines:
+        for name, low, true, high in intervals_of(line):
+            held.setdefault((line["engine"], name), []).append(low <= true <= high)
+    for (engine, name), each in sorted(held.items()):
+        sys.stdout.write(f"{engine} {name}: {sum(each)} of {len(each)} intervals hold\n")
+
+
+def intervals_of(line: Mapping[str, Any]) -> Iterator[tuple[str, float, float, float]]:
+    """Names of effects that step, with each parameter's interval after the step and its true value between.
+
+    Args:
+        line: Of a case.
+    """
+    for effect in line["found"]["effects"]:
+        true = line["effects"].get(effect["name"])
+        if line["order"]["form"] == STEP and true is not None and "sessions" in effect:
+            for key, value in effect["sessions"][-1]["parameters"].items():
+                low, high = value["ci95"]
+                yield effect["name"], low, true[key], high
 
 
 if __name__ == "__main__":
