@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,14 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.diagnosis.by_hand import diagnosis
 from tests.diagnosis.tossed import seen
 from tests.motion.turned import as_published, thrown_along_x
-from tossid.diagnosis.diagnose import diagnose, prepare
-from tossid.diagnosis.explain import begin
-from tossid.diagnosis.problem import Problem
-from tossid.diagnosis.report.text import sentences
-from tossid.diagnosis.selection.stability import Repeat, Stability
+from tossid.diagnosis.diagnose import MOST, diagnose, prepare, searched
 from tossid.diagnosis.under_way import UnderWay
 from tossid.errors import ConfigError, InputError
 from tossid.motion.tosses import tosses_from_tracks
@@ -43,29 +39,67 @@ def dataset(cube: ObjectModel) -> Dataset:
     return Dataset(cube, tuple(tosses), 148.0, "made", {})
 
 
-@pytest.mark.slow
-def test_friction_is_found_and_its_report_saved(dataset: Dataset, cube: ObjectModel, tmp_path: Path) -> None:
+def test_friction_is_found_judged_and_its_report_saved(cube: ObjectModel, tmp_path: Path) -> None:
+    tosses = seen(World(cube.with_changes(friction=0.3)), cube, 15, seed=3, frames=70)
+    tosses[0] = replace(tosses[0], **{n: getattr(tosses[0], n)[:5] for n in ("t", "q", "v", "q_cov", "v_cov", "phase")})
+    tosses = [replace(toss, split="test" if i > 12 else "train") for i, toss in enumerate(tosses)]
+    dataset = Dataset(cube, tuple(tosses), 148.0, "made", {})
     reported: list[float] = []
-    gap = diagnose(
-        dataset, World(cube), without=WITHOUT, threads=1, repeats=0, progress=lambda text, share: reported.append(share)
+    news: list[str] = []
+    task = prepare(
+        dataset, World(cube), settings=DiagnoseSettings(without=WITHOUT, threads=1, split="train", repeats=3)
     )
+    gap = task.run(UnderWay(lambda text, share: reported.append(share), news.append))
+    assert gap.verdict == "explained"
     assert gap.named == ("friction",)
-    assert gap.findings[0].verdict == "identified"
-    mu = gap.findings[0].parameters["mu"]
+    found = gap.findings[0]
+    assert (found.verdict, found.frequency, gap.draws) == ("identified", 1.0, 600)
+    mu = found.parameters["mu"]
     assert mu.low - 0.002 < 0.3 < mu.high + 0.002
+    (change,) = gap.change
+    assert (change.name, change.parameter, change.stated) == ("friction", "mu", cube.friction)
+    assert change.value == mu
     assert gap.gap_closed.value > 0.8
+    assert found.gap_closed.value > 0.8
+    before, after = gap.brings.position_pct()
+    assert (gap.brings.engine, gap.brings.n) == ("tossid", 12)
+    assert after.value < 0.2 * before.value
+    # the test split is looked at once
+    assert gap.unseen is not None
+    assert gap.unseen.tosses == 2
+    assert gap.unseen.closed.value > 0.5
     assert next(share for share in gap.gap.by_phase if share.name == "slide").share.value > 0.4
-    assert gap.remarks[0] == "Tosses left out: 1 of 10 are shorter than 11 frames."
-    few = f"{len(gap.tosses)} tosses are too few for a change of an effect over their order to be seen; it takes "
-    assert any(remark.startswith(few) for remark in gap.remarks)
+    assert gap.remarks[0] == "Tosses left out: 1 of 13 are shorter than 11 frames."
     assert gap.patch is not None
     assert gap.patch["keys"]["object.friction"]["before"] == cube.friction
     assert gap.next_toss is not None
     assert gap.next_toss["release"] is None
+    others = {f.name: f for f in gap.findings[1:]}
+    assert others["gravity"].verdict == "not_supported"
+    assert 0 < others["gravity"].detectable["g_ms2"] < 0.5
+    assert reported == sorted(reported)
     assert reported[-1] == 1.0
+    assert "takes about" in news[1]
     kept = json.loads((gap.save(tmp_path / "gap") / "gap.json").read_text())
     assert kept["explanation"]["effects"] == ["friction"]
     assert kept["data"] == {"object": "cube"}
+
+
+def test_where_nothing_is_repeated_nothing_is_said_of_how_sure_it_is(dataset: Dataset, cube: ObjectModel) -> None:
+    gap = diagnose(dataset, World(cube), without=WITHOUT, threads=1, repeats=0)
+    assert gap.named == ("friction",)
+    assert (gap.folds, gap.draws, gap.probability_none) == (0, 0, None)
+    assert gap.findings[0].frequency is None
+    assert not gap.brings.unseen
+
+
+def test_many_tosses_are_drawn_from(dataset: Dataset) -> None:
+    many = tuple(replace(dataset.tosses[i % 9], name=str(i)) for i in range(MOST + 5))
+    some, (remark,) = searched(many, DiagnoseSettings())
+    assert len(some) == MOST
+    assert [int(toss.name) for toss in some] == sorted(int(toss.name) for toss in some)
+    assert remark.startswith(f"{MOST} of {MOST + 5} tosses take part")
+    assert searched(many, DiagnoseSettings(tosses=MOST + 5)) == (many, ())
 
 
 def test_tosses_are_chosen_by_settings(dataset: Dataset) -> None:
@@ -150,11 +184,7 @@ def test_too_few_for_a_name_have_a_gap_and_say_how_many_a_name_needs(dataset: Da
     assert gap.verdict == "unexplained"
     slide = next(share.share.value for share in gap.gap.by_phase if share.name == "slide")
     assert slide > 0.3
-    kept = gap.as_json()
-    # two effects and three tests: 6 / 2^n < 0.05 from seven on
-    assert (kept["tosses_needed"]["n_tosses"], kept["tosses_needed"]["for_a_name"]) == (5, 7)
-    assert not kept["tosses_needed"]["enough"]
-    assert "5 tosses are too few to name every effect, 7 are needed" in repr(gap)
+    assert any("5 tosses are too few" in remark and "twelve" in remark for remark in gap.remarks)
 
 
 def test_a_misspelt_name_is_corrected(dataset: Dataset) -> None:
@@ -164,19 +194,23 @@ def test_a_misspelt_name_is_corrected(dataset: Dataset) -> None:
         diagnose(dataset, sed=3)
 
 
-def test_what_an_ended_search_says_is_kept_when_its_repeats_are_interrupted(
-    dataset: Dataset, cube: ObjectModel, tmp_path: Path
-) -> None:
+def test_what_is_known_is_kept_when_it_is_interrupted(dataset: Dataset, cube: ObjectModel, tmp_path: Path) -> None:
     task = prepare(dataset, World(cube), settings=DiagnoseSettings(without=WITHOUT, threads=1, repeats=3))
-    under_way = UnderWay()
-    begin(Problem(task.tosses, World(cube), library=task.library, under_way=under_way))
-    assert task.known_so_far(under_way).verdict == "incomplete"
-    under_way.repeats = 3
-    under_way.answered(replace(diagnosis(cube), stability=Stability((Repeat(("friction",), 0.9),))))
+    under_way = UnderWay(progress=_stop_at("the search repeated"))
+    with pytest.raises(KeyboardInterrupt):
+        task.run(under_way)
     known = task.known_so_far(under_way)
-    assert (known.verdict, known.named) == ("explained", ("friction",))
+    assert (known.verdict, known.named, known.candidates) == ("incomplete", (), ("friction",))
     assert known.tosses_of == task.tosses_of
-    assert "interrupted (1 of 3 repeats of the search made)" in sentences(known)[0]
     kept = json.loads((known.save(tmp_path / "gap") / "gap.json").read_text())
     assert kept["complete"] is False
-    assert kept["interrupted"]["during"] == "1 of 3 repeats of the search made"
+    assert kept["interrupted"]["during"].startswith("the search repeated")
+    assert kept["change"][0]["name"] == "friction"
+
+
+def _stop_at(stage: str) -> Callable[[str, float], None]:
+    def stop(what: str, share: float) -> None:
+        if what.startswith(stage):
+            raise KeyboardInterrupt
+
+    return stop

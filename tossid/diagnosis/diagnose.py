@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tossid.diagnosis.conclude import Engine, explain, report_gap
+from tossid.diagnosis.correction import have_own_heights
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.interrupted import known_so_far
 from tossid.diagnosis.learned import learned_forces
@@ -23,7 +24,6 @@ from tossid.diagnosis.patch.rerun import errors_in_mujoco, rerun
 from tossid.diagnosis.problem import Problem, session_starts
 from tossid.diagnosis.release import bound_frames
 from tossid.diagnosis.result import Diagnosis
-from tossid.diagnosis.sessions.heights import have_own_heights
 from tossid.diagnosis.simulators import (
     Simulator,
     check_runs,
@@ -50,6 +50,8 @@ MOST = 80
 """Tosses that take part where nobody says how many."""
 FEWEST_SHOWN, MOST_SHOWN = 3, 8
 """Tosses whose gap is reported first."""
+FEWEST_FOR_A_NAME = 12
+"""Tosses from which an effect of contact has been named (`experiments/search/search.md`)."""
 SHORTEST = 11
 """Frames of a toss that can be predicted: half a window, and the first."""
 
@@ -140,14 +142,22 @@ class Task:
         following = next_toss(found.hypothesis, found.alternatives, own.tosses, own.sample, rng=rng)
         patch = _patch(found, self, undone)
         under_way("done", 1.0)
+        asked = self.simulator.frames
         return replace(
             found,
+            passes=None if asked is None else asked / float(own.sample.windows.steps.sum()),
             simulator=self.simulator,
             tosses_of=self.tosses_of,
             data={"object": self.recorded.name},
             next_toss=following,
             patch=patch,
-            remarks=(*remarks, *self.remarks, *_of_order(found), *_of_contact(found, self.simulator)),
+            remarks=(
+                *remarks,
+                *self.remarks,
+                *_of_number(found),
+                *_of_order(found),
+                *_of_contact(found, self.simulator),
+            ),
             order=self.order,
             learned=learned_forces(self.simulator.world, self.tosses, self.library),
         )
@@ -355,6 +365,17 @@ def _patch(found: Diagnosis, task: Task, undone: Undone) -> dict[str, Any]:
         except TossidError as error:
             report["rerun"] = {"problem": str(error)}
     return report
+
+
+def _of_number(found: Diagnosis) -> tuple[str, ...]:
+    """A remark where nothing was found, and too few tosses took part for a name."""
+    n = found.n_tosses
+    if found.found or found.verdict == "no_gap" or n >= FEWEST_FOR_A_NAME:
+        return ()
+    return (
+        f"{n} tosses are too few: even if all agreed, that could be chance, given how many effects are tried. Some "
+        "twelve are needed to name an effect of contact, and fewer for one of flight.",
+    )
 
 
 def _of_order(found: Diagnosis) -> tuple[str, ...]:

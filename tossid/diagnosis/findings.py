@@ -389,7 +389,7 @@ class Brings:
 
     @property
     def _both(self) -> NDArray[np.bool_]:
-        return np.isfinite(self.before).all(1) & np.isfinite(self.after).all(1)
+        return np.asarray(np.isfinite(self.before).all(1) & np.isfinite(self.after).all(1))
 
     def position_pct(self) -> tuple[Interval, Interval]:
         """Position errors before and after [% of the width]: means over tosses, with intervals over tosses."""

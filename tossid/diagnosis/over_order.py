@@ -1,40 +1,345 @@
-"""A search where effects change over the order of recording (the corrections of recordings follow)."""
+"""A search where effects change over the order of recording.
+
+The search takes every effect to be the same in all tosses. Whether anything is not is tested by what its rounds have
+computed. Where something changes, it is sought beside the simulator as it is stated: what the search has found may
+have been found for the change. Errors of the recording that change are undone, and the corrected tosses are searched
+again. What cannot be undone is sought once more, beside what was found in them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
-from tossid.diagnosis.findings import ChangeLeft, Finding
-from tossid.diagnosis.inference.evidence import Evidence
-from tossid.diagnosis.inference.found import Found
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis import findings as report
+from tossid.diagnosis.correction import CORRECTABLE, corrected_tosses, ending_at_origin
+from tossid.diagnosis.effect_findings import phases_of
+from tossid.diagnosis.findings import ChangeLeft, Felt, Finding, Interval
+from tossid.diagnosis.inference.brings import median_of
+from tossid.diagnosis.inference.designs import NO_DOUBT, Where, change_p_values, enough
+from tossid.diagnosis.inference.evidence import Evidence, collect
+from tossid.diagnosis.inference.fitting import fit
+from tossid.diagnosis.inference.found import Found, Round
+from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.inference.order import OverOrder, alike, over_order
+from tossid.diagnosis.inference.screening import screen
+from tossid.diagnosis.inference.stretches import Change, Stretch, windows_within
+from tossid.diagnosis.likelihood.windows import Windows
+from tossid.diagnosis.localisation.gap import bootstrap_ratio, rows_of
+from tossid.diagnosis.localisation.noise import noise_floor
+from tossid.diagnosis.localisation.rollouts import distances, first_states, whole_motions
 from tossid.diagnosis.problem import Problem
+from tossid.physics.effects import World
+from tossid.physics.effects.effect import RecordingCorrection
 from tossid.types import Toss
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+ROUNDS = 3
+"""Searches after a first one, at most, each of tosses that are corrected for more."""
 
 
 @dataclass(frozen=True)
 class Undone:
-    """What a search has found."""
+    """What a search has found in tosses that are corrected for what changes in their recording.
+
+    Attributes:
+        problem: With the corrected tosses and unseen tosses.
+        found: By the search over these.
+        changes: Of the recording, that were undone, the likeliest first.
+        left: What changes beside what was found in the corrected tosses.
+    """
 
     problem: Problem
     found: Found
+    changes: tuple[Change, ...]
+    left: OverOrder
 
 
 def without_changes(problem: Problem, first: Evidence | None = None) -> Undone:
-    """Search."""
-    return Undone(problem, problem.search().run(first))
+    """Search, undo errors of the recording that change, and search again.
+
+    Args:
+        problem: With the tosses in the order of recording.
+        first: Evidence of the simulator as it is stated, if it is known.
+    """
+    recorded, found = problem, problem.search().run(first)
+    changes, left = tuple[Change, ...](), OverOrder((), None, None)
+    for k in range(ROUNDS + 1):
+        same = frozenset(found.hypothesis.names) & {change.effect.name for change in changes}
+        if same and k < ROUNDS:
+            # what is the same in all tosses belongs to what changes of the same effect
+            changes = tuple(_moved_by(change, found.hypothesis) for change in changes)
+        else:
+            left, wrong = _changes(problem, found, changes)
+            if not wrong or k == ROUNDS:
+                break
+            changes += wrong
+        problem = _corrected(recorded, changes)
+        found = problem.search().run()
+    return Undone(problem, found, changes, left)
+
+
+def _changes(problem: Problem, found: Found, undone: Sequence[Change]) -> tuple[OverOrder, tuple[Change, ...]]:
+    """What changes beside what was found, and what of it, or of what changes in the tosses as stated, can be undone."""
+    if not enough(len(problem.tosses)):
+        return OverOrder((), None, None), ()
+    p_value = _p_value(found, problem)
+    if p_value > NO_DOUBT:
+        return OverOrder((), p_value, None), ()
+    looked = _changes_beside(problem, problem.stated, undone)
+    wrong = _correctable(looked)
+    if not wrong and found.hypothesis.effects:
+        looked = _changes_beside(problem, found.hypothesis, undone)
+        wrong = _correctable(looked)
+    return looked, wrong
+
+
+def _correctable(looked: OverOrder) -> tuple[Change, ...]:
+    return tuple(change for change in looked.changes if change.effect.name in CORRECTABLE)
+
+
+def _p_value(found: Found, problem: Problem) -> float:
+    """That anything changes over the order by chance, by the columns of the last rounds of flight and of contact."""
+    last = dict[bool, Round]()
+    for each in found.rounds:
+        last[bool(each.before.evidence.windows.free.all())] = each
+    effects = list[list[Where]]()
+    for each in last.values():
+        columns, active, before = each.screening.columns, each.screening.active, each.before
+        own = (np.asarray(before.own(name), dtype=int) for name in before.hypothesis.names)
+        effects += [[(columns, np.setdiff1d(active, one), one)] for one in own if len(one)]
+        effects += [[(columns, active, start.columns) for start in c.starts] for c in each.screening.candidates]
+    return float(change_p_values(effects, _boundaries(problem), problem.seed)[0].min())
+
+
+def _changes_beside(problem: Problem, h: Hypothesis, undone: Sequence[Change]) -> OverOrder:
+    """What changes beside a hypothesis, all effects of which may."""
+    n, model, library, tosses = len(problem.tosses), h.base.object, problem.library, problem.tosses
+    if _about_last_corners(problem, h):
+        # where all tosses end at one place, none says how a force depends on it
+        library = tuple(effect for effect in library if not effect.of_place)
+        tosses = ending_at_origin(tosses, model)
+    library = tuple(effect for effect in library if not any(alike(change.effect, effect) for change in undone))
+    windows = partial(windows_within, tosses, model, settings=problem.settings.likelihood)
+    evidence = collect(windows((0, n)), h, n_threads=problem.n_threads)
+    present = fit(evidence, h, n=n, iterations=0)
+    screening = screen(evidence, library, n=n, free=present.free, rng=np.random.default_rng(problem.seed))
+    return over_order(present, screening, boundaries=_boundaries(problem), windows=windows, seed=problem.seed)
+
+
+def _about_last_corners(problem: Problem, h: Hypothesis) -> bool:
+    """Whether a change turns each toss about its last lowest corner; what depends on place needs it where it was."""
+    return problem.own_heights and not any(effect.of_place for effect in h.effects)
+
+
+def _boundaries(problem: Problem) -> tuple[int, ...]:
+    """Numbers of the tosses with which sessions of the dataset begin."""
+    ranks = _ranks(problem, problem.tosses)
+    starts = _places(problem)
+    return tuple(int(np.searchsorted(ranks, starts[name])) for name in problem.sessions)
+
+
+def _places(problem: Problem) -> dict[str, int]:
+    return {name: i for i, name in enumerate(problem.names)}
+
+
+def _ranks(problem: Problem, tosses: Sequence[Toss]) -> Index:
+    """Where tosses stand in the order of the whole recording."""
+    place = _places(problem)
+    return np.array([place[toss.name] for toss in tosses], dtype=int)
+
+
+# ---------------------------------------------------------------- what is undone
+
+
+def _corrected(recorded: Problem, changes: Sequence[Change]) -> Problem:
+    """The problem without changes of the recording; an unseen toss has what the nearest one in the order has."""
+    right = recorded.stated.base
+    worlds = [_world(right, changes, i) for i in range(len(recorded.tosses))]
+    away = _ranks(recorded, recorded.unseen)[:, None] - _ranks(recorded, recorded.tosses)
+    nearest = np.abs(away).argmin(1) if len(away) else []
+    how = partial(corrected_tosses, right=right, own_heights=recorded.own_heights)
+    return recorded.of(how(recorded.tosses, worlds), how(recorded.unseen, [worlds[i] for i in nearest]))
+
+
+def _world(base: World, changes: Sequence[Change], toss: int, same: Change | None = None) -> World:
+    """A world with what changes as it is in one toss, but for one change that is the same in all."""
+    for change in changes:
+        values = change.values.mean(0) if change is same else change.values[toss]
+        base = change.effect.at(base, values)
+    return base
+
+
+def _moved_by(change: Change, h: Hypothesis) -> Change:
+    """A change with what the corrected tosses still show of its effect, the same in all."""
+    name = change.effect.name
+    if name not in h.names:
+        return change
+    by = h.values_of(name) - h.nominal_of(name)
+
+    def moved(stretch: Stretch) -> Stretch:
+        at = zip(stretch.values.items(), by.tolist(), strict=True)
+        return replace(stretch, values={key: Interval(x.value + d, x.low + d, x.high + d) for (key, x), d in at})
+
+    return replace(change, values=change.values + by, stretches=tuple(map(moved, change.stretches)))
 
 
 def corrections(undone: Undone) -> dict[str, str]:
-    """Of the recording."""
-    return {}
+    """By effect of the recording that changes, how recorded data are corrected, as gap.json's "patch" has it.
+
+    Args:
+        undone: What was undone, and what else changes.
+    """
+    tosses, base, out = undone.problem.tosses, undone.problem.stated.base, {}
+    for change in (*undone.changes, *undone.left.changes):
+        effect, parts = change.effect, []
+        if not isinstance(effect.mjcf, RecordingCorrection):
+            continue
+        for each in change.stretches:
+            first, last = tosses[each.first].name, tosses[each.stop - 1].name
+            some = f"toss {first}" if change.form == "drift" else f"tosses {first} to {last}"
+            values = np.array([each.values[p.name].value for p in effect.parameters])
+            parts.append(f"{some}: {effect.mjcf.text(effect.at(base, values))}")
+        out[effect.name] = "; ".join(parts) + ("; between them along a line" if change.form == "drift" else "")
+    return out
+
+
+# ---------------------------------------------------------------- what is said of it
 
 
 def changes_left(undone: Undone, recorded: Sequence[Toss]) -> tuple[ChangeLeft, ...] | None:
-    """Of what is left."""
-    return None
+    """Where something changes that no effect explains; None where tosses are too few to show it.
+
+    Args:
+        undone: What was undone, and what else changes.
+        recorded: The tosses in the order of recording.
+    """
+    if not enough(len(recorded)):
+        return None
+    place, p_value = undone.left.place, undone.left.left
+    return () if place is None or p_value is None else (ChangeLeft(recorded[place].name, p_value),)
 
 
 def findings_over_order(undone: Undone, recorded: Sequence[Toss]) -> tuple[Finding, ...]:
-    """Of each effect that changes."""
-    return ()
+    """What is said of each effect that changes.
+
+    Args:
+        undone: What was undone, and what else changes.
+        recorded: The tosses as they were recorded, in their order.
+    """
+    changes = (*undone.changes, *undone.left.changes)
+    if not changes:
+        return ()
+    over = _Recorded.of(undone, recorded)
+    stated, n = undone.problem.stated, len(recorded)
+    whole, left = over.excess_of([(stated, np.arange(n))]), over.excess(None)
+    out = []
+    for k, change in enumerate(changes):
+        effect = change.effect
+        out.append(
+            Finding(
+                effect.name,
+                "identified",
+                effect.says,
+                phases_of(effect),
+                mean_over_order(change),
+                effect.named(effect.nominal(stated.world())),
+                {"gain": change.gain, "p_value": change.p_value, "n_tosses": float(n)},
+                bootstrap_ratio(over.excess(change) - left, whole),
+                felt=over.felt(change),
+                over_order=_in_words(change, recorded, undone=k < len(undone.changes)),
+            )
+        )
+    return tuple(out)
+
+
+def _in_words(change: Change, tosses: Sequence[Toss], *, undone: bool) -> report.OverOrder:
+    stretches = tuple(
+        report.Stretch(tosses[each.first].name, tosses[each.stop - 1].name, each.stop - each.first, each.values)
+        for each in change.stretches
+    )
+    return report.OverOrder(change.form, stretches, change.rate, change.p_value, undone)
+
+
+def mean_over_order(change: Change) -> dict[str, Interval]:
+    """Parameters of a change, means over all tosses.
+
+    Args:
+        change: The change.
+    """
+    out, n = dict[str, Interval](), len(change.values)
+    for k, p in enumerate(change.effect.parameters):
+        halves = np.array([0.5 * (each.values[p.name].high - each.values[p.name].low) for each in change.stretches])
+        if change.form == "drift":
+            # of a line, half the squared ends' errors is that of its middle and of what its slope adds there
+            rate = change.rate[p.name]
+            half = np.sqrt(max(0.5 * (halves**2).sum() - (0.25 * (n - 1) * (rate.high - rate.low)) ** 2, 0.0))
+        else:
+            share = np.array([each.stop - each.first for each in change.stretches]) / n
+            half = np.sqrt((share**2 * halves**2).sum())
+        mean = float(change.values[:, k].mean())
+        out[p.name] = Interval(mean, mean - float(half), mean + float(half))
+    return out
+
+
+@dataclass(frozen=True)
+class _Recorded:
+    """Tosses as they were recorded, each in the world of its place in the order.
+
+    Attributes:
+        undone: What was undone, and what else changes.
+        tosses: As recorded, or all moved to where changes turn them.
+        windows: Of these.
+        groups: Numbers of tosses between which nothing changes.
+    """
+
+    undone: Undone
+    tosses: tuple[Toss, ...]
+    windows: Windows
+    groups: tuple[Index, ...]
+
+    @staticmethod
+    def of(undone: Undone, recorded: Sequence[Toss]) -> _Recorded:
+        problem = undone.problem
+        tosses = tuple(recorded)
+        if _about_last_corners(problem, undone.found.hypothesis):
+            tosses = ending_at_origin(recorded, problem.stated.base.object)
+        values = np.concatenate([change.values for change in (*undone.changes, *undone.left.changes)], axis=1)
+        group = np.unique(values, axis=0, return_inverse=True)[1].ravel()
+        groups = tuple(np.flatnonzero(group == k) for k in range(group.max() + 1))
+        return _Recorded(undone, tosses, problem.windows_of(tosses, problem.tosses), groups)
+
+    def hypothesis(self, toss: int, same: Change | None) -> Hypothesis:
+        """What was found, in the world of a toss, but for one change that is the same in all."""
+        changes, h = (*self.undone.changes, *self.undone.left.changes), self.undone.found.hypothesis
+        kept = h.without(*(change.effect.name for change in changes))
+        return replace(kept, base=_world(h.base, changes, toss, same))
+
+    def excess(self, same: Change | None) -> Array:
+        """(n,) deviance of each toss above the noise floor, where one change is the same in all tosses, or none is."""
+        return self.excess_of([(self.hypothesis(int(group[0]), same), group) for group in self.groups])
+
+    def excess_of(self, parts: Sequence[tuple[Hypothesis, Index]]) -> Array:
+        """(n,) the same, under a hypothesis for each part of the tosses."""
+        threads = self.undone.problem.n_threads
+        there = [(collect(self.windows.of_tosses(i), h, n_threads=threads), i) for h, i in parts]
+        rows = rows_of(there, noise_floor(self.windows))
+        return rows.by_toss(rows.excess.mean(1))
+
+    def felt(self, change: Change) -> Felt:
+        """How a change moves whole tosses: its value in each against its mean, from the same first states."""
+        problem, apart = self.undone.problem, list[Array]()
+        threads, width = problem.n_threads, problem.stated.base.object.width
+        for group in self.groups:
+            tosses, windows = [self.tosses[i] for i in group.tolist()], self.windows.of_tosses(group)
+            own, mean = (self.hypothesis(int(group[0]), same).world() for same in (None, change))
+            first = first_states(tosses, own, windows, n_threads=threads)
+            one, other = (whole_motions(tosses, world, first, windows, threads) for world in (own, mean))
+            apart.append(distances(one, other, width))
+        return median_of(np.concatenate(apart))

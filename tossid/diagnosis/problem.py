@@ -76,10 +76,12 @@ class Problem:
 
         Args:
             tosses: The tosses.
-            scattered: Those whose poses at rest show a tracker's slow errors.
+            scattered: Those whose poses at rest show a tracker's slow errors, in the order of recording: what changes
+                over it is none.
         """
         model = self.stated.base.object
-        return make_windows(tosses, model, settings=self.settings.likelihood, scatter=rest_scatter(scattered, model))
+        scatter = rest_scatter(scattered, model, over_order=True)
+        return make_windows(tosses, model, settings=self.settings.likelihood, scatter=scatter)
 
     def search(self) -> Search:
         """The search over all tosses."""

@@ -93,7 +93,7 @@ class Diagnosis:
         folds: Parts of the tosses without which the search was repeated to judge it; 0 if it was not judged.
         draws: How many resampled searches the frequencies are shares of.
         probability_none: Share of them that name nothing; None if none were made.
-        passes: How often each window was simulated, in the mean.
+        passes: How often a user's own simulator was asked for each window, in the mean; None of another.
         alternatives: Hypotheses that may be right instead: with another effect in the place of one.
         place: Where in the state of the motion and on the object the gap is.
         witnesses: What the tosses say of some effects without a simulator.
@@ -129,7 +129,7 @@ class Diagnosis:
     folds: int = 0
     draws: int = 0
     probability_none: float | None = None
-    passes: float = 0.0
+    passes: float | None = None
     alternatives: tuple[Hypothesis, ...] = ()
     place: Place = field(default_factory=Place)
     witnesses: tuple[Witness, ...] = ()
@@ -223,7 +223,6 @@ class Diagnosis:
             },
             "witnesses": [witness.as_json() for witness in self.witnesses],
             "seconds": self.seconds,
-            "passes": self.passes,
         }
         beside = {
             "interrupted": None if self.interruption is None else self.interruption.as_json(),
@@ -231,6 +230,7 @@ class Diagnosis:
             "patch": self.patch,
             "simulator": None if self.simulator is None else self.simulator.as_json(),
             "data": self.data,
+            "passes": self.passes,
             "noise": None if self.noise is None else self.noise.as_json(),
             "unseen": None if self.unseen is None else self.unseen.as_json(),
             "learned_acceleration": None if self.learned is None else self.learned.as_json(),

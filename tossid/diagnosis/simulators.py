@@ -64,6 +64,12 @@ class Simulator:
         """Others that tosses may follow."""
         return (self.contact or _rigid_laws(self.world))[1:]
 
+    @property
+    def frames(self) -> int | None:
+        """How many frames a user's own simulator has been asked for; None of another."""
+        world = self.world
+        return world.motions.process.frames if isinstance(world, UsersWorld) and world.motions is not None else None
+
     def as_json(self) -> dict[str, Any]:
         """gap.json's "simulator"."""
         return {"sim": self.kind, "about": self.about, "run": self.run}

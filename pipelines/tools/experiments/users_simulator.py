@@ -101,7 +101,7 @@ CASES: dict[str, dict[str, dict[str, float]]] = {
 
 def _found(case: Mapping[str, Mapping[str, float]], diagnosis: Diagnosis) -> dict[str, Any]:
     """What a case's line says."""
-    found = {finding.name: finding for finding in diagnosis.findings if finding.name in diagnosis.found}
+    found = {finding.name: finding for finding in diagnosis.found}
     return {
         "named": list(diagnosis.named),
         "minor": list(diagnosis.minor),

@@ -60,7 +60,7 @@ def test_a_step_is_found_at_its_place_and_a_line_gains_more_where_values_drift()
 @pytest.mark.parametrize("values", [np.repeat([0.0, 1.5], [20, 12]), np.linspace(-1.2, 1.2, 32)])
 def test_what_changes_is_significant_and_what_does_not_is_not(values: np.ndarray) -> None:
     columns, _, _ = simulated(values, seed=2, scatter=0.3)
-    p, places = change_p_values(columns, [[(NO, np.array([k]))] for k in range(3)], (), 0)
+    p, places = change_p_values([[(columns, NO, np.array([k]))] for k in range(3)], (), 0)
     assert p[0] <= 0.005
     assert p[1:].min() > 0.05
     if values[0] == values[1]:
@@ -72,8 +72,8 @@ def test_chance_is_as_rare_as_stated_whatever_is_the_same_in_all_tosses(monkeypa
     small = 0
     for seed in range(120):
         columns, _, _ = simulated(np.full(24, 3.0), seed=seed, scatter=0.5, width=4)
-        effects = [[(NO, np.array([k]))] for k in range(3)] + [[(np.array([0]), np.array([1, 3]))]]
-        small += change_p_values(columns, effects, (12,), seed)[0].min() <= 0.05
+        effects = [[(columns, NO, np.array([k]))] for k in range(3)] + [[(columns, np.array([0]), np.array([1, 3]))]]
+        small += change_p_values(effects, (12,), seed)[0].min() <= 0.05
     assert small / 120 < 0.11  # 0.05, and three standard errors
 
 
@@ -81,10 +81,8 @@ def test_a_known_boundary_shows_what_a_search_of_all_places_does_not() -> None:
     clearer = 0
     for seed in range(30):
         columns, _, _ = simulated(np.repeat([0.0, 0.5], [12, 12]), seed=seed, scatter=0.3)
-        effects = [[(NO, np.array([0]))]]
-        clearer += int(
-            change_p_values(columns, effects, (12,), 0)[0][0] < change_p_values(columns, effects, (), 0)[0][0]
-        )
+        effects = [[(columns, NO, np.array([0]))]]
+        clearer += int(change_p_values(effects, (12,), 0)[0][0] < change_p_values(effects, (), 0)[0][0])
     assert clearer > 18
 
 

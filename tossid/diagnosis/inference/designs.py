@@ -27,10 +27,14 @@ Index = NDArray[np.int64]
 
 LEVEL = 0.005
 """How often something is said to change where nothing does."""
-ORDERS = 1999
-"""That are drawn, beside the recorded one."""
+FIRST, ORDERS = 199, 1999
+"""Orders that are drawn beside the recorded one: these first, and so many only where something may change."""
+NO_DOUBT = 0.05
+"""P-value by the first orders above which no others are drawn."""
 FEWEST = 5
 """Tosses of a stretch."""
+Where = tuple[Columns, Index, Index]
+"""Columns of tosses in the order of recording, the numbers of the active ones, and those of an effect's own."""
 
 
 def designed(columns: Columns, active: Index, own: Index, design: Array) -> Columns:
@@ -130,23 +134,26 @@ def clearness(scores: Array, orders: Index, boundaries: Iterable[int] = ()) -> t
     return np.max(tests, axis=0), int(k[steps[0].argmax()])
 
 
-def change_p_values(
-    columns: Columns, effects: Sequence[Sequence[tuple[Index, Index]]], boundaries: Iterable[int], seed: int
-) -> tuple[Array, Array]:
+def change_p_values(effects: Sequence[Sequence[Where]], boundaries: Iterable[int], seed: int) -> tuple[Array, Array]:
     """P-values (m,) that effects change over the order, adjusted for all of them, and the clearest places (m,).
 
     Args:
-        columns: Of all, whose tosses are in the order of recording.
-        effects: Of each of m effects, numbers of the active columns and of its own, for each of its starts.
+        effects: Of each of m effects, where its columns are, for each of its starts.
         boundaries: First tosses of known sessions.
         seed: Of the orders.
     """
-    drawn = np.random.default_rng(seed).permuted(np.tile(np.arange(columns.n), (ORDERS, 1)), axis=1)
-    orders, known = np.concatenate([np.arange(columns.n)[None], drawn]), tuple(boundaries)
-    found = [[clearness(normal_scores(columns, *each), orders, known) for each in starts] for starts in effects]
-    clear = np.array([np.max([c for c, _ in starts], axis=0) for starts in found])
+    scores = [[normal_scores(*each) for each in starts] for starts in effects]
+    n, known, rng = len(scores[0][0]), tuple(boundaries), np.random.default_rng(seed)
+    drawn = rng.permuted(np.tile(np.arange(n), (ORDERS, 1)), axis=1)
+    for count in (FIRST, ORDERS):
+        orders = np.concatenate([np.arange(n)[None], drawn[:count]])
+        found = [[clearness(each, orders, known) for each in starts] for starts in scores]
+        clear = np.array([np.max([c for c, _ in starts], axis=0) for starts in found])
+        p_values = (clear.max(0) >= clear[:, :1] * (1 - 1e-9)).mean(1)
+        if p_values.min() > NO_DOUBT:
+            break
     place = np.array([max(starts, key=lambda each: each[0][0])[1] for starts in found])
-    return (clear.max(0) >= clear[:, :1] * (1 - 1e-9)).mean(1), place
+    return p_values, place
 
 
 def with_step(

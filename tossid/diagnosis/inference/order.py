@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,17 +33,17 @@ from tossid.diagnosis.inference.evidence import Evidence, collect, log_likelihoo
 from tossid.diagnosis.inference.fitting import Fit, fit
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.screening import Screening, Start
-from tossid.diagnosis.likelihood.windows import Windows, make_windows
-from tossid.motion.resting import rest_scatter
-from tossid.objects import ObjectModel
+from tossid.diagnosis.inference.stretches import Change, Stretch, fitted_together
+from tossid.diagnosis.likelihood.windows import Windows
 from tossid.physics.effects import Effect
-from tossid.types import Toss
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SUSPECTS, ROUNDS, ITERATIONS = 4, 3, 4
-"""Effects that are fitted in a round, effects that change at most, and most steps of a fit."""
+SUSPECTS, ROUNDS = 4, 3
+"""Effects that are fitted in a round, and effects that change at most."""
+ITERATIONS = 4
+"""Most steps of a fit to a block."""
 LEAST_GAIN = 3.0
 """Of log-likelihood over a constant value, by values that the other tosses determine."""
 LIKELY, OF_WORLD = {"measurement": 1.0, "body": 0.5}, 0.9
@@ -58,36 +57,15 @@ SHOWN = 0.05
 NO: Index = np.zeros(0, dtype=int)
 
 
-@dataclass(frozen=True)
-class Stretch:
-    """Tosses in which an effect has the same values, from `first` to before `stop`; of a drift, one toss."""
+def alike(one: Effect, other: Effect) -> bool:
+    """Whether an effect may do what another leaves when it has changed: it does the same, or one is part of the other.
 
-    first: int
-    stop: int
-    values: dict[str, Interval]
-
-
-@dataclass(frozen=True)
-class Change:
-    """An effect that changes over the order.
-
-    Attributes:
-        effect: The effect.
-        form: How.
-        p_value: That any effect changes as clearly in an order that means nothing.
-        gain: Of log-likelihood, over a constant value.
-        stretches: Of steps, all; of a drift, the first toss and the last.
-        rate: Of a drift, the change of each parameter from toss to toss.
-        values: (n, P) its parameters in each toss.
+    Args:
+        one: An effect that changes.
+        other: Another one, or the same.
     """
-
-    effect: Effect
-    form: Literal["steps", "drift"]
-    p_value: float
-    gain: float
-    stretches: tuple[Stretch, ...]
-    rate: dict[str, Interval]
-    values: Array
+    same = {one.name, *one.contains} | one.one_of_group | one.made_of
+    return other.name in same or one.name in other.contains
 
 
 @dataclass(frozen=True)
@@ -144,9 +122,9 @@ class _Beside:
         new = np.flatnonzero(np.any(np.diff(change.values, axis=0) != 0, axis=1)) + 1
         edges, parts, sums_of = tuple(sorted({*self.edges, *new.tolist()})), list[Evidence](), list[Columns]()
         all_windows = None if windows is None else windows(edges)
-        same = {name, *effect.contains} | effect.one_of_group | effect.made_of
-        kept = tuple(s for s in self.suspects if s.effect.name not in same and name not in s.effect.contains)
-        free = [owner for j, owner in enumerate(fitted.hypothesis.owners) if j in fitted.free and owner != name]
+        kept = tuple(s for s in self.suspects if not alike(effect, s.effect))
+        owners = [owner for j, owner in enumerate(fitted.hypothesis.owners) if j in fitted.free]
+        free = [owner for owner in owners if owner in self.parts[0].hypothesis.names and owner != name]
         for a, b in pairwise(edges):
             before = self.part_of(a, b)
             h = replace(before.hypothesis.without(name), base=effect.at(before.hypothesis.base, change.values[a]))
@@ -178,6 +156,18 @@ class _Local:
     values: Array
     gain: float
 
+    @staticmethod
+    def of(suspect: _Suspect, fits: Sequence[Fit], gain: float) -> _Local:
+        """From fits to tosses that follow each other, of the effect alone."""
+        values, H, g = list[Array](), list[Array](), list[Array]()
+        for each in fits:
+            own = each.hypothesis.values_of(suspect.effect.name) / [p.step for p in suspect.effect.parameters]
+            values.append(np.tile(own, (each.n, 1)))
+            H.append(each.columns.H)
+            g.append(each.columns.g - each.columns.H @ own)
+        columns = Columns(np.concatenate(H), np.concatenate(g), fits[0].columns.curvature)
+        return _Local(suspect, columns, np.concatenate(values), gain)
+
     def designed(self, design: Array, a: int = 0) -> Columns:
         """Columns of a design of some tosses, from a on."""
         b, own = a + len(design), np.arange(self.values.shape[1])
@@ -203,7 +193,7 @@ class _Local:
             edges = found
             for a, b in pairwise(edges):
                 part, inner = self.designed(np.ones((b - a, 1)), a), [k - a for k in known]
-                if enough(b - a) and change_p_values(part, [[(NO, own)]], inner, seed)[0][0] <= LEVEL:
+                if enough(b - a) and change_p_values([[(part, NO, own)]], inner, seed)[0][0] <= LEVEL:
                     more, cut = with_step(part, NO, own, (0, b - a), inner)
                     if more > gain_of(part, NO, own, np.ones((b - a, 1))):
                         found = tuple(sorted({*edges, *(a + k for k in cut)}))
@@ -243,7 +233,7 @@ class _Local:
 
 def _locally(beside: _Beside, suspect: _Suspect, edges: Iterable[int]) -> _Local:
     """An effect fitted to blocks of few tosses, none of which has an edge within, each from where its columns lead."""
-    name, gain, H, g, values = suspect.effect.name, 0.0, list[Array](), list[Array](), list[Array]()
+    name, gain, made = suspect.effect.name, 0.0, list[Fit]()
     size = np.array([p.step for p in suspect.effect.parameters])
     for first, stop in pairwise(sorted({*beside.edges, *edges})):
         blocks = np.linspace(first, stop, max((stop - first) // FEWEST, 1) + 1).round().astype(int)
@@ -253,17 +243,13 @@ def _locally(beside: _Beside, suspect: _Suspect, edges: Iterable[int]) -> _Local
                 columns = beside.columns.part(start.columns).of_tosses(a, b)
                 h, step = suspect.on(part, start.hypothesis), np.clip(columns.step(), -100, 100)
                 begun.append(h if start.secant else suspect.on(part, h, h.values_of(name) + step * size))
-            if values:
-                begun.append(suspect.on(part, begun[0], values[-1][0] * size))
+            if made:
+                begun.append(suspect.on(part, begun[0], made[-1].hypothesis.values_of(name)))
             near = max((_reached(part, h) for h in begun), key=lambda e: float(log_likelihood_ratio(e, part).sum()))
             held = frozenset(near.hypothesis.names) - {name}
-            one = fit(near, near.hypothesis, n=b - a, iterations=ITERATIONS, held=held)
-            gain += float(log_likelihood_ratio(one.evidence, part).sum())
-            values.append(np.tile(one.hypothesis.values_of(name) / size, (b - a, 1)))
-            H.append(one.columns.H)
-            g.append(one.columns.g - one.columns.H @ values[-1][0])
-    columns = Columns(np.concatenate(H), np.concatenate(g), beside.columns.curvature)
-    return _Local(suspect, columns, np.concatenate(values), gain)
+            made.append(fit(near, near.hypothesis, n=b - a, iterations=ITERATIONS, held=held))
+            gain += float(log_likelihood_ratio(made[-1].evidence, part).sum())
+    return _Local.of(suspect, made, gain)
 
 
 def _reached(part: Evidence, h: Hypothesis) -> Evidence:
@@ -324,9 +310,9 @@ def _likeliest(
     if not made:
         return None
     best = max(made, key=lambda each: each[0])[2].effect
-    alike = best.one_of_group | best.made_of | {*best.contains}
+    near = best.one_of_group | best.made_of | {*best.contains}
     for k, suspect in enumerate(beside.suspects):
-        if k not in tried and suspect.effect.name in alike:
+        if k not in tried and suspect.effect.name in near:
             fit_in_form(k)
     chosen = max(made, key=lambda each: each[0])
     while inner := [e for e in made if e[2].effect.name in chosen[2].effect.contains and e[1] > SPECIAL * chosen[1]]:
@@ -352,6 +338,20 @@ def over_order(
             errors are what scatters within stretches (`windows_within`). If None, they stay as they are.
         seed: Of the orders that are drawn.
     """
+    found = _sought(present, screening, tuple(boundaries), windows, seed)
+    if not found.changes or any(change.form == "drift" for change in found.changes):
+        return found
+    return replace(found, changes=fitted_together(present.evidence, found.changes, windows))
+
+
+def _sought(
+    present: Fit,
+    screening: Screening,
+    boundaries: Sequence[int],
+    windows: Callable[[Sequence[int]], Windows] | None,
+    seed: int,
+) -> OverOrder:
+    """What changes, with values as they were found one effect after the other."""
     h, active, changes = present.hypothesis, screening.active, list[Change]()
     columns_of = {name: np.asarray(present.own(name), dtype=int) for name in h.names}
     suspects = [
@@ -362,8 +362,8 @@ def over_order(
     suspects += [_Suspect(c.effect, c.starts, active) for c in screening.candidates if c.effect is not None]
     alone = beside = _Beside((present.evidence,), (0, present.n), screening.columns, tuple(suspects))
     while enough(present.n) and beside.suspects:
-        effects = [[(s.active, start.columns) for start in s.starts] for s in beside.suspects]
-        p_values, places = change_p_values(beside.columns, effects, boundaries, seed)
+        effects = [[(beside.columns, s.active, start.columns) for start in s.starts] for s in beside.suspects]
+        p_values, places = change_p_values(effects, boundaries, seed)
         left = float(p_values.min())
         if left > LEVEL:
             return OverOrder(tuple(changes), left, None)
@@ -380,17 +380,3 @@ def over_order(
         changes.append(change)
         beside = beside.after(change, present, windows)
     return OverOrder(tuple(changes), None, None)
-
-
-def windows_within(tosses: Sequence[Toss], model: ObjectModel, edges: Sequence[int]) -> Windows:
-    """Windows of tosses, whose slow errors are what scatters within stretches of them.
-
-    Args:
-        tosses: In the order of recording.
-        model: The stated object.
-        edges: First tosses of the stretches, and the number of tosses. Those of fewer than `FEWEST` say nothing.
-    """
-    parts = [tosses[a:b] for a, b in pairwise(edges) if b - a >= FEWEST] or [tosses]
-    scatter = np.array([rest_scatter(part, model, over_order=True) for part in parts])
-    height, turn = np.sqrt(np.average(scatter**2, axis=0, weights=[len(part) for part in parts])).tolist()
-    return make_windows(tosses, model, scatter=(height, turn))

@@ -92,6 +92,9 @@ class SimulatorProcess:
     """A user's simulator in a process of its own, which starts with the first call.
 
     Called from several threads, it answers one after another.
+
+    Attributes:
+        frames: How many it has been asked for.
     """
 
     def __init__(self, source: FromFile | Given, *, about: str, seconds: float) -> None:
@@ -102,7 +105,7 @@ class SimulatorProcess:
             about: The simulator in words, for errors.
             seconds: Longest that the start or a call may take [s].
         """
-        self.source, self.about, self.seconds = source, about, seconds
+        self.source, self.about, self.seconds, self.frames = source, about, seconds, 0
         self._lock = threading.Lock()
         self._process: BaseProcess | None = None
         self._pipe: Connection | None = None
@@ -121,6 +124,7 @@ class SimulatorProcess:
         """
         with self._lock:
             pipe = self._started()
+            self.frames += len(q0) * n_steps
             try:
                 pipe.send_bytes(_packed(q0, v0, np.array([n_steps, dt])))
                 answer = self._answer(pipe)

@@ -84,7 +84,8 @@ def rows_of(parts: Sequence[tuple[Evidence, Index]], floor: Floor) -> Rows:
         )
         made.append([each[w.counted] for each in of_rows])
     n = max((int(numbers.max(initial=-1)) + 1 for _, numbers in parts), default=0)
-    return Rows(*(np.concatenate(each) for each in zip(*made, strict=True)), n)
+    toss, time, phase, after, raw, whitened, excess = (np.concatenate(each) for each in zip(*made, strict=True))
+    return Rows(toss, time, phase, after, raw, whitened, excess, n)
 
 
 def bootstrap_ratio(above: Array, below: Array, *, seed: int = 0) -> Interval:

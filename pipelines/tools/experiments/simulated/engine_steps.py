@@ -16,11 +16,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tossid.diagnosis.inference.hypothesis import RELAXED, ROUTH
 from tossid.errors import ConfigError
 from tossid.objects import GRAVITY, OBJECT_FILES, load_object
 from tossid.physics.effects import World
 from tossid.physics.forces import Law
-from tossid.settings.diagnosis.likelihood import EngineSettings
 from tossid.settings.synthesis import (
     BulletEngine,
     DrakeEngine,
@@ -52,8 +52,8 @@ AFTER = 3
 """Frames after the first impact."""
 LAWS = {
     "after it": Law(),
-    "as it turns": Law(impulse_parts=float(EngineSettings.impulse_parts)),
-    "relaxed": Law(lifting=EngineSettings.lifting),
+    "as it turns": Law(impulse_parts=ROUTH.impulse_parts),
+    "relaxed": Law(lifting=RELAXED.lifting),
 }
 """Of contact, by what friction of an impact is against."""
 

@@ -1,0 +1,139 @@
+"""What changes over the order of recording is undone where it is the recording, and said where it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.by_hand import EFFECTS
+from tests.diagnosis.tossed import seen, with_effect
+from tossid.diagnosis.correction import corrected
+from tossid.diagnosis.findings import Interval
+from tossid.diagnosis.inference.designs import line_over
+from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.inference.order import OverOrder
+from tossid.diagnosis.inference.stretches import Change, Stretch
+from tossid.diagnosis.over_order import (
+    Undone,
+    changes_left,
+    corrections,
+    findings_over_order,
+    mean_over_order,
+    without_changes,
+)
+from tossid.diagnosis.problem import Problem
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World
+from tossid.types import Toss
+
+LIBRARY = tuple(EFFECTS[name] for name in ("world_tilt", "friction", "length_scale"))
+TILT = [0.012, -0.006]
+
+
+def tosses_of(worlds: Sequence[World], cube: ObjectModel, frames: int = 60) -> tuple[Toss, ...]:
+    made = (seen(world, cube, 1, seed=30 + k, frames=frames)[0] for k, world in enumerate(worlds))
+    return tuple(replace(toss, name=f"t{k}") for k, toss in enumerate(made))
+
+
+@pytest.fixture(scope="module")
+def bumped(cube: ObjectModel) -> Undone:
+    """Slippery tosses; before the eleventh the camera was tilted. Two of them, one of each session, are unseen."""
+    slippery = with_effect(cube, "friction", [0.26])
+    tilted = EFFECTS["world_tilt"].at(slippery, np.array(TILT))
+    tosses = tosses_of([slippery] * 10 + [tilted] * 12, cube)
+    names = tuple(toss.name for toss in tosses)
+    problem = Problem(
+        (*tosses[:3], *tosses[4:21]),
+        Hypothesis(World(cube)),
+        library=LIBRARY,
+        unseen=(tosses[3], tosses[21]),
+        names=names,
+        sessions=("t10",),
+    )
+    return without_changes(problem.in_order())
+
+
+def test_a_tilt_is_undone_and_what_is_in_all_tosses_is_found(bumped: Undone, cube: ObjectModel) -> None:
+    (change,) = bumped.changes
+    assert (change.effect.name, [s.first for s in change.stretches]) == ("world_tilt", [0, 9])
+    np.testing.assert_allclose(change.values[-1], TILT, atol=1e-3)
+    assert bumped.found.hypothesis.names == ("friction",)
+    assert bumped.found.hypothesis.values_of("friction")[0] == pytest.approx(0.26, abs=0.01)
+    assert bumped.left.changes == ()
+    assert bumped.left.left is not None
+    assert bumped.left.left > 0.005
+    last = bumped.problem.unseen[1]
+    tilted = EFFECTS["world_tilt"].at(World(cube), np.array(TILT))
+    (recorded,) = seen(
+        EFFECTS["world_tilt"].at(with_effect(cube, "friction", [0.26]), np.array(TILT)), cube, 1, seed=51, frames=60
+    )
+    np.testing.assert_allclose(last.q[:, :3], corrected(recorded, tilted, World(cube)).q[:, :3], atol=1e-3)
+
+
+def test_what_was_undone_is_said(bumped: Undone, cube: ObjectModel) -> None:
+    slippery = with_effect(cube, "friction", [0.26])
+    tilted = EFFECTS["world_tilt"].at(slippery, np.array(TILT))
+    recorded = tosses_of([slippery] * 10 + [tilted] * 12, cube)
+    recorded = (*recorded[:3], *recorded[4:21])
+    (finding,) = findings_over_order(bumped, recorded)
+    assert (finding.name, finding.verdict) == ("world_tilt", "identified")
+    over = finding.over_order
+    assert over is not None
+    assert over.undone
+    assert [(s.first, s.last, s.n_tosses) for s in over.stretches] == [("t0", "t9", 9), ("t10", "t20", 11)]
+    assert finding.parameters["x_rad"].value == pytest.approx(TILT[0] * 11 / 20, abs=1e-3)
+    assert finding.stated == {"x_rad": 0.0, "y_rad": 0.0}
+    assert finding.matters
+    assert 0.0 < finding.gap_closed.value < 1.0
+    assert finding.as_json()["sessions"][1]["first"] == "t10"
+    assert changes_left(bumped, recorded) == ()
+    (text,) = corrections(bumped).values()
+    assert text.startswith("tosses t0 to t9: ")
+    assert "; tosses t10 to t20: " in text
+
+
+def test_friction_that_steps_is_left_and_said(cube: ObjectModel) -> None:
+    tosses = tosses_of([World(cube)] * 7 + [with_effect(cube, "friction", [0.26])] * 7, cube)
+    problem = Problem(tosses, Hypothesis(World(cube)), library=LIBRARY, sessions=("t7",)).in_order()
+    undone = without_changes(problem)
+    assert undone.changes == ()
+    assert undone.problem is problem
+    (change,) = undone.left.changes
+    assert (change.effect.name, [s.first for s in change.stretches]) == ("friction", [0, 7])
+    (finding,) = findings_over_order(undone, tosses)
+    assert finding.over_order is not None
+    assert not finding.over_order.undone
+    assert finding.parameters["mu"].value == pytest.approx(0.22, abs=0.01)
+    assert corrections(undone) == {}
+
+
+def test_nothing_is_looked_at_where_tosses_are_few(cube: ObjectModel) -> None:
+    tosses = tosses_of([World(cube)] * 6, cube, frames=40)
+    undone = without_changes(Problem(tosses, Hypothesis(World(cube)), library=LIBRARY).in_order())
+    assert undone.left == OverOrder((), None, None)
+    assert changes_left(undone, tosses) is None
+    assert findings_over_order(undone, tosses) == ()
+
+
+def test_means_over_the_order_have_intervals() -> None:
+    friction = EFFECTS["friction"]
+    two = (Stretch(0, 10, {"mu": Interval(0.2, 0.19, 0.21)}), Stretch(10, 40, {"mu": Interval(0.3, 0.26, 0.34)}))
+    steps = Change(friction, "steps", 0.001, 9.0, two, {}, np.repeat([0.2, 0.3], [10, 30])[:, None])
+    mean = mean_over_order(steps)["mu"]
+    assert mean.value == pytest.approx(0.275)
+    assert mean.high - mean.value == pytest.approx(np.hypot(0.25 * 0.01, 0.75 * 0.04))
+    # of a line: its middle is off by 0.01, and its slope by 0.002 a toss
+    n, middle, rate = 21, 0.01, 0.002
+    end = float(np.hypot(middle, 10 * rate))
+    ends = (
+        Stretch(0, 1, {"mu": Interval(0.2, 0.2 - end, 0.2 + end)}),
+        Stretch(20, 21, {"mu": Interval(0.4, 0.4 - end, 0.4 + end)}),
+    )
+    line = 0.3 + 0.01 * line_over(n)[:, 1:]
+    drift = Change(friction, "drift", 0.001, 9.0, ends, {"mu": Interval(0.01, 0.01 - rate, 0.01 + rate)}, line)
+    mean = mean_over_order(drift)["mu"]
+    assert mean.value == pytest.approx(0.3)
+    assert mean.high - mean.value == pytest.approx(middle)
