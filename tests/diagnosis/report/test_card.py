@@ -102,7 +102,7 @@ def test_what_is_not_sure_and_what_is_too_small_have_a_line_each(cube: ObjectMod
         "Not sure: restitution, e 0.13 (0.08 to 0.18), named in 62 %.",
         "Too small to feel: gravity, g 9.790 m/s² (9.780 to 9.800).",
         "Something changes from toss 12 on, which no effect explains.",
-        "Far larger errors than in all other tosses: 3 and 7.",
+        "Inspect 3 and 7: far larger errors than in all other tosses.",
     ):
         assert line in said["Left"].split(" | "), line
 

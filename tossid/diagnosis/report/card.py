@@ -161,7 +161,7 @@ def _left(diagnosis: Diagnosis) -> list[str]:
         starts = listed([change.before for change in diagnosis.changes_left])
         lines.append(f"Something changes from toss {starts} on, which no effect explains.")
     if diagnosis.gap.odd:
-        lines.append(f"Far larger errors than in all other tosses: {listed(diagnosis.gap.odd)}.")
+        lines.append(f"Inspect {listed(diagnosis.gap.odd)}: far larger errors than in all other tosses.")
     return [line for line in lines if line]
 
 
