@@ -23,6 +23,7 @@ from tossid.diagnosis.patch.make import make_patch
 from tossid.diagnosis.patch.rerun import errors_in_mujoco, rerun
 from tossid.diagnosis.problem import Problem, session_starts
 from tossid.diagnosis.release import bound_frames
+from tossid.diagnosis.remarks import remarks_on
 from tossid.diagnosis.result import Diagnosis, Interruption
 from tossid.diagnosis.simulators import (
     Simulator,
