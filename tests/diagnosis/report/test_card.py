@@ -54,11 +54,12 @@ def test_changes_keep_their_order_and_their_units(cube: ObjectModel) -> None:
     changes = (
         Change("com_offset", "x_m", -3.6e-15, Interval(0.003, 0.0028, 0.0032)),
         Change("length_scale", "scale_rel", 1.0, Interval(1.016, 1.016, 1.016)),
+        Change("com_offset", "y_m", 0.0, Interval(-1e-5, -2e-4, 1.5e-4)),
         Change("com_offset", "z_m", 0.0, Interval(-0.002, -0.0022, -0.0018)),
     )
     said = rows(replace(diagnosis(cube), change=changes))["Change"]
     assert said == (
-        "com_offset: x 0 → 3.00 mm (95 %: 2.80 to 3.20), z 0 → −2.00 mm (95 %: −2.20 to −1.80) | "
+        "com_offset: x 0 → 3.00 mm (95 %: 2.80 to 3.20), z 0 → −2.00 mm (95 %: −2.20 to −1.80); y may stay | "
         "length_scale (of the recording): scale 1 → 1.02"
     )
 
@@ -95,11 +96,10 @@ def test_what_is_not_sure_and_what_is_too_small_have_a_line_each(cube: ObjectMod
     )
     assert card_of(made).headline == "The gap is partly explained: friction or cohesion; not sure: restitution"
     said = rows(made)
-    assert said["Change"].endswith("restitution: e 0 → 0.13 (95 %: 0.08 to 0.18), not sure")
+    assert said["Change"].endswith("restitution: e 0 → 0.13 (95 %: 0.08 to 0.18); not sure")
     assert "friction or cohesion 97 %, restitution 62 % and nothing 3 %" in said["How sure"]
     for line in (
         "Short windows are off by 0.24 mm and 0.12 deg, mostly at impacts (30 % of the gap).",
-        "Not sure: restitution, e 0.13 (0.08 to 0.18), named in 62 %.",
         "Too small to feel: gravity, g 9.790 m/s² (9.780 to 9.800).",
         "Something changes from toss 12 on, which no effect explains.",
         "Inspect 3 and 7: far larger errors than in all other tosses.",

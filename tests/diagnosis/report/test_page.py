@@ -225,7 +225,7 @@ def test_what_a_reader_should_know_beside_is_said(cube: ObjectModel) -> None:
         "k_res is 0.500 m/s² (root mean square). It stands for linear_drag (c 0.05 N s/m, 90 % of its mean square)",
         "On 6 tosses of the test split, which nothing has seen before, all effects close 90 % (80 % to 95 %)",
         "Tosses left out: one.",
-        "each window was simulated 412 times",
+        "your simulator was asked 412 times for each window",
     ):
         assert piece in page.text, piece
     assert "rotations have" not in page.text

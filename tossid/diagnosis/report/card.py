@@ -78,15 +78,17 @@ def _one_change(diagnosis: Diagnosis, name: str) -> str:
     finding = diagnosis.finding(name)
     if finding is not None and finding.over_order is not None:
         return over_order_words(finding)
+    changes = [each for each in diagnosis.change if each.name == name]
+    clear = [each for each in changes if not each.value.low <= each.stated <= each.value.high] or changes
     parts = [
         f"{parameter(each.parameter)} {_stated(each.parameter, each.stated, each.value)} → "
         f"{in_units(each.parameter, each.value, level='95 %: ')}"
-        for each in diagnosis.change
-        if each.name == name
+        for each in clear
     ]
+    stay = listed([parameter(each.parameter) for each in changes if each not in clear])
     recording = " (of the recording)" if effect_named(name).family == "measurement" else ""
-    unsure = ", not sure" if name in diagnosis.candidates else ""
-    return f"{name}{recording}: {', '.join(parts)}{unsure}"
+    more = (f"; {stay} may stay" if stay else "") + ("; not sure" if name in diagnosis.candidates else "")
+    return f"{name}{recording}: {', '.join(parts)}{more}"
 
 
 def _stated(key: str, stated: float, value: Interval) -> str:
@@ -153,10 +155,11 @@ def _alternatives(diagnosis: Diagnosis) -> list[str]:
 
 
 def _left(diagnosis: Diagnosis) -> list[str]:
-    """What is left and where, what is not sure, and what is too small to feel."""
+    """What is left and where, and what is too small to feel."""
     lines = [_of_whole_tosses(diagnosis), _of_windows(diagnosis)]
-    kinds = {"Not sure": diagnosis.candidates, "Too small to feel": diagnosis.minor}
-    lines += [f"{kind}: {'; '.join(map(_values, _of(diagnosis, names)))}." for kind, names in kinds.items() if names]
+    if diagnosis.minor:
+        small = [", ".join([each.name, *estimates(each)]) for each in _of(diagnosis, diagnosis.minor)]
+        lines.append(f"Too small to feel: {'; '.join(small)}.")
     if diagnosis.changes_left:
         starts = listed([change.before for change in diagnosis.changes_left])
         lines.append(f"Something changes from toss {starts} on, which no effect explains.")
@@ -226,10 +229,3 @@ def _or_alike(finding: Finding) -> str:
     form = {"drift": ", which drifts", "steps": ", which changes"}
     how = form[finding.over_order.form] if finding.over_order is not None else ""
     return listed([finding.name, *finding.confusable_with], "or") + how
-
-
-def _values(finding: Finding) -> str:
-    """An effect with its values, and how often it is named if that is not often."""
-    often = finding.verdict == "candidate" and finding.frequency is not None
-    named = [f"named in {percent(finding.frequency)}"] if often and finding.frequency is not None else []
-    return ", ".join([finding.name, *estimates(finding), *named])
