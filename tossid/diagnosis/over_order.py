@@ -33,7 +33,7 @@ from tossid.diagnosis.localisation.gap import bootstrap_ratio, rows_of
 from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.localisation.rollouts import distances, first_states, whole_motions
 from tossid.diagnosis.problem import Problem
-from tossid.physics.effects import World
+from tossid.physics.effects import Effect, World
 from tossid.physics.effects.effect import RecordingCorrection
 from tossid.types import Toss
 
@@ -127,12 +127,18 @@ def _changes_beside(problem: Problem, h: Hypothesis, undone: Sequence[Change]) -
         # where all tosses end at one place, none says how a force depends on it
         library = tuple(effect for effect in library if not effect.of_place)
         tosses = ending_at_origin(tosses, model)
-    library = tuple(effect for effect in library if not any(alike(change.effect, effect) for change in undone))
+    # what is left of a change that was undone is no change of another effect that does the same
+    library = tuple(effect for effect in library if not _is_undone(effect, undone))
+    held = frozenset(effect.name for effect in h.effects if _is_undone(effect, undone))
     windows = partial(windows_within, tosses, model, settings=problem.settings.likelihood)
     evidence = collect(windows((0, n)), h, n_threads=problem.n_threads)
-    present = fit(evidence, h, n=n, iterations=0)
+    present = fit(evidence, h, n=n, iterations=0, held=held)
     screening = screen(evidence, library, n=n, free=present.free, rng=np.random.default_rng(problem.seed))
     return over_order(present, screening, boundaries=_boundaries(problem), windows=windows, seed=problem.seed)
+
+
+def _is_undone(effect: Effect, changes: Sequence[Change]) -> bool:
+    return any(alike(change.effect, effect) for change in changes)
 
 
 def _about_last_corners(problem: Problem, h: Hypothesis) -> bool:
@@ -142,19 +148,17 @@ def _about_last_corners(problem: Problem, h: Hypothesis) -> bool:
 
 def _boundaries(problem: Problem) -> tuple[int, ...]:
     """Numbers of the tosses with which sessions of the dataset begin."""
-    ranks = _ranks(problem, problem.tosses)
-    starts = _places(problem)
-    return tuple(int(np.searchsorted(ranks, starts[name])) for name in problem.sessions)
-
-
-def _places(problem: Problem) -> dict[str, int]:
-    return {name: i for i, name in enumerate(problem.names)}
+    return tuple(np.searchsorted(_ranks(problem, problem.tosses), _places(problem, problem.sessions)).tolist())
 
 
 def _ranks(problem: Problem, tosses: Sequence[Toss]) -> Index:
     """Where tosses stand in the order of the whole recording."""
-    place = _places(problem)
-    return np.array([place[toss.name] for toss in tosses], dtype=int)
+    return _places(problem, [toss.name for toss in tosses])
+
+
+def _places(problem: Problem, names: Sequence[str]) -> Index:
+    place = {name: i for i, name in enumerate(problem.names)}
+    return np.array([place[name] for name in names], dtype=int)
 
 
 # ---------------------------------------------------------------- what is undone
