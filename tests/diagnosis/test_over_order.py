@@ -10,6 +10,7 @@ import pytest
 
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen, with_effect
+from tossid.diagnosis import over_order
 from tossid.diagnosis.correction import corrected
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.inference.designs import line_over
@@ -108,6 +109,23 @@ def test_friction_that_steps_is_left_and_said(cube: ObjectModel) -> None:
     assert not finding.over_order.undone
     assert finding.parameters["mu"].value == pytest.approx(0.22, abs=0.01)
     assert corrections(undone) == {}
+
+
+def test_what_all_tosses_have_of_an_effect_joins_its_change(cube: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    worlds = [with_effect(cube, "world_tilt", [x, 0.0]) for x in [0.005] * 6 + [0.017] * 6]
+    around = [{"x_rad": Interval(x, x - 1e-4, x + 1e-4), "y_rad": Interval(0.0, -1e-4, 1e-4)} for x in (-0.006, 0.006)]
+    values = np.repeat([[-0.006, 0.0], [0.006, 0.0]], 6, axis=0)
+    stretches = (Stretch(0, 6, around[0]), Stretch(6, 12, around[1]))
+    seen_first = Change(EFFECTS["world_tilt"], "steps", 0.001, 50.0, stretches, {}, values)
+    p_values = iter([0.001])
+    monkeypatch.setattr(over_order, "_p_value", lambda *_: next(p_values, 0.5))
+    monkeypatch.setattr(over_order, "_changes_beside", lambda *_: OverOrder((seen_first,), None, None))
+    problem = Problem(tosses_of(worlds, cube, frames=40), Hypothesis(World(cube)), library=LIBRARY[:1])
+    undone = without_changes(problem.in_order())
+    (change,) = undone.changes
+    np.testing.assert_allclose(change.values[[0, -1], 0], [0.005, 0.017], atol=5e-4)
+    assert [s.values["x_rad"].value for s in change.stretches] == pytest.approx([0.005, 0.017], abs=5e-4)
+    assert undone.found.hypothesis.names == ()
 
 
 def test_nothing_is_looked_at_where_tosses_are_few(cube: ObjectModel) -> None:

@@ -92,10 +92,11 @@ def _changes(problem: Problem, found: Found, undone: Sequence[Change]) -> tuple[
     p_value = _p_value(found, problem)
     if p_value > NO_DOUBT:
         return OverOrder((), p_value, None), ()
-    looked = _changes_beside(problem, problem.stated, undone)
+    h = found.hypothesis
+    looked = _changes_beside(problem, h.without(*h.names), undone)
     wrong = _correctable(looked)
-    if not wrong and found.hypothesis.effects:
-        looked = _changes_beside(problem, found.hypothesis, undone)
+    if not wrong and h.effects:
+        looked = _changes_beside(problem, h, undone)
         wrong = _correctable(looked)
     return looked, wrong
 
@@ -105,7 +106,7 @@ def _correctable(looked: OverOrder) -> tuple[Change, ...]:
 
 
 def _p_value(found: Found, problem: Problem) -> float:
-    """That anything changes over the order by chance, by the columns of the last rounds of flight and of contact."""
+    """That anything changes by chance, by the columns of the search's last rounds, of flight and of contact."""
     last = dict[bool, Round]()
     for each in found.rounds:
         last[bool(each.before.evidence.windows.free.all())] = each
@@ -114,7 +115,8 @@ def _p_value(found: Found, problem: Problem) -> float:
         columns, active, before = each.screening.columns, each.screening.active, each.before
         own = (np.asarray(before.own(name), dtype=int) for name in before.hypothesis.names)
         effects += [[(columns, np.setdiff1d(active, one), one)] for one in own if len(one)]
-        effects += [[(columns, active, start.columns) for start in c.starts] for c in each.screening.candidates]
+        candidates = (c for c in each.screening.candidates if c.effect is not None)
+        effects += [[(columns, active, start.columns) for start in c.starts] for c in candidates]
     return float(change_p_values(effects, _boundaries(problem), problem.seed)[0].min())
 
 
