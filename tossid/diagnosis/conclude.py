@@ -80,6 +80,10 @@ def explain(problem: Problem, engine: Engine = Engine()) -> tuple[Diagnosis, Und
     first = report_gap(recorded)
     recorded.under_way("the search", GAP)
     undone = without_changes(recorded, first)
+    names = ", ".join(undone.found.hypothesis.names) or "no effect"
+    recorded.under_way.say(
+        f"the search finds {names}" + ("; its repeats judge that" if recorded.settings.repeats else "")
+    )
     made = _Concluded.of(recorded, first, undone, engine).diagnosis()
     if plane is not None:
         not_shown = (e for e in problem.library if e.name in plane.effects)

@@ -10,7 +10,6 @@ from tossid.diagnosis.inference.hypothesis import ContactLaw, Hypothesis
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.inference.search import Search
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
-from tossid.diagnosis.localisation.witnesses import measured_values
 from tossid.diagnosis.under_way import UnderWay
 from tossid.motion.resting import rest_scatter
 from tossid.physics.effects import LIBRARY, Effect
@@ -85,15 +84,8 @@ class Problem:
 
     def search(self) -> Search:
         """The search over all tosses."""
-        return Search(
-            self.sample,
-            self.library,
-            self.stated,
-            self.laws,
-            measured_values(self.tosses, self.stated.base),
-            self.seed,
-            watch=self.under_way.watched,
-        )
+        watch = self.under_way.watched
+        return Search(self.sample, self.library, self.stated, self.laws, seed=self.seed, watch=watch)
 
 
 def session_starts(order: RecordingOrder | None) -> tuple[str, ...]:

@@ -4,8 +4,8 @@ python -m pipelines.tools.benchmarks.bench_diagnosis           # these alone
 python -m pipelines.tools.benchmarks.bench_diagnosis --keep    # and keep them, for a release
 python -m pipelines.tools.benchmarks.bench_diagnosis data=FILE.h5 [KEY=VALUE ...]    # another dataset
 
-The keys are those of `tossid diagnose`. Three times are of what it says meanwhile: the gap, the leading suspect, and
-what one search has found, before it is repeated.
+The keys are those of `tossid diagnose`. Three times are of what it says meanwhile: the gap, a first suspect, and what
+the search finds, before it is repeated.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ CASES: dict[str, tuple[str, ...]] = {
     ),
 }  # fmt: skip
 """What is made and diagnosed with the whole library. A cube of friction 0.18 is stated."""
-ANSWERS = {"gap_s": "the gap is", "suspect_s": "leading suspect", "search_s": "the search names"}
+ANSWERS = {"gap_s": "the gap over", "suspect_s": "next suspect", "search_s": "the search finds"}
 """What the command says before it ends, as a line begins: the last is the end of one search, before its repeats."""
 HEADS = (
     "diagnosis", "elapsed s", "gap after s", "suspect after s", "one search after s", "CPU s", "GiB", "named",

@@ -25,23 +25,16 @@ from pipelines.cli.console import Console
 
 STAGES: tuple[tuple[str, str], ...] = (
     ("windows", "tossid.diagnosis.likelihood.windows:make_windows"),
-    ("first hypotheses", "tossid.diagnosis.selection.cross_validation:CrossValidator.evaluate"),
-    ("contact law", "tossid.diagnosis.selection.contact_law:with_contact_law"),
-    ("screening", "tossid.diagnosis.selection.screening:screen"),
-    ("fits", "tossid.diagnosis.likelihood.fitting:fit"),
-    ("perturbed fits", "tossid.diagnosis.likelihood.fitting:perturbed"),
-    ("held-out tosses", "tossid.diagnosis.selection.cross_validation:CrossValidator.cross_validate"),
-    ("other engine", "tossid.diagnosis.selection.cross_validation:CrossValidator.with_engine_difference"),
-    ("line search", "tossid.diagnosis.selection.refinement:line_searched"),
-    ("shifted windows", "tossid.diagnosis.selection.refinement:refitted_on_shifted_windows"),
-    ("judging folds", "tossid.diagnosis.selection.nested:judging_folds"),
+    ("evidence from the recording", "tossid.diagnosis.inference.evidence:collect"),
+    ("screening", "tossid.diagnosis.inference.screening:screen"),
+    ("fits", "tossid.diagnosis.inference.fitting:fit"),
+    ("changes over the order", "tossid.diagnosis.inference.order:over_order"),
     ("gap", "tossid.diagnosis.localisation.gap:measure_gap"),
-    ("consequences", "tossid.diagnosis.localisation.consequence:consequences"),
-    ("effect findings", "tossid.diagnosis.effect_findings:effect_findings"),
-    ("rollouts", "tossid.diagnosis.localisation.rollouts:rollout_errors"),
-    ("misspecification", "tossid.diagnosis.localisation.misspecification:misspecification"),
+    ("whole tosses", "tossid.diagnosis.inference.brings:whole_tosses"),
+    ("tosses without each effect", "tossid.diagnosis.inference.brings:worsen"),
+    ("limit by noise", "tossid.diagnosis.inference.brings:noise_limit"),
     ("solver disagreement", "tossid.diagnosis.localisation.disagreement:solver_disagreement"),
-    ("place", "tossid.diagnosis.localisation.corners:locate"),
+    ("place", "tossid.diagnosis.localisation.corners:place_of"),
     ("witnesses", "tossid.diagnosis.localisation.witnesses:witnesses"),
     ("next toss", "tossid.diagnosis.next_toss:next_toss"),
     ("patch and rerun", "tossid.diagnosis.diagnose:_patch"),
@@ -54,12 +47,6 @@ WORK: tuple[tuple[str, str], ...] = (
     ("residuals", "tossid.diagnosis.likelihood.residuals:mean_residuals"),
 )
 """What is done in a stage, and its function."""
-
-
-AT_ONCE: tuple[tuple[str, str], ...] = (
-    ("independent computations, each by a thread", "tossid.diagnosis.selection.cross_validation:CrossValidator.map"),
-)
-"""What several threads would do at once. Of the rest they share each simulation of many windows at most."""
 
 
 @dataclass
@@ -135,10 +122,9 @@ def main() -> None:
         dataset = read_dataset(Path(paths[0]) if paths else made(Path(folder)))
     settings = changed(DiagnoseSettings(threads=1), keys)
     prepare(dataset, settings=settings)  # loads or compiles kernels
-    stages, work, phases, at_once = Ledger(), Ledger(), Ledger(), Ledger()
+    stages, work, phases = Ledger(), Ledger(), Ledger()
     observe(STAGES, stages)
     observe(WORK, work, count=stages)
-    observe(AT_ONCE, at_once)
     began, wall = time.process_time(), time.perf_counter()
 
     def progress(text: str, share: float) -> None:
@@ -150,7 +136,6 @@ def main() -> None:
     console.table(heads, stages.rows(), title="By stage")
     console.table(heads[:4], [row[:4] for row in work.rows()], title="By what is done")
     console.table(heads[:3], [row[:3] for row in phases.rows()], title="By what the command reports as under way")
-    console.table(heads[:3], [row[:3] for row in at_once.rows()], title="By what several threads could do at once")
     named = ", ".join(found.named) or "nothing"
     console.say(f"{found.n_tosses} tosses, one thread: {seconds:.1f} s of CPU, {wall:.1f} s. {found.verdict}: {named}.")
 

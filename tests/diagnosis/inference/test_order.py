@@ -11,9 +11,10 @@ from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen, with_effect
 from tossid.diagnosis.inference.fitting import Fit
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.inference.order import OverOrder, over_order, windows_within
+from tossid.diagnosis.inference.order import OverOrder, over_order
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.inference.screening import Screening, screen
+from tossid.diagnosis.inference.stretches import windows_within
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 from tossid.types import Toss
@@ -66,6 +67,21 @@ def test_an_effect_of_the_hypothesis_may_change_too(cube: ObjectModel, stated: H
     only_friction_steps(over_order(present, screening))
 
 
+def test_an_effect_of_the_hypothesis_and_another_may_change(cube: ObjectModel, stated: Hypothesis) -> None:
+    slippery = with_effect(cube, "friction", [0.26])
+    tilted = EFFECTS["world_tilt"].at(slippery, np.array([0.03, -0.02]))
+    tosses = tosses_of(cube, [World(cube)] * 12 + [tilted] * 12)
+    sample = Sample(windows_within(tosses, cube, (0, 24)), 24)
+    same = stated.plus(EFFECTS["friction"], np.array([0.22]))
+    present = sample.refitted(sample.evidence(same), same, iterations=3)
+    screening = screen(present.evidence, LIBRARY, n=24, free=present.free, rng=np.random.default_rng(0))
+    found = over_order(present, screening, boundaries=(12,))
+    last = {change.effect.name: change.stretches[-1] for change in found.changes}
+    assert set(last) == {"friction", "world_tilt"}
+    assert last["friction"].values["mu"].value == pytest.approx(0.26, abs=0.01)
+    assert last["world_tilt"].values["x_rad"].value == pytest.approx(0.03, abs=5e-4)
+
+
 def test_a_drift_has_its_rate(cube: ObjectModel, stated: Hypothesis) -> None:
     worlds = [with_effect(cube, "gravity", [9.81 - 0.04 * k]) for k in range(20)]
     found = over_order(*beside_nothing(cube, tosses_of(cube, worlds), stated))
@@ -87,10 +103,3 @@ def test_nothing_changes_where_an_effect_is_in_all_tosses(cube: ObjectModel, sta
 
 def test_few_tosses_say_nothing(cube: ObjectModel, stated: Hypothesis, cleaned: list[Toss]) -> None:
     assert over_order(*beside_nothing(cube, cleaned[5:14], stated)) == OverOrder((), None, None)
-
-
-def test_a_tilt_between_stretches_is_no_slow_error_within(cube: ObjectModel) -> None:
-    worlds = [World(cube)] * 10 + [with_effect(cube, "world_tilt", [0.03, 0.0])] * 10
-    tosses = tosses_of(cube, worlds, frames=140)
-    whole, parted = (np.abs(windows_within(tosses, cube, edges).slow).max() for edges in ((0, 20), (0, 10, 20)))
-    assert parted < 0.5 * whole

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.diagnosis.tossed import recorded, seen, seen_with_joint
+from tests.diagnosis.tossed import recorded, seen
 from tests.models.made import DT, thrown
 from tossid.diagnosis.findings import Interval
-from tossid.diagnosis.localisation.witnesses import Witness, measured_values, witnesses
+from tossid.diagnosis.localisation.witnesses import Witness, witnesses
 from tossid.objects import ObjectModel, load_object
 from tossid.physics.effects import World, effect_named
 from tossid.physics.forces import Law
@@ -67,28 +67,6 @@ def test_friction_shows_by_speed_and_in_impacts(cube: ObjectModel) -> None:
 
 def test_too_few_tosses_are_no_witness(cube: ObjectModel) -> None:
     assert found(World(cube), cube, count=2) == {}
-    assert measured_values(seen(World(cube), cube, 2, seed=3, frames=120), World(cube)) == {}
-    assert measured_values([], World(cube)) == {}
-
-
-def test_a_search_begins_at_what_tosses_show(cube: ObjectModel) -> None:
-    truth = World(cube.with_changes(restitution=0.25, inertia=1.3 * cube.inertia, friction=0.26))
-    values = measured_values(seen(truth, cube, 30, seed=3, frames=120), World(cube))
-    assert values["inertia"]["scale_rel"] == pytest.approx(1.3, rel=0.05)
-    assert values["restitution"]["e"] == pytest.approx(0.25, abs=0.03)
-    assert values["friction"]["mu"] == pytest.approx(0.26, abs=0.02)
-
-
-def test_where_nothing_is_wrong_it_begins_near_what_is_stated(cube: ObjectModel) -> None:
-    values = measured_values(seen(World(cube), cube, 30, seed=3, frames=120), World(cube))
-    assert values["inertia"]["scale_rel"] == pytest.approx(1.0, rel=0.12)  # little rebounds, and what does is chosen
-    assert values["restitution"]["e"] == pytest.approx(0.0, abs=0.12)
-    assert values["friction"]["mu"] == pytest.approx(cube.friction, abs=0.02)
-
-
-def test_what_tosses_show_of_a_joint_is_not_measured(elbow: ObjectModel) -> None:
-    tosses = seen_with_joint(World(elbow), elbow, 8, seed=3, frames=60, height=0.1)
-    assert measured_values(tosses, World(elbow)) == {}
 
 
 @pytest.mark.parametrize("impedance", [0.0, 0.9])

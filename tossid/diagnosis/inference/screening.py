@@ -12,9 +12,8 @@ effects, and the smallest p-value over the library in each flip is the distribut
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,7 +172,6 @@ def screen(
     *,
     n: int,
     free: Sequence[int] = (),
-    measured: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
     laws: Sequence[ContactLaw] = (),
     rng: np.random.Generator,
 ) -> Screening:
@@ -184,7 +182,6 @@ def screen(
         library: The effects.
         n: How many tosses there are.
         free: Numbers of the hypothesis's parameters that are fitted beside a candidate.
-        measured: Values by an effect's name that tosses show without a simulator: further starts.
         laws: Of contact.
         rng: Of the flips.
     """
@@ -203,7 +200,7 @@ def screen(
         if effect.name in present.names:
             continue
         made = []
-        for hypothesis, is_start in _starts(present, effect, measured.get(effect.name)):
+        for hypothesis, is_start in _starts(present, effect):
             own = hypothesis.place_of(effect.name)
             if is_start:
                 change = evidence.residuals_of(hypothesis) - evidence.residuals
@@ -230,9 +227,7 @@ def screen(
     return Screening(columns, active, tuple(candidates))
 
 
-def _starts(
-    present: Hypothesis, effect: Effect, measured: Mapping[str, float] | None
-) -> Iterator[tuple[Hypothesis, bool]]:
+def _starts(present: Hypothesis, effect: Effect) -> Iterator[tuple[Hypothesis, bool]]:
     """A hypothesis with an effect where it does nothing, then at its starts.
 
     An effect of the hypothesis that is a special case of it makes room, where its value is one of the new effect's.
@@ -243,7 +238,7 @@ def _starts(
     nominal = effect.nominal(world)
     if not (effect.near_nothing and effect.starts):
         yield without.plus(effect, nominal), False
-    for start in (*effect.starts, *((measured,) if measured else ())):
+    for start in effect.starts:
         values = effect.values_with(world, start)
         if not np.allclose(values, nominal):
             yield without.plus(effect, values), True

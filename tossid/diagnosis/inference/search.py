@@ -10,8 +10,8 @@ what could take its place.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
 
@@ -63,7 +63,6 @@ class Search:
         library: The effects to choose from.
         stated: The simulator as it is stated, without effects.
         laws: Of contact, that the tosses may follow instead.
-        measured: Values by an effect's name that tosses show without a simulator.
         seed: Of flips and draws.
         judging: Whether it is repeated on fewer tosses to judge what all have found, at `JUDGING_LEVEL`.
         watch: Called with what a round has reached, and what stands beside it.
@@ -73,7 +72,6 @@ class Search:
     library: tuple[Effect, ...]
     stated: Hypothesis
     laws: tuple[ContactLaw, ...] = ()
-    measured: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     seed: int = 0
     judging: bool = False
     watch: Callable[[Fit, Screening], None] = lambda present, screening: None
@@ -191,7 +189,7 @@ class Search:
         """Candidates beside a hypothesis, and which of them joins."""
         sample, e = self.sample, present.evidence
         rng = np.random.default_rng(self.seed)
-        screening = screen(e, library, n=sample.n, free=present.free, measured=self.measured, laws=self.laws, rng=rng)
+        screening = screen(e, library, n=sample.n, free=present.free, laws=self.laws, rng=rng)
         level = JUDGING_LEVEL if self.judging else LEVEL
         likely = [c for c in screening.candidates if c.total > LEAST_GAIN and c.p_value < level]
 

@@ -31,8 +31,6 @@ Flags = NDArray[np.bool_]
 
 FEWEST = 5
 """Tosses that a measurement needs."""
-PARAMETERS = {"inertia": "scale_rel", "restitution": "e", "friction": "mu"}
-"""Of effects, that tosses show."""
 TOLERANCE = 0.05
 """Share of a value within which made tosses may differ from recorded ones by how finely they are simulated."""
 
@@ -126,27 +124,6 @@ class Measurement(NamedTuple):
 def _medians(measured: Array, toss: Index) -> Array:
     """(n,) median of each toss."""
     return np.array([np.median(measured[toss == i]) for i in np.unique(toss)])
-
-
-def measured_values(tosses: Sequence[Toss], world: World) -> dict[str, dict[str, float]]:
-    """Values of effects that tosses show without a simulator, by the effects' and their parameters' names.
-
-    They are medians over tosses, to begin a search with. Only impacts after which the body flies on are measured: where
-    nothing rebounds, these are special ones, which show a rebound of some 0.08 and up to a tenth less inertia.
-
-    Args:
-        tosses: As recorded.
-        world: The simulator as it is stated.
-    """
-    all_values, out = measurements(tosses, world, world), dict[str, dict[str, float]]()
-    for effect, parameter in PARAMETERS.items():
-        some = [each for each in all_values if each.effect == effect]
-        if not some:
-            continue
-        medians = _medians(np.concatenate([m.measured for m in some]), np.concatenate([m.toss for m in some]))
-        if len(medians) >= FEWEST:
-            out[effect] = {parameter: float(np.median(medians))}
-    return out
 
 
 def witnesses(tosses: Sequence[Toss], stated: World, found: World, made: Sequence[Toss] = ()) -> tuple[Witness, ...]:
