@@ -206,7 +206,7 @@ class _Concluded:
             found=any(f.matters for f in findings),
             gap_over_floor=gap.total.value / gap.noise_floor,
             left=brings.left,
-            noise=noise_limit(found, tosses, problem.sample, seed=problem.seed) if h.effects else Felt(0.0, 0.0),
+            noise=self.noise_limit(),
             closed=closed,
             within_solvers=_within(solvers, left),
         )
@@ -238,6 +238,13 @@ class _Concluded:
             tosses=tuple(toss.name for toss in self.recorded.tosses),
             places=np.array([toss.q[-1, :2] for toss in self.recorded.tosses]),
         )
+
+    def noise_limit(self) -> Felt:
+        """What noise alone makes of whole tosses, as what was found predicts them."""
+        problem, count = self.problem, len(self.folds) if self.judged else 0
+        if not self.found.hypothesis.effects:
+            return Felt(0.0, 0.0)
+        return noise_limit(self.found, problem.tosses, problem.sample, folds=count, seed=problem.seed)
 
     def unseen(self) -> Unseen | None:
         """What was found, on tosses that nothing has seen. They decide nothing."""

@@ -46,7 +46,7 @@ def test_found_friction_brings_whole_tosses_near_the_recorded_ones(
     assert now_mm.value < was_mm.value
     assert found.improves
     # what noise makes is less than what friction made, and what is left is no more
-    limit = noise_limit(folds[0].found, tosses, sample, seed=0)
+    limit = noise_limit(folds[0].found, tosses, sample, folds=3, seed=0)
     assert not found.left.is_over(limit)
     assert limit.position_pct < 0.5 * was.value
 

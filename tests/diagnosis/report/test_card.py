@@ -64,6 +64,22 @@ def test_changes_keep_their_order_and_their_units(cube: ObjectModel) -> None:
     )
 
 
+def test_a_value_that_stands_for_no_effect_is_no_value_of_the_simulator(cube: ObjectModel) -> None:
+    speed = Change("velocity_friction", "speed_ms", 0.2, Interval(0.25, 0.2, 0.3))
+    static = Change("velocity_friction", "static_mu", 0.18, Interval(0.26, 0.25, 0.27))
+    said = rows(replace(diagnosis(cube), change=(static, speed)))["Change"]
+    assert said.startswith("velocity_friction: static mu 0.18 → 0.260 (95 %: 0.250 to 0.270)")
+    assert "0.2 →" not in said
+
+
+def test_the_patch_in_mujoco_stands_beside_another_engine(cube: ObjectModel) -> None:
+    run = {"engine": "MuJoCo 4", "position_error_pct": {"before": {"value": 7.5}, "after": {"value": 4.1}}}
+    patched = replace(diagnosis(cube), patch={"mjcf": "<mujoco/>", "rerun": run})
+    line = "In MuJoCo, whole tosses are off by 4.1 % of the width with the patch, 7.5 % without."
+    assert line in rows(patched)["Do next"]
+    assert line not in rows(replace(patched, brings=replace(patched.brings, engine="mujoco")))["Do next"]
+
+
 def test_a_search_that_was_not_judged_says_so(cube: ObjectModel) -> None:
     made = diagnosis(cube)
     said = rows(replace(made, folds=0, draws=0, brings=replace(made.brings, unseen=False)))
@@ -102,7 +118,7 @@ def test_what_is_not_sure_and_what_is_too_small_have_a_line_each(cube: ObjectMod
         "Short windows are off by 0.24 mm and 0.12 deg, mostly at impacts (30 % of the gap).",
         "Too small to feel: gravity, g 9.790 m/s² (9.780 to 9.800).",
         "Something changes from toss 12 on, which no effect explains.",
-        "Inspect 3 and 7: far larger errors than in all other tosses.",
+        "Inspect toss 3 and 7: its errors are far larger than all others'.",
     ):
         assert line in said["Left"].split(" | "), line
 

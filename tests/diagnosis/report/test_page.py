@@ -113,7 +113,8 @@ def test_details_hold_every_effect_with_its_smallest_detectable_size(cube: Objec
     assert "candidate :" not in page.text  # which does not occur
     table = page_of(diagnosis(cube)).text.replace("\u00a0", " ")
     assert (
-        "confusable, or cohesion, named in 97 % mu 0.3000 (0.2970 to 0.3030) 0.18 12 % of the width, 5.2 deg" in table
+        "confusable, or cohesion, named in 97 % mu 0.3000 (0.2970 to 0.3030) mu 0.18 12 % of the width, 5.2 deg"
+        in table
     )
     assert "Not identifiable: magnus." in table
 

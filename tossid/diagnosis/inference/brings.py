@@ -116,7 +116,7 @@ def felt_of_each(hypothesis: Hypothesis, tosses: Sequence[Toss], sample: Sample)
     return out
 
 
-def noise_limit(found: Found, tosses: Sequence[Toss], sample: Sample, *, seed: int) -> Felt:
+def noise_limit(found: Found, tosses: Sequence[Toss], sample: Sample, *, folds: int, seed: int) -> Felt:
     """What noise alone makes of whole tosses: how what was found predicts tosses that it makes itself.
 
     Their first states are estimated from measurements with the same noise, as of recorded tosses, and parameters are
@@ -126,14 +126,17 @@ def noise_limit(found: Found, tosses: Sequence[Toss], sample: Sample, *, seed: i
         found: By a search.
         tosses: As recorded.
         sample: Their windows.
+        folds: Parts of the tosses without each of which values were fitted that predict it; 0 if with all.
         seed: Of the noise.
     """
+    # without a fold, values are that much less certain
+    wider = np.sqrt(folds / (folds - 1)) if folds > 1 else 1.0
     world, threads, medians = found.hypothesis.world(), sample.n_threads, []
     for rng in np.random.default_rng(seed).spawn(NOISE_DRAWS):
         seed_of_draw = int(rng.integers(2**31))
         made = made_by(tosses, world, sample.windows, draws=1, seed=seed_of_draw, n_threads=threads)
         if made:
-            felt = median_of(toss_errors(made, drawn(found, rng).world(), n_threads=threads))
+            felt = median_of(toss_errors(made, drawn(found, rng, wider).world(), n_threads=threads))
             medians.append((felt.position_pct, felt.rotation_deg))
     if not medians:
         return Felt(0.0, 0.0)
@@ -141,12 +144,13 @@ def noise_limit(found: Found, tosses: Sequence[Toss], sample: Sample, *, seed: i
     return Felt(float(position), float(rotation))
 
 
-def drawn(found: Found, rng: np.random.Generator) -> Hypothesis:
+def drawn(found: Found, rng: np.random.Generator, wider: float = 1.0) -> Hypothesis:
     """A hypothesis with parameters drawn from a normal distribution about their values.
 
     Args:
         found: By a search: the values, and the covariances of their fits.
         rng: Of the draw.
+        wider: Factor of the standard deviations.
     """
     h, flat = found.hypothesis, found.hypothesis.flat()
     for fitted in (found.fit, found.flight):
@@ -157,7 +161,7 @@ def drawn(found: Found, rng: np.random.Generator) -> Hypothesis:
             own = fitted.own(name)
             if own and found.fit_of(name) is fitted:
                 place = h.place_of(name)
-                flat[place] += moved[own] * h.steps[place]
+                flat[place] += wider * moved[own] * h.steps[place]
     return h.at(flat)
 
 

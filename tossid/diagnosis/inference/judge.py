@@ -201,7 +201,8 @@ def _share(before: Array, after: Array) -> Interval:
         rng=np.random.default_rng(0),
     )  # fmt: skip
     ends = (float(share(before, after)), float(drawn.confidence_interval.low), float(drawn.confidence_interval.high))
-    return Interval(*(min(1.0, x) for x in ends))
+    # where hardly any gap is above the noise, a share of it may be anything: below -1 it says no more than that
+    return Interval(*(float(np.clip(x, -1.0, 1.0)) for x in ends))
 
 
 def _deviance_of_tosses(evidence: Evidence, floor: Array, last: Evidence) -> Array:

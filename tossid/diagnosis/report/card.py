@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tossid.diagnosis.findings import FELT_DEG, FELT_PCT, Finding, Interval
-from tossid.diagnosis.report.units import in_units, listed, parameter, percent, quantity, short
-from tossid.diagnosis.report.words import PHASES, estimates, over_order_words, release_words
+from tossid.diagnosis.findings import FELT_DEG, FELT_PCT, Finding
+from tossid.diagnosis.report.units import in_units, listed, parameter, percent, short
+from tossid.diagnosis.report.words import PHASES, estimates, over_order_words, release_words, stated_words
 from tossid.diagnosis.result import Diagnosis
 from tossid.physics.effects import effect_named
 
@@ -80,20 +80,17 @@ def _one_change(diagnosis: Diagnosis, name: str) -> str:
         return over_order_words(finding)
     changes = [each for each in diagnosis.change if each.name == name]
     clear = [each for each in changes if not each.value.low <= each.stated <= each.value.high] or changes
-    parts = [
-        f"{parameter(each.parameter)} {_stated(each.parameter, each.stated, each.value)} → "
-        f"{in_units(each.parameter, each.value, level='95 %: ')}"
-        for each in clear
-    ]
+    parts = []
+    for each in clear:
+        # what rounding leaves of zero is zero
+        stated = 0.0 if abs(each.stated) < 1e-6 * abs(each.value.value) else each.stated
+        was = stated_words(name, each.parameter, stated).split(" ")[0]
+        now = in_units(each.parameter, each.value, level="95 %: ")
+        parts.append(f"{parameter(each.parameter)} {f'{was} → ' if was else ''}{now}")
     stay = listed([parameter(each.parameter) for each in changes if each not in clear])
     recording = " (of the recording)" if effect_named(name).family == "measurement" else ""
     more = (f"; {stay} may stay" if stay else "") + ("; not sure" if name in diagnosis.candidates else "")
     return f"{name}{recording}: {', '.join(parts)}{more}"
-
-
-def _stated(key: str, stated: float, value: Interval) -> str:
-    """The simulator's own value without its unit; what rounding leaves of zero is zero."""
-    return quantity(key, 0.0 if abs(stated) < 1e-6 * abs(value.value) else stated).split(" ")[0]
 
 
 def _brings(diagnosis: Diagnosis) -> list[str]:
@@ -164,7 +161,7 @@ def _left(diagnosis: Diagnosis) -> list[str]:
         starts = listed([change.before for change in diagnosis.changes_left])
         lines.append(f"Something changes from toss {starts} on, which no effect explains.")
     if diagnosis.gap.odd:
-        lines.append(f"Inspect {listed(diagnosis.gap.odd)}: far larger errors than in all other tosses.")
+        lines.append(f"Inspect toss {listed(diagnosis.gap.odd)}: its errors are far larger than all others'.")
     return [line for line in lines if line]
 
 
@@ -211,8 +208,14 @@ def _next(diagnosis: Diagnosis) -> list[str]:
     elif diagnosis.verdict == "within_solver_disagreement":
         lines.append("Nothing: tosses cannot tell which solver is right where several corners touch at once.")
     elif diagnosis.change:
-        patched = bool((diagnosis.patch or {}).get("mjcf"))
-        lines.append("Use patched.xml, which has the changes." if patched else "Make the changes in your simulator.")
+        patch = diagnosis.patch or {}
+        lines.append(
+            "Use patched.xml, which has the changes." if patch.get("mjcf") else "Make the changes in your simulator."
+        )
+        run = (patch.get("rerun") or {}).get("position_error_pct")
+        if run and diagnosis.brings.engine != "mujoco":
+            was, now = (short(run[when]["value"], 2) for when in ("before", "after"))
+            lines.append(f"In MuJoCo, whole tosses are off by {now} % of the width with the patch, {was} % without.")
     else:
         lines.append("See where the gap is, and check the recording there. Is it right, add an effect of your own.")
     if diagnosis.n_tosses < FEW_TOSSES and diagnosis.verdict != "explained":

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch as Swatch
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import FELT_DEG, FELT_PCT, Gap, Interval
+from tossid.diagnosis.findings import FELT_DEG, FELT_PCT, Interval
 from tossid.diagnosis.report.registry import report_figure
 from tossid.diagnosis.report.units import percent, short
 from tossid.diagnosis.result import Diagnosis
@@ -21,15 +21,7 @@ from tossid.types import Phase
 Array = NDArray[np.float64]
 
 BEFORE, AFTER = "#D55E00", "#0072B2"
-CHANNELS = {
-    "p_x": "position x",
-    "p_y": "position y",
-    "p_z": "height",
-    "r_x": "rotation, body x",
-    "r_y": "rotation, body y",
-    "r_z": "rotation, body z",
-}
-"""Channels of the gap, as rows of a figure name them."""
+CHANNELS = {"p": "position", "r": "rotation, body"}
 WHERE = "Where the gap is"
 TIME_BIN = 0.02
 """Width of a cell of the figure over time [s]: three frames at 148 Hz."""
@@ -90,7 +82,8 @@ def gap_by_part(diagnosis: Diagnosis) -> Figure:
         diagnosis: What was found.
     """
     before, left = diagnosis.gap, diagnosis.left
-    scale = _share_left(before, left)
+    excess, rest = (float(gap.frames[:, 3].sum()) for gap in (before, left))
+    scale = rest / excess if excess > 0 else 0.0  # the shares of what is left are of what is left
     figure = new_figure(WHERE, "Shares of the gap above the noise in short windows.", height=4.6)
     axes = panel_grid(figure, 1, 2, left=0.7, right=1.0, top=1.25, bottom=0.85, between=2.45)[0]
     for ax, title, ours, theirs in (
@@ -101,17 +94,20 @@ def gap_by_part(diagnosis: Diagnosis) -> Figure:
         after = {s.name: Interval(*(scale * x for x in (s.share.value, s.share.low, s.share.high))) for s in theirs}
         share_rows(
             ax,
-            [CHANNELS.get(s.name, s.name.replace("_", " ")) for s in ours],
+            [_row(s.name) for s in ours],
             [s.share for s in ours],
             [after[s.name] for s in ours] if diagnosis.found else (),
         )
         ax.set_xlabel("share of the original gap [%]")
     colour_key(figure, y=0.78, after=bool(diagnosis.found))
-    footnote(
-        figure,
-        "Thin lines: 95 % intervals over tosses, cut at the ends of the axis. Negative: less than noise alone gives.",
-    )
+    footnote(figure, "Thin lines: 95 % intervals over tosses. Negative: less than noise alone gives.")
     return figure
+
+
+def _row(name: str) -> str:
+    """A phase or a channel, as a row of a figure names it."""
+    kind, _, axis = name.partition("_")
+    return f"{CHANNELS[kind]} {axis}" if kind in CHANNELS else name.replace("_", " ")
 
 
 def colour_key(figure: Figure, *, y: float, x: float = 0.15, after: bool = True) -> None:
@@ -125,12 +121,6 @@ def colour_key(figure: Figure, *, y: float, x: float = 0.15, after: bool = True)
     """
     handles = [(Swatch(color=BEFORE), "before"), (Swatch(color=AFTER), "after")]
     key_row(figure, handles[: 1 + after], y=y, x=x)
-
-
-def _share_left(before: Gap, after: Gap) -> float:
-    """What is left of the excess, as a share of the original one."""
-    whole = float(before.frames[:, 3].sum()) if len(before.frames) else 0.0
-    return float(after.frames[:, 3].sum()) / whole if whole > 0 and len(after.frames) else 0.0
 
 
 def share_rows(

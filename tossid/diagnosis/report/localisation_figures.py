@@ -117,13 +117,14 @@ def gap_by_corner(diagnosis: Diagnosis) -> Figure:
         diagnosis: What was found.
     """
     found, left = diagnosis.place.corners, diagnosis.place.corners_left if diagnosis.found else ()
-    order = _named_corners(found)
-    letters = {c: chr(ord("A") + i) for i, c in enumerate(order)}
+    most = sorted(range(len(found)), key=lambda c: -found[c].share.value)[:LETTERS]
+    in_place = sorted(most, key=lambda c: found[c].place[::-1], reverse=True)
+    letters = {c: chr(ord("A") + i) for i, c in enumerate(in_place)}
     figure = new_figure(
         "The gap by corner",
         "Shares of the gap above the noise in frames with contact, by the corner that touches (equal shares where\n"
         "several do). Left: per frame of contact; 1 is the mean. Positions are in the base's frame.",
-        height=2.35 + max(2.6, 0.34 * len(order)),
+        height=2.35 + max(2.6, 0.34 * len(letters)),
     )
     w, h = figure.get_size_inches()
     tall = h - 2.15
@@ -146,12 +147,6 @@ def gap_by_corner(diagnosis: Diagnosis) -> Figure:
     colour_key(figure, y=0.92, x=4.4, after=bool(left))
     footnote(figure, "Thin lines: 95 % intervals over tosses. 0 %: no more than noise. White: no contact.")
     return figure
-
-
-def _named_corners(found: Sequence[Corner]) -> list[int]:
-    """The corners that get a letter, in the order of their places."""
-    most = sorted(range(len(found)), key=lambda c: -found[c].share.value)[:LETTERS]
-    return sorted(most, key=lambda c: found[c].place[::-1], reverse=True)
 
 
 def _body(

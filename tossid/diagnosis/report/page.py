@@ -49,6 +49,7 @@ _TEMPLATES.filters |= {
     "release": words.release_words,
     "over_order": words.over_order_words,
     "estimates": words.estimates,
+    "stated": lambda key, finding: words.stated_words(finding.name, key, finding.stated[key]),
     "interval": lambda json: Interval(json["value"], *json["ci95"]),
 }
 

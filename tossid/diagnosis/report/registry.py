@@ -1,11 +1,4 @@
-"""The figures of a report: each is one function, registered by one line.
-
-    @report_figure("gap_energy", alt="Energy over time, measured and predicted.")
-    def energy(diagnosis: Diagnosis) -> Figure:
-        ...
-
-The figure then stands on the page of every diagnosis, and is written beside it as a file.
-"""
+"""The figures of a report: each is one function under `report_figure`, on the page of every diagnosis."""
 
 from __future__ import annotations
 

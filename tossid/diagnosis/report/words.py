@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from tossid.diagnosis.findings import Finding, Stretch
-from tossid.diagnosis.report.units import in_units, listed, parameter, short, span, unit_of
+from tossid.diagnosis.report.units import in_units, listed, parameter, quantity, short, span, unit_of
+from tossid.physics.effects import effect_named
 
 PHASES = {
     "flight": "in flight",
@@ -54,6 +55,19 @@ def estimates(finding: Finding) -> list[str]:
     others = [parameter(key) for key in finding.parameters if key not in known]
     texts = [f"{parameter(key)} {in_units(key, x)}" for key, x in known.items()]
     return texts + ([f"{listed(others)} not determined"] if others else [])
+
+
+def stated_words(effect: str, key: str, value: float) -> str:
+    """A parameter as the simulator has it; empty where the value only stands for "no effect".
+
+    Args:
+        effect: Name of the effect.
+        key: The parameter's name in the library.
+        value: Its stated value [SI].
+    """
+    declared = next((p for p in effect_named(effect).parameters if p.name == key), None)
+    stands_for_none = declared is not None and (declared.form or declared.nominal not in (None, 0.0, 1.0))
+    return "" if stands_for_none else quantity(key, value)
 
 
 def over_order_words(finding: Finding) -> str:

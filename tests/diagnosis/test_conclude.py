@@ -1,0 +1,78 @@
+"""What is concluded from a search and its judge, of tosses whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.by_hand import EFFECTS
+from tests.diagnosis.tossed import seen, with_effect
+from tossid.diagnosis.conclude import explain
+from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.problem import Problem
+from tossid.diagnosis.result import Diagnosis
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
+
+COUNT = 12
+
+
+def concluded(cube: ObjectModel, truth: World, names: tuple[str, ...], *, repeats: int = 3) -> Diagnosis:
+    tosses = seen(truth, cube, COUNT, seed=5, frames=70)
+    library = tuple(EFFECTS[name] for name in names)
+    settings = DiagnoseSettings(repeats=repeats)
+    return explain(Problem(tosses, Hypothesis(World(cube)), library=library, settings=settings))[0]
+
+
+@pytest.fixture(scope="module")
+def heavier(cube: ObjectModel) -> Diagnosis:
+    """Of tosses in 10.1 m/s², which a clock explains as well."""
+    return concluded(cube, with_effect(cube, "gravity", [10.1]), ("gravity", "time_base", "friction"))
+
+
+def test_what_does_the_same_is_confusable_and_named_as_a_class(heavier: Diagnosis) -> None:
+    (found,) = heavier.found
+    (other,) = found.confusable_with
+    assert {found.name, other} == {"gravity", "time_base"}
+    assert found.verdict == "confusable"
+    assert found.frequency == pytest.approx(1.0, abs=0.02)
+    instead = heavier.finding(other)
+    assert instead is not None
+    assert instead.verdict == "confusable"
+    assert instead.confusable_with == (found.name,)
+    gravity, clock = (heavier.finding(name) for name in ("gravity", "time_base"))
+    assert gravity is not None
+    assert clock is not None
+    assert gravity.parameters["g_ms2"].low < 10.1 < gravity.parameters["g_ms2"].high
+    assert clock.parameters["rate_rel"].value == pytest.approx(np.sqrt(9.81 / 10.1), abs=2e-3)
+    (alternative,) = heavier.alternatives
+    assert alternative.names == (other,)
+
+
+def test_the_rest_of_the_library_would_have_been_seen(heavier: Diagnosis) -> None:
+    friction = heavier.finding("friction")
+    assert friction is not None
+    assert friction.verdict == "not_supported"
+    assert 0 < friction.detectable["mu"] < 0.05
+    assert friction.stated == {"mu": pytest.approx(0.18)}
+    assert heavier.gap_closed.value > 0.5
+    assert heavier.verdict == "explained"
+
+
+def test_where_nothing_is_wrong_there_is_no_gap(cube: ObjectModel) -> None:
+    nothing = concluded(cube, World(cube), ("gravity", "friction"), repeats=0)
+    assert nothing.verdict == "no_gap"
+    assert nothing.found == ()
+    assert nothing.change == ()
+    before, after = nothing.brings.position_pct()
+    assert before == after
+
+
+def test_what_the_library_lacks_leaves_a_gap_without_a_name(cube: ObjectModel) -> None:
+    """A bounce that neither gravity nor friction explains."""
+    left = concluded(cube, with_effect(cube, "restitution", [0.4]), ("gravity",), repeats=0)
+    assert left.verdict == "unexplained"
+    assert left.named == ()
+    assert left.gap.after_impacts.share.value > 0.5
+    assert {share.name for share in left.unexplained} & {"impact", "flight", "slide", "roll", "rest"}
