@@ -20,12 +20,12 @@ from tossid.diagnosis.correction import CORRECTABLE, corrected_tosses, ending_at
 from tossid.diagnosis.effect_findings import phases_of
 from tossid.diagnosis.findings import ChangeLeft, Felt, Finding, Interval
 from tossid.diagnosis.inference.brings import median_of
-from tossid.diagnosis.inference.designs import NO_DOUBT, Where, change_p_values, enough
+from tossid.diagnosis.inference.designs import LEVEL, Where, change_p_values, enough
 from tossid.diagnosis.inference.evidence import Evidence, collect
 from tossid.diagnosis.inference.fitting import fit
 from tossid.diagnosis.inference.found import Found, Round
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.inference.order import OverOrder, alike, over_order
+from tossid.diagnosis.inference.order import SHOWN, OverOrder, alike, over_order
 from tossid.diagnosis.inference.screening import screen
 from tossid.diagnosis.inference.stretches import Change, Stretch, windows_within
 from tossid.diagnosis.likelihood.windows import Windows
@@ -90,7 +90,7 @@ def _changes(problem: Problem, found: Found, undone: Sequence[Change]) -> tuple[
     if not enough(len(problem.tosses)):
         return OverOrder((), None, None), ()
     p_value = _p_value(found, problem)
-    if p_value > NO_DOUBT:
+    if p_value > LEVEL:
         return OverOrder((), p_value, None), ()
     h = found.hypothesis
     looked = _changes_beside(problem, h.without(*h.names), undone)
@@ -98,6 +98,8 @@ def _changes(problem: Problem, found: Found, undone: Sequence[Change]) -> tuple[
     if not wrong and h.effects:
         looked = _changes_beside(problem, h, undone)
         wrong = _correctable(looked)
+    if not looked.changes and looked.place is not None:
+        looked = replace(looked, left=p_value)
     return looked, wrong
 
 
@@ -121,7 +123,7 @@ def _p_value(found: Found, problem: Problem) -> float:
 
 
 def _changes_beside(problem: Problem, h: Hypothesis, undone: Sequence[Change]) -> OverOrder:
-    """What changes beside a hypothesis, all effects of which may."""
+    """What changes beside a hypothesis, all effects of which may. That anything does has been tested."""
     n, model, library, tosses = len(problem.tosses), h.base.object, problem.library, problem.tosses
     if _about_last_corners(problem, h):
         # where all tosses end at one place, none says how a force depends on it
@@ -134,7 +136,9 @@ def _changes_beside(problem: Problem, h: Hypothesis, undone: Sequence[Change]) -
     evidence = collect(windows((0, n)), h, n_threads=problem.n_threads)
     present = fit(evidence, h, n=n, iterations=0, held=held)
     screening = screen(evidence, library, n=n, free=present.free, rng=np.random.default_rng(problem.seed))
-    return over_order(present, screening, boundaries=_boundaries(problem), windows=windows, seed=problem.seed)
+    return over_order(
+        present, screening, boundaries=_boundaries(problem), windows=windows, seed=problem.seed, level=SHOWN
+    )
 
 
 def _is_undone(effect: Effect, changes: Sequence[Change]) -> bool:

@@ -327,6 +327,7 @@ def over_order(
     boundaries: Sequence[int] = (),
     windows: Callable[[Sequence[int]], Windows] | None = None,
     seed: int = 0,
+    level: float = LEVEL,
 ) -> OverOrder:
     """What changes over the order of recording, beside a hypothesis.
 
@@ -337,8 +338,9 @@ def over_order(
         windows: Of all tosses, given the edges of stretches between which something has changed: a tracker's slow
             errors are what scatters within stretches (`windows_within`). If None, they stay as they are.
         seed: Of the orders that are drawn.
+        level: Of the first change; of further ones it is `LEVEL`.
     """
-    found = _sought(present, screening, tuple(boundaries), windows, seed)
+    found = _sought(present, screening, tuple(boundaries), windows, seed, level)
     if not found.changes or any(change.form == "drift" for change in found.changes):
         return found
     return replace(found, changes=fitted_together(present.evidence, found.changes, windows))
@@ -350,6 +352,7 @@ def _sought(
     boundaries: Sequence[int],
     windows: Callable[[Sequence[int]], Windows] | None,
     seed: int,
+    level: float,
 ) -> OverOrder:
     """What changes, with values as they were found one effect after the other."""
     h, active, changes = present.hypothesis, screening.active, list[Change]()
@@ -365,7 +368,7 @@ def _sought(
         effects = [[(beside.columns, s.active, start.columns) for start in s.starts] for s in beside.suspects]
         p_values, places = change_p_values(effects, boundaries, seed)
         left = float(p_values.min())
-        if left > LEVEL:
+        if left > (LEVEL if changes else level):
             return OverOrder(tuple(changes), left, None)
         change = _likeliest(beside, p_values, places, boundaries, seed) if len(changes) < ROUNDS else None
         if change is None or (changes and change.gain < LEAST_SHARE * changes[0].gain):
