@@ -205,8 +205,7 @@ class _Concluded:
         verdict = verdict_of_gap(
             found=any(f.matters for f in findings),
             gap_over_floor=gap.total.value / gap.noise_floor,
-            left=brings.left,
-            noise=self.noise_limit(),
+            felt=brings.is_felt(self.noise_limit()),
             closed=closed,
             within_solvers=_within(solvers, left),
         )

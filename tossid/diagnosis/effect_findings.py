@@ -75,7 +75,9 @@ class Judgement:
         found, name = self.found, effect.name
         fitted, alike = found.fit_of(name), tuple(rival.effect.name for rival in found.alike(name))
         frequency = self._frequency(name, *alike)
-        facts = Facts(alike, frequency, name in self.worse, share_closed_in(self.before, self.after, effect.phases))
+        # what flight has determined is judged there: no model of contact is as good
+        phases = [phase for phase in effect.phases if (phase == Phase.FLIGHT) == (name in found.flown)]
+        facts = Facts(alike, frequency, name in self.worse, share_closed_in(self.before, self.after, phases))
         screened = self._screened(name)
         return Finding(
             name,
