@@ -55,6 +55,21 @@ def test_worse_tosses_are_no_improvement_and_lost_ones_are_worse() -> None:
     assert not Brings("tossid", before, np.full((5, 2), np.nan), 0.1).improves
 
 
+def test_what_is_left_is_felt_where_clearly_more_than_half_of_the_tosses_show_it() -> None:
+    nothing = Felt(0.0, 0.0)
+
+    def felt(over: int, noise: Felt = nothing, *, lost: int = 0) -> bool:
+        after = np.full((16, 2), 0.1)
+        after[:over, 1] = 0.7
+        after[:lost] = np.nan
+        return Brings("tossid", after, after, 0.1).is_felt(noise)
+
+    assert not felt(10)  # half and one standard error, which is two
+    assert felt(11)
+    assert not felt(16, Felt(0.0, 0.8))
+    assert felt(0, lost=11)
+
+
 def test_means_over_tosses_have_intervals_that_hold_them() -> None:
     """95 % percentile intervals of means over 30 tosses, in 200 draws."""
     rng = np.random.default_rng(0)

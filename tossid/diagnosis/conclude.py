@@ -27,6 +27,7 @@ from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.judge import Fold, Frequencies, closed_share, cross_fit, frequencies, judged_by
 from tossid.diagnosis.inference.search import Search
+from tossid.diagnosis.inference.shifts import SHIFTS, variance_over_shifts
 from tossid.diagnosis.inference.verdict import verdict_of_gap
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.diagnosis.localisation.corners import place_of
@@ -195,6 +196,7 @@ class _Concluded:
             self.floor.deviance,
             felt_of_each(h, tosses, problem.sample),
             worsen(self.folds, tosses, h.names, threads),
+            variance_over_shifts(found, map(problem.shifted, SHIFTS)),
         )
         findings = judgement.findings(problem.library)
         under_way("what is left", 0.92)
@@ -205,8 +207,7 @@ class _Concluded:
         verdict = verdict_of_gap(
             found=any(f.matters for f in findings),
             gap_over_floor=gap.total.value / gap.noise_floor,
-            left=brings.left,
-            noise=self.noise_limit(),
+            felt=brings.is_felt(self.noise_limit()),
             closed=closed,
             within_solvers=_within(solvers, left),
         )

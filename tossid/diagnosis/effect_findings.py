@@ -37,6 +37,7 @@ class Judgement:
         floor: (K,) expected deviance of noise alone in each channel.
         felt: How whole tosses change without each effect that was found, by its name.
         worse: Effects with which whole tosses that took no part are predicted worse.
+        variance: (P,) of an effect's parameters beside that over tosses, by its name.
     """
 
     found: Found
@@ -47,6 +48,7 @@ class Judgement:
     floor: Array
     felt: Mapping[str, Felt]
     worse: Collection[str]
+    variance: Mapping[str, Array]
 
     @property
     def stated(self) -> World:
@@ -75,14 +77,16 @@ class Judgement:
         found, name = self.found, effect.name
         fitted, alike = found.fit_of(name), tuple(rival.effect.name for rival in found.alike(name))
         frequency = self._frequency(name, *alike)
-        facts = Facts(alike, frequency, name in self.worse, share_closed_in(self.before, self.after, effect.phases))
+        # what flight has determined is judged there: no model of contact is as good
+        phases = [phase for phase in effect.phases if (phase == Phase.FLIGHT) == (name in found.flown)]
+        facts = Facts(alike, frequency, name in self.worse, share_closed_in(self.before, self.after, phases))
         screened = self._screened(name)
         return Finding(
             name,
             verdict_of_found(facts),
             effect.says,
             phases_of(effect),
-            fitted.intervals(name),
+            fitted.intervals(name, self.variance.get(name, 0.0)),
             effect.named(effect.nominal(self.stated)),
             self._evidence(float(found.needed[name].sum()), 1.0 if screened is None else screened[1].p_value),
             lost_without(self.folds, name, self.floor),

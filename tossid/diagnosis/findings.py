@@ -306,6 +306,17 @@ class Brings:
             return Felt(np.inf, np.inf)
         return Felt(*(float(x) for x in np.median(self.after[self._both], axis=0)))
 
+    def is_felt(self, noise: Felt) -> bool:
+        """Whether what is left is noticed in clearly more than half of the tosses: by one standard error of a count.
+
+        Args:
+            noise: What noise alone makes of such tosses.
+        """
+        limits = np.array([max(FELT_PCT, noise.position_pct), max(FELT_DEG, noise.rotation_deg)])
+        over = ~(self.after <= limits)  # (a rollout that diverged is noticed)
+        n = len(over)
+        return bool((over.sum(0) > 0.5 * (n + np.sqrt(n))).any())
+
     @property
     def improves(self) -> bool:
         """Whether tosses are predicted no worse, but for what a person would not notice."""

@@ -70,17 +70,28 @@ class Problem:
         """The windows of the tosses; a tracker's slow errors are as their own poses at rest scatter."""
         return Sample(self.windows_of(self.tosses, self.tosses), len(self.tosses), self.n_threads)
 
-    def windows_of(self, tosses: Sequence[Toss], scattered: Sequence[Toss]) -> Windows:
+    def windows_of(self, tosses: Sequence[Toss], scattered: Sequence[Toss], *, shift: float = 0.0) -> Windows:
         """Windows of tosses.
 
         Args:
             tosses: The tosses.
             scattered: Those whose poses at rest show a tracker's slow errors, in the order of recording: what changes
                 over it is none.
+            shift: By what share of their length windows begin later.
         """
-        model = self.stated.base.object
+        model, likelihood = self.stated.base.object, self.settings.likelihood
         scatter = rest_scatter(scattered, model, over_order=True)
-        return make_windows(tosses, model, settings=self.settings.likelihood, scatter=scatter)
+        frames = round(shift * likelihood.windows.length)
+        return make_windows(tosses, model, settings=likelihood, scatter=scatter, shift=frames)
+
+    def shifted(self, share: float) -> Sample:
+        """The same tosses in windows that begin elsewhere.
+
+        Args:
+            share: Of a window's length.
+        """
+        windows = self.windows_of(self.tosses, self.tosses, shift=share)
+        return Sample(windows, len(self.tosses), self.n_threads)
 
     def search(self) -> Search:
         """The search over all tosses."""

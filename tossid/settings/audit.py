@@ -26,7 +26,7 @@ class AuditSettings:
     engines: tuple[Literal["lcp", "mujoco", "drake", "bullet"], ...] = ("lcp", "mujoco")
     """what simulates, in turns; where one cannot express the effect, lcp. drake and bullet need
     `pip install 'tossid[engines]'`"""
-    repeats: Annotated[int, Bounds(low=0)] = 10
+    repeats: Annotated[int, Bounds(low=0)] = 4
     """as of `diagnose`"""
     kinds: tuple[CaseKind, ...] = ("effect",) * 5 + ("null",) * 2 + ("pair", "outside", "without")
     """what is in cases: every so many cases are these, in a drawn order"""

@@ -47,7 +47,7 @@ def test_found_friction_brings_whole_tosses_near_the_recorded_ones(
     assert found.improves
     # what noise makes is less than what friction made, and what is left is no more
     limit = noise_limit(folds[0].found, tosses, sample, folds=3, seed=0)
-    assert not found.left.is_over(limit)
+    assert not found.is_felt(limit)
     assert limit.position_pct < 0.5 * was.value
 
 

@@ -61,6 +61,14 @@ def test_folds_hold_each_toss_once_and_name_what_is_there(slippery: Sample, stat
     assert max(closed) < 0.8
 
 
+def test_searches_that_name_nothing_are_counted(slippery: Sample, stated: Hypothesis) -> None:
+    folds = [replace(fold, found=replace(fold.found, needed={}, rivals={})) for fold in folds_of(slippery, stated)]
+    found = frequencies(folds)
+    assert found.drawn.shape == (3 * DRAWS, 0)
+    assert found.none == 1.0
+    assert found.of_any(("friction",)) == 0.0
+
+
 def test_the_share_that_is_closed_is_of_judged_tosses_and_nothing_is_closed_by_wider_predictions(
     slippery: Sample, stated: Hypothesis
 ) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tossid.diagnosis.findings import Felt, Interval
+from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.inference.verdict import (
     Facts,
     verdict_of_found,
@@ -46,9 +46,8 @@ def test_an_effect_that_was_not_found_would_have_been_or_not() -> None:
     ("changes", "verdict"),
     [
         ({}, "explained"),
-        ({"left": Felt(0.6, 0.2)}, "partly_explained"),
-        ({"left": Felt(0.6, 0.2), "noise": Felt(0.7, 0.3)}, "explained"),
-        ({"left": Felt(0.6, 0.2), "closed": Interval(0.3, 0.1, 0.5)}, "unexplained"),
+        ({"felt": True}, "partly_explained"),
+        ({"felt": True, "closed": Interval(0.3, 0.1, 0.5)}, "unexplained"),
         ({"found": False}, "unexplained"),
         ({"found": False, "within_solvers": True}, "within_solver_disagreement"),
         ({"found": False, "gap_over_floor": 1.1}, "no_gap"),
@@ -58,8 +57,7 @@ def test_the_whole_gap(changes: dict[str, Any], verdict: str) -> None:
     known: dict[str, Any] = {
         "found": True,
         "gap_over_floor": 4.0,
-        "left": Felt(0.3, 0.2),
-        "noise": Felt(0.0, 0.0),
+        "felt": False,
         "closed": CLOSED,
         "within_solvers": False,
     }

@@ -197,3 +197,10 @@ def test_a_function_of_a_file(made: Any, tmp_path: Path) -> None:
     path.write_text("import no_such_engine\n")
     with pytest.raises(InputError, match=r"cannot be loaded: ModuleNotFoundError.*\(line 1 of mine.py\)"):
         made(FromFile(path, "simulate"))(Q0, V0, 3, 0.01)
+
+
+def test_frames_that_are_asked_for_are_counted(made: Any) -> None:
+    process = made(falling)
+    process(Q0, V0, 5, 0.01)
+    process(Q0[:1], V0[:1], 1, 0.01)
+    assert process.frames == 2 * 5 + 1

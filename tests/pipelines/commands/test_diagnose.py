@@ -88,7 +88,7 @@ def test_ctrl_c_leaves_what_is_known(spoilt: Path, tmp_path: Path) -> None:
         os.kill(running.pid, signal.SIGINT)
         rest, code = running.stderr.read(), running.wait(timeout=60)
     assert code == 130, rest
-    assert any("the gap is" in line and "most in slide" in line for line in lines)
+    assert any("the gap over short windows is" in line and "most in slide" in line for line in lines)
     assert "Traceback" not in rest
     where = tmp_path / "gap-interrupted"
     assert f"what was known by then is in {where / 'gap.html'}" in rest.strip().splitlines()[-1]

@@ -11,10 +11,10 @@ from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 
 
 def test_parts_are_changed_by_name() -> None:
-    settings = changed(DiagnoseSettings(), {"degrees_of_freedom": 5.0, "selection__level": 0.01, "seed": 3})
+    settings = changed(DiagnoseSettings(), {"degrees_of_freedom": 5.0, "checks__still": 12.0, "seed": 3})
     assert settings.likelihood.density.degrees_of_freedom == 5.0
-    assert settings.selection.level == 0.01
-    assert settings.wrench == DiagnoseSettings().wrench
+    assert settings.checks.still == 12.0
+    assert settings.likelihood.windows == DiagnoseSettings().likelihood.windows
     assert settings.seed == 3
 
 

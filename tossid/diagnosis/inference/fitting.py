@@ -89,15 +89,17 @@ class Fit:
         place = h.place_of(name)
         return np.asarray((h.values_of(name) - h.nominal_of(name)) / h.steps[place])
 
-    def intervals(self, name: str) -> dict[str, Interval]:
+    def intervals(self, name: str, further: Array | float = 0.0) -> dict[str, Interval]:
         """An effect's parameters with 95 % intervals: Student's t of the jackknife over tosses, within their bounds.
 
         Args:
             name: Of the effect, whose values were fitted.
+            further: (P,) variances beside that over tosses.
         """
         h, own = self.hypothesis, self.own(name)
         place = h.place_of(name)
-        error = np.sqrt(np.maximum(np.diag(self.columns.covariance())[own], 0.0)) * h.steps[place]
+        over_tosses = np.maximum(np.diag(self.columns.covariance())[own], 0.0) * h.steps[place] ** 2
+        error = np.sqrt(over_tosses + further)
         half = student_t.ppf(0.975, max(self.n - 1, 1)) * error
         low, high = (bound[place] for bound in h.bounds)
         value = h.values_of(name)

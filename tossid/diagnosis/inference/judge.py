@@ -145,7 +145,7 @@ def frequencies(folds: Sequence[Fold], *, seed: int = 0) -> Frequencies:
                 out[:, names.index(rival.effect.name)] |= ahead
                 kept = kept & ~ahead
             out[:, names.index(name)] |= kept
-    return Frequencies(names, named.reshape(-1, len(names)))
+    return Frequencies(names, named.reshape(len(folds) * DRAWS, len(names)))
 
 
 def closed_share(folds: Sequence[Fold], floor: Array) -> Interval:

@@ -178,7 +178,8 @@ class Search:
             made = one.joined.fit
             made = self.sample.refitted(self.sample.evidence(made.hypothesis), made.hypothesis, iterations=4, held=held)
             present = self._pruned(made, first, held)
-            if len(rounds) == 1 and _is_rough(present.evidence):
+            of_effects = [each for each in rounds if each.joined and each.joined.candidate.effect is not None]
+            if of_effects == [one] and _is_rough(present.evidence):
                 present = self._all_at_once(present, first, one, held)
             if _contents(present.hypothesis) in seen:
                 break
@@ -191,7 +192,9 @@ class Search:
         rng = np.random.default_rng(self.seed)
         screening = screen(e, library, n=sample.n, free=present.free, laws=self.laws, rng=rng)
         level = JUDGING_LEVEL if self.judging else LEVEL
-        likely = [c for c in screening.candidates if c.total > LEAST_GAIN and c.p_value < level]
+        gaining = [c for c in screening.candidates if c.total > LEAST_GAIN]
+        laws = [c for c in gaining if c.effect is None]
+        likely = [c for c in gaining if c.effect is not None and c.p_value < level]
 
         def begun(c: Candidate) -> Evidence:
             """A candidate at its start; another law of contact has another engine, whose difference is needed."""
@@ -201,7 +204,8 @@ class Search:
             made = fit(near, near.hypothesis, n=sample.n, iterations=3, held=held)
             return Fitted(c, made, sample.gains(made, present))
 
-        likely = _with_special_cases(likely, TRIED if _is_rough(e) else FITTED)
+        # (first states of its own make another law likelier than a secant shows, so each that gains is tried)
+        likely = [*laws, *_with_special_cases(likely, TRIED if _is_rough(e) else FITTED)]
         tried = list(zip(likely, self._map(begun, likely), strict=True))
         if _is_rough(e):
             tried.sort(key=lambda each: -sample.ratio(each[1], e).sum())

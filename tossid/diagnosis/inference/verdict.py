@@ -10,13 +10,15 @@ An effect that a search has found:
 | another effect     | >= 90 %  | no                   | >= 50 %                | confusable |
 | none               | >= 90 %  | no                   | >= 50 %                | identified |
 
-An effect that it has not found is `not_supported` where these tosses would have shown it at a plausible size, and
-`not_identifiable` where they would not. The first row that applies holds. Where no search was repeated, there is no
-second column. Whether whole tosses feel an effect is no verdict: what they do not feel stands under "minor".
+An effect that flight has determined is judged by the gap in flight, another by that in contact. What is left there and
+is not clearly above noise counts as closed. An effect that a search has not found is `not_supported` where these tosses
+would have shown it at a plausible size, and `not_identifiable` where they would not. The first row that applies holds.
+Where no search was repeated, there is no second column. Whether whole tosses feel an effect is no verdict: what they do
+not feel stands under "minor".
 
 The whole gap:
 
-| found   | gap over noise | what whole tosses still feel     | gap closed | verdict                    |
+| found   | gap over noise | whole tosses still feel          | gap closed | verdict                    |
 |---------|----------------|----------------------------------|------------|----------------------------|
 | nothing | < 1.25         |                                  |            | no_gap                     |
 | nothing | >= 1.25        | no more than solvers disagree on |            | within_solver_disagreement |
@@ -32,7 +34,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from tossid.diagnosis.findings import EffectVerdict, Felt, Interval
+from tossid.diagnosis.findings import EffectVerdict, Interval
 
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained", "within_solver_disagreement"]
 
@@ -56,7 +58,7 @@ class Facts:
         alike: Names of effects that may be there in its place.
         frequency: Share of resampled searches that name it, or one that is alike; None if none were made.
         worsens: Whether whole tosses that took no part are predicted worse with it.
-        closes: Share of the gap in its phases that is closed by all effects together.
+        closes: Share of the gap that all effects close, in flight if flight has determined it, else in contact.
     """
 
     alike: tuple[str, ...]
@@ -89,15 +91,14 @@ def verdict_of_others(detectable: Mapping[str, float], ranges: Mapping[str, floa
 
 
 def verdict_of_gap(
-    *, found: bool, gap_over_floor: float, left: Felt, noise: Felt, closed: Interval, within_solvers: bool
+    *, found: bool, gap_over_floor: float, felt: bool, closed: Interval, within_solvers: bool
 ) -> Verdict:
     """What is said of the whole gap, by the table above.
 
     Args:
         found: Whether any effect is there that whole tosses feel.
         gap_over_floor: Root mean square of whitened residuals as stated, over that of noise.
-        left: How whole tosses that took no part differ from predictions with all effects.
-        noise: What noise of the first states alone makes of such tosses.
+        felt: Whether clearly more than half of the whole tosses still feel what is left.
         closed: Share of the gap that is closed on tosses that took no part.
         within_solvers: Whether what is left is no more than exact solvers of the same body disagree on.
     """
@@ -105,6 +106,6 @@ def verdict_of_gap(
         if gap_over_floor < NO_GAP:
             return "no_gap"
         return "within_solver_disagreement" if within_solvers else "unexplained"
-    if not left.is_over(noise):
+    if not felt:
         return "explained"
     return "partly_explained" if closed.value >= PARTLY else "unexplained"

@@ -178,12 +178,14 @@ class UsersWorld(World):
 
     @property
     def by_first_states(self) -> World:
-        """The user's simulator without changes, whose motions are known where it was asked before.
+        """The stated object in tossid's own simulator, with the contact that is nearest to the user's.
 
-        Changes are small beside motions, and so are theirs by the first state; that of rigid contact would be rough.
+        Derivatives lead to first states, and say how uncertain they are. The user's simulator would be asked for twelve
+        motions for each of one window.
         """
+        assert self.stated is not None
         frames = {name: getattr(self, name) for name in ("recording", "ground_height", "ground_tilt")}
-        return replace(self, **{**vars(self.stated), **frames})
+        return replace(self.contact.of(self.stated), **frames)
 
     def plain(self) -> World:
         """The same world in tossid's own simulator."""

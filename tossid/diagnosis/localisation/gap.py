@@ -159,15 +159,19 @@ def phases_left(before: Rows, after: Rows) -> tuple[Share, ...]:
 
 
 def share_closed_in(before: Rows, after: Rows, phases: Sequence[Phase]) -> float:
-    """The share of the gap in some phases that is closed; 1 where there was none.
+    """The share of the gap in some phases that is closed; 1 where what is left is not clearly above noise.
 
     Args:
         before: Of the simulator as it is stated.
         after: With what was found.
         phases: Which.
     """
-    whole, left = (float(each.excess[np.isin(each.phase, phases)].sum()) for each in (before, after))
-    return 1.0 - left / whole if whole > 0 else 1.0
+    whole, left = (
+        each.by_toss(np.where(np.isin(each.phase, phases)[:, None], each.excess, 0.0)) for each in (before, after)
+    )
+    if left.sum() < 2 * np.sqrt(len(left)) * left.std() or not whole.sum() > 0:
+        return 1.0
+    return float(1.0 - left.sum() / whole.sum())
 
 
 def in_short(rows: Rows) -> str:
