@@ -206,6 +206,7 @@ class _Concluded:
         solvers = None if h.law.engine.of_user else solver_disagreement(found.fit.evidence, seed=problem.seed)
         verdict = verdict_of_gap(
             found=any(f.matters for f in findings),
+            sure=any(f.matters and f.verdict != "candidate" for f in findings),
             gap_over_floor=gap.total.value / gap.noise_floor,
             felt=brings.is_felt(self.noise_limit()),
             closed=closed,

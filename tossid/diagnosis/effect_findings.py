@@ -79,7 +79,8 @@ class Judgement:
         frequency = self._frequency(name, *alike)
         # what flight has determined is judged there: no model of contact is as good
         phases = [phase for phase in effect.phases if (phase == Phase.FLIGHT) == (name in found.flown)]
-        facts = Facts(alike, frequency, name in self.worse, share_closed_in(self.before, self.after, phases))
+        closes = share_closed_in(self.before, self.after, phases)
+        facts = Facts(alike, frequency, name in self.worse, closes, found.has_its_law(name))
         screened = self._screened(name)
         return Finding(
             name,

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.inference.conftest import FRICTION
 from tests.diagnosis.tossed import with_effect
 from tossid.diagnosis.inference.found import Found, words
@@ -65,3 +67,20 @@ def test_effects_of_flight_and_of_contact_are_both_named(
     }
     assert "gravity" in {*values, *alike}
     assert len(values) == 2
+
+
+def test_a_force_of_another_law_is_found_with_its_power(cube: ObjectModel, sample_of: Callable[..., Sample]) -> None:
+    """Drag that grows with the cube of the speed is no quadratic drag, and has no name."""
+    effects = {name: EFFECTS[name] for name in ("quadratic_drag", "position_force", "wind")}
+    quadratic = effects["quadratic_drag"].at(World(cube), np.array([0.2]))
+    law = effects["quadratic_drag"].other_power_law
+    assert law is not None
+    for truth, power in ((law.at(quadratic, np.array([1.0])), 1.0), (quadratic, 0.0)):
+        found = Search(sample_of(truth, 16, seed=2), tuple(effects.values()), Hypothesis(World(cube))).run()
+        h = found.hypothesis
+        assert h.names[0] == "quadratic_drag"
+        assert found.has_its_law("quadratic_drag") == (power == 0.0)
+        assert (law.name in h.names) == (power == 1.0)
+        if power:
+            assert h.values_of(law.name)[0] == pytest.approx(1.0, abs=0.3)
+            assert not found.has_its_law(law.name)

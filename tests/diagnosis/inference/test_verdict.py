@@ -29,6 +29,7 @@ CLOSED = Interval(0.9, 0.8, 1.0)
         ({"closes": 0.4}, "candidate"),
         ({"alike": ("cohesion",), "frequency": 0.5}, "candidate"),
         ({"frequency": None}, "identified"),
+        ({"holds": False}, "candidate"),
     ],
 )
 def test_an_effect_that_was_found(changes: dict[str, Any], verdict: str) -> None:
@@ -47,6 +48,8 @@ def test_an_effect_that_was_not_found_would_have_been_or_not() -> None:
     [
         ({}, "explained"),
         ({"felt": True}, "partly_explained"),
+        ({"sure": False}, "partly_explained"),
+        ({"sure": False, "closed": Interval(0.3, 0.1, 0.5)}, "unexplained"),
         ({"felt": True, "closed": Interval(0.3, 0.1, 0.5)}, "unexplained"),
         ({"found": False}, "unexplained"),
         ({"found": False, "within_solvers": True}, "within_solver_disagreement"),
@@ -56,6 +59,7 @@ def test_an_effect_that_was_not_found_would_have_been_or_not() -> None:
 def test_the_whole_gap(changes: dict[str, Any], verdict: str) -> None:
     known: dict[str, Any] = {
         "found": True,
+        "sure": True,
         "gap_over_floor": 4.0,
         "felt": False,
         "closed": CLOSED,

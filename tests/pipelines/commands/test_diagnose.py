@@ -20,6 +20,7 @@ from pipelines.cli.console import Console
 from pipelines.commands import diagnose
 from pipelines.tracking.runs import find_runs
 from tests.pipelines.conftest import one_line
+from tossid.diagnosis.conclude import Engine
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.simulators import world_of_model
 from tossid.errors import InputError
@@ -229,12 +230,12 @@ def test_only_the_chosen_tosses_are_diagnosed(
     """Of a split, from a place on; the test split is rolled out beside, unless it is what is asked about."""
     taken: list[tuple[list[str], list[str]]] = []
 
-    def explained(problem: Problem) -> None:
+    def explained(problem: Problem, engine: Engine) -> None:
         taken.append(([toss.name for toss in problem.tosses], [toss.name for toss in problem.unseen]))
         raise InputError("seen enough")
 
-    monkeypatch.setattr("tossid.diagnosis.diagnose.tell_gap_of_first", lambda problem: None)
-    monkeypatch.setattr("tossid.diagnosis.diagnose.explain_over_order", explained)
+    monkeypatch.setattr("tossid.diagnosis.diagnose.report_gap", lambda problem, of_all: None)
+    monkeypatch.setattr("tossid.diagnosis.diagnose.explain", explained)
     dataset = read_dataset(spoilt)
     whole, train, test = ([toss.name for toss in each] for each in (
         dataset.tosses, dataset.of_split("train"), dataset.of_split("test")

@@ -17,6 +17,11 @@ from tossid.physics.effects import Effect
 
 Array = NDArray[np.float64]
 
+LAW = "law"
+"""The family of `Effect.other_power_law`, which is no cause."""
+LEAST_POWER = 0.5
+"""Difference of a force's fitted power of its state to that of its law, from which the law is another."""
+
 
 @dataclass(frozen=True)
 class Fitted:
@@ -96,6 +101,17 @@ class Found:
             name: Of the effect.
         """
         return self.flight if self.flight is not None and name in self.flown else self.fit
+
+    def has_its_law(self, name: str) -> bool:
+        """Whether an effect's force, if it is one, grows with its state as the effect's law says.
+
+        Args:
+            name: Of the effect.
+        """
+        h = self.hypothesis
+        law = h.effect(name).other_power_law
+        other = 0.0 if law is None or law.name not in h.names else float(h.values_of(law.name)[0])
+        return h.effect(name).family != LAW and abs(other) < LEAST_POWER
 
     @property
     def flown(self) -> frozenset[str]:

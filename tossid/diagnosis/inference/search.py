@@ -51,6 +51,8 @@ CLEAR = 60.0
 """Wald's statistic from which no fit without an effect is needed to keep it."""
 ALIKE, MOST_RIVALS = 0.8, 3
 """Share of an effect's gain from which another may be the cause in its place, and how many such are looked at."""
+LEAST_AHEAD = {1: 2.0, 0: 1.0, -1: -2.0}
+"""Standard errors of log-likelihood by which a hypothesis with more, as many or fewer parameters must be ahead."""
 NONE: frozenset[str] = frozenset()
 
 
@@ -140,7 +142,11 @@ class Search:
             for c in others[:MOST_RIVALS]:
                 if c.effect is not None and not any((name, c.name) == (o.instead_of, o.name) for o in causes):
                     option = flight.hypothesis.instead(name, c.effect, c.start.values_of(c.name))
-                    causes.append(_Cause(in_air.sample.refitted(flight.evidence, option, iterations=4), name, c.name))
+                    made = in_air.sample.refitted(flight.evidence, option, iterations=4)
+                    # what was found beside the one may be superfluous beside the other
+                    made = in_air._pruned(made, there, NONE)
+                    if c.name in made.hypothesis.names:
+                        causes.append(_Cause(made, name, c.name))
         return flight, tuple(rounds), causes
 
     def _contact(
@@ -153,12 +159,12 @@ class Search:
         return present, tuple(rounds)
 
     def _likeliest(self, tried: Sequence[Fit]) -> int:
-        """Which hypothesis is the likeliest at its values; the first of those that are alike."""
+        """Which hypothesis is the likeliest at its values: the simplest of those that are as likely within noise."""
         best = 0
         for k, each in enumerate(tried):
             ahead = self.sample.ratio(each.evidence, tried[best].evidence)
-            more = len(each.hypothesis.flat()) > len(tried[best].hypothesis.flat())
-            if ahead.sum() > (2 if more else 1) * noise_of(ahead):
+            more = len(each.hypothesis.flat()) - len(tried[best].hypothesis.flat())
+            if ahead.sum() > LEAST_AHEAD[int(np.sign(more))] * noise_of(ahead):
                 best = k
         return best
 
@@ -189,6 +195,9 @@ class Search:
     def _round(self, present: Fit, first: Evidence, library: Sequence[Effect], held: frozenset[str]) -> Round:
         """Candidates beside a hypothesis, and which of them joins."""
         sample, e = self.sample, present.evidence
+        # as soon as a force is in, its law is tested too: what is sought beside it must not make up for a wrong one
+        free = (effect for effect in present.hypothesis.effects if effect.name not in held)
+        library = [*library, *(effect.other_power_law for effect in free if effect.other_power_law is not None)]
         rng = np.random.default_rng(self.seed)
         screening = screen(e, library, n=sample.n, free=present.free, laws=self.laws, rng=rng)
         level = JUDGING_LEVEL if self.judging else LEVEL

@@ -2,13 +2,14 @@
 
 An effect that a search has found:
 
-| alike in its place | named in | tosses worse with it | its phases' gap closed | verdict    |
-|--------------------|----------|----------------------|------------------------|------------|
-|                    | < 90 %   |                      |                        | candidate  |
-|                    |          | yes                  |                        | candidate  |
-|                    |          |                      | < 50 %                 | candidate  |
-| another effect     | >= 90 %  | no                   | >= 50 %                | confusable |
-| none               | >= 90 %  | no                   | >= 50 %                | identified |
+| alike in its place | named in | tosses worse with it | its phases' gap closed | its force's law | verdict    |
+|--------------------|----------|----------------------|------------------------|-----------------|------------|
+|                    | < 90 %   |                      |                        |                 | candidate  |
+|                    |          | yes                  |                        |                 | candidate  |
+|                    |          |                      | < 50 %                 |                 | candidate  |
+|                    |          |                      |                        | another         | candidate  |
+| another effect     | >= 90 %  | no                   | >= 50 %                | holds           | confusable |
+| none               | >= 90 %  | no                   | >= 50 %                | holds           | identified |
 
 An effect that flight has determined is judged by the gap in flight, another by that in contact. What is left there and
 is not clearly above noise counts as closed. An effect that a search has not found is `not_supported` where these tosses
@@ -18,14 +19,16 @@ not feel stands under "minor".
 
 The whole gap:
 
-| found   | gap over noise | whole tosses still feel          | gap closed | verdict                    |
-|---------|----------------|----------------------------------|------------|----------------------------|
-| nothing | < 1.25         |                                  |            | no_gap                     |
-| nothing | >= 1.25        | no more than solvers disagree on |            | within_solver_disagreement |
-| nothing | >= 1.25        |                                  |            | unexplained                |
-| effects |                | nothing                          |            | explained                  |
-| effects |                | something                        | >= 50 %    | partly_explained           |
-| effects |                | something                        | < 50 %     | unexplained                |
+| found      | gap over noise | whole tosses still feel          | gap closed | verdict                    |
+|------------|----------------|----------------------------------|------------|----------------------------|
+| nothing    | < 1.25         |                                  |            | no_gap                     |
+| nothing    | >= 1.25        | no more than solvers disagree on |            | within_solver_disagreement |
+| nothing    | >= 1.25        |                                  |            | unexplained                |
+| a name     |                | nothing                          |            | explained                  |
+| any effect |                | something                        | >= 50 %    | partly_explained           |
+| any effect |                | something                        | < 50 %     | unexplained                |
+
+Where all effects that are found are candidates, "nothing" in the third column counts as "something".
 """
 
 from __future__ import annotations
@@ -59,12 +62,14 @@ class Facts:
         frequency: Share of resampled searches that name it, or one that is alike; None if none were made.
         worsens: Whether whole tosses that took no part are predicted worse with it.
         closes: Share of the gap that all effects close, in flight if flight has determined it, else in contact.
+        holds: Whether its force, if it is one, grows with its state as its law says.
     """
 
     alike: tuple[str, ...]
     frequency: float | None
     worsens: bool
     closes: float
+    holds: bool = True
 
 
 def verdict_of_found(facts: Facts) -> EffectVerdict:
@@ -74,7 +79,7 @@ def verdict_of_found(facts: Facts) -> EffectVerdict:
         facts: Of the effect.
     """
     rare = facts.frequency is not None and facts.frequency < FREQUENT
-    if rare or facts.worsens or facts.closes < PARTLY:
+    if rare or facts.worsens or facts.closes < PARTLY or not facts.holds:
         return "candidate"
     return "confusable" if facts.alike else "identified"
 
@@ -91,12 +96,13 @@ def verdict_of_others(detectable: Mapping[str, float], ranges: Mapping[str, floa
 
 
 def verdict_of_gap(
-    *, found: bool, gap_over_floor: float, felt: bool, closed: Interval, within_solvers: bool
+    *, found: bool, sure: bool, gap_over_floor: float, felt: bool, closed: Interval, within_solvers: bool
 ) -> Verdict:
     """What is said of the whole gap, by the table above.
 
     Args:
         found: Whether any effect is there that whole tosses feel.
+        sure: Whether one of these is more than a candidate.
         gap_over_floor: Root mean square of whitened residuals as stated, over that of noise.
         felt: Whether clearly more than half of the whole tosses still feel what is left.
         closed: Share of the gap that is closed on tosses that took no part.
@@ -106,6 +112,6 @@ def verdict_of_gap(
         if gap_over_floor < NO_GAP:
             return "no_gap"
         return "within_solver_disagreement" if within_solvers else "unexplained"
-    if not felt:
+    if sure and not felt:
         return "explained"
     return "partly_explained" if closed.value >= PARTLY else "unexplained"
