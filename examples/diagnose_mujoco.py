@@ -65,6 +65,6 @@ if __name__ == "__main__":
     dataset = tossid.synthesize("cube", tosses=12, engine="mujoco", effects={"friction": {"mu": 0.3}}, noise=noise)
     effects = [effect.name for effect in tossid.physics.effects.LIBRARY]
     without = tuple(name for name in effects if few and name not in ("friction", "gravity", "com_offset"))
-    gap = tossid.diagnose(dataset, simulator=simulate, without=without, repeats=0 if few else 10)
+    gap = tossid.diagnose(dataset, simulator=simulate, without=without, repeats=0 if few else 4)
     print(gap)
     gap.save("gap-mujoco")

@@ -15,6 +15,6 @@ model = tossid.train(dataset, model="cn", epochs=20, horizons=())
 
 quick = "--quick" in sys.argv  # considers two effects instead of the whole library
 without = tuple(effect.name for effect in LIBRARY if quick and effect.name not in ("gravity", "friction"))
-gap = tossid.diagnose(dataset, simulator=model, without=without, repeats=0 if quick else 10)
+gap = tossid.diagnose(dataset, simulator=model, without=without, repeats=0 if quick else 4)
 print(gap)
 gap.save("gap")
