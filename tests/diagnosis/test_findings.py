@@ -42,17 +42,9 @@ def test_only_tosses_that_end_before_and_after_are_compared() -> None:
     assert [x.value for x in made.position_pct()] == [5.0, 2.5]
     assert [x.value for x in made.position_mm()] == [5.0, 2.5]
     assert made.left == Felt(2.5, 0.75)
-    assert made.improves
     nothing = Brings("tossid", np.full((2, 2), np.nan), before[:2], 0.1)
     assert nothing.n == 0
     assert nothing.left.is_over()
-
-
-def test_worse_tosses_are_no_improvement_and_lost_ones_are_worse() -> None:
-    before = np.full((5, 2), 1.0)
-    assert not Brings("tossid", before, before + np.array([0.6, 0.0]), 0.1).improves
-    assert Brings("tossid", before, before + np.array([0.4, 0.4]), 0.1).improves
-    assert not Brings("tossid", before, np.full((5, 2), np.nan), 0.1).improves
 
 
 def test_what_is_left_is_felt_where_clearly_more_than_half_of_the_tosses_show_it() -> None:

@@ -317,12 +317,6 @@ class Brings:
         n = len(over)
         return bool((over.sum(0) > 0.5 * (n + np.sqrt(n))).any())
 
-    @property
-    def improves(self) -> bool:
-        """Whether tosses are predicted no worse, but for what a person would not notice."""
-        worse = np.nan_to_num(self.after - self.before, nan=np.inf)
-        return not Felt(*(float(x) for x in np.median(worse, axis=0))).is_over()
-
     def as_json(self) -> dict[str, Any]:
         """gap.json's "brings"."""
         kinds = {

@@ -20,6 +20,9 @@ from tossid.diagnosis.likelihood.windows import Windows
 
 Array = NDArray[np.float64]
 
+FIXED_SUBSTEPS = 16
+"""Steps a frame of the other exact solver, in which impacts of a step are resolved at once."""
+
 
 @dataclass(frozen=True)
 class SolverDisagreement:
@@ -54,7 +57,7 @@ def solver_disagreement(evidence: Evidence, *, seed: int) -> SolverDisagreement:
         w.at_v,
         n_steps=w.steps,
         dt=w.dt,
-        substeps=w.settings.engine.fixed_substeps,
+        substeps=FIXED_SUBSTEPS,
         impact_parts=1,
         tolerance=w.settings.simulation.tolerance,
         n_threads=n_threads,

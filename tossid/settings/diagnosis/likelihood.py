@@ -111,20 +111,6 @@ class DensitySettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EngineSettings:
-    """The other engine: MuJoCo, whose differences to ours are no evidence of an effect."""
-
-    substeps: Count = 17
-    """MuJoCo's steps a frame for near-rigid contact; 135 give the same differences to a few percent"""
-    bouncing_substeps: Count = 68
-    """the same where contact bounces; a bounce takes 25 steps, here 2.5 ms"""
-    fixed_substeps: Count = 16
-    """fixed steps a frame of the other exact solver, in which impacts of a step are resolved at once"""
-    reuse_share: Fraction = 0.2
-    """share of the engines' difference by which our predictions may move before it is computed anew"""
-
-
-@dataclass(frozen=True, kw_only=True)
 class LikelihoodSettings:
     """How likely recorded tosses are under a simulator."""
 
@@ -136,5 +122,3 @@ class LikelihoodSettings:
     """how first states are estimated"""
     density: DensitySettings = advanced_part(DensitySettings)
     """the density of whitened residuals"""
-    engine: EngineSettings = advanced_part(EngineSettings)
-    """the other engine"""
