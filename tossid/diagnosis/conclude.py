@@ -187,6 +187,7 @@ class _Concluded:
         gap = measure_gap(self.recorded.tosses, self.before, self.floor)
         left = measure_gap(tosses, self.after, self.floor)
         closed = closed_share(self.folds, self.floor.deviance)
+        solvers = None if h.law.engine.of_user else solver_disagreement(found.fit.evidence, seed=problem.seed)
         judgement = Judgement(
             found,
             self.folds,
@@ -197,13 +198,13 @@ class _Concluded:
             felt_of_each(h, tosses, problem.sample),
             worsen(self.folds, tosses, h.names, threads),
             variance_over_shifts(found, map(problem.shifted, SHIFTS)),
+            beyond_solvers=solvers is None or self.under_its_law().rms > solvers.gap,
         )
         findings = judgement.findings(problem.library)
         under_way("what is left", 0.92)
         over = findings_over_order(self.undone, self.recorded.tosses)
         changing = {f.name for f in over}
         findings = (*over, *(f for f in findings if f.name not in changing))
-        solvers = None if h.law.engine.of_user else solver_disagreement(found.fit.evidence, seed=problem.seed)
         verdict = verdict_of_gap(
             found=any(f.matters for f in findings),
             sure=any(f.matters and f.verdict != "candidate" for f in findings),
@@ -240,6 +241,14 @@ class _Concluded:
             tosses=tuple(toss.name for toss in self.recorded.tosses),
             places=np.array([toss.q[-1, :2] for toss in self.recorded.tosses]),
         )
+
+    def under_its_law(self) -> Rows:
+        """Rows of the stated simulator under the law of contact that was found, without effects."""
+        problem, law = self.problem, self.found.hypothesis.law
+        if law == problem.stated.law:
+            return self.between
+        evidence = problem.sample.evidence(replace(problem.stated, law=law))
+        return rows_of([(evidence, np.arange(len(problem.tosses)))], self.floor)
 
     def noise_limit(self) -> Felt:
         """What noise alone makes of whole tosses, as what was found predicts them."""

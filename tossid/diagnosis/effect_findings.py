@@ -14,7 +14,7 @@ from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.judge import Fold, Frequencies, lost_without
 from tossid.diagnosis.inference.screening import Candidate, Screening
 from tossid.diagnosis.inference.verdict import DETECTABLE, Facts, verdict_of_found, verdict_of_others
-from tossid.diagnosis.localisation.gap import Rows, share_closed_in
+from tossid.diagnosis.localisation.gap import Rows, is_clear, share_closed_in
 from tossid.physics.effects import Effect, World
 from tossid.types import Phase
 
@@ -38,6 +38,7 @@ class Judgement:
         felt: How whole tosses change without each effect that was found, by its name.
         worse: Effects with which whole tosses that took no part are predicted worse.
         variance: (P,) of an effect's parameters beside that over tosses, by its name.
+        beyond_solvers: Whether the gap without effects is larger than what exact solvers of the same body disagree on.
     """
 
     found: Found
@@ -49,6 +50,7 @@ class Judgement:
     felt: Mapping[str, Felt]
     worse: Collection[str]
     variance: Mapping[str, Array]
+    beyond_solvers: bool
 
     @property
     def stated(self) -> World:
@@ -77,10 +79,7 @@ class Judgement:
         found, name = self.found, effect.name
         fitted, alike = found.fit_of(name), tuple(rival.effect.name for rival in found.alike(name))
         frequency = self._frequency(name, *alike)
-        # what flight has determined is judged there: no model of contact is as good
-        phases = [phase for phase in effect.phases if (phase == Phase.FLIGHT) == (name in found.flown)]
-        closes = share_closed_in(self.before, self.after, phases)
-        facts = Facts(alike, frequency, name in self.worse, closes, found.has_its_law(name))
+        facts = Facts(alike, frequency, name in self.worse, self._closes(effect), found.has_its_law(name))
         screened = self._screened(name)
         return Finding(
             name,
@@ -97,6 +96,20 @@ class Judgement:
             frequency,
             correlation=fitted.correlation(name),
         )
+
+    def _closes(self, effect: Effect) -> float:
+        """The share of the gap that all effects close in flight, if flight has determined it, else in contact.
+
+        What is left and not clearly above noise counts as closed. Where something is left in contact, its law is not
+        quite right, and of a gap that is no larger than what solvers disagree on, no effect closes anything.
+        """
+        flown = effect.name in self.found.flown
+        phases = [phase for phase in effect.phases if (phase == Phase.FLIGHT) == flown]
+        if not is_clear(self.after, phases):
+            return 1.0
+        if not flown and not self.beyond_solvers:
+            return 0.0
+        return share_closed_in(self.before, self.after, phases)
 
     def _in_place_of(self, of: Finding, name: str) -> Finding:
         """An effect that may be the cause in the place of one that was found."""

@@ -14,6 +14,7 @@ from tossid.diagnosis.localisation.gap import (
     bootstrap_ratio,
     channels_of,
     in_short,
+    is_clear,
     measure_gap,
     phases_left,
     rows_of,
@@ -80,6 +81,9 @@ def test_friction_closes_the_gap_that_it_makes(
     assert next(share.share.value for share in gap.by_phase if share.name == "slide") > 0.4
     assert share_closed_in(before, after, [Phase.SLIDE]) > 0.8
     assert share_closed_in(before, before, [Phase.SLIDE]) == 0.0
+    assert is_clear(before, [Phase.SLIDE])
+    assert not is_clear(after, [Phase.SLIDE])
+    assert before.rms == pytest.approx(gap.total.value)
     assert phases_left(before, after) == ()
     assert "slide" in [share.name for share in phases_left(before, before)]
     assert "most in slide" in in_short(before)

@@ -12,10 +12,12 @@ An effect that a search has found:
 | none               | >= 90 %  | no                   | >= 50 %                | holds           | identified |
 
 An effect that flight has determined is judged by the gap in flight, another by that in contact. What is left there and
-is not clearly above noise counts as closed. An effect that a search has not found is `not_supported` where these tosses
-would have shown it at a plausible size, and `not_identifiable` where they would not. The first row that applies holds.
-Where no search was repeated, there is no second column. Whether whole tosses feel an effect is no verdict: what they do
-not feel stands under "minor".
+is not clearly above noise counts as closed. Where something is left in contact, and the gap without effects is no
+larger than what exact solvers of the same body disagree on, nothing of it counts as closed.
+
+An effect that a search has not found is `not_supported` where these tosses would have shown it at a plausible size, and
+`not_identifiable` where they would not. The first row that applies holds. Where no search was repeated, there is no
+second column. Whether whole tosses feel an effect is no verdict: what they do not feel stands under "minor".
 
 The whole gap:
 

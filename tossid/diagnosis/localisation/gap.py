@@ -50,6 +50,11 @@ class Rows:
     excess: Array
     n: int
 
+    @property
+    def rms(self) -> float:
+        """Root mean square of whitened residuals."""
+        return float(np.sqrt((self.whitened**2).mean()))
+
     def by_toss(self, values: Array) -> Array:
         """(n,) sums over each toss.
 
@@ -158,20 +163,27 @@ def phases_left(before: Rows, after: Rows) -> tuple[Share, ...]:
     return tuple(out)
 
 
+def is_clear(rows: Rows, phases: Sequence[Phase]) -> bool:
+    """Whether residuals in some phases are clearly above what noise leaves: by two standard errors over tosses.
+
+    Args:
+        rows: Of a hypothesis.
+        phases: Which.
+    """
+    above = rows.by_toss(np.where(np.isin(rows.phase, phases)[:, None], rows.excess, 0.0))
+    return bool(above.sum() > 2 * np.sqrt(len(above)) * above.std())
+
+
 def share_closed_in(before: Rows, after: Rows, phases: Sequence[Phase]) -> float:
-    """The share of the gap in some phases that is closed; 1 where what is left is not clearly above noise.
+    """The share of the gap in some phases that is closed; 1 where there was none.
 
     Args:
         before: Of the simulator as it is stated.
         after: With what was found.
         phases: Which.
     """
-    whole, left = (
-        each.by_toss(np.where(np.isin(each.phase, phases)[:, None], each.excess, 0.0)) for each in (before, after)
-    )
-    if left.sum() < 2 * np.sqrt(len(left)) * left.std() or not whole.sum() > 0:
-        return 1.0
-    return float(1.0 - left.sum() / whole.sum())
+    whole, left = (float(each.excess[np.isin(each.phase, phases)].sum()) for each in (before, after))
+    return 1.0 - left / whole if whole > 0 else 1.0
 
 
 def in_short(rows: Rows) -> str:
