@@ -2,8 +2,9 @@
 
 Whether anything changes, and where, is tested in closed form (`designs`). Which effect changes is compared by
 likelihood. Where a change is large, derivatives at one hypothesis are rough. So the likeliest few effects are fitted to
-blocks of few tosses, and the same algebra is done with derivatives there: it gives the form, the values of each stretch
-or the rate, and their intervals. What else changes is then sought beside a world of its own for each stretch.
+blocks of few tosses (`stretches`). Changes in these forms are compared beside constant values of each other's effects:
+what is the same in all tosses shall count for none of them. What else changes is then sought beside a world of its own
+for each stretch.
 """
 
 from __future__ import annotations
@@ -14,26 +15,22 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student_t
 
-from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.inference.columns import Columns, slopes, sums
 from tossid.diagnosis.inference.designs import (
     FEWEST,
     LEVEL,
     change_p_values,
-    designed,
     enough,
     gain_of,
     line_over,
-    steps_at,
     with_step,
 )
 from tossid.diagnosis.inference.evidence import Evidence, collect, log_likelihood_ratio
 from tossid.diagnosis.inference.fitting import Fit, fit
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.screening import Screening, Start
-from tossid.diagnosis.inference.stretches import Change, Stretch, fitted_together
+from tossid.diagnosis.inference.stretches import Blocks, Change, fitted_together
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.physics.effects import Effect
 
@@ -54,7 +51,6 @@ SPECIAL = 0.75
 """Share of an effect's gain from which on a special case of it is the simpler story."""
 SHOWN = 0.05
 """P-value, adjusted for all effects, up to which an effect may be the one that changes."""
-NO: Index = np.zeros(0, dtype=int)
 
 
 def alike(one: Effect, other: Effect) -> bool:
@@ -91,15 +87,11 @@ class _Suspect:
     starts: tuple[Start, ...]
     active: Index
 
-    def on(self, part: Evidence, h: Hypothesis, values: Array | None = None) -> Hypothesis:
-        """One of its hypotheses in the world of a part, with other values if given."""
-        name = self.effect.name
-        here = replace(h.without(*({*h.names} - {*part.hypothesis.names, name})), base=part.hypothesis.base)
-        if values is None:
-            return here
-        flat = here.flat()
-        flat[here.place_of(name)] = values
-        return here.at(flat)
+
+def _with(part: Evidence, effect: Effect, values: Array | None) -> Hypothesis:
+    """The hypothesis of a part with values of an effect within their bounds; those that change nothing if None."""
+    h = part.hypothesis.without(effect.name).plus(effect, values)
+    return h.at(h.flat())
 
 
 @dataclass(frozen=True)
@@ -116,122 +108,66 @@ class _Beside:
         k = int(np.searchsorted(self.edges, a, side="right")) - 1
         return self.parts[k].of_tosses(np.arange(a, b) - self.edges[k])
 
+    def changed(self, change: Change, windows: Callable[[Sequence[int]], Windows] | None = None) -> _Beside:
+        """With a change in each part's world, and the columns that there are without."""
+        effect, name, parts = change.effect, change.effect.name, list[Evidence]()
+        new = np.flatnonzero(np.any(np.diff(change.values, axis=0) != 0, axis=1)) + 1
+        edges = tuple(sorted({*self.edges, *new.tolist()}))
+        all_windows = None if windows is None else windows(edges)
+        for a, b in pairwise(edges):
+            part = self.part_of(a, b)
+            h = replace(part.hypothesis.without(name), base=effect.at(part.hypothesis.base, change.values[a]))
+            own = part.windows if all_windows is None else all_windows.of_tosses(np.arange(a, b))
+            parts.append(collect(own, h, n_threads=part.n_threads))
+        return replace(self, parts=tuple(parts), edges=edges)
+
     def after(self, change: Change, fitted: Fit, windows: Callable[[Sequence[int]], Windows] | None) -> _Beside:
         """With a change in each part's world. What is left of it is no effect that does the same."""
-        effect, name = change.effect, change.effect.name
-        new = np.flatnonzero(np.any(np.diff(change.values, axis=0) != 0, axis=1)) + 1
-        edges, parts, sums_of = tuple(sorted({*self.edges, *new.tolist()})), list[Evidence](), list[Columns]()
-        all_windows = None if windows is None else windows(edges)
-        kept = tuple(s for s in self.suspects if not alike(effect, s.effect))
+        name, there, sums_of = change.effect.name, self.changed(change, windows), list[Columns]()
+        kept = tuple(s for s in self.suspects if not alike(change.effect, s.effect))
         owners = [owner for j, owner in enumerate(fitted.hypothesis.owners) if j in fitted.free]
         free = [owner for owner in owners if owner in self.parts[0].hypothesis.names and owner != name]
-        for a, b in pairwise(edges):
-            before = self.part_of(a, b)
-            h = replace(before.hypothesis.without(name), base=effect.at(before.hypothesis.base, change.values[a]))
-            own = before.windows if all_windows is None else all_windows.of_tosses(np.arange(a, b))
-            part = collect(own, h, n_threads=before.n_threads)
+        for part, (a, b) in zip(there.parts, pairwise(there.edges), strict=True):
             J = np.zeros((*part.residuals.shape, self.columns.g.shape[1]))
             for each in dict.fromkeys(free):
-                place = h.place_of(each)
-                J[..., fitted.own(each)] = slopes(part, h, range(place.start, place.stop))
+                place = part.hypothesis.place_of(each)
+                J[..., fitted.own(each)] = slopes(part, part.hypothesis, range(place.start, place.stop))
             for s, start in ((each, start) for each in kept for start in each.starts if each.effect.name not in free):
-                there = s.on(part, start.hypothesis)
-                place = there.place_of(s.effect.name)
-                secant = (part.residuals_of(there) - part.residuals)[..., None] if start.secant else None
-                J[..., start.columns] = (
-                    slopes(part, there, range(place.start, place.stop)) if secant is None else secant
-                )
-            parts.append(part)
+                h = _with(part, s.effect, start.hypothesis.values_of(s.effect.name))
+                place = h.place_of(s.effect.name)
+                secant = (part.residuals_of(h) - part.residuals)[..., None] if start.secant else None
+                J[..., start.columns] = slopes(part, h, range(place.start, place.stop)) if secant is None else secant
             sums_of.append(sums(part, J, b - a))
-        H, g = (np.concatenate([getattr(each, of) for each in sums_of]) for of in "Hg")
-        return _Beside(tuple(parts), edges, Columns(H, g, self.columns.curvature), kept)
+        return replace(there, columns=_joined(sums_of), suspects=kept)
+
+    def gain_of_constant(self, change: Change) -> float:
+        """What an effect that may change gains by values that all tosses have, fitted from the likeliest known ones."""
+
+        def gain(parts: Sequence[Evidence]) -> float:
+            return sum(float(log_likelihood_ratio(*two).sum()) for two in zip(parts, self.parts, strict=True))
+
+        effect, known = change.effect, (None, change.values[0], change.values[-1], change.values.mean(0))
+        starts = [[part.near(_with(part, effect, values), steps=3) for part in self.parts] for values in known]
+        parts = max(starts, key=gain)
+        best, held = gain(parts), frozenset({*parts[0].hypothesis.names} - {effect.name})
+        for _ in range(ITERATIONS):
+            counts = (b - a for a, b in pairwise(self.edges))
+            at = [fit(e, e.hypothesis, n=n, iterations=0, held=held) for e, n in zip(parts, counts, strict=True)]
+            step = _joined([each.columns for each in at]).step()
+            parts = [each.evidence.near(each.moved(step)) for each in at]
+            before, best = best, max(best, gain(parts))
+            if best < before + LEAST_GAIN:
+                break
+        return max(best, 0.0)
 
 
-@dataclass(frozen=True)
-class _Local:
-    """An effect fitted to blocks of tosses: its columns there, counted from zero, and fitted values (n, P) in steps."""
-
-    suspect: _Suspect
-    columns: Columns
-    values: Array
-    gain: float
-
-    @staticmethod
-    def of(suspect: _Suspect, fits: Sequence[Fit], gain: float) -> _Local:
-        """From fits to tosses that follow each other, of the effect alone."""
-        values, H, g = list[Array](), list[Array](), list[Array]()
-        for each in fits:
-            own = each.hypothesis.values_of(suspect.effect.name) / [p.step for p in suspect.effect.parameters]
-            values.append(np.tile(own, (each.n, 1)))
-            H.append(each.columns.H)
-            g.append(each.columns.g - each.columns.H @ own)
-        columns = Columns(np.concatenate(H), np.concatenate(g), fits[0].columns.curvature)
-        return _Local(suspect, columns, np.concatenate(values), gain)
-
-    def designed(self, design: Array, a: int = 0) -> Columns:
-        """Columns of a design of some tosses, from a on."""
-        b, own = a + len(design), np.arange(self.values.shape[1])
-        return designed(self.columns.of_tosses(a, b), NO, own, design)
-
-    def within(self, values: Array) -> Array:
-        """Values (..., P) in steps, within their bounds."""
-        low, high, step = np.array([(p.low, p.high, p.step) for p in self.suspect.effect.parameters]).T
-        return np.clip(values, low / step, high / step)
-
-    def gain_of(self, design: Array) -> float:
-        """Of log-likelihood, by a design whose values in a toss the others determine."""
-        steps = self.designed(design).left_out().reshape(len(design), design.shape[1], -1)
-        values = self.within(np.einsum("nq,nqp->np", design, steps))
-        return self.gain + float((self.columns.gains(values) - self.columns.gains(self.values)).sum())
-
-    def form(self, known: Sequence[int], seed: int) -> tuple[float, tuple[int, ...] | None]:
-        """The gain of the form that gains more, and the edges of its stretches; None for a drift."""
-        n, own = len(self.values), np.arange(self.values.shape[1])
-        edges: tuple[int, ...] = (0, n)
-        found = with_step(self.columns, NO, own, edges, known)[1]
-        while found != edges:
-            edges = found
-            for a, b in pairwise(edges):
-                part, inner = self.designed(np.ones((b - a, 1)), a), [k - a for k in known]
-                if enough(b - a) and change_p_values([[(part, NO, own)]], inner, seed)[0][0] <= LEVEL:
-                    more, cut = with_step(part, NO, own, (0, b - a), inner)
-                    if more > gain_of(part, NO, own, np.ones((b - a, 1))):
-                        found = tuple(sorted({*edges, *(a + k for k in cut)}))
-                        break
-        line, steps = self.gain_of(line_over(n)), self.gain_of(steps_at(edges))
-        steps -= len({*edges[1:-1]} - {*known}) * float(np.log(n))
-        return (line, None) if line > steps else (steps, edges)
-
-    def described(self, edges: Sequence[int] | None, p_value: float, gain: float) -> Change:
-        """The change in a form, with intervals by the jackknife over the tosses that determine them."""
-        effect, n, P = self.suspect.effect, len(self.values), self.values.shape[1]
-        size = np.array([p.step for p in effect.parameters])
-
-        def intervals(design: Array, a: int, rows: Array) -> list[dict[str, Interval]]:
-            """Of rows (r, q) of combinations of the design's coefficients."""
-            some = self.designed(design, a)
-            B, out = some.step(), []
-            cov = Columns(some.H, some.g + some.H @ B, some.curvature).covariance()
-            t = student_t.ppf(0.975, max(len(design) - design.shape[1], 1))
-            for row in rows:
-                X = np.kron(row, np.eye(P))
-                half = t * np.sqrt(np.maximum(np.diag(X @ cov @ X.T), 0.0)) * size
-                ends = zip(effect.parameters, X @ B * size, half, strict=True)
-                out.append({p.name: Interval(float(x), float(x - h), float(x + h)) for p, x, h in ends})
-            return out
-
-        design = line_over(n) if edges is None else steps_at(edges)
-        values = self.within(design @ self.designed(design).step().reshape(-1, P)) * size
-        if edges is None:
-            first, last, rate = intervals(design, 0, np.array([design[0], design[-1], [0.0, 1.0]]))
-            ends = (Stretch(0, 1, first), Stretch(n - 1, n, last))
-            return Change(effect, "drift", p_value, gain, ends, rate, values)
-        one = np.ones((1, 1))
-        parts = (Stretch(a, b, intervals(np.ones((b - a, 1)), a, one)[0]) for a, b in pairwise(edges))
-        return Change(effect, "steps", p_value, gain, tuple(parts), {}, values)
+def _joined(columns: Sequence[Columns]) -> Columns:
+    """Columns of tosses that follow each other."""
+    H, g = (np.concatenate([getattr(each, of) for each in columns]) for of in "Hg")
+    return Columns(H, g, columns[0].curvature)
 
 
-def _locally(beside: _Beside, suspect: _Suspect, edges: Iterable[int]) -> _Local:
+def _locally(beside: _Beside, suspect: _Suspect, edges: Iterable[int]) -> Blocks:
     """An effect fitted to blocks of few tosses, none of which has an edge within, each from where its columns lead."""
     name, gain, made = suspect.effect.name, 0.0, list[Fit]()
     size = np.array([p.step for p in suspect.effect.parameters])
@@ -241,15 +177,17 @@ def _locally(beside: _Beside, suspect: _Suspect, edges: Iterable[int]) -> _Local
             part, begun = beside.part_of(a, b), list[Hypothesis]()
             for start in suspect.starts:
                 columns = beside.columns.part(start.columns).of_tosses(a, b)
-                h, step = suspect.on(part, start.hypothesis), np.clip(columns.step(), -100, 100)
-                begun.append(h if start.secant else suspect.on(part, h, h.values_of(name) + step * size))
+                values, step = start.hypothesis.values_of(name), np.clip(columns.step(), -100, 100)
+                begun.append(_with(part, suspect.effect, values if start.secant else values + step * size))
+            if name in part.hypothesis.names:
+                begun.append(part.hypothesis)
             if made:
-                begun.append(suspect.on(part, begun[0], made[-1].hypothesis.values_of(name)))
+                begun.append(_with(part, suspect.effect, made[-1].hypothesis.values_of(name)))
             near = max((_reached(part, h) for h in begun), key=lambda e: float(log_likelihood_ratio(e, part).sum()))
             held = frozenset(near.hypothesis.names) - {name}
             made.append(fit(near, near.hypothesis, n=b - a, iterations=ITERATIONS, held=held))
             gain += float(log_likelihood_ratio(made[-1].evidence, part).sum())
-    return _Local.of(suspect, made, gain)
+    return Blocks.of(suspect.effect, made, gain)
 
 
 def _reached(part: Evidence, h: Hypothesis) -> Evidence:
@@ -261,21 +199,30 @@ def _reached(part: Evidence, h: Hypothesis) -> Evidence:
     return collect(part.windows, h, n_threads=part.n_threads) if np.array_equal(near.raw, part.raw) else near
 
 
-def _constant_gain(beside: _Beside, suspect: _Suspect, values: Array) -> float:
-    """What the likeliest of some values (m, P) gains if all tosses have it, or nothing of the effect."""
+@dataclass(frozen=True)
+class _Made:
+    """A change, what it gains and what a gain counts, and the tosses with it.
 
-    def gain(each: Array, part: Evidence) -> float:
-        there = part.near(suspect.on(part, suspect.starts[0].hypothesis, each), steps=3)
-        return float(log_likelihood_ratio(there, part).sum())
+    A gain over the effect's own constant value lacks what that takes of the change, more for one effect than for
+    another. A whole gain has what is the same in all tosses, for which only some effects account. So two changes are
+    compared each beside a constant value of what the other one changes.
+    """
 
-    return max(0.0, *(sum(gain(each, part) for part in beside.parts) for each in values))
+    gain: float
+    weight: float
+    change: Change
+    there: _Beside
+
+    def weighed(self, constant: Change | None = None) -> float:
+        """The weighed gain, beside a constant value of another effect if given."""
+        return self.weight * (self.gain + (0.0 if constant is None else self.there.gain_of_constant(constant)))
 
 
 def _likeliest(
     beside: _Beside, p_values: Array, places: Array, known: Sequence[int], seed: int, only: str = ""
 ) -> Change | None:
     """The effect whose change explains most; None if none does."""
-    n, made = beside.columns.n, list[tuple[float, float, Change]]()
+    n, made = beside.columns.n, list[_Made]()
 
     def weight(effect: Effect) -> float:
         return LIKELY.get(effect.family, OF_WORLD)
@@ -292,32 +239,37 @@ def _likeliest(
     def fit_in_form(k: int) -> None:
         suspect, place = beside.suspects[k], int(places[k])
         local = _locally(beside, suspect, (place,))
-        gain, edges = local.form(known, seed)
+        edges = local.form(known, seed)
         if edges is not None and place not in edges:
             local = _locally(beside, suspect, edges)
-            gain, edges = local.form(known, seed)
-        change = local.described(edges, float(p_values.min()), gain)
-        constants = np.stack([change.values[0], change.values[-1], change.values.mean(0)])
-        over_constant = gain - _constant_gain(beside, suspect, constants)
+            edges = local.form(known, seed)
+        change = local.described(edges, float(p_values.min()), 0.0)
+        there = beside.changed(change)
+        ends = zip(there.parts, pairwise(there.edges), strict=True)
+        gain = sum(float(log_likelihood_ratio(part, beside.part_of(a, b)).sum()) for part, (a, b) in ends)
+        gain -= local.cost(edges, known)
+        over_constant = gain - beside.gain_of_constant(change)
         if over_constant > LEAST_GAIN:
-            made.append((weight(suspect.effect) * gain, gain, replace(change, gain=over_constant)))
+            made.append(_Made(gain, weight(suspect.effect), replace(change, gain=over_constant), there))
 
-    # What is gained over a constant value lacks what that takes of the change, more for one effect than for another. So
-    # the whole gains are compared, and then those of what does nearly the same as the best.
     tried = sorted(likely, key=lambda k: -gains[k])[:SUSPECTS]
     for k in tried:
         fit_in_form(k)
     if not made:
         return None
-    best = max(made, key=lambda each: each[0])[2].effect
+    best = max(made, key=_Made.weighed).change.effect
     near = best.one_of_group | best.made_of | {*best.contains}
     for k, suspect in enumerate(beside.suspects):
         if k not in tried and suspect.effect.name in near:
             fit_in_form(k)
-    chosen = max(made, key=lambda each: each[0])
-    while inner := [e for e in made if e[2].effect.name in chosen[2].effect.contains and e[1] > SPECIAL * chosen[1]]:
-        chosen = max(inner, key=lambda each: each[1])
-    return chosen[2]
+    chosen, *others = sorted(made, key=_Made.weighed, reverse=True)
+    for each in others:
+        chosen = each if each.weighed(chosen.change) > chosen.weighed(each.change) else chosen
+    while inner := [
+        e for e in made if e.change.effect.name in chosen.change.effect.contains and e.gain > SPECIAL * chosen.gain
+    ]:
+        chosen = max(inner, key=lambda each: each.gain)
+    return chosen.change
 
 
 def over_order(
