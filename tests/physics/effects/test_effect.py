@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ FRICTION = effect_named("friction")
 def test_an_effect_without_a_form_or_the_reason_is_refused(field: str) -> None:
     with pytest.raises(InputError, match=f"effect 'friction' states no {field}"):
         replace(FRICTION, **{field: None})
-    given = {name: value for name, value in vars(FRICTION).items() if name != field}
+    given = {each.name: getattr(FRICTION, each.name) for each in fields(FRICTION) if each.name != field}
     with pytest.raises(TypeError, match=field):
         Effect(**given)
 
