@@ -42,7 +42,7 @@ def run(config: AuditConfig, console: Console) -> dict[str, Any]:
         figures = found.save(out)
         numbers = {name: value.get("share", value.get("value")) for name, value in found.summary.items()}
         tracked.metrics({name: float(x) for name, x in numbers.items() if x is not None})
-        for name in ("audit.json", "table.md", "figures"):
+        for name in ("audit.json", "table.md", *(["figures"] if figures else [])):
             tracked.artifact(out / name)
     console.table(list(CASE_HEADINGS), found.case_table())
     console.table(list(MEASURE_HEADINGS), found.measure_table())

@@ -63,3 +63,11 @@ def test_a_registered_effect_is_in_the_library_and_in_digests(
     with pytest.raises(InputError, match="no effect 'gravity' was registered"):
         unregister_effect("gravity")
     assert HEIGHT_PULL.name == "height_pull"
+
+
+def test_the_further_power_of_a_force_is_found_by_its_name() -> None:
+    law = effect_named("quadratic_drag").other_power_law
+    assert law is not None
+    assert effect_named(law.name) is law
+    with pytest.raises(InputError, match="there is no effect 'friction's power'"):
+        effect_named("friction's power")

@@ -74,10 +74,10 @@ def effects_for(model: ObjectModel) -> tuple[Effect, ...]:
 
 
 def effect_named(name: str) -> Effect:
-    """The effect of a name, in its form for objects without joints.
+    """The effect of a name, in its form for objects without joints; or the further power of such an effect's force.
 
     Args:
-        name: The effect's name.
+        name: The effect's name, or that of its `other_power_law`.
 
     Returns:
         The effect.
@@ -88,4 +88,7 @@ def effect_named(name: str) -> Effect:
     for effect in all_effects():
         if effect.name == name:
             return effect
+        law = effect.other_power_law
+        if law is not None and law.name == name:
+            return law
     raise InputError(f"there is no effect '{name}' in the library")
