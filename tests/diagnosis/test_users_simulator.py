@@ -41,8 +41,8 @@ def made_by(simulate: Callable[..., Any], cube: ObjectModel, count: int, *, seed
 def test_one_changed_parameter_is_named(engine: Callable[..., Any], cube: ObjectModel) -> None:
     dataset = made_by(engine, cube, 10, seed=5, gravity=9.2)
     found = diagnose(dataset, engine, without=WITHOUT, threads=1, repeats=0)
-    assert found.found[:1] == ("gravity",)
-    assert not {"friction", "restitution"} & set(found.found)
+    assert found.named[:1] == ("gravity",)
+    assert not {"friction", "restitution"} & {f.name for f in found.found}
     assert found.contact == "own"
     g = found.findings[0].parameters["g_ms2"]
     assert g.value == pytest.approx(9.2, abs=0.03)
