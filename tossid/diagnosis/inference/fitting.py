@@ -89,18 +89,21 @@ class Fit:
         place = h.place_of(name)
         return np.asarray((h.values_of(name) - h.nominal_of(name)) / h.steps[place])
 
-    def intervals(self, name: str, further: Array | float = 0.0) -> dict[str, Interval]:
+    def intervals(self, name: str, further: Array | float = 0.0, degrees: int = 1) -> dict[str, Interval]:
         """An effect's parameters with 95 % intervals: Student's t of the jackknife over tosses, within their bounds.
 
         Args:
             name: Of the effect, whose values were fitted.
             further: (P,) variances beside that over tosses.
+            degrees: Of freedom of the further variances. Those of the sum are Satterthwaite's (Biometrics 1946).
         """
         h, own = self.hypothesis, self.own(name)
         place = h.place_of(name)
         over_tosses = np.maximum(np.diag(self.columns.covariance())[own], 0.0) * h.steps[place] ** 2
-        error = np.sqrt(over_tosses + further)
-        half = student_t.ppf(0.975, max(self.n - 1, 1)) * error
+        whole = over_tosses + further
+        share = further / np.maximum(whole, 1e-300)
+        freedom = 1.0 / ((1.0 - share) ** 2 / max(self.n - 1, 1) + share**2 / degrees)
+        half = student_t.ppf(0.975, freedom) * np.sqrt(whole)
         low, high = (bound[place] for bound in h.bounds)
         value = h.values_of(name)
         ends = zip(value, np.clip(value - half, low, high), np.clip(value + half, low, high), strict=True)

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 SHIFTS = (1 / 3, 2 / 3)
 """Of the length of a window."""
+DEGREES = len(SHIFTS)
+"""Degrees of freedom of the variance over these and the windows of the search."""
 ITERATIONS = 3
 """Most steps of a fit from the found values."""
 
