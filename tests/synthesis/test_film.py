@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from tossid.errors import InputError
 from tossid.objects import body_poses, load_object
 from tossid.rotations import transform, transform_points
 from tossid.settings.synthesis import CameraSettings, SynthesizeSettings
-from tossid.synthesis.film import RENDERERS, TRUE_FILM, TRUE_VIEWS
+from tossid.synthesis.film import TRUE_FILM, TRUE_VIEWS
 from tossid.synthesis.synthesize import synthesize
 from tossid.vision.cameras.shutter import poses_at
 from tossid.vision.detection.detect import detect_frames
@@ -83,15 +82,9 @@ def test_without_effects_the_truth_says_so(tmp_path: Path) -> None:
     assert np.load(tmp_path / "film" / TRUE_VIEWS)["kept"].all()
 
 
-def test_every_renderer_says_what_it_lacks_by_keys_that_there_are() -> None:
-    for maker in RENDERERS.values():
-        assert set(maker.lacks) <= {field.name for field in fields(CameraSettings)}
-
-
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"renderer": "mujoco", "glare": 1.0}, "camera.glare: is not known to camera.renderer=mujoco"),
         ({"clocks_s": (0, 0, 0, 0.1)}, "camera.clocks_s: has 4 values for 3 cameras"),
         ({"line_s": 0.001}, "512 rows follow each other by 0.001 s"),
     ],

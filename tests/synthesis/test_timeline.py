@@ -17,7 +17,6 @@ from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import geodesic_angle
 from tossid.settings.rendering import RenderSettings
 from tossid.synthesis.timeline import Filming, Timeline, make_timeline, render_timeline
-from tossid.types import Frame
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.cameras.shutter import Shutter, poses_at
 from tossid.vision.detection.detect import detect_frames
@@ -112,21 +111,6 @@ def test_an_interrupt_leaves_nothing(made, tagged: ObjectModel, tmp_path: Path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_another_renderer_can_take_its_place(made, tagged: ObjectModel, tmp_path: Path):
-    class Flat:
-        def render(self, q0, q1, camera, rng):
-            return np.full((128, 160), 77, dtype=np.uint8)
-
-    _, timeline = made
-    short = replace(timeline, t=timeline.t[:3], q=timeline.q[:3])
-    cameras = default_rig(n_cameras=1, resolution=(160, 128))
-    with RecordingWriter(tmp_path / "rec", cameras, layout_of(tagged), image_format="png") as writer:
-        render_timeline(short, tagged, cameras, writer, np.random.default_rng(0), renderer=Flat())
-    frames: list[Frame] = list(read_recording(tmp_path / "rec"))
-    assert len(frames) == 3
-    assert all((frame.image == 77).all() for frame in frames)
-
-
 def test_time_stamps_survive_the_names(filmed: Filmed):
     stamps = [file.t_ns * 1e-9 for file in filmed.recording.frames["cam0"]]
     np.testing.assert_allclose(stamps, filmed.timeline.t, atol=1e-9)
@@ -160,17 +144,9 @@ def test_dropped_frames_are_gone_and_the_others_as_they_were(
 
 
 def test_what_cannot_be_filmed_is_refused(tagged: ObjectModel, timeline: Timeline, rig, tmp_path: Path):
-    class Flat:
-        def render(self, q0, q1, camera, rng):
-            return np.zeros((384, 480), dtype=np.uint8)
-
     with pytest.raises(InputError, match="384 rows follow each other"):
         film_of(timeline, tagged, rig, tmp_path / "r", Filming(Shutter(0.001, 1e-4)))
     with pytest.raises(InputError, match="before zero"):
         film_of(timeline, tagged, rig, tmp_path / "r", Filming(clocks={"cam0": -3.0}))
-    writer, shutter = RecordingWriter(tmp_path / "w", rig, layout_of(tagged)), Filming(Shutter(0.001, 1e-6))
-    with writer, pytest.raises(InputError, match="neither a rolling shutter nor a hand"):
-        rng = np.random.default_rng(0)
-        render_timeline(timeline, tagged, rig, writer, rng, renderer=Flat(), filming=shutter)
     with pytest.raises(InputError, match="focus"):
         RenderSettings(focus=0.0)

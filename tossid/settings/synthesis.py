@@ -131,8 +131,6 @@ class HandSettings:
 class CameraSettings:
     """The cameras around the tosses, and what their images look like (frames=true)."""
 
-    renderer: Literal["opencv", "mujoco"] = "opencv"
-    """opencv needs nothing of the system; mujoco needs EGL or OSMesa"""
     count: Annotated[int, Bounds(low=1, high=9)] = 3
     """how many"""
     width: Annotated[int, Bounds(low=64, high=8192)] = 640

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from tossid.errors import ConfigError
 from tossid.objects import ObjectModel
 from tossid.settings.rendering import RenderSettings
 from tossid.settings.synthesis import CameraSettings, SynthesizeSettings
-from tossid.synthesis.timeline import Filming, FilmTruth, ImageSource, Timeline, make_timeline, render_timeline
+from tossid.synthesis.timeline import Filming, FilmTruth, Timeline, make_timeline, render_timeline
 from tossid.types import PoseTrack, Toss
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
@@ -34,32 +34,6 @@ TRUE_FILM = "truth_film.json"
 """How it was filmed: the cameras' clocks, the times of an image's rows, lost frames, and what got in the way."""
 TRUE_VIEWS = "truth_views.npz"
 """The share of each tag that each camera could see in each frame (n, cameras, tags)."""
-
-
-@dataclass(frozen=True)
-class ImageMaker:
-    """A renderer as `RENDERERS` lists it.
-
-    Attributes:
-        make: `(model, cameras, settings)` to the renderer; None stands for the timeline's own.
-        lacks: Keys of `CameraSettings` that it does not draw.
-    """
-
-    make: Callable[[ObjectModel, Sequence[Camera], RenderSettings], ImageSource | None]
-    lacks: tuple[str, ...] = ()
-
-
-def _mujoco(model: ObjectModel, cameras: Sequence[Camera], settings: RenderSettings) -> ImageSource:
-    from tossid.vision.rendering.mujoco_render import MujocoRenderer  # loads EGL or OSMesa
-
-    return MujocoRenderer(model, cameras, settings)
-
-
-RENDERERS = {
-    "opencv": ImageMaker(lambda model, cameras, settings: None),
-    "mujoco": ImageMaker(_mujoco, ("line_s", "glare", "aperture_m", "texture", "clutter", "hand", "sweeps")),
-}
-"""The renderers by name."""
 
 
 def film(
@@ -85,17 +59,13 @@ def film(
         The true tosses on the recording's clock.
 
     Raises:
-        ConfigError: There are clocks for more cameras than there are, or the renderer does not draw an effect.
+        ConfigError: There are clocks for more cameras than there are.
         InputError: The exposure of an image's rows takes longer than a frame.
     """
-    keys, maker = settings.camera, RENDERERS[settings.camera.renderer]
+    keys = settings.camera
     cameras = make_cameras(keys, rate_hz=settings.rate_hz)
     if len(keys.clocks_s) > len(cameras):
         raise ConfigError("camera.clocks_s", f"has {len(keys.clocks_s)} values for {len(cameras)} cameras.")
-    for name in maker.lacks:
-        if getattr(keys, name):
-            problem = f"is not known to camera.renderer={keys.renderer}; leave that at opencv."
-            raise ConfigError(f"camera.{name}", problem)
     timeline = make_timeline(tosses, model, rng, start=START, carry=keys.carry_s, rest=keys.pause_s, hand=keys.carrying)
     # a generator of their own: images without these effects do not depend on it
     apart = np.random.default_rng([settings.seed, 5])
@@ -132,7 +102,6 @@ def film(
             writer,
             rng,
             settings=images,
-            renderer=maker.make(model, cameras, images),
             filming=filming,
             threads=os.cpu_count() or 1,
             progress=advance,

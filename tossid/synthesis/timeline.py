@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,22 +18,14 @@ from tossid.settings.segmentation import SegmentSettings
 from tossid.settings.synthesis import HandSettings
 from tossid.types import Frame, Toss
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.cameras.shutter import Shutter, opening
+from tossid.vision.cameras.shutter import Shutter
 from tossid.vision.recordings.writing import RecordingWriter
-from tossid.vision.rendering.render import DEFAULT_IMAGES, Image, Renderer
+from tossid.vision.rendering.render import DEFAULT_IMAGES, Renderer
 
 Array = NDArray[np.float64]
 
 DEFAULT_SEGMENTS = SegmentSettings()
 DEFAULT_HAND = HandSettings()
-
-
-class ImageSource(Protocol):
-    """What draws frames: `render.Renderer`, `mujoco_render.MujocoRenderer`."""
-
-    def render(self, q0: Array, q1: Array, camera: str, rng: np.random.Generator | None) -> Image:
-        """One image between two configurations."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +194,7 @@ class FilmTruth:
 
     Attributes:
         kept: (n, cameras) whether a camera's frame was written.
-        visible: (n, cameras, tags) the share of each tag that a camera could see, NaN where another renderer drew.
+        visible: (n, cameras, tags) the share of each tag that a camera could see, NaN in frames that it lost.
     """
 
     kept: NDArray[np.bool_]
@@ -218,7 +209,6 @@ def render_timeline(
     rng: np.random.Generator,
     *,
     settings: RenderSettings = DEFAULT_IMAGES,
-    renderer: ImageSource | None = None,
     filming: Filming = DEFAULT_FILMING,
     threads: int = 2,
     progress: Callable[[int], None] | None = None,
@@ -234,14 +224,13 @@ def render_timeline(
         cameras: What films.
         writer: An entered `RecordingWriter`.
         rng: Of the sensors' noise and of the dropped frames.
-        settings: Of the default renderer.
-        renderer: Another one in its place. It is used from one thread, and knows neither a rolling shutter nor a hand.
+        settings: How images look.
         filming: Shutter, clocks, dropped frames and hand.
         threads: How many images are drawn at the same time.
         progress: Called with the number of images done since the last call.
 
     Raises:
-        InputError: A clock gives times before zero, or the renderer does not know the shutter or the hand.
+        InputError: A clock gives times before zero.
     """
     t, q, shutter = timeline.t, timeline.q, filming.shutter
     dt = float(t[1] - t[0])
@@ -249,9 +238,7 @@ def render_timeline(
         shutter.check(camera.resolution[1], dt)
         if t[0] + filming.clocks.get(camera.name, 0.0) < 0:
             raise InputError(f"camera '{camera.name}': its clock would give times before zero")
-    if renderer is not None and (shutter.line > 0 or filming.hand is not None):
-        raise InputError("this renderer draws neither a rolling shutter nor a hand")
-    own = Renderer(model, cameras, settings) if renderer is None else None
+    renderer = Renderer(model, cameras, settings)
     entropy = int(rng.integers(2**63))
     seeds = np.random.SeedSequence(entropy)
     kept = np.ones((len(t), len(cameras)), dtype=bool)
@@ -268,26 +255,18 @@ def render_timeline(
         if not kept[i, c]:
             return
         noise = np.random.default_rng(seed)
-        if own is not None:
-            exposure = shutter.expose(t, q, i, camera.resolution[1], settings.samples, filming.hand)
-            image = own.draw(exposure, camera.name, noise)
-            if model.tags:
-                visible[i, c] = own.visible(exposure, camera.name)
-        else:
-            assert renderer is not None
-            image = renderer.render(*opening(t, q, i, shutter.exposure), camera.name, noise)
+        exposure = shutter.expose(t, q, i, camera.resolution[1], settings.samples, filming.hand)
+        image = renderer.draw(exposure, camera.name, noise)
+        if model.tags:
+            visible[i, c] = renderer.visible(exposure, camera.name)
         writer.write(Frame(camera.name, float(t[i]) + filming.clocks.get(camera.name, 0.0), image))
 
     block = 32 * len(cameras)
     with ThreadPoolExecutor(max_workers=threads, thread_name_prefix="render") as pool:
         for first in range(0, len(jobs), block):
             part = jobs[first : first + block]
-            if renderer is None:
-                for _ in pool.map(draw, part, seeds.spawn(len(part))):
-                    pass
-            else:
-                for job, seed in zip(part, seeds.spawn(len(part)), strict=True):
-                    draw(job, seed)
+            for _ in pool.map(draw, part, seeds.spawn(len(part))):
+                pass
             if progress is not None:
                 progress(len(part))
     return FilmTruth(kept, visible)
