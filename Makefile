@@ -20,12 +20,12 @@ BIN      := $(VENV)/bin
 STAMP    := $(VENV)/.installed
 TEST_JOBS ?= 2
 SECONDS  ?= 60
-OSV      ?=
+UNAUDITED ?= refused
 DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock demo experiments coverage calibration unknown shapes links starts fields paper tagslam truth test test-slow fuzz check format dependencies bench bench-against profile scale docs figures clean distclean
+.PHONY: help setup lock demo experiments coverage calibration unknown shapes links starts fields paper tagslam truth test test-slow fuzz check format dependencies bench bench-against profile docs figures clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -44,7 +44,7 @@ $(STAMP): pyproject.toml $(wildcard requirements/*.txt)
 	  $(BIN)/python -m pip install --quiet $(PIP_ARGS) --require-hashes -r requirements/$$lock.txt && \
 	  $(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .; \
 	fi
-	@$(RUN_ONE) $(BIN)/python -m pipelines.tools.compile_kernels
+	@$(RUN_ONE) $(BIN)/python -m pipelines.compile_kernels
 	@touch $@
 
 lock: $(STAMP)  ## resolve requirements/*.txt anew: make UV_ARGS="--index URL" lock, where URL has torch's CPU builds
@@ -55,40 +55,40 @@ lock: $(STAMP)  ## resolve requirements/*.txt anew: make UV_ARGS="--index URL" l
 	$(BIN)/uv pip compile $(LOCK_ARGS) $(UV_ARGS) --override build/override.txt -o requirements/cpu.txt pyproject.toml
 
 demo: $(STAMP)  ## the main job, end to end, on embedded defaults
-	$(BIN)/python -m pipelines.tools.demo
+	$(BIN)/python -m pipelines.demo
 
 experiments: $(STAMP)  ## the studies on published recordings, hours: make DATA=FOLDER experiments
-	$(BIN)/python -m pipelines.tools.experiments.run_all $(DATA)
+	$(BIN)/python -m experiments.cube $(DATA)
 
 coverage: $(STAMP)  ## do intervals of learned parameters hold the truth? 100 sets of made tosses, a quarter of an hour
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.simulated.coverage $(OPTIONS)
+	$(RUN_ONE) $(BIN)/python -m experiments.coverage $(OPTIONS)
 
 calibration: $(STAMP)  ## are intervals right? diagnoses of effects drawn at random, hours; goes on where it was
 	$(BIN)/tossid audit cases=200 seed=1 'kinds=[effect]' 'engines=[lcp]' tosses=16 repeats=0 $(OPTIONS)
 
 unknown: $(STAMP)  ## the published cube learned from nothing, beside its stated object: make DATA=FOLDER unknown
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.unknown $(DATA)
+	$(RUN_ONE) $(BIN)/python -m experiments.unknown $(DATA)
 
 shapes: $(STAMP)  ## shapes tossed in MuJoCo, learned from nothing: make OPTIONS="ellipsoid --model cnrpi" shapes
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.shapes $(OPTIONS)
+	$(RUN_ONE) $(BIN)/python -m experiments.shapes $(OPTIONS)
 
 links: $(STAMP)  ## an elbow in MuJoCo, both links learned from nothing: make OPTIONS="cn --recorded elbow.h5" links
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.links $(OPTIONS)
+	$(RUN_ONE) $(BIN)/python -m experiments.links $(OPTIONS)
 
 starts: $(STAMP)  ## the published cube from 20 random starts: make DATA=FOLDER OPTIONS="--model cn --tosses 64" starts
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.starts $(DATA) $(OPTIONS)
+	$(RUN_ONE) $(BIN)/python -m experiments.starts $(DATA) $(OPTIONS)
 
 fields: $(STAMP)  ## fields of force in a learned acceleration; half an hour: make DATA=FOLDER OPTIONS="--seeds 1" fields
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.fields $(DATA) $(OPTIONS)
+	$(RUN_ONE) $(BIN)/python -m experiments.fields $(DATA) $(OPTIONS)
 
 paper: $(STAMP)  ## claims of the paper beside its presets and the default models, an hour: make DATA=FOLDER paper
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.paper $(DATA) $(OPTIONS)
+	$(RUN_ONE) $(BIN)/python -m experiments.paper $(DATA) $(OPTIONS)
 
 tagslam: $(STAMP)  ## TagSLAM's published recordings against its own poses: make DATA=FOLDER tagslam
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.vision.against_tagslam $(DATA)
+	$(RUN_ONE) $(BIN)/python -m experiments.vision.against_tagslam $(DATA)
 
 truth: $(STAMP)  ## filmed tosses from images to velocities, against the truth; half an hour
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.experiments.vision.against_truth
+	$(RUN_ONE) $(BIN)/python -m experiments.vision.against_truth
 
 test: $(STAMP)  ## the tests
 	$(RUN_ONE) $(BIN)/python -m pytest -q -n $(TEST_JOBS)
@@ -110,26 +110,29 @@ format: $(STAMP)  ## format and fix what can be fixed
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-dependencies: $(STAMP)  ## what is installed fits together, and has no known vulnerability (osv.dev, or OSV=COPY.zip)
-	$(BIN)/python -m pipelines.tools.dependencies $(OSV)
+dependencies: $(STAMP)  ## what is installed fits together, and has no known vulnerability (asks osv.dev)
+	$(BIN)/python -m pip check
+	@if $(BIN)/python -c 'import socket; socket.create_connection(("api.osv.dev", 443), 5)' 2>/dev/null; then \
+	  $(BIN)/pip-audit --vulnerability-service osv --skip-editable --progress-spinner off; \
+	else \
+	  echo "NOT AUDITED for known vulnerabilities: osv.dev cannot be reached (UNAUDITED=allowed goes on)" >&2; \
+	  [ "$(UNAUDITED)" = allowed ]; \
+	fi
 
 bench: $(STAMP)  ## speed of the simulators, the training and the command line
-	$(BIN)/python -m pipelines.tools.benchmarks.bench
+	$(BIN)/python -m benchmarks.bench
 
 profile: $(STAMP)  ## where a diagnosis's time goes, by stage: make DATASET=FILE.h5 OPTIONS="tosses=40" profile
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.benchmarks.profile $(DATASET) $(OPTIONS)
+	$(RUN_ONE) $(BIN)/python -m benchmarks.profile $(DATASET) $(OPTIONS)
 
 bench-against: $(STAMP)  ## the simulator's speed beside an earlier commit's, in turns: make COMMIT=NAME bench-against
-	$(BIN)/python -m pipelines.tools.benchmarks.bench_against $(COMMIT)
-
-scale: $(STAMP)  ## time and memory of the commands against tosses, minutes of film and workers, hours
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.benchmarks.scale
+	$(BIN)/python -m benchmarks.bench_against $(COMMIT)
 
 docs: $(STAMP)  ## the documentation as a site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 figures: $(STAMP)  ## the gallery, docs/gallery.md, on tosses made here; some minutes
-	$(RUN_ONE) $(BIN)/python -m pipelines.tools.gallery
+	$(RUN_ONE) $(BIN)/python -m experiments.gallery
 
 clean:  ## remove caches and logs (never data, runs or the environment)
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache outputs/logs

@@ -1,1 +1,0 @@
-"""What the Makefile runs: demo, benchmarks, studies, the gallery."""

@@ -1,1 +1,0 @@
-"""Experiments on simulated tosses, whose truth is known."""

@@ -1,0 +1,67 @@
+"""The study of fields: how tosses are thrown, and what its rows say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from experiments import fields
+from pipelines.cli.console import Console
+from tossid.models import TrainedModel, build_model, variant
+from tossid.physics.effects import all_effects
+from tossid.physics.effects.fields import acceleration_of_forces, airborne
+from tossid.settings.training import TrainSettings
+
+SMALL = fields.Study(("vortex",), tosses=6, held_out=3, seeds=(0,))
+
+
+def test_arguments(tmp_path: Path) -> None:
+    assert fields.parsed([str(tmp_path)]) == (tmp_path, fields.Study())
+    asked = [str(tmp_path), "--fields", "vortex", "none", "--tosses", "9", "--seeds", "1"]
+    assert fields.parsed(asked)[1] == fields.Study(("vortex", "none"), 9, 20, (0,))
+
+
+def test_held_out_tosses_are_in_the_stripes_and_between_them() -> None:
+    thrown = fields.throw("steady vortex", SMALL, 0)
+    assert [toss.split for toss in thrown.learned.tosses] == ["train"] * 6 + ["validation"] * 3 + ["test"] * 3
+    assert "steady_vortex" not in {effect.name for effect in all_effects()}
+    for tosses, odd in ((thrown.inside, 0), (thrown.between, 1)):
+        assert len(tosses) == 3
+        x = np.concatenate([toss.q[airborne(thrown.world.object, toss.q), 0] for toss in tosses])
+        assert set(np.floor(x / fields.STRIPE_M) % 2) == {odd}
+    q, v = thrown.between[0].q, thrown.between[0].v
+    force = 0.37 * (acceleration_of_forces(thrown.world, q, v)[:, :3] + [0, 0, 9.81])
+    np.testing.assert_allclose(np.linalg.norm(force, axis=1), 1.0, rtol=1e-6)
+    np.testing.assert_allclose((force * q[:, :3]).sum(1), 0, atol=1e-9)
+
+
+def test_a_model_without_k_res_recovers_nothing() -> None:
+    thrown = fields.throw("gravity", SMALL, 0)
+    for given, share in ((9.81, 0.0), (8.0, 1.0)):
+        model = build_model(replace(variant("cn"), gravity=given), thrown.learned.object)
+        found, size = fields.recovered(TrainedModel(model, TrainSettings(), {}), thrown.world, thrown.between)
+        assert found == pytest.approx(share, abs=1e-9)
+        assert size == pytest.approx(1.81)
+
+
+def test_a_model_is_said_to_stand_for_what_it_has_learned() -> None:
+    thrown = fields.throw("vortex", SMALL, 0)
+    model = build_model(variant("cnrp_world"), thrown.learned.object)
+    trained = TrainedModel(model, TrainSettings(), {})
+    assert fields.stands_for(trained, thrown.learned) == "next to nothing"
+    with torch.no_grad():
+        model.k_res.linear_world[0, 2], model.k_res.linear_world[1, 1] = -0.3 / 0.37, 0.3 / 0.37
+    assert fields.stands_for(trained, thrown.learned) == "vortex (c_npm 3; 100 %)"
+    assert fields.recovered(trained, thrown.world, thrown.between)[0] == pytest.approx(1.0)
+
+
+@pytest.mark.slow
+def test_a_vortex_is_recovered_between_the_stripes(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    fields.main(tmp_path, replace(SMALL, tosses=60, held_out=15), Console())
+    rows = [line.split("|") for line in capsys.readouterr().err.splitlines() if line.startswith("| vortex")]
+    between = {row[2].strip(" `"): float(row[6]) for row in rows}
+    assert between["cnrp_world"] > 90 > between["cnrp"]
