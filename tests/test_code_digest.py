@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import importlib.util
 import json
 import sys
@@ -73,18 +72,19 @@ def test_a_study_depends_on_its_code_and_on_conf(tmp_path: Path) -> None:
     assert len(set(found)) == 3
 
 
-def test_imports_that_are_read_as_text_are_python_s_own() -> None:
-    for name, path in digests._files().items():
-        package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-        found = set()
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                found |= {(alias.name, "") for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
-                module = "." * node.level + (node.module or "")
-                source = importlib.util.resolve_name(module, package) if node.level else module
-                found |= {(source, alias.name) for alias in node.names}
-        assert found == set(digests._names(name, digests._statements(name))), name
+def test_every_form_of_import_counts(tmp_path: Path) -> None:
+    copy = Copy(tmp_path)
+    (tmp_path / "tossid/_reader.py").write_text(
+        "from typing import TYPE_CHECKING\n"
+        "from tossid._a import (\n    x,  # (of two)\n    y,\n)\n"
+        "import tossid._b as b, json\n"
+        "if TYPE_CHECKING:\n    from tossid._never import z\n"
+        "def f():\n    from . import _c\n    return 'tossid._d'\n"
+    )
+    for name in ("_a", "_b", "_c", "_d", "_never"):
+        (tmp_path / f"tossid/{name}.py").write_text("x = y = z = 1\n")
+    code = "from tossid.code_digest import imported_modules; print(sorted(imported_modules('tossid._reader')))"
+    assert copy.python(code) == str([f"tossid.{name}" for name in ("_a", "_b", "_c", "_d", "_reader")])
 
 
 def test_imports_inside_functions_and_through_packages_count() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import importlib
 import pkgutil
 import time
@@ -14,61 +13,60 @@ from typing import NamedTuple
 import numba
 import numpy as np
 import pytest
-from numba import types
 from numba.core.caching import NullCache
 
 import tossid
 from tests.copied import Copy
 from tossid import kernels
-from tossid.code_digest import kernel_modules
-from tossid.kernels import _Cache, _is_ours, fused_kernel, kernel
-from tossid.physics.batch import _fill
-from tossid.physics.forces import Forces
-from tossid.vision.pose_graph.solver.corner_sums import residual_sizes
+from tossid.code_digest import all_modules
+from tossid.kernels import by_type, fused_kernel, implements, kernel
 
-INNER = """
+SOURCES = {
+    "_inner": """
 from tossid.kernels import kernel
 @kernel
 def inner(x):
     return x + 1.0
-"""
-OUTER = """
-from tossid.kernels import kernel
+""",
+    "_outer": """
+from tossid.kernels import by_type, kernel
 from tossid._inner import inner
+@by_type
+def scale(factor): pass
 @kernel
-def outer(x):
-    return 2.0 * inner(x)
-"""
-RUN = """
+def outer(factor, x):
+    return scale(factor) * inner(x)
+""",
+    "_factor": """
+from typing import NamedTuple
+from tossid._outer import scale
+from tossid.kernels import implements
+class Two(NamedTuple): pass
+@implements(scale, Two)
+def two(factor):
+    return 2.0
+""",
+    "_beside": "SPARE = 1\n",
+}
+CALL = """
+from tossid._factor import Two
 from tossid._outer import outer
-print(outer(1.0), len(outer.stats.cache_hits))
+print(outer(Two(), 1.0), len(outer.stats.cache_hits))
 """
-EDIT_AND_RUN = """
+EDIT_AND_CALL = f"""
 import pathlib, tossid.kernels
 path = pathlib.Path("tossid/_inner.py")
 path.write_text(path.read_text().replace("x + 5.0", "x + 7.0"))
-from tossid._outer import outer
-print(outer(1.0), len(outer.stats.cache_hits))
+{CALL}"""
+CALL_WITH_OWN_TYPE = """
+from typing import NamedTuple
+from tossid._outer import outer, scale
+from tossid.kernels import implements
+class Three(NamedTuple): pass
+implements(scale, Three)(lambda factor: 3.0)
+print(outer(Three(), 1.0), len(outer.stats.cache_hits))
 """
-
-
-def test_a_kernel_whose_callee_is_edited_in_another_file_is_compiled_anew(tmp_path: Path) -> None:
-    copy = Copy(tmp_path)
-    for name, text in (("_inner", INNER), ("_outer", OUTER)):
-        (tmp_path / "tossid" / f"{name}.py").write_text(text)
-    assert copy.python(RUN) == "4.0 0"
-    assert copy.python(RUN) == "4.0 1"
-    copy.edit("tossid/_inner.py", r"^", "# a comment\n")
-    assert copy.python(RUN) == "4.0 1"
-    copy.edit("tossid/_inner.py", r"x \+ 1\.0", "x + 5.0")
-    assert copy.python(RUN) == "12.0 0"
-    # edited while a process runs: that one neither reads nor leaves anything
-    assert copy.python(EDIT_AND_RUN) == "16.0 0"
-    assert copy.python(RUN) == "16.0 0"
-    assert copy.python(RUN) == "16.0 1"
-
-
-COMPILES_SLOWLY = """
+COMPILE_SLOWLY = f"""
 import os, pathlib, time
 from tossid._outer import outer
 compile_ = outer._compiler.compile
@@ -78,28 +76,51 @@ def slowly(*args):
         time.sleep(0.02)
     return compile_(*args)
 outer._compiler.compile = slowly
-print(outer(1.0), len(outer.stats.cache_hits))
-"""
-WAITS = """
+{CALL}"""
+WAIT = f"""
 import pathlib
 from tossid._outer import outer
 pathlib.Path("waiting").touch()
-print(outer(1.0), len(outer.stats.cache_hits))
-"""
+{CALL}"""
 
 
-def test_of_two_processes_one_compiles_a_kernel(tmp_path: Path) -> None:
-    copy = Copy(tmp_path)
-    for name, text in (("_inner", INNER), ("_outer", OUTER)):
+@pytest.fixture
+def copy(tmp_path: Path) -> Copy:
+    found = Copy(tmp_path)
+    for name, text in SOURCES.items():
         (tmp_path / "tossid" / f"{name}.py").write_text(text)
+    return found
+
+
+def test_a_kernel_is_compiled_anew_where_code_that_it_is_made_of_is_edited(copy: Copy) -> None:
+    assert copy.python(CALL) == "4.0 0"
+    assert copy.python(CALL) == "4.0 1"
+    copy.edit("tossid/_inner.py", r"^", "# a comment\n")
+    copy.edit("tossid/_beside.py", "1", "2")  # of no import of it
+    assert copy.python(CALL) == "4.0 1"
+    copy.edit("tossid/_inner.py", r"x \+ 1\.0", "x + 5.0")
+    assert copy.python(CALL) == "12.0 0"
+    # an implementation for an argument's type, which stands in no import of the kernel's module
+    copy.edit("tossid/_factor.py", r"2\.0", "3.0")
+    assert copy.python(CALL) == "18.0 0"
+    assert copy.python(CALL) == "18.0 1"
+    # edited while a process runs: that one neither reads nor leaves anything
+    assert copy.python(EDIT_AND_CALL) == "24.0 0"
+    assert copy.python(CALL) == "24.0 0"
+    assert copy.python(CALL) == "24.0 1"
+    # a type of the user's own, whose code no digest knows
+    assert copy.python(CALL_WITH_OWN_TYPE) == copy.python(CALL_WITH_OWN_TYPE) == "24.0 0"
+
+
+def test_of_two_processes_one_compiles_a_kernel(copy: Copy) -> None:
     with ThreadPoolExecutor(2) as at_once:
-        first = at_once.submit(copy.python, COMPILES_SLOWLY)
-        wait_for((tmp_path / "compiling").exists, first)
-        second = at_once.submit(copy.python, WAITS)
-        wait_for((tmp_path / "waiting").exists, second)
+        first = at_once.submit(copy.python, COMPILE_SLOWLY)
+        wait_for((copy.folder / "compiling").exists, first)
+        second = at_once.submit(copy.python, WAIT)
+        wait_for((copy.folder / "waiting").exists, second)
         time.sleep(1.0)
         assert not second.done(), "it was to wait for the first"
-        (tmp_path / "go").touch()
+        (copy.folder / "go").touch()
         assert first.result() == "4.0 0"
         assert second.result() == "4.0 1"
 
@@ -111,39 +132,35 @@ def wait_for(there: Callable[[], bool], process: Future[str]) -> None:
         time.sleep(0.02)
 
 
-def test_a_kernel_is_compiled_where_nothing_can_be_locked(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> None:
-        raise OSError(errno.ENOLCK, "No locks available")
-
-    kept = _Cache(_fill.py_func)
-    assert kept._take()
-    kept.give_back()
-    monkeypatch.setattr(kernels.fcntl, "flock", refuse)
-    assert not kept._take()
-    kept.give_back()
-    assert kept._lock is None
+def test_a_kernel_is_compiled_where_nothing_can_be_locked(copy: Copy) -> None:
+    refuse = """
+import errno, fcntl
+def flock(*_):
+    raise OSError(errno.ENOLCK, "No locks available")
+fcntl.flock = flock
+"""
+    assert copy.python(refuse + CALL) == "4.0 0"
+    assert copy.python(refuse + CALL) == "4.0 1"
 
 
-def test_every_kernel_s_source_is_in_the_digest() -> None:
-    modules = kernel_modules()
+def test_an_index_whose_types_have_moved_is_begun_anew(copy: Copy) -> None:
+    """As in a clone that was updated: signatures are unpickled, and name modules that are no longer there."""
+    assert copy.python(CALL) == "4.0 0"
+    (copy.folder / "tossid/_factor.py").rename(copy.folder / "tossid/_moved.py")
+    moved = CALL.replace("_factor", "_moved")
+    assert copy.python(moved) == "4.0 0"
+    assert copy.python(moved) == "4.0 1"
+
+
+def test_every_kernel_is_kept_under_a_digest_of_its_code() -> None:
     found = 0
     for info in pkgutil.walk_packages(tossid.__path__, "tossid."):
         for value in vars(importlib.import_module(info.name)).values():
             if hasattr(value, "py_func"):
                 found += 1
-                assert value.py_func.__module__ in modules
-                assert type(value._cache) in (_Cache, NullCache)  # not Numba's, which an edit outdates
+                assert value.py_func.__module__ in all_modules()
+                assert type(value._cache) in (kernels._Cache, NullCache)  # not Numba's, which an edit outdates
     assert found > 50
-
-
-class Theirs(NamedTuple):
-    factor: float
-
-
-def test_what_is_compiled_for_a_user_s_types_is_not_kept() -> None:
-    assert _is_ours(numba.typeof((1.0, np.zeros(3), Forces())))
-    assert not _is_ours(numba.typeof((1.0, (Theirs(2.0), 1))))
-    assert not _is_ours(numba.typeof(kernel(lambda x: x)))
 
 
 def test_a_kernel_computes_what_its_function_does() -> None:
@@ -159,17 +176,37 @@ def test_a_kernel_computes_what_its_function_does() -> None:
     assert np.isinf(kernel(mean)(x, 0.0))  # as NumPy divides
 
 
-def test_an_index_whose_types_have_moved_is_begun_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As in a clone that was updated: signatures are unpickled, and name modules that are no longer there."""
-    emptied: list[bool] = []
+class Halved(NamedTuple):
+    x: float
 
-    class Moved:
-        def load(self, key: object) -> None:
-            raise ModuleNotFoundError("No module named 'tossid.moved'")
 
-        def flush(self) -> None:
-            emptied.append(True)
+class Doubled(NamedTuple):
+    x: float
 
-    monkeypatch.setattr(residual_sizes._cache, "_cache_file", Moved())
-    assert residual_sizes._cache._kept((types.float64,), residual_sizes.targetctx) is None
-    assert emptied == [True]
+
+@by_type
+def value(number):  # type: ignore[no-untyped-def]
+    """A number's value."""
+
+
+@implements(value, Halved)
+def _half(number):  # type: ignore[no-untyped-def]
+    return number.x / 2.0
+
+
+@implements(value, Doubled)
+def _double(number):  # type: ignore[no-untyped-def]
+    return number.x * 2.0
+
+
+def test_the_type_of_an_argument_chooses_the_implementation_in_kernels_and_in_python() -> None:
+    @kernel
+    def compiled(number):  # type: ignore[no-untyped-def]
+        return value(number)
+
+    for number, expected in ((Halved(4.0), 2.0), (Doubled(4.0), 8.0)):
+        assert compiled(number) == value(number) == expected
+    with pytest.raises(numba.TypingError):
+        compiled((1.0,))
+    with pytest.raises(KeyError):
+        value((1.0,))

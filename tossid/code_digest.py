@@ -8,31 +8,22 @@ and so do the versions of the packages that compute (`tossid.versions`).
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import inspect
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import is_dataclass
 from functools import cache
 from importlib.util import resolve_name
 from pathlib import Path
 from types import CodeType
-from typing import Any
+from typing import Any, NamedTuple
 
 from tossid.versions import computing_versions
 
 ROOT = Path(__file__).resolve().parents[1]
 """The folder that holds the packages."""
 PACKAGES = ("tossid", "pipelines")
-
-_FROM = re.compile(r"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]+(?:\(([^)]*)\)|([^\n(]+))", re.MULTILINE)
-_IMPORT = re.compile(r"^[ \t]*import[ \t]+([^\n;]+)", re.MULTILINE)
-_LONG_STRING = re.compile(r'"""(?:[^"\\]|\\.|"(?!""))*"""', re.DOTALL)
-_ONLY_TYPES = re.compile(r"^if TYPE_CHECKING:\n(?:[ \t]+[^\n]*\n|\n)*", re.MULTILINE)
-_NAMED = re.compile(rf'"((?:{"|".join(PACKAGES)})(?:\.\w+)+)"')
-_LAZY = re.compile(rf'"(\w+)": "((?:{"|".join(PACKAGES)})(?:\.\w+)+)"')
-_KERNELS = re.compile(r"^from tossid\.kernels import ", re.MULTILINE)
-_REGISTERS = re.compile(r"^@?(register\w*)\b", re.MULTILINE)
 
 _outside: dict[str, dict[str, str]] = {}
 """What was registered from outside the packages: by registry, the digest of each function and class."""
@@ -76,11 +67,15 @@ def note_registered(registry: str, *registered: Any) -> None:
             _outside.setdefault(registry, {})[f"{part.__module__}.{part.__qualname__}"] = digest
 
 
-def imported_modules(*modules: str) -> frozenset[str]:
+def imported_modules(*modules: str, registered: bool = True) -> frozenset[str]:
     """The modules, and all that they import directly or through others, inside the packages.
 
     A name that a package's `__init__` only passes on leads to the module that defines it, not to all that the package
-    has. A module that registers something at its top level belongs to whatever reaches its registry.
+    has.
+
+    Args:
+        *modules: Names in full.
+        registered: Whether a module that registers something at its top level belongs to whatever reaches its registry.
     """
     found: set[str] = set()
     waiting = list(modules)
@@ -89,14 +84,9 @@ def imported_modules(*modules: str) -> frozenset[str]:
         if name not in found:
             found.add(name)
             waiting += _imports(name)
-        if not waiting:
+        if not waiting and registered:
             waiting = [name for name, registries in _registering().items() if name not in found and registries & found]
     return frozenset(found)
-
-
-def kernel_modules() -> frozenset[str]:
-    """The modules that compile kernels (`tossid.kernels`), and all that they import."""
-    return imported_modules(*(name for name in _files() if _KERNELS.search(_statements(name))))
 
 
 @cache
@@ -108,10 +98,17 @@ def fingerprint(module: str) -> str:
     return found.hexdigest()
 
 
-def modification_times(modules: Iterable[str] | None = None) -> dict[str, int]:
-    """When the file of each module (of all, if None) was last written [ns since the epoch]; 0 if it is gone."""
-    paths = {name: _files()[name] for name in modules or _files()}
-    return {name: path.stat().st_mtime_ns if path.exists() else 0 for name, path in paths.items()}
+def modification_time(module: str) -> int:
+    """When the module's file was last written [ns since the epoch]; 0 if it is gone."""
+    try:
+        return _files()[module].stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+def all_modules() -> frozenset[str]:
+    """The modules of the packages."""
+    return frozenset(_files())
 
 
 @cache
@@ -154,30 +151,68 @@ def _source(module: str) -> str:
     return _files()[module].read_text(encoding="utf-8")
 
 
+class _Read(NamedTuple):
+    """What the graph needs of a module's syntax tree, without docstrings and what only type checkers read.
+
+    Attributes:
+        imports: Each as (module, name); the name is "" where the module itself is imported.
+        texts: Modules that it names in full, as text.
+        passed_on: The module of each name, as an `__init__` that imports when a name is used tells type checkers, or
+            has it in a dictionary.
+        called: Names of functions that it calls in a statement at its top, or decorates with.
+    """
+
+    imports: frozenset[tuple[str, str]]
+    texts: frozenset[str]
+    passed_on: dict[str, str]
+    called: frozenset[str]
+
+
 @cache
-def _statements(module: str) -> str:
-    """Its text without docstrings, in which examples may stand."""
-    return _LONG_STRING.sub('""', _source(module))
-
-
-def _imports(module: str) -> set[str]:
-    """What a module imports, at its top or inside a function, and modules that it names in full as text."""
-    text = _ONLY_TYPES.sub("", _statements(module))
-    named = {name for name in _NAMED.findall(text) if name in _files()}
-    return named | {_home(source, name) for source, name in _names(module, text) if source in _files()}
-
-
-def _names(module: str, text: str) -> Iterator[tuple[str, str]]:
-    """Each import of a text as (module, name); the name is "" where the module itself is imported."""
+def _read(module: str) -> _Read:
+    tree = ast.parse(_source(module))
     package = module if _files()[module].name == "__init__.py" else module.rpartition(".")[0]
-    for source, several, one in _FROM.findall(text):
-        source = resolve_name(source, package) if source.startswith(".") else source
-        for name in re.sub(r"#.*", "", several or one).split(","):
-            if name.strip():
-                yield source, name.split()[0]
-    for names in _IMPORT.findall(text):
-        for name in re.sub(r"#.*", "", names).split(","):
-            yield name.split()[0], ""
+    imports: set[tuple[str, str]] = set()
+    texts: set[str] = set()
+    passed_on: dict[str, str] = {}
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            continue
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            sources = [each for each in node.body if isinstance(each, ast.ImportFrom) and each.module in _files()]
+            passed_on |= {alias.name: str(each.module) for each in sources for alias in each.names}
+            continue
+        if isinstance(node, ast.Import):
+            imports |= {(alias.name, "") for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            relative = "." * node.level + (node.module or "")
+            imports |= {(resolve_name(relative, package), alias.name) for alias in node.names}
+        elif isinstance(node, ast.Dict):
+            for key, value in zip(node.keys, node.values, strict=True):
+                if isinstance(key, ast.Constant) and isinstance(value, ast.Constant) and value.value in _files():
+                    passed_on[str(key.value)] = str(value.value)
+        elif isinstance(node, ast.Constant) and node.value in _files() and node.value not in PACKAGES:
+            texts.add(node.value)
+        waiting += ast.iter_child_nodes(node)
+    return _Read(frozenset(imports), frozenset(texts), passed_on, frozenset(_called_at_top(tree)))
+
+
+def _called_at_top(tree: ast.Module) -> Iterator[str]:
+    for statement in tree.body:
+        called = [statement.value] if isinstance(statement, ast.Expr) else getattr(statement, "decorator_list", [])
+        for call in called:
+            function = call.func if isinstance(call, ast.Call) else call
+            if isinstance(function, ast.Name):
+                yield function.id
+
+
+@cache
+def _imports(module: str) -> frozenset[str]:
+    """What a module imports, at its top or inside a function, and modules that it names in full as text."""
+    read = _read(module)
+    return read.texts | {_home(source, name) for source, name in read.imports if source in _files()}
 
 
 def _home(source: str, name: str) -> str:
@@ -189,24 +224,24 @@ def _home(source: str, name: str) -> str:
     return source
 
 
-@cache
 def _passed_on(package: str) -> dict[str, tuple[str, str]]:
     """Names that a package's `__init__` takes from elsewhere, when it is imported or when they are first used."""
-    text = _statements(package)
-    found = {name: (home, name) for name, home in _LAZY.findall(text) if home in _files()}
-    return found | {name: (home, name) for home, name in _names(package, text) if name and home in _files()}
+    read = _read(package)
+    found = {name: (home, name) for name, home in read.passed_on.items()}
+    return found | {name: (home, name) for home, name in read.imports if name and home in _files()}
 
 
 @cache
 def _registering() -> dict[str, set[str]]:
-    """Modules that call or decorate with a `register…` of another module at their top level, and those others."""
+    """Modules that call or decorate with a `register...` of another module at their top level, and those others."""
     found: dict[str, set[str]] = {}
     for module in _files():
-        text = _statements(module)
-        called = set(_REGISTERS.findall(text))
-        homes = {_home(home, name) for home, name in _names(module, text) if name in called and home in _files()}
-        if homes - {module}:
-            found[module] = homes - {module}
+        if "register" in _source(module):
+            read = _read(module)
+            called = {name for name in read.called if name.startswith("register")}
+            homes = {_home(home, name) for home, name in read.imports if name in called and home in _files()}
+            if homes - {module}:
+                found[module] = homes - {module}
     return found
 
 

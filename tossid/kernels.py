@@ -1,9 +1,10 @@
 """The one place where kernels are compiled: Numba's decorator, with a cache on disk that an edit cannot outdate.
 
 Numba keeps a compiled function until the function's own file changes, though other functions, constants and named
-tuples of other files are compiled into it. Here the cache is valid for a digest of all the code that kernels stand in
-or import, and not used at all once one of these files has been edited since the process began. Of several processes
-that start at once, one compiles a kernel, and the others wait for it.
+tuples of other files are compiled into it. Here it is kept under a digest of all the code that it can be made of: the
+imports of its own module, and those of the modules of its arguments' types. It is not kept at all once one of these
+files has been edited since the process began. Of several processes that start at once, one compiles a kernel, and the
+others wait for it.
 
 Every kernel states its own `fastmath`. Where it is left open, Numba takes it from the caller that happens to be
 compiled first, so that the last digits would depend on what ran before.
@@ -13,10 +14,9 @@ from __future__ import annotations
 
 import fcntl
 import os
-import time
-from collections.abc import Callable
-from contextlib import suppress
-from functools import cache, partial
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache, partial, wraps
 from typing import Any
 
 import numba
@@ -26,7 +26,7 @@ from numba.core.caching import FunctionCache
 from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import overload
 
-from tossid.code_digest import digest_of_modules, kernel_modules, modification_times
+from tossid.code_digest import all_modules, digest_of_modules, imported_modules, modification_time
 
 REORDERED = frozenset({"contract", "reassoc", "arcp", "nsz"})
 """Flags of `fastmath` for sums over many pixels: their order is free, and a division may be a product."""
@@ -34,11 +34,8 @@ REORDERED = frozenset({"contract", "reassoc", "arcp", "nsz"})
 FUSED = frozenset({"contract"})
 """Flags of `fastmath` by which a product and a sum may be rounded once together; nothing is reordered."""
 
-LONGEST_WAIT_S = 300.0
-"""Time for which a process waits for another that compiles the same kernel, before it compiles it itself [s]."""
-_POLL_S = 0.05
-
-_BEGAN = modification_times()
+_WRITTEN = {module: modification_time(module) for module in all_modules()}
+"""When each source was written, as the process began."""
 _IMPLEMENTATIONS: dict[Callable[..., Any], dict[type, Callable[..., Any]]] = {}
 
 
@@ -73,8 +70,9 @@ def kernel(
     options = _options(fastmath=fastmath, allocates=allocates, inlined=inlined, from_python=from_python)
     compiled: Any = numba.njit(nogil=True, **options)(function)
     if keep and hasattr(compiled, "enable_caching"):  # a plain function where NUMBA_DISABLE_JIT is set
-        compiled._cache = _Cache(function)
-        compiled.compile = partial(_compile, compiled.compile, compiled._cache)
+        with suppress(RuntimeError):  # no folder can be written to
+            compiled._cache = _Cache(function)
+            compiled.compile = partial(_compile, compiled.compile, compiled._cache)
     return compiled
 
 
@@ -101,25 +99,34 @@ fused_inlined_kernel = kernel(fastmath=FUSED, allocates=False, inlined=True, kee
 
 
 def by_type(stub: Callable[..., Any]) -> Callable[..., Any]:
-    """The stub, which kernels may call once `implements` has named an implementation for the argument's type.
+    """A function that calls the implementation that `implements` has named for its first argument's type.
 
     Args:
         stub: a function whose first argument is a NamedTuple; its docstring says what implementations do.
     """
     table: dict[type, Callable[..., Any]] = {}
-    _IMPLEMENTATIONS[stub] = table
+
+    @wraps(stub)
+    def in_python(*arguments: Any) -> Any:
+        return table[type(arguments[0])](*arguments)
 
     def choose(*arguments: Any) -> Callable[..., Any] | None:
         return table.get(getattr(arguments[0], "instance_class", type(None)))
 
+    _IMPLEMENTATIONS[in_python] = table
     overload(
-        stub, jit_options=_options(fastmath=frozenset(), allocates=False, inlined=True, from_python=False), strict=False
+        in_python,
+        jit_options=_options(fastmath=frozenset(), allocates=False, inlined=True, from_python=False),
+        strict=False,
     )(choose)
-    return stub
+    return in_python
 
 
 def implements(stub: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """A decorator that makes a function the implementation of `stub` for first arguments of a NamedTuple class.
+
+    It stands in the module of the class: what is compiled is kept under a digest of the modules of its arguments'
+    types, among others.
 
     Args:
         stub: a function declared with `by_type`.
@@ -143,97 +150,84 @@ def implemented(stub: Callable[..., Any]) -> list[type]:
 
 
 @cache
-def kernel_digest() -> str:
-    """The digest that compiled kernels are kept under.
-
-    Returns:
-        SHA-256 over all modules with kernels and what they import, and the versions of Numba and NumPy.
-    """
-    return f"{digest_of_modules(_modules())} numba {numba.__version__} numpy {np.__version__}"
-
-
-def _edited() -> bool:
-    """Whether a source of kernels was written since this process began: what runs may be what stood there before."""
-    return any(_BEGAN.get(name) != now for name, now in modification_times(_modules()).items())
+def _key(modules: frozenset[str]) -> str:
+    """Digest of the code that these modules import, and the versions of what compiles it."""
+    return f"{digest_of_modules(_imported(modules))} numba {numba.__version__} numpy {np.__version__}"
 
 
 @cache
-def _modules() -> frozenset[str]:
-    return kernel_modules()
+def _imported(modules: frozenset[str]) -> frozenset[str]:
+    return imported_modules(*modules, registered=False)
 
 
-def _is_ours(kind: Any) -> bool:
-    """Whether an argument's type has no function in it, and no named tuple of a module that the digest leaves out."""
-    named = getattr(kind, "instance_class", None)
-    if isinstance(kind, types.Callable) or (named is not None and named.__module__ not in _modules()):
-        return False
-    return all(_is_ours(part) for part in getattr(kind, "types", ()))
+def _is_as_it_was(modules: frozenset[str]) -> bool:
+    """Whether what these modules import is ours, and was not written since this process began.
+
+    What runs may otherwise not be what stands in the files.
+    """
+    return modules <= _WRITTEN.keys() and all(modification_time(name) == _WRITTEN[name] for name in _imported(modules))
+
+
+def _modules_of(kinds: Iterable[Any]) -> Iterator[str]:
+    """The modules of the named tuples among Numba's types, and in them; of a function, a name that no module has."""
+    for kind in kinds:
+        if isinstance(kind, types.Callable):
+            yield "<function>"
+        if hasattr(kind, "instance_class"):
+            yield kind.instance_class.__module__
+        yield from _modules_of(getattr(kind, "types", ()))
 
 
 def _compile(by_numba: Callable[[Any], Any], kept: _Cache, sig: Any) -> Any:
     """Load or compile a function for a signature, with Numba's own lock between threads taken before ours."""
-    with global_compiler_lock:
-        try:
-            return by_numba(sig)
-        finally:
-            kept.give_back()
+    with global_compiler_lock, kept.locked():
+        return by_numba(sig)
 
 
 class _Cache(FunctionCache):
-    """Numba's cache of a function's machine code, valid for a digest of all kernels instead of the function's file.
+    """Numba's cache of a function's machine code, valid for digests of code instead of the function's file.
 
-    What is not in it is compiled under a lock between processes: whoever waited for the lock finds it in the cache.
-    Kernels call each other without cycles, so that two processes never wait for each other.
+    It is read and filled under a lock between processes. Kernels call each other without cycles, so that two processes
+    never wait for each other.
     """
 
-    _lock: int | None = None
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other processes from this function's cache, where there are locks."""
+        lock = None
+        with suppress(OSError):  # a read-only folder, or a file system without `flock`
+            os.makedirs(self._cache_path, exist_ok=True)
+            path = os.path.join(self._cache_path, f"{self._impl.filename_base}.lock")
+            lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        try:
+            yield
+        finally:
+            if lock is not None:
+                os.close(lock)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         if not self._may_be_used(sig):
             return None
-        found = self._kept(sig, target_context)
-        if found is None and self._lock is None and self._take():
-            found = self._kept(sig, target_context)
-        return found
-
-    def _kept(self, sig: Any, target_context: Any) -> Any:
-        """What the cache has; nothing, and an empty index, where its signatures name types that have moved since."""
         try:
             return super().load_overload(sig, target_context)
-        except (ImportError, AttributeError):
+        except (ImportError, AttributeError):  # its index names types that have moved since
             with suppress(OSError):  # a read-only folder
                 self._cache_file.flush()
             return None
 
-    def _take(self) -> bool:
-        """Take the lock, if there is one to be had; returns whether it was taken."""
-        with suppress(OSError):  # a read-only folder, or a file system without `flock`
-            os.makedirs(self._cache_path, exist_ok=True)
-            path = os.path.join(self._cache_path, f"{self._impl.filename_base}.lock")
-            self._lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-            until = time.monotonic() + LONGEST_WAIT_S
-            while time.monotonic() < until:
-                try:
-                    fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    return True
-                except BlockingIOError:
-                    time.sleep(_POLL_S)
-        return False
-
-    def give_back(self) -> None:
-        """Let others compile the function, or load what was compiled here."""
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
-
     def save_overload(self, sig: Any, data: Any) -> None:
-        if self._may_be_used(data.signature.args):
+        if self._may_be_used(sig):
             with suppress(ImportError, AttributeError):  # such an index in a read-only folder
                 super().save_overload(sig, data)
 
-    def _may_be_used(self, arguments: Any) -> bool:
-        """Whether the digest stands for all that is compiled in: no plug-in's kernel, and no argument of its types."""
-        if self._py_func.__module__ not in _modules() or _edited() or not all(_is_ours(kind) for kind in arguments):
+    def _may_be_used(self, sig: Any) -> bool:
+        """Whether digests stand for all that is compiled in: no plug-in's code, and none that was just edited."""
+        own = frozenset([self._py_func.__module__])
+        if not (_is_as_it_was(own) and _is_as_it_was(frozenset(_modules_of(sig)))):
             return False
-        self._cache_file._source_stamp = kernel_digest()
+        self._cache_file._source_stamp = _key(own)
         return True
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        return (*super()._index_key(sig, codegen), _key(frozenset(_modules_of(sig))))
