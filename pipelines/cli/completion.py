@@ -7,8 +7,9 @@ from collections.abc import Iterator
 from dataclasses import is_dataclass
 from typing import Any, Literal, get_args, get_origin
 
-from pipelines.config.keys import Group, Key, describe, keys_of, parts_of
+from pipelines.config.keys import Group, Key, keys_of
 from pipelines.config.schemas import COMMANDS
+from tossid.settings.kinds import describe, parts_of
 
 
 def complete_keys(ctx: Any, incomplete: str) -> Iterator[tuple[str, str]]:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from typer.core import TyperCommand
 
-from pipelines.config.keys import MISSING, Group, Key, all_keys, class_of, keys_of, parts_of
+from pipelines.config.keys import MISSING, Group, Key, all_keys, keys_of
 from pipelines.config.places import folders
 from pipelines.config.schemas import COMMANDS
+from tossid.settings.kinds import class_of, parts_of
 
 if TYPE_CHECKING:
     from rich.table import Table

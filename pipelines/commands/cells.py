@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from pipelines.config.compose import as_plain, load
-from pipelines.config.keys import convert
 from pipelines.config.schemas import SweepConfig, TrainConfig
 from tossid.errors import ConfigError
+from tossid.settings.kinds import convert
 from tossid.studies.cells import StudyCell, study_cell
 
 _OWN = ("data", "restart", "model", "seed")

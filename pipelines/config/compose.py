@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import is_dataclass
-from enum import Enum
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pipelines.config.keys import Group, Key, all_keys, convert, key_fields, keys_of, nearest, shorten
+from pipelines.config.keys import MISSING, Group, Key, all_keys, keys_of, nearest, shorten
 from pipelines.config.places import CONF, folders
 from tossid.errors import ConfigError
+from tossid.settings.kinds import convert, to_plain
 
 C = TypeVar("C")
 
@@ -55,18 +54,13 @@ def load(command: str, schema: type[C], overrides: Sequence[str] = (), *, conf: 
     values = _compose(command, lines, conf)
     for key, table in tables.items():
         _put(values, key, table)
-    config = convert(schema, values, key="")
-    if not isinstance(config, schema):
-        raise TypeError(f"{schema.__name__} is no dataclass")
+    config: C = convert(schema, _given(values), key="", advanced=False)
     return config
 
 
 def as_plain(config: Any) -> dict[str, Any]:
     """A config as nested dicts of plain values, for YAML, JSON and the tracker."""
-    if not is_dataclass(config) or isinstance(config, type):
-        raise TypeError(f"{config!r} is no config")
-    plain = _plain(config)
-    assert isinstance(plain, dict)
+    plain: dict[str, Any] = to_plain(config, advanced=False)
     return plain
 
 
@@ -81,16 +75,10 @@ def flatten(values: Mapping[str, Any], *, prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def _plain(value: Any) -> Any:
-    if is_dataclass(value):
-        return {field.name: _plain(getattr(value, field.name)) for field in key_fields(value)}
-    if isinstance(value, dict):
-        return {str(name): _plain(item) for name, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, Enum):
-        return _plain(value.value)
-    return str(value) if isinstance(value, Path) else value
+def _given(values: dict[str, Any]) -> dict[str, Any]:
+    """The values that are given, without those that the caller still has to give."""
+    parts = {name: _given(value) if isinstance(value, dict) else value for name, value in values.items()}
+    return {name: value for name, value in parts.items() if value != MISSING}
 
 
 # ---------------------------------------------------------------- reading KEY=VALUE

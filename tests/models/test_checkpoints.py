@@ -14,7 +14,7 @@ from tossid.errors import FileError
 from tossid.models import EpochRecord, TrainedModel, build_model, variant
 from tossid.models.checkpoints import LOG_COHESION, OLDER, checkpoint_bytes
 from tossid.objects import ObjectModel
-from tossid.settings.plain import to_plain
+from tossid.settings.kinds import to_plain
 from tossid.settings.training import TrainSettings
 
 

@@ -14,7 +14,7 @@ from tossid.errors import ConfigError
 from tossid.models import VARIANTS, ModelSettings, Objective, build_model, register_model, variant
 from tossid.models.registry import settings_from
 from tossid.objects import ObjectModel
-from tossid.settings.plain import to_plain
+from tossid.settings.kinds import to_plain
 from tossid.settings.training import TrainSettings
 
 STAGES = {

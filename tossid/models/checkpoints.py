@@ -18,7 +18,7 @@ from tossid.models.registry import build_model, settings_from
 from tossid.models.trained import EpochRecord, TrainedModel
 from tossid.objects import ObjectModel, Roundness, object_from_mjcf
 from tossid.objects.references import check_alone, stands_alone
-from tossid.settings.plain import from_plain, to_plain
+from tossid.settings.kinds import from_plain, to_plain
 from tossid.settings.training import TrainSettings
 from tossid.store.object_text import text_of_model
 

@@ -12,7 +12,7 @@ from tossid.errors import ConfigError
 from tossid.models.protocol import DynamicsModel
 from tossid.motion import MeasurementModel
 from tossid.objects import ObjectModel
-from tossid.settings.plain import from_plain
+from tossid.settings.kinds import from_plain
 from tossid.settings.training import VARIANTS, ModelSettings
 
 
@@ -97,7 +97,7 @@ def settings_from(values: Mapping[str, Any]) -> ModelSettings:
     """Settings of a model from plain values, as checkpoints hold them.
 
     Args:
-        values: What `tossid.settings.plain.to_plain` gave. What an earlier version did not know is taken from the
+        values: What `tossid.settings.kinds.to_plain` gave. What an earlier version did not know is taken from the
             variant of that name, but for `impact_parts`: impacts happened where steps end.
 
     Raises:

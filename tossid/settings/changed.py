@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from tossid.errors import ConfigError
+from tossid.settings.kinds import convert, type_hints
 
 S = TypeVar("S")
 
@@ -24,10 +25,10 @@ def changed(settings: S, keys: Mapping[str, Any]) -> S:
         A copy; the argument stays as it is.
 
     Raises:
-        ConfigError: No field has the name, or more than one part has it.
+        ConfigError: No field has the name, more than one part has it, or the value is none of the field's.
     """
     for key, value in keys.items():
-        settings = _replaced(settings, _path(settings, key), value)
+        settings = _replaced(settings, _path(settings, key), value, key)
     return settings
 
 
@@ -55,7 +56,9 @@ def _paths(settings: Any) -> Iterator[tuple[str, ...]]:
                 yield (field.name, *rest)
 
 
-def _replaced(settings: Any, path: tuple[str, ...], value: Any) -> Any:
-    first, *rest = path
-    inner = _replaced(getattr(settings, first), tuple(rest), value) if rest else value
-    return replace(settings, **{first: inner})
+def _replaced(settings: Any, path: tuple[str, ...], value: Any, key: str) -> Any:
+    name, *rest = path
+    own = getattr(settings, name)
+    if rest:
+        return replace(settings, **{name: _replaced(own, tuple(rest), value, key)})
+    return replace(settings, **{name: convert(type_hints(settings.__class__)[name], value, key=key, start=own)})
