@@ -8,7 +8,7 @@
 # make TEST_JOBS=8 test               so many tests at once
 # make SECONDS=600 fuzz              so long for each reader of files
 # make DATA=FOLDER experiments        FOLDER holds contactnets_cube (README.md, "Studies")
-# make DATA=FOLDER tagslam            FOLDER holds tagslam_test (docs/experiments/vision.md)
+# make DATA=FOLDER tagslam            FOLDER holds tagslam_test (docs/results/vision.md)
 
 PYTHON   ?= python3
 PIP_ARGS ?=
@@ -129,7 +129,7 @@ bench-against: $(STAMP)  ## the simulator's speed beside an earlier commit's, in
 	$(BIN)/python -m benchmarks.bench_against $(COMMIT)
 
 docs: $(STAMP)  ## the documentation as a site, in build/site
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 figures: $(STAMP)  ## the gallery, docs/gallery.md, on tosses made here; some minutes
 	$(RUN_ONE) $(BIN)/python -m experiments.gallery

@@ -2,8 +2,7 @@
 
 Levenberg (1944) and Marquardt (1963) solve (H + λ D) δ = -g for a step δ, with H = JᵀJ, g = Jᵀr and D the identity or
 H's diagonal. Where the step is rejected, λ grows; where it is accepted, λ falls and the steps approach Gauss-Newton's.
-The callers differ in what a step costs and when it is accepted, so they bring these
-(docs/adr/0015-least-squares.md says which share this module).
+The callers differ in what a step costs and when it is accepted, so they bring these.
 """
 
 from __future__ import annotations

@@ -138,14 +138,14 @@ def _store() -> Iterator[Finding]:
         try:
             client(patient=False)
         except InputError as error:
-            yield Finding("MLflow", "missing", str(error), "docs/server.md has how to start a server")
+            yield Finding("MLflow", "missing", str(error), "docs/guide/server.md has how to start a server")
         else:
             yield Finding("MLflow", "good", f"{named} answers")
         return
     there = named or ("mlflow.db" if Path("mlflow.db").exists() else "mlflow.db, made by the first run")
     shared = network_file_system(Path(uri.removeprefix("sqlite:///") or "mlflow.db"))
     advice = (
-        f"it lies on {shared}: if several machines track at once, start a server (docs/server.md)" if shared else ""
+        f"it lies on {shared}: if several machines track at once, use a server (docs/guide/server.md)" if shared else ""
     )
     yield Finding("MLflow", "good", there, advice)
 

@@ -19,7 +19,7 @@ learned, friction, inertia and spring make up for the law together, over a longe
 determine the centre of mass alone.
 
 An interval is value -+ t sigma, or value exp(-+ t sigma / value) of what is positive, with Student's t of n - 1 degrees
-of freedom. Corners are taken as they are. So is k_res, for which V counts 1.5 times. `docs/experiments/coverage.md` has
+of freedom. Corners are taken as they are. So is k_res, for which V counts 1.5 times. `docs/results/coverage.md` has
 how many intervals hold the truth.
 """
 

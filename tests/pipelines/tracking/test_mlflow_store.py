@@ -52,7 +52,7 @@ def test_the_doctor_names_the_file_system(project: Path, answer: Any, monkeypatc
     monkeypatch.setattr(file_systems, "_type_number", lambda path: 0x6969)
     (found,) = [each for each in answer("doctor")["findings"] if each["what"] == "MLflow"]
     assert "it lies on NFS" in found["advice"]
-    assert "docs/server.md" in found["advice"]
+    assert "docs/guide/server.md" in found["advice"]
 
 
 @pytest.mark.parametrize(

@@ -200,7 +200,7 @@ def test_poses_are_tagslams(shared_data: Path, test: int, body: str, distance: f
 
 def test_the_real_tumbling_cube_is_never_lost(shared_data: Path):
     """18 tags, two cameras: a pose in every frame that shows a tag, no jump, and 0.6 px with the tags as they are
-    printed and their edges spread (docs/experiments/vision.md)."""
+    printed and their edges spread (docs/results/vision.md)."""
     detections, cameras, layout = _recording(shared_data, 15)
     tracked = track_scene(detections, cameras, layout, settings=EVERYTHING)
     track = tracked.tracks["cube"]

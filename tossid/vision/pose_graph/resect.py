@@ -8,7 +8,7 @@ the parent of the unknown pose, T_cam_parent, and from the unknown frame to the 
 The unknown T_parent_target can so be a body's pose, a rig's, a tag's or a camera's. Arrays have a row for each
 sighting, sorted by the unknown pose ("group") that it belongs to; all groups are computed together.
 
-Corners are in normalised image coordinates (X/Z, Y/Z), undistorted once (docs/adr/0009-pose-graph.md). A pose's tangent
+Corners are in normalised image coordinates (X/Z, Y/Z), undistorted once (docs/method/pose-graph.md). A pose's tangent
 is GTSAM's: (rotation, translation) in the target's own frame.
 """
 

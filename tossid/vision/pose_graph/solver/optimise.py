@@ -1,7 +1,7 @@
 """The nearest least squares of a pose graph, and its covariances.
 
 GTSAM has the factors and their least squares. Covariances are those of `elimination` where time steps meet only through
-what is static, and GTSAM's where stillness connects the steps (docs/adr/0009-pose-graph.md).
+what is static, and GTSAM's where stillness connects the steps (docs/method/pose-graph.md).
 """
 
 from __future__ import annotations
