@@ -1,7 +1,7 @@
 """A hook of mkdocs: the reference names each public name of a package.
 
-A line `::: tossid.store.*` of a page becomes a line for each name in `tossid.store.__all__` that is no module. Names that
-are imported at their first use are invisible to a reader of the source, so the package itself is asked.
+A line `::: tossid.store.*` of a page becomes a line for each name in `tossid.store.__all__` that is no module. Names
+that are imported at their first use are invisible to a reader of the source, so the package itself is asked.
 """
 
 from __future__ import annotations

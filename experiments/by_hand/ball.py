@@ -5,7 +5,7 @@
 Nothing of the diagnosis takes part. One linear fit to all bounces gives gravity, quadratic drag, the ball's centre in
 the tracked frame, and the velocities either side of each bounce. From these and the spins follow rebound, tangential
 rebound, radius of gyration and the time on the ground. The unit is the bounce: intervals are over resampled bounces.
-docs/experiments/ball.md has the result.
+docs/results/by-hand.md has the result.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@
 Nothing of the diagnosis takes part. One linear fit to stretches of flight gives gravity, drag and the centre of mass.
 Lines of flight either side of an impact have to join, which says when it was and how many frames were lost there. The
 velocities give rebound, sliding friction, the radius of gyration and that of the corners. The unit is the drop:
-intervals are of the same figures over resampled drops. docs/experiments/die.md has the result.
+intervals are of the same figures over resampled drops. docs/results/by-hand.md has the result.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ def flights(drop: Drop, half: Array) -> list[slice]:
     """Stretches of frames in which no corner of a sharp die is near the floor, without their ends.
 
     A frame about which the centre turns from falling to rising is that of an impact, also where no pose near the floor
-    was recorded. The first frame of a recording is left out (docs/experiments/die.md). Halves of sides are (2,) [m].
+    was recorded. The first frame of a recording is left out (docs/results/by-hand.md). Halves of sides are (2,) [m].
     """
     corners = turned(drop.angle[:, None], half * SIGNS)
     flying = drop.z + corners[..., 1].min(axis=1) > CLEAR

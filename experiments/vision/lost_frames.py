@@ -1,4 +1,4 @@
-"""Lost frames that are found where there are some, and where there are none: the table of docs/experiments/die.md.
+"""Lost frames that are found where there are some, and where there are none: the table of docs/results/by-hand.md.
 
 python -m experiments.vision.lost_frames FOLDER
 
