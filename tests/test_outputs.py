@@ -50,11 +50,6 @@ def test_a_folder_is_replaced_whole(tmp_path: Path) -> None:
     assert entries(tmp_path) == ["rec"]
 
 
-def test_a_folder_is_replaced_whole_without_the_swap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(outputs, "_swap", lambda a, b: False)
-    test_a_folder_is_replaced_whole(tmp_path)
-
-
 def test_a_replacement_that_died_halfway_is_put_back(tmp_path: Path) -> None:
     (tmp_path / ".rec.old").mkdir()
     (tmp_path / ".rec.old" / outputs.MARKER).write_text("{}")

@@ -176,7 +176,7 @@ def only_writer(path: Path) -> Iterator[None]:
 
 
 def recover_folder(path: Path) -> None:
-    """Put back a folder whose replacement died between two renames (only where the system cannot swap)."""
+    """Put back a folder whose replacement died between two renames."""
     path = Path(os.path.abspath(path))  # "." has no name
     kept = path.with_name(f".{path.name}.old")
     if kept.is_dir():
@@ -221,18 +221,14 @@ def _temporary(path: Path) -> Path:
 
 def _remove_stale(path: Path) -> None:
     """Remove temporaries of dead commands. The caller holds the lock, so none is alive."""
+    own = re.compile(re.escape(f".{path.stem}.tmp-") + r"\d+-[0-9a-f]{8}" + re.escape(path.suffix))
     for entry in path.parent.iterdir():
-        if _is_temporary(entry.name, path):
-            if entry.is_dir() and not entry.is_symlink():
-                shutil.rmtree(entry, ignore_errors=True)
-            else:
-                entry.unlink(missing_ok=True)
-
-
-def _is_temporary(name: str, path: Path) -> bool:
-    """Whether a name is that of a temporary of `path`: ".NAME.tmp-PID-RANDOM.SUFFIX"."""
-    own = re.escape(f".{path.stem}.tmp-") + r"\d+-[0-9a-f]{8}" + re.escape(path.suffix)
-    return re.fullmatch(own, name) is not None
+        if own.fullmatch(entry.name) is None:
+            continue
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.rmtree(entry, ignore_errors=True)
+        else:
+            entry.unlink(missing_ok=True)
 
 
 def _refuse_foreign(path: Path) -> None:
@@ -243,25 +239,12 @@ def _refuse_foreign(path: Path) -> None:
 
 
 def _replace_folder(new: Path, path: Path) -> None:
-    if not path.exists():
-        os.rename(new, path)
-        return
-    if _swap(new, path):
-        return  # the old one now lies at `new`, which the caller removes
+    """Put a folder in another one's place. Where a process dies between the renames, `recover_folder` puts it back."""
     kept = path.with_name(f".{path.name}.old")
-    os.rename(path, kept)
+    if path.exists():
+        os.rename(path, kept)
     os.rename(new, path)
     shutil.rmtree(kept, ignore_errors=True)
-
-
-def _swap(a: Path, b: Path) -> bool:
-    """Exchange two folders in one step (Linux). False where the system cannot."""
-    try:
-        renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
-    except (AttributeError, OSError):
-        return False
-    at_cwd, exchange = -100, 2
-    return bool(renameat2(at_cwd, os.fsencode(a), at_cwd, os.fsencode(b), exchange) == 0)
 
 
 def _sync(path: Path) -> None:
@@ -276,17 +259,15 @@ def _sync(path: Path) -> None:
 
 
 def _sync_tree(folder: Path) -> None:
-    """Flush a folder with all its files: in one call where the system has it."""
+    """Flush a folder with all its files by one call: one for each of three thousand frames took 16 s."""
+    syncfs = getattr(ctypes.CDLL(None, use_errno=True), "syncfs", None)  # (Linux)
+    if syncfs is None:
+        os.sync()
+        return
     handle = os.open(folder, os.O_RDONLY)
     try:
-        if ctypes.CDLL(None, use_errno=True).syncfs(handle) == 0:
-            return
-        code = ctypes.get_errno()
-        if code in _DISK_ERRORS:
+        if syncfs(handle) != 0:
+            code = ctypes.get_errno()
             raise OSError(code, os.strerror(code), str(folder))
-    except AttributeError:
-        pass
     finally:
         os.close(handle)
-    for path in folder.rglob("*"):
-        _sync(path)

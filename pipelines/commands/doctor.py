@@ -41,7 +41,7 @@ class Finding:
 
 def run(_: None, console: Console) -> dict[str, Any]:
     """Look; returns all findings, and whether nothing that is needed is missing."""
-    findings = [*_python(), *_packages(), *_extras(), *_machine(), *_store(), *_unsent(), *_data()]
+    findings = [*_python(), *_packages(), *_extras(), *_machine(), *_store(), *_data()]
     marks = {"good": "good", "optional": "-", "missing": "MISSING"}
     console.say(version_line())
     console.table(["", "what", "found", "what to do"], [[marks[f.state], f.what, f.found, f.advice] for f in findings])
@@ -128,7 +128,7 @@ def _machine() -> Iterator[Finding]:
 def _store() -> Iterator[Finding]:
     """Where runs are tracked, and whether it answers."""
     from pipelines.tracking.addresses import is_database, is_server, without_password
-    from tossid.file_systems import network_file_system
+    from pipelines.tracking.mlflow_store import network_file_system
 
     uri = os.environ.get("MLFLOW_TRACKING_URI", "")
     named = without_password(uri)
@@ -148,19 +148,6 @@ def _store() -> Iterator[Finding]:
         f"it lies on {shared}: if several machines track at once, use a server (docs/guide/server.md)" if shared else ""
     )
     yield Finding("MLflow", "good", there, advice)
-
-
-def _unsent() -> Iterator[Finding]:
-    """Messages of runs whose server was away, or refused them."""
-    from pipelines.tracking.outbox import waiting_messages
-
-    for waiting in waiting_messages():
-        server = waiting.server or "a server that is not known any more"
-        counts = f"{waiting.count} to be sent" + (f", {waiting.refused} refused" if waiting.refused else "")
-        advice = f"to drop them: rm -r {waiting.folder}"
-        if waiting.count and waiting.server:
-            advice = f"any command that tracks with MLFLOW_TRACKING_URI={waiting.server} sends them; {advice}"
-        yield Finding("unsent messages", "optional", f"run {waiting.folder.name}: {counts}, for {server}", advice)
 
 
 def _data() -> Iterator[Finding]:

@@ -19,18 +19,24 @@ from pipelines.cli.console import Console
 from pipelines.tracking.addresses import check_address, is_database, is_server, redacted, without_password
 from tossid import budget
 from tossid.errors import FileError, InputError
-from tossid.file_systems import network_file_system
 from tossid.locks import held
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 _HTTP = {"MAX_RETRIES": "2", "BACKOFF_FACTOR": "1", "TIMEOUT": "30"}
-"""A server that is away is noticed within seconds, not within MLflow's four minutes. Messages then wait on disk."""
-
+"""A server that is away is noticed within seconds, not within MLflow's four minutes."""
 _HTTP_AT_ONCE = {"MAX_RETRIES": "0", "BACKOFF_FACTOR": "1", "TIMEOUT": "5"}
 _CONNECT_S = 5
 """How long a database may take to answer [s]."""
+_SQLITE = "sqlite:///"
+LOCAL = f"{_SQLITE}mlflow.db"
+"""MLflow's default store: a file in the folder that a command is run in."""
+_NETWORK = (
+    "nfs", "cifs", "smb", "lustre", "gpfs", "beegfs", "panfs", "ceph", "afs", "coda", "gfs2", "ocfs2", "9p", "vboxsf",
+    "fuse",
+)  # fmt: skip
+"""How types of file systems begin that another machine may write to; what FUSE mounts may be local."""
 _ADVICE = "start it, or unset the variable to track in this folder"
 
 
@@ -63,11 +69,20 @@ def client(*, patient: bool = True) -> MlflowClient:
         return _answering(MlflowClient(uri), uri)
     if is_database(uri):
         _check_database(uri)
-    if uri.startswith("sqlite:///"):
-        database = Path(unquote(uri.removeprefix("sqlite:///")))
-        with _making(database):
-            return _opened(uri, database)
+    if uri.startswith(_SQLITE):
+        return _in_file(uri)
     return MlflowClient(uri)
+
+
+def local_client() -> MlflowClient:
+    """MLflow's client on the store in this folder, whatever MLFLOW_TRACKING_URI says; after `client`."""
+    return _in_file(LOCAL)
+
+
+def _in_file(uri: str) -> MlflowClient:
+    database = Path(unquote(uri.removeprefix(_SQLITE)))
+    with _making(database):
+        return _opened(uri, database)
 
 
 def _opened(uri: str, database: Path) -> MlflowClient:
@@ -143,6 +158,27 @@ def _check_database(uri: str) -> None:
         first = redacted(str(getattr(error, "orig", None) or error).partition("\n")[0])
         problem = f"the database does not answer ({first}); {_ADVICE}"
         raise InputError(f"MLFLOW_TRACKING_URI={without_password(uri)}: {problem}") from error
+
+
+def network_file_system(path: Path) -> str | None:
+    """The type of the network file system that a path lies on; None on a local one, and where no one says (not Linux).
+
+    Args:
+        path: A file or folder, which need not be there yet.
+    """
+    try:
+        mounts = Path("/proc/self/mounts").read_text().splitlines()
+    except OSError:
+        return None
+    path = Path(os.path.realpath(path))
+    around = []
+    for line in mounts:
+        place, kind = line.split(" ")[1:3]
+        place = place.replace("\\040", " ")  # as the kernel writes a space
+        if path.is_relative_to(place):
+            around.append((len(place), kind))
+    kind = max(around, key=lambda one: one[0], default=(0, ""))[1]  # of two that are mounted at one place, either
+    return kind if kind.startswith(_NETWORK) else None
 
 
 def _prepare_sqlite() -> None:

@@ -1,8 +1,8 @@
 """Logging to MLflow: runs with their config, code, data, metrics, figures and files.
 
-Metrics are buffered: a run logs thousands of values in a few statements. While a tracking server is away, messages wait
-on disk (`pipelines.tracking.outbox`). MLflow is imported when the first run starts (1.5 s). `pipelines.tracking.runs`
-finds runs again.
+Metrics are buffered: a run logs thousands of values in a few statements. A server that does not answer stops a command
+before its work begins. Where it goes away during the work, the run is logged once more, whole, in this folder's own
+store. MLflow is imported when the first run starts (1.5 s). `pipelines.tracking.runs` finds runs again.
 """
 
 from __future__ import annotations
@@ -10,9 +10,10 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import is_dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,10 +21,9 @@ from pipelines.cli.console import Console
 from pipelines.config.compose import as_plain, flatten
 from pipelines.execution.code_version import commit, version
 from pipelines.execution.interrupts import interrupted_later
-from pipelines.tracking.mlflow_store import client, experiment_id, is_remote
-from pipelines.tracking.outbox import UNSENT, Outbox, send_unsent
+from pipelines.tracking.addresses import redacted
+from pipelines.tracking.mlflow_store import LOCAL, client, experiment_id, is_remote, local_client
 from pipelines.tracking.runs import CHECKPOINT, COMMAND_TAG, CONFIG, EXPERIMENT
-from tossid.outputs import only_writer
 from tossid.versions import computing_versions
 
 if TYPE_CHECKING:
@@ -34,21 +34,32 @@ _PARAM_LENGTH = 6000
 _DIGEST_LENGTH = 36
 
 
+Call = Callable[["MlflowClient", str], object]
+"""One message of a run, sent by a client under an id."""
+
+
+def _log_batch(client: MlflowClient, run: str, **values: Any) -> None:
+    client.log_batch(run, **values)
+
+
 class TrackedRun:
     """A run that is going on. Made by `tracked_run`. resumed: it was begun earlier."""
 
-    def __init__(self, client: MlflowClient, run_id: str, name: str, *, resumed: bool = False) -> None:
+    def __init__(
+        self, client: MlflowClient, run_id: str, name: str, tags: Mapping[str, str], *, resumed: bool = False
+    ) -> None:
         self.id = run_id
         self.name = name
+        self.tags = tags
         self.resumed = resumed
-        self.outbox = Outbox(client, run_id, warn=Console().warn)
         self._client = client
-        self._metrics: list[list[Any]] = []
+        self._metrics: list[tuple[str, float, int, int]] = []
+        self._sent: list[Call] = []
 
     def metrics(self, values: Mapping[str, float], *, step: int = 0) -> None:
         """Log values at a step. Buffered; a curve is one call a step."""
         now = int(time.time() * 1000)
-        self._metrics += [[name, float(value), now, step] for name, value in values.items()]
+        self._metrics += [(name, float(value), now, step) for name, value in values.items()]
         if len(self._metrics) >= _BUFFER:
             self.flush()
 
@@ -62,34 +73,42 @@ class TrackedRun:
 
     def flush(self) -> None:
         """Send the buffered metrics."""
+        from mlflow.entities import Metric
+
         while self._metrics:
-            batch = self._metrics[:1000]
-            self.outbox.send("metrics", batch)
-            del self._metrics[: len(batch)]
+            batch = [Metric(*point) for point in self._metrics[:1000]]
+            self._send(partial(_log_batch, metrics=batch))
+            del self._metrics[:1000]
 
     def params(self, values: Mapping[str, Any]) -> None:
         """Log parameters (nested ones get dotted names)."""
-        params = [(name, _param(value)) for name, value in flatten(values).items()]
+        from mlflow.entities import Param
+
+        params = [Param(name, _param(value)) for name, value in flatten(values).items()]
         for start in range(0, len(params), 100):
-            self.outbox.send("params", dict(params[start : start + 100]))
+            batch = params[start : start + 100]
+            self._send(partial(_log_batch, params=batch))
 
     def tag(self, name: str, value: object) -> None:
         """Set a tag."""
-        self.outbox.send("tag", name, str(value))
+        self._send(lambda client, run: client.set_tag(run, name, str(value)))
 
     def data(self, path: Path, sha256: str, *, context: str) -> None:
         """Log a dataset that the run reads: which file, which hash, for what."""
-        dataset = {
-            "name": Path(path).stem,
-            "digest": sha256[:_DIGEST_LENGTH],
-            "source_type": "local",
-            "source": json.dumps({"uri": os.path.abspath(path), "sha256": sha256}),
-        }
-        self.outbox.send("data", dataset, {"mlflow.data.context": context, "sha256": sha256, "path": str(path)})
+        from mlflow.entities import Dataset, DatasetInput, InputTag
+
+        source = json.dumps({"uri": os.path.abspath(path), "sha256": sha256})
+        dataset = Dataset(Path(path).stem, sha256[:_DIGEST_LENGTH], "local", source)
+        tags = {"mlflow.data.context": context, "sha256": sha256, "path": str(path)}
+        given = DatasetInput(dataset, [InputTag(name, value) for name, value in tags.items()])
+        self._send(lambda client, run: client.log_inputs(run, [given]))
 
     def artifact(self, path: Path, *, folder: str | None = None) -> None:
         """Copy a file (or a folder with its files) to the run's artifacts."""
-        self.outbox.send("artifact", str(path), (folder or path.name) if path.is_dir() else folder)
+        if path.is_dir():
+            self._send(lambda client, run: client.log_artifacts(run, str(path), folder or path.name))
+        else:
+            self._send(lambda client, run: client.log_artifact(run, str(path), folder))
 
     def checkpoint(self, path: Path) -> None:
         """Copy the run's checkpoint to its artifacts, under the name that `find_run` looks for."""
@@ -99,14 +118,38 @@ class TrackedRun:
 
     def text(self, text: str, name: str) -> None:
         """Log a text (Markdown, YAML, JSON) as an artifact."""
-        self.outbox.send("text", text, name)
+        self._send(lambda client, run: client.log_text(run, text, name))
 
     def end(self, status: str) -> None:
         """Say how the run ended."""
-        self.outbox.send("end", status, int(time.time() * 1000))
-        if self.outbox.waiting() and not self.outbox.send_waiting():
-            problem = f"the tracking server is away; {self.outbox.waiting()} messages of run {self.id} wait in {UNSENT}"
-            Console().warn(f"{problem}; the next command that tracks with this server sends them")
+        now = int(time.time() * 1000)
+        self._send(lambda client, run: client.set_terminated(run, status, now))
+
+    def _send(self, call: Call) -> None:
+        from mlflow.exceptions import MlflowException
+
+        try:
+            call(self._client, self.id)
+        except MlflowException as error:
+            if not is_remote(self._client):
+                raise
+            self._go_on_here(redacted(str(error).partition("\n")[0]))
+            call(self._client, self.id)
+        self._sent.append(call)
+
+    def _go_on_here(self, problem: str) -> None:
+        """Log the run once more, in this folder's own store, with all that was sent to a server that is lost."""
+        lost, tags, self._client = self.id, dict(self.tags), local_client()
+        created = self._client.create_run(experiment_id(self._client, EXPERIMENT), tags=tags, run_name=self.name)
+        self.id = created.info.run_id
+        for call in self._sent:
+            with suppress(OSError):  # an artifact that the command has moved to its place since
+                call(self._client, self.id)
+        whole = "with all that this command has logged" if self.resumed else "whole"
+        Console().warn(
+            f"the tracking server does not take run {self.name} any more ({problem}); {LOCAL} has it as {self.id}, "
+            f"{whole}. 'export-run' and 'import-run' of mlflow-export-import take it to the server, in place of {lost}"
+        )
 
 
 @contextmanager
@@ -134,46 +177,42 @@ def tracked_run(
     import yaml
 
     store = client()
-    send_unsent(store, warn=Console().warn)
     plain = as_plain(config) if is_dataclass(config) else dict(config)
     experiment = experiment_id(store, EXPERIMENT)  # first, since a deleted one is restored with its runs
-    run = _left(store, resume)
+    all_tags = {COMMAND_TAG: command, "tossid.version": version(), **(tags or {})}
+    all_tags |= {f"version.{name}": value for name, value in computing_versions().items()}
+    if commit():
+        all_tags["mlflow.source.git.commit"] = commit()
+    all_tags |= {"mlflow.source.name": f"tossid {command}", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
+    if parent is not None:
+        all_tags["mlflow.parentRunId"] = parent.id if isinstance(parent, TrackedRun) else parent
+    run = _left(store, resume, all_tags)
     if run is None:
-        all_tags = {COMMAND_TAG: command, "tossid.version": version(), **(tags or {})}
-        all_tags |= {f"version.{name}": value for name, value in computing_versions().items()}
-        if commit():
-            all_tags["mlflow.source.git.commit"] = commit()
-        all_tags |= {"mlflow.source.name": f"tossid {command}", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
-        if parent is not None:
-            all_tags["mlflow.parentRunId"] = parent.id if isinstance(parent, TrackedRun) else parent
         created = store.create_run(experiment, tags=all_tags, run_name=name)
-        run = TrackedRun(store, created.info.run_id, name)
+        run = TrackedRun(store, created.info.run_id, name, all_tags)
     status = "FAILED"
-    with ExitStack() as lock:
-        if is_remote(store):
-            lock.enter_context(only_writer(run.outbox.folder))  # no other command sends its messages
-        try:
-            if not run.resumed:
-                run.text(yaml.safe_dump(plain, sort_keys=False, allow_unicode=True), CONFIG)
-                run.params(plain)
-            yield run
-            run.flush()
-            status = "FINISHED"
-        except (KeyboardInterrupt, GeneratorExit):
-            status = "KILLED"
-            raise
-        finally:
-            with interrupted_later():  # a run whose end is not logged is left as if it were running
-                if status == "FINISHED":
+    try:
+        if not run.resumed:
+            run.text(yaml.safe_dump(plain, sort_keys=False, allow_unicode=True), CONFIG)
+            run.params(plain)
+        yield run
+        run.flush()
+        status = "FINISHED"
+    except (KeyboardInterrupt, GeneratorExit):
+        status = "KILLED"
+        raise
+    finally:
+        with interrupted_later():  # a run whose end is not logged is left as if it were running
+            if status == "FINISHED":
+                run.end(status)
+            else:
+                with suppress(Exception):  # the first error is the one to report
+                    run.flush()
+                with suppress(Exception):
                     run.end(status)
-                else:
-                    with suppress(Exception):  # the first error is the one to report
-                        run.flush()
-                    with suppress(Exception):
-                        run.end(status)
 
 
-def _left(store: MlflowClient, run_id: str | None) -> TrackedRun | None:
+def _left(store: MlflowClient, run_id: str | None, tags: Mapping[str, str]) -> TrackedRun | None:
     """A run that was left, running again; None where the store does not have it."""
     from mlflow.exceptions import MlflowException
 
@@ -186,7 +225,7 @@ def _left(store: MlflowClient, run_id: str | None) -> TrackedRun | None:
         store.update_run(run_id, status="RUNNING")
     except MlflowException:
         return None
-    return TrackedRun(store, run_id, record.info.run_name, resumed=True)
+    return TrackedRun(store, run_id, record.info.run_name, tags, resumed=True)
 
 
 def _user() -> str:

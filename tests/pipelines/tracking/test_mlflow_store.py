@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 import sqlite3
 from contextlib import closing
@@ -18,7 +19,6 @@ from pipelines.tracking.run import tracked_run
 from tests.pipelines.conftest import one_line
 from tests.pipelines.served import free_port
 from tests.pipelines.stored import stored_run
-from tossid import file_systems, locks
 
 
 def journal_of(database: Path) -> str:
@@ -26,7 +26,7 @@ def journal_of(database: Path) -> str:
         return str(store.execute("PRAGMA journal_mode").fetchone()[0])
 
 
-@pytest.mark.parametrize(("shared", "journal"), [("NFS", "delete"), (None, "wal")])
+@pytest.mark.parametrize(("shared", "journal"), [("nfs4", "delete"), (None, "wal")])
 def test_a_network_file_system_gets_a_rollback_journal(
     project: Path, monkeypatch: pytest.MonkeyPatch, shared: str | None, journal: str
 ) -> None:
@@ -37,11 +37,19 @@ def test_a_network_file_system_gets_a_rollback_journal(
     assert journal_of(project / "mlflow.db") == journal
 
 
+def test_a_network_file_system_is_known_by_its_mount(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mounts = f"/dev/vda / ext4 rw 0 0\nlab:/data {tmp_path}/a\\040b nfs4 rw 0 0\n"
+    read = Path.read_text
+    monkeypatch.setattr(Path, "read_text", lambda self: mounts if self.name == "mounts" else read(self))
+    assert mlflow_store.network_file_system(tmp_path / "a b" / "not" / "there.db") == "nfs4"
+    assert mlflow_store.network_file_system(tmp_path / "a") is None
+
+
 def test_a_store_is_made_without_flock(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
-    monkeypatch.setattr(locks.fcntl, "flock", refuse)
+    monkeypatch.setattr(fcntl, "flock", refuse)
     with tracked_run("there", {}, command="train") as run:
         pass
     assert stored_run(run.id).info.status == "FINISHED"
@@ -49,9 +57,9 @@ def test_a_store_is_made_without_flock(project: Path, monkeypatch: pytest.Monkey
 
 
 def test_the_doctor_names_the_file_system(project: Path, answer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(file_systems, "_type_number", lambda path: 0x6969)
+    monkeypatch.setattr(mlflow_store, "network_file_system", lambda path: "nfs4")
     (found,) = [each for each in answer("doctor")["findings"] if each["what"] == "MLflow"]
-    assert "it lies on NFS" in found["advice"]
+    assert "it lies on nfs4" in found["advice"]
     assert "docs/guide/server.md" in found["advice"]
 
 
