@@ -1,9 +1,9 @@
 # make            what can be made
 # make PYTHON=python3.12 setup        another interpreter (3.11 or newer)
 # make PIP_ARGS="--extra-index-url URL" setup
-#     further arguments for pip. torch is pinned to an exact version; what pip takes by default on Linux
-#     is its CUDA build (several GB). On a machine without a GPU, name the index of torch's CPU builds here;
-#     with a GPU, name the index of the build for your CUDA version, or nothing.
+#     further arguments for pip. What pip takes as torch by default on Linux is its CUDA build (several GB).
+#     On a machine without a GPU, name the index of torch's CPU builds here; with a GPU, name the index of the
+#     build for your CUDA version, or nothing.
 # make LOCK=none setup      newest packages within the ranges of pyproject.toml, not those of requirements/*.txt
 # make TEST_JOBS=8 test               so many tests at once
 # make SECONDS=600 fuzz              so long for each reader of files
@@ -25,10 +25,10 @@ DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock demo experiments coverage calibration unknown shapes links starts fields paper tagslam truth test test-slow fuzz check format dependencies bench bench-against profile docs figures clean distclean
+.PHONY: help setup lock demo experiments coverage calibration unknown shapes links starts fields paper tagslam truth test coverage-report test-slow fuzz check format dependencies bench bench-against profile docs figures clean distclean
 
 help:  ## show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(STAMP)  ## build the environment in .venv (once)
 
@@ -51,7 +51,7 @@ lock: $(STAMP)  ## resolve requirements/*.txt anew: make UV_ARGS="--index URL" l
 	$(BIN)/python -m pip install --quiet $(PIP_ARGS) uv
 	$(BIN)/uv pip compile $(LOCK_ARGS) -o requirements/cuda.txt pyproject.toml
 	@mkdir -p build
-	printf 'torch==2.13.0+cpu\n' > build/override.txt
+	sed -n 's/^\(torch==[0-9.]*\).*/\1+cpu/p' requirements/cuda.txt > build/override.txt
 	$(BIN)/uv pip compile $(LOCK_ARGS) $(UV_ARGS) --override build/override.txt -o requirements/cpu.txt pyproject.toml
 
 demo: $(STAMP)  ## the main job, end to end, on embedded defaults
@@ -92,6 +92,12 @@ truth: $(STAMP)  ## filmed tosses from images to velocities, against the truth; 
 
 test: $(STAMP)  ## the tests
 	$(RUN_ONE) $(BIN)/python -m pytest -q -n $(TEST_JOBS)
+
+coverage-report: $(STAMP)  ## which lines and branches of tossid and pipelines the tests reach; slower than make test
+	$(BIN)/coverage erase
+	$(RUN_ONE) $(BIN)/coverage run -m pytest -q -n $(TEST_JOBS)
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage report --skip-covered --sort=cover
 
 test-slow: $(STAMP)  ## the tests that take minutes
 	$(RUN_ONE) $(BIN)/python -m pytest -q -n $(TEST_JOBS) -m slow

@@ -6,24 +6,26 @@ Usage: python choose.py [ARGUMENTS OF PIP]
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 
-TORCH = "torch==2.13.0"
+HERE = Path(__file__).parent
 
 
 def main() -> str:
     """The lock's name: "cpu", "cuda" or "none"."""
-    report = ["--dry-run", "--quiet", "--ignore-installed", "--no-deps", "--report", "-", TORCH]
+    torch = re.findall(r"^torch==[\d.]+", (HERE / "cuda.txt").read_text(), re.MULTILINE)[0]
+    report = ["--dry-run", "--quiet", "--ignore-installed", "--no-deps", "--report", "-", torch]
     done = subprocess.run(
         [sys.executable, "-m", "pip", "install", *report, *sys.argv[1:]], capture_output=True, text=True, check=False
     )
     if done.returncode:
-        sys.exit(f"pip finds no {TORCH} here:\n{done.stderr.strip()}")
+        sys.exit(f"pip finds no {torch} here:\n{done.stderr.strip()}")
     found = json.loads(done.stdout)["install"][0]
     sha256 = found["download_info"]["archive_info"]["hashes"]["sha256"]
-    for path in sorted(Path(__file__).parent.glob("*.txt")):
+    for path in sorted(HERE.glob("*.txt")):
         if f"--hash=sha256:{sha256}" in path.read_text():
             return path.stem
     version = found["metadata"]["version"]
