@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.diagnosis.by_hand import EFFECTS, finding
-from tossid.diagnosis.findings import Brings, Felt, Interval, mean_over_tosses
+from tossid.diagnosis.findings import Brings, Felt, Interval, mean_over_tosses, ratio_over_tosses
 
 ONE = Interval(1.0, 0.5, 1.5)
 
@@ -70,3 +70,14 @@ def test_means_over_tosses_have_intervals_that_hold_them() -> None:
         found = mean_over_tosses(rng.normal(3.0, 1.0, 30))
         inside += found.low <= 3.0 <= found.high
     assert 178 <= inside <= 199
+
+
+def test_the_interval_of_a_ratio_covers_it() -> None:
+    """95 % intervals of a ratio of sums over 40 tosses, in 200 draws."""
+    inside = 0
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        below = rng.uniform(1, 3, 40)
+        ratio = ratio_over_tosses(0.4 * below + rng.normal(0, 0.3, 40), below)
+        inside += ratio.low <= 0.4 <= ratio.high
+    assert 180 <= inside <= 198

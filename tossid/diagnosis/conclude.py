@@ -25,7 +25,15 @@ from tossid.diagnosis.inference.brings import (
 )
 from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.found import Found
-from tossid.diagnosis.inference.judge import Fold, Frequencies, closed_share, cross_fit, frequencies, judged_by
+from tossid.diagnosis.inference.judge import (
+    Fold,
+    Frequencies,
+    closed_share,
+    cross_fit,
+    frequencies,
+    judged_by,
+    with_each_left_out,
+)
 from tossid.diagnosis.inference.search import Search
 from tossid.diagnosis.inference.shifts import SHIFTS, variance_over_shifts
 from tossid.diagnosis.inference.verdict import verdict_of_gap
@@ -34,7 +42,7 @@ from tossid.diagnosis.localisation.corners import place_of
 from tossid.diagnosis.localisation.disagreement import SolverDisagreement, solver_disagreement
 from tossid.diagnosis.localisation.gap import Rows, in_short, measure_gap, phases_left, rows_of
 from tossid.diagnosis.localisation.noise import Floor, noise_floor
-from tossid.diagnosis.localisation.rollouts import made_by
+from tossid.diagnosis.localisation.rollouts import measured_again, rolled_out
 from tossid.diagnosis.localisation.witnesses import witnesses
 from tossid.diagnosis.over_order import Undone, changes_left, findings_over_order, without_changes
 from tossid.diagnosis.plane import in_plane
@@ -216,9 +224,8 @@ class _Concluded:
             closed=closed,
             within_solvers=_within(solvers, left),
         )
-        made = made_by(
-            tosses, h.world(), problem.sample.windows, draws=WITNESS_DRAWS, seed=problem.seed, n_threads=threads
-        )
+        runs = rolled_out(tosses, h.world(), problem.sample.windows, n_threads=threads)
+        made = measured_again(tosses, runs, draws=WITNESS_DRAWS, seed=problem.seed)
         return Diagnosis(
             verdict=verdict,
             gap=gap,
@@ -283,7 +290,7 @@ def _folds(problem: Problem, found: Found, count: int) -> tuple[Fold, ...]:
     """The folds that judge a search; all tosses as one that judges nothing, if there are none."""
     n, threads = len(problem.tosses), problem.n_threads
     if not count:
-        return (judged_by(np.arange(n), problem.sample.windows, problem.search(), found),)
+        return (with_each_left_out(judged_by(np.arange(n), problem.sample.windows, problem.search(), found)),)
     inside = max(1, threads // count)
 
     def tosses(numbers: Index) -> list[Toss]:

@@ -309,8 +309,7 @@ def _in_words(name: str, settings: DiagnoseSettings) -> str:
 
 def _moving(tosses: Sequence[Toss], settings: DiagnoseSettings) -> tuple[tuple[Toss, ...], tuple[Toss, ...]]:
     """Tosses that are half a window long, and those of them in which anything moves."""
-    least = SHORTEST
-    long = tuple(toss for toss in tosses if len(toss) >= least)
+    long = tuple(toss for toss in tosses if len(toss) >= SHORTEST)
     return long, tuple(toss for toss in long if moves(toss, settings.checks))
 
 
@@ -334,8 +333,7 @@ def _usable(
     kept = tuple(toss for toss in moving if toss.name not in copies)
     why = []
     if len(long) < len(tosses):
-        least = SHORTEST
-        why.append(f"{len(tosses) - len(long)} of {len(tosses)} are shorter than {least} frames")
+        why.append(f"{len(tosses) - len(long)} of {len(tosses)} are shorter than {SHORTEST} frames")
     if len(moving) < len(long):
         why.append(f"in {len(long) - len(moving)} of {len(tosses)} nothing moves")
     if copies:

@@ -16,8 +16,12 @@ FOUND: tuple[EffectVerdict, ...] = ("identified", "candidate", "confusable")
 """Verdicts of effects that are found, or may be what is found."""
 FELT_PCT, FELT_DEG = 0.5, 0.5
 """Change of whole tosses from which a person would notice it [% of the width], [deg]: means over frames."""
+FEWEST_TOSSES = 12
+"""Tosses from which on a test over the whole library can name an effect of contact: no p-value is below 2^(1 - n)."""
 RESAMPLES = 500
 """Of tosses, for intervals of means and shares."""
+LEAST_BELOW = 1e-9
+"""Denominator of a ratio at least; of nothing, no part is a share."""
 
 
 @dataclass(frozen=True)
@@ -333,11 +337,26 @@ class Brings:
 
 def mean_over_tosses(values: Array) -> Interval:
     """The mean of values (n,), with its percentile interval by resampled tosses; NaN of none."""
-    if not len(values):
+    return ratio_over_tosses(values, np.ones(len(values)))
+
+
+def ratio_over_tosses(above: Array, below: Array) -> Interval:
+    """sum(above) / sum(below) with its percentile interval by resampled tosses; NaN of none.
+
+    Args:
+        above: (n,), one a toss.
+        below: (n,), likewise.
+    """
+    n = len(above)
+    if not n:
         return Interval(np.nan, np.nan, np.nan)
-    drawn = values[np.random.default_rng(0).integers(0, len(values), (RESAMPLES, len(values)))].mean(1)
-    low, high = np.percentile(drawn, [2.5, 97.5])
-    return Interval(float(values.mean()), float(low), float(high))
+
+    def ratio(top: Array, bottom: Array) -> Array:
+        return np.asarray(top / np.where(np.abs(bottom) > LEAST_BELOW, bottom, LEAST_BELOW))
+
+    drawn = np.random.default_rng(0).integers(0, n, (RESAMPLES, n))
+    low, high = np.percentile(ratio(above[drawn].sum(1), below[drawn].sum(1)), [2.5, 97.5])
+    return Interval(float(ratio(above.sum(), below.sum())), float(low), float(high))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tossid.diagnosis import findings as report
 from tossid.diagnosis.correction import CORRECTABLE, corrected_tosses, ending_at_origin
 from tossid.diagnosis.effect_findings import phases_of
-from tossid.diagnosis.findings import ChangeLeft, Felt, Finding, Interval
+from tossid.diagnosis.findings import ChangeLeft, Felt, Finding, Interval, ratio_over_tosses
 from tossid.diagnosis.inference.brings import median_of
 from tossid.diagnosis.inference.designs import LEVEL, Where, change_p_values, enough
 from tossid.diagnosis.inference.evidence import Evidence, collect
@@ -29,7 +29,7 @@ from tossid.diagnosis.inference.order import SHOWN, OverOrder, alike, over_order
 from tossid.diagnosis.inference.screening import screen
 from tossid.diagnosis.inference.stretches import Change, Stretch, windows_within
 from tossid.diagnosis.likelihood.windows import Windows
-from tossid.diagnosis.localisation.gap import bootstrap_ratio, rows_of
+from tossid.diagnosis.localisation.gap import rows_of
 from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.localisation.rollouts import distances, first_states, whole_motions
 from tossid.diagnosis.problem import Problem
@@ -261,7 +261,7 @@ def findings_over_order(undone: Undone, recorded: Sequence[Toss]) -> tuple[Findi
                 mean_over_order(change),
                 effect.named(effect.nominal(stated.world())),
                 {"gain": change.gain, "p_value": change.p_value, "n_tosses": float(n)},
-                bootstrap_ratio(over.excess(change) - left, whole),
+                ratio_over_tosses(over.excess(change) - left, whole),
                 felt=over.felt(change),
                 over_order=_in_words(change, recorded, undone=k < len(undone.changes)),
             )

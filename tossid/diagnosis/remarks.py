@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
+from tossid.diagnosis.findings import FEWEST_TOSSES
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.simulators import Simulator
-
-FEWEST_FOR_A_NAME = 12
-"""Tosses from which an effect of contact has been named (`experiments/search/search.md`)."""
 
 
 def remarks_on(found: Diagnosis, simulator: Simulator) -> tuple[str, ...]:
@@ -22,7 +20,7 @@ def remarks_on(found: Diagnosis, simulator: Simulator) -> tuple[str, ...]:
 def _of_number(found: Diagnosis) -> tuple[str, ...]:
     """A remark where nothing was found, and too few tosses took part for a name."""
     n = found.n_tosses
-    if found.found or found.verdict == "no_gap" or n >= FEWEST_FOR_A_NAME:
+    if found.found or found.verdict == "no_gap" or n >= FEWEST_TOSSES:
         return ()
     return (
         f"{n} tosses are too few: even if all agreed, that could be chance, given how many effects are tried. Some "

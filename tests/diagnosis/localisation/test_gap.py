@@ -11,7 +11,6 @@ from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.diagnosis.localisation.gap import (
     Rows,
-    bootstrap_ratio,
     channels_of,
     in_short,
     is_clear,
@@ -109,17 +108,6 @@ def test_a_toss_that_is_far_off_is_odd(tosses: list[Toss], stated: Evidence, flo
     far[made.toss == 2] = 30.0
     changed = Rows(*(far if name == "whitened" else getattr(made, name) for name in made.__dataclass_fields__))
     assert measure_gap(tosses, changed, floor).odd == (tosses[2].name,)
-
-
-def test_the_interval_of_a_ratio_covers_it() -> None:
-    """95 % intervals of a ratio of sums over 40 tosses, in 200 draws."""
-    inside = 0
-    for seed in range(200):
-        rng = np.random.default_rng(seed)
-        below = rng.uniform(1, 3, 40)
-        ratio = bootstrap_ratio(0.4 * below + rng.normal(0, 0.3, 40), below, seed=seed)
-        inside += ratio.low <= 0.4 <= ratio.high
-    assert 180 <= inside <= 198
 
 
 def test_joints_are_channels() -> None:

@@ -9,7 +9,14 @@ from tests.diagnosis.tossed import POSITION, ROTATION, seen, seen_with_joint
 from tests.models.made import DT, thrown
 from tossid.diagnosis.likelihood.states import difference
 from tossid.diagnosis.likelihood.windows import make_windows
-from tossid.diagnosis.localisation.rollouts import distances, first_states, made_by, toss_errors, whole_motions
+from tossid.diagnosis.localisation.rollouts import (
+    distances,
+    first_states,
+    measured_again,
+    rolled_out,
+    toss_errors,
+    whole_motions,
+)
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Forces, World
 
@@ -57,7 +64,7 @@ def test_rollouts_of_the_right_world_are_nearer_than_of_a_wrong_one(cube: Object
 def test_tosses_that_a_world_makes_are_near_its_own_predictions(cube: ObjectModel) -> None:
     tosses = seen(World(cube), cube, 4, seed=1)
     windows = make_windows(tosses, cube)
-    made = made_by(tosses, World(cube), windows, draws=2, seed=3)
+    made = measured_again(tosses, rolled_out(tosses, World(cube), windows), draws=2, seed=3)
     assert [toss.name for toss in made] == [toss.name for toss in tosses for _ in range(2)]
     first = first_states(tosses, World(cube), windows)
     runs = whole_motions(tosses, World(cube), first, windows, 1)

@@ -17,7 +17,14 @@ from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.judge import Fold
 from tossid.diagnosis.inference.sample import Sample
-from tossid.diagnosis.localisation.rollouts import distances, first_states, made_by, toss_errors, whole_motions
+from tossid.diagnosis.localisation.rollouts import (
+    distances,
+    first_states,
+    measured_again,
+    rolled_out,
+    toss_errors,
+    whole_motions,
+)
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
@@ -132,9 +139,10 @@ def noise_limit(found: Found, tosses: Sequence[Toss], sample: Sample, *, folds: 
     # without a fold, values are that much less certain
     wider = np.sqrt(folds / (folds - 1)) if folds > 1 else 1.0
     world, threads, medians = found.hypothesis.world(), sample.n_threads, []
+    runs = rolled_out(tosses, world, sample.windows, n_threads=threads)
     for rng in np.random.default_rng(seed).spawn(NOISE_DRAWS):
         seed_of_draw = int(rng.integers(2**31))
-        made = made_by(tosses, world, sample.windows, draws=1, seed=seed_of_draw, n_threads=threads)
+        made = measured_again(tosses, runs, draws=1, seed=seed_of_draw)
         if made:
             felt = median_of(toss_errors(made, drawn(found, rng, wider).world(), n_threads=threads))
             medians.append((felt.position_pct, felt.rotation_deg))

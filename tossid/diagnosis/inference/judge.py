@@ -12,7 +12,7 @@ costs no simulation.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +42,7 @@ class Fold:
         found: By the search over the others.
         before: Evidence of the judged tosses, with the simulator as it is stated.
         after: The same with what was found.
-        without: The same without each effect, by its name.
+        without: The same without each effect, by its name; empty where nothing asks for it.
     """
 
     held: Index
@@ -66,8 +66,17 @@ def judged_by(held: Index, windows: Windows, search: Search, found: Found) -> Fo
     h = found.hypothesis
     changed = h.effects or h.law != search.stated.law
     after = collect(windows, h, n_threads=threads) if changed else before
-    without = {name: after.near(h.without(name), steps=3) for name in h.names}
-    return Fold(held, found, before, after, without)
+    return Fold(held, found, before, after, {})
+
+
+def with_each_left_out(fold: Fold) -> Fold:
+    """A fold with the evidence of its tosses without each effect that was found.
+
+    Args:
+        fold: Of `judged_by`.
+    """
+    h = fold.found.hypothesis
+    return replace(fold, without={name: fold.after.near(h.without(name), steps=3) for name in h.names})
 
 
 def cross_fit(
@@ -94,7 +103,7 @@ def cross_fit(
     def fold(k: int) -> Fold:
         held, others = np.flatnonzero(place == k), np.flatnonzero(place != k)
         search = search_of(others)
-        return judged_by(held, windows_of(held, others), search, search.run())
+        return with_each_left_out(judged_by(held, windows_of(held, others), search, search.run()))
 
     yield from in_threads(fold, range(min(count, n)), n_threads)
 
@@ -188,7 +197,7 @@ def _of_all(evidences: Sequence[Evidence], folds: Sequence[Fold], floor: Array) 
 
 
 def _share(before: Array, after: Array) -> Interval:
-    """1 - after / before of sums over tosses, with its percentile interval; at most 1."""
+    """1 - after / before of sums over tosses, with its percentile interval; from -1 to 1."""
     if not before.sum() > 0:
         return Interval(0.0, 0.0, 0.0)
 

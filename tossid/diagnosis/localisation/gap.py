@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import RESAMPLES, Gap, Interval, Share
+from tossid.diagnosis.findings import Gap, Interval, Share, ratio_over_tosses
 from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.likelihood.density import student_deviance
 from tossid.diagnosis.localisation.noise import Floor
@@ -55,6 +55,24 @@ class Rows:
         """Root mean square of whitened residuals."""
         return float(np.sqrt((self.whitened**2).mean()))
 
+    @property
+    def position_rms(self) -> float:
+        """Root mean square distance [m]."""
+        return float(np.sqrt((self.raw[:, :3] ** 2).sum(1).mean()))
+
+    @property
+    def rotation_rms(self) -> float:
+        """Root mean square angle [rad]."""
+        return float(np.sqrt((self.raw[:, 3:6] ** 2).sum(1).mean()))
+
+    def excess_where(self, chosen: NDArray[np.bool_]) -> Array:
+        """(n,) excess of each toss in some rows.
+
+        Args:
+            chosen: (m,) which.
+        """
+        return self.by_toss(np.where(chosen[:, None], self.excess, 0.0))
+
     def by_toss(self, values: Array) -> Array:
         """(n,) sums over each toss.
 
@@ -93,24 +111,6 @@ def rows_of(parts: Sequence[tuple[Evidence, Index]], floor: Floor) -> Rows:
     return Rows(toss, time, phase, after, raw, whitened, excess, n)
 
 
-def bootstrap_ratio(above: Array, below: Array, *, seed: int = 0) -> Interval:
-    """sum(above) / sum(below) with its percentile interval over tosses.
-
-    Args:
-        above: (n,), one a toss.
-        below: (n,), likewise.
-        seed: Of the resamples.
-    """
-    rng = np.random.default_rng(seed)
-    n = len(above)
-    index = rng.integers(0, n, (RESAMPLES, n))
-    bottom = below[index].sum(1)
-    ratio = above[index].sum(1) / np.where(np.abs(bottom) > 1e-9, bottom, 1e-9)
-    low, high = np.percentile(ratio, [2.5, 97.5])
-    total = below.sum()
-    return Interval(float(above.sum() / (total if abs(total) > 1e-9 else 1e-9)), float(low), float(high))
-
-
 def measure_gap(tosses: Sequence[Toss], rows: Rows, floor: Floor) -> Gap:
     """The gap of a hypothesis: its size, and its shares by phase and channel.
 
@@ -120,30 +120,27 @@ def measure_gap(tosses: Sequence[Toss], rows: Rows, floor: Floor) -> Gap:
         floor: The noise floor.
     """
     squares, count = rows.by_toss(rows.whitened**2), rows.by_toss(np.ones_like(rows.whitened))
-    ratio = bootstrap_ratio(squares, count)
+    ratio = ratio_over_tosses(squares, count)
     total = Interval(*(float(np.sqrt(max(x, 0.0))) for x in (ratio.value, ratio.low, ratio.high)))
     whole = rows.by_toss(rows.excess)
 
-    def share(name: str, part: Array) -> Share:
-        return Share(name, bootstrap_ratio(rows.by_toss(part), whole))
-
-    def of_rows(chosen: NDArray[np.bool_]) -> Array:
-        return np.where(chosen[:, None], rows.excess, 0.0)
+    def share(name: str, of_tosses: Array) -> Share:
+        return Share(name, ratio_over_tosses(of_tosses, whole))
 
     mean = squares / np.maximum(count, 1)
     middle = np.median(mean)
     far = middle + FAR * np.median(np.abs(mean - middle)) + FAR_TOO
-    distance, angle = (np.sqrt((rows.raw[:, part] ** 2).sum(1).mean()) for part in (slice(0, 3), slice(3, 6)))
+    channels = enumerate(channels_of(rows.excess.shape[1]))
     return Gap(
         total=total,
         noise_floor=floor.rms,
-        position_mm=float(1e3 * distance),
-        rotation_deg=float(np.rad2deg(angle)),
-        by_phase=tuple(share(phase.name.lower(), of_rows(rows.phase == phase)) for phase in PHASES),
-        by_channel=tuple(share(name, rows.excess[:, c]) for c, name in enumerate(channels_of(rows.excess.shape[1]))),
+        position_mm=1e3 * rows.position_rms,
+        rotation_deg=float(np.rad2deg(rows.rotation_rms)),
+        by_phase=tuple(share(phase.name.lower(), rows.excess_where(rows.phase == phase)) for phase in PHASES),
+        by_channel=tuple(share(name, rows.by_toss(rows.excess[:, c])) for c, name in channels),
         frames=np.stack([rows.toss, rows.time, rows.phase, rows.excess.mean(1)], axis=1),
         odd=tuple(toss.name for toss, size in zip(tosses, mean, strict=True) if size > far),
-        after_impacts=share("after_impacts", of_rows(rows.after_impact)),
+        after_impacts=share("after_impacts", rows.excess_where(rows.after_impact)),
     )
 
 
@@ -156,8 +153,7 @@ def phases_left(before: Rows, after: Rows) -> tuple[Share, ...]:
     """
     whole, out = before.by_toss(before.excess), []
     for phase in PHASES:
-        left = after.by_toss(np.where((after.phase == phase)[:, None], after.excess, 0.0))
-        share = bootstrap_ratio(left, whole)
+        share = ratio_over_tosses(after.excess_where(after.phase == phase), whole)
         if share.low > 0 and share.value > LEAST_LEFT:
             out.append(Share(phase.name.lower(), share))
     return tuple(out)
@@ -170,7 +166,7 @@ def is_clear(rows: Rows, phases: Sequence[Phase]) -> bool:
         rows: Of a hypothesis.
         phases: Which.
     """
-    above = rows.by_toss(np.where(np.isin(rows.phase, phases)[:, None], rows.excess, 0.0))
+    above = rows.excess_where(np.isin(rows.phase, phases))
     return bool(above.sum() > 2 * np.sqrt(len(above)) * above.std())
 
 
@@ -195,10 +191,10 @@ def in_short(rows: Rows) -> str:
     squares = rows.whitened**2
     phase = max(PHASES, key=lambda each: float((squares[rows.phase == each] - 1).sum()))
     channel = channels_of(squares.shape[1])[int(squares.sum(0).argmax())]
-    distance, angle = (np.sqrt((rows.raw[:, part] ** 2).sum(1).mean()) for part in (slice(0, 3), slice(3, 6)))
     return (
         f"the gap over short windows is {np.sqrt(squares.mean()):.1f} standard deviations of noise "
-        f"({1e3 * distance:.2g} mm, {np.rad2deg(angle):.2g} deg), most in {phase.name.lower()} and {channel}"
+        f"({1e3 * rows.position_rms:.2g} mm, {np.rad2deg(rows.rotation_rms):.2g} deg), "
+        f"most in {phase.name.lower()} and {channel}"
     )
 
 

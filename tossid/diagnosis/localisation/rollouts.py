@@ -31,7 +31,7 @@ def toss_errors(tosses: Sequence[Toss], world: World, windows: Windows | None = 
         Means over frames; NaN where a rollout diverged.
     """
     stated = world.object if windows is None or windows.stated is None else windows.stated
-    runs = _rolled_out(tosses, world, windows, n_threads)
+    runs = rolled_out(tosses, world, windows, n_threads=n_threads)
     return distances(runs, [toss.q for toss in tosses], stated.width)
 
 
@@ -70,37 +70,36 @@ def whole_motions(
     return [run[row, each] for row, each in enumerate(ticks)]
 
 
-def _rolled_out(tosses: Sequence[Toss], world: World, windows: Windows | None, n_threads: int) -> list[Array]:
-    """Poses (n, nq) of each toss's frames in the world, as of `toss_errors`."""
-    windows = make_windows(tosses, world.object) if windows is None else windows
-    first = first_states(tosses, world, windows, n_threads=n_threads)
-    return whole_motions(tosses, world, first, windows, n_threads)
-
-
-def made_by(
-    tosses: Sequence[Toss],
-    world: World,
-    windows: Windows | None = None,
-    *,
-    draws: int,
-    seed: int = 0,
-    n_threads: int = 1,
-) -> list[Toss]:
-    """Tosses that a world makes from the first states of others, measured with the same noise.
+def rolled_out(
+    tosses: Sequence[Toss], world: World, windows: Windows | None = None, *, n_threads: int = 1
+) -> list[Array]:
+    """Poses (n, nq) of each toss's frames in a world, from what its first flight determines there (`first_states`).
 
     Args:
         tosses: As recorded.
         world: The simulator.
         windows: Of these tosses, where they are at hand.
+        n_threads: Of the simulator.
+    """
+    windows = make_windows(tosses, world.object) if windows is None else windows
+    first = first_states(tosses, world, windows, n_threads=n_threads)
+    return whole_motions(tosses, world, first, windows, n_threads)
+
+
+def measured_again(tosses: Sequence[Toss], runs: Sequence[Array], *, draws: int, seed: int = 0) -> list[Toss]:
+    """Tosses with other motions, measured with the same noise.
+
+    Args:
+        tosses: As recorded.
+        runs: Poses (n, nq) of each one's frames, as of `rolled_out`.
         draws: How often each is measured.
         seed: Of the noise.
-        n_threads: Of the simulator.
 
     Returns:
         Each with the name of the toss whose first state it has; without those that diverged.
     """
     rng, out = np.random.default_rng(seed), []
-    for toss, q in zip(tosses, _rolled_out(tosses, world, windows, n_threads), strict=True):
+    for toss, q in zip(tosses, runs, strict=True):
         if not np.isfinite(q).all():
             continue
         cov = toss.measured[1]

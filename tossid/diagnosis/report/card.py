@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tossid.diagnosis.findings import FELT_DEG, FELT_PCT, Finding
+from tossid.diagnosis.findings import FELT_DEG, FELT_PCT, FEWEST_TOSSES, Finding
 from tossid.diagnosis.report.units import in_units, listed, parameter, percent, short
 from tossid.diagnosis.report.words import PHASES, estimates, over_order_words, release_words, stated_words
 from tossid.diagnosis.result import Diagnosis
@@ -21,8 +21,6 @@ VERDICTS = {
     "incomplete": "Interrupted before the gap was explained",
 }
 PARTS = {2: "half", 3: "a third", 4: "a quarter", 5: "a fifth"}
-FEW_TOSSES = 12
-"""Tosses from which on a test over the whole library can name an effect of contact: no p-value is below 2^(1 - n)."""
 
 
 @dataclass(frozen=True)
@@ -218,8 +216,8 @@ def _next(diagnosis: Diagnosis) -> list[str]:
             lines.append(f"In MuJoCo, whole tosses are off by {now} % of the width with the patch, {was} % without.")
     else:
         lines.append("See where the gap is, and check the recording there. Is it right, add an effect of your own.")
-    if diagnosis.n_tosses < FEW_TOSSES and diagnosis.verdict != "explained":
-        lines.append(f"Record at least {FEW_TOSSES} tosses: fewer cannot name an effect of contact.")
+    if diagnosis.n_tosses < FEWEST_TOSSES and diagnosis.verdict != "explained":
+        lines.append(f"Record at least {FEWEST_TOSSES} tosses: fewer cannot name an effect of contact.")
     return lines
 
 
