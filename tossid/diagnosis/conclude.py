@@ -24,6 +24,7 @@ from tossid.diagnosis.inference.brings import (
     worsen,
 )
 from tossid.diagnosis.inference.evidence import Evidence
+from tossid.diagnosis.inference.final_values import SHIFTS, FinalValues, final_values
 from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.judge import (
     Fold,
@@ -35,7 +36,6 @@ from tossid.diagnosis.inference.judge import (
     with_each_left_out,
 )
 from tossid.diagnosis.inference.search import Search
-from tossid.diagnosis.inference.shifts import SHIFTS, variance_over_shifts
 from tossid.diagnosis.inference.verdict import verdict_of_gap
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.diagnosis.localisation.corners import place_of
@@ -143,7 +143,8 @@ class _Concluded:
     Attributes:
         recorded: The problem with the tosses as they were recorded.
         problem: The same without the changes of their recording.
-        undone: These changes, and what was found.
+        undone: These changes, and what the search has found.
+        final: The same at the values that are reported.
         floor: What noise leaves.
         folds: Without which the search was repeated; one of all tosses where it was not judged.
         judged: Whether it was.
@@ -157,6 +158,7 @@ class _Concluded:
     recorded: Problem
     problem: Problem
     undone: Undone
+    final: FinalValues
     floor: Floor
     folds: tuple[Fold, ...]
     judged: bool
@@ -170,22 +172,26 @@ class _Concluded:
     def of(recorded: Problem, first: Evidence, undone: Undone, engine: Engine) -> _Concluded:
         problem, count = undone.problem, recorded.settings.repeats
         floor = noise_floor(problem.sample.windows)
-        folds = _folds(problem, undone.found, count)
+        final = final_values(undone.found, map(problem.shifted, SHIFTS))
+        folds = _folds(problem, final.found, count)
         all_tosses = np.arange(len(problem.tosses))
         before = rows_of([(first, all_tosses)], noise_floor(recorded.sample.windows))
         between = rows_of([(fold.before, fold.held) for fold in folds], floor)
         after = rows_of([(fold.after, fold.held) for fold in folds], floor)
         frequency = frequencies(folds, seed=problem.seed) if count else None
-        return _Concluded(recorded, problem, undone, floor, folds, count > 0, frequency, before, between, after, engine)
+        return _Concluded(
+            recorded, problem, undone, final, floor, folds, count > 0, frequency, before, between, after, engine
+        )
 
     @property
     def found(self) -> Found:
-        return self.undone.found
+        return self.final.found
 
     def diagnosis(self) -> Diagnosis:
         problem, found, under_way = self.problem, self.found, self.problem.under_way
         under_way("whole tosses", JUDGED)
         tosses, h, threads = problem.tosses, found.hypothesis, problem.n_threads
+        searched = self.undone.found.fit.evidence  # with the time steps of the stated simulator's evidence
         brings = whole_tosses(
             self.folds,
             tosses,
@@ -198,7 +204,7 @@ class _Concluded:
         gap = measure_gap(self.recorded.tosses, self.before, self.floor)
         left = measure_gap(tosses, self.after, self.floor)
         closed = closed_share(self.folds, self.floor.deviance)
-        solvers = None if h.law.engine.of_user else solver_disagreement(found.fit.evidence, seed=problem.seed)
+        solvers = None if h.law.engine.of_user else solver_disagreement(searched, seed=problem.seed)
         judgement = Judgement(
             found,
             self.folds,
@@ -208,7 +214,7 @@ class _Concluded:
             self.floor.deviance,
             felt_of_each(h, tosses, problem.sample),
             worsen(self.folds, tosses, h.names, threads),
-            variance_over_shifts(found, map(problem.shifted, SHIFTS)),
+            self.final.variance,
             beyond_solvers=solvers is None or self.under_its_law().rms > solvers.gap,
         )
         findings = judgement.findings(problem.library)
@@ -242,7 +248,7 @@ class _Concluded:
             draws=0 if self.frequency is None else len(self.frequency.drawn),
             probability_none=None if self.frequency is None else self.frequency.none,
             alternatives=alternatives(found),
-            place=place_of(tosses, found.first, found.fit.evidence if h.effects else None, seed=problem.seed),
+            place=place_of(tosses, found.first, searched if h.effects else None, seed=problem.seed),
             witnesses=witnesses(tosses, problem.stated.world(), h.world(), made),
             disagreement=solvers,
             noise=self.floor.noise,

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Change, Felt, Finding, Interval
+from tossid.diagnosis.inference.final_values import DEGREES
 from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.judge import Fold, Frequencies, lost_without
 from tossid.diagnosis.inference.screening import Candidate, Screening
-from tossid.diagnosis.inference.shifts import DEGREES as SHIFT_DEGREES
 from tossid.diagnosis.inference.verdict import DETECTABLE, Facts, verdict_of_found, verdict_of_others
 from tossid.diagnosis.localisation.gap import Rows, is_clear, share_closed_in
 from tossid.physics.effects import Effect, World
@@ -87,7 +87,7 @@ class Judgement:
             verdict_of_found(facts),
             effect.says,
             phases_of(effect),
-            fitted.intervals(name, self.variance.get(name, 0.0), SHIFT_DEGREES),
+            fitted.intervals(name, self.variance.get(name, 0.0), DEGREES),
             effect.named(effect.nominal(self.stated)),
             self._evidence(float(found.needed[name].sum()), 1.0 if screened is None else screened[1].p_value),
             lost_without(self.folds, name, self.floor),

@@ -98,13 +98,14 @@ class Evidence:
         """Of whitened residuals."""
         return self.windows.settings.density
 
-    def near(self, hypothesis: Hypothesis, *, steps: int = 1, renew: bool = True) -> Evidence:
+    def near(self, hypothesis: Hypothesis, *, steps: int = 1, renew: bool = True, known: bool = True) -> Evidence:
         """The evidence of a hypothesis near by, whose first states follow by few Gauss-Newton steps.
 
         Args:
             hypothesis: The other hypothesis.
             steps: Most steps of each window's first state.
             renew: Whether derivatives by first states are computed anew where predictions have moved.
+            known: Whether residuals here are of the simulator that predicts there; else all windows are simulated.
         """
         world = hypothesis.world()
         windows, whitening, raw = linearised(
@@ -114,8 +115,8 @@ class Evidence:
             near=self.whitening,
             update=renew,
             difference=self.difference,
-            known=self.raw_residuals(hypothesis),
-            moving=self.windows.feels(world, self.hypothesis.world()),
+            known=self.raw_residuals(hypothesis) if known else None,
+            moving=self.windows.feels(world, self.hypothesis.world()) if known else None,
             n_threads=self.n_threads,
         )
         return Evidence.at(hypothesis, windows, whitening, raw, self.difference, self.n_threads)

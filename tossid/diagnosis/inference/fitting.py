@@ -68,6 +68,13 @@ class Fit:
             return np.zeros(self.n)
         return -self.columns.gains(self.columns.left_out() - self.columns.step())
 
+    def widths(self) -> Array:
+        """(P,) widths of the next central differences, in declared steps: two standard errors either way."""
+        out = self.sizes.copy()
+        four = 4.0 / np.sqrt(np.maximum(np.diagonal(self.columns.H.sum(0)), 1e-12))
+        out[list(self.free)] = np.clip(four, NARROWEST, WIDEST)
+        return out
+
     def moved(self, step: Array) -> Hypothesis:
         """The hypothesis moved in its free parameters, within their bounds.
 
@@ -159,7 +166,7 @@ def fit(
     sizes = np.full(len(start.flat()), WIDEST) if sizes is None else sizes.copy()
     columns = _columns(evidence, free, sizes, n)
     for _ in range(iterations):
-        sizes[list(free)] = _difference_sizes(columns)
+        sizes = Fit(evidence, columns, free, sizes, n).widths()
         found = _step(Fit(evidence, columns, free, sizes, n))
         if found is None:
             break
@@ -173,11 +180,6 @@ def fit(
 
 def _columns(evidence: Evidence, free: tuple[int, ...], sizes: Array, n: int) -> Columns:
     return sums(evidence, slopes(evidence, evidence.hypothesis, free, sizes), n)
-
-
-def _difference_sizes(columns: Columns) -> Array:
-    """Widths of central differences, in steps: two standard errors either way."""
-    return np.clip(4.0 / np.sqrt(np.maximum(np.diagonal(columns.H.sum(0)), 1e-12)), NARROWEST, WIDEST)
 
 
 def _step(at: Fit) -> tuple[Evidence, float] | None:

@@ -1,0 +1,68 @@
+"""Reported values are roots of the estimating equations, and their intervals know where windows begin."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.by_hand import EFFECTS
+from tests.diagnosis.inference.conftest import FRICTION
+from tests.diagnosis.tossed import seen, with_effect
+from tossid.diagnosis.inference.final_values import DEGREES, FINER, NEAR, SHIFTS, final_values, finely, root_of
+from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.problem import Problem
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World
+
+
+def problem_with(cube: ObjectModel, name: str, values: list[float]) -> Problem:
+    tosses = seen(with_effect(cube, name, values), cube, 9, seed=3, frames=70)
+    return Problem(tosses, Hypothesis(World(cube)), library=(EFFECTS[name],))
+
+
+def test_final_values_are_at_a_root_and_have_the_variance_over_shifts(cube: ObjectModel) -> None:
+    problem = problem_with(cube, "friction", [FRICTION])
+    found = problem.search().run()
+    shifted = [problem.shifted(share) for share in SHIFTS]
+    assert all(len(s.windows.toss) != len(problem.sample.windows.toss) or s.windows.first.min() > 0 for s in shifted)
+    final = final_values(found, shifted)
+    assert final.found.fit.evidence.windows.settings.simulation.substeps == FINER * 2
+    variance = final.variance["friction"]
+    assert variance.shape == (1,)
+    assert 0 < np.sqrt(variance[0]) < 0.01
+    fit = final.found.fit
+    plain, wider = fit.intervals("friction")["mu"], fit.intervals("friction", variance, DEGREES)["mu"]
+    assert wider.low < plain.low < plain.value < plain.high < wider.high
+    # a variance of two degrees of freedom alone has their quantile, 4.3
+    alone = fit.intervals("friction", np.array([1e-3**2 * 1e4]), DEGREES)["mu"]
+    assert alone.high - alone.value == pytest.approx(4.303 * 0.1, rel=0.02)
+    assert wider.low < FRICTION < wider.high
+
+
+def test_a_root_is_found_from_off_it(cube: ObjectModel) -> None:
+    problem = problem_with(cube, "friction", [FRICTION])
+    off = problem.stated.plus(EFFECTS["friction"], np.array([FRICTION + 0.003]))
+    start = problem.sample.fixed(problem.sample.evidence(off))
+    free = problem.sample.settled(start)
+    root = root_of(free)
+    error = np.sqrt(np.diag(root.columns.covariance()))
+    assert abs(root.columns.step() / error)[0] < 3 * NEAR
+    assert abs(root.hypothesis.flat()[0] - FRICTION) < 0.5 * abs(off.flat()[0] - FRICTION)
+
+
+def test_shorter_time_steps_predict_the_same_tosses_more_closely(cube: ObjectModel) -> None:
+    problem = problem_with(cube, "friction", [FRICTION])
+    coarse = problem.sample.evidence(problem.stated.plus(EFFECTS["friction"], np.array([FRICTION])))
+    fine = finely(coarse)
+    assert fine.raw.shape == coarse.raw.shape
+    assert not np.array_equal(fine.raw, coarse.raw)
+    assert fine.deviances().sum() < 1.02 * coarse.deviances().sum()
+
+
+def test_what_flight_has_determined_keeps_its_values(cube: ObjectModel) -> None:
+    problem = problem_with(cube, "gravity", [9.5])
+    found = problem.search().run()
+    assert found.flown == {"gravity"}
+    final = final_values(found, (problem.shifted(share) for share in SHIFTS))
+    assert final.found is found
+    assert final.variance == {}

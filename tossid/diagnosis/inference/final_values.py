@@ -1,0 +1,101 @@
+"""The values that are reported: roots of the estimating equations, over where windows begin, at fine time steps.
+
+A search simulates two steps a frame, and its fits end where no step gains. Contact makes a likelihood rough, so such a
+place is only near the root of the estimating equations sum_i J_i^T W_i e_i = 0. The jackknife's covariance is that of
+the root. So the found hypothesis is taken there by undamped scoring steps (Fisher scoring; J are differences two
+standard errors wide either way, which average the roughness), with time steps a quarter as long.
+
+What a window's uncertain first state takes up, and what a parameter does, depends on which frames are in one window
+with an impact, alike in all tosses. No resampling of tosses shows that. So roots are found in windows that begin in
+three places. Their mean is reported, and its variance joins that over tosses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.diagnosis.inference.evidence import Evidence
+from tossid.diagnosis.inference.fitting import Fit, fit
+from tossid.diagnosis.inference.found import Found
+from tossid.diagnosis.inference.sample import Sample
+
+Array = NDArray[np.float64]
+
+SHIFTS = (1 / 3, 2 / 3)
+"""Of the length of a window."""
+DEGREES = len(SHIFTS)
+"""Degrees of freedom of the variance over these and the windows of the search."""
+FINER = 4
+"""Time steps of the final values over those of the search."""
+STEPS = 4
+"""Most scoring steps: roots are found to a tenth of a standard error in two to four."""
+NEAR, FARTHEST = 0.1, 3.0
+"""Standard errors at which a root is found, and that a step goes at most."""
+
+
+@dataclass(frozen=True)
+class FinalValues:
+    """A found hypothesis at the values that are reported.
+
+    Attributes:
+        found: At these values.
+        variance: (P,) of an effect's values beside that over tosses, by its name; of contact's effects.
+    """
+
+    found: Found
+    variance: Mapping[str, Array]
+
+
+def final_values(found: Found, shifted: Iterable[Sample]) -> FinalValues:
+    """The final values of a found hypothesis.
+
+    Args:
+        found: By a search. What flight has determined has windows of its own, and keeps its values.
+        shifted: The same tosses in windows that begin elsewhere.
+    """
+    h, n = found.hypothesis, found.fit.n
+    free = [name for name in h.names if name not in found.flown]
+    if not free:
+        return FinalValues(found, {})
+    begun = [found.fit.evidence, *(sample.evidence(h) for sample in shifted)]
+    roots = [root_of(fit(finely(each), h, n=n, iterations=0, held=found.flown)) for each in begun]
+    values = np.array([root.hypothesis.flat() for root in roots])
+    mean = fit(roots[0].evidence, h.at(values.mean(0)), n=n, iterations=0, held=found.flown, sizes=roots[0].sizes)
+    of_mean = values.var(0, ddof=1) / len(values)
+    return FinalValues(replace(found, fit=mean), {name: of_mean[h.place_of(name)] for name in free})
+
+
+def root_of(start: Fit) -> Fit:
+    """The root of the estimating equations near a fit, by undamped scoring steps with first states that follow.
+
+    Args:
+        start: Where to begin.
+    """
+    at, held = start, frozenset(start.hypothesis.names) - {start.hypothesis.owners[j] for j in start.free}
+    for _ in range(STEPS):
+        step = at.columns.step()
+        size = float(np.abs(step / np.sqrt(np.diag(at.columns.covariance()))).max())
+        if size < NEAR:
+            break
+        moved = at.moved(step * min(1.0, FARTHEST / size))
+        at = fit(at.evidence, moved, n=at.n, iterations=0, held=held, follow=2, sizes=at.widths())
+    return at
+
+
+def finely(evidence: Evidence) -> Evidence:
+    """The evidence of the same hypothesis with shorter time steps, whose first states follow.
+
+    Args:
+        evidence: With the time steps of a search.
+    """
+    windows = evidence.windows
+    coarse = windows.settings.simulation
+    parts = max(coarse.compliant_impact_parts // FINER, coarse.impact_parts)
+    simulation = replace(coarse, substeps=FINER * coarse.substeps, compliant_impact_parts=parts)
+    finer = replace(windows, settings=replace(windows.settings, simulation=simulation))
+    # (nothing of the coarse residuals is kept: they are of another simulator)
+    return replace(evidence, windows=finer).near(evidence.hypothesis, steps=3, known=False)
