@@ -100,7 +100,7 @@ def first_states(
 
 
 def flight_starts(
-    model: ObjectModel, tosses: Sequence[Toss], *, gravity: float, min_frames: int = 4, n_threads: int = 1
+    model: ObjectModel, tosses: Sequence[Toss], *, gravity: float, min_frames: int = 4
 ) -> list[FlightState | None]:
     """First states of a rigid body as estimated from its free flight; None where there is too little flight.
 
@@ -109,9 +109,8 @@ def flight_starts(
         tosses: With true lengths.
         gravity: The model's own downward acceleration, with which the flight is fitted [m/s²].
         min_frames: Frames before first contact that are enough.
-        n_threads: Over which tosses are split.
     """
-    states = flight_states(tosses, model, gravity=gravity, n_threads=n_threads)
+    states = flight_states(tosses, model, gravity=gravity)
     return [state if state.n_frames >= min_frames else None for state in states]
 
 

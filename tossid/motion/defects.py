@@ -17,15 +17,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.objects import GRAVITY, JointType, ObjectModel, body_poses, corner_heights
-from tossid.rotations import quat_boxminus, quat_rotate
-from tossid.settings.motion import DefectSettings
+from tossid.motion.contact import lowest_corner
+from tossid.motion.flight import fit_polynomial
+from tossid.motion.kinematics import center_of_mass
+from tossid.objects import GRAVITY, JointType, ObjectModel
+from tossid.rotations import quat_boxminus
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
 
-RULES = ("flight", "speed", "flip", "jolt")
-DEFAULT = DefectSettings()
+LIMITS = {"flight": 3.0, "speed": 70.0, "flip": 20.0, "jolt": 15.0}
+"""What a value must exceed to break a rule: a flight's acceleration that of gravity [m/s²], a spin or a hinge's rate, a
+frame's turn over its time the mean of the recorded rates, and a rate that of the frame before [rad/s]."""
+RULES = tuple(LIMITS)
+AIR_HEIGHT_REL = 0.3
+"""Height of the lowest corner above which nothing touches, in widths; stated geometry may be off."""
+FEWEST_FRAMES = 8
+"""Frames from the first on that a flight must have to be judged."""
+STANDARD_ERRORS = 4.0
+"""The difference from gravity must also exceed so many standard errors of the fitted acceleration."""
 
 
 @dataclass(frozen=True)
@@ -45,42 +55,33 @@ class Defect:
     limit: float
 
 
-def find_defects(
-    tosses: Sequence[Toss], model: ObjectModel, *, gravity: float = GRAVITY, settings: DefectSettings = DEFAULT
-) -> tuple[Defect, ...]:
+def find_defects(tosses: Sequence[Toss], model: ObjectModel, *, gravity: float = GRAVITY) -> tuple[Defect, ...]:
     """All rules that tosses break, in the order of tosses and `RULES`.
 
     Args:
         tosses: As recorded.
         model: The object.
         gravity: Where they were recorded [m/s²].
-        settings: The limits.
     """
     found = []
     for toss in tosses:
-        dt = np.diff(toss.t)
         if model.is_stated:
-            air = corner_heights(model, toss.q).min(axis=1) > settings.air_height * model.width
+            air = lowest_corner(model, toss.q) > AIR_HEIGHT_REL * model.width
         else:  # flight was found in the motion itself, and cannot contradict it
             air = np.zeros(len(toss), dtype=bool)
-        turning = [3, 4, 5, *(6 + j for j in range(model.n_joints) if model.joint_type[1 + j] == JointType.HINGE)]
-        rates = toss.v[:, turning]
-        turn = np.concatenate(
-            [
-                quat_boxminus(toss.q[1:, 3:7], toss.q[:-1, 3:7]),
-                np.diff(toss.q[:, 1 + np.array(turning[3:], int)], axis=0),
-            ],
-            axis=1,
+        hinges = np.flatnonzero(np.array(model.joint_type[1:]) == JointType.HINGE)
+        rates = toss.v[:, [3, 4, 5, *(6 + hinges)]]
+        turn = np.column_stack(
+            [quat_boxminus(toss.q[1:, 3:7], toss.q[:-1, 3:7]), np.diff(toss.q[:, 7 + hinges], axis=0)]
         )
-        difference = turn / dt[:, None] - 0.5 * (rates[1:] + rates[:-1])
         change = np.where((air[1:] & air[:-1])[:, None], np.diff(rates, axis=0), 0.0)
         worst = {
-            "flight": (_flight_error(toss, model, air, gravity, settings), settings.flight_acceleration),
-            "speed": (_largest(rates), settings.largest_rate),
-            "flip": (_largest(difference), settings.flip_rate),
-            "jolt": (_largest(change), settings.jolt_rate),
+            "flight": _flight_error(toss, model, air, gravity),
+            "speed": _largest(rates),
+            "flip": _largest(turn / np.diff(toss.t)[:, None] - 0.5 * (rates[1:] + rates[:-1])),
+            "jolt": _largest(change),
         }
-        found += [Defect(toss.name, rule, value, limit) for rule, (value, limit) in worst.items() if value > limit]
+        found += [Defect(toss.name, rule, worst[rule], limit) for rule, limit in LIMITS.items() if worst[rule] > limit]
     return tuple(found)
 
 
@@ -90,23 +91,15 @@ def _largest(rates: Array) -> float:
     return float(max(spin, np.abs(rates[:, 3:]).max(initial=0.0)))
 
 
-def _flight_error(
-    toss: Toss, model: ObjectModel, air: NDArray[np.bool_], gravity: float, settings: DefectSettings
-) -> float:
+def _flight_error(toss: Toss, model: ObjectModel, air: NDArray[np.bool_], gravity: float) -> float:
     """How far the common centre of mass's acceleration before the first contact is from gravity [m/s²].
 
     0 where the flight is too short, or the difference is within the fit's own error.
     """
     n = len(air) if air.all() else int(np.argmin(air))
-    if n < settings.flight_frames:
+    if n < FEWEST_FRAMES:
         return 0.0
-    place, quat = body_poses(model, toss.q[:n])
-    com = (place + quat_rotate(quat, np.broadcast_to(model.com, place.shape))).swapaxes(0, 1)
-    c = np.tensordot(model.mass / model.mass.sum(), com, 1)
-    t = toss.t[:n] - toss.t[:n].mean()
-    basis = np.stack([np.ones(n), t, 0.5 * t**2], axis=1)
-    fitted, *_ = np.linalg.lstsq(basis, c, rcond=None)
-    noise = (c - basis @ fitted).std(axis=0, ddof=3)
-    error = float(np.linalg.norm(noise) * np.sqrt(np.linalg.inv(basis.T @ basis)[2, 2]))
-    difference = float(np.linalg.norm(fitted[2] + [0.0, 0.0, gravity]))
-    return difference if difference > settings.standard_errors * error else 0.0
+    fit = fit_polynomial(toss.t[:n] - toss.t[:n].mean(), center_of_mass(model, toss.q[:n]))
+    error = float(fit.noise * np.sqrt(3 * fit.unit_cov[2, 2]))
+    difference = float(np.linalg.norm(fit.coefficients[2] + [0.0, 0.0, gravity]))
+    return difference if difference > STANDARD_ERRORS * error else 0.0

@@ -1,4 +1,9 @@
-"""The first state of a toss, fitted to its free flight before first contact."""
+"""Ballistic flight: the centre of mass on a parabola, the attitude turning freely, fitted to poses.
+
+`fit_polynomial` fits parabolas and other polynomials in time to stretches of frames, with their covariance, and
+`local_parabolas` fits one around each frame. `free_turn` continues an attitude by Euler's equations. `flight_states`
+fits both to tosses and gives their first states.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import ObjectError
-from tossid.kernels import inlined_kernel, kernel, lean_kernel
 from tossid.motion.contact import may_touch
 from tossid.objects import GRAVITY, ObjectModel
-from tossid.parallel import over_threads
-from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize, quat_rotate
+from tossid.rotations import (
+    cross,
+    quat_boxminus,
+    quat_exp,
+    quat_mul,
+    quat_normalize,
+    quat_rotate,
+    quat_to_matrix,
+    right_jacobian_inv,
+    skew,
+)
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
@@ -26,8 +39,94 @@ SUBSTEP = 0.1
 """Turn of one step of the integration of free rotation, which is of fourth order [rad]."""
 ITERATIONS = 8
 """Most Gauss-Newton steps."""
+OUTLIER = 4.0
+"""Residual over the noise from which one of a local fit's frames may be an outlier; it is then fitted without one."""
+INLIERS = 2.0
+"""It is one if the rms residual of the others, fitted without it, is below this many times the noise."""
 _DIFFERENCE = 1e-5
-"""Step of central differences with respect to the first state [SI]: between rounding and curvature."""
+"""Step of central differences with respect to the first spin [rad/s]: between rounding and curvature."""
+
+
+class PolynomialFit(NamedTuple):
+    """Polynomials in time fitted to stretches of n frames.
+
+    Attributes:
+        coefficients: Value and derivatives at t = 0, (*b, degree + 1, d).
+        residuals: (*b, n, d).
+        unit_cov: Covariance of the coefficients for noise of standard deviation 1, (*b, degree + 1, degree + 1).
+    """
+
+    coefficients: Array
+    residuals: Array
+    unit_cov: Array
+
+    @property
+    def noise(self) -> Array:
+        """Standard deviation of the noise, the same in all d coordinates, (*b,)."""
+        n, d = self.residuals.shape[-2:]
+        return np.asarray(np.sqrt((self.residuals**2).sum(axis=(-1, -2)) / (d * (n - self.unit_cov.shape[-1]))))
+
+
+def fit_polynomial(t: Array, x: Array, degree: int = 2) -> PolynomialFit:
+    """Polynomials of least squares, by default parabolas: place, velocity and acceleration at t = 0.
+
+    Args:
+        t: Times of each stretch, t = 0 within it or near [s], (*b, n).
+        x: Coordinates, (*b, n, d).
+        degree: Of the polynomials.
+    """
+    unit = np.abs(t).max()  # powers of times near 1 keep the normal equations well conditioned
+    factorial = np.array([math.factorial(k) for k in range(degree + 1)])
+    basis = (t / unit)[..., None] ** np.arange(degree + 1) / factorial
+    inverse = np.linalg.inv(basis.mT @ basis)
+    coefficients = inverse @ (basis.mT @ x)
+    scale = unit ** -np.arange(degree + 1.0)
+    return PolynomialFit(scale[:, None] * coefficients, x - basis @ coefficients, scale[:, None] * inverse * scale)
+
+
+def without_line(t: Array) -> Array:
+    """The projection of coordinates (*b, n, d) onto what no line in time explains, (*b, n, n).
+
+    Args:
+        t: Times of each stretch [s], (*b, n).
+    """
+    s = t - t.mean(axis=-1, keepdims=True)
+    line = np.stack([np.full_like(s, s.shape[-1] ** -0.5), s / np.linalg.norm(s, axis=-1, keepdims=True)], axis=-1)
+    return np.asarray(np.eye(s.shape[-1]) - line @ line.mT)
+
+
+def local_parabolas(t: Array, x: Array, half: int, noise: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Velocity and acceleration at each frame, from a parabola through it and `half` frames on each side.
+
+    Where one frame is an outlier of a parabola that fits all others, it is left out: one wrong pose is no acceleration.
+
+    Args:
+        t: Times [s], (n,).
+        x: Positions [m], (n, 3).
+        half: Frames on each side.
+        noise: Standard deviation of x [m], (n,).
+
+    Returns:
+        Velocities [m/s] (n, 3), accelerations [m/s²] (n, 3), and which frames are outliers of their own parabola (n,).
+    """
+    n, width = len(t), min(2 * half + 1, len(t))
+    index = np.clip(np.arange(n) - half, 0, n - width)[:, None] + np.arange(width)
+    s = t[index] - t[:, None]
+    fit = fit_polynomial(s, x[index])
+    fitted, outlier = fit.coefficients.copy(), np.zeros(n, dtype=bool)
+    suspect = np.zeros(0, dtype=np.int64)
+    if width > 2 * half and width > 4:
+        suspect = np.flatnonzero(np.linalg.norm(fit.residuals, axis=-1).max(axis=1) > OUTLIER * noise)
+    best = np.full(len(suspect), np.inf)
+    for left_out in range(width if len(suspect) else 0):
+        keep = np.delete(np.arange(width), left_out)
+        again = fit_polynomial(s[suspect][:, keep], x[index[suspect][:, keep]])
+        rms = np.sqrt(np.mean(again.residuals**2, axis=(1, 2)))
+        better = (rms < INLIERS * noise[suspect]) & (rms < best)
+        best = np.where(better, rms, best)
+        fitted[suspect[better]] = again.coefficients[better]
+        outlier[suspect[better]] = index[suspect[better], left_out] == suspect[better]
+    return fitted[:, 1], fitted[:, 2], outlier
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,27 +151,13 @@ class FlightState:
     residuals: Array = field(default_factory=lambda: np.zeros(0), repr=False)
 
 
-class _Body(NamedTuple):
-    """A free body: centre of mass (3,), inertia about it and its inverse (3, 3), and the gravity that it is given.
-
-    `ratio` bounds how much faster than at the start it can come to spin.
-    """
-
-    com: Array
-    inertia: Array
-    inverse: Array
-    ratio: float
-    gravity: float
-
-
 class _Flights(NamedTuple):
-    """Flights of B tosses: times (B, N), n frames each (B,), poses (B, N, 7) and first velocities (B, 6) as recorded.
+    """Flights of B tosses: times (B, N), poses (B, N, 7) and first velocities (B, 6) as recorded.
 
-    roots (B, N, 6, 6) and root_v (B, 6, 6) are the roots of their weights.
+    roots (B, N, 6, 6) and root_v (B, 6, 6) are the roots of their weights, 0 for what takes no part.
     """
 
     t: Array
-    n: NDArray[np.int64]
     q: Array
     roots: Array
     v: Array
@@ -90,21 +175,18 @@ def flight_state(toss: Toss, model: ObjectModel, *, gravity: float = GRAVITY) ->
     return flight_states([toss], model, gravity=gravity)[0]
 
 
-def flight_states(
-    tosses: Sequence[Toss], model: ObjectModel, *, gravity: float = GRAVITY, n_threads: int = 1
-) -> list[FlightState]:
+def flight_states(tosses: Sequence[Toss], model: ObjectModel, *, gravity: float = GRAVITY) -> list[FlightState]:
     """The first state of each toss, by fitting ballistic translation and torque-free rotation to its flight.
 
     Least squares over the poses before first contact, weighted with their covariances: c(t) = c_0 + u_0 t - g t²/2 e_z
     for the centre of mass, and Euler's equation I ω̇ = -ω × I ω with Ṙ = R ω^ for the attitude. Recorded velocities are
     differences of the same poses, and often lag: the first one takes part only where flight has fewer than
-    `FEWEST_FRAMES` frames. All tosses are fitted together (Gauss-Newton, Jacobians by central differences).
+    `FEWEST_FRAMES` frames. All tosses are fitted together, by Gauss and Newton.
 
     Args:
         tosses: As recorded.
         model: The object, without joints.
         gravity: [m/s²]; the true one unless a model is to be judged with its own.
-        n_threads: Over which tosses are split.
 
     Raises:
         ObjectError: The object has joints (its flight needs the whole tree's dynamics).
@@ -113,43 +195,26 @@ def flight_states(
         raise ObjectError(f"object '{model.name}' has joints: its flight cannot be fitted as a single body's")
     count = frames_in_flight(tosses, model)
     states = [_as_recorded(toss) for toss in tosses]
-    flying = [i for i, frames in enumerate(count) if frames]
+    flying = np.flatnonzero(count).tolist()
     if not flying:
         return states
-    c, n = model.com[0], count[flying]
-    t, q, roots = _padded([tosses[i] for i in flying], n)
-    v = np.stack([tosses[i].v[0] for i in flying])
-    v_cov = np.stack([tosses[i].v_cov[0] for i in flying])
-    root_v: Array = np.linalg.inv(np.linalg.cholesky(_regular(v_cov)))
-    root_v *= (n < FEWEST_FRAMES)[:, None, None]
-    state_q, state_v = _start(t, q, v, c, gravity)
-
-    I = model.inertia[0]
-    body = _Body(c, I, np.linalg.inv(I), float(np.sqrt(np.linalg.cond(I))), gravity)
-    flights = _Flights(t, n, q, roots, v, root_v)
-
-    def residuals(at_q: Array, at_v: Array) -> Array:
-        """(B, m, 6 N + 6) weighted residuals of m states a toss; 0 past a toss's last frame of flight."""
-        out = np.zeros((*at_q.shape[:2], 6 * t.shape[1] + 6))
-        over_threads(lambda first, last: _residuals(flights, body, at_q, at_v, out, first, last), len(n), n_threads)
-        return out
-
-    steps = _DIFFERENCE * np.concatenate([np.zeros((1, 12)), np.eye(12), -np.eye(12)])
+    n = count[flying]
+    flights = _side_by_side([tosses[i] for i in flying], n)
+    q, v = _start(flights, model.com[0], gravity)
     for iteration in range(ITERATIONS + 1):
-        around = residuals(*_moved(state_q, state_v, np.broadcast_to(steps, (len(n), *steps.shape))))
-        r, J = around[:, 0], (around[:, 1:13] - around[:, 13:]).mT / (2 * _DIFFERENCE)
+        r, J = _residuals(flights, q, v, model, gravity)
         Q, R = np.linalg.qr(J)
         step = -np.linalg.solve(R, Q.mT @ r[..., None])[..., 0]
         if iteration == ITERATIONS or np.abs(step).max() < 1e-10:
             break
-        moved_q, moved_v = _moved(state_q, state_v, step[:, None])
-        state_q, state_v = moved_q[:, 0], moved_v[:, 0]
+        turned = quat_normalize(quat_mul(q[:, 3:7], quat_exp(step[:, 3:6])))
+        q, v = np.concatenate([q[:, :3] + step[:, :3], turned], axis=1), v + step[:, 6:]
     inverse = np.linalg.inv(R)
     free = np.maximum(1, 6 * n + 6 * (n < FEWEST_FRAMES) - 12)
     chi2 = (r**2).sum(-1) / free
     cov = inverse @ inverse.mT * np.maximum(1.0, chi2)[:, None, None]
     for k, i in enumerate(flying):
-        states[i] = FlightState(state_q[k], state_v[k], cov[k], int(n[k]), float(chi2[k]), r[k])
+        states[i] = FlightState(q[k], v[k], cov[k], int(n[k]), float(chi2[k]), r[k])
     return states
 
 
@@ -181,13 +246,13 @@ def frames_in_flight(tosses: Sequence[Toss], model: ObjectModel) -> NDArray[np.i
 
 
 def _as_recorded(toss: Toss) -> FlightState:
-    nothing = np.zeros((6, 6))
+    nothing = np.zeros_like(toss.q_cov[0])
     cov = np.block([[toss.q_cov[0], nothing], [nothing, toss.v_cov[0]]])
     return FlightState(toss.q[0].copy(), toss.v[0].copy(), cov, 0, 1.0)
 
 
-def _padded(tosses: Sequence[Toss], n: NDArray[np.int64]) -> tuple[Array, Array, Array]:
-    """t (B, N) from the first frame, q (B, N, 7), and the roots of the weights (B, N, 6, 6), 0 past a toss's n."""
+def _side_by_side(tosses: Sequence[Toss], n: NDArray[np.int64]) -> _Flights:
+    """The flights of tosses with n frames each; short ones repeat their last frame, which does not count."""
     B, N = len(tosses), int(n.max())
     t, q, roots = np.empty((B, N)), np.empty((B, N, 7)), np.zeros((B, N, 6, 6))
     for k, (toss, m) in enumerate(zip(tosses, n, strict=True)):
@@ -195,15 +260,23 @@ def _padded(tosses: Sequence[Toss], n: NDArray[np.int64]) -> tuple[Array, Array,
         t[k, :m], t[k, m:] = toss.t[:m] - toss.t[0], toss.t[m - 1] - toss.t[0]
         q[k, :m], q[k, m:] = measured[:m], measured[m - 1]
         roots[k, :m] = np.linalg.inv(np.linalg.cholesky(_regular(cov[:m])))
-    return t, q, roots
+    root_v = np.linalg.inv(np.linalg.cholesky(_regular(np.stack([toss.v_cov[0] for toss in tosses]))))
+    takes_part = (n < FEWEST_FRAMES)[:, None, None]
+    return _Flights(t, q, roots, np.stack([toss.v[0] for toss in tosses]), np.where(takes_part, root_v, 0.0))
 
 
-def _start(t: Array, q: Array, v: Array, c: Array, gravity: float) -> tuple[Array, Array]:
+def _regular(cov: Array) -> Array:
+    """A covariance with no direction that is exactly certain."""
+    size = np.trace(cov, axis1=-2, axis2=-1)[..., None, None]
+    return cov + (1e-12 * size + 1e-20) * np.eye(cov.shape[-1])
+
+
+def _start(flights: _Flights, c: Array, gravity: float) -> tuple[Array, Array]:
     """A first guess from the first and a later pose; where one frame is all there is, from its velocity."""
-    first, guess = q[:, 0].copy(), v.copy()
-    several = t[:, -1] > 0
+    first, guess = flights.q[:, 0].copy(), flights.v.copy()
+    several = flights.t[:, -1] > 0
     if several.any():
-        t, q = t[several], q[several]
+        t, q = flights.t[several], flights.q[several]
         spin = quat_boxminus(q[:, 1, 3:7], q[:, 0, 3:7]) / t[:, 1:2]
         com = q[..., :3] + quat_rotate(q[..., 3:7], c)
         speed = (com[:, -1] - com[:, 0]) / t[:, -1:]
@@ -213,119 +286,72 @@ def _start(t: Array, q: Array, v: Array, c: Array, gravity: float) -> tuple[Arra
     return first, guess
 
 
-@inlined_kernel
-def _spin_rate(w0, w1, w2, I, J):  # type: ignore[no-untyped-def]
-    """I^-1 (I ω × ω), J = I^-1."""
-    l0 = I[0, 0] * w0 + I[0, 1] * w1 + I[0, 2] * w2
-    l1 = I[1, 0] * w0 + I[1, 1] * w1 + I[1, 2] * w2
-    l2 = I[2, 0] * w0 + I[2, 1] * w1 + I[2, 2] * w2
-    c0, c1, c2 = l1 * w2 - l2 * w1, l2 * w0 - l0 * w2, l0 * w1 - l1 * w0
-    return (
-        J[0, 0] * c0 + J[0, 1] * c1 + J[0, 2] * c2,
-        J[1, 0] * c0 + J[1, 1] * c1 + J[1, 2] * c2,
-        J[2, 0] * c0 + J[2, 1] * c1 + J[2, 2] * c2,
-    )
+def _residuals(flights: _Flights, q: Array, v: Array, model: ObjectModel, gravity: float) -> tuple[Array, Array]:
+    """Weighted residuals (B, 6 N + 6) of first states q (B, 7), v (B, 6), and their derivatives (B, 6 N + 6, 12).
 
-
-@lean_kernel
-def _tumbled(quat, w, h, fastest, I, J):  # type: ignore[no-untyped-def]
-    """Attitude and spin of a free body after a time h: Runge-Kutta for ω, Magnus for R, both of fourth order.
-
-    `fastest` bounds the spin, and so says how many steps that takes.
+    With the first attitude R_0 and the turn S since then, p = p_0 + R_0 c + u t - g t²/2 e_z - R_0 S c, where
+    u = v_0 + R_0 (ω_0 × c). An error (δθ_0, δω_0) of attitude and spin turns the body by δθ = Sᵀ δθ_0 + (∂S/∂ω_0) δω_0.
     """
-    (q0, q1, q2, q3), (w0, w1, w2) = quat, w
-    count = max(1, math.ceil(fastest * h / SUBSTEP))
-    d = h / count
-    for _ in range(count):
-        a0, a1, a2 = _spin_rate(w0, w1, w2, I, J)
-        b0, b1, b2 = _spin_rate(w0 + 0.5 * d * a0, w1 + 0.5 * d * a1, w2 + 0.5 * d * a2, I, J)
-        c0, c1, c2 = _spin_rate(w0 + 0.5 * d * b0, w1 + 0.5 * d * b1, w2 + 0.5 * d * b2, I, J)
-        e0, e1, e2 = _spin_rate(w0 + d * c0, w1 + d * c1, w2 + d * c2, I, J)
-        x0 = w0 + d / 6 * (a0 + 2 * b0 + 2 * c0 + e0)
-        x1 = w1 + d / 6 * (a1 + 2 * b1 + 2 * c1 + e1)
-        x2 = w2 + d / 6 * (a2 + 2 * b2 + 2 * c2 + e2)
-        e0, e1, e2 = _spin_rate(x0, x1, x2, I, J)
-        f = d * d / 12
-        r0 = d * 0.5 * (w0 + x0) - f * (e0 - a0) + f * (w1 * x2 - w2 * x1)
-        r1 = d * 0.5 * (w1 + x1) - f * (e1 - a1) + f * (w2 * x0 - w0 * x2)
-        r2 = d * 0.5 * (w2 + x2) - f * (e2 - a2) + f * (w0 * x1 - w1 * x0)
-        angle = 0.5 * math.sqrt(r0 * r0 + r1 * r1 + r2 * r2)
-        s = 0.5 * math.sin(angle) / angle if angle > 1e-12 else 0.5
-        co, s0, s1, s2 = math.cos(angle), s * r0, s * r1, s * r2
-        y0 = q0 * co - q1 * s0 - q2 * s1 - q3 * s2
-        y1 = q0 * s0 + q1 * co + q2 * s2 - q3 * s1
-        y2 = q0 * s1 - q1 * s2 + q2 * co + q3 * s0
-        y3 = q0 * s2 + q1 * s1 - q2 * s0 + q3 * co
-        s = 1.0 / math.sqrt(y0 * y0 + y1 * y1 + y2 * y2 + y3 * y3)
-        q0, q1, q2, q3 = s * y0, s * y1, s * y2, s * y3
-        w0, w1, w2 = x0, x1, x2
-    return (q0, q1, q2, q3), (w0, w1, w2)
+    c, t = model.com[0], flights.t[..., None]
+    B, N = flights.t.shape
+    turn, by_spin = free_turn(v[:, 3:], flights.t, model.inertia[0])
+    attitude = quat_mul(q[:, None, 3:7], turn)
+    R0, R = quat_to_matrix(q[:, None, 3:7]), quat_to_matrix(attitude)
+    speed = v[:, None, :3] + quat_rotate(q[:, None, 3:7], np.cross(v[:, None, 3:], c))
+    place = q[:, None, :3] + quat_rotate(q[:, None, 3:7], c) + t * speed - R @ c
+    place[..., 2] -= 0.5 * gravity * flights.t**2
+    off = quat_boxminus(flights.q[..., 3:7], attitude)
+
+    turned = np.concatenate([quat_to_matrix(turn).mT, by_spin], axis=-1)
+    J = np.zeros((B, N, 6, 12))
+    J[..., :3, :3], J[..., :3, 6:9] = np.eye(3), t[..., None] * np.eye(3)
+    J[..., :3, [3, 4, 5, 9, 10, 11]] = R @ skew(c) @ turned
+    J[..., :3, 3:6] -= R0 @ (skew(c) + t[..., None] * skew(np.cross(v[:, None, 3:], c)))
+    J[..., :3, 9:] -= t[..., None] * (R0 @ skew(c))
+    J[..., 3:, [3, 4, 5, 9, 10, 11]] = right_jacobian_inv(-off) @ turned
+    r = flights.roots @ np.concatenate([flights.q[..., :3] - place, off], axis=-1)[..., None]
+    J = -flights.roots @ J
+    r_v = flights.root_v @ (flights.v - v)[..., None]
+    J_v = np.concatenate([np.zeros((B, 6, 6)), -flights.root_v], axis=-1)
+    return np.concatenate([r.reshape(B, -1), r_v[..., 0]], axis=1), np.concatenate([J.reshape(B, -1, 12), J_v], axis=1)
 
 
-@inlined_kernel
-def _rotated(q, x):  # type: ignore[no-untyped-def]
-    """Vector x turned by the quaternion q."""
-    t0, t1, t2 = 2 * (q[2] * x[2] - q[3] * x[1]), 2 * (q[3] * x[0] - q[1] * x[2]), 2 * (q[1] * x[1] - q[2] * x[0])
-    return (
-        x[0] + q[0] * t0 + q[2] * t2 - q[3] * t1,
-        x[1] + q[0] * t1 + q[3] * t0 - q[1] * t2,
-        x[2] + q[0] * t2 + q[1] * t1 - q[2] * t0,
-    )
+def free_turn(spin: Array, t: Array, inertia: Array) -> tuple[Array, Array]:
+    """How free bodies turn from their first frames on, by Euler's equations.
 
+    Args:
+        spin: At the first frame, body axes [rad/s], (B, 3).
+        t: Times, from 0 on [s], (B, N).
+        inertia: About the centre of mass [kg m²], (3, 3).
 
-@kernel(allocates=False)
-def _residuals(flights, body, at_q, at_v, out, first, last):  # type: ignore[no-untyped-def]
-    """Residuals of tosses first..last-1, from states at_q (B, m, 7), at_v (B, m, 6), into out (B, m, 6 N + 6)."""
-    c, I, J, ratio, gravity = body
-    for b in range(first, last):
-        for m in range(at_q.shape[1]):
-            p, u = at_q[b, m], at_v[b, m]
-            quat, w = (p[3], p[4], p[5], p[6]), (u[3], u[4], u[5])
-            fastest = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * ratio
-            com = _rotated(quat, (c[0], c[1], c[2]))
-            x = (w[1] * c[2] - w[2] * c[1], w[2] * c[0] - w[0] * c[2], w[0] * c[1] - w[1] * c[0])
-            x = _rotated(quat, x)
-            start, speed = (p[0] + com[0], p[1] + com[1], p[2] + com[2]), (u[0] + x[0], u[1] + x[1], u[2] + x[2])
-            for k in range(flights.n[b]):
-                t = flights.t[b, k]
-                if k > 0:
-                    quat, w = _tumbled(quat, w, t - flights.t[b, k - 1], fastest, I, J)
-                com, y = _rotated(quat, (c[0], c[1], c[2])), flights.q[b, k]
-                r0, r1, r2 = y[0] - start[0] - speed[0] * t + com[0], y[1] - start[1] - speed[1] * t + com[1], y[2]
-                r2 += 0.5 * gravity * t * t - start[2] - speed[2] * t + com[2]
-                r3, r4, r5 = _turn_between(quat, (y[3], y[4], y[5], y[6]))
-                R = flights.roots[b, k]
-                for i in range(6):
-                    out[b, m, 6 * k + i] = (
-                        R[i, 0] * r0 + R[i, 1] * r1 + R[i, 2] * r2 + R[i, 3] * r3 + R[i, 4] * r4 + R[i, 5] * r5
-                    )
-            for i in range(6):
-                summed = 0.0
-                for j in range(6):
-                    summed += flights.root_v[b, i, j] * (flights.v[b, j] - u[j])
-                out[b, m, 6 * flights.t.shape[1] + i] = summed
+    Returns:
+        Quaternions of the turn since the first frame (B, N, 4), and derivatives of its rotation vector, in the turned
+        body's axes, by the first spin (B, N, 3, 3) [s].
+    """
+    inverse = np.linalg.inv(inertia)
 
+    def rate(w: Array) -> Array:
+        """dω/dt = I⁻¹ (I ω × ω)."""
+        return np.asarray(cross(w @ inertia, w) @ inverse)
 
-@inlined_kernel
-def _turn_between(a, b):  # type: ignore[no-untyped-def]
-    """log(a^-1 b): the rotation vector that takes quaternion a to b."""
-    s = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
-    x = a[0] * b[1] - a[1] * b[0] - a[2] * b[3] + a[3] * b[2]
-    y = a[0] * b[2] - a[2] * b[0] - a[3] * b[1] + a[1] * b[3]
-    z = a[0] * b[3] - a[3] * b[0] - a[1] * b[2] + a[2] * b[1]
-    size = math.sqrt(x * x + y * y + z * z)
-    scale = 2.0 * math.atan2(size, abs(s)) / size if size > 1e-12 else 2.0
-    scale = -scale if s < 0.0 else scale
-    return scale * x, scale * y, scale * z
-
-
-def _moved(q: Array, v: Array, steps: Array) -> tuple[Array, Array]:
-    """States (B, 7), (B, 6) moved by m errors each (B, m, 12): (B, m, 7), (B, m, 6)."""
-    turned = quat_normalize(quat_mul(q[:, None, 3:7], quat_exp(steps[..., 3:6])))
-    return np.concatenate([q[:, None, :3] + steps[..., :3], turned], axis=-1), v[:, None] + steps[..., 6:]
-
-
-def _regular(cov: Array) -> Array:
-    """A covariance with no direction that is exactly certain."""
-    size = np.trace(cov, axis1=-2, axis2=-1)[..., None, None]
-    return cov + (1e-12 * size + 1e-20) * np.eye(cov.shape[-1])
+    w = spin[:, None] + _DIFFERENCE * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+    turn = np.tile([1.0, 0.0, 0.0, 0.0], (*w.shape[:2], 1))
+    turns = np.empty((*w.shape[:2], t.shape[1], 4))
+    turns[:, :, 0] = turn
+    # kinetic energy is constant, so that the spin grows at most by the root of the ratio of the largest moments
+    fastest = np.linalg.norm(spin, axis=1) * np.sqrt(np.linalg.cond(inertia))
+    for k in range(1, t.shape[1]):
+        h = t[:, k] - t[:, k - 1]
+        count = max(1, math.ceil((fastest * h).max() / SUBSTEP))
+        d = (h / count)[:, None, None]
+        for _ in range(count):  # Runge-Kutta for ω and Magnus for the attitude, both of fourth order
+            a = rate(w)
+            b = rate(w + 0.5 * d * a)
+            c = rate(w + 0.5 * d * b)
+            after = w + d / 6 * (a + 2 * b + 2 * c + rate(w + d * c))
+            angle = d / 2 * (w + after) + d**2 / 12 * (a - rate(after) + cross(w, after))
+            turn, w = quat_mul(turn, quat_exp(angle)), after
+        turns[:, :, k] = turn
+    # between the turns by ω + δ and ω - δ: in the axes of the latter, which are those of ω but for O(δ)
+    by_spin = quat_boxminus(turns[:, 1:4], turns[:, 4:]) / (2 * _DIFFERENCE)
+    return turns[:, 0], np.moveaxis(by_spin, 1, -1)

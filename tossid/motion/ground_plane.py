@@ -8,24 +8,47 @@ the corners of one rest share (a face's own error) do not average out, so the co
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
-from tossid.motion.local_motion import local_parabolas, scatter
-from tossid.motion.stability import center_of_mass, mean_pose, stands, still_for, touching
+from tossid.motion.contact import runs
+from tossid.motion.flight import local_parabolas
+from tossid.motion.kinematics import center_of_mass
+from tossid.motion.noise import scatter
+from tossid.motion.resting import mean_pose, stands, still_for, touching
+from tossid.motion.sessions.levelling import turned_track, upright
 from tossid.objects import GRAVITY, ObjectModel
-from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
-from tossid.settings.segmentation import GroundSettings
+from tossid.robust import NORMAL_MAD
+from tossid.rotations import quat_to_matrix
 from tossid.types import LongTrack, PoseTrack
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
+Track = PoseTrack | LongTrack
 
-DEFAULT = GroundSettings()
+HALF_WINDOW = 5
+"""Frames on each side of the fit that gives an acceleration."""
+FALLING = 1.0
+"""An object may fall where its acceleration's size is within this of gravity's [m/s²]."""
+SAME_DIRECTION = np.deg2rad(5.0)
+"""Accelerations whose directions are this near are one gravity [rad]."""
+SHORTEST_FALL = 8
+"""Frames in a row that a fall has at least: a hand accelerates like gravity for moments only."""
+FEWEST_FALLING = 30
+"""Frames of falls from which gravity's direction is estimated."""
+STILL_DISTANCE, STILL_ANGLE, STILL_TIME = 5e-4, 8e-3, 0.15
+"""An object lies still within this [m] and this [rad] for this long [s]."""
+FEWEST_RESTS = 3
+"""Places of rest that a plane is laid through at least."""
+LEVEL_SIGMAS = 4.0
+"""The ground is level where its slope is within so many standard deviations of gravity's direction."""
+LEAST_SCATTER = 3e-4
+"""Places of rest agree with a plane to this at best [m]."""
+BLOCK_FRAMES = 10_000
+"""Frames that are in memory at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,158 +83,120 @@ class Ground:
         """Angle between `up` and the world's z [rad]."""
         return float(np.arccos(np.clip(self.up[2], -1, 1)))
 
-    @property
-    def turn(self) -> Array:
-        """Quaternion that takes the world's frame to one whose z is `up`, (4,)."""
-        return upright(self.up)
-
     def levelled(self, track: PoseTrack) -> PoseTrack:
         """A track in a frame whose z is up, in which the ground has z = 0 at the origin.
 
         Args:
             track: In the world's frame.
         """
-        quat, turn = np.broadcast_to(self.turn, (len(track.t), 4)), quat_to_matrix(self.turn)
-        q = track.q.copy()
-        q[:, :3] = q[:, :3] @ turn.T
-        q[:, 2] -= self.height
-        q[:, 3:7] = quat_mul(quat, q[:, 3:7])
-        cov = track.q_cov
-        if cov is not None:
-            T = np.eye(cov.shape[-1])
-            T[:3, :3] = turn
-            cov = T @ cov @ T.T
-        return PoseTrack(track.name, track.t, q, cov)
+        return turned_track(track, upright(self.up), -self.height)
 
 
-def upright(up: Array) -> Array:
-    """The shortest rotation that takes a direction to the z axis, as a quaternion wxyz (4,).
-
-    Args:
-        up: A unit vector, (3,).
-    """
-    axis = np.cross(up, [0.0, 0.0, 1.0])
-    length = float(np.linalg.norm(axis))
-    if length < 1e-12:
-        return np.array([1.0, 0.0, 0.0, 0.0]) if up[2] > 0 else np.array([0.0, 1.0, 0.0, 0.0])
-    return quat_exp(axis / length * float(np.arccos(np.clip(up[2], -1, 1))))
-
-
-def find_ground(
-    track: PoseTrack | LongTrack, model: ObjectModel, *, gravity: float = GRAVITY, settings: GroundSettings = DEFAULT
-) -> Ground:
+def find_ground(track: Track, model: ObjectModel, *, gravity: float = GRAVITY) -> Ground:
     """Gravity's direction and the ground, from all flights and rests of a recording.
 
     Args:
         track: In any world frame, with tosses in it.
         model: The object.
         gravity: Its size [m/s²].
-        settings: What counts as a fall and as a rest.
 
     Raises:
         InputError: The object rests in too few places.
     """
-    up, sigma, n_falling = _up(track, model, gravity, settings)
+    up, sigma, n_falling = _up(track, model, gravity)
     ground = Ground(up, sigma, 0.0, np.zeros(2), np.zeros((3, 3)), 0.0, 0, 0, n_falling)
-    rests = [touching(model, q) for q in _rests(track, ground, settings) if stands(model, q)]
-    fewest = settings.fewest_rests
-    if len(rests) < fewest:
-        raise InputError(f"the object rests in {len(rests)} places; the ground is found from {fewest} or more")
-    for level in (True, False):
-        plane, kept, off = _plane(rests, settings.least_scatter)
-        cov = _clustered([rest for rest, good in zip(rests, kept, strict=True) if good], plane)
-        rms, n = float(np.sqrt(np.mean(off[kept] ** 2))), int(kept.sum())
-        ground = Ground(ground.up, sigma, float(plane[0]), plane[1:], cov, rms, n, len(rests) - n, n_falling)
-        doubt = np.hypot(sigma, np.sqrt(max(cov[1, 1], cov[2, 2])))
-        if not level or np.linalg.norm(ground.slope) > settings.level_sigmas * doubt:  # (false where doubt is NaN)
-            break
-        # the ground is level as far as flights show: its normal is then the better estimate of up
-        turn = quat_to_matrix(ground.turn)
-        normal = turn.T @ np.array([-plane[1], -plane[2], 1.0])
-        ground = Ground(normal / np.linalg.norm(normal), sigma, 0.0, np.zeros(2), cov, rms, n, 0, n_falling)
-        between = quat_to_matrix(ground.turn) @ turn.T
-        rests = [rest @ between.T for rest in rests]
-    return ground
+    rests = [touching(model, q) for q in _rests(track, ground) if stands(model, q)]
+    if len(rests) < FEWEST_RESTS:
+        raise InputError(f"the object rests in {len(rests)} places; the ground is found from {FEWEST_RESTS} or more")
+    ground = _with_plane(ground, rests)
+    doubt = np.hypot(sigma, np.sqrt(max(ground.cov[1, 1], ground.cov[2, 2])))
+    if np.linalg.norm(ground.slope) > LEVEL_SIGMAS * doubt:  # (false where doubt is NaN)
+        return ground
+    # the ground is level as far as flights show: its normal is then the better estimate of up
+    turn = quat_to_matrix(upright(ground.up))
+    normal = turn.T @ np.array([-ground.slope[0], -ground.slope[1], 1.0])
+    up = normal / np.linalg.norm(normal)
+    between = quat_to_matrix(upright(up)) @ turn.T
+    return _with_plane(replace(ground, up=up), [rest @ between.T for rest in rests])
 
 
-def _blocks(n: int, margin: int, size: int) -> Iterator[tuple[slice, slice]]:
+def _with_plane(ground: Ground, rests: list[Array]) -> Ground:
+    """The ground with the plane that places of rest lie on, in a frame that is turned to `ground.up`."""
+    plane, kept, off = _plane(rests)
+    cov = _jackknife([rest for rest, good in zip(rests, kept, strict=True) if good], plane)
+    rms, n = float(np.sqrt(np.mean(off[kept] ** 2))), int(kept.sum())
+    return replace(
+        ground, height=float(plane[0]), slope=plane[1:], cov=cov, rms=rms, n_rests=n, n_left_out=len(rests) - n
+    )
+
+
+def _blocks(n: int, margin: int) -> Iterator[tuple[slice, slice]]:
     """Blocks of frames with a margin on each side, and which of their frames are not margin."""
-    for first in range(0, n, size):
-        start, stop = max(first - margin, 0), min(first + size + margin, n)
-        yield slice(start, stop), slice(first - start, min(first + size, n) - start)
+    for first in range(0, n, BLOCK_FRAMES):
+        last = min(first + BLOCK_FRAMES, n)
+        start = max(first - margin, 0)
+        yield slice(start, min(last + margin, n)), slice(first - start, last - start)
 
 
-def _up(
-    track: PoseTrack | LongTrack, model: ObjectModel, gravity: float, settings: GroundSettings
-) -> tuple[Array, float, int]:
+def _up(track: Track, model: ObjectModel, gravity: float) -> tuple[Array, float, int]:
     """The direction against gravity, its standard deviation [rad], and the number of frames; else the world's z."""
-    index, ways = _falling(track, model, gravity, settings)
-    shortest, same = settings.shortest_fall, np.cos(settings.same_direction)
-    falling = _in_runs(index, shortest)
-    index, ways = index[falling], ways[falling]
-    up = np.array([0.0, 0.0, 1.0])
-    if len(ways):
+    falling, against = _falling(track, model, gravity)
+    falling = _in_runs(falling)
+    if falling.any():
+        ways = against[falling]
         some = ways[:: max(len(ways) // 1000, 1)]
-        up = some[np.argmax([np.sum(some @ one > same) for one in some])]
+        up = some[np.argmax([np.sum(some @ one > np.cos(SAME_DIRECTION)) for one in some])]
         for _ in range(10):
-            near = ways @ up > same
-            near[near] = _in_runs(index[near], shortest)
-            mean = np.median(ways[near] if near.any() else ways, axis=0)
+            near = _in_runs(falling & (against @ up > np.cos(SAME_DIRECTION)))
+            mean = np.median(against[near if near.any() else falling], axis=0)
             up = mean / np.linalg.norm(mean)
-        ways = ways[near]
-    n = len(ways)
-    if n < settings.fewest_falling:
+        falling = near
+    n = int(falling.sum())
+    if n < FEWEST_FALLING:
         return np.array([0.0, 0.0, 1.0]), float("nan"), 0
+    ways = against[falling]
     across = ways - (ways @ up)[:, None] * up
-    scatter = float(np.median(np.linalg.norm(across, axis=1))) / 1.1774  # median of a Rayleigh distribution
+    sigma = float(np.median(np.linalg.norm(across, axis=1))) / 1.1774  # median of a Rayleigh distribution
     # neighbouring frames share windows; the error of a median is 1.25 times that of a mean
-    return up, 1.2533 * scatter / float(np.sqrt(n / (2 * settings.half_window + 1))), n
+    return up, 1.2533 * sigma / float(np.sqrt(n / (2 * HALF_WINDOW + 1))), n
 
 
-def _falling(
-    track: PoseTrack | LongTrack, model: ObjectModel, gravity: float, settings: GroundSettings
-) -> tuple[Ints, Array]:
-    """Frames (k,) whose acceleration has gravity's size, and the direction against it (k, 3)."""
-    half = settings.half_window
-    n, longest = len(track.t), 1.5 * 2 * half * float(np.median(np.diff(track.t)))
-    frames, ways = [], []
-    for around, own in _blocks(n, half, settings.block_frames):
+def _falling(track: Track, model: ObjectModel, gravity: float) -> tuple[Bools, Array]:
+    """Which frames (n,) accelerate with gravity's size, and the direction against it (n, 3)."""
+    n, longest = len(track.t), 1.5 * 2 * HALF_WINDOW * float(np.median(np.diff(track.t)))
+    falling, against = np.zeros(n, dtype=bool), np.zeros((n, 3))
+    for around, own in _blocks(n, HALF_WINDOW):
         part = track.frames(around)
         com = center_of_mass(model, part.q)
         noise = np.full(len(com), scatter(np.diff(com, n=3, axis=0)) + 1e-6)
-        _, acceleration, _ = local_parabolas(part.t, com, half, noise)
+        acceleration = local_parabolas(part.t, com, HALF_WINDOW, noise)[1][own]
         index = np.arange(around.start, around.stop)[own]
-        span = track.t[np.minimum(index + half, n - 1)] - track.t[np.maximum(index - half, 0)]
-        size = np.linalg.norm(acceleration[own], axis=1)
-        chosen = (np.abs(size - gravity) < settings.falling) & (span < longest)
-        frames.append(index[chosen])
-        ways.append(-acceleration[own][chosen] / size[chosen, None])
-    return np.concatenate(frames), np.concatenate(ways)
+        span = track.t[np.minimum(index + HALF_WINDOW, n - 1)] - track.t[np.maximum(index - HALF_WINDOW, 0)]
+        size = np.linalg.norm(acceleration, axis=1)
+        falling[index] = (np.abs(size - gravity) < FALLING) & (span < longest)
+        against[index] = -acceleration / np.maximum(size, 1e-12)[:, None]
+    return falling, against
 
 
-def _in_runs(index: Ints, shortest: int) -> Bools:
-    """Which frames are in a long enough run: a hand accelerates like gravity for moments only."""
-    run = np.cumsum(np.diff(index, prepend=index[:1]) > 1)
-    return np.asarray(np.bincount(run)[run] >= shortest)
+def _in_runs(falling: Bools) -> Bools:
+    """Which frames are in a long enough run."""
+    out = np.zeros_like(falling)
+    for first, last in runs(falling):
+        out[first : last + 1] = last + 1 - first >= SHORTEST_FALL
+    return out
 
 
-def _rests(track: PoseTrack | LongTrack, ground: Ground, settings: GroundSettings) -> list[Array]:
+def _rests(track: Track, ground: Ground) -> list[Array]:
     """The pose (nq,) of each rest, in the ground's frame."""
-    size = settings.block_frames
     n, dt = len(track.t), float(np.median(np.diff(track.t)))
-    span = max(round(settings.still_time / dt), 4)
-    if n <= span:
-        return []
-    still = []
-    for around, _ in _blocks(n - span, 0, size):
+    span = max(round(STILL_TIME / dt), 4)
+    still = np.zeros(max(n - span, 0), dtype=bool)
+    for around, _ in _blocks(len(still), 0):
         part = ground.levelled(track.frames(slice(around.start, around.stop + span)))
-        quiet = still_for(part.q, span, settings.still_distance, settings.still_angle)
-        quiet &= part.t[span:] - part.t[:-span] < 1.5 * span * dt
-        still.append(around.start + np.flatnonzero(quiet))
-    index = np.concatenate(still)
-    runs = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1) if len(index) else []
+        quiet = still_for(part.q, span, STILL_DISTANCE, STILL_ANGLE)
+        still[around] = quiet & (part.t[span:] - part.t[:-span] < 1.5 * span * dt)
     # of a rest longer than a block, the end
-    ends = [slice(max(run[0], run[-1] + 1 - size), run[-1] + 1 + span) for run in runs]
+    ends = [slice(max(first, last + 1 - BLOCK_FRAMES), last + 1 + span) for first, last in runs(still)]
     return [mean_pose(ground.levelled(track.frames(end)).q) for end in ends]
 
 
@@ -222,31 +207,34 @@ def _design(rests: list[Array]) -> tuple[Array, Array, NDArray[np.int64]]:
     return np.column_stack([np.ones(len(points)), points[:, :2]]), points[:, 2], number
 
 
-def _plane(rests: list[Array], least_scatter: float) -> tuple[Array, Bools, Array]:
+def _plane(rests: list[Array]) -> tuple[Array, Bools, Array]:
     """Height and slopes that most rests agree on, which do, and each one's distance [m]."""
+    A, z, number = _design(rests)
+    size = np.bincount(number)
+
+    def distances(plane: Array) -> Array:
+        return np.bincount(number, z - A @ plane) / size
+
     slopes = np.array([np.linalg.lstsq(*_design([rest])[:2], rcond=None)[0][1:] for rest in rests])
     plane = np.append(0.0, np.median(slopes, axis=0))
-    A, z, number = _design(rests)
-    off = np.array([(z - A @ plane)[number == i].mean() for i in range(len(rests))])
+    off = distances(plane)
     # start at the lowest height that many rests share: above it, the object was held
-    shared = np.array([np.sum(np.abs(off - one) < 10 * least_scatter) for one in off])
+    shared = np.array([np.sum(np.abs(off - one) < 10 * LEAST_SCATTER) for one in off])
     plane[0] = np.min(off[shared >= 0.5 * shared.max()])
     for _ in range(20):
-        off = np.array([(z - A @ plane)[number == i].mean() for i in range(len(rests))])
-        near = np.abs(off) < 10 * least_scatter
-        scale = 1.4826 * float(np.median(np.abs(off[near]))) if near.any() else 0.0
-        kept = np.abs(off) < 4 * max(scale, least_scatter)
+        off = distances(plane)
+        near = np.abs(off) < 10 * LEAST_SCATTER
+        scale = NORMAL_MAD * float(np.median(np.abs(off[near]))) if near.any() else 0.0
+        kept = np.abs(off) < 4 * max(scale, LEAST_SCATTER)
         plane = np.linalg.lstsq(A[kept[number]], z[kept[number]], rcond=None)[0]
     return plane, kept, off
 
 
-def _clustered(rests: list[Array], plane: Array) -> Array:
-    """Jackknife covariance (3, 3) of the plane: each rest is left out once, as its corners are not independent."""
+def _jackknife(rests: list[Array], plane: Array) -> Array:
+    """Covariance (3, 3) of the plane: each rest is left out once, as its corners are not independent."""
     A, z, number = _design(rests)
     H, b, n = A.T @ A, A.T @ z, len(rests)
-    without = np.empty((n, 3))
-    for i in range(n):
-        own = number == i
-        without[i] = np.linalg.solve(H - A[own].T @ A[own], b - A[own].T @ z[own])
+    own = [number == i for i in range(n)]
+    without = np.array([np.linalg.solve(H - A[i].T @ A[i], b - A[i].T @ z[i]) for i in own])
     off = without - plane
     return np.asarray((n - 1) / n * off.T @ off)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.objects.unstated import Hinge
+from tossid.robust import in_medians, reweighted
 from tossid.rotations import (
     matrix_to_quat,
     matrix_to_rotvec,
@@ -32,12 +33,22 @@ from tossid.rotations import (
     rotvec_to_matrix,
     skew,
 )
-from tossid.settings.motion import HingeSettings
 from tossid.types import PoseTrack
 
 Array = NDArray[np.float64]
 
-DEFAULT = HingeSettings()
+ITERATIONS = 6
+"""Reweightings."""
+OUTLIER = 3.0
+"""Residual, in medians over frames, from which a frame counts less."""
+LEAST_SPREAD = 0.1
+"""Circular standard deviation of the angle below which the joint does not move [rad]."""
+JUDGED = 0.8
+"""Share of the frames in which a hinge keeps the next two limits."""
+MOST_TILT, MOST_OFFSET = 0.05, 4e-3
+"""Largest angle between the axis [rad], and distance between the point [m], as either link carries them."""
+LEAST_ANGLE_NOISE, LEAST_NOISE = 1e-5, 1e-6
+"""Smallest standard deviations of rotations [rad] and positions [m] that weigh them."""
 
 
 @dataclass(frozen=True)
@@ -57,56 +68,61 @@ class FoundHinge:
     offset: float
 
 
-def find_hinge(
-    first: Sequence[PoseTrack], second: Sequence[PoseTrack], settings: HingeSettings = DEFAULT
-) -> FoundHinge:
+def find_hinge(first: Sequence[PoseTrack], second: Sequence[PoseTrack]) -> FoundHinge:
     """The hinge between two links.
 
     Args:
         first: Tracks of link 1, (n, 7) each.
         second: Tracks of link 2 at the same times.
-        settings: What is no hinge.
 
     Raises:
         InputError: The joint never moves, or it is no hinge.
     """
     Q, d = _relative(np.concatenate([track.q for track in first]), np.concatenate([track.q for track in second]))
-    weights = np.ones(len(Q))
-    for _ in range(settings.iterations):
+
+    def common_axis(weights: Array) -> tuple[tuple[Array, Array, Array, Array], Array]:
         U, size, Vt = np.linalg.svd(np.einsum("n,nij->ij", weights / weights.sum(), Q))
-        axis_1, axis_2 = U[:, 0], Vt[0]
-        tilt = np.linalg.norm(axis_1 - Q @ axis_2, axis=1)
-        weights = _huber(tilt, settings)
+        tilt = np.linalg.norm(U[:, 0] - Q @ Vt[0], axis=1)
+        return (U, size, Vt, tilt), in_medians(tilt)
+
+    (U, size, Vt, tilt), _ = reweighted(common_axis, len(Q), limit=OUTLIER, iterations=ITERATIONS)
     spread = float(np.sqrt(-2 * np.log(np.clip(size[1], 1e-12, 1.0))))
-    if spread < settings.least_spread:
+    if spread < LEAST_SPREAD:
         raise InputError(
             f"the joint hardly moves: its angle varies by {np.rad2deg(spread):.1f}° (standard deviation), and a hinge "
-            f"needs {np.rad2deg(settings.least_spread):.0f}°; links that are fixed to each other are object.links=1"
+            f"needs {np.rad2deg(LEAST_SPREAD):.0f}°; links that are fixed to each other are object.links=1"
         )
-    a, b, offset = _point(Q, d, np.concatenate([axis_1, axis_2]), settings)
-    tilt_rms, offset_rms = (float(np.sqrt(np.mean(x**2))) for x in (tilt, offset))
-    _need_hinge(tilt, offset, settings)
+    # along the axis, the point is not determined: the one nearest to both origins is taken
+    across = np.linalg.svd(np.concatenate([U[:, 0], Vt[0]])[None])[2][1:].T
+    J = np.concatenate([np.broadcast_to(np.eye(3), Q.shape), -Q], axis=2) @ across
+
+    def common_point(weights: Array) -> tuple[tuple[Array, Array], Array]:
+        H = np.einsum("n,nki,nkj->ij", weights, J, J)
+        z = np.linalg.solve(H, np.einsum("n,nki,nk->i", weights, J, d))
+        offset = np.linalg.norm(J @ z - d, axis=1)
+        return (across @ z, offset), in_medians(offset)
+
+    (points, offset), _ = reweighted(common_point, len(Q), limit=OUTLIER, iterations=ITERATIONS)
+    _need_hinge(tilt, offset)
+    a, b = points[:3], points[3:]
     zero = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    hinge = Hinge(a - zero @ b, matrix_to_quat(zero), b, axis_2)
-    return FoundHinge(hinge, spread, tilt_rms, offset_rms)
+    hinge = Hinge(a - zero @ b, matrix_to_quat(zero), b, Vt[0])
+    return FoundHinge(hinge, spread, *(float(np.sqrt(np.mean(x**2))) for x in (tilt, offset)))
 
 
-def hinged_tracks(
-    first: Sequence[PoseTrack], second: Sequence[PoseTrack], found: FoundHinge, settings: HingeSettings = DEFAULT
-) -> list[PoseTrack]:
+def hinged_tracks(first: Sequence[PoseTrack], second: Sequence[PoseTrack], found: FoundHinge) -> list[PoseTrack]:
     """Tracks of both links as one of link 1 and the hinge's angle, (n, 8) each, by least squares of all poses.
 
     Args:
         first: Tracks of link 1, (n, 7) each.
         second: Tracks of link 2 at the same times.
         found: Their hinge. What it leaves of the poses shows how much rotations and positions count.
-        settings: Smallest noise.
     """
     hinge = found.hinge
     arms = hinge.pos @ hinge.pos + np.sum((hinge.body_pos + quat_rotate(hinge.body_quat, hinge.pos)) ** 2)
-    angle_sd: float = max(found.tilt / 2, settings.least_angle_noise)  # two directions, two rotations
+    angle_sd: float = max(found.tilt / 2, LEAST_ANGLE_NOISE)  # two directions, two rotations
     left = max(found.offset**2 - 2 * angle_sd**2 * float(arms), 0.0)
-    place_sd = max(float(np.sqrt(left / 6)), settings.least_noise)
+    place_sd = max(float(np.sqrt(left / 6)), LEAST_NOISE)
     return [
         PoseTrack(one.name, one.t, _fused(one.q, two.q, hinge, place_sd, angle_sd))
         for one, two in zip(first, second, strict=True)
@@ -119,43 +135,23 @@ def _relative(q1: Array, q2: Array) -> tuple[Array, Array]:
     return R1.swapaxes(1, 2) @ R2, np.einsum("nji,nj->ni", R1, q2[:, :3] - q1[:, :3])
 
 
-def _huber(size: Array, settings: HingeSettings) -> Array:
-    """Weights (n,) of residuals of some sizes."""
-    return np.asarray(1 / np.maximum(1, size / (settings.huber * max(float(np.median(size)), 1e-12))))
-
-
-def _point(Q: Array, d: Array, axis: Array, settings: HingeSettings) -> tuple[Array, Array, Array]:
-    """A point of the axis in link 1's and link 2's frame (3,), and how far apart they are in each frame (n,) [m].
-
-    axis: (6,) in both frames. Along it nothing is determined: the point is the one nearest to both origins.
-    """
-    across = np.linalg.svd(axis[None])[2][1:].T
-    J = np.concatenate([np.broadcast_to(np.eye(3), Q.shape), -Q], axis=2) @ across
-    weights = np.ones(len(Q))
-    for _ in range(settings.iterations):
-        H = np.einsum("n,nki,nkj->ij", weights, J, J)
-        z = np.linalg.solve(H, np.einsum("n,nki,nk->i", weights, J, d))
-        offset = np.linalg.norm(J @ z - d, axis=1)
-        weights = _huber(offset, settings)
-    return (across @ z)[:3], (across @ z)[3:], offset
-
-
-def _need_hinge(tilt: Array, offset: Array, settings: HingeSettings) -> None:
+def _need_hinge(tilt: Array, offset: Array) -> None:
     """Refuse what is no hinge: a fifth of the frames is off by too much.
 
     Raises:
         InputError: It is not.
     """
-    turned, apart = (float(np.quantile(x, settings.judged)) for x in (tilt, offset))
-    if turned > settings.most_tilt:
+    turned, apart = (float(np.quantile(x, JUDGED)) for x in (tilt, offset))
+    share = f"in {100 * (1 - JUDGED):.0f} % of the frames"
+    if turned > MOST_TILT:
         raise InputError(
-            f"the joint is no hinge: the links' common axis is off by {np.rad2deg(turned):.1f}° or more in "
-            f"{100 * (1 - settings.judged):.0f} % of the frames (more than one axis, or a body frame that moves)"
+            f"the joint is no hinge: the links' common axis is off by {np.rad2deg(turned):.1f}° or more {share} (more "
+            "than one axis, or a body frame that moves)"
         )
-    if apart > settings.most_offset:
+    if apart > MOST_OFFSET:
         raise InputError(
-            f"the joint is no hinge: the links' common point is off by {1e3 * apart:.1f} mm or more in "
-            f"{100 * (1 - settings.judged):.0f} % of the frames (a slide, or a body frame that moves)"
+            f"the joint is no hinge: the links' common point is off by {1e3 * apart:.1f} mm or more {share} (a slide, "
+            "or a body frame that moves)"
         )
 
 

@@ -1,4 +1,4 @@
-"""Velocities of bodies and corners, and the size of a velocity jump, over batches."""
+"""Centres of mass, velocities of bodies and corners, and the size of a velocity jump, over batches."""
 
 from __future__ import annotations
 
@@ -9,6 +9,18 @@ from tossid.objects import JointType, ObjectModel, body_poses, lowest_points
 from tossid.rotations import quat_rotate
 
 Array = NDArray[np.float64]
+
+
+def center_of_mass(model: ObjectModel, q: Array) -> Array:
+    """World position of the whole object's centre of mass [m], (*b, 3).
+
+    Args:
+        model: The object.
+        q: Configurations, (*b, nq).
+    """
+    position, quat = body_poses(model, q)
+    com = position + quat_rotate(quat, model.com)
+    return np.asarray(np.einsum("b,...bi->...i", model.mass, com) / model.mass.sum())
 
 
 def body_velocities(model: ObjectModel, q: Array, v: Array) -> tuple[Array, Array]:

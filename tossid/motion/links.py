@@ -7,7 +7,7 @@ link 2's, the common centre of mass is at
 
 The parts c_1 and c_2 are all that flight shows of r_1, r_2 and m_2 / m_1. Along the hinge's axis e only the sum
 c_1 · e + c_2 · e shows, since R_1 and R_2 turn e alike. The mass ratio shows nowhere, not in contact either: mass on
-the axis may belong to either link.
+the axis may belong to either link. In all functions, `tree` is one rigid body or two links on a hinge.
 """
 
 from __future__ import annotations
@@ -25,31 +25,19 @@ Array = NDArray[np.float64]
 
 
 def turns(tree: ObjectModel, q: Array) -> Array:
-    """The rotations of all bodies side by side, (n, 3, 3 n_b).
-
-    Args:
-        tree: One rigid body, or two links on a hinge.
-        q: Configurations, (n, nq).
-    """
+    """The rotations of all bodies side by side at configurations (n, nq): (n, 3, 3 n_b)."""
     R = quat_to_matrix(body_poses(tree, q)[1])
-    return np.concatenate([R[:, body] for body in range(tree.n_bodies)], axis=2)
+    return np.asarray(np.moveaxis(R, 1, 2).reshape(len(q), 3, -1))
 
 
 def body_tracks(tree: ObjectModel, tosses: Sequence[Toss | PoseTrack]) -> list[list[PoseTrack]]:
-    """The tracks of each body by itself, (n, 7) each.
-
-    Args:
-        tree: One rigid body, or two links on a hinge.
-        tosses: Of it.
-    """
-    poses = [body_poses(tree, toss.q) for toss in tosses]
-    return [
-        [
-            PoseTrack(toss.name, toss.t, np.concatenate([pos[:, body], quat[:, body]], axis=1))
-            for toss, (pos, quat) in zip(tosses, poses, strict=True)
-        ]
-        for body in range(tree.n_bodies)
-    ]
+    """The tracks of each body by itself, (n, 7) each."""
+    tracks: list[list[PoseTrack]] = [[] for _ in range(tree.n_bodies)]
+    for toss in tosses:
+        poses = np.concatenate(body_poses(tree, toss.q), axis=-1)
+        for body, own in enumerate(tracks):
+            own.append(PoseTrack(toss.name, toss.t, poses[:, body]))
+    return tracks
 
 
 def determined(tree: ObjectModel) -> Array:
@@ -61,13 +49,7 @@ def determined(tree: ObjectModel) -> Array:
 
 
 def moments_of_com(tree: ObjectModel, com: Array, mass: Array) -> Array:
-    """The parts c_b of the common centre of mass, (n_b, 3) [m].
-
-    Args:
-        tree: One rigid body, or two links on a hinge.
-        com: (n_b, 3) centre of mass of each body in its frame [m].
-        mass: (n_b,) of each body [kg].
-    """
+    """The parts c_b of the common centre of mass (n_b, 3), from each body's own (n_b, 3) [m] and mass (n_b,) [kg]."""
     share = mass / mass.sum()
     parts = share[:, None] * (com - _origins(tree))
     if tree.n_joints:
@@ -76,13 +58,7 @@ def moments_of_com(tree: ObjectModel, com: Array, mass: Array) -> Array:
 
 
 def com_of_moments(tree: ObjectModel, parts: Array, mass: Array) -> Array:
-    """Centre of mass of each body in its frame, (n_b, 3) [m]: the inverse of `moments_of_com`.
-
-    Args:
-        tree: One rigid body, or two links on a hinge.
-        parts: (n_b, 3) of the common centre of mass [m].
-        mass: (n_b,) of each body [kg].
-    """
+    """Each body's centre of mass in its frame, (n_b, 3) [m]: the inverse of `moments_of_com`."""
     origins = _origins(tree)
     by_hinge = moments_of_com(tree, origins, mass)
     return np.asarray(origins + (parts - by_hinge) * (mass.sum() / mass)[:, None])

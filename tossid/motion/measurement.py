@@ -17,14 +17,26 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from tossid.motion.flight import frames_in_flight
+from tossid.motion.flight import fit_polynomial, frames_in_flight
 from tossid.objects import ObjectModel, corner_positions
-from tossid.settings.motion import MeasurementSettings
 from tossid.types import Toss, frame_time
 
 Array = NDArray[np.float64]
 
-DEFAULT = MeasurementSettings()
+FEWEST_TOSSES = 8
+"""Tosses that must show a quantity."""
+CONFIDENCE = 0.999
+"""Level of the interval that must leave out no correction."""
+SMALLEST_SCALE = 2e-3
+"""Smaller relative corrections of length are not made."""
+SMALLEST_LAG = 0.1
+"""Smaller corrections of time are not made, in frames."""
+SIZE_WARNING = 0.01
+"""Larger relative differences from the stated size are said."""
+REST_SPEED, REST_SPIN = 0.05, 0.3
+"""Speed [m/s] and spin [rad/s] below which a toss's last frame is at rest."""
+FLAT_REL = 0.05
+"""Height over the lowest corner within which a corner is one of the lowest, in widths."""
 
 
 @dataclass(frozen=True)
@@ -47,28 +59,20 @@ class MeasurementModel:
         Args:
             toss: As recorded.
         """
-        s = self.length_scale
-        if s == 1.0:
+        if self.length_scale == 1.0:
             return toss
-        weight_q, weight_v = (np.ones(toss.q_cov.shape[-1]) for _ in range(2))
-        weight_q[:3] = weight_v[:3] = 1 / s
-
-        def shrunk(values: Array) -> Array:
-            out = values.copy()
-            out[:, :3] /= s
-            return out
-
-        true = replace(
+        weight = np.where(np.arange(toss.v.shape[1]) < 3, 1 / self.length_scale, 1.0)
+        weight_q = np.insert(weight, 3, 1.0)  # a quaternion has one number more than a rotation's error
+        measured, measured_cov = toss.q_measured, toss.q_measured_cov
+        return replace(
             toss,
-            q=shrunk(toss.q),
-            v=shrunk(toss.v),
-            q_cov=weight_q[:, None] * toss.q_cov * weight_q,
-            v_cov=weight_v[:, None] * toss.v_cov * weight_v,
+            q=weight_q * toss.q,
+            v=weight * toss.v,
+            q_cov=weight[:, None] * toss.q_cov * weight,
+            v_cov=weight[:, None] * toss.v_cov * weight,
+            q_measured=None if measured is None else weight_q * measured,
+            q_measured_cov=None if measured_cov is None else weight[:, None] * measured_cov * weight,
         )
-        if toss.q_measured is None or toss.q_measured_cov is None:
-            return true
-        cov = weight_q[:, None] * toss.q_measured_cov * weight_q
-        return replace(true, q_measured=shrunk(toss.q_measured), q_measured_cov=cov)
 
     def recorded_q(self, q: Array) -> Array:
         """True configurations as they would be recorded, (*b, nq).
@@ -104,9 +108,7 @@ class MeasurementEstimate:
     measurement: MeasurementModel
 
 
-def estimate_measurement(
-    tosses: Sequence[Toss], model: ObjectModel, *, settings: MeasurementSettings = DEFAULT
-) -> MeasurementEstimate:
+def estimate_measurement(tosses: Sequence[Toss], model: ObjectModel) -> MeasurementEstimate:
     """Length scale and velocity lag of tosses, and the measurement model with those that are significant.
 
     A value is significant where enough tosses show it, its 99.9 % interval leaves out "exact", and it is large enough
@@ -115,38 +117,36 @@ def estimate_measurement(
     Args:
         tosses: As recorded.
         model: The object; its stated geometry is the reference for length.
-        settings: What is significant.
     """
-    scales = np.array([s for s in (_scale_at_rest(toss, model, settings) for toss in tosses) if s is not None])
-    in_flight = zip(tosses, frames_in_flight(tosses, model), strict=True)
-    lags = np.array([lag for lag in (_lag_in_flight(toss, n) for toss, n in in_flight) if lag is not None])
-    dt = frame_time(tosses)
-    scale, scale_ci, scale_sure = _mean(scales, settings, exact=1.0)
-    lag, lag_ci, lag_sure = _mean(lags, settings, exact=0.0)
+    frames = frames_in_flight(tosses, model)
+    scales = [scale for toss in tosses if (scale := _scale_at_rest(toss, model)) is not None]
+    lags = [lag for toss, n in zip(tosses, frames, strict=True) if (lag := _lag_in_flight(toss, n)) is not None]
+    scale, scale_ci, scale_sure = _mean(scales, exact=1.0)
+    lag, lag_ci, lag_sure = _mean(lags, exact=0.0)
     significant = MeasurementModel(
-        length_scale=scale if scale_sure and abs(scale - 1) > settings.smallest_scale else 1.0,
-        velocity_lag=lag if lag_sure and abs(lag) > settings.smallest_lag * dt else 0.0,
+        length_scale=scale if scale_sure and abs(scale - 1) > SMALLEST_SCALE else 1.0,
+        velocity_lag=lag if lag_sure and abs(lag) > SMALLEST_LAG * frame_time(tosses) else 0.0,
     )
     return MeasurementEstimate(scale, scale_ci, len(scales), lag, lag_ci, len(lags), significant)
 
 
-def _mean(values: Array, settings: MeasurementSettings, *, exact: float) -> tuple[float, tuple[float, float], bool]:
+def _mean(values: Sequence[float], *, exact: float) -> tuple[float, tuple[float, float], bool]:
     """Mean, its 95 % interval, and whether the 99.9 % interval leaves out `exact`."""
     n = len(values)
-    if n < settings.fewest_tosses:
+    if n < FEWEST_TOSSES:
         return exact, (float("nan"), float("nan")), False
-    mean, error = float(values.mean()), float(values.std(ddof=1) / np.sqrt(n))
-    wide, narrow = (student.ppf(0.5 + 0.5 * level, n - 1) * error for level in (settings.confidence, 0.95))
+    mean, error = float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(n))
+    wide, narrow = (student.ppf(0.5 + 0.5 * level, n - 1) * error for level in (CONFIDENCE, 0.95))
     return mean, (mean - narrow, mean + narrow), bool(abs(mean - exact) > wide)
 
 
-def _scale_at_rest(toss: Toss, model: ObjectModel, settings: MeasurementSettings) -> float | None:
+def _scale_at_rest(toss: Toss, model: ObjectModel) -> float | None:
     """Recorded height over the height that the stated geometry needs to stand on its lowest face."""
     speed, spin = np.linalg.norm(toss.v[-1, :3]), np.linalg.norm(toss.v[-1, 3:])
-    if model.n_joints or model.roundness is not None or speed > settings.rest_speed or spin > settings.rest_spin:
+    if model.n_joints or model.roundness is not None or speed > REST_SPEED or spin > REST_SPIN:
         return None
     above = np.sort(corner_positions(model, toss.q[-1:])[0, :, 2] - toss.q[-1, 2])
-    lowest = above[above < above[0] + settings.flat * model.width]
+    lowest = above[above < above[0] + FLAT_REL * model.width]
     if len(lowest) < 3 or not -lowest.mean() > 0:
         return None
     return float(-toss.q[-1, 2] / lowest.mean())
@@ -156,8 +156,8 @@ def _lag_in_flight(toss: Toss, n: int) -> float | None:
     """Lag of the recorded vertical velocity behind the slope of the recorded height, in the first n frames."""
     if n < 4:
         return None
-    t, z, vz = toss.t[:n], toss.q[:n, 2], toss.v[:n, 2]
-    fall = np.polyfit(t - t.mean(), z, 2)
-    slope = np.polyval(np.polyder(fall), t - t.mean())
-    acceleration = 2 * fall[0]
-    return float(-(vz - slope).mean() / acceleration) if acceleration < 0 else None
+    s = toss.t[:n] - toss.t[:n].mean()
+    _, slope, acceleration = fit_polynomial(s, toss.q[:n, 2:3]).coefficients[:, 0]
+    if acceleration >= 0:
+        return None
+    return float(-(toss.v[:n, 2] - slope - acceleration * s).mean() / acceleration)

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.motion.contact import Touch, may_touch
+from tossid.motion.kinematics import center_of_mass
 from tossid.motion.noise import pose_noise
-from tossid.motion.stability import center_of_mass
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_rotate, quat_to_matrix
 from tossid.types import PoseTrack

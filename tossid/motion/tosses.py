@@ -9,28 +9,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
-from tossid.motion.contact import Touch
+from tossid.motion.contact import Touch, lowest_corner
+from tossid.motion.free_fall import Parabola, find_parabola
 from tossid.motion.noise import pose_noise, velocity_noise
-from tossid.motion.parabola import Parabola, find_parabola, phases_of_motion
-from tossid.motion.phases import label_phases
+from tossid.motion.phases import label_phases, phases_of_motion
 from tossid.motion.resting import bounce_heights, rest_heights
 from tossid.motion.smoothing.smoother import Smoothed, gyration, smooth_in_turn
-from tossid.objects import GRAVITY, ObjectModel, corner_heights
-from tossid.settings.motion import MotionSettings
+from tossid.objects import GRAVITY, ObjectModel
 from tossid.types import OnDemand, Phase, PoseTrack, Toss
 
 Array = NDArray[np.float64]
 
-DEFAULT = MotionSettings()
+JUDGED_TRACKS = 64
+"""Tracks that the noise of recorded velocities is estimated from."""
+REST_KEPT = 0.1
+"""Rest that a toss keeps where its end is cut [s]."""
+DEEPEST_REL = 0.5
+"""Tracks whose lowest corner is deeper in the ground than so many widths (median), or which rest or bounce so high
+above it, are refused: they are in other units, of another object, or over another ground."""
 
 
 def tosses_from_tracks(
-    tracks: Sequence[PoseTrack],
-    model: ObjectModel,
-    *,
-    gravity: float = GRAVITY,
-    end_at_rest: bool = False,
-    settings: MotionSettings = DEFAULT,
+    tracks: Sequence[PoseTrack], model: ObjectModel, *, gravity: float = GRAVITY, end_at_rest: bool = False
 ) -> tuple[Toss, ...]:
     """Tosses of tracks: with velocities, covariances and phases.
 
@@ -43,21 +43,15 @@ def tosses_from_tracks(
         model: The object.
         gravity: Of free flight [m/s²].
         end_at_rest: Whether to cut what follows 0.1 s of final rest.
-        settings: Of noise, smoothing and phases.
 
     Raises:
         InputError: The tracks do not fit the object, lie in the ground, or touch nothing but air above it.
     """
-    return tuple(tosses_in_turn(tracks, model, gravity=gravity, end_at_rest=end_at_rest, settings=settings))
+    return tuple(tosses_in_turn(tracks, model, gravity=gravity, end_at_rest=end_at_rest))
 
 
 def tosses_in_turn(
-    tracks: Sequence[PoseTrack],
-    model: ObjectModel,
-    *,
-    gravity: float = GRAVITY,
-    end_at_rest: bool = False,
-    settings: MotionSettings = DEFAULT,
+    tracks: Sequence[PoseTrack], model: ObjectModel, *, gravity: float = GRAVITY, end_at_rest: bool = False
 ) -> Iterator[Toss]:
     """`tosses_from_tracks` one by one, of more tracks (`OnDemand`) than fit into memory.
 
@@ -66,7 +60,6 @@ def tosses_in_turn(
         model: As there; one of which nothing is stated (`unstated_object`) has its flight found in its motion.
         gravity: As there.
         end_at_rest: As there.
-        settings: As there.
 
     Yields:
         A toss of each track, in order.
@@ -74,16 +67,16 @@ def tosses_in_turn(
     Raises:
         InputError: As there; before the first toss.
     """
-    _check(tracks, model, settings.deepest)
+    _check(tracks, model)
     parabola = None if model.is_stated else find_parabola(tracks, model, gravity=gravity)
     recorded = [track.v is not None for track in tracks]
     if any(recorded) and not all(recorded):
         missing = tracks[recorded.index(False)].name
         raise InputError(f"track {missing} carries no velocities, others do; expected all or none")
-    how = _How(model, gravity, settings) if parabola is None else _How(parabola.body(), gravity, settings, parabola)
-    q_cov = _measurement_covariances(tracks, how)
-    made = (_as_recorded if all(recorded) else _as_smoothed)(tracks, q_cov, how)
-    return (_until_rest(toss, settings.rest_kept) for toss in made) if end_at_rest else made
+    flight = _Flight(model if parabola is None else parabola.body(), gravity, parabola)
+    q_cov = _measurement_covariances(tracks, flight)
+    made = (_as_recorded if all(recorded) else _as_smoothed)(tracks, q_cov, flight)
+    return (_until_rest(toss) for toss in made) if end_at_rest else made
 
 
 def covariance_source(tracks: Sequence[PoseTrack]) -> str:
@@ -108,30 +101,27 @@ def median_rate(tracks: Sequence[PoseTrack | Toss]) -> float:
 
 
 @dataclass(frozen=True)
-class _How:
-    """How tosses of an object are made; parabola: how it flies, of an object without corners."""
+class _Flight:
+    """How an object flies; parabola: of one without corners."""
 
     model: ObjectModel
     gravity: float
-    settings: MotionSettings
-    parabola: Parabola | None = None
+    parabola: Parabola | None
 
     @property
     def touch(self) -> Touch | None:
         return None if self.parabola is None else self.parabola.may_touch
 
     def phases(self, t: Array, q: Array, v: Array, v_sigma: float = 0.0) -> NDArray[np.uint8]:
-        limits = self.settings.phases
         if self.parabola is not None:
-            return phases_of_motion(self.parabola, t, q, v, v_sigma=v_sigma, limits=limits)
-        return label_phases(self.model, t, q, v, gravity=self.gravity, v_sigma=v_sigma, settings=limits)
+            return phases_of_motion(self.parabola, t, q, v, v_sigma=v_sigma)
+        return label_phases(self.model, t, q, v, gravity=self.gravity, v_sigma=v_sigma)
 
     def smoothed(self, tracks: Sequence[PoseTrack], q_cov: Sequence[Array]) -> Iterator[Smoothed]:
-        settings = self.settings.smoother
-        return smooth_in_turn(tracks, self.model, q_cov, gravity=self.gravity, touch=self.touch, settings=settings)
+        return smooth_in_turn(tracks, self.model, q_cov, gravity=self.gravity, touch=self.touch)
 
 
-def _check(tracks: Sequence[PoseTrack], model: ObjectModel, deepest: float) -> None:
+def _check(tracks: Sequence[PoseTrack], model: ObjectModel) -> None:
     if not tracks:
         raise InputError("there are no tracks")
     for track in tracks:
@@ -142,22 +132,21 @@ def _check(tracks: Sequence[PoseTrack], model: ObjectModel, deepest: float) -> N
     if not model.is_stated:
         return
     expected = f"expected metres, the ground at z = 0, and object '{model.name}'"
-    lowest = float(np.median([corner_heights(model, track.q).min() for track in tracks]))
-    if lowest < -deepest * model.width:
+    lowest = float(np.median([lowest_corner(model, track.q).min() for track in tracks]))
+    if lowest < -DEEPEST_REL * model.width:
         raise InputError(f"the tracks go {-lowest:.3g} m below the ground (median); {expected}")
-    if lowest > deepest * model.width:
+    if lowest > DEEPEST_REL * model.width:
         touched = np.append(rest_heights(tracks, model), bounce_heights(tracks, model))
         if len(touched):  # (else they may be nothing but flight)
             high = float(np.median(touched))
             raise InputError(f"tosses bounce or rest {high:.3g} m above the ground (median); {expected}")
 
 
-def _measurement_covariances(tracks: Sequence[PoseTrack], how: _How) -> Sequence[Array]:
+def _measurement_covariances(tracks: Sequence[PoseTrack], flight: _Flight) -> Sequence[Array]:
     """(n, nv, nv) of each track: its own, or one for all, estimated from flight."""
-    given, model = all(track.q_cov is not None for track in tracks), how.model
-    cov = np.zeros((model.nv, model.nv))
-    if not given:
-        cov = pose_noise(tracks, model, touch=how.touch, settings=how.settings.noise).q_cov
+    cov = np.zeros((flight.model.nv, flight.model.nv))
+    if any(track.q_cov is None for track in tracks):
+        cov = pose_noise(tracks, flight.model, touch=flight.touch).q_cov
 
     def of(i: int) -> Array:
         own = tracks[i].q_cov
@@ -166,41 +155,34 @@ def _measurement_covariances(tracks: Sequence[PoseTrack], how: _How) -> Sequence
     return OnDemand(of, len(tracks), kept=0)
 
 
-def _as_smoothed(tracks: Sequence[PoseTrack], q_cov: Sequence[Array], how: _How) -> Iterator[Toss]:
-    for track, s, cov in zip(tracks, how.smoothed(tracks, q_cov), q_cov, strict=True):
+def _as_smoothed(tracks: Sequence[PoseTrack], q_cov: Sequence[Array], flight: _Flight) -> Iterator[Toss]:
+    gyration2 = gyration(flight.model) ** 2
+    for track, s, cov in zip(tracks, flight.smoothed(tracks, q_cov), q_cov, strict=True):
+        var = np.diagonal(s.v_cov, axis1=1, axis2=2)
+        v_sigma = float(np.median(np.sqrt(var[:, :3].sum(axis=1) + gyration2 * var[:, 3:6].sum(axis=1))))
+        phase = flight.phases(track.t, s.q, s.v, v_sigma)
         yield Toss(
-            track.name, track.t, s.q, s.v, s.q_cov, s.v_cov, _label(how, track.t, s), q_measured=track.q,
-            q_measured_cov=cov,
+            track.name, track.t, s.q, s.v, s.q_cov, s.v_cov, phase, q_measured=track.q, q_measured_cov=cov
         )  # fmt: skip
 
 
-def _as_recorded(tracks: Sequence[PoseTrack], q_cov: Sequence[Array], how: _How) -> Iterator[Toss]:
-    settings = how.settings
-
+def _as_recorded(tracks: Sequence[PoseTrack], q_cov: Sequence[Array], flight: _Flight) -> Iterator[Toss]:
     def labelled(track: PoseTrack) -> tuple[Array, NDArray[np.uint8]]:
         assert track.v is not None
-        return track.v, how.phases(track.t, track.q, track.v)
+        return track.v, flight.phases(track.t, track.q, track.v)
 
-    chosen = np.unique(np.linspace(0, len(tracks) - 1, min(settings.judged_tracks, len(tracks))).astype(int))
+    chosen = np.unique(np.linspace(0, len(tracks) - 1, min(JUDGED_TRACKS, len(tracks))).astype(int))
     sample = [tracks[i] for i in chosen]
-    smoothed = list(how.smoothed(sample, [q_cov[i] for i in chosen]))
-    v, phase = zip(*(labelled(track) for track in sample), strict=True)
-    v_cov = velocity_noise(
-        np.concatenate(v), np.concatenate([s.v for s in smoothed]), np.concatenate(phase), settings=settings.noise
-    )
+    smoothed = np.concatenate([s.v for s in flight.smoothed(sample, [q_cov[i] for i in chosen])])
+    v, phase = (np.concatenate(parts) for parts in zip(*map(labelled, sample), strict=True))
+    v_cov = velocity_noise(v, smoothed, phase)
     for track, cov in zip(tracks, q_cov, strict=True):
         own, phases = labelled(track)
         yield Toss(track.name, track.t, track.q, own, cov, v_cov[phases], phases)
 
 
-def _label(how: _How, t: Array, s: Smoothed) -> NDArray[np.uint8]:
-    var = np.diagonal(s.v_cov, axis1=1, axis2=2)
-    size = np.sqrt(var[:, :3].sum(axis=1) + gyration(how.model) ** 2 * var[:, 3:6].sum(axis=1))
-    return how.phases(t, s.q, s.v, float(np.median(size)))
-
-
-def _until_rest(toss: Toss, kept: float) -> Toss:
+def _until_rest(toss: Toss) -> Toss:
     moving = np.flatnonzero(toss.phase != Phase.REST)
     last = int(moving[-1]) + 1 if len(moving) else 0
-    stop = max(2, int(np.searchsorted(toss.t, toss.t[min(last, len(toss) - 1)] + kept, side="right")))
+    stop = max(2, int(np.searchsorted(toss.t, toss.t[min(last, len(toss) - 1)] + REST_KEPT, side="right")))
     return toss.frames(slice(stop))

@@ -9,14 +9,6 @@ from typing import Annotated, Literal
 from tossid.settings.kinds import Bounds, Checked, Count, Fraction, NonNegative, Positive, Seed, advanced, advanced_part
 from tossid.settings.limits import LARGEST_GRAVITY
 from tossid.settings.segmentation import SegmentSettings
-from tossid.settings.sessions import (
-    CopySettings,
-    LostSettings,
-    SessionSettings,
-    SmoothingSettings,
-    TurnSettings,
-    WitnessSettings,
-)
 from tossid.settings.tracking import TrackSettings
 
 
@@ -130,10 +122,6 @@ class TossSettings(Checked):
     """shares of tosses for train, validation and test"""
     segment: SegmentSettings = field(default_factory=SegmentSettings)
     """frames: what counts as flight and as rest:"""
-    sessions: SessionSettings = advanced_part(SessionSettings)
-    """when a change over the order of recording is one"""
-    witnesses: WitnessSettings = advanced_part(WitnessSettings)
-    """what of each toss is measured for it"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,8 +134,6 @@ class IngestSettings(TossSettings):
     smoothed: Literal["refuse", "keep"] = "refuse"
     """imported tosses that a smoother made: they do not fall by gravity, and have no tracker's noise. refuse: an error
     says so. keep: they are ingested nevertheless"""
-    smoothing: SmoothingSettings = advanced_part(SmoothingSettings)
-    """when tosses are taken for such"""
     turned: Literal["keep", "undo"] = "keep"
     """imported recordings that were turned about the vertical after they were tracked, each by its own angle. undo:
     they are turned back, so that all throws go along x"""
@@ -157,12 +143,6 @@ class IngestSettings(TossSettings):
     lost: Literal["keep", "undo"] = "keep"
     """imported recordings that lost frames at impacts without a gap in their times. undo: what follows a loss is moved
     later by the time of the lost frames, and tosses whose loss cannot be judged get no split"""
-    turns: TurnSettings = advanced_part(TurnSettings)
-    """when recordings are taken to have been turned"""
-    same: CopySettings = advanced_part(CopySettings)
-    """when tosses are taken to be copies"""
-    losses: LostSettings = advanced_part(LostSettings)
-    """when frames are taken to have been lost"""
     threads: Count | None = None
     """images searched at the same time; null: one a core"""
     detect: DetectSettings = field(default_factory=DetectSettings)

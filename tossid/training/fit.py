@@ -137,7 +137,7 @@ class Fit:
             Objective.FLIGHT_LOSS: partial(
                 self._loss_stage, choose=Transitions.in_flight if self.near is self.model.object else Transitions.free
             ),
-            Objective.FLIGHT: lambda plan: FlightStage(plan, self.model, self._tosses, self.settings, self._n_threads),
+            Objective.FLIGHT: lambda plan: FlightStage(plan, self.model, self._tosses, self.settings),
             Objective.LOSS: self._loss_stage,
             Objective.ROLLOUT: self._rollout_stage,
         }
@@ -192,7 +192,7 @@ class Fit:
             )
             return train, validation
         if self._flights is None or self._flights.outdated(learned, gravity):
-            self._flights = fit_flights(learned, self._tosses, gravity, self.settings.rollouts, self._n_threads)
+            self._flights = fit_flights(learned, self._tosses, gravity, self.settings.rollouts)
         firsts = (first_states(tosses, learned, predictor, velocity_lag=lag) for tosses in self._tosses)
         train, validation = (
             make_shots(learned, tosses, horizon=horizon, first=first, flight=flight)

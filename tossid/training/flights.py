@@ -54,7 +54,7 @@ class Flights:
 
 
 def fit_flights(
-    model: ObjectModel, tosses: Sequence[Sequence[Toss]], gravity: float, settings: RolloutSettings, n_threads: int = 1
+    model: ObjectModel, tosses: Sequence[Sequence[Toss]], gravity: float, settings: RolloutSettings
 ) -> Flights:
     """First states of sets of tosses as their flights give them.
 
@@ -63,12 +63,9 @@ def fit_flights(
         tosses: Of training and of validation, with true lengths.
         gravity: In flight [m/s²].
         settings: How much flight is enough.
-        n_threads: Over which tosses are split.
     """
     frames = settings.min_flight_frames
-    fitted = tuple(
-        flight_starts(model, each, gravity=gravity, min_frames=frames, n_threads=n_threads) for each in tosses
-    )
+    fitted = tuple(flight_starts(model, each, gravity=gravity, min_frames=frames) for each in tosses)
     return Flights(model, gravity, fitted)
 
 
@@ -89,7 +86,6 @@ class FlightStage:
         model: Changed in place.
         tosses: Of training and of validation, with true lengths.
         settings: The largest step.
-        n_threads: Over which tosses are split.
     """
 
     DIFFERENCE = 1e-5
@@ -104,11 +100,10 @@ class FlightStage:
         model: DynamicsModel,
         tosses: Sequence[Sequence[Toss]],
         settings: TrainSettings,
-        n_threads: int = 1,
     ) -> None:
         self.name, self.epochs = plan.name, settings.epochs
         self._plan, self._model, self._tosses = plan, model, tosses
-        self._largest, self._n_threads = settings.rollouts.largest_step, n_threads
+        self._largest = settings.rollouts.largest_step
         self._start = self._get()
         self._gravity = np.concatenate([np.full(p.numel(), p is plan.quadratic) for p in plan.parameters])
 
@@ -152,9 +147,7 @@ class FlightStage:
         """The flights of training (0) or validation tosses (1), with the model as it is; none without flight."""
         mechanics = self._model.mechanics()
         assert mechanics is not None
-        states = flight_states(
-            self._tosses[split], mechanics.object, gravity=mechanics.carried_gravity, n_threads=self._n_threads
-        )
+        states = flight_states(self._tosses[split], mechanics.object, gravity=mechanics.carried_gravity)
         return [state for state in states if state.n_frames]
 
     def _get(self) -> Array:

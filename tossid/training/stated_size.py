@@ -9,26 +9,22 @@ from __future__ import annotations
 from typing import Any
 
 from tossid.motion import MeasurementEstimate, MeasurementModel
-from tossid.settings.motion import MeasurementSettings
+from tossid.motion.measurement import FEWEST_TOSSES, SIZE_WARNING
 
 
-def size_contradiction(
-    found: MeasurementEstimate, used: MeasurementModel, settings: MeasurementSettings | None = None
-) -> dict[str, Any] | None:
+def size_contradiction(found: MeasurementEstimate, used: MeasurementModel) -> dict[str, Any] | None:
     """What tosses at rest say against the stated size.
 
     Args:
         found: Of the training tosses, with the stated object.
         used: How the model takes recorded motion.
-        settings: How many tosses must show it, and how large a difference is said.
 
     Returns:
         {"shown_over_stated", "ci95", "n_at_rest", "length_scale", "warning": text}; None where too few tosses stand
         still, where the interval holds 1, or where the difference is within the limit.
     """
-    settings = settings or MeasurementSettings()
     scale, low, high = (float(x) for x in (found.length_scale, *found.length_scale_ci95))
-    if found.n_at_rest < settings.fewest_tosses or abs(scale - 1) <= settings.size_warning or low <= 1 <= high:
+    if found.n_at_rest < FEWEST_TOSSES or abs(scale - 1) <= SIZE_WARNING or low <= 1 <= high:
         return None
     change = f"{100 * abs(scale - 1):.1f} % {'larger' if scale > 1 else 'smaller'}"
     ends = " to ".join(f"{end:.4f}" for end in (low, high))

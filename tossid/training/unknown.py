@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
-from tossid.motion.free_fall import FreeFall, free_fall
+from tossid.motion.free_fall import FreeFall, find_parabola, free_fall
 from tossid.motion.links import body_tracks, com_of_moments, determined, moments_of_com
 from tossid.motion.momentum.estimate import Momentum, momentum_balance
-from tossid.motion.parabola import find_parabola
 from tossid.objects import GRAVITY, ObjectModel, to_mjcf, unstated_object
 from tossid.objects.convex_shape import ConvexShape, find_shape
 from tossid.objects.half_spaces import half_spaces

@@ -206,7 +206,7 @@ def lost_frames(
     """
     if model.n_joints or not model.is_stated:
         return None
-    found = find_lost_frames(tracks, model, gravity=settings.gravity, settings=settings.losses)
+    found = find_lost_frames(tracks, model, gravity=settings.gravity)
     said = lost_words(found)
     if said is not None and settings.lost == "keep":
         report.problem("import", f"{path}: {said}; kept so (lost=undo mends the times)")

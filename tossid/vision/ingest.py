@@ -11,12 +11,12 @@ from typing import Any
 from tossid.errors import ConfigError, FileError
 from tossid.motion import Defect, covariance_source, find_defects, median_rate, tosses_in_turn
 from tossid.motion.defects import RULES
-from tossid.motion.parabola import find_parabola
+from tossid.motion.free_fall import find_parabola
 from tossid.motion.segmentation import Stretch
 from tossid.motion.sessions import as_recorded
 from tossid.motion.sessions.copies import Copy, copy_words, find_copies
+from tossid.motion.sessions.falls import WHITE, look_for_smoothing
 from tossid.motion.sessions.lost_frames import LostFrames
-from tossid.motion.sessions.smoothing import WHITE, look_for_smoothing
 from tossid.objects import ObjectModel, load_object, recorded_object
 from tossid.settings.changed import changed
 from tossid.settings.ingestion import IngestSettings, TossSettings
@@ -304,7 +304,7 @@ def _import_poses(
         flying, touch = (model, None) if parabola is None else (parabola.body(), parabola.may_touch)
         _check_measured(tracks, flying, path, settings, report)
         tracks, held = from_release(tracks, flying, touch=touch, gravity=settings.gravity, report=report)
-        order, copies = None, find_copies(tracks, settings=settings.same)
+        order, copies = None, find_copies(tracks)
         if model.is_stated:
             turns = stages.turned_back(tracks, model, settings=settings, report=report)
             tracks = tracks if turns is None else turns.undone(tracks)
@@ -342,7 +342,7 @@ def _check_measured(
     tracks: Sequence[PoseTrack], model: ObjectModel, path: Path, settings: IngestSettings, report: Reporter
 ) -> None:
     """Refuse imported tosses that a smoother made (`settings.smoothed`); report those that do not fall by gravity."""
-    seen = look_for_smoothing(tracks, model, gravity=settings.gravity, settings=settings.smoothing)
+    seen = look_for_smoothing(tracks, model, gravity=settings.gravity)
     if seen.falls:
         return
     gravity, off = f"{settings.gravity:g} m/s²", f"{seen.fall_error:.1f} m/s²"

@@ -348,8 +348,6 @@ def sessions(
         model,
         gravity=settings.gravity,
         level=settings.level,
-        settings=settings.sessions,
-        witness=settings.witnesses,
         advance=report.counter("sessions", len(tracks), "tosses"),
     )
     for note in found.notes:
@@ -377,7 +375,7 @@ def turned_back(
     report = report or Reporter()
     order, _, _ = recording_order(tracks)
     ordered = OnDemand(lambda i: tracks[order[i]], len(order), kept=0)
-    turns = find_turns(ordered, model, settings=settings.turns, witness=settings.witnesses)
+    turns = find_turns(ordered, model)
     said = turn_words(turns)
     if said is None:
         return None

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.states import difference
-from tossid.motion.contact import may_touch
-from tossid.motion.local_motion import runs
+from tossid.motion.contact import may_touch, runs
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.settings.diagnosis.likelihood import WindowSettings
 from tossid.types import Phase, Toss

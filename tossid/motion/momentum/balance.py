@@ -28,14 +28,26 @@ from tossid.motion.smoothing.rts import LinearSystem, filter_forward
 from tossid.motion.smoothing.system import difference, first_cov, moved, pad, white
 from tossid.objects import ObjectModel, body_poses, corner_heights, lowest_points
 from tossid.rotations import skew
-from tossid.settings.motion import MomentumSettings
 from tossid.types import Phase, PoseTrack, Toss
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-RESOLVED = 3e-4
-"""Height above which a point that comes down has not yet touched [m]."""
+NEAR, RESOLVED = 2e-3, 3e-4
+"""Height of its way in an interval below which a point may touch the ground, and above which one that comes down has
+not yet touched [m]."""
+FREE_REL = 3.0
+"""Standard deviation of a free impulse, in changes of momentum seen in its interval: large, so that it is free."""
+FLIGHT_DENSITY, GYRATION = 1e-6, 0.03
+"""Density of white acceleration in flight [m²/s³]: none, but for numerical reasons; radius by which spins count [m]."""
+SLIDE_SPEED, SLIDE_COSINE = 0.12, 0.95
+"""A point slides steadily that is faster than this [m/s], and whose direction turns by less in an interval."""
+SLIDE_IMPULSE = 0.25
+"""Change of the velocity, gravity apart, above which an interval holds an impact [m/s]."""
+ACROSS_REL = 0.05
+"""Standard deviation of the force across the direction of sliding, in sizes of a free impulse."""
+REST_FRAMES = 5
+"""Frames of final rest that take part: later ones say nothing."""
 
 
 class Balance:
@@ -45,7 +57,6 @@ class Balance:
         tosses: Of one object over the ground z = 0, with smoothed velocities.
         model: Its corners, joints, centres of mass and masses.
         gravity: Of free flight, in recorded lengths [m/s²].
-        settings: What touches, and what slides.
 
     Attributes:
         touching: (n - 1, b, n_c) points that may touch in each interval.
@@ -53,10 +64,13 @@ class Balance:
         frames: (b,) measured poses of each toss.
     """
 
-    def __init__(self, tosses: Sequence[Toss], model: ObjectModel, gravity: float, settings: MomentumSettings) -> None:
-        self.settings, self._gravity, self._model = settings, gravity, model
+    def __init__(self, tosses: Sequence[Toss], model: ObjectModel, gravity: float) -> None:
+        self._gravity, self._model = gravity, model
         self._dynamics = TreeDynamics(model, gravity)
-        moving = [toss.frames(slice(_until_rest(toss))) for toss in tosses]
+        moving = []
+        for toss in tosses:
+            awake = np.flatnonzero(toss.phase != Phase.REST)
+            moving.append(toss.frames(slice((int(awake[-1]) if len(awake) else 0) + REST_FRAMES)))
         tracks, covs = zip(*(self._measured(toss) for toss in moving), strict=True)
         self._batch = pad(tracks, model.with_changes(com=np.zeros_like(model.com)), covs, touch=lambda t, _: t[1:] < 0)
         n, b = self._batch.seen.shape
@@ -69,7 +83,7 @@ class Balance:
         self.frames = self._batch.seen.sum(axis=0)
         self._begins = self._q[:-1].reshape(-1, model.nq), self._v[:-1].reshape(-1, model.nv), self._batch.h.ravel()
         self._F: Array | None = None
-        self._size = settings.free_rel * np.maximum(self._find(), 0.5 * gravity * self._batch.h)
+        self._size = FREE_REL * np.maximum(self._find(), 0.5 * gravity * self._batch.h)
 
     def linearise(self, inertia: Array) -> None:
         """Take the kinematics within intervals at this inertia, and the first time derivatives by the state.
@@ -95,12 +109,12 @@ class Balance:
 
     def _find(self) -> Array:
         """Which points touch in an interval, and where they are then; returns changes of velocity (n - 1, b) [m/s]."""
-        model, q, v, h, settings = self._model, self._q, self._v, self._batch.h, self.settings
+        model, q, v, h = self._model, self._q, self._v, self._batch.h
         at_origin = self._dynamics.at_origin(q, v)
         height, velocity = corner_heights(model, at_origin[0]), corner_velocities(model, *at_origin)
         down = np.maximum(-velocity[:-1, ..., 2], 0)
         low = np.minimum(np.minimum(height[:-1], height[1:]), height[:-1] - down * h[..., None])
-        self.touching = (low < settings.near) & self._batch.inside[..., None]
+        self.touching = (low < NEAR) & self._batch.inside[..., None]
         falls = (height[:-1] > RESOLVED) & (down > 1e-3)
         when = np.where(falls, height[:-1] / np.maximum(down, 1e-3), np.inf)
         when = np.where(falls, np.minimum(when, h[..., None]), 0.5 * h[..., None])
@@ -120,19 +134,19 @@ class Balance:
 
     def _find_sliding(self, velocity: Array, impulse: Array) -> None:
         """Sliding is steady where the same points slide straight on before, in and after an interval without impact."""
-        settings, touching = self.settings, self.touching
+        touching = self.touching
         speed = np.linalg.norm(velocity, axis=-1)
         unit = velocity / np.maximum(speed, 1e-9)[..., None]
-        fast = (speed[:-1] > settings.slide_speed) & (speed[1:] > settings.slide_speed)
-        straight = (unit[:-1] * unit[1:]).sum(-1) > settings.slide_cosine
+        fast = (speed[:-1] > SLIDE_SPEED) & (speed[1:] > SLIDE_SPEED)
+        straight = (unit[:-1] * unit[1:]).sum(-1) > SLIDE_COSINE
         slides = touching & fast & straight
-        steady = (slides == touching).all(-1) & touching.any(-1) & (impulse < settings.slide_impulse)
+        steady = (slides == touching).all(-1) & touching.any(-1) & (impulse < SLIDE_IMPULSE)
         same = (touching[1:] == touching[:-1]).all(-1)
         inside = np.zeros_like(steady)
         inside[1:-1] = steady[2:] & steady[:-2] & same[1:] & same[:-1]
         self.sliding = slides & (steady & inside)[..., None]
         mean = unit[:-1] + unit[1:]
-        self._way = mean / np.maximum(np.linalg.norm(mean, axis=-1), 1e-9)[..., None]
+        self._direction = mean / np.maximum(np.linalg.norm(mean, axis=-1), 1e-9)[..., None]
 
     def _measured(self, toss: Toss) -> tuple[PoseTrack, Array]:
         """A toss's measured poses, about the common centre of mass, and their covariances (n, nv, nv)."""
@@ -142,13 +156,13 @@ class Balance:
         return PoseTrack(toss.name, toss.t, self._dynamics.about_com(q)), T @ cov @ T.swapaxes(-1, -2)
 
     def _system(self, inertia: Array, mu: float | None) -> LinearSystem:
-        batch, h, settings, nv = self._batch, self._batch.h, self.settings, self._v.shape[-1]
+        batch, h, nv = self._batch, self._batch.h, self._v.shape[-1]
         q, v = self._q, self._v
         q_next, v_next = self._dynamics.ahead(*self._begins, inertia, self._half_way)
         d = np.concatenate(
             [difference(q_next.reshape(q[1:].shape), q[1:]), v_next.reshape(v[1:].shape) - v[1:]], axis=-1
         )
-        density = np.array([settings.flight_density] * 3 + [settings.flight_density / settings.gyration**2] * (nv - 3))
+        density = np.array([FLIGHT_DENSITY] * 3 + [FLIGHT_DENSITY / GYRATION**2] * (nv - 3))
         Q = white(np.broadcast_to(density, (*h.shape, nv)), h)
         cov, hh = self._by_contact(inertia, mu), h[..., None, None]
         Q[..., :nv, :nv] += cov * hh**2 / 3
@@ -166,18 +180,12 @@ class Balance:
         response[:, :3] = np.eye(3)  # of the common centre of mass
         directions = np.broadcast_to(np.eye(3), (len(k), 3, 3)).copy()
         if mu is not None:
-            slides, way = self.sliding[self._where], self._way[self._where]
+            slides, way = self.sliding[self._where], self._direction[self._where]
             along = np.stack([-mu * way[:, 0], -mu * way[:, 1], np.ones(len(k))], axis=-1)
             across = np.stack([-way[:, 1], way[:, 0], np.zeros(len(k))], axis=-1)
-            held = np.stack([along, self.settings.across_rel * across, np.zeros((len(k), 3))], axis=-1)
+            held = np.stack([along, ACROSS_REL * across, np.zeros((len(k), 3))], axis=-1)
             directions[slides] = held[slides]
         by = response @ directions * self._size[k, i][:, None, None]
         cov = np.zeros((*self._size.shape, by.shape[1], by.shape[1]))
         np.add.at(cov, (k, i), by @ by.swapaxes(-1, -2))
         return cov
-
-
-def _until_rest(toss: Toss) -> int:
-    """Frames of a toss up to a few after it comes to rest: later ones say nothing."""
-    moving = np.flatnonzero(toss.phase != Phase.REST)
-    return min(len(toss.t), (int(moving[-1]) if len(moving) else 0) + 5)

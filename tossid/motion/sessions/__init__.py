@@ -1,9 +1,10 @@
 """Sessions: stretches of a recording between which a camera was bumped, a table cleaned, a calibration redone.
 
-`witnesses` is what each toss says of its recording. `change_points` finds where that changes over the order of
-recording. `search` makes sessions of it and decides how each is tilted. `levelling` turns tracks into the level world
-and back. `turns` finds recordings that were turned about the vertical after they were tracked, `copies` tosses that are
-there twice, and `lost_frames` frames that are missing at impacts without a gap in the times.
+`witnesses` is what each toss says of its recording, and `change_points` finds where that changes over the order of
+recording. `search` makes sessions of it and decides how each is tilted, and `levelling` turns tracks into the level
+world and back. `falls` tells measurements from what a smoother made, `turns` finds recordings that were turned about
+the vertical after they were tracked, `copies` tosses that are there twice, and `lost_frames` frames that are missing at
+impacts without a gap in the times.
 """
 
 from __future__ import annotations

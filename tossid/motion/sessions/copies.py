@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.rotations import quat_exp, quat_to_matrix
-from tossid.settings.sessions import CopySettings
 from tossid.types import SPLITS, PoseTrack, Toss
 
 Array = NDArray[np.float64]
 
-DEFAULT = CopySettings()
-_UP = np.array([0.0, 0.0, 1.0])
-_SHOWN = 4
+SAME_PLACE = 1e-6
+"""Greatest distance of a copy's positions [m]; noise is at least ten times as much."""
+SAME_ANGLE = 1e-5
+"""Greatest difference of its attitudes, and of its joints [rad, m]."""
+NAMED = 4
 """Copies that a sentence names."""
 
 
@@ -40,25 +41,24 @@ class Copy:
     yaw: float
 
 
-def find_copies(tracks: Sequence[PoseTrack | Toss], *, settings: CopySettings = DEFAULT) -> tuple[Copy, ...]:
+def find_copies(tracks: Sequence[PoseTrack | Toss]) -> tuple[Copy, ...]:
     """Tosses that are earlier ones turned about the vertical, shifted, or with the body's axes named otherwise.
 
     Args:
         tracks: As recorded, or as a dataset has them.
-        settings: What is the same.
 
     Returns:
         Each later toss with the first that it equals, in the order of the tosses.
     """
-    shape = [(len(t.t), float(np.ptp(t.q[:, 2])), i) for i, t in enumerate(tracks)]
-    shape.sort()
+    # copies have as many frames and the same range of heights: only neighbours in this order are compared
+    shape = sorted((len(t.t), float(np.ptp(t.q[:, 2])), i) for i, t in enumerate(tracks))
     of: dict[int, tuple[int, float]] = {}
     for a, (frames, height, i) in enumerate(shape):
         for other, higher, j in shape[a + 1 :]:
-            if other != frames or higher - height > settings.same_place:
+            if other != frames or higher - height > SAME_PLACE:
                 break
             first, second = min(i, j), max(i, j)
-            yaw = None if second in of else _yaw_between(tracks[first], tracks[second], settings)
+            yaw = None if second in of else _yaw_between(tracks[first], tracks[second])
             if yaw is not None:
                 of[second] = (first, yaw)
     out = []
@@ -71,17 +71,17 @@ def find_copies(tracks: Sequence[PoseTrack | Toss], *, settings: CopySettings = 
     return tuple(out)
 
 
-def _yaw_between(first: PoseTrack | Toss, second: PoseTrack | Toss, settings: CopySettings) -> float | None:
+def _yaw_between(first: PoseTrack | Toss, second: PoseTrack | Toss) -> float | None:
     """By how much the second is turned against the first [rad]; None where they are different tosses."""
     a, b = (track.q[:, :3] - track.q[:, :3].mean(axis=0) for track in (first, second))
     cross, dot = float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])), float(np.sum(a[:, :2] * b[:, :2]))
     yaw = float(np.arctan2(cross, dot))
-    turn = quat_to_matrix(quat_exp(yaw * _UP))
-    if np.abs(a @ turn.T - b).max() > settings.same_place:
+    turn = quat_to_matrix(quat_exp(np.array([0.0, 0.0, yaw])))
+    if np.abs(a @ turn.T - b).max() > SAME_PLACE:
         return None
-    between = np.swapaxes(turn @ quat_to_matrix(first.q[:, 3:7]), 1, 2) @ quat_to_matrix(second.q[:, 3:7])
-    same = np.abs(between - between[0]).max() < settings.same_angle
-    return yaw if same and np.allclose(first.q[:, 7:], second.q[:, 7:], atol=settings.same_angle) else None
+    between = (turn @ quat_to_matrix(first.q[:, 3:7])).mT @ quat_to_matrix(second.q[:, 3:7])
+    same = np.abs(between - between[0]).max() < SAME_ANGLE
+    return yaw if same and np.allclose(first.q[:, 7:], second.q[:, 7:], atol=SAME_ANGLE) else None
 
 
 def copy_words(copies: Sequence[Copy]) -> str | None:
@@ -92,49 +92,32 @@ def copy_words(copies: Sequence[Copy]) -> str | None:
     """
     if not copies:
         return None
-    pairs = ", ".join(f"{copy.name} of {copy.of} ({np.rad2deg(copy.yaw):.1f}°)" for copy in copies[:_SHOWN])
-    more = f" and {len(copies) - _SHOWN} more" if len(copies) > _SHOWN else ""
+    pairs = ", ".join(f"{copy.name} of {copy.of} ({np.rad2deg(copy.yaw):.1f}°)" for copy in copies[:NAMED])
+    more = f" and {len(copies) - NAMED} more" if len(copies) > NAMED else ""
     noun = "toss is a copy of an earlier one" if len(copies) == 1 else "tosses are copies of earlier ones"
     return f"{len(copies)} {noun}, turned about the vertical: {pairs}{more}"
 
 
-def leaking_copies(tosses: Sequence[Toss], *, settings: CopySettings = DEFAULT) -> dict[str, tuple[str, ...]]:
-    """Tosses that are no test of what was learned, because a copy of them took part.
-
-    Args:
-        tosses: All tosses of a dataset.
-        settings: What is the same.
-
-    Returns:
-        Under "test", the names of test tosses that equal one of train or validation; under "validation", those of
-        validation tosses that equal one of train.
-    """
-    rank = {split: place for place, split in enumerate(SPLITS)}
-    split = {toss.name: toss.split for toss in tosses}
-    groups: dict[str, list[str]] = {}
-    for copy in find_copies(tosses, settings=settings):
-        groups.setdefault(copy.of, [copy.of]).append(copy.name)
-    found: dict[str, list[str]] = {"test": [], "validation": []}
-    for group in groups.values():
-        drawn = [name for name in group if split[name]]
-        learned = min((rank[split[name]] for name in drawn), default=0)
-        for name in drawn:
-            if rank[split[name]] > learned:
-                found[split[name]].append(name)
-    return {name: tuple(some) for name, some in found.items()}
-
-
-def leak_words(tosses: Sequence[Toss], *, settings: CopySettings = DEFAULT) -> str | None:
+def leak_words(tosses: Sequence[Toss]) -> str | None:
     """What a dataset's splits leak by copies, in a line; None where they leak nothing.
 
+    A toss leaks that equals one of an earlier split, from which a model was learned or chosen.
+
     Args:
         tosses: All tosses of a dataset.
-        settings: What is the same.
     """
-    found = leaking_copies(tosses, settings=settings)
-    if not any(found.values()):
+    split = {toss.name: toss.split for toss in tosses}
+    groups: dict[str, list[str]] = {}
+    for copy in find_copies(tosses):
+        groups.setdefault(copy.of, [copy.of]).append(copy.name)
+    leaks = dict.fromkeys(SPLITS, 0)
+    for group in groups.values():
+        drawn = sorted(SPLITS.index(split[name]) for name in group if split[name])
+        for place in drawn:
+            leaks[SPLITS[place]] += place > drawn[0]
+    if not any(leaks.values()):
         return None
-    test, validation = (f"{len(some)} of {sum(toss.split == name for toss in tosses)}" for name, some in found.items())
+    test, validation = (f"{leaks[name]} of {list(split.values()).count(name)}" for name in ("test", "validation"))
     return (
         f"copies leak between splits: {test} test tosses equal one of train or validation, and {validation} validation "
         "tosses one of train, turned about the vertical; ingest anew to have copies in one split"

@@ -8,18 +8,50 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.rotations import quat_conj, quat_mul, quat_rotate, quat_to_matrix
-from tossid.settings.sessions import SessionSettings
+from tossid.rotations import quat_conj, quat_exp, quat_mul, quat_rotate, quat_to_matrix
 from tossid.types import OnDemand, PoseTrack, RecordingOrder, Toss
 
 Array = NDArray[np.float64]
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 """The quaternion (wxyz) of no turn."""
-
-SETTINGS = SessionSettings()
-_KEPT = 256
+LEVEL_SIGMAS = 4.0
+"""A world is tilted where its tilt exceeds so many standard errors,"""
+SMALLEST_LEVEL = np.deg2rad(0.2)
+"""and where it exceeds this [rad]."""
+KEPT = 256
 """Levelled tracks that stay in memory."""
+
+
+def upright(up: Array) -> Array:
+    """The shortest rotation that takes a direction to the z axis, as a quaternion wxyz (4,).
+
+    Args:
+        up: A unit vector, (3,).
+    """
+    axis = np.cross(up, [0.0, 0.0, 1.0])
+    length = float(np.linalg.norm(axis))
+    if length < 1e-12:
+        return IDENTITY.copy() if up[2] > 0 else np.array([0.0, 1.0, 0.0, 0.0])
+    return quat_exp(axis / length * float(np.arccos(np.clip(up[2], -1, 1))))
+
+
+def turned_track(track: PoseTrack, turn: Array, shift: float) -> PoseTrack:
+    """A track in a world that is turned and then raised.
+
+    Args:
+        track: In the recorded world.
+        turn: Quaternion wxyz, (4,).
+        shift: Added to heights after the turn [m].
+    """
+    v, cov = track.v, track.q_cov
+    return PoseTrack(
+        track.name,
+        track.t,
+        _turned(track.q, turn, shift),
+        None if cov is None else _turned_cov(cov, turn),
+        None if v is None else _turned_velocity(v, turn),
+    )
 
 
 def levelled_tracks(tracks: Sequence[PoseTrack], found: RecordingOrder) -> Sequence[PoseTrack]:
@@ -31,28 +63,8 @@ def levelled_tracks(tracks: Sequence[PoseTrack], found: RecordingOrder) -> Seque
     """
     if not (found.shift.any() or (found.turn != IDENTITY).any()):
         return tracks
-    at = {name: i for i, name in enumerate(found.names)}
-
-    def levelled(i: int) -> PoseTrack:
-        k = at[tracks[i].name]
-        return turned_track(tracks[i], found.turn[k], float(found.shift[k]))
-
-    return OnDemand(levelled, len(tracks), kept=_KEPT)
-
-
-def turned_track(track: PoseTrack, turn: Array, shift: float) -> PoseTrack:
-    """A track in a world that is turned and then raised.
-
-    Args:
-        track: In the recorded world.
-        turn: Quaternion wxyz, (4,).
-        shift: Added to heights after the turn [m].
-    """
-    q, v, cov = _turned(track.q, turn), track.v, track.q_cov
-    q[:, 2] += shift
-    if v is not None:
-        v = _turned_velocity(v, turn)
-    return PoseTrack(track.name, track.t, q, None if cov is None else _turned_cov(cov, turn), v)
+    at = [found.names.index(track.name) for track in tracks]
+    return OnDemand(lambda i: turned_track(tracks[i], found.turn[at[i]], found.shift[at[i]]), len(tracks), kept=KEPT)
 
 
 def as_recorded(toss: Toss, found: RecordingOrder | None) -> Toss:
@@ -68,36 +80,29 @@ def as_recorded(toss: Toss, found: RecordingOrder | None) -> Toss:
     if not found.shift[k] and (found.turn[k] == IDENTITY).all():
         return toss
     back = quat_conj(found.turn[k])
-
-    def pose(q: Array) -> Array:
-        lowered = q.copy()
-        lowered[:, 2] -= found.shift[k]
-        return _turned(lowered, back)
-
+    down = -quat_rotate(back, np.array([0.0, 0.0, found.shift[k]]))
     measured, measured_cov = toss.q_measured, toss.q_measured_cov
     return replace(
         toss,
-        q=pose(toss.q),
+        q=_turned(toss.q, back, down),
         v=_turned_velocity(toss.v, back),
         q_cov=_turned_cov(toss.q_cov, back),
         v_cov=_turned_cov(toss.v_cov, back),
-        q_measured=None if measured is None else pose(measured),
+        q_measured=None if measured is None else _turned(measured, back, down),
         q_measured_cov=None if measured_cov is None else _turned_cov(measured_cov, back),
     )
 
 
-def _turned(q: Array, turn: Array) -> Array:
-    """Configurations (n, nq) in a turned world."""
-    out, turns = q.copy(), np.broadcast_to(turn, (len(q), 4))
-    out[:, :3] = quat_rotate(turns, q[:, :3])
-    out[:, 3:7] = quat_mul(turns, q[:, 3:7])
+def _turned(q: Array, turn: Array, shift: Array | float) -> Array:
+    """Configurations (n, nq) in a world that is turned and then shifted: by a vector (3,), or up [m]."""
+    out = q.copy()
+    out[:, :3] = quat_rotate(turn, q[:, :3]) + (shift if np.ndim(shift) else np.array([0.0, 0.0, shift]))
+    out[:, 3:7] = quat_mul(turn, q[:, 3:7])
     return out
 
 
 def _turned_velocity(v: Array, turn: Array) -> Array:
-    out = v.copy()
-    out[:, :3] = quat_rotate(np.broadcast_to(turn, (len(v), 4)), v[:, :3])
-    return out
+    return np.concatenate([quat_rotate(turn, v[:, :3]), v[:, 3:]], axis=1)
 
 
 def _turned_cov(cov: Array, turn: Array) -> Array:
@@ -107,12 +112,11 @@ def _turned_cov(cov: Array, turn: Array) -> Array:
     return np.asarray(T @ cov @ T.T)
 
 
-def recordings_apart(found: RecordingOrder, settings: SessionSettings = SETTINGS) -> str | None:
+def recordings_apart(found: RecordingOrder) -> str | None:
     """Which sessions stand in worlds that are tilted against each other, as the tosses are in the dataset.
 
     Args:
         found: The order of recording; sessions that were levelled are level.
-        settings: From which tilt on, and how clear it must be.
 
     Returns:
         A sentence; None where all stand in one world, or their tilts are not decided.
@@ -129,7 +133,7 @@ def recordings_apart(found: RecordingOrder, settings: SessionSettings = SETTINGS
     for session, level, sigma in known:
         tilt, error = level - base_level, np.hypot(sigma, base_sigma)
         size = float(np.linalg.norm(tilt))
-        if size > settings.smallest_level and float(np.linalg.norm(tilt / error)) > settings.level_sigmas:
+        if size > SMALLEST_LEVEL and float(np.linalg.norm(tilt / error)) > LEVEL_SIGMAS:
             about = f"{np.rad2deg(size):.2f}° ± {np.rad2deg(error.max()):.2f}°"
             apart.append(f"tosses {session.first} to {session.last} stand in a world tilted by {about}")
     if not apart:

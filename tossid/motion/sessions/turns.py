@@ -23,21 +23,35 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from tossid.motion.sessions.levelling import turned_track
+from tossid.motion.contact import lowest_corner
+from tossid.motion.sessions.levelling import KEPT, turned_track
 from tossid.motion.sessions.witnesses import link_faces, resting_faces
-from tossid.objects import ObjectModel, corner_heights
+from tossid.objects import ObjectModel
+from tossid.robust import NORMAL_MAD, reweighted
 from tossid.rotations import quat_exp, quat_mul
-from tossid.settings.sessions import TurnSettings, WitnessSettings
 from tossid.types import OnDemand, PoseTrack, RecordingOrder
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
-DEFAULT = TurnSettings()
-WITNESS = WitnessSettings()
-_UP = np.array([0.0, 0.0, 1.0])
-_TINY = 1e-12
-_KEPT = 256
-"""Tracks that were turned back and stay in memory."""
+CLEAR_HEIGHT = 0.01
+"""Height of the lowest corner above its lowest up to which a toss is taken to fly before its first contact [m]."""
+FEWEST_FLIGHT, LEAST_SPEED = 4, 0.2
+"""Frames of that flight, and horizontal speed [m/s], from which on it shows the direction of the throw."""
+SAME_THROW = np.deg2rad(15.0)
+"""A toss belongs to the recording of the one before if their directions differ by less [rad]."""
+FEWEST_RECORDINGS = 12
+"""Recordings from which on turns can be seen."""
+SIGNIFICANCE = 0.001
+"""Probability of taking recordings for turned that were not."""
+LEAST_LEAN = np.deg2rad(0.1)
+"""Least lean that turns with throws and matters [rad]."""
+WORST_CONDITION = 1e3
+"""Condition number from which on throws have too much one direction."""
+OUTLIER, ITERATIONS = 2.5, 12
+"""Standard deviations beyond which a toss counts no more than one at this distance; fits with such weights."""
+LEAST_P = 1e-12
+"""Least probability that is stated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,15 +90,19 @@ class Turns:
         recording_of: Which recording each belongs to: tosses in a row that were thrown in one direction, (n,).
         yaw: Mean direction of the throws of each one's recording [rad], (n,); 0 where none shows it.
         lean: How the normals of resting faces lean [rad]; None where too few recordings show it.
-        were_turned: Whether recordings were turned.
     """
 
     names: tuple[str, ...]
     throws: Array
-    recording_of: NDArray[np.int64]
+    recording_of: Ints
     yaw: Array
     lean: InThrow | None
-    were_turned: bool
+
+    @property
+    def were_turned(self) -> bool:
+        """Whether recordings were turned."""
+        lean = self.lean
+        return lean is not None and lean.p < SIGNIFICANCE and float(np.linalg.norm(lean.throw)) > LEAST_LEAN
 
     def undone(self, tracks: Sequence[PoseTrack]) -> Sequence[PoseTrack]:
         """The tracks, each turned back so that all throws go along x.
@@ -93,7 +111,7 @@ class Turns:
             tracks: As recorded.
         """
         back = self._back()
-        return OnDemand(lambda i: turned_track(tracks[i], back[tracks[i].name], 0.0), len(tracks), kept=_KEPT)
+        return OnDemand(lambda i: turned_track(tracks[i], back[tracks[i].name], 0.0), len(tracks), kept=KEPT)
 
     def with_order(self, found: RecordingOrder) -> RecordingOrder:
         """What was found of the tracks of `undone`, with turns from the recorded ones.
@@ -105,75 +123,53 @@ class Turns:
         return replace(found, turn=quat_mul(found.turn, np.array([back[name] for name in found.names])))
 
     def _back(self) -> dict[str, Array]:
-        return dict(zip(self.names, quat_exp(-self.yaw[:, None] * _UP), strict=True))
+        return dict(zip(self.names, quat_exp(-self.yaw[:, None] * [0.0, 0.0, 1.0]), strict=True))
 
 
-def find_turns(
-    tracks: Sequence[PoseTrack],
-    model: ObjectModel,
-    *,
-    settings: TurnSettings = DEFAULT,
-    witness: WitnessSettings = WITNESS,
-) -> Turns:
+def find_turns(tracks: Sequence[PoseTrack], model: ObjectModel) -> Turns:
     """The directions of throws, and whether recordings were turned about the vertical.
+
+    Objects without faces, or tosses that do not come to rest, decide nothing.
 
     Args:
         tracks: As recorded, z roughly up, in the order of recording.
         model: The object.
-        settings: What a throw and a recording are, and when turns are significant.
-        witness: What counts as rest.
-
-    Returns:
-        The turns. Objects without faces, or tosses that do not come to rest, decide nothing.
     """
-    throws = np.array([throw_direction(track, model, settings) for track in tracks])
-    recording = _recordings(throws, settings)
-    mean = np.array([_mean_direction(throws[recording == k]) for k in range(recording.max(initial=-1) + 1)])
-    yaw = mean[recording]
-    faces, normals = link_faces(model), np.full((len(tracks), 2), np.nan)
-    for i, track in enumerate(tracks):
-        resting = resting_faces(track, model, faces, settings=witness)
-        if len(resting):
-            normals[i] = resting[:, :2].mean(axis=0)
+    throws = np.array([throw_direction(track, model) for track in tracks])
+    recording = _recordings(throws)
+    yaw = np.array([_mean_direction(throws[recording == k]) for k in range(recording.max(initial=-1) + 1)])[recording]
+    faces = link_faces(model)
+    resting = [resting_faces(track, model, faces)[:, :2] for track in tracks]
+    normals = np.array([own.mean(axis=0) if len(own) else [np.nan, np.nan] for own in resting]).reshape(-1, 2)
     places = np.array([track.q[-1, :2] for track in tracks]).reshape(-1, 2)
-    lean = in_throw(normals, places, yaw, recording, settings=settings)
-    were_turned = (
-        lean is not None and lean.p < settings.significance and float(np.linalg.norm(lean.throw)) > settings.least_lean
-    )
-    names = tuple(track.name for track in tracks)
-    return Turns(names, throws, recording, np.nan_to_num(yaw), lean, were_turned)
+    lean = in_throw(normals, places, yaw, recording)
+    return Turns(tuple(track.name for track in tracks), throws, recording, np.nan_to_num(yaw), lean)
 
 
-def throw_direction(track: PoseTrack, model: ObjectModel, settings: TurnSettings = DEFAULT) -> float:
+def throw_direction(track: PoseTrack, model: ObjectModel) -> float:
     """The direction in which an object moves before its first contact, from the x axis [rad]; NaN if too short or slow.
 
     Args:
         track: A toss as recorded.
         model: The object.
-        settings: What counts.
     """
-    low = corner_heights(model, track.q).min(axis=1)
-    clear = low - low.min() > settings.clear_height
+    low = lowest_corner(model, track.q)
+    clear = low - low.min() > CLEAR_HEIGHT
     n = len(clear) if clear.all() else int(np.argmin(clear))
-    if n < settings.fewest_flight:
+    if n < FEWEST_FLIGHT:
         return float("nan")
     dx, dy = track.q[n - 1, :2] - track.q[0, :2]
     speed = np.hypot(dx, dy) / (track.t[n - 1] - track.t[0])
-    return float(np.arctan2(dy, dx)) if speed > settings.least_speed else float("nan")
+    return float(np.arctan2(dy, dx)) if speed > LEAST_SPEED else float("nan")
 
 
-def _recordings(throws: Array, settings: TurnSettings) -> NDArray[np.int64]:
-    """Numbers of recordings: a new one begins where the direction changes."""
-    out, current, last = np.zeros(len(throws), np.int64), 0, float("nan")
-    for i, angle in enumerate(throws):
-        if (
-            np.isfinite(angle)
-            and np.isfinite(last)
-            and abs(np.angle(np.exp(1j * (angle - last)))) > settings.same_throw
-        ):
-            current += 1
-        out[i], last = current, angle if np.isfinite(angle) else last
-    return out
+def _recordings(throws: Array) -> Ints:
+    """Numbers of recordings (n,): a new one begins where the direction changes; a toss without one changes nothing."""
+    known = np.flatnonzero(np.isfinite(throws))
+    turned = np.angle(np.exp(1j * np.diff(throws[known])))
+    begins = np.zeros(len(throws), np.int64)
+    begins[known[1:]] = np.abs(turned) > SAME_THROW
+    return np.cumsum(begins)
 
 
 def _mean_direction(angles: Array) -> float:
@@ -182,13 +178,7 @@ def _mean_direction(angles: Array) -> float:
 
 
 def in_throw(
-    values: Array,
-    covariate: Array,
-    yaw: Array,
-    recording: NDArray[np.int64],
-    *,
-    sigma: Array | None = None,
-    settings: TurnSettings = DEFAULT,
+    values: Array, covariate: Array, yaw: Array, recording: Ints, *, sigma: Array | None = None
 ) -> InThrow | None:
     """A quantity's part that is fixed in the world, and that which turns with throws: n = u + R c + (a + b J) p.
 
@@ -198,15 +188,14 @@ def in_throw(
         yaw: Direction of the throws of each one's recording [rad], (n,); NaN where it is not known.
         recording: Which each belongs to, (n,); errors may be correlated within one.
         sigma: Standard deviations of the values, (n,); None: all alike.
-        settings: From how many recordings it is decided.
 
     Returns:
-        The parts; None where fewer recordings show it, or where throws have one direction.
+        The parts; None where too few recordings show it, or where throws have one direction.
     """
     has = np.isfinite(values).all(axis=1) & np.isfinite(covariate).all(axis=1) & np.isfinite(yaw)
     y, p, r = values[has], covariate[has], recording[has]
     n, names = len(y), np.unique(r)
-    if len(names) < settings.fewest_recordings:
+    if len(names) < FEWEST_RECORDINGS:
         return None
     c, s, zero, one = np.cos(yaw[has]), np.sin(yaw[has]), np.zeros(n), np.ones(n)
     rows_x = np.stack([one, zero, c, -s, p[:, 0], -p[:, 1]], axis=1)
@@ -214,21 +203,22 @@ def in_throw(
     X = np.stack([rows_x, rows_y], axis=1)  # (n, 2, 6)
     scale = np.linalg.norm(X, axis=(0, 1))
     X = X / scale
-    if np.linalg.cond(X.reshape(-1, 6)) > settings.worst_condition:
+    if np.linalg.cond(X.reshape(-1, 6)) > WORST_CONDITION:
         return None
-    weight = np.ones((n, 1)) if sigma is None else 1 / sigma[has, None]
-    robust = np.ones((n, 2))
-    for _ in range(settings.iterations):
-        W = weight * robust
+    precision = np.ones((n, 1)) if sigma is None else 1 / sigma[has, None]
+
+    def fit(weights: Array) -> tuple[Array, Array]:
+        W = precision * np.sqrt(weights)
         x, *_ = np.linalg.lstsq((X * W[..., None]).reshape(-1, 6), (y * W).ravel(), rcond=None)
-        off = (y - X @ x) * weight
-        scatter = 1.4826 * float(np.median(np.abs(off))) + _TINY
-        robust = np.sqrt(1 / np.maximum(1, np.abs(off) / (settings.outlier * scatter)))
-    W2 = (weight * robust) ** 2
-    bread = np.linalg.inv(np.einsum("nia,ni,nib->ab", X, W2, X))
-    score = np.einsum("nia,ni->na", X, W2 * (y - X @ x))
-    by_recording = np.array([score[r == k].sum(axis=0) for k in names])
+        off = np.abs(y - X @ x) * precision
+        return x, off / (NORMAL_MAD * float(np.median(off)) + 1e-12)
+
+    x, weights = reweighted(fit, (n, 2), limit=OUTLIER, iterations=ITERATIONS)
+    W = precision**2 * weights
+    bread = np.linalg.inv(np.einsum("nia,ni,nib->ab", X, W, X))
+    score = np.einsum("nia,ni->na", X, W * (y - X @ x))
     k = len(names)
+    by_recording = np.array([score[r == name].sum(axis=0) for name in names])
     cov = bread @ (by_recording.T @ by_recording) @ bread * (k / (k - 1))
     x, cov = x / scale, cov / np.outer(scale, scale)
     return InThrow(x[:2], x[2:4], cov[2:4, 2:4], x[4:], n, k)
@@ -246,9 +236,5 @@ def turn_words(turns: Turns) -> str | None:
     return (
         f"{turns.recording_of.max() + 1} recordings were turned about the vertical after they were tracked: from "
         f"whichever side objects are thrown, resting faces lean by {along:.2f}° along the throw and {left:.2f}° to its "
-        f"left (p < {max(turns.lean.p, _LEAST_P):.1g})"
+        f"left (p < {max(turns.lean.p, LEAST_P):.1g})"
     )
-
-
-_LEAST_P = 1e-12
-"""Least probability that is stated."""

@@ -21,19 +21,17 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from tossid.motion.defects import find_defects
-from tossid.motion.local_motion import scatter
+from tossid.motion.flight import fit_polynomial
+from tossid.motion.kinematics import center_of_mass
+from tossid.motion.noise import scatter
 from tossid.motion.resting import resting_pose
-from tossid.motion.stability import center_of_mass
 from tossid.objects import GRAVITY, ObjectModel, body_poses, corner_positions
 from tossid.rotations import quat_boxminus, quat_rotate
-from tossid.settings.sessions import WitnessSettings
 from tossid.types import PoseTrack, Toss
 
 Array = NDArray[np.float64]
 Seen = dict[str, tuple[Array, Array]]
 """By witness: its components (d,), and their information, the inverse of their covariance (d, d)."""
-
-DEFAULT = WitnessSettings()
 
 COLUMNS = {
     "fall": ("fall_x", "fall_y"),
@@ -47,6 +45,21 @@ COLUMNS = {
 """Witnesses, and the names of their components."""
 TILTS = ("fall", "normal", "slope")
 """Witnesses that say how the recorded world is tilted."""
+
+CLEAR_HEIGHT = 0.03
+"""Height of the lowest stated corner above which nothing touches [m]."""
+FEWEST_FLIGHT = 10
+"""Frames of flight from the release on that a parabola is fitted to."""
+FLAT = np.deg2rad(8.0)
+"""A face that points down within this angle is one that a link rests on [rad]."""
+FACE_ERROR = 0.01
+"""Standard deviation of a resting face's normal, which its own errors set and not the noise [rad]."""
+CONTACT_HEIGHT = 0.02
+"""A corner that turns back less than this above the toss's lowest one has touched the ground [m]."""
+CONTACT_ERROR = 0.002
+"""Standard deviation of a contact point's height: corners turn back between frames [m]."""
+SAME_POINT = 0.01
+"""Contact points nearer than this are one [m]."""
 
 Face = tuple[int, Array, NDArray[np.int64]]
 """A link, the outward normal of one of its faces in its own axes, and the face's corners (indices)."""
@@ -70,23 +83,12 @@ class Witnesses:
     speeds: Array
     last_low: Array
 
-    def of(self, which: slice | NDArray[np.int64]) -> Witnesses:
-        """Those of some tosses."""
-        return Witnesses(
-            {name: value[which] for name, value in self.values.items()},
-            {name: info[which] for name, info in self.info.items()},
-            self.places[which],
-            self.speeds[which],
-            self.last_low[which],
-        )
-
 
 def toss_witnesses(
     tracks: Sequence[PoseTrack],
     model: ObjectModel,
     *,
     gravity: float = GRAVITY,
-    settings: WitnessSettings = DEFAULT,
     advance: Callable[[int], None] = lambda count: None,
 ) -> Witnesses:
     """What each of many tosses says of its recording.
@@ -95,119 +97,112 @@ def toss_witnesses(
         tracks: As recorded, z roughly up.
         model: The object.
         gravity: Where they were recorded [m/s²].
-        settings: What counts as flight, rest and contact.
         advance: Called after each toss.
     """
     faces, seen = link_faces(model), list[Seen]()
-    places, lows = list[Array](), list[Array]()
+    places, speeds, lows = list[Array](), list[Array](), list[Array]()
     for track in tracks:
         corners = corner_positions(model, track.q)
         low = corners[..., 2].min(axis=1)
+        fall = fall_of(track, model, low)
+        speeds.append(fall.pop("speed", (np.full(2, np.nan),))[0])
+        defective = float(_is_defective(track, model, gravity))
         seen.append(
             {
-                **fall_of(track, model, low, settings=settings),
-                **_rest(track, model, faces, settings),
-                **_contacts(corners, low, settings),
+                **fall,
+                **_rest(track, model, faces),
+                **_contacts(corners, low),
                 **_noise(track, model),
-                "defects": (np.array([float(_is_defective(track, model, gravity))]), np.ones((1, 1))),
+                "defects": (np.array([defective]), np.ones((1, 1))),
             }
         )
         places.append(track.q[-1, :2])
         lows.append(low[-2:])
         advance(1)
     values, info = {}, {}
-    speeds = np.array([one.pop("speed", (np.full(2, np.nan), np.eye(2)))[0] for one in seen])
     for name, components in COLUMNS.items():
-        d = len(components)
-        nothing = np.full(d, np.nan), np.zeros((d, d))
-        pairs = [one.get(name, nothing) for one in seen]
-        values[name], info[name] = np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
-    return Witnesses(values, info, np.array(places), speeds, np.array(lows))
+        nothing = np.full(len(components), np.nan), np.zeros((len(components), len(components)))
+        values[name], info[name] = map(np.array, zip(*(one.get(name, nothing) for one in seen), strict=True))
+    return Witnesses(values, info, np.array(places), np.array(speeds), np.array(lows))
 
 
-def fall_of(track: PoseTrack, model: ObjectModel, low: Array, *, settings: WitnessSettings = DEFAULT) -> Seen:
+def fall_of(track: PoseTrack, model: ObjectModel, low: Array, *, fewest: int = FEWEST_FLIGHT) -> Seen:
     """A parabola through the common centre of mass, from the release until a corner is near the ground.
 
     Args:
         track: Of a toss.
         model: The object.
         low: Height of its lowest corner in each frame (n,) [m].
-        settings: What counts as flight.
+        fewest: Frames of flight that it takes.
 
     Returns:
         Direction and size of the acceleration, and horizontal velocity; nothing where it does not fall long enough.
     """
-    clear = low - low.min() > settings.clear_height
+    clear = low - low.min() > CLEAR_HEIGHT
     n = len(clear) if clear.all() else int(np.argmin(clear))
-    if n < settings.fewest_flight:
+    if n < fewest:
         return {}
-    com, t = center_of_mass(model, track.q[:n]), track.t[:n] - track.t[:n].mean()
-    basis = np.stack([np.ones(n), t, 0.5 * t**2], axis=1)
-    fitted, *_ = np.linalg.lstsq(basis, com, rcond=None)
-    acceleration, size = fitted[2], float(np.linalg.norm(fitted[2]))
-    noise = float(np.sqrt(np.sum((com - basis @ fitted) ** 2) / (3 * (n - 3)))) + 1e-7
-    sigma = noise * float(np.sqrt(np.linalg.inv(basis.T @ basis)[2, 2]))
+    fit = fit_polynomial(track.t[:n] - track.t[:n].mean(), center_of_mass(model, track.q[:n]))
+    _, velocity, acceleration = fit.coefficients
+    size = float(np.linalg.norm(acceleration))
+    sigma = float((fit.noise + 1e-7) * np.sqrt(fit.unit_cov[2, 2]))
     if acceleration[2] > -0.5 * size:
         return {}
     return {
         "fall": (-acceleration[:2] / size, np.eye(2) * (size / sigma) ** 2),
         "gravity": (np.array([size]), np.eye(1) / sigma**2),
-        "speed": (fitted[1, :2], np.eye(2)),
+        "speed": (velocity[:2], np.eye(2)),
     }
 
 
-def _rest(track: PoseTrack, model: ObjectModel, faces: list[Face], settings: WitnessSettings) -> Seen:
+def _rest(track: PoseTrack, model: ObjectModel, faces: list[Face]) -> Seen:
     """The faces that links rest on at a toss's end: their mean normal, and the height of the lowest."""
-    resting = resting_faces(track, model, faces, settings=settings)
+    resting = resting_faces(track, model, faces)
     if not len(resting):
         return {}
     return {
-        "normal": (resting[:, :2].mean(axis=0), np.eye(2) * len(resting) / settings.face_error**2),
-        "height": (resting[:, 2].min()[None], np.eye(1) / settings.contact_error**2),
+        "normal": (resting[:, :2].mean(axis=0), np.eye(2) * len(resting) / FACE_ERROR**2),
+        "height": (resting[:, 2].min()[None], np.eye(1) / CONTACT_ERROR**2),
     }
 
 
-def resting_faces(
-    track: PoseTrack, model: ObjectModel, faces: list[Face], *, settings: WitnessSettings = DEFAULT
-) -> Array:
+def resting_faces(track: PoseTrack, model: ObjectModel, faces: list[Face]) -> Array:
     """Of each link that rests on a face at a toss's end, the normal's horizontal components and the height, (k, 3).
 
     Args:
         track: Of a toss.
         model: The object.
         faces: Of its links, see `link_faces`.
-        settings: What counts as rest.
     """
-    pose = resting_pose(track, settings=settings) if faces else None
+    pose = resting_pose(track) if faces else None
     if pose is None:
         return np.zeros((0, 3))
-    quat, at = body_poses(model, pose[None])[1][0], corner_positions(model, pose)
+    quat, at = body_poses(model, pose)[1], corner_positions(model, pose)
     found = []
     for link in range(model.n_bodies):
         own = [face for face in faces if face[0] == link]
         if not own:
             continue
-        ups = -quat_rotate(np.broadcast_to(quat[link], (len(own), 4)), np.array([face[1] for face in own]))
+        ups = -quat_rotate(quat[link], np.array([normal for _, normal, _ in own]))
         best = int(np.argmax(ups[:, 2]))
-        if ups[best, 2] > np.cos(settings.flat):
+        if ups[best, 2] > np.cos(FLAT):
             found.append([*ups[best, :2], at[own[best][2], 2].mean()])
     return np.array(found).reshape(-1, 3)
 
 
-def _contacts(corners: Array, low: Array, settings: WitnessSettings) -> Seen:
+def _contacts(corners: Array, low: Array) -> Seen:
     """The slope of the ground between the points at which the lowest corner turns back."""
-    points = contact_points(corners, low, settings=settings)
+    points = contact_points(corners, low)
     if len(points) < 2:
         return {}
     off = points - points.mean(axis=0)
-    info = off[:, :2].T @ off[:, :2] / settings.contact_error**2
+    info = off[:, :2].T @ off[:, :2] / CONTACT_ERROR**2
     # slopes that two points do not show are taken as near 0
-    weak = np.eye(2) / settings.flat**2
-    slope = np.linalg.solve(info + weak, off[:, :2].T @ off[:, 2] / settings.contact_error**2)
+    slope = np.linalg.solve(info + np.eye(2) / FLAT**2, off[:, :2].T @ off[:, 2] / CONTACT_ERROR**2)
     return {"slope": (-slope, info)}
 
 
-def contact_points(corners: Array, low: Array, *, settings: WitnessSettings = DEFAULT) -> Array:
+def contact_points(corners: Array, low: Array) -> Array:
     """Where the lowest corner touched the ground, (k, 3), from the last to the first; one of points near each other.
 
     An impact lies between two frames: its height is where the lines through the two frames before it and after it meet.
@@ -215,12 +210,11 @@ def contact_points(corners: Array, low: Array, *, settings: WitnessSettings = DE
     Args:
         corners: Of a toss, (n, n_c, 3) [m].
         low: Height of the lowest one, (n,) [m].
-        settings: What counts as contact.
     """
     turns = np.flatnonzero((low[1:-1] <= low[:-2]) & (low[1:-1] < low[2:])) + 1
     turns = np.append(turns, len(low) - 1)
     points: list[Array] = []
-    for turn in turns[low[turns] - low.min() < settings.contact_height][::-1]:
+    for turn in turns[low[turns] - low.min() < CONTACT_HEIGHT][::-1]:
         corner = int(np.argmin(corners[turn, :, 2]))
         point = corners[turn, corner].copy()
         if 2 <= turn < len(low) - 2:
@@ -230,7 +224,7 @@ def contact_points(corners: Array, low: Array, *, settings: WitnessSettings = DE
                 met = (z[3] - 2 * after - z[1]) / (before - after)
                 if 0 <= met <= 2:
                     point[2] = min(point[2], z[1] + before * met)
-        if all(np.linalg.norm(point[:2] - other[:2]) > settings.same_point for other in points):
+        if all(np.linalg.norm(point[:2] - other[:2]) > SAME_POINT for other in points):
             points.append(point)
     return np.array(points).reshape(-1, 3)
 
@@ -273,8 +267,7 @@ def link_faces(model: ObjectModel) -> list[Face]:
             hull = ConvexHull(model.corner_pos[own])
         except QhullError:
             continue
-        planes = np.unique(np.round(hull.equations, 6), axis=0)
-        for plane in planes:
+        for plane in np.unique(np.round(hull.equations, 6), axis=0):
             on = np.abs(model.corner_pos[own] @ plane[:3] + plane[3]) < 1e-4 * model.width
             faces.append((link, plane[:3], own[on]))
     return faces

@@ -35,12 +35,38 @@ from tossid.motion.contact import Touch
 from tossid.motion.smoothing.rts import filter_forward, smooth
 from tossid.motion.smoothing.system import Batch, differences, linearise, noise_moments, pad, retract, unpad
 from tossid.objects import GRAVITY, ObjectModel
-from tossid.settings.motion import SmootherSettings
 from tossid.types import PoseTrack
 
 Array = NDArray[np.float64]
 
-DEFAULT = SmootherSettings()
+BATCH = 64
+"""Tracks that are smoothed together; the first batch, drawn evenly, gives the densities."""
+SORTED_TRACKS = 512
+"""Tracks in a row of which batches of similar length are made."""
+SEARCH_PASSES, DENSITY_PASSES, FINAL_PASSES = 6, 8, 6
+"""Passes that find the intervals of contact, and the density in contact; and those with both in place."""
+DOF = 3.0
+"""Degrees of freedom of the Student-t accelerations; few, as impacts and lying still are both common."""
+CONTACT_DENSITY = 0.3
+"""Density of accelerations while contact is searched [m²/s³]: at 148 Hz the velocity changes by 0.7 g h in an interval.
+After that it is estimated from the tracks, between the least and ten times this."""
+LEAST_CONTACT_DENSITY = 3e-3
+"""No object in contact moves more evenly [m²/s³]."""
+FEWEST_CONTACTS = 50
+"""Intervals of contact from which the density is estimated."""
+FIRST_JUMP = 1.0
+"""Change of velocity that the first pass allows in every interval [m/s]."""
+JUMP_RATIO = 10.0
+"""An interval holds a jump, whatever the geometry says, if its density is so many times `CONTACT_DENSITY`."""
+NEIGHBOUR_SHARE = 0.03
+"""Least share of an interval's density in its neighbours: it is not certain which of them held the impact."""
+SUPPORT_TIME = 0.02
+"""Time over which the mean acceleration shows whether the ground carries the object [s]."""
+FLIGHT_DENSITIES = 10.0 ** np.arange(-8.5, 0.5, 0.5)
+"""Densities in flight that are tried [m²/s³]. The least lets the velocity change by 0.04 mm/s in half a second, which
+poses to 5 µm can show."""
+LOG_LIKELIHOOD_SLACK = 0.5
+"""The largest density whose log-likelihood is within this of the best is taken: one standard deviation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +107,6 @@ def smooth_in_turn(
     *,
     gravity: float = GRAVITY,
     touch: Touch | None = None,
-    settings: SmootherSettings = DEFAULT,
 ) -> Iterator[Smoothed]:
     """Smoothed tracks of one object, one by one.
 
@@ -91,31 +116,29 @@ def smooth_in_turn(
         q_cov: Measurement covariance of each track, (n, nv, nv).
         gravity: [m/s²].
         touch: Says where contact can be instead, of an object without corners.
-        settings: Of the noise model and the passes.
 
     Yields:
-        The smoothed tracks in order; at most `sorted_tracks` and a batch are in memory.
+        The smoothed tracks in order; at most `SORTED_TRACKS` and a batch are in memory.
     """
     density = None
     done: dict[int, Smoothed] = {}
     turn = 0
-    for places in _batches([len(track.t) for track in tracks], settings):
+    for places in _batches([len(track.t) for track in tracks]):
         batch = pad([tracks[i] for i in places], model, [q_cov[i] for i in places], touch)
-        state = _find_contact(model, batch, gravity, settings)
+        state = _find_contact(model, batch, gravity)
         if density is None:
-            density = _flight_density(model, batch, state, settings)
-            first = settings.contact_density
-            least = max(settings.least_contact_density, min(_hidden(model, batch), first))
-            enough = state.contact.sum() >= settings.fewest_contacts and least < first
-            for _ in range(settings.density_passes if enough else 0):
+            density = _flight_density(model, batch, state)
+            least = max(LEAST_CONTACT_DENSITY, min(_hidden(model, batch), CONTACT_DENSITY))
+            enough = state.contact.sum() >= FEWEST_CONTACTS and least < CONTACT_DENSITY
+            for _ in range(DENSITY_PASSES if enough else 0):
                 state.factor = np.where(state.contact, state.factor, 1.0)
                 noise = _pass(model, batch, state, density)
-                density[1] *= _likelier(noise, batch.h, density[1], state.contact, least, settings)
-                state.factor = _factor(noise, batch.h, density[1], settings)
+                density[1] *= _likelier(noise, batch.h, density[1], state.contact, least)
+                state.factor = _factor(noise, batch.h, density[1])
         state.factor = np.where(state.contact, state.factor, 1.0)
-        for _ in range(settings.final_passes):
+        for _ in range(FINAL_PASSES):
             noise = _pass(model, batch, state, density)
-            state.factor = np.where(state.contact, _factor(noise, batch.h, density[1], settings), 1.0)
+            state.factor = np.where(state.contact, _factor(noise, batch.h, density[1]), 1.0)
         for i, place in enumerate(places):
             arrays = unpad(batch, i, state.q, state.v, state.cov)
             done[int(place)] = Smoothed(*arrays, contact=state.contact[: len(arrays[0]) - 1, i].copy())
@@ -124,9 +147,9 @@ def smooth_in_turn(
             turn += 1
 
 
-def _batches(lengths: Sequence[int], settings: SmootherSettings) -> list[Array]:
+def _batches(lengths: Sequence[int]) -> list[Array]:
     """Indices of the tracks in batches: an even sample of all first, then the rest in rows, each sorted by length."""
-    size, row_size = settings.batch, settings.sorted_tracks
+    size, row_size = BATCH, SORTED_TRACKS
     order = np.argsort(lengths, kind="stable")
     sample = np.unique(np.linspace(0, len(order) - 1, min(size, len(order))).astype(int))
     rest = np.delete(order, sample)
@@ -148,25 +171,23 @@ def _shape(model: ObjectModel) -> Array:
     return np.concatenate([np.ones(3), np.full(model.nv - 3, gyration(model) ** -2)])
 
 
-def _find_contact(model: ObjectModel, batch: Batch, gravity: float, settings: SmootherSettings) -> _State:
+def _find_contact(model: ObjectModel, batch: Batch, gravity: float) -> _State:
     """The batch smoothed as if contact were possible everywhere, and where the geometry or the motion shows contact."""
-    first = settings.contact_density
-    density = np.tile(first * _shape(model), (2, 1))
-    nothing = np.zeros_like(batch.touch)
+    density = np.tile(CONTACT_DENSITY * _shape(model), (2, 1))
     state = _State(
         q=batch.q.copy(),
         v=differences(batch.q, batch.h),
         cov=np.zeros(0),
-        contact=nothing,
-        factor=settings.first_jump**2 / batch.h / first,
+        contact=np.zeros_like(batch.touch),
+        factor=FIRST_JUMP**2 / batch.h / CONTACT_DENSITY,
         fall=np.full_like(batch.h, gravity),
     )
-    for _ in range(settings.search_passes):
+    for _ in range(SEARCH_PASSES):
         noise = _pass(model, batch, state, density)
-        state.factor = _factor(noise, batch.h, density[1], settings)
-        carried = _carried(state.v, batch, gravity, settings.support_time)
+        state.factor = _factor(noise, batch.h, density[1])
+        carried = _carried(state.v, batch, gravity)
         state.fall = np.where(carried, 0.0, gravity)
-    state.contact = batch.inside & (batch.touch | carried | (state.factor > settings.jump_ratio))
+    state.contact = batch.inside & (batch.touch | carried | (state.factor > JUMP_RATIO))
     return state
 
 
@@ -193,49 +214,44 @@ def _hidden(model: ObjectModel, batch: Batch) -> float:
     return float(6 * var.max() / np.median(batch.h[batch.inside]) ** 3)
 
 
-def _likelier(
-    noise: Array, h: Array, density: Array, contact: NDArray[np.bool_], least: float, settings: SmootherSettings
-) -> float:
+def _likelier(noise: Array, h: Array, density: Array, contact: NDArray[np.bool_], least: float) -> float:
     """The factor by which a step of expectation maximisation changes the density of Student-t noise, given E[w²]."""
-    nu = settings.dof
     size = (noise / h[..., None] / density).sum(axis=-1)[contact]
     nv = noise.shape[-1]
-    step = float(np.mean(size * (nu + nv) / (nu + size)) / nv)
-    return float(np.clip(step, least / density[0], 10 * settings.contact_density / density[0]))
+    step = float(np.mean(size * (DOF + nv) / (DOF + size)) / nv)
+    return float(np.clip(step, least / density[0], 10 * CONTACT_DENSITY / density[0]))
 
 
-def _factor(noise: Array, h: Array, density: Array, settings: SmootherSettings) -> Array:
+def _factor(noise: Array, h: Array, density: Array) -> Array:
     """1 / E[s_k] (n-1, b) of the Student-t noise, given E[w²], or a share of a neighbour's."""
-    nu, share = settings.dof, settings.neighbour_share
     nv = noise.shape[-1]
     size = (noise / h[..., None] / density).sum(axis=-1)
-    own = (nu + size) / (nu + nv)
+    own = (DOF + size) / (DOF + nv)
     factor = own.copy()
-    factor[1:] = np.maximum(factor[1:], share * own[:-1])
-    factor[:-1] = np.maximum(factor[:-1], share * own[1:])
+    factor[1:] = np.maximum(factor[1:], NEIGHBOUR_SHARE * own[:-1])
+    factor[:-1] = np.maximum(factor[:-1], NEIGHBOUR_SHARE * own[1:])
     return factor
 
 
-def _carried(v: Array, batch: Batch, gravity: float, support_time: float) -> NDArray[np.bool_]:
+def _carried(v: Array, batch: Batch, gravity: float) -> NDArray[np.bool_]:
     """Intervals (n-1, b) around which the object falls with less than half of gravity."""
     rise = np.concatenate([np.zeros((1, v.shape[1])), np.cumsum(np.diff(v[..., 2], axis=0), axis=0)])
     typical = float(np.median(batch.h[batch.inside]))
-    reach = max(1, round(0.5 * support_time / typical))
+    reach = max(1, round(0.5 * SUPPORT_TIME / typical))
     at = np.arange(len(batch.h))
     first, last = np.maximum(at - reach, 0), np.minimum(at + reach + 1, len(batch.h))
     time = np.concatenate([np.zeros((1, v.shape[1])), np.cumsum(batch.h, axis=0)])
     return (rise[last] - rise[first]) / (time[last] - time[first]) > -0.5 * gravity
 
 
-def _flight_density(model: ObjectModel, batch: Batch, state: _State, settings: SmootherSettings) -> Array:
+def _flight_density(model: ObjectModel, batch: Batch, state: _State) -> Array:
     """Densities (2, nv) of flight and contact; that of flight from the likelihood of the innovations.
 
     Translation and rotation are judged apart. Of the densities tried, it is the largest whose log-likelihood is within
     the slack of the best.
     """
-    tried = 10.0 ** np.arange(*settings.log10_flight_density)
-    shape = _shape(model)
-    density = np.stack([tried[0] * shape, settings.contact_density * shape])
+    tried, shape = FLIGHT_DENSITIES, _shape(model)
+    density = np.stack([tried[0] * shape, CONTACT_DENSITY * shape])
     flying = np.zeros_like(batch.seen)
     flying[1:] = batch.inside & ~state.contact
     if not flying.any():
@@ -251,6 +267,6 @@ def _flight_density(model: ObjectModel, batch: Batch, state: _State, settings: S
             distance = (e * np.linalg.solve(P, e[..., None])[..., 0]).sum(axis=-1)
             score[row, column] = -0.5 * (distance + np.linalg.slogdet(P)[1]).sum()
     for column, part in enumerate(parts):
-        admitted = score[:, column] >= score[:, column].max() - settings.log_likelihood_slack
+        admitted = score[:, column] >= score[:, column].max() - LOG_LIKELIHOOD_SLACK
         density[0, part] = tried[np.flatnonzero(admitted).max()] * shape[part]
     return density
