@@ -27,8 +27,7 @@ from pipelines.config.schemas import IngestConfig
 from pipelines.files.open_source import open_stage
 from tossid.motion import tosses_from_tracks
 from tossid.motion.ground_plane import find_ground
-from tossid.motion.kinematics import com_velocities, jump_speed
-from tossid.motion.stability import center_of_mass
+from tossid.motion.kinematics import center_of_mass, com_velocities, jump_speed
 from tossid.objects import GRAVITY, ObjectModel, body_poses
 from tossid.rotations import quat_boxminus, transform, transform_points
 from tossid.store import read_dataset

@@ -8,6 +8,7 @@ import pytest
 
 from tests.physics.trees import random_state, random_tree
 from tossid.motion import body_velocities, com_velocities, corner_velocities, jump_speed
+from tossid.motion.kinematics import center_of_mass
 from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import quat_exp, quat_mul, quat_normalize
 
@@ -28,6 +29,7 @@ def test_body_velocities_are_mujocos(seed: int) -> None:
         np.testing.assert_allclose(linear[body], found[3:], atol=1e-10)
         mujoco.mj_objectVelocity(m, d, mujoco.mjtObj.mjOBJ_BODY, body + 1, found, 0)
         np.testing.assert_allclose(com_velocities(model, q, v)[body], found[3:], atol=1e-10)
+    np.testing.assert_allclose(center_of_mass(model, q), d.subtree_com[1], atol=1e-10)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -78,53 +78,31 @@ def _late(throw: Throw, cube: ObjectModel, count: int = 12) -> np.ndarray:
     return np.array([release_frame(track, cube) - let_go for track, let_go in made])
 
 
-@pytest.mark.parametrize("rate", [30.0, 60.0, 148.0, 250.0])
-@pytest.mark.parametrize("noise", [PRECISE, USUAL])
-def test_a_hand_that_lets_go_at_once(cube: ObjectModel, rate: float, noise: tuple[float, float]) -> None:
-    late = _late(Throw(rate=rate, noise=noise), cube)
-    assert late.min() >= 0
-    assert late.max() <= 2
-
-
-@pytest.mark.parametrize(("rate", "most"), [(30.0, 1), (148.0, 2), (250.0, 4)])
-def test_noise_makes_it_later_not_earlier(cube: ObjectModel, rate: float, most: int) -> None:
-    """A hand moves the object by 0.04 mm in the last frame of 250 Hz, and the noise is 0.3 mm."""
-    late = _late(Throw(rate=rate, noise=COARSE), cube)
-    assert late.min() >= 0
-    assert late.max() <= most
-
-
-def test_a_hand_that_lets_go_slowly_is_early_by_what_noise_hides(cube: ObjectModel) -> None:
-    """A frame before the end, a push that fades within 20 ms is off by 0.05 mm."""
-    late = _late(Throw(hand="fade"), cube)
-    assert late.min() >= -1
-    assert late.max() <= 1
-
-
-def test_a_hand_that_only_turns_it(cube: ObjectModel) -> None:
-    late = _late(Throw(hand="turn"), cube)
-    assert np.abs(late).max() <= 3
-
-
 @pytest.mark.parametrize(
-    "throw",
+    ("throw", "least", "most"),
     [
-        Throw(spin=0.0),
-        Throw(spin=25.0),
-        Throw(gravity=8.3),
-        Throw(drag=0.1),
-        Throw(com=3e-3),
-        Throw(flight=0.1),
-        Throw(flight=0.9, drag=0.05),
-        Throw(held=0.01),
+        *((Throw(rate=rate, noise=noise), 0, 2) for rate in (30.0, 60.0, 148.0, 250.0) for noise in (PRECISE, USUAL)),
+        # noise makes it later, not earlier: a hand moves the object by 0.04 mm in the last frame of 250 Hz
+        *((Throw(rate=rate, noise=COARSE), 0, most) for rate, most in ((30.0, 1), (148.0, 2), (250.0, 4))),
+        # a frame before the end, a push that fades within 20 ms is off by 0.05 mm
+        (Throw(hand="fade"), -1, 1),
+        (Throw(hand="turn"), -3, 3),
+        # wrong gravity, drag and a wrong centre of mass are for a diagnosis to find
+        *((Throw(spin=spin), 0, 2) for spin in (0.0, 25.0)),
+        (Throw(gravity=8.3), 0, 2),
+        (Throw(drag=0.1), 0, 2),
+        (Throw(com=3e-3), 0, 2),
+        (Throw(flight=0.1), 0, 2),
+        (Throw(flight=0.9, drag=0.05), 0, 2),
+        (Throw(held=0.01), -1, 2),
     ],
 )
-def test_what_flies_by_another_law_is_a_flight(cube: ObjectModel, throw: Throw) -> None:
-    """Wrong gravity, drag and a wrong centre of mass are for a diagnosis to find: no frame of flight goes for them."""
+def test_the_release_is_found(cube: ObjectModel, throw: Throw, least: int, most: int) -> None:
     late = _late(throw, cube)
-    assert late.min() >= (0 if throw.held > 0.02 else -1)
-    assert late.max() <= 2
-    assert np.median(_late(replace(throw, hand="none"), cube)) == 0
+    assert late.min() >= least
+    assert late.max() <= most
+    if throw.noise == USUAL and throw.rate == 148.0:
+        assert np.median(_late(replace(throw, hand="none"), cube)) == 0
 
 
 @pytest.mark.parametrize("noise", [PRECISE, USUAL, COARSE])

@@ -1,4 +1,4 @@
-"""Tracks become tosses, whatever they carry."""
+"""Tracks become tosses, whatever they carry: noise, phases, velocities."""
 
 from __future__ import annotations
 
@@ -9,12 +9,171 @@ import numpy as np
 import pytest
 
 from tests.motion.bouncing import bounce, tracked
-from tossid.errors import InputError
-from tossid.motion import covariance_source, median_rate, tosses_from_tracks, tosses_in_turn
+from tossid.errors import InputError, MotionError
+from tossid.motion import (
+    covariance_source,
+    label_phases,
+    median_rate,
+    pose_noise,
+    tosses_from_tracks,
+    tosses_in_turn,
+    velocity_noise,
+)
+from tossid.motion.noise import scatter
+from tossid.motion.smoothing import smoother
 from tossid.objects import ObjectModel
-from tossid.settings.motion import MotionSettings, SmootherSettings
+from tossid.rotations import quat_exp, quat_mul
 from tossid.store import read_contactnets, read_pll
 from tossid.types import OnDemand, Phase, PoseTrack
+
+H = 1 / 148
+HALF = 0.0524
+
+# noise
+
+
+@pytest.mark.parametrize(("position", "rotation"), [(0.15e-3, 1.5e-3), (0.02e-3, 0.3e-3), (1e-3, 10e-3)])
+def test_known_noise_is_recovered_whatever_glitches(cube: ObjectModel, position: float, rotation: float) -> None:
+    rng = np.random.default_rng(0)
+    truths = bounce(cube, rng, tosses=20, frames=50)
+    tracks = [tracked(x, rng, position=position, rotation=rotation, with_cov=False) for x in truths]
+    found = pose_noise(tracks, cube)
+    assert found.source == "flight residuals"
+    np.testing.assert_allclose(np.sqrt(np.diag(found.q_cov)), [position] * 3 + [rotation] * 3, rtol=0.2)
+    for track in tracks[::3]:
+        track.q[8, :3] += 0.02
+    np.testing.assert_allclose(np.sqrt(np.diag(pose_noise(tracks, cube).q_cov))[:3], position, rtol=0.4)
+    noise = 1e-4 * rng.normal(size=(4000, 3))
+    assert scatter(np.diff(noise, n=3, axis=0)) == pytest.approx(1e-4, rel=0.05)
+
+
+def test_without_flight_the_quiet_half_serves_and_too_short_a_track_is_refused(cube: ObjectModel) -> None:
+    q = np.tile([0, 0, HALF, 1.0, 0, 0, 0], (100, 1))
+    q[:, :3] += np.random.default_rng(2).normal(size=(100, 3)) * 1e-4
+    found = pose_noise([PoseTrack("x", np.arange(100) * H, q)], cube)
+    assert "quieter half" in found.source
+    np.testing.assert_allclose(np.sqrt(np.diag(found.q_cov))[:3], 1e-4, rtol=0.5)
+    with pytest.raises(InputError, match="frames in a row"):
+        pose_noise([PoseTrack("x", np.arange(5) * H, q[:5])], cube)
+
+
+def test_velocity_noise_counts_a_lag() -> None:
+    rng = np.random.default_rng(3)
+    truth = rng.normal(size=(4000, 6))
+    phase = np.repeat([Phase.FLIGHT, Phase.REST], 2000).astype(np.uint8)
+    recorded = truth + rng.normal(size=truth.shape) * 0.01
+    recorded[:2000, 2] += 0.033
+    sigma = np.sqrt(np.diagonal(velocity_noise(recorded, truth, phase), axis1=1, axis2=2))
+    np.testing.assert_allclose(sigma[Phase.REST], 0.01, rtol=0.1)
+    assert 0.03 < sigma[Phase.FLIGHT, 2] < 0.045
+    assert (sigma[Phase.ROLL] >= 0.009).all()  # a phase that does not occur has the noise of all
+
+
+# phases
+
+Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def still(n: int, height: float) -> Motion:
+    q = np.zeros((n, 7))
+    q[:, 2], q[:, 3] = height, 1.0
+    return np.arange(n) * H, q, np.zeros((n, 6))
+
+
+def thrown() -> Motion:
+    t, q, v = still(30, 0.5)
+    v[:] = [1.0, 0.5, 1.0, 3.0, -2.0, 8.0]
+    v[:, 2] -= 9.81 * t
+    q[:, :3] += np.array([1.0, 0.5, 1.0]) * t[:, None]
+    q[:, 2] -= 4.905 * t**2
+    q[:, 3:7] = quat_exp(v[:, 3:] * t[:, None])
+    return t, q, v
+
+
+def tipping() -> Motion:
+    """About the edge at x = +half, z = 0, at 2 rad/s."""
+    t, q, v = still(25, HALF)
+    q[:, 3:7] = quat_exp(np.array([0.0, 2.0, 0.0]) * t[:, None])
+    c, s = np.cos(2 * t), np.sin(2 * t)
+    q[:, 0], q[:, 2] = HALF * (1 - c + s), HALF * (s + c)
+    v[:, 4] = 2.0
+    v[:, 0], v[:, 2] = 2.0 * q[:, 2], -2.0 * (q[:, 0] - HALF)
+    return t, q, v
+
+
+def spinning() -> Motion:
+    t, q, v = still(25, HALF)
+    v[:, 5] = 3.0
+    q[:, 3:7] = quat_exp(v[:, 3:] * t[:, None])
+    return t, q, v
+
+
+def pushed_in_the_air() -> Motion:
+    t, q, v = still(10, 1.0)
+    v[:, 2] = -9.81 * t
+    v[5:, 0] = 1.0
+    return t, q, v
+
+
+@pytest.mark.parametrize(
+    ("motion", "phase"),
+    [
+        (thrown(), Phase.FLIGHT),
+        (pushed_in_the_air(), Phase.FLIGHT),
+        (still(20, HALF), Phase.REST),
+        (tipping(), Phase.ROLL),
+        (spinning(), Phase.SLIDE),
+    ],
+)
+def test_motions_of_one_phase(cube: ObjectModel, motion: Motion, phase: Phase) -> None:
+    assert (label_phases(cube, *motion) == phase).all()
+
+
+def test_a_braking_cube_slides_then_rests_and_a_dropped_one_meets_the_ground_once(cube: ObjectModel) -> None:
+    t, q, v = still(120, HALF)
+    v[:, 0] = np.maximum(1.0 - 0.18 * 9.81 * t, 0.0)
+    q[1:, 0] = np.cumsum(v[1:, 0]) * H
+    stop = int(np.argmax(v[:, 0] <= 0.05))
+    assert label_phases(cube, t, q, v).tolist() == [Phase.SLIDE] * stop + [Phase.REST] * (120 - stop)
+    t, q, v = still(60, HALF)
+    flying = t < np.sqrt(2 * 0.1 / 9.81)
+    v[flying, 2] = -9.81 * t[flying]
+    q[flying, 2] += 0.1 - 4.905 * t[flying] ** 2
+    hit = int(np.argmin(flying))
+    expected = [Phase.FLIGHT] * hit + [Phase.IMPACT] + [Phase.REST] * (59 - hit)
+    assert label_phases(cube, t, q, v).tolist() == expected
+
+
+def test_impacts_of_bouncing_cubes_are_found_whichever_way_they_look(cube: ObjectModel) -> None:
+    found = flights = 0
+    turn, c, s = quat_exp(np.array([0.0, 0.0, 0.7])), np.cos(0.7), np.sin(0.7)
+    Z = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+    for truth in bounce(cube, np.random.default_rng(0), tosses=8, frames=80):
+        phase = label_phases(cube, truth.t, truth.q, truth.v)
+        step = np.diff(truth.v[:, :3], axis=0) + np.array([0, 0, 9.81 * H])
+        hard = np.linalg.norm(step, axis=1) > 0.3
+        assert (phase[1:][hard] == Phase.IMPACT).all()
+        assert not (phase[1:][~truth.contact] == Phase.IMPACT).any()
+        first = int(np.argmax(truth.contact))
+        assert (phase[: first + 1] == Phase.FLIGHT).all()
+        found, flights = found + int(hard.sum()), flights + first
+        q = np.column_stack([truth.q[:, :3] @ Z.T, quat_mul(turn, truth.q[:, 3:7])])
+        v = np.column_stack([truth.v[:, :3] @ Z.T, truth.v[:, 3:]])
+        np.testing.assert_array_equal(label_phases(cube, truth.t, q, v), phase)
+    assert (found > 15, flights > 100) == (True, True)
+
+
+def test_noise_is_not_taken_for_impacts_and_no_motion_is_refused(cube: ObjectModel) -> None:
+    t, q, v = still(200, HALF)
+    v += np.random.default_rng(0).normal(size=v.shape) * 0.1 * np.array([1, 1, 1, 20, 20, 20])
+    assert (label_phases(cube, t, q, v) == Phase.IMPACT).any()
+    assert not (label_phases(cube, t, q, v, v_sigma=0.24) == Phase.IMPACT).any()
+    q[2, 0] = np.nan
+    with pytest.raises(MotionError, match="finite"):
+        label_phases(cube, t, q, v)
+
+
+# tosses
 
 
 @pytest.fixture(scope="module")
@@ -40,65 +199,61 @@ def test_poses_alone_give_velocities(cube: ObjectModel, tracks: list[PoseTrack])
     assert median_rate(tracks) == pytest.approx(148.0)
 
 
-def test_recorded_velocities_are_kept(cube: ObjectModel, tracks: list[PoseTrack]) -> None:
+def test_recorded_velocities_and_given_covariances_are_kept(cube: ObjectModel, tracks: list[PoseTrack]) -> None:
     v = [np.concatenate([np.diff(track.q[:, :6], axis=0), np.zeros((1, 6))]) for track in tracks]
     carrying = [replace(track, v=velocity) for track, velocity in zip(tracks, v, strict=True)]
     for toss, track in zip(tosses_from_tracks(carrying, cube), carrying, strict=True):
         np.testing.assert_array_equal(toss.v, track.v)
         np.testing.assert_array_equal(toss.q, track.q)
     assert "by phase" in covariance_source(carrying)
-
-
-def test_a_given_covariance_is_used(cube: ObjectModel) -> None:
     rng = np.random.default_rng(1)
     track = tracked(bounce(cube, rng, tosses=1, frames=60)[0], rng)
     assert track.q_cov is not None
-    vague = replace(track, q_cov=25 * track.q_cov)
-    a, b = tosses_from_tracks([track], cube)[0], tosses_from_tracks([vague], cube)[0]
-    assert (b.v_cov[10, 0, 0] > 4 * a.v_cov[10, 0, 0]).all()
+    (sure,), (vague,) = (tosses_from_tracks([each], cube) for each in (track, replace(track, q_cov=25 * track.q_cov)))
+    assert vague.v_cov[10, 0, 0] > 4 * sure.v_cov[10, 0, 0]
     assert "given with the track" in covariance_source([track])
 
 
 def test_a_toss_ends_at_rest(cube: ObjectModel) -> None:
     n, rng = 300, np.random.default_rng(3)
     truth = bounce(cube, rng, tosses=1, frames=40)[0]
-    lying = np.tile([0.0, 0, 0.0524, 1, 0, 0, 0], (n, 1))
-    t = np.arange(n) / 148
-    fall = t < 0.2
-    lying[fall, 2] += 4.905 * (0.2**2 - t[fall] ** 2)
+    t, lying, _ = still(n, HALF)
+    lying[:, 2] += np.maximum(4.905 * (0.2**2 - t**2), 0.0)
     lying[:, :3] += rng.normal(size=(n, 3)) * 2e-5
     tracks = [PoseTrack("a", t, lying), tracked(truth, rng, name="b", with_cov=False)]
-    whole = tosses_from_tracks(tracks, cube)
-    ended = tosses_from_tracks(tracks, cube, end_at_rest=True)
+    whole, ended = (tosses_from_tracks(tracks, cube, end_at_rest=cut) for cut in (False, True))
     assert len(whole[0]) == n
     assert 0.28 < ended[0].t[-1] < 0.36
     assert len(ended[1]) == len(whole[1])
 
 
 @pytest.mark.parametrize(
-    ("spoil", "says"),
+    ("spoil", "match"),
     [
-        (lambda track: replace(track, q=np.concatenate([track.q, track.q[:, :1]], axis=1)), "1 joints"),
-        (lambda track: replace(track, q=track.q - np.array([0, 0, 1.0, 0, 0, 0, 0])), "below the ground"),
-        (lambda track: replace(track, q=track.q + np.array([0, 0, 1.0, 0, 0, 0, 0])), "above the ground"),
+        (lambda track: [replace(track, q=np.concatenate([track.q, track.q[:, :1]], axis=1))], "1 joints"),
+        (lambda track: [replace(track, q=track.q - np.array([0, 0, 1.0, 0, 0, 0, 0]))], "below the ground"),
+        (lambda track: [replace(track, q=track.q + np.array([0, 0, 1.0, 0, 0, 0, 0]))], "above the ground"),
+        (lambda track: [track, replace(track, v=np.zeros((len(track.t), 6)))], "toss_0 carries no velocities"),
+        (lambda track: [], "no tracks"),
     ],
 )
-def test_tracks_that_do_not_fit_are_refused(cube: ObjectModel, tracks: list[PoseTrack], spoil, says: str) -> None:
-    with pytest.raises(InputError, match=says):
-        tosses_from_tracks([spoil(track) for track in tracks], cube)
-
-
-def test_mixed_tracks_are_refused(cube: ObjectModel, tracks: list[PoseTrack]) -> None:
-    some = [tracks[0], replace(tracks[1], v=np.zeros((len(tracks[1].t), 6)))]
-    with pytest.raises(InputError, match="toss_0 carries no velocities"):
-        tosses_from_tracks(some, cube)
-    with pytest.raises(InputError, match="no tracks"):
-        tosses_from_tracks([], cube)
+def test_tracks_that_do_not_fit_are_refused(cube: ObjectModel, tracks: list[PoseTrack], spoil, match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        tosses_from_tracks([each for track in tracks for each in spoil(track)], cube)
 
 
 def test_the_real_cube(cube: ObjectModel, shared_data: Path) -> None:
-    tracks = read_contactnets(shared_data / "contactnets_cube")[::20]
+    every = read_contactnets(shared_data / "contactnets_cube")
+    noise = np.sqrt(np.diag(pose_noise(every[::5], cube).q_cov))
+    assert 1e-5 < noise[:3].min() <= noise[:3].max() < 3e-5
+    assert 1e-4 < noise[3:].min() <= noise[3:].max() < 5e-4
+    tracks = every[::20]
     tosses = tosses_from_tracks(tracks, cube)
+    for toss in tosses:
+        assert (toss.phase[0], toss.phase[-1]) == (Phase.FLIGHT, Phase.REST)
+        order = [int(np.argmax(toss.phase == p)) for p in (Phase.FLIGHT, Phase.IMPACT, Phase.REST)]
+        assert order == sorted(order)
+        assert (toss.phase == Phase.SLIDE).mean() > 0.2
     phase = np.concatenate([toss.phase for toss in tosses])
     v_cov = np.concatenate([toss.v_cov for toss in tosses])
     sigma = {p: np.sqrt(np.diag(v_cov[phase == p][0])) for p in (Phase.FLIGHT, Phase.IMPACT, Phase.REST)}
@@ -112,16 +267,14 @@ def test_the_real_cube(cube: ObjectModel, shared_data: Path) -> None:
 
 
 def test_the_real_elbow(elbow: ObjectModel, shared_data: Path) -> None:
-    tracks = read_pll(shared_data / "pll_elbow", n_joints=1)[::30]
-    tosses = tosses_from_tracks(tracks, elbow)
+    tosses = tosses_from_tracks(read_pll(shared_data / "pll_elbow", n_joints=1)[::30], elbow)
     assert all(toss.v.shape == (121, 7) for toss in tosses)
-    phase = np.concatenate([toss.phase for toss in tosses])
-    assert {Phase.FLIGHT, Phase.IMPACT, Phase.REST} <= set(phase.tolist())
+    assert {Phase.FLIGHT, Phase.IMPACT, Phase.REST} <= set(np.concatenate([toss.phase for toss in tosses]).tolist())
 
 
 @pytest.mark.parametrize("recorded", [False, True])
 def test_more_tracks_than_are_kept_come_in_their_order(
-    cube: ObjectModel, tracks: list[PoseTrack], recorded: bool
+    cube: ObjectModel, tracks: list[PoseTrack], recorded: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rng = np.random.default_rng(4)
     many = [replace(tracks[i % 6], name=f"n{i}") for i in rng.permutation(18)]
@@ -129,15 +282,16 @@ def test_more_tracks_than_are_kept_come_in_their_order(
     if recorded:
         many = [replace(track, v=np.gradient(track.q[:, :6], 1 / 148, axis=0)) for track in many]
     at_once = tosses_from_tracks(many, cube)
-    small = MotionSettings(smoother=SmootherSettings(batch=3, sorted_tracks=5))
-    at_once_in_threes = tosses_from_tracks(many, cube, settings=small)
+    monkeypatch.setattr(smoother, "BATCH", 3)
+    monkeypatch.setattr(smoother, "SORTED_TRACKS", 5)
+    at_once_in_threes = tosses_from_tracks(many, cube)
     read = [0]
 
     def track(i: int) -> PoseTrack:
         read[0] += 1
         return many[i]
 
-    in_turn = list(tosses_in_turn(OnDemand(track, len(many), kept=6), cube, settings=small))
+    in_turn = list(tosses_in_turn(OnDemand(track, len(many), kept=6), cube))
     assert read[0] > 2 * len(many)
     assert [toss.name for toss in in_turn] == [track.name for track in many]
     for a, b, c in zip(in_turn, at_once_in_threes, at_once, strict=True):
