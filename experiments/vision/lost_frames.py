@@ -86,7 +86,7 @@ def row(name: str, found: LostFrames, more: Sequence[str] = ("", "")) -> list[st
         found: In them.
         more: Further cells.
     """
-    return [name, _cell(found.first), _cell(found.later), _cell(found.in_flight), *more]
+    return [name, _cell(found.first), _cell(found.later), *more]
 
 
 def _cell(verdict: Verdict) -> str:
@@ -130,7 +130,7 @@ def main(data: Path) -> None:
     for name, world in WORLDS.items():
         for model, rate in ((cube, 148.0), (die, 250.0)):
             rows += _simulated(f"{name}, {model.name}, {rate:g} Hz", world, model, rate, rng)
-    head = ("tosses", "first impacts", "later impacts", "uneven steps", "right number", "exact times")
+    head = ("tosses", "first impacts", "later impacts", "right number", "exact times")
     console.table(head, rows)
 
 

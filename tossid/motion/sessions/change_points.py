@@ -83,14 +83,12 @@ class Mean:
         value: The mean, (d,); NaN where no item says anything of it.
         cov: Its covariance, from the scatter of the items themselves, (d, d).
         scores: Of the items, whitened and bounded, (n, d).
-        scatter: Between items, beyond their own errors, tau.
         n: Items that say something.
     """
 
     value: Array
     cov: Array
     scores: Array
-    scatter: float
     n: int
 
 
@@ -105,7 +103,7 @@ def robust_mean(values: Array, info: Array) -> Mean:
     rank = np.linalg.matrix_rank(info, hermitian=True)
     seen = rank > 0
     if not seen.any():
-        return Mean(np.full(d, np.nan), np.full((d, d), np.nan), np.zeros((n, d)), 0.0, 0)
+        return Mean(np.full(d, np.nan), np.full((d, d), np.nan), np.zeros((n, d)), 0)
     y, A = values[seen], info[seen]
     center = np.median(y, axis=0)
     for _ in range(3):
@@ -122,7 +120,7 @@ def robust_mean(values: Array, info: Array) -> Mean:
     inverse = np.linalg.pinv(H, rcond=1e-10, hermitian=True)
     scores = np.zeros((n, d))
     scores[seen] = u[:, None] * np.einsum("nij,nj->ni", _root(W), y - center)
-    return Mean(center, inverse @ (g.T @ g) @ inverse, scores, float(np.sqrt(tau2)), len(y))
+    return Mean(center, inverse @ (g.T @ g) @ inverse, scores, len(y))
 
 
 def fewest_items(n_quantities: int) -> int:
