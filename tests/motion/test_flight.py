@@ -16,7 +16,7 @@ from tossid.motion import (
     estimate_measurement,
     find_defects,
     flight_frames,
-    flight_state,
+    flight_states,
     frames_in_flight,
     lowest_corner,
     may_touch,
@@ -116,6 +116,10 @@ def toss_of(truth: Truth, rng: np.random.Generator, *, v_error: float = 0.0) -> 
     return Toss("x", track.t, track.q, truth.v + v_error, track.q_cov, v_cov, np.zeros(n, dtype=np.uint8))
 
 
+def first_state(toss: Toss, model: ObjectModel, **keys: float) -> FlightState:
+    return flight_states([toss], model, **keys)[0]
+
+
 def error_of(state: FlightState, truth: Truth) -> np.ndarray:
     turn = quat_boxminus(state.q[3:7], truth.q[0, 3:7])
     return np.concatenate([state.q[:3] - truth.q[0, :3], turn, state.v - truth.v[0]])
@@ -125,7 +129,7 @@ def error_of(state: FlightState, truth: Truth) -> np.ndarray:
 def test_the_first_state_is_recovered(body: str, request: pytest.FixtureRequest) -> None:
     model, rng = request.getfixturevalue(body), np.random.default_rng(1)
     truths = bounce(model, rng, tosses=12, frames=45)
-    states = [flight_state(toss_of(truth, rng, v_error=0.3), model) for truth in truths]
+    states = [first_state(toss_of(truth, rng, v_error=0.3), model) for truth in truths]
     errors = np.array([error_of(s, x) for s, x in zip(states, truths, strict=True)])
     assert all(12 < state.n_frames <= int(np.argmax(x.contact)) + 1 for state, x in zip(states, truths, strict=True))
     assert np.sqrt((errors[:, 6:9] ** 2).mean()) < 1.5e-3
@@ -134,13 +138,13 @@ def test_the_first_state_is_recovered(body: str, request: pytest.FixtureRequest)
     assert 0.6 < honest.mean() < 1.5
     assert 0.8 < np.mean([state.chi2 for state in states]) < 1.2
     exact = replace(toss_of(truths[0], rng), q=truths[0].q)
-    np.testing.assert_allclose(error_of(flight_state(exact, model), truths[0]), 0, atol=1e-4)
+    np.testing.assert_allclose(error_of(first_state(exact, model), truths[0]), 0, atol=1e-4)
 
 
 def test_wrong_gravity_shows_in_chi2_and_widens_the_covariance(cube: ObjectModel) -> None:
     rng = np.random.default_rng(3)
     toss = toss_of(bounce(cube, rng, tosses=1, frames=45)[0], rng)
-    right, wrong = flight_state(toss, cube), flight_state(toss, cube, gravity=5.0)
+    right, wrong = first_state(toss, cube), first_state(toss, cube, gravity=5.0)
     assert right.chi2 < 1.6
     assert wrong.chi2 > 20
     assert wrong.cov[8, 8] > 10 * right.cov[8, 8]
@@ -151,17 +155,17 @@ def test_with_few_frames_or_none_the_recorded_state_helps(cube: ObjectModel, elb
     truth = bounce(cube, rng, tosses=1, frames=60)[0]
     first = int(np.argmax(truth.contact))
     late = Truth(truth.t[first - 3 :], truth.q[first - 3 :], truth.v[first - 3 :], truth.contact[first - 3 :])
-    state = flight_state(toss_of(late, rng), cube)
+    state = first_state(toss_of(late, rng), cube)
     assert 1 <= state.n_frames < 4
     assert np.abs(error_of(state, late)[6:9]).max() < 5e-3
     lying, cov = np.tile([0, 0, 0.0524, 1.0, 0, 0, 0], (20, 1)), np.tile(np.eye(6) * 1e-6, (20, 1, 1))
     toss = Toss("x", np.arange(20) / 148, lying, np.zeros((20, 6)), cov, 4 * cov, np.zeros(20, dtype=np.uint8))
-    state = flight_state(toss, cube)
+    state = first_state(toss, cube)
     assert state.n_frames == 0
     np.testing.assert_array_equal(state.q, lying[0])
     np.testing.assert_allclose(np.diag(state.cov), [1e-6] * 6 + [4e-6] * 6)
     with pytest.raises(ObjectError, match="joints"):
-        flight_state(toss_of(bounce(elbow, rng, tosses=1, frames=20)[0], rng), elbow)
+        first_state(toss_of(bounce(elbow, rng, tosses=1, frames=20)[0], rng), elbow)
 
 
 def test_flight_ends_before_the_first_interval_that_may_touch(cube: ObjectModel) -> None:

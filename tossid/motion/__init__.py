@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from tossid.motion.contact import lowest_corner, may_touch
     from tossid.motion.defects import Defect, find_defects
-    from tossid.motion.flight import FlightState, flight_frames, flight_state, flight_states, frames_in_flight
+    from tossid.motion.flight import FlightState, flight_frames, flight_states, frames_in_flight
     from tossid.motion.kinematics import body_velocities, com_velocities, corner_velocities, jump_speed
     from tossid.motion.measurement import MeasurementEstimate, MeasurementModel, estimate_measurement
     from tossid.motion.noise import PoseNoise, pose_noise, velocity_noise
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _MODULES = {
     "contact": ("lowest_corner", "may_touch"),
     "defects": ("Defect", "find_defects"),
-    "flight": ("FlightState", "flight_frames", "flight_state", "flight_states", "frames_in_flight"),
+    "flight": ("FlightState", "flight_frames", "flight_states", "frames_in_flight"),
     "kinematics": ("body_velocities", "com_velocities", "corner_velocities", "jump_speed"),
     "measurement": ("MeasurementEstimate", "MeasurementModel", "estimate_measurement"),
     "noise": ("PoseNoise", "pose_noise", "velocity_noise"),
@@ -46,7 +46,6 @@ __all__ = [
     "estimate_measurement",
     "find_defects",
     "flight_frames",
-    "flight_state",
     "flight_states",
     "frames_in_flight",
     "jump_speed",

@@ -164,17 +164,6 @@ class _Flights(NamedTuple):
     root_v: Array
 
 
-def flight_state(toss: Toss, model: ObjectModel, *, gravity: float = GRAVITY) -> FlightState:
-    """The first state of one toss; see `flight_states`.
-
-    Args:
-        toss: As recorded.
-        model: The object, without joints.
-        gravity: [m/s²].
-    """
-    return flight_states([toss], model, gravity=gravity)[0]
-
-
 def flight_states(tosses: Sequence[Toss], model: ObjectModel, *, gravity: float = GRAVITY) -> list[FlightState]:
     """The first state of each toss, by fitting ballistic translation and torque-free rotation to its flight.
 

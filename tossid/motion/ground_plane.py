@@ -143,8 +143,8 @@ def _up(track: Track, model: ObjectModel, gravity: float) -> tuple[Array, float,
     falling, against = _falling(track, model, gravity)
     falling = _in_runs(falling)
     if falling.any():
-        ways = against[falling]
-        some = ways[:: max(len(ways) // 1000, 1)]
+        # the direction that most frames share, then the median of those near it
+        some = against[falling][:: max(int(falling.sum()) // 1000, 1)]
         up = some[np.argmax([np.sum(some @ one > np.cos(SAME_DIRECTION)) for one in some])]
         for _ in range(10):
             near = _in_runs(falling & (against @ up > np.cos(SAME_DIRECTION)))
@@ -154,8 +154,7 @@ def _up(track: Track, model: ObjectModel, gravity: float) -> tuple[Array, float,
     n = int(falling.sum())
     if n < FEWEST_FALLING:
         return np.array([0.0, 0.0, 1.0]), float("nan"), 0
-    ways = against[falling]
-    across = ways - (ways @ up)[:, None] * up
+    across = against[falling] - (against[falling] @ up)[:, None] * up
     sigma = float(np.median(np.linalg.norm(across, axis=1))) / 1.1774  # median of a Rayleigh distribution
     # neighbouring frames share windows; the error of a median is 1.25 times that of a mean
     return up, 1.2533 * sigma / float(np.sqrt(n / (2 * HALF_WINDOW + 1))), n

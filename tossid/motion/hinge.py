@@ -141,17 +141,17 @@ def _need_hinge(tilt: Array, offset: Array) -> None:
     Raises:
         InputError: It is not.
     """
-    turned, apart = (float(np.quantile(x, JUDGED)) for x in (tilt, offset))
+    turned, distance = (float(np.quantile(x, JUDGED)) for x in (tilt, offset))
     share = f"in {100 * (1 - JUDGED):.0f} % of the frames"
     if turned > MOST_TILT:
         raise InputError(
             f"the joint is no hinge: the links' common axis is off by {np.rad2deg(turned):.1f}° or more {share} (more "
             "than one axis, or a body frame that moves)"
         )
-    if apart > MOST_OFFSET:
+    if distance > MOST_OFFSET:
         raise InputError(
-            f"the joint is no hinge: the links' common point is off by {1e3 * apart:.1f} mm or more {share} (a slide, "
-            "or a body frame that moves)"
+            f"the joint is no hinge: the links' common point is off by {1e3 * distance:.1f} mm or more {share} (a "
+            "slide, or a body frame that moves)"
         )
 
 

@@ -83,7 +83,7 @@ class Balance:
         self.frames = self._batch.seen.sum(axis=0)
         self._begins = self._q[:-1].reshape(-1, model.nq), self._v[:-1].reshape(-1, model.nv), self._batch.h.ravel()
         self._F: Array | None = None
-        self._size = FREE_REL * np.maximum(self._find(), 0.5 * gravity * self._batch.h)
+        self._size = FREE_REL * np.maximum(self._find_contacts(), 0.5 * gravity * self._batch.h)
 
     def linearise(self, inertia: Array) -> None:
         """Take the kinematics within intervals at this inertia, and the first time derivatives by the state.
@@ -107,14 +107,19 @@ class Balance:
         white = np.linalg.solve(root, found.innovation[..., None])[..., 0]
         return np.asarray(white * self._batch.seen[..., None])
 
-    def _find(self) -> Array:
-        """Which points touch in an interval, and where they are then; returns changes of velocity (n - 1, b) [m/s]."""
+    def _find_contacts(self) -> Array:
+        """Find the points that touch in an interval, and where they are then.
+
+        Returns:
+            Changes of velocity, gravity apart, (n - 1, b) [m/s].
+        """
         model, q, v, h = self._model, self._q, self._v, self._batch.h
         at_origin = self._dynamics.at_origin(q, v)
         height, velocity = corner_heights(model, at_origin[0]), corner_velocities(model, *at_origin)
         down = np.maximum(-velocity[:-1, ..., 2], 0)
         low = np.minimum(np.minimum(height[:-1], height[1:]), height[:-1] - down * h[..., None])
         self.touching = (low < NEAR) & self._batch.inside[..., None]
+        # a point that comes down touches when it arrives, any other one in the middle of the interval
         falls = (height[:-1] > RESOLVED) & (down > 1e-3)
         when = np.where(falls, height[:-1] / np.maximum(down, 1e-3), np.inf)
         when = np.where(falls, np.minimum(when, h[..., None]), 0.5 * h[..., None])
@@ -164,6 +169,7 @@ class Balance:
         )
         density = np.array([FLIGHT_DENSITY] * 3 + [FLIGHT_DENSITY / GYRATION**2] * (nv - 3))
         Q = white(np.broadcast_to(density, (*h.shape, nv)), h)
+        # an impulse is white over its interval: it changes the velocity, and the place by half the interval's time
         cov, hh = self._by_contact(inertia, mu), h[..., None, None]
         Q[..., :nv, :nv] += cov * hh**2 / 3
         Q[..., :nv, nv:] += cov * hh / 2
@@ -180,9 +186,10 @@ class Balance:
         response[:, :3] = np.eye(3)  # of the common centre of mass
         directions = np.broadcast_to(np.eye(3), (len(k), 3, 3)).copy()
         if mu is not None:
-            slides, way = self.sliding[self._where], self._direction[self._where]
-            along = np.stack([-mu * way[:, 0], -mu * way[:, 1], np.ones(len(k))], axis=-1)
-            across = np.stack([-way[:, 1], way[:, 0], np.zeros(len(k))], axis=-1)
+            # Coulomb: f = λ (e_z - μ s), and little across the direction of sliding s
+            slides, s = self.sliding[self._where], self._direction[self._where]
+            along = np.stack([-mu * s[:, 0], -mu * s[:, 1], np.ones(len(k))], axis=-1)
+            across = np.stack([-s[:, 1], s[:, 0], np.zeros(len(k))], axis=-1)
             held = np.stack([along, ACROSS_REL * across, np.zeros((len(k), 3))], axis=-1)
             directions[slides] = held[slides]
         by = response @ directions * self._size[k, i][:, None, None]

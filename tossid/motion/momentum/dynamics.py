@@ -44,7 +44,7 @@ class TreeDynamics:
         return np.concatenate([center_of_mass(self._model, q), q[..., 3:]], axis=-1)
 
     def com_velocity(self, q: Array, v: Array) -> Array:
-        """Velocity of the common centre of mass (*s, 3) [m/s], at velocities (*s, nv) of the base's origin and joints."""
+        """Velocity of the common centre of mass (*s, 3) [m/s], of velocities (*s, nv) of the base and its joints."""
         return np.asarray(np.einsum("b,...bi->...i", self._share, com_velocities(self._model, q, v)))
 
     def at_origin(self, q: Array, v: Array) -> tuple[Array, Array]:
