@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.motion.contact import lowest_corner, runs
-from tossid.motion.flight import fit_polynomial, local_parabolas
+from tossid.motion.flight import local_parabolas
 from tossid.motion.kinematics import center_of_mass
 from tossid.motion.noise import scatter
 from tossid.objects import ObjectModel
@@ -128,4 +128,5 @@ class LocalMotion:
         good = np.arange(own.start, own.stop)[~self.outlier[own]]
         s = self.t[good] - self.t[frame]
         line = self.com[good] - 0.5 * acceleration * s[:, None] ** 2
-        return float(np.linalg.norm(fit_polynomial(s, line, 1).coefficients[0] - self.com[frame]))
+        basis = np.stack([np.ones_like(s), s], axis=1)  # (of fewer than two good frames, the shortest solution)
+        return float(np.linalg.norm(np.linalg.lstsq(basis, line, rcond=None)[0][0] - self.com[frame]))
